@@ -1,0 +1,1 @@
+"""Gazebo's ROS interface over PyBullet."""

@@ -1,0 +1,1 @@
+"""Visual features of a camera image and how they move with the camera."""

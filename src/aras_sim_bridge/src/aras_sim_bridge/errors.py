@@ -1,32 +1,33 @@
-"""What can go wrong in the simulator, one class a kind of fault.
+"""The bridge's exceptions: one base, one subclass a kind of fault.
 
-Every message says what is wrong, where, and how to mend it; nodes print it as one line.
+Every message says what is wrong, where (which file, link, joint or parameter), and how to mend it;
+the ROS skin logs the text or returns it as a service's status message, unchanged.
 """
 
 
 class SimError(Exception):
-    """Base of all errors of the simulator that a user can mend."""
+    """Base of every fault that the bridge reports to its user."""
 
 
 class DescriptionError(SimError):
-    """A robot description that cannot be read or does not make sense."""
+    """A robot or world description (URDF, SDF, mesh, package path) cannot be used."""
 
 
 class WorldError(SimError):
-    """A model that cannot be loaded, found or moved."""
+    """The physics world refuses a request: unknown name, impossible value, name taken."""
 
 
 class HardwareError(SimError):
-    """A joint, limit or transmission that the hardware layer cannot serve."""
+    """Transmissions, joint interfaces or limits do not fit the robot."""
 
 
 class ControllerError(SimError):
-    """A controller that cannot be loaded, started, stopped or updated."""
+    """A controller cannot be loaded, started, stopped, or refuses its parameters."""
 
 
 class RenderingError(SimError):
-    """A renderer or a shape that cannot be drawn."""
+    """No renderer can be made, or the one in use failed."""
 
 
 class CameraError(SimError):
-    """A camera whose settings contradict each other or cannot be served."""
+    """A camera's configuration is impossible or contradicts itself."""

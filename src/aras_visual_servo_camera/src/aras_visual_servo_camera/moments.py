@@ -107,7 +107,7 @@ class Moments:
     @cached_property
     def raw(self) -> Array:
         """(order+1, order+1) read-only, m_ij at [i, j]; worked out when first asked for."""
-        table = _translate(self.centred, self.xg, self.yg)
+        table = translate(self.centred, self.xg, self.yg)
         return _frozen(_triangle(table, self.order))
 
     def m(self, i: int, j: int) -> float:
@@ -256,7 +256,7 @@ class Moments:
         if not (m00 > 0.0 and isfinite(m00)):
             raise MomentsError(f"m00 = {m00:g} must be positive: the shape is empty")
         dx, dy = float(table[1, 0]) / m00, float(table[0, 1]) / m00
-        centred = _triangle(_translate(table, -dx, -dy), order)
+        centred = _triangle(translate(table, -dx, -dy), order)
         centred[1, 0] = centred[0, 1] = 0.0
         return cls(order, kind, m00, x0 + dx, y0 + dy, _frozen(centred))
 
@@ -284,7 +284,7 @@ def _binomials(order: int) -> tuple[Array, NDArray[np.intp]]:
     return binomial, power
 
 
-def _translate(table: Array, dx: float, dy: float) -> Array:
+def translate(table: Array, dx: float, dy: float) -> Array:
     """Moments of the shape moved by (dx, dy): sum of C(i,k) C(j,l) dx^(i-k) dy^(j-l) m_kl."""
     binomial, power = _binomials(table.shape[0] - 1)
     rising = np.arange(table.shape[0])

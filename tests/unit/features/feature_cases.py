@@ -64,7 +64,7 @@ def random_view(seed: int) -> View:
     """A star-shaped polygon of 4 to 9 corners, tilted up to 35 degrees, turned any way."""
     random = np.random.default_rng(seed)
     n = int(random.integers(4, 10))
-    angle = np.sort(random.uniform(0, 2 * np.pi, n) * 0.15 + 2 * np.pi * np.arange(n) / n)
+    angle = 2 * np.pi * (np.arange(n) + random.uniform(0, 0.6, n)) / n
     radius = random.uniform(0.04, 0.13, n)
     shape = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
     tilt = random.uniform(-1, 1, 2) * np.deg2rad(35) / np.sqrt(2)
@@ -112,7 +112,7 @@ def grey_image(outline: np.ndarray, camera: Pinhole, size=(240, 320), fg=0, bg=2
     return np.round(bg + (fg - bg) * coverage_image(outline, camera, size)).astype(np.uint8)
 
 
-def finite_differences(function, view: View, step: float = 1e-3) -> np.ndarray:
+def finite_differences(function, view: View, step: float = 3e-4) -> np.ndarray:
     """(k, 6) d(function)/d(twist) by central differences of order six."""
     columns = []
     for axis in range(6):

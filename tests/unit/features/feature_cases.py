@@ -96,14 +96,7 @@ def coverage_image(outline: np.ndarray, camera: Pinhole, size: tuple[int, int]) 
     pixels = outline * [camera.fx, camera.fy] + [camera.cx, camera.cy]
     y = (np.arange(rows * finer) + 0.5) / finer - 0.5
     x = (np.arange(columns * finer) + 0.5) / finer - 0.5
-    inside = np.zeros((rows * finer, columns * finer), dtype=np.uint8)
-    # even-odd rule, one scan line at a time for all edges
-    p, q = pixels, np.roll(pixels, -1, axis=0)
-    for (px, py), (qx, qy) in zip(p, q, strict=True):
-        lines = np.nonzero((py > y) != (qy > y))[0]
-        cross = px + (y[lines] - py) / (qy - py) * (qx - px)
-        for line, first in zip(lines, np.searchsorted(x, cross), strict=True):
-            inside[line, first:] ^= 1
+    inside = _scan(pixels, x, y)
     return inside.reshape(rows, finer, columns, finer).mean(axis=(1, 3))
 
 
@@ -131,3 +124,20 @@ def polygon_moments(view: View, order: int = 6) -> Moments:
 
 def point_moments(view: View, order: int = 6) -> Moments:
     return Moments.from_points(view.image, order)
+
+
+def pixels_inside(outline: np.ndarray, camera: Pinhole, size: tuple[int, int]) -> np.ndarray:
+    """(rows, columns) uint8, 1 where the pixel's centre lies inside the polygon (even-odd)."""
+    rows, columns = size
+    y, x = np.arange(rows), np.arange(columns)
+    return _scan(outline * [camera.fx, camera.fy] + [camera.cx, camera.cy], x, y)
+
+
+def _scan(polygon: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Even-odd rule on a grid of places: each edge flips all that lies right of it."""
+    flips = np.zeros((len(y), len(x) + 1), dtype=np.uint8)
+    for (px, py), (qx, qy) in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        lines = np.nonzero((py > y) != (qy > y))[0]
+        cross = px + (y[lines] - py) / (qy - py) * (qx - px)
+        np.bitwise_xor.at(flips, (lines, np.searchsorted(x, cross)), 1)
+    return np.bitwise_xor.accumulate(flips[:, :-1], axis=1)

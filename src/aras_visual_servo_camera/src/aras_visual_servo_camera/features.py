@@ -282,6 +282,7 @@ class _View:
         self.plane = plane
         self.reference = reference
         self.tolerance = tolerance
+        self._mu = moments.centred.tolist()
         self._known: dict[str, tuple[float, dict[str, float]]] = {}
 
     def undefined(self, name: str) -> str | None:
@@ -317,7 +318,7 @@ class _View:
         moments = self.moments
         if moment := _moment_of(name):
             table, i, j = moment
-            return (moments.m if table == "m" else moments.mu)(i, j), {name: 1.0}
+            return (moments.m(i, j) if table == "m" else self._mu[i][j]), {name: 1.0}
         if name == "a":
             return moments.area, {name: 1.0}
         if name in ("xg", "yg"):

@@ -9,6 +9,7 @@ disturbs least. The last line is JSON, times in ms.
     python tests/benchmarks/moments.py [--repeats 200] [--rounds 5]
 """
 
+# ruff: noqa: E402 - threads are limited before numpy is loaded, paths set before the package is
 from __future__ import annotations
 
 import argparse

@@ -10,12 +10,13 @@ import time
 import numpy as np
 import pytest
 import rospy
-from aras_visual_servo_camera.features import PAPER, Reference, compute
-from aras_visual_servo_camera.messages import moments_from_message
 from aras_visual_servo_camera.msg import ImageMoments
 from ros_graph import wait_for
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float64MultiArray
+
+from aras_visual_servo_camera.features import PAPER, Reference, compute
+from aras_visual_servo_camera.messages import moments_from_message
 
 NODE = ["rosrun", "aras_visual_servo_camera", "aras_visual_servo_camera_node"]
 K = [200.0, 0, 159.5, 0, 200.0, 119.5, 0, 0, 1]
@@ -48,7 +49,8 @@ class Rig:
         )
 
     def info(self, **changes) -> None:
-        good = {"width": 320, "height": 240, "distortion_model": "plumb_bob", "D": [0.0] * 5, "K": K}
+        good = {"width": 320, "height": 240, "distortion_model": "plumb_bob", "D": [0.0] * 5}
+        good["K"] = K
         self.infos.publish(CameraInfo(**{**good, **changes}))
         time.sleep(0.3)  # the two topics have no order between them
 

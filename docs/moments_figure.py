@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Draws images/moments.png for moments.md; run it from anywhere with matplotlib installed."""
 
+# ruff: noqa: E402 - the backend and the paths must be set before the imports that need them
 from __future__ import annotations
 
 import sys
@@ -45,7 +46,8 @@ def draw_moments(axes: plt.Axes) -> None:
     alpha = compute(moments, ("alpha",), Plane(0, 0, 1))["alpha"]
     spread = [moments.mu(2, 0), moments.mu(1, 1), moments.mu(0, 2)]
     axes.imshow(grey, cmap="gray", interpolation="nearest")
-    for angle, colour, name in ((alpha, "tab:orange", "main axis α"), (alpha + pi / 2, "0.5", None)):
+    main, cross = (alpha, "tab:orange", "main axis α"), (alpha + pi / 2, "0.5", None)
+    for angle, colour, name in (main, cross):
         c, s = np.cos(angle), np.sin(angle)
         variance = (spread[0] * c * c + 2 * spread[1] * c * s + spread[2] * s * s) / moments.m00
         r = 2 * 188.04 * np.sqrt(variance)
@@ -53,7 +55,8 @@ def draw_moments(axes: plt.Axes) -> None:
     axes.plot(u, v, "o", color="tab:red", label="centre of gravity")
     outline = CAMERA.project(*np.vstack([view.image, view.image[:1]]).T)
     axes.plot(*outline, color="tab:green", lw=1, label="true outline")
-    axes.set(xlim=(u[0] - 32, u[0] + 32), ylim=(v[0] + 32, v[0] - 32), xlabel="column", ylabel="row")
+    axes.set(xlim=(u[0] - 32, u[0] + 32), ylim=(v[0] + 32, v[0] - 32))
+    axes.set(xlabel="column", ylabel="row")
     axes.legend(loc="lower left", fontsize=8)
     axes.set_title("Grey edge pixels say how much of them is covered")
 

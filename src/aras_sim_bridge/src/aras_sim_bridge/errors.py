@@ -1,29 +1,33 @@
-"""Exceptions of the bridge: one base, one subclass a kind of fault."""
+"""The bridge's exceptions: one base, one subclass a kind of fault.
+
+Every message says what is wrong, where (which file, link, joint or parameter), and how to mend it;
+the ROS skin logs the text or returns it as a service's status message, unchanged.
+"""
 
 
 class SimError(Exception):
-    """Base of every fault the bridge reports; the text says what, where and how to mend it."""
+    """Base of every fault that the bridge reports to its user."""
 
 
 class DescriptionError(SimError):
-    """A robot description (URDF and its <gazebo> tags) that cannot be used."""
+    """A robot or world description (URDF, SDF, mesh, package path) cannot be used."""
 
 
 class WorldError(SimError):
-    """The physics world refused a request: unknown model, bad pose, bad step size."""
+    """The physics world refuses a request: unknown name, impossible value, name taken."""
 
 
 class HardwareError(SimError):
-    """Joints, transmissions or limits that do not make a usable robot."""
+    """Transmissions, joint interfaces or limits do not fit the robot."""
 
 
 class ControllerError(SimError):
-    """A controller or the controller manager refused a request."""
+    """A controller cannot be loaded, started, stopped, or refuses its parameters."""
 
 
 class RenderingError(SimError):
-    """No renderer, or a renderer that failed."""
+    """No renderer can be made, or the one in use failed."""
 
 
 class CameraError(SimError):
-    """A camera that is configured wrongly or cannot deliver."""
+    """A camera's configuration is impossible or contradicts itself."""

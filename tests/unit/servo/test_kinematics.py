@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from aras_visual_servo_controller.errors import UnreachableError
 from aras_visual_servo_controller.kinematics import (
     J1,

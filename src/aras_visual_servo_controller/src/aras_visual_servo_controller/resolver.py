@@ -13,7 +13,8 @@ it: Maciejewski and Klein 1988) plus the secondary tasks' z in the null space of
 At the stretched arm the camera has no vertical velocity, and the laboratory's desired poses lie
 there or 0.1 mm before it. Two measures make that a usable place:
 
-- Going out, the damping makes the elbow close in on straight without ever passing it.
+- Going out, the elbow closes in on straight without ever passing it: the damping sees to it in
+  continuous time, and half of the remaining bend is the most that one step may take.
 - Coming back, T is taken at a slightly bent elbow: to first order nothing would move the camera
   up, to second order bending does. `reach_bend` is that bend.
 """
@@ -26,6 +27,9 @@ import numpy as np
 from .kinematics import J2, J3, J5, JOINT_NAMES, Kinematics
 from .tasks import JointLimits, Posture, Task
 
+# The rate of the pitch is the sum of three joint rates, whatever the camera's mounting.
+_PITCH = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 0.0])
+
 
 @dataclass(frozen=True)
 class ResolverSettings:
@@ -36,6 +40,7 @@ class ResolverSettings:
         damping: greatest damping d, m per unit of joint.
         damping_below: singular value under which a direction is damped, m per unit of joint.
         reach_bend: elbow angle at which the Jacobian is taken to come back from straight, rad.
+        shortfall: missing speed of the camera at the stretched arm that is worth a word, m/s.
         elbow: side on which the elbow bends, +1 or -1 (the sign of J3), when it is straight.
     """
 
@@ -43,6 +48,7 @@ class ResolverSettings:
     damping: float = 0.003
     damping_below: float = 0.012
     reach_bend: float = 0.05
+    shortfall: float = 0.002
     elbow: int = -1
 
 
@@ -83,10 +89,7 @@ class Resolver:
     def task_jacobian(self, q: np.ndarray) -> np.ndarray:
         """Rows (5, 6): vx, vy, vz, then length x pitch rate and length x wz, optical frame."""
         jacobian = self.kinematics.jacobian(q)
-        pitch = self.kinematics.pitch_axis(q) @ jacobian[3:]
-        return np.vstack(
-            [jacobian[:3], self.settings.length * pitch, self.settings.length * jacobian[5]]
-        )
+        return np.vstack([jacobian[:3], self.settings.length * np.array([_PITCH, jacobian[5]])])
 
     def resolve(self, q: np.ndarray, twist: np.ndarray, dt: float) -> Resolution:
         """Joint velocities for a twist (6,) of the camera, optical frame, at the posture q (6,).
@@ -109,8 +112,12 @@ class Resolver:
         free = np.ones(6, bool)
         fixed = np.zeros(6)
         reasons: list[str] = []
-        for _ in range(len(JOINT_NAMES)):
+        straight = False
+        for _ in range(len(JOINT_NAMES) + 1):
             velocities, singular_values = self._solve_either_side(q, task, wish, free, fixed)
+            if free[J3] and self._passes_straight(q, velocities, dt):
+                fixed[J3], free[J3], straight = -0.5 * q[J3] / dt, False, True
+                continue
             stopped = self._beyond(q, velocities, dt) & free
             if not stopped.any():
                 break
@@ -121,6 +128,10 @@ class Resolver:
                 fixed[joint] = room / dt if dt > 0.0 and room * velocities[joint] > 0.0 else 0.0
                 reasons.append(f"{JOINT_NAMES[joint]} stopped at its limit of {bound:.4f}")
             free &= ~stopped
+
+        achieved = self.kinematics.jacobian(q) @ velocities
+        if straight and np.linalg.norm(achieved[:3] - twist[:3]) > self.settings.shortfall:
+            reasons.append("the arm is stretched: what is asked lies beyond its reach")
 
         ratio = np.abs(velocities) / np.asarray(self.limits.velocity)
         fastest = int(np.argmax(ratio))
@@ -133,7 +144,7 @@ class Resolver:
             )
         return Resolution(
             joint_velocities=velocities,
-            twist=self.kinematics.jacobian(q) @ velocities,
+            twist=scale * achieved,
             singular_values=singular_values,
             scale=scale,
             reasons=tuple(reasons),
@@ -187,6 +198,12 @@ class Resolver:
         secondary = wish[free]
         velocities[free] = moved + secondary - vt.T @ (vt @ secondary)
         return velocities, s
+
+    def _passes_straight(self, q: np.ndarray, velocities: np.ndarray, dt: float) -> bool:
+        """Whether this step would take more than half of the elbow's small bend away."""
+        closing = velocities[J3] * np.sign(q[J3]) < 0.0
+        near = abs(q[J3]) < self.settings.reach_bend
+        return bool(near and closing and abs(velocities[J3]) * dt > 0.5 * abs(q[J3]))
 
     def _bound(self, joint: int, velocity: float) -> float:
         return (self.limits.upper if velocity > 0.0 else self.limits.lower)[joint]

@@ -206,7 +206,7 @@ class Servo:
     def _advance(
         self, result: SchemeResult, positions: np.ndarray, dt: float
     ) -> tuple[Resolution | None, str]:
-        """Integrate the twist over dt (s) into the command; the reason is empty when all is well."""
+        """Integrate the twist over dt (s) into the command; no reason when all is well."""
         dt = float(np.clip(dt, 0.0, self.settings.longest_step))
         kinematics = self.resolver.kinematics
         twist = np.array(result.twist, float)

@@ -15,10 +15,10 @@ servoing of planar objects, IEEE Transactions on Robotics 21(6), 2005.
 from typing import ClassVar
 
 import numpy as np
-from aras_visual_servo_camera.errors import VisionError
-from aras_visual_servo_camera.moments import Moments
 
 from aras_visual_servo_camera import features as camera_features
+from aras_visual_servo_camera.errors import VisionError
+from aras_visual_servo_camera.moments import Moments
 
 from ..desired import Desired
 from ..errors import ConfigurationError, MeasurementError

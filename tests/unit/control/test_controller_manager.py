@@ -111,22 +111,6 @@ class TestLoading:
         rig.manager.load("new", {"new": {"type": EFFORT, "joint": "b"}})
         assert states(rig) == {"new": "initialized"}
 
-    def test_hooks_see_what_comes_and_goes_and_may_refuse(self, rig):
-        seen = []
-        rig.manager.on_load = lambda c: seen.append(("+", c.context.name))
-        rig.manager.on_unload = lambda c: seen.append(("-", c.context.name))
-        load(rig, "a1", "r")
-        rig.manager.unload("a1")
-        assert seen == [("+", "a1"), ("+", "r"), ("-", "a1")]
-
-        def refuse(controller):
-            raise ControllerError("topic taken")
-
-        rig.manager.on_load = refuse
-        with pytest.raises(ControllerError, match="'b1'.*topic taken"):
-            rig.manager.load("b1")
-        assert list(states(rig)) == ["r"]
-
     def test_unload_refuses_running_and_unknown(self, rig):
         load(rig, "a1")
         switch(rig, ["a1"])
@@ -154,6 +138,15 @@ class TestLoading:
         assert recorder.calls[-1] == "stopping"
         rig.manager.reload_libraries()
 
+    def test_shutdown_stops_unloads_and_refuses_what_is_open(self, rig):
+        (recorder, _) = load(rig, "r", "a1")
+        switch(rig, ["r"])
+        request = rig.manager.request_switch(["a1"], [], STRICT)
+        rig.manager.shutdown()
+        assert recorder.calls[-1] == "stopping"
+        assert states(rig) == {}
+        assert request.done and not request.ok
+
 
 class TestSwitching:
     def test_it_happens_at_the_end_of_the_next_update(self, rig):
@@ -169,6 +162,12 @@ class TestSwitching:
         rig.step()
         assert recorder.calls[3:] == ["update", "stopping"]
         assert states(rig) == {"r": "stopped"}
+
+    def test_it_may_be_carried_out_while_time_stands_still(self, rig):
+        load(rig, "a1")
+        request = rig.manager.request_switch(["a1"], [], STRICT)
+        rig.manager.carry_out(rig.time_ns)
+        assert request.ok and states(rig) == {"a1": "running"}
 
     def test_nothing_blocks_while_paused(self, rig):
         load(rig, "a1")

@@ -38,9 +38,8 @@ class ControllerManager:
     """Controllers of one robot, updated in the order they were loaded.
 
     `parameters` is the nested mapping of the robot's namespace, or a function that returns it as
-    it is now. `on_load` and `on_unload`, if set, are called with the controller after it was
-    loaded and before it goes: that is where a skin makes and ends its topics. If on_load raises a
-    ControllerError the load fails with it. `warn` and `error` take lines for the log.
+    it is now. `warn` and `error` take lines for the log. `clock_ns`, a function such as
+    time.perf_counter_ns, turns the statistics on.
     """
 
     def __init__(
@@ -55,8 +54,6 @@ class ControllerManager:
         self.parameters = parameters if parameters is not None else {}
         self.namespace = namespace.rstrip("/")
         self.registry = Registry()
-        self.on_load: Callable[[Controller], None] | None = None
-        self.on_unload: Callable[[Controller], None] | None = None
         self.clock_ns: Callable[[], int] | None = None
         self._warn = warn
         self._error = error
@@ -101,8 +98,6 @@ class ControllerManager:
             # A user's init may forget to call the base's.
             controller.context = context = self._context(name, root)
             controller.init(self.hardware, own, context)
-            if self.on_load is not None:
-                self.on_load(controller)
         except ControllerError as error:
             raise ControllerError(f"cannot load controller '{name}': {error}") from error
         # A user's class may fail in any way; that must not stop the simulation.
@@ -130,8 +125,6 @@ class ControllerManager:
             raise ControllerError(
                 f"cannot unload controller '{name}': it is running; stop it first"
             )
-        if self.on_unload is not None:
-            self.on_unload(entry.controller)
         del self._entries[name]
         self._order = [other for other in self._order if other is not entry]
 
@@ -162,12 +155,19 @@ class ControllerManager:
                 f"cannot reload the controller classes: {', '.join(self._entries)} are loaded; "
                 f"unload them or ask for force_kill"
             )
+        self.shutdown()
+        self.registry.reload(self._classes(self._mapping()))
+
+    def shutdown(self) -> None:
+        """Stop and unload every controller, the last loaded first; open switches are refused."""
         for entry in reversed(self._order):
             if entry.running:
                 self._stop(entry, self._time_ns)
-        for name in list(self._entries):
-            self.unload(name)
-        self.registry.reload(self._classes(self._mapping()))
+        self._entries.clear()
+        self._order = []
+        pending, self._pending = self._pending, []
+        for request in pending:
+            request.cancel("all controllers were unloaded")
 
     def request_switch(
         self,
@@ -236,7 +236,7 @@ class ControllerManager:
                     except Exception as error:
                         self._abort(entry, "update", error)
         if self._pending:
-            self._carry_out(time_ns)
+            self.carry_out(time_ns)
 
     def _update_measured(self, time_ns: int, period: float, clock_ns: Callable[[], int]) -> None:
         for entry in self._order:
@@ -248,7 +248,8 @@ class ControllerManager:
                     self._abort(entry, "update", error)
                 entry.timer.add(clock_ns() - begin, time_ns, period)
 
-    def _carry_out(self, time_ns: int) -> None:
+    def carry_out(self, time_ns: int) -> None:
+        """Carry out the open switches now: at the end of an update, or while time stands still."""
         pending, self._pending = self._pending, []
         for request in pending:
             if request.done:

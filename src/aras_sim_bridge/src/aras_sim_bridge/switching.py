@@ -56,7 +56,7 @@ class SwitchRequest:
             self.on_done(self)
 
     def cancel(self, reason: str = "cancelled") -> None:
-        """Give up waiting; the switch will not be carried out."""
+        """Give up waiting, in the simulation's thread; the switch will not be carried out."""
         self.finish(False, reason)
 
 

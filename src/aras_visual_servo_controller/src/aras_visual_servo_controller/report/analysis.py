@@ -3,12 +3,14 @@
 from typing import Any
 
 import numpy as np
+
 from aras_visual_servo_camera.moments import Moments
 
 from ..desired import Desired
 from ..errors import MeasurementError
 from ..kinematics import pose_difference
 from ..laws import Proportional
+from ..schemes import find
 from ..schemes.base import Measurement
 from ..schemes.moments import MomentsScheme
 from ..servo import CONVERGED
@@ -100,6 +102,11 @@ def summarise(run: Run, desired: Desired, **extra: Any) -> dict[str, Any]:
         **image_figures(run.images),
         **extra,
     }
+
+
+def thresholds(scheme: str) -> tuple[float, ...]:
+    """Errors that count as reached for the scheme of that name."""
+    return find(scheme).thresholds
 
 
 def table(summary: dict[str, Any]) -> str:

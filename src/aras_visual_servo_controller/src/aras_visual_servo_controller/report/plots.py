@@ -249,3 +249,13 @@ def _limits(axis: Axes, time: np.ndarray) -> None:
 def _legend(axis: Axes) -> None:
     """Beside the data, never over it."""
     axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+
+
+def write_images(run: Run, directory: Path) -> list[Path]:
+    """first.png and last.png: what the camera saw when servoing began and at the end."""
+    written = []
+    for name, image in (("first.png", run.images.first), ("last.png", run.images.last)):
+        if image is not None:
+            plt.imsave(directory / name, image)
+            written.append(directory / name)
+    return written

@@ -17,13 +17,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from types import MappingProxyType
 
 import numpy as np
 
-from .degeneracy import CHECKS, DEFAULT_TOLERANCE
 from .definitions import DENOMINATORS, FORMULAS
+from .degeneracy import CHECKS, DEFAULT_TOLERANCE
 from .errors import DegenerateFeatureError, FeatureError
 from .interaction import CentredRows, MomentRows, Plane, centred_rows, raw_rows
 from .moments import DENSE, Array, Moments
@@ -119,7 +119,7 @@ class FeatureSet:
         return self.names.index(name)
 
 
-@lru_cache(maxsize=None)
+@cache
 def _leaves(name: str) -> frozenset[str]:
     """The moments, a, xg, yg and reference values that a feature comes down to."""
     if name in FORMULAS:

@@ -95,9 +95,7 @@ def _differentiate(node: ast.expr, name: str) -> ast.expr:
             return _sum(_product(da, b), _product(a, db), ast.Add())
         case ast.BinOp(left=a, op=ast.Div(), right=b):
             da, db = _differentiate(a, name), _differentiate(b, name)
-            return _sum(
-                _quotient(da, b), _quotient(_product(a, db), _square(b)), ast.Sub()
-            )
+            return _sum(_quotient(da, b), _quotient(_product(a, db), _square(b)), ast.Sub())
         case ast.BinOp(left=a, op=ast.Pow(), right=ast.Constant(value=n)):
             power = a if n == 2 else ast.BinOp(a, ast.Pow(), ast.Constant(n - 1))
             return _product(_product(ast.Constant(n), power), _differentiate(a, name))

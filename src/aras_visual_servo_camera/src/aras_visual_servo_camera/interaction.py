@@ -23,7 +23,7 @@ servoing, IEEE Transactions on Robotics 20(4), 2004, where the same rows are giv
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -169,7 +169,7 @@ def _row_order(moments: Moments, order: int | None) -> int:
     return order
 
 
-@lru_cache(maxsize=None)
+@cache
 def _gather(order: int, size: int) -> tuple[NDArray[np.intp], Array]:
     """Where in a flat (size, size) table the moments of each product stand.
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from math import comb, isfinite
 
 import numpy as np
@@ -52,13 +52,13 @@ _DEBLUR = np.array(
 )
 
 
-@lru_cache(maxsize=None)
+@cache
 def exponents(order: int) -> tuple[tuple[int, int], ...]:
     """All (i, j) with i + j <= order in exchange order."""
     return tuple((n - j, j) for n in range(order + 1) for j in range(n + 1))
 
 
-@lru_cache(maxsize=None)
+@cache
 def _flat_index(order: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     pairs = np.array(exponents(order))
     return pairs[:, 0], pairs[:, 1]
@@ -266,7 +266,7 @@ def _frozen(array: Array) -> Array:
     return array
 
 
-@lru_cache(maxsize=None)
+@cache
 def _triangle_mask(order: int) -> Array:
     i = np.arange(order + 1)
     return (i[:, None] + i[None, :] <= order).astype(float)
@@ -276,7 +276,7 @@ def _triangle(table: Array, order: int) -> Array:
     return table * _triangle_mask(order)
 
 
-@lru_cache(maxsize=None)
+@cache
 def _binomials(order: int) -> tuple[Array, NDArray[np.intp]]:
     n = order + 1
     binomial = np.array([[float(comb(i, k)) for k in range(n)] for i in range(n)])

@@ -5,6 +5,7 @@
 """
 
 import contextlib
+import os
 import select
 import sys
 import termios
@@ -57,10 +58,7 @@ def _key(timeout: float) -> str:
     """The next key, an arrow as its whole escape sequence, '' if none comes."""
     if not select.select([sys.stdin], [], [], timeout)[0]:
         return ""
-    key = sys.stdin.read(1)
-    while key.startswith("\x1b") and len(key) < 3 and select.select([sys.stdin], [], [], 0.02)[0]:
-        key += sys.stdin.read(1)
-    return key
+    return os.read(sys.stdin.fileno(), 8).decode(errors="replace")
 
 
 def main() -> int:

@@ -6,8 +6,9 @@ The camera node sends, with x = i dx along the rows and y = j dy along the colum
     k0 = sum x^-2 I dx dy,  k1 = sum y^-2 I dx dy,  k2 = sum I dx dy,
     k3 = 1/2 atan2(2 mu11, mu20 - mu02)
 
-and the inverse of a 4x4 Jacobian J for motions of the camera along the rows, along the columns,
-along its axis (relative to the distance) and about its axis (from rows to columns).
+k3 with columns as x, as OpenCV's moments have it, and the inverse of a 4x4 Jacobian J for
+motions of the camera along the rows, along the columns, along its axis (relative to the
+distance) and about its axis (from rows to columns).
 
 What is wrong with that J as a derivative of k, and put right here (see the README for what each
 one does to the closed loop):
@@ -15,6 +16,7 @@ one does to the closed loop):
 - rows 0 to 2 lack the factor dx dy that k0 to k2 have: the coupling with the rotation, in the
   same rows, is thereby 3180 times too strong;
 - the rotation is about the first pixel, that of a camera is about its principal point;
+- row 3 turns the other way: k3 is measured from columns to rows, the rotation from rows to columns;
 - approaching enlarges and spreads the target, which changes k0 and k1 as well; with the exponent
   -2 the two effects add up to xc J00 and yc J11 exactly;
 - kernel units are scaled to metres by the depth and the focal length, so that the gain is a rate
@@ -44,8 +46,11 @@ class KernelScheme(Scheme):
 
     source: ClassVar[str] = "kernel"
     feature_names: ClassVar[tuple[str, ...]] = ("kernel_0", "kernel_1", "kernel_2", "kernel_3")
-    # 0.5 % of kernel 0 and 1 is 0.3 pixel, 1 % of kernel 2 is 0.5 % of the distance.
-    thresholds: ClassVar[tuple[float, ...]] = (0.005, 0.005, 0.01, 0.01)
+    # 1 % of kernel 0 and 1 is half a pixel, 2 % of kernel 2 is 1 % of the distance.
+    thresholds: ClassVar[tuple[float, ...]] = (0.01, 0.01, 0.02, 0.04)
+    # One row of pixels turns the angle of a near-square by 0.03 rad from one image to the next;
+    # at full gain the camera would tremble after it.
+    angle_gain: ClassVar[float] = 0.3
 
     def __init__(self, desired: Desired, law: Law) -> None:
         super().__init__(desired, law)
@@ -81,7 +86,8 @@ class KernelScheme(Scheme):
         e[3] = wrap(e[3], np.pi)
         J_metric = self._metric_jacobian(J, measurement.K, k)
         weights = np.append(kernel.features[:3], 1.0)
-        v = self.law.velocity(J_metric / weights[:, None], e / weights, elapsed)
+        calmed = e / weights * (1.0, 1.0, 1.0, self.angle_gain)
+        v = self.law.velocity(J_metric / weights[:, None], calmed, elapsed)
         # Along the rows is the optical y, along the columns x; rows to columns turns against z.
         twist = np.array([v[1], v[0], v[2], 0.0, 0.0, -v[3]])
         return SchemeResult(self.feature_names, k, kernel.features, e / weights, twist)
@@ -103,7 +109,7 @@ class KernelScheme(Scheme):
         across = (fy * ROW_STEP) / (fx * COLUMN_STEP)
         exact[0, 3] = area * (J[0, 3] + column_centre * J[0, 0]) * across
         exact[1, 3] = area * (J[1, 3] - row_centre * J[1, 1]) / across
-        exact[3, 3] = J[3, 3]
+        exact[3, 3] = -J[3, 3]
         return exact
 
     def _check_camera(self, measurement: Measurement) -> None:

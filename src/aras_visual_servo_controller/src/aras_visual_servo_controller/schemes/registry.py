@@ -14,8 +14,8 @@ SCHEMES = {
 }
 
 
-def create(name: str, desired: Desired, law: Law) -> Scheme:
-    """Construct the scheme of that short name or 'package.module:Class'.
+def find(name: str) -> type[Scheme]:
+    """The class of that short name or 'package.module:Class'.
 
     Raises:
         ConfigurationError: no such name, module or class, or the class is not a Scheme.
@@ -38,4 +38,9 @@ def create(name: str, desired: Desired, law: Law) -> Scheme:
             f"scheme '{name}': {module_name} has no class {class_name} derived from "
             "aras_visual_servo_controller.schemes.Scheme"
         )
-    return found(desired, law)
+    return found
+
+
+def create(name: str, desired: Desired, law: Law) -> Scheme:
+    """Construct the scheme of that name; see `find`."""
+    return find(name)(desired, law)

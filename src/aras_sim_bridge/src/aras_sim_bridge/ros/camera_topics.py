@@ -36,12 +36,11 @@ class CameraTopics:
         """Advertise the topics of `mounted` (simulation.MountedCamera) and take its frames."""
         self._mounted = mounted
         config = mounted.sensor.config
-        self.namespace = config.namespace
-        self._camera_name = config.name
-        self._image_message = Image()
-        self._image_message.header.frame_id = _prefixed(config.frame_id, self.namespace)
+        self.namespace = namespace_of(config.robot_namespace, config.camera_name)
+        self._camera_name = config.camera_name
+        self._frame_id = _prefixed(config.frame_name, self.namespace)
         self._info_message = to_camera_info(mounted.sensor.info)
-        self._info_message.header.frame_id = self._image_message.header.frame_id
+        self._info_message.header.frame_id = self._frame_id
         watcher = _Watcher(self._on_subscribers)
         self._image: rospy.Publisher | None = None
         self._info: rospy.Publisher | None = None
@@ -88,7 +87,7 @@ class CameraTopics:
         # A new message each time: a latched publisher keeps the last one.
         message = Image()
         message.header.stamp = stamp
-        message.header.frame_id = self._image_message.header.frame_id
+        message.header.frame_id = self._frame_id
         message.height, message.width = frame.image.shape[:2]
         message.encoding = frame.encoding
         message.data = frame.image.tobytes()
@@ -108,6 +107,11 @@ class CameraTopics:
         except OSError as error:
             return SetCameraInfoResponse(False, f"Error storing camera calibration: {error}")
         return SetCameraInfoResponse(True, "")
+
+
+def namespace_of(robot_namespace: str, camera_name: str) -> str:
+    """Return the absolute namespace of a camera's topics."""
+    return "/" + "/".join(part for part in (robot_namespace.strip("/"), camera_name) if part)
 
 
 def to_camera_info(info: Any) -> CameraInfo:

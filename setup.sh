@@ -19,13 +19,15 @@ TEXT
 
 # What the workspace needs of Debian, without recommendations.
 packages=(
-    # building: catkin, a compiler (CMake insists on one), message generation and its dependencies
-    catkin cmake g++ make python3-venv
-    ros-message-generation libstd-msgs-dev libgeometry-msgs-dev libsensor-msgs-dev
-    libtrajectory-msgs-dev libactionlib-msgs-dev
+    # building: catkin, a compiler (CMake insists on one), and the messages ours are made of; their
+    # definitions (ros-*-msgs) and their CMake files (lib*-dev) are packages of their own
+    catkin cmake g++ make python3-venv ros-message-generation
+    ros-actionlib-msgs ros-geometry-msgs ros-rosgraph-msgs ros-sensor-msgs ros-std-msgs ros-std-srvs
+    ros-tf2-msgs ros-trajectory-msgs
+    libactionlib-msgs-dev libgeometry-msgs-dev libsensor-msgs-dev libstd-msgs-dev libtrajectory-msgs-dev
     # running: the ROS tools, and the Python side of the messages and libraries that the nodes import
     ros-base rosbash python3-rospy python3-rosbag python3-actionlib python3-dynamic-reconfigure
-    python3-rosgraph-msgs python3-std-srvs python3-trajectory-msgs python3-sensor-msgs
+    python3-rosgraph-msgs python3-sensor-msgs python3-std-srvs python3-trajectory-msgs
     python3-tf python3-tf2-ros ros-robot-state-publisher rviz
     # the messages that dynamic_reconfigure's Python side loads are in its development package
     libdynamic-reconfigure-config-init-mutex-dev

@@ -18,8 +18,8 @@ from mesh_primitives import (
     rounded_rectangle,
 )
 
-ROUND = 28  # segments of a joint's outline
-SMALL = 16  # segments of covers and bosses
+ROUND = 24  # segments of a joint's outline
+SMALL = 12  # segments of covers and bosses
 
 
 def _across(outline_of_inset, inner: float, outer: float, bevel: float = 0.0) -> np.ndarray:
@@ -52,29 +52,26 @@ def link0() -> list[np.ndarray]:
 
     half = _across(belly, 0.0, 0.0785, 0.005)
     seat = revolve([(0.0785, 0.012), (0.0785, 0.147), (0.081, 0.147), (0.081, 0.168)], ROUND)
-    cover = move(_across(lambda i: circle(0.045 - i, SMALL + 4), 0.075, 0.084, 0.003), -0.083, 0, 0.08)
+    cover = move(along_y(cylinder(0.046, 0.075, 0.082, SMALL + 4)), -0.083, 0, 0.08)
     return [flange, *both_sides(half, 1), seat, *both_sides(cover, 1)]
 
 
 def link1() -> list[np.ndarray]:
     """Turntable under J1, neck, and the barrel of J2."""
-    table = revolve([(0.0775, 0.0), (0.0775, 0.026), (0.070, 0.034)], ROUND)
-    neck = loft(
-        [
-            (rounded_rectangle(-x, x, -y, y, 0.02, 3), z)
-            for x, y, z in ((0.066, 0.062, 0.03), (0.066, 0.062, 0.045), (0.052, 0.052, 0.066),
-                            (0.052, 0.052, 0.132))
-        ]
+    table = revolve(
+        [(0.0775, 0.003), (0.0775, 0.034), (0.054, 0.064)], ROUND
     )
+    seal = cylinder(0.072, 0.0, 0.003, ROUND)
+    neck = extrude(rounded_rectangle(-0.052, 0.052, -0.0505, 0.0505, 0.02, 3), 0.05, 0.132)
     barrel = along_y(cylinder(0.0625, -0.053, 0.053, ROUND + 4))
-    return [table, neck, move(barrel, z=0.132)]
+    return [table, seal, neck, move(barrel, z=0.132)]
 
 
 def link2() -> list[np.ndarray]:
     """Upper arm: two cheeks with round ends, a bridge between them."""
-    cheek = _across(lambda i: capsule(0.0, 0.055 - i, 0.245, 0.053 - i, 24), 0.0555, 0.083, 0.005)
+    cheek = _across(lambda i: capsule(0.0, 0.055 - i, 0.245, 0.053 - i, 20), 0.0555, 0.083, 0.005)
     hub = _across(lambda i: circle(0.062 - i, ROUND), 0.0555, 0.0865, 0.004)
-    cap = cylinder(0.02, 0.08, 0.088, SMALL)
+    cap = cylinder(0.02, 0.08, 0.088, 12)
     elbow = cylinder(0.036, 0.08, 0.086, SMALL + 4)
     bridge = _across(
         lambda i: rounded_corners(
@@ -94,13 +91,8 @@ def link2() -> list[np.ndarray]:
 def link3() -> list[np.ndarray]:
     """Forearm: a tongue on J3 that widens into the fork of J5."""
     tongue = _across(lambda i: capsule(0.0, 0.0475, 0.085, 0.043, ROUND), -0.053, 0.053)
-    body = loft(
-        [
-            (rounded_rectangle(-x, x, -y, y, 0.010, 2), z)
-            for x, y, z in ((0.040, 0.050, 0.052), (0.0435, 0.056, 0.064), (0.0435, 0.056, 0.108))
-        ]
-    )
-    cheek = _across(lambda i: capsule(0.095, 0.0435 - i, 0.16, 0.041 - i, 24), 0.0245, 0.056, 0.005)
+    body = extrude(rounded_rectangle(-0.041, 0.041, -0.0505, 0.0505, 0.010, 2), 0.05, 0.112)
+    cheek = _across(lambda i: capsule(0.097, 0.0435 - i, 0.16, 0.041 - i, 20), 0.0245, 0.056, 0.004)
     cover = move(along_y(cylinder(0.028, 0.05, 0.058, SMALL + 4)), z=0.16)
     window = box(0.04, 0.0455, -0.016, 0.016, 0.068, 0.094)
     return [tongue, body, *both_sides(cheek, 1), *both_sides(cover, 1), *both_sides(window, 0)]
@@ -117,7 +109,7 @@ def link6() -> list[np.ndarray]:
     """Flange of J6 and the square housing of the camera."""
     flange = revolve(
         [(0.026, -0.026), (0.030, -0.022), (0.030, -0.006), (0.037, -0.006), (0.037, 0.006)],
-        ROUND - 4,
+        20,
     )
     housing = loft(
         [

@@ -10,6 +10,7 @@ from mesh_primitives import (
     box,
     cylinder,
     extrude,
+    grooved_square,
     loft,
     mirror,
     move,
@@ -32,17 +33,21 @@ MOTOR_X, MOTOR_Z = 1.3855, 1.626  # m, axis of the belt motor
 def base_link() -> list[np.ndarray]:
     """Parts of base_link, z up, the floor at z = 0."""
     table = box(-1.09, 1.09, -0.57, 0.57, 0.06, TABLE_TOP)
-    return [table, *_frame(), *_gussets(), *_rail(), *_drive()]
+    return [table, *_frame(), *_brackets(), *_rail(), *_drive()]
 
 
-def _profile(length_from: float, length_to: float) -> np.ndarray:
-    outline = slotted_square(PROFILE, opening=0.012, lip=0.006, cavity=0.024, depth=0.018)
+def _profile(length_from: float, length_to: float, open_end: bool = False) -> np.ndarray:
+    """Profile along z; only an end that can be seen is worth the triangles of real T-slots."""
+    if open_end:
+        outline = slotted_square(PROFILE, opening=0.012, lip=0.006, cavity=0.024, depth=0.018)
+    else:
+        outline = grooved_square(PROFILE, opening=0.012, depth=0.014)
     return extrude(outline, length_from, length_to)
 
 
 def _frame() -> list[np.ndarray]:
     x, y, half = FRAME_X - PROFILE / 2, FRAME_Y - PROFILE / 2, PROFILE / 2
-    post = _profile(PROFILE, FRAME_Z)
+    post = _profile(PROFILE, FRAME_Z, open_end=True)
     posts = [move(post, sx * x, sy * y) for sx in (-1, 1) for sy in (-1, 1)]
     sill = along_x(_profile(-FRAME_X, FRAME_X))
     sills = [move(sill, y=sy * y, z=half) for sy in (-1, 1)]
@@ -52,26 +57,17 @@ def _frame() -> list[np.ndarray]:
     return [*posts, *sills, *crosses, spine]
 
 
-def _gussets() -> list[np.ndarray]:
-    """Triangular corner brackets where posts meet the cross beams and the sills."""
-    leg = 0.07
-    triangle = np.array([(0.0, 0.0), (leg, 0.0), (0.0, leg)])
-    y_inner, x_post = FRAME_Y - PROFILE, FRAME_X - PROFILE / 2
-    # Prisms drawn in a (y, z) plane and pushed along x.
-    upper = mirror(mirror(along_x(extrude(triangle, -0.02, 0.02)), 1), 2)
-    upper = move(upper, x_post, y_inner, FRAME_Z - PROFILE)
-    # And in an (x, z) plane, pushed along y, at the foot of each post.
-    foot = mirror(along_y(extrude(triangle[:, ::-1][::-1], -0.02, 0.02)), 0)
-    foot = move(foot, FRAME_X - PROFILE, FRAME_Y - PROFILE / 2, PROFILE)
-    out = []
-    for piece in (upper, foot):
-        for side in both_sides(piece, 0):
-            out += both_sides(side, 1)
-    return out
+def _brackets() -> list[np.ndarray]:
+    """Triangular corner brackets between the posts and the long sills."""
+    leg = 0.06
+    triangle = np.array([(0.0, 0.0), (leg, 0.0), (0.0, leg)])  # (z, x), for along_y
+    bracket = mirror(along_y(extrude(triangle, -0.018, 0.018)), 0)
+    bracket = move(bracket, FRAME_X - PROFILE, FRAME_Y - PROFILE / 2, PROFILE)
+    return [piece for side in both_sides(bracket, 0) for piece in both_sides(side, 1)]
 
 
 def _rail() -> list[np.ndarray]:
-    rod = along_x(cylinder(ROD_RADIUS, -1.13, 1.13, 16))
+    rod = along_x(cylinder(ROD_RADIUS, -1.13, 1.13, 12))
     out = [move(rod, y=sy * ROD_Y, z=ROD_Z) for sy in (-1, 1)]
     # End blocks under the cross beams hold the rods and, between them, the belt's pulleys.
     block = extrude(rounded_rectangle(-0.105, 0.105, 1.572, 1.66, 0.012, 2), 1.115, 1.14)
@@ -81,7 +77,7 @@ def _rail() -> list[np.ndarray]:
     out += both_sides(cheek, 1)
     # The belt: two strands, carrying and returning.
     out += [box(-1.06, 1.30, -0.0125, 0.0125, z - 0.001, z + 0.001) for z in (1.612, 1.653)]
-    out.append(move(along_y(cylinder(0.02, -0.024, 0.024, 16)), -1.06, z=1.6325))
+    out.append(move(along_y(cylinder(0.02, -0.024, 0.024, 12)), -1.06, z=1.6325))
     return out
 
 
@@ -97,26 +93,23 @@ def _drive() -> list[np.ndarray]:
         [
             (rounded_rectangle(-s, s, -s, s, r, 2), y)
             for s, r, y in (
-                (half - 0.008, 0.008, -0.137),
-                (half, 0.01, -0.129),
-                (half, 0.01, -0.024),
+                (half - 0.006, 0.008, -0.06),
+                (half, 0.01, -0.054),
+                (half, 0.01, 0.05),
             )
         ]
     )
-    motor_flange = extrude(rounded_rectangle(-half, half, -half, half, 0.012, 2), 0.024, 0.04)
-    # The cooling ribs are steps of the turned outline.
-    radius, groove = 0.0425, 0.0385
-    profile = [(0.036, 0.04), (0.036, 0.05), (radius, 0.05)]
-    for y in (0.075, 0.1, 0.125):
-        profile += [(radius, y), (groove, y), (groove, y + 0.006), (radius, y + 0.006)]
-    profile += [(radius, 0.25), (radius - 0.004, 0.254)]
+    # The joints of the casing are steps of the turned outline.
+    body, groove = half, half - 0.004
+    profile = [(groove, 0.05), (groove, 0.058), (body, 0.058)]
+    profile += [(body, 0.09), (groove, 0.09), (groove, 0.098), (body, 0.098)]
+    profile += [(body, 0.25), (body - 0.003, 0.254)]
     motor = revolve(profile, 20)
-    terminal_box = box(MOTOR_Z + 0.02, MOTOR_Z + 0.05, MOTOR_X - 0.02, MOTOR_X + 0.02, 0.16, 0.22)
-    terminal_box = along_y(terminal_box)
-    boss = cylinder(0.012, 0.25, 0.258, 10)
-    shafted = [gearbox, motor_flange, motor, boss]
-    out = [move(along_y(part), MOTOR_X, z=MOTOR_Z) for part in shafted]
-    return [*out, terminal_box, *both_sides(cheek, 1)]
+    # along_y: the first coordinate drawn becomes z, the second x.
+    terminals = box(0.02, 0.05, -0.022, 0.022, 0.15, 0.22)
+    boss = cylinder(0.01, 0.25, 0.258, 8)
+    out = [move(along_y(p), MOTOR_X, z=MOTOR_Z) for p in (gearbox, motor, terminals, boss)]
+    return [*out, *both_sides(cheek, 1)]
 
 
 def slider() -> list[np.ndarray]:

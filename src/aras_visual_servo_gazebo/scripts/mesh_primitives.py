@@ -86,7 +86,9 @@ def capsule(
     return np.concatenate([upper, lower])
 
 
-def slotted_square(size: float, opening: float, lip: float, cavity: float, depth: float):
+def slotted_square(
+    size: float, opening: float, lip: float, cavity: float, depth: float
+) -> np.ndarray:
     """Square aluminium profile with one T-slot a face, shape (36, 2).
 
     opening, cavity: widths of the slot at the face and inside; lip, depth: where it widens, ends.
@@ -103,7 +105,25 @@ def slotted_square(size: float, opening: float, lip: float, cavity: float, depth
         (opening / 2, -half + lip),
         (opening / 2, -half),
     ]
-    out = []
+    return _four_faces(face)
+
+
+def grooved_square(size: float, opening: float, depth: float) -> np.ndarray:
+    """Square profile with one plain groove a face, shape (20, 2)."""
+    half, side = size / 2, opening / 2
+    return _four_faces(
+        [
+            (-half, -half),
+            (-side, -half),
+            (-side, -half + depth),
+            (side, -half + depth),
+            (side, -half),
+        ]
+    )
+
+
+def _four_faces(face: list[tuple[float, float]]) -> np.ndarray:
+    out: list[tuple[float, float]] = []
     for _ in range(4):
         out += face
         face = [(-y, x) for x, y in face]  # the next face, a quarter turn on

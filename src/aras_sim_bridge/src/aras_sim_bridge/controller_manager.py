@@ -346,7 +346,7 @@ class ControllerManager:
                     except Exception as error:
                         self._abort(entry, "update", error)
         if self._pending:
-            self._carry_out(time_ns)
+            self.carry_out(time_ns)
 
     def _update_measured(self, time_ns: int, period: float, clock_ns: Callable[[], int]) -> None:
         for entry in self._order:
@@ -358,7 +358,8 @@ class ControllerManager:
                     self._abort(entry, "update", error)
                 entry.timer.add(clock_ns() - begin, time_ns, period)
 
-    def _carry_out(self, time_ns: int) -> None:
+    def carry_out(self, time_ns: int) -> None:
+        """Carry out the open switches now: at the end of an update, or while time stands still."""
         pending, self._pending = self._pending, []
         for request in pending:
             if request.done:

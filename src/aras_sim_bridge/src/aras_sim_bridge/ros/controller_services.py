@@ -56,7 +56,12 @@ class ControllerServices:
         self._services = ServiceTable(f"{self._namespace}/controller_manager")
         for name, service, handler, response in (
             ("list_controllers", ListControllers, self._list, ListControllersResponse),
-            ("list_controller_types", ListControllerTypes, self._types, ListControllerTypesResponse),
+            (
+                "list_controller_types",
+                ListControllerTypes,
+                self._types,
+                ListControllerTypesResponse,
+            ),
             ("load_controller", LoadController, self._load, LoadControllerResponse),
             ("unload_controller", UnloadController, self._unload, UnloadControllerResponse),
             ("switch_controller", SwitchController, self._switch, SwitchControllerResponse),

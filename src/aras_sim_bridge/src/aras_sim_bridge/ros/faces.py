@@ -1,4 +1,4 @@
-"""Keeps the graph in step with the simulation: every robot its services, every camera its topics."""
+"""Keeps the graph in step with the simulation: services per robot, topics per camera."""
 
 from __future__ import annotations
 

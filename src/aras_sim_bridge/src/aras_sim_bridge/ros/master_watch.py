@@ -40,7 +40,7 @@ class MasterWatch:
             pid = self._pid()
             missed = missed + 1 if pid is None else 0
             if missed >= 2:
-                self._on_gone(f"the ROS master at {self._uri} is gone; start roscore and launch anew")
+                self._on_gone(f"the ROS master at {self._uri} is gone; start it and launch anew")
                 return
             first = first or pid
             if pid is not None and pid != first:

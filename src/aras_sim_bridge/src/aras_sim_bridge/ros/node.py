@@ -11,12 +11,14 @@ from typing import Any
 import rospy
 
 from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.pacing import MaxPacer, RealTimePacer
 from aras_sim_bridge.ros.clock import ClockPublisher
 from aras_sim_bridge.ros.faces import Faces
 from aras_sim_bridge.ros.gazebo_api import GazeboApi
 from aras_sim_bridge.ros.master_watch import MasterWatch
 from aras_sim_bridge.ros.parameters import NodeParameters
 from aras_sim_bridge.ros.simulation_thread import SimulationThread
+from aras_sim_bridge.simulation import Simulation
 
 # A waiting thread gets the interpreter after this long [s]: the simulation must not stand behind
 # five milliseconds (Python's default) of somebody else's messages at every step.
@@ -108,6 +110,16 @@ def _end_for(why: str) -> None:
     """End the node from any thread, saying why in one line."""
     rospy.logfatal("%s ends: %s", rospy.get_name(), why)
     rospy.signal_shutdown(why)
+
+
+def make_pacer(parameters: NodeParameters) -> Any:
+    if parameters.speed_mode == "max":
+        return MaxPacer()
+    return RealTimePacer(parameters.real_time_factor)
+
+
+def build_simulation(parameters: NodeParameters) -> Any:
+    return Simulation(parameters.max_step_size, gui=parameters.gui, renderer=parameters.renderer)
 
 
 def _private_parameters() -> dict[str, Any]:

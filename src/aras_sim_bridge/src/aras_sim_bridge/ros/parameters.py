@@ -85,7 +85,7 @@ class NodeParameters:
         require(self.lockstep_timeout > 0, "lockstep_timeout", "give seconds above 0")
         require(self.master_check_period > 0, "master_check_period", "give seconds above 0")
         if self.speed_mode == "lockstep":
-            require(bool(self.lockstep_topic), "lockstep_topic", "lockstep needs a topic to wait for")
+            require(bool(self.lockstep_topic), "lockstep_topic", "name the topic to wait for")
 
 
 def _convert(name: str, value: Any, default: Any) -> Any:

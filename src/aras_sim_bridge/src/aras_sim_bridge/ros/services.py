@@ -39,17 +39,19 @@ class ServiceTable:
             call_fails: let the client see a failed call (ServiceException) instead.
         """
 
+        kind = service._type.rpartition("/")[2]  # gazebo_ros begins its texts with the type
+
         def serve(request: object) -> object:
             try:
                 return handler(request)
             except SimError as error:
-                text = f"{name}: {error}"
-                rospy.logerr("%s/%s", self._namespace, text)
+                text = f"{kind}: {error}"
+                rospy.logerr("%s/%s: %s", self._namespace, name, error)
             except rospy.ServiceException:
                 raise
             except Exception as error:
-                text = f"{name}: internal error, {type(error).__name__}: {error}"
-                rospy.logerr("%s/%s (please report it)", self._namespace, text)
+                text = f"{kind}: internal error, {type(error).__name__}: {error}"
+                rospy.logerr("%s/%s: %s (please report it)", self._namespace, name, text)
                 log.debug("%s", traceback.format_exc())
             if call_fails:
                 raise rospy.ServiceException(text)

@@ -122,7 +122,7 @@ class SimulationThread:
         except FutureTimeoutError:
             if future.cancel():
                 raise SimulationBusyError(
-                    f"the simulation did not answer within {timeout:g} s; is the machine overloaded?"
+                    f"the simulation did not answer within {timeout:g} s; is the machine busy?"
                 ) from None
             return future.result()  # it began just now; it is short
 

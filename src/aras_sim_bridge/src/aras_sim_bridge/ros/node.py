@@ -127,27 +127,42 @@ def _private_parameters() -> dict[str, Any]:
     return values if isinstance(values, dict) else {}
 
 
+class _Ending:
+    """What happens on shutdown, whenever it comes: also in the middle of the start."""
+
+    def __init__(self) -> None:
+        self.begun = threading.Event()
+        self.node: GazeboNode | None = None
+        # rospy runs this before it closes the topics, so no step publishes into closed ones.
+        rospy.on_shutdown(self._on_shutdown)
+
+    def _on_shutdown(self) -> None:
+        self.begun.set()
+        if self.node is not None:
+            self.node.stop()
+
+
 def main() -> int:
     """Entry point of nodes/gazebo; returns the exit status."""
     sys.setswitchinterval(SWITCH_INTERVAL)
-    done = threading.Event()
     # Without rospy's own subscription to /clock: this node makes the time that others wait for.
     rospy.init_node("gazebo", disable_rostime=True)
-    rospy.on_shutdown(done.set)
+    ending = _Ending()
     try:
         parameters = NodeParameters.from_mapping(_private_parameters(), rospy.get_name())
         _set_up_log(parameters.log_level)
         if not rospy.has_param("/use_sim_time"):
             rospy.set_param("/use_sim_time", True)
         node = GazeboNode(parameters)
-    except SimError as error:
-        _end_for(f"it cannot start: {error}")
+    except (SimError, OSError, rospy.ROSException) as error:
+        if not ending.begun.is_set():
+            _end_for(f"it cannot start: {error}")
         return 1
-    except (OSError, rospy.ROSException) as error:
-        _end_for(f"it cannot start: {error}")
-        return 1
+    ending.node = node
+    if ending.begun.is_set():
+        node.stop()
     MasterWatch(parameters.master_check_period, _end_for)
     rospy.loginfo("%s is up, process %d", rospy.get_name(), os.getpid())
-    done.wait()
+    ending.begun.wait()
     node.stop()
     return 0 if node.fault is None else 1

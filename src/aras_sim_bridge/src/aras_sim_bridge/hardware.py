@@ -115,6 +115,12 @@ class RobotHardware:
                 f"and an <actuator>"
             )
             return []
+        if len(transmission.joints) > 1:
+            self._warn(f"{label} is skipped: one joint each is simulated, it has "
+                       f"{', '.join(transmission.joints)}")
+            return []
+        if len(transmission.interfaces) > 1:
+            self._warn(f"{label}: of {', '.join(transmission.interfaces)} the first is used")
         short = interface.removeprefix(_PREFIX)
         if short not in COMMAND_INTERFACES:
             raise HardwareError(

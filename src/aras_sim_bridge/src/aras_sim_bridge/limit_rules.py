@@ -65,9 +65,11 @@ class _SoftBounds:
     __slots__ = ("_limited", "_lower", "_upper", "_gain", "_velocity")
 
     def __init__(self, limits: Limits, soft: Any) -> None:
+        # A soft limit that the URDF does not give is none, not urdfdom's default of 0, which
+        # would freeze the joint at 0.
         self._limited = limits.has_position
-        self._lower = soft.lower
-        self._upper = soft.upper
+        self._lower = -_INF if soft.lower is None else soft.lower
+        self._upper = _INF if soft.upper is None else soft.upper
         self._gain = soft.k_position
         self._velocity = limits.max_velocity
 
@@ -75,10 +77,12 @@ class _SoftBounds:
         velocity = self._velocity
         if not self._limited:
             return -velocity, velocity
-        gain = self._gain
+        gain, lower, upper = self._gain, self._lower, self._upper
         return (
-            _saturate(-gain * (position - self._lower), -velocity, velocity),
-            _saturate(-gain * (position - self._upper), -velocity, velocity),
+            -velocity if lower == -_INF else _saturate(-gain * (position - lower),
+                                                       -velocity, velocity),
+            velocity if upper == _INF else _saturate(-gain * (position - upper),
+                                                     -velocity, velocity),
         )
 
 

@@ -1,6 +1,9 @@
-"""ros_control's controllers, without ROS; importing this package registers them all."""
+"""ros_control's controllers, without ROS; importing this package registers them all.
 
-from aras_sim_bridge.controllers import effort, joint_state
+base.py documents the ports a ROS skin attaches to, registry.py how a class of your own is found.
+"""
+
+from aras_sim_bridge.controllers import effort, group, joint_state, position, trajectory, velocity
 from aras_sim_bridge.controllers.base import (
     ClaimedResources,
     Context,
@@ -18,6 +21,10 @@ __all__ = [
     "JointStates",
     "Registry",
     "effort",
+    "group",
     "joint_state",
+    "position",
     "register",
+    "trajectory",
+    "velocity",
 ]

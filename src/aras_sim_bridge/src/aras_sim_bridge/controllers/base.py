@@ -13,9 +13,12 @@ nothing of ROS. It declares its ports; the skin gives them their topics. `C` sta
 | | 'joint_trajectory_state' | on_state(TrajectoryState) → C/state |
 | | 'joint_states' | on_state(JointStates) → <robot namespace>/joint_states |
 | action_kind | 'follow_joint_trajectory' | C/follow_joint_trajectory and C/query_state |
-| pids (instance) | {'pid': Pid} | dynamic_reconfigure server and PidState at C/pid, and so on |
+| pids (instance) | {path below C: Pid} | dynamic_reconfigure server and PidState at C/<path> |
 
-None means no such port. on_state is called synchronously from update() with an object that the
+None means no such port. The paths in pids are 'pid', '<joint>/pid' (groups) or 'gains/<joint>'
+(trajectories). The types that a command, state or goal consists of stand in this module and in
+trajectory_types.py; the action goes through submit_goal, cancel_goal and query_state of
+JointTrajectoryController. on_state is called synchronously from update() with an object that the
 controller does not touch again; as long as it is None, nothing is built. Every set_command may be
 called from any thread: the latest wins.
 

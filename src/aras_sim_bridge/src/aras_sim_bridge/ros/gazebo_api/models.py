@@ -158,7 +158,8 @@ class ModelServices:
             model = entities.model(simulation, state.model_name)
             frame, _ = entities.frame(simulation, state.reference_frame)
             moved = Twist(rotate(frame.quat, twist.linear), rotate(frame.quat, twist.angular))
-            model.set_state(frame @ pose, moved)
+            model.set_pose(frame @ pose)
+            model.set_twist(moved)
 
         self._thread.call(job)
 
@@ -192,7 +193,17 @@ class ModelServices:
         def job() -> None:
             model = entities.model(self._thread.simulation, request.model_name)
             wanted = zip(plain, positions, strict=True)
-            model.set_configuration({n: q for n, q in wanted if n in model.joint_names})
+            model.set_joint_positions(
+                {n: within_limits(model, n, q) for n, q in wanted if n in model.joint_names}
+            )
 
         self._thread.call(job)
         return SetModelConfigurationResponse(True, "SetModelConfiguration: success")
+
+
+def within_limits(model: Any, joint: str, position: float) -> float:
+    """Return the position moved into the joint's limits, as Gazebo's SetPosition does."""
+    limits = model.description.joints[joint].limits
+    if limits is None or limits.lower is None or position != position:
+        return position
+    return min(max(position, limits.lower), limits.upper)

@@ -58,10 +58,10 @@ def model_states(simulation: Any) -> ModelStates:
     """Return pose and twist of every model's root link in the world."""
     message = ModelStates()
     for name, model in simulation.world.models.items():
-        root = model.description.root
+        pose, twist = model.link_state(model.description.root)
         message.name.append(name)
-        message.pose.append(to_pose(model.link_pose(root)))
-        message.twist.append(to_twist(model.link_twist(root)))
+        message.pose.append(to_pose(pose))
+        message.twist.append(to_twist(twist))
     return message
 
 
@@ -69,8 +69,8 @@ def link_states(simulation: Any) -> LinkStates:
     """Return pose and twist of every link in the world, named model::link."""
     message = LinkStates()
     for name, model in simulation.world.models.items():
-        for link in model.description.links:
+        for link, (pose, twist) in model.link_states().items():
             message.name.append(f"{name}::{link}")
-            message.pose.append(to_pose(model.link_pose(link)))
-            message.twist.append(to_twist(model.link_twist(link)))
+            message.pose.append(to_pose(pose))
+            message.twist.append(to_twist(twist))
     return message

@@ -58,9 +58,7 @@ def link0() -> list[np.ndarray]:
 
 def link1() -> list[np.ndarray]:
     """Turntable under J1, neck, and the barrel of J2."""
-    table = revolve(
-        [(0.0775, 0.003), (0.0775, 0.034), (0.054, 0.064)], ROUND
-    )
+    table = revolve([(0.0775, 0.003), (0.0775, 0.034), (0.054, 0.064)], ROUND)
     seal = cylinder(0.072, 0.0, 0.003, ROUND)
     neck = extrude(rounded_rectangle(-0.052, 0.052, -0.0505, 0.0505, 0.02, 3), 0.05, 0.132)
     barrel = along_y(cylinder(0.0625, -0.053, 0.053, ROUND + 4))

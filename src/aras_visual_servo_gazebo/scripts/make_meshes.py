@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """Draw the robot: write one binary STL a link into meshes/.
 
-    scripts/make_meshes.py [--out DIR]
+    python3 scripts/make_meshes.py [--out DIR]
 
 The shapes are our own, drawn to the outer sizes of the original links. The output is the same
 byte for byte on every machine; a test compares it with the files of the repository.

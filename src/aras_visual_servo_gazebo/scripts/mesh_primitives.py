@@ -158,7 +158,7 @@ def loft(sections: Sequence[tuple[np.ndarray, float]]) -> np.ndarray:
     bottom, top = rings[0], rings[-1]
     triangles += [(bottom[a], bottom[c], bottom[b]) for a, b, c in _ears(sections[0][0])]
     triangles += [(top[a], top[b], top[c]) for a, b, c in _ears(sections[-1][0])]
-    return np.array(triangles)
+    return np.array(triangles, dtype=float)
 
 
 def extrude(outline: np.ndarray, z0: float, z1: float) -> np.ndarray:

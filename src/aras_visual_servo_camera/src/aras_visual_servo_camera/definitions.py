@@ -72,38 +72,43 @@ _SOURCES = {
     "C9": "I13 / I15",
     "C10": "I14 / I15",
     # Chaumette 2004: Sx, Sy for objects without symmetry, Px, Py for objects with one
-    "c1": "mu20 - mu02",
-    "s1": "2 * mu11",
-    "c2": "mu03 - 3 * mu21",
-    "s2": "mu30 - 3 * mu12",
-    "c3": "c1**2 - s1**2",
-    "s3": "2 * s1 * c1",
-    "J1": "c1**2 + s1**2",
-    "J2": "c2**2 + s2**2",
+    "cos2": "mu20 - mu02",
+    "sin2": "2 * mu11",
+    "cos3": "mu03 - 3 * mu21",
+    "sin3": "mu30 - 3 * mu12",
+    "cos4": "cos2**2 - sin2**2",
+    "sin4": "2 * sin2 * cos2",
+    "J1": "cos2**2 + sin2**2",
+    "J2": "cos3**2 + sin3**2",
     "J3": "mu20 + mu02",
     "K": "J1 * J3 * sqrt(J3) / sqrt(a)",
-    "Sx": "(c2 * c3 + s2 * s3) / K",
-    "Sy": "(s2 * c3 - c2 * s3) / K",
+    "Sx": "(cos3 * cos4 + sin3 * sin4) / K",
+    "Sy": "(sin3 * cos4 - cos3 * sin4) / K",
     "Px": "J1 / J3**2",
     "Py": "a * J2 / J3**3",
+    # The same with m00 for a: no difference for a region; for points, whose a = mu20 + mu02 grows
+    # with the image, only these are free of scale.
+    "Kn": "J1 * J3 * sqrt(J3) / sqrt(m00)",
+    "Sxn": "(cos3 * cos4 + sin3 * sin4) / Kn",
+    "Syn": "(sin3 * cos4 - cos3 * sin4) / Kn",
+    "Pyn": "m00 * J2 / J3**3",
+    # Names of Tahri and Chaumette: c_i the invariants, r_i those for the two tilts
+    **{f"c{k}": f"C{k} + 0" for k in range(1, 11)},
+    "r1": "I13 / I15",
+    "r2": "I14 / I15",
 }
 
 FORMULAS: dict[str, Formula] = {name: Formula(source) for name, source in _SOURCES.items()}
 
-# Which denominators a feature divides by; see degeneracy.py for when one counts as zero.
+# What must not vanish for a formula to be defined; see degeneracy.py for when it counts as zero.
+# Formulas made of these inherit the condition.
 DENOMINATORS: dict[str, str] = {
     "alpha": "anisotropy",
     "alpha_full": "anisotropy",
     "C1": "anisotropy",
-    "Sx": "anisotropy",
-    "Sy": "anisotropy",
+    **dict.fromkeys(("Sx", "Sy", "Sxn", "Syn"), "anisotropy"),
     "C2": "I4",
-    "C3": "I6",
-    "C4": "I6",
-    "C5": "I6",
-    "C6": "I6",
-    "C7": "I10",
-    "C8": "I10",
-    "C9": "I15",
-    "C10": "I15",
+    **dict.fromkeys(("C3", "C4", "C5", "C6"), "I6"),
+    **dict.fromkeys(("C7", "C8"), "I10"),
+    **dict.fromkeys(("C9", "C10", "r1", "r2"), "I15"),
 }

@@ -65,46 +65,27 @@ class Plane(NamedTuple):
         return self.A * x + self.B * y + self.C
 
 
-def image_velocity(plane: Plane, x0: float, y0: float) -> tuple[Array, Array, Array]:
-    """Velocity field of the plane's image about (x0, y0).
+def image_velocity(plane: Plane, x0: float, y0: float) -> Array:
+    """Velocity field of the plane's image about (x0, y0), a = x - x0, b = y - y0.
 
     Returns:
-        x', y' and their divergence as (6, 6), (6, 6) and (6, 3) arrays: a row per twist
-        component, a column per monomial 1, a, b, a^2, ab, b^2 (the divergence: 1, a, b).
+        (6, 15): a row per twist component; columns 0-5 the coefficients of 1, a, b, a^2, ab, b^2
+        in x', 6-11 the same of y', 12-14 those of 1, a, b in the divergence.
     """
     A, B, _ = plane
     C = plane.inverse_depth(x0, y0)
-    u = np.array(
-        [
-            [-C, -A, -B, 0.0, 0.0, 0.0],
-            [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-            [x0 * C, C + x0 * A, x0 * B, A, B, 0.0],
-            [x0 * y0, y0, x0, 0.0, 1.0, 0.0],
-            [-1.0 - x0 * x0, -2.0 * x0, 0.0, -1.0, 0.0, 0.0],
-            [y0, 0.0, 1.0, 0.0, 0.0, 0.0],
-        ]
-    )
-    v = np.array(
-        [
-            [0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-            [-C, -A, -B, 0.0, 0.0, 0.0],
-            [y0 * C, y0 * A, C + y0 * B, 0.0, A, B],
-            [1.0 + y0 * y0, 0.0, 2.0 * y0, 0.0, 0.0, 1.0],
-            [-x0 * y0, -y0, -x0, 0.0, -1.0, 0.0],
-            [-x0, -1.0, 0.0, 0.0, 0.0, 0.0],
-        ]
-    )
-    divergence = np.array(
-        [
-            [-A, 0.0, 0.0],
-            [-B, 0.0, 0.0],
-            [2.0 * C + x0 * A + y0 * B, 3.0 * A, 3.0 * B],
-            [3.0 * y0, 0.0, 3.0],
-            [-3.0 * x0, -3.0, 0.0],
-            [0.0, 0.0, 0.0],
-        ]
-    )
-    return u, v, divergence
+    Ax, Ay, Bx, By, xy = A * x0, A * y0, B * x0, B * y0, x0 * y0
+    # fmt: off
+    return np.array([
+        -C, -A, -B, 0., 0., 0.,  0., 0., 0., 0., 0., 0.,  -A, 0., 0.,
+        0., 0., 0., 0., 0., 0.,  -C, -A, -B, 0., 0., 0.,  -B, 0., 0.,
+        x0 * C, C + Ax, Bx, A, B, 0.,  y0 * C, Ay, C + By, 0., A, B,
+        2. * C + Ax + By, 3. * A, 3. * B,
+        xy, y0, x0, 0., 1., 0.,  1. + y0 * y0, 0., 2. * y0, 0., 0., 1.,  3. * y0, 0., 3.,
+        -1. - x0 * x0, -2. * x0, 0., -1., 0., 0.,  -xy, -y0, -x0, 0., -1., 0.,  -3. * x0, -3., 0.,
+        y0, 0., 1., 0., 0., 0.,  -x0, -1., 0., 0., 0., 0.,  0., 0., 0.,
+    ]).reshape(6, 15)
+    # fmt: on
 
 
 class MomentRows(NamedTuple):
@@ -136,25 +117,21 @@ class CentredRows(NamedTuple):
 def raw_rows(moments: Moments, plane: Plane, order: int | None = None) -> MomentRows:
     """L of every m_ij with i + j <= order (default and at most moments.order - 1)."""
     order = _row_order(moments, order)
-    u, v, divergence = image_velocity(plane, 0.0, 0.0)
-    delta = 1.0 if moments.kind == DENSE else 0.0
-    return MomentRows(_rows(moments.raw, order, u, v, delta * divergence), order)
+    integrals = _integrals(moments.raw, order, moments.kind)
+    return MomentRows(integrals @ image_velocity(plane, 0.0, 0.0).T, order)
 
 
 def centred_rows(moments: Moments, plane: Plane, order: int | None = None) -> CentredRows:
     """L of m00, xg, yg and every mu_ij, i + j <= order (default and at most moments.order - 1)."""
     order = _row_order(moments, order)
-    u, v, divergence = image_velocity(plane, moments.xg, moments.yg)
-    if moments.kind != DENSE:
-        divergence = 0.0 * divergence
+    integrals = _integrals(moments.centred, order, moments.kind)
+    rows = integrals @ image_velocity(plane, moments.xg, moments.yg).T
     # About the centre of gravity mu10 = mu01 = 0, so L_xg = L_m10 / m00 without a quotient rule.
-    first = _rows(moments.centred, 1, u, v, divergence)
-    xg, yg = first[1] / moments.m00, first[2] / moments.m00
-    u[:, 0] -= xg
-    v[:, 0] -= yg
-    rows = _rows(moments.centred, order, u, v, divergence)
+    centre = rows[1:3] / moments.m00
+    # Its velocity, taken off x' and y', changes the integrals of their constant terms only.
+    rows -= integrals[:, (0, 6)] @ centre
     rows[1:3] = 0.0
-    return CentredRows(first[0], xg, yg, MomentRows(rows, order))
+    return CentredRows(rows[0], centre[0], centre[1], MomentRows(rows, order))
 
 
 def _row_order(moments: Moments, order: int | None) -> int:
@@ -170,7 +147,7 @@ def _row_order(moments: Moments, order: int | None) -> int:
 
 
 @cache
-def _gather(order: int, size: int) -> tuple[NDArray[np.intp], Array]:
+def _gather(order: int, size: int, delta: float) -> tuple[NDArray[np.intp], Array]:
     """Where in a flat (size, size) table the moments of each product stand.
 
     An exponent outside the table only occurs with the factor i = 0 or j = 0: any place will do.
@@ -183,14 +160,14 @@ def _gather(order: int, size: int) -> tuple[NDArray[np.intp], Array]:
     x = [[place(i - 1 + p, j + q) for p, q in _MONOMIALS] for i, j in pairs]
     y = [[place(i + p, j - 1 + q) for p, q in _MONOMIALS] for i, j in pairs]
     d = [[place(i + p, j + q) for p, q in _MONOMIALS[:3]] for i, j in pairs]
-    factor = np.ones((len(pairs), 15))
+    factor = np.full((len(pairs), 15), delta)
     factor[:, :6] = np.array([[i] for i, _ in pairs])
     factor[:, 6:12] = np.array([[j] for _, j in pairs])
     places = np.concatenate([np.array(x), np.array(y), np.array(d)], axis=1)
     return places, factor
 
 
-def _rows(table: Array, order: int, u: Array, v: Array, divergence: Array) -> Array:
-    places, factor = _gather(order, table.shape[0])
-    integrals = table.ravel()[places] * factor
-    return integrals @ np.concatenate((u, v, divergence), axis=1).T
+def _integrals(table: Array, order: int, kind: str) -> Array:
+    """(moments, 15): what each coefficient of image_velocity() contributes to d(m_ij)/dt."""
+    places, factor = _gather(order, table.shape[0], 1.0 if kind == DENSE else 0.0)
+    return table.ravel()[places] * factor

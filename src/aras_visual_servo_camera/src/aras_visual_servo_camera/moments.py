@@ -107,7 +107,7 @@ class Moments:
     @cached_property
     def raw(self) -> Array:
         """(order+1, order+1) read-only, m_ij at [i, j]; worked out when first asked for."""
-        table = _translate(self.centred, self.xg, self.yg)
+        table = translate(self.centred, self.xg, self.yg)
         return _frozen(_triangle(table, self.order))
 
     def m(self, i: int, j: int) -> float:
@@ -198,9 +198,19 @@ class Moments:
 
     @classmethod
     def from_samples(
-        cls, x: Array, y: Array, weight: Array, order: int = MAX_ORDER, kind: str = DENSE
+        cls,
+        x: Array,
+        y: Array,
+        weight: Array,
+        order: int = MAX_ORDER,
+        kind: str = DENSE,
+        blur: tuple[float, float, float] | None = None,
     ) -> Moments:
-        """Sum of weight x^i y^j over samples (n,): undistorted pixels with their areas."""
+        """Sum of weight x^i y^j over samples (n,): undistorted pixels with their areas.
+
+        `blur` is the variance (xx, xy, yy) of what a sample was averaged over, a pixel's square
+        for coverage weights; it is taken out to first order.
+        """
         total = float(weight.sum())
         if not total > 0.0:
             raise MomentsError("the samples have no weight: the shape is empty")
@@ -212,7 +222,10 @@ class Moments:
         for k in range(order):
             np.multiply(px[k], dx, out=px[k + 1])
             np.multiply(py[k], dy, out=py[k + 1])
-        return cls._from_table(px @ py.T, x0, y0, order, kind)
+        table = px @ py.T
+        if blur is not None:
+            table = _deblur(table, blur)
+        return cls._from_table(table, x0, y0, order, kind)
 
     @classmethod
     def from_image(
@@ -256,7 +269,7 @@ class Moments:
         if not (m00 > 0.0 and isfinite(m00)):
             raise MomentsError(f"m00 = {m00:g} must be positive: the shape is empty")
         dx, dy = float(table[1, 0]) / m00, float(table[0, 1]) / m00
-        centred = _triangle(_translate(table, -dx, -dy), order)
+        centred = _triangle(translate(table, -dx, -dy), order)
         centred[1, 0] = centred[0, 1] = 0.0
         return cls(order, kind, m00, x0 + dx, y0 + dy, _frozen(centred))
 
@@ -284,13 +297,25 @@ def _binomials(order: int) -> tuple[Array, NDArray[np.intp]]:
     return binomial, power
 
 
-def _translate(table: Array, dx: float, dy: float) -> Array:
+def translate(table: Array, dx: float, dy: float) -> Array:
     """Moments of the shape moved by (dx, dy): sum of C(i,k) C(j,l) dx^(i-k) dy^(j-l) m_kl."""
     binomial, power = _binomials(table.shape[0] - 1)
     rising = np.arange(table.shape[0])
     tx = binomial * (dx**rising)[power]
     ty = binomial * (dy**rising)[power]
     return tx @ table @ ty.T
+
+
+def _deblur(table: Array, blur: tuple[float, float, float]) -> Array:
+    """Moments with (1 - half the blur's Laplacian) applied to x^i y^j."""
+    xx, xy, yy = blur
+    k = np.arange(table.shape[0], dtype=float)
+    i, j = k[:, None], k[None, :]
+    result = table.copy()
+    result[2:, :] -= 0.5 * xx * (i * (i - 1))[2:] * table[:-2, :]
+    result[1:, 1:] -= xy * (i * j)[1:, 1:] * table[:-1, :-1]
+    result[:, 2:] -= 0.5 * yy * (j * (j - 1))[:, 2:] * table[:, :-2]
+    return result
 
 
 @lru_cache(maxsize=4096)

@@ -140,8 +140,14 @@ class Pipeline:
             raise SegmentationError(
                 "the target reaches beyond the part of the image that has normalised coordinates"
             )
+        column, row, width, height = target.box
+        blur = tables.pixel_variance(column + width // 2, row + height // 2) if smooth else None
         return Moments.from_samples(
-            tables.x[rows, columns], tables.y[rows, columns], weight * area, settings.order
+            tables.x[rows, columns],
+            tables.y[rows, columns],
+            weight * area,
+            settings.order,
+            blur=blur,
         )
 
 

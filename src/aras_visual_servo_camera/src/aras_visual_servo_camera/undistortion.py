@@ -30,6 +30,17 @@ class PixelTables(NamedTuple):
     y: Array
     area: Array
 
+    def pixel_variance(self, column: int, row: int) -> tuple[float, float, float]:
+        """Variance (xx, xy, yy) of one pixel's square, mapped to normalised coordinates."""
+        rows, columns = self.area.shape
+        c0, c1 = max(column - 1, 0), min(column + 1, columns - 1)
+        r0, r1 = max(row - 1, 0), min(row + 1, rows - 1)
+        across = np.array([t[row, c1] - t[row, c0] for t in (self.x, self.y)]) / max(c1 - c0, 1)
+        down = np.array([t[r1, column] - t[r0, column] for t in (self.x, self.y)]) / max(r1 - r0, 1)
+        # a unit square has variance 1/12 along each of its sides
+        variance = (np.outer(across, across) + np.outer(down, down)) / 12.0
+        return float(variance[0, 0]), float(variance[0, 1]), float(variance[1, 1])
+
 
 @dataclass(frozen=True)
 class CameraModel:

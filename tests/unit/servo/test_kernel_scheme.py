@@ -9,7 +9,7 @@ import pytest
 from aras_visual_servo_camera.kernel import kernel_features
 from aras_visual_servo_controller import laws, schemes, servo
 from aras_visual_servo_controller.desired import DesiredKernel
-from aras_visual_servo_controller.errors import MeasurementError
+from aras_visual_servo_controller.errors import MeasurementError, UnreachableError
 from aras_visual_servo_controller.kinematics import pose_difference, rotation_rpy
 from aras_visual_servo_controller.schemes import Measurement
 from aras_visual_servo_controller.schemes.base import wrap
@@ -115,6 +115,41 @@ def test_kernel_scheme_converges_from_the_2015_start(loops):
     distance, angle = pose_difference(goal, loops.kinematics.pose(robot.q))
     assert distance < 2e-3
     assert angle < np.radians(2.0)
+
+
+def original_law(data, desired, read_transposed):
+    """The 2015 controller's velocity in its own frame: x along the world's y, y along x, z up."""
+    inverse = data[:16].reshape(4, 4)
+    if read_transposed:
+        inverse = inverse.T
+    u = -np.array([200.0, 200.0, 200.0, -0.01]) * (inverse @ (data[16:] - desired))
+    u[0] = -u[0]
+    return u
+
+
+def test_original_law_runs_into_the_stretched_arm(loops):
+    """Why the law is mended, part one: as shipped it overshoots the reach after some 14 s."""
+    goal = features_at(loops.kinematics.pose(np.zeros(6)), CAMERA).values
+    q = np.array(loops.starts["2015"])
+    place, yaw = loops.kinematics.pose(q)[:3, 3], 0.0
+    with pytest.raises(UnreachableError, match="outside the reach"):
+        for _ in range(600):
+            data = np.array(features_at(loops.kinematics.pose(q), CAMERA).layout())
+            u = original_law(data, goal, read_transposed=True)
+            c, s = np.cos(yaw), np.sin(yaw)
+            x, y = c * u[0] - s * u[1], s * u[0] + c * u[1]
+            place = place + 0.01 * np.array([y, x, -u[2]])
+            yaw += 0.01 * u[3]
+            q = loops.kinematics.inverse(place, yaw)
+    assert np.abs(place[:2]).max() < 0.03  # it was on its way to the goal
+
+
+def test_original_law_read_as_sent_asks_for_metres_a_second(loops):
+    """Part two: without the transposition the rotation's coupling is 3180 times too strong."""
+    goal = features_at(loops.kinematics.pose(np.zeros(6)), CAMERA).values
+    pose = loops.kinematics.pose(np.array(loops.starts["2015"]))
+    data = np.array(features_at(pose, CAMERA).layout())
+    assert np.abs(original_law(data, goal, read_transposed=False)[:2]).min() > 10.0
 
 
 def test_kernel_scheme_refuses_what_it_cannot_use(loops):

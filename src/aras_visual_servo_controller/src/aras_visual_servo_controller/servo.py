@@ -10,7 +10,7 @@ The commands are integrated from the last command, not from the measured positio
 back by friction is pushed until it moves. How far they may run ahead is bounded.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -39,6 +39,7 @@ class ServoSettings:
         hold: s that every error must stay below its threshold to count as converged.
         approach_speed: part of the joints' greatest speed used to reach the start pose.
         arrived: (6,) distance from the start pose that counts as there, m and rad.
+        push: 1/s with which the command runs after a joint that stays short of the start pose.
         settle: s to stand still at the start pose before servoing.
         longest_step: s; a longer gap between images is integrated as this long.
         lead: (6,) greatest distance of a command from the measured position, m and rad.
@@ -49,7 +50,8 @@ class ServoSettings:
     pitch_gain: float = 3.0
     hold: float = 2.0
     approach_speed: float = 0.3
-    arrived: tuple[float, ...] = (0.01,) * 6
+    arrived: tuple[float, ...] = (0.005,) * 6
+    push: float = 3.0
     settle: float = 0.3
     longest_step: float = 0.1
     lead: tuple[float, ...] = (0.15, 0.3, 0.3, 0.3, 0.3, 0.3)
@@ -78,12 +80,13 @@ class ServoCommand:
 
 @dataclass
 class _Approach:
-    """Motion to the start pose: from, since when, how long, and arrived since when."""
+    """Motion to the start pose: from, since when, how long, last call, and arrived since when."""
 
     origin: np.ndarray
     since: float
     duration: float
-    arrived_at: float | None = field(default=None)
+    latest: float | None = None
+    arrived_at: float | None = None
 
 
 class Servo:
@@ -131,9 +134,19 @@ class Servo:
             self._approach = _Approach(positions.copy(), stamp, max(duration, 1e-3))
         motion = self._approach
         part = float(np.clip((stamp - motion.since) / motion.duration, 0.0, 1.0))
-        blend = part * part * (3.0 - 2.0 * part)
-        self._command = motion.origin + blend * (start - motion.origin)
         self.phase, reason = APPROACHING, ""
+        if part < 1.0 or motion.latest is None:
+            blend = part * part * (3.0 - 2.0 * part)
+            self._command = motion.origin + blend * (start - motion.origin)
+        else:
+            # A weak controller leaves a joint hanging in its friction: push until it is there.
+            dt = float(np.clip(stamp - motion.latest, 0.0, self.settings.longest_step))
+            missing = start - positions
+            missing[np.abs(missing) < 0.5 * np.asarray(self.settings.arrived)] = 0.0
+            pushed = self._command + self.settings.push * missing * dt
+            lead = np.asarray(self.settings.lead)
+            self._command = np.clip(pushed, start - lead, start + lead)
+        motion.latest = stamp
         if part >= 1.0:
             late = np.flatnonzero(np.abs(positions - start) > self.settings.arrived)
             if late.size:

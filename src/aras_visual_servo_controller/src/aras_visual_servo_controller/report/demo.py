@@ -92,6 +92,7 @@ class Demo:
             bag=str(self.bag),
             camera=self.arguments.camera,
             show_rviz=str(self.arguments.rviz).lower(),
+            server_required="true",
         )
         if not wait_for_master(self.uri, lambda: robot.running, STARTUP_TIMEOUT):
             raise ServoError(f"the simulator did not start:\n{robot.last_lines()}")

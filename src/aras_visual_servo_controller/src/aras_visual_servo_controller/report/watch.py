@@ -93,11 +93,13 @@ def wait_for_master(uri: str, alive, timeout: float) -> bool:
 
 def stop_recorder(uri: str, bag: Path, timeout: float = 15.0) -> bool:
     """End the node `record` and wait until its bag is closed; whether it is."""
+    active = bag.with_name(bag.name + ".active")
+    if not active.exists():
+        return bag.exists()
     with contextlib.suppress(OSError, rosgraph.MasterException, xmlrpc.client.Error):
         node = rosgraph.Master("/aras_visual_servo_demo", uri).lookupNode("/record")
         xmlrpc.client.ServerProxy(node).shutdown("/aras_visual_servo_demo", "the run has ended")
     deadline = time.monotonic() + timeout
-    active = bag.with_name(bag.name + ".active")
     while time.monotonic() < deadline:
         if bag.exists() and not active.exists():
             return True

@@ -99,6 +99,10 @@ class SimulationThread:
         """Whether simulated time stands still."""
         return self._paused
 
+    def now_ns(self) -> int:
+        """Simulated time [ns] at this moment, without waiting for a pause between steps."""
+        return self.simulation.time_ns
+
     @property
     def pacer(self) -> Pacer:
         """The pacer in use."""

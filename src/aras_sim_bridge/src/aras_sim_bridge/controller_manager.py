@@ -7,23 +7,25 @@ simulation is paused simply stays open: nothing here blocks.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
-from aras_sim_bridge.control_statistics import ControllerStatistics, UpdateTimer
+from aras_sim_bridge import parameters as params
+from aras_sim_bridge.control_statistics import ControllerStatistics
 from aras_sim_bridge.controllers import Registry
-from aras_sim_bridge.controllers.base import ClaimedResources, Context, Controller
+from aras_sim_bridge.controllers.base import Context, Controller
 from aras_sim_bridge.controllers.registry import BASE_CLASS
 from aras_sim_bridge.errors import ControllerError
-
-BEST_EFFORT = 1
-STRICT = 2
-
-INITIALIZED = "initialized"
-RUNNING = "running"
-STOPPED = "stopped"
-WAITING = "waiting"
-ABORTED = "aborted"
+from aras_sim_bridge.switching import (
+    ABORTED,
+    BEST_EFFORT,
+    RUNNING,
+    STOPPED,
+    STRICT,
+    ControllerInfo,
+    Entry,
+    SwitchRequest,
+    plan_switch,
+)
 
 CLASSES = "controller_classes"
 
@@ -32,72 +34,12 @@ def _ignore(text: str) -> None:
     """Stand-in for a logger."""
 
 
-@dataclass(frozen=True, slots=True)
-class ControllerInfo:
-    """One line of list_controllers."""
-
-    name: str
-    state: str
-    type: str
-    claimed_resources: tuple[ClaimedResources, ...]
-
-
-class SwitchRequest:
-    """A switch on its way. `done` turns True when it was carried out, refused or cancelled;
-    then `ok` tells which, and `reason` why not. May be polled from any thread; `on_done`, if set,
-    is called with the request in the simulation's thread.
-    """
-
-    def __init__(
-        self, start: Sequence[str], stop: Sequence[str], strictness: int, start_asap: bool
-    ) -> None:
-        self.start = tuple(dict.fromkeys(start))
-        self.stop = tuple(dict.fromkeys(stop))
-        self.strictness = strictness
-        self.start_asap = start_asap
-        self.on_done: Callable[[SwitchRequest], None] | None = None
-        self.ok = False
-        self.reason = ""
-        self.done = False
-
-    def _finish(self, ok: bool, reason: str = "") -> None:
-        if self.done:
-            return
-        self.ok, self.reason = ok, reason
-        self.done = True
-        if self.on_done is not None:
-            self.on_done(self)
-
-    def cancel(self, reason: str = "cancelled") -> None:
-        """Give up waiting; the switch will not be carried out."""
-        self._finish(False, reason)
-
-
-class _Entry:
-    """A loaded controller and what the manager knows of it."""
-
-    __slots__ = ("name", "type_name", "controller", "state", "running", "timer")
-
-    def __init__(self, name: str, type_name: str, controller: Controller) -> None:
-        self.name = name
-        self.type_name = type_name
-        self.controller = controller
-        self.state = INITIALIZED
-        self.running = False
-        self.timer = UpdateTimer()
-
-    def enter(self, state: str) -> None:
-        self.state = state
-        self.running = state == RUNNING
-
-
 class ControllerManager:
     """Controllers of one robot, updated in the order they were loaded.
 
     `parameters` is the nested mapping of the robot's namespace, or a function that returns it as
-    it is now. `on_load` and `on_unload`, if set, are called with the controller after it was
-    loaded and before it goes: that is where a skin makes and ends its topics. If on_load raises a
-    ControllerError the load fails with it. `warn` and `error` take lines for the log.
+    it is now. `warn` and `error` take lines for the log. `clock_ns`, a function such as
+    time.perf_counter_ns, turns the statistics on.
     """
 
     def __init__(
@@ -112,13 +54,11 @@ class ControllerManager:
         self.parameters = parameters if parameters is not None else {}
         self.namespace = namespace.rstrip("/")
         self.registry = Registry()
-        self.on_load: Callable[[Controller], None] | None = None
-        self.on_unload: Callable[[Controller], None] | None = None
         self.clock_ns: Callable[[], int] | None = None
         self._warn = warn
         self._error = error
-        self._entries: dict[str, _Entry] = {}
-        self._order: list[_Entry] = []
+        self._entries: dict[str, Entry] = {}
+        self._order: list[Entry] = []
         self._pending: list[SwitchRequest] = []
         self._was_stopped = False
         self._time_ns = 0
@@ -145,7 +85,7 @@ class ControllerManager:
         if name in self._entries:
             raise ControllerError(f"controller '{name}' is already loaded")
         root = self._mapping() if parameters is None else parameters
-        own = root.get(name) if name else None
+        own = params.lookup(root, name) if name else None
         where = f"{self.namespace}/{name}"
         if not isinstance(own, Mapping) or not isinstance(own.get("type"), str) or not own["type"]:
             raise ControllerError(
@@ -155,9 +95,9 @@ class ControllerManager:
         type_name = own["type"]
         try:
             controller = self.registry.find(type_name, self._classes(root))()
-            controller.init(self.hardware, own, self._context(name, root))
-            if self.on_load is not None:
-                self.on_load(controller)
+            # A user's init may forget to call the base's.
+            controller.context = context = self._context(name, root)
+            controller.init(self.hardware, own, context)
         except ControllerError as error:
             raise ControllerError(f"cannot load controller '{name}': {error}") from error
         # A user's class may fail in any way; that must not stop the simulation.
@@ -166,7 +106,7 @@ class ControllerManager:
                 f"cannot load controller '{name}': {type_name} raised "
                 f"{type(error).__name__}: {error}"
             ) from error
-        entry = _Entry(name, type_name, controller)
+        entry = Entry(name, type_name, controller)
         self._entries[name] = entry
         self._order = [*self._order, entry]
         return controller
@@ -185,8 +125,6 @@ class ControllerManager:
             raise ControllerError(
                 f"cannot unload controller '{name}': it is running; stop it first"
             )
-        if self.on_unload is not None:
-            self.on_unload(entry.controller)
         del self._entries[name]
         self._order = [other for other in self._order if other is not entry]
 
@@ -217,12 +155,19 @@ class ControllerManager:
                 f"cannot reload the controller classes: {', '.join(self._entries)} are loaded; "
                 f"unload them or ask for force_kill"
             )
+        self.shutdown()
+        self.registry.reload(self._classes(self._mapping()))
+
+    def shutdown(self) -> None:
+        """Stop and unload every controller, the last loaded first; open switches are refused."""
         for entry in reversed(self._order):
             if entry.running:
                 self._stop(entry, self._time_ns)
-        for name in list(self._entries):
-            self.unload(name)
-        self.registry.reload(self._classes(self._mapping()))
+        self._entries.clear()
+        self._order = []
+        pending, self._pending = self._pending, []
+        for request in pending:
+            request.cancel("all controllers were unloaded")
 
     def request_switch(
         self,
@@ -246,7 +191,7 @@ class ControllerManager:
         self._pending = [r for r in self._pending if not r.done]
         if not self._pending:
             try:
-                self._plan(request)
+                plan_switch(request, self._entries, self._order)
             except ControllerError as error:
                 request.cancel(str(error))
                 return request
@@ -265,61 +210,6 @@ class ControllerManager:
         if request.done and not request.ok:
             raise ControllerError(request.reason)
         return request
-
-    def _plan(self, request: SwitchRequest) -> tuple[Sequence[_Entry], Sequence[_Entry]]:
-        """Entries to stop and to start. Raises ControllerError where the rules refuse."""
-        strict = request.strictness == STRICT
-        stops = self._known(request.stop, strict, "stop")
-        starts = self._known(request.start, strict, "start")
-        for entry in stops:
-            if entry in starts and entry.running:
-                raise ControllerError(
-                    f"controller '{entry.name}' is running and cannot be both stopped and started "
-                    f"in one switch"
-                )
-        for entry in stops:
-            if strict and not entry.running:
-                raise ControllerError(
-                    f"cannot stop controller '{entry.name}': it is {entry.state}, not running"
-                )
-        stops = [entry for entry in stops if entry.running]
-        for entry in starts:
-            if strict and entry.running:
-                raise ControllerError(
-                    f"cannot start controller '{entry.name}': it is running already"
-                )
-        after = [e for e in self._order if (e.running and e not in stops) or e in starts]
-        self._check_claims(after)
-        if request.start_asap:
-            starts = [entry for entry in starts if not entry.running]
-        return stops, starts
-
-    def _known(self, names: Sequence[str], strict: bool, verb: str) -> Sequence[_Entry]:
-        entries = []
-        for name in names:
-            entry = self._entries.get(name)
-            if entry is not None:
-                entries.append(entry)
-            elif strict:
-                raise ControllerError(
-                    f"cannot {verb} controller '{name}': it is not loaded"
-                )
-        return entries
-
-    def _check_claims(self, entries: Sequence[_Entry]) -> None:
-        """Raises ControllerError if two controllers claim a joint, whatever the interface."""
-        owners: dict[str, list[str]] = {}
-        for entry in entries:
-            resources = {r for c in entry.controller.claimed_resources for r in c.resources}
-            for resource in sorted(resources):
-                owners.setdefault(resource, []).append(entry.name)
-        conflicts = [
-            f"'{joint}' by {', '.join(names)}" for joint, names in owners.items() if len(names) > 1
-        ]
-        if conflicts:
-            raise ControllerError(
-                f"resource conflict, joints claimed more than once: {'; '.join(conflicts)}"
-            )
 
     def update(self, time_ns: int, period: float) -> None:
         """One control cycle at `time_ns`, `period` s after the last one.
@@ -366,16 +256,16 @@ class ControllerManager:
                 continue
             try:
                 # Checked again: something may have been unloaded since the request.
-                stops, starts = self._plan(request)
+                stops, starts = plan_switch(request, self._entries, self._order)
             except ControllerError as error:
                 request.cancel(str(error))
                 continue
             for entry in stops:
                 self._stop(entry, time_ns)
             failed = [entry.name for entry in starts if not self._start(entry, time_ns)]
-            request._finish(not failed, f"failed to start: {', '.join(failed)}" if failed else "")
+            request.finish(not failed, f"failed to start: {', '.join(failed)}" if failed else "")
 
-    def _start(self, entry: _Entry, time_ns: int) -> bool:
+    def _start(self, entry: Entry, time_ns: int) -> bool:
         try:
             entry.controller.starting(time_ns)
         except Exception as error:
@@ -384,7 +274,7 @@ class ControllerManager:
         entry.enter(RUNNING)
         return True
 
-    def _stop(self, entry: _Entry, time_ns: int) -> bool:
+    def _stop(self, entry: Entry, time_ns: int) -> bool:
         try:
             entry.controller.stopping(time_ns)
         except Exception as error:
@@ -393,7 +283,7 @@ class ControllerManager:
         entry.enter(STOPPED)
         return True
 
-    def _abort(self, entry: _Entry, verb: str, error: Exception) -> None:
+    def _abort(self, entry: Entry, verb: str, error: Exception) -> None:
         entry.enter(ABORTED)
         for joint in entry.controller.joints:
             handle = self.hardware.handles.get(joint)

@@ -59,10 +59,11 @@ class JointStateController(Controller):
         # Counting periods instead of adding them up keeps the rate exact for days.
         due_ns = self._start_ns + (self._periods + 1) * self._step_ns
         if due_ns >= time_ns:
-            if due_ns - time_ns > 2.0 * self._step_ns:  # the clock went back
-                self._start_ns = time_ns - 1.001 * self._step_ns
-                self._periods = 0
-            return
+            if due_ns - time_ns <= 2.0 * self._step_ns:
+                return
+            # The clock was set back: go on at once, not when it has caught up.
+            self._start_ns = time_ns - 1.001 * self._step_ns
+            self._periods = 0
         self._periods += 1
         if self.on_state is not None:
             self.on_state(self.sample(time_ns))

@@ -48,7 +48,7 @@ class Trajectory:
 
 @dataclass(frozen=True, slots=True)
 class JointTolerance:
-    """Tolerance of one joint in a goal: above 0 sets it, below 0 removes it, 0 keeps the default."""
+    """Tolerance of one joint: above 0 sets it, below 0 removes it, 0 keeps the default."""
 
     name: str
     position: float = 0.0

@@ -1,0 +1,18 @@
+"""Shared by all tests: let the built message modules be found beside the sources."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+DEVEL = Path(__file__).parents[1] / "devel"
+
+# pyproject.toml puts the packages' sources on the path, so that unit tests run without a build. In a
+# sourced workspace the devel space must come before them: its packages refer to the same sources and
+# add the generated `msg` and `srv` modules, which the source folders do not have.
+sys.path[:0] = [
+    entry
+    for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    if entry and Path(entry).is_relative_to(DEVEL)
+]

@@ -79,6 +79,11 @@ def _link(link: Link, concave: bool) -> str:
 
 def _visual(visual: Visual) -> str:
     colour = ""
+<<<<<<< HEAD
+    if visual.geometry.kind == "plane":
+        visual = _slab(visual)
+=======
+>>>>>>> main
     if visual.rgba is not None:
         colour = f'<material name="m"><color rgba={_numbers(visual.rgba)}/></material>'
     return (
@@ -87,6 +92,21 @@ def _visual(visual: Visual) -> str:
     )
 
 
+<<<<<<< HEAD
+def _slab(visual: Visual) -> Visual:
+    """A thin box whose top is the plane: Bullet has no picture of a plane."""
+    width, depth, _ = visual.geometry.size
+    size = (width or 100.0, depth or 100.0, 0.02)
+    normal = np.array(visual.geometry.normal)
+    axis = np.cross((0.0, 0.0, 1.0), normal)
+    tilt = Pose((0.0, 0.0, 0.0), normalised((*axis.tolist(), 1.0 + float(normal[2])))) \
+        if normal[2] > -1.0 else Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+    pose = Pose.from_rpy(visual.origin_xyz, visual.origin_rpy) @ tilt @ Pose((0.0, 0.0, -0.01))
+    return Visual(visual.name, pose.xyz, _rpy(pose.quat), Geometry("box", size=size), visual.rgba)
+
+
+=======
+>>>>>>> main
 def _collision(collision: Collision, concave: bool) -> str:
     # A mesh that never moves keeps its hollows (a table inside a frame); Bullet wants moving
     # meshes convex.

@@ -92,12 +92,16 @@ def coverage_image(outline: np.ndarray, camera: Pinhole, size: tuple[int, int]) 
     16 x 16 samples a pixel: exact to 1/256, about what an 8-bit image can hold.
     """
     finer = 16
-    rows, columns = size
     pixels = outline * [camera.fx, camera.fy] + [camera.cx, camera.cy]
-    y = (np.arange(rows * finer) + 0.5) / finer - 0.5
-    x = (np.arange(columns * finer) + 0.5) / finer - 0.5
-    inside = _scan(pixels, x, y)
-    return inside.reshape(rows, finer, columns, finer).mean(axis=(1, 3))
+    first = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 1, 0)
+    last = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 2, size[::-1])
+    columns, rows = last - first
+    x = first[0] + (np.arange(columns * finer) + 0.5) / finer - 0.5
+    y = first[1] + (np.arange(rows * finer) + 0.5) / finer - 0.5
+    inside = _scan(pixels, x, y).reshape(rows, finer, columns, finer)
+    result = np.zeros(size)
+    result[first[1] : last[1], first[0] : last[0]] = inside.mean(axis=(1, 3))
+    return result
 
 
 def grey_image(outline: np.ndarray, camera: Pinhole, size=(240, 320), fg=0, bg=255) -> np.ndarray:

@@ -43,12 +43,13 @@ class Renderer(Protocol):
 
 def create_renderer(
     name: str, client: int, materials: MaterialTable | None = None, light: Light | None = None,
-    samples: int | None = None,
+    antialiasing: str = "edges",
 ) -> Renderer:
     """Renderer `name` of Bullet client `client`.
 
     'opengl' draws with moderngl on EGL, 'tiny' with PyBullet's software renderer; 'auto' takes
-    the first that works and says in `.reason` why not the others. `samples`: samples a pixel.
+    the first that works and says in `.reason` why not the others. `antialiasing`: 'edges',
+    'multisample' or 'none'; 'tiny' knows 'edges' (4 samples a pixel) and 'none'.
 
     Raises RenderingError for an unknown name, and when a renderer asked for by name does not work.
     """
@@ -60,23 +61,27 @@ def create_renderer(
             f"there is no renderer '{name}'; there are {', '.join(RENDERERS)} and auto"
         )
     if name != "auto":
-        return makers[name](client, materials, light, samples)
+        return makers[name](client, materials, light, antialiasing)
     try:
-        return _opengl(client, materials, light, samples)
+        return _opengl(client, materials, light, antialiasing)
     except RenderingError as error:
-        renderer = _tiny(client, materials, light, None)
+        renderer = _tiny(client, materials, light, "none")
         renderer.reason = f"drawing with 'tiny', which is slow, because {error}"
         _log.warning(renderer.reason)
         return renderer
 
 
-def _opengl(client, materials, light, samples) -> Renderer:
-    from .opengl import OpenGLRenderer
+def _opengl(client, materials, light, antialiasing) -> Renderer:
+    try:
+        from .opengl import OpenGLRenderer
+    except ImportError as error:
+        raise RenderingError(
+            f"the Python package {error.name} is missing; install the requirements"
+        ) from error
+    return OpenGLRenderer(client, materials, light, antialiasing)
 
-    return OpenGLRenderer(client, materials, light, samples)
 
-
-def _tiny(client, materials, light, samples) -> Renderer:
+def _tiny(client, materials, light, antialiasing) -> Renderer:
     from .tiny import TinyRenderer
 
-    return TinyRenderer(client, materials, light, samples)
+    return TinyRenderer(client, materials, light, antialiasing)

@@ -20,16 +20,14 @@ class TinyRenderer:
     name = "tiny"
 
     def __init__(
-        self, client: int, materials: MaterialTable, light: Light, samples: int | None = None
+        self, client: int, materials: MaterialTable, light: Light, antialiasing: str = "none"
     ) -> None:
+        if antialiasing not in ("none", "edges"):
+            raise RenderingError(f"'tiny' has no anti-aliasing '{antialiasing}'; choose edges or none")
         self.reason = ""
         self.scene = Scene(client, materials)
         self.light = light
-        self.samples = 1 if samples is None else samples
-        root = round(np.sqrt(max(self.samples, 0)))
-        if root < 1 or root * root != self.samples:
-            raise RenderingError(f"{samples} samples a pixel: 'tiny' takes 1, 4, 9 or 16")
-        self._factor = root
+        self._factor = 2 if antialiasing == "edges" else 1
         self._client: int | None = pybullet.connect(pybullet.DIRECT)
         self._copies: list[tuple[int, Part]] = []
 

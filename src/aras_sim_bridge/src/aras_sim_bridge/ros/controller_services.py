@@ -49,7 +49,7 @@ class ControllerServices:
         self._lock = threading.Lock()  # ros_control answers one call at a time
         self._topics: dict[str, ControllerTopics] = {}
         self._joint_pids = [
-            PidTopics(f"{self._namespace}/gazebo_ros_control/pid_gains/{joint}", pid)
+            PidTopics(f"{self._namespace}/gazebo_ros_control/pid_gains/{joint}", pid, thread.now_ns)
             for joint, pid in robot.hardware.pids.items()
         ]
         self._e_stop = self._subscribe_e_stop()
@@ -188,4 +188,6 @@ class ControllerServices:
                 del self._topics[name]
         for name, controller in controllers.items():
             if name not in self._topics:
-                self._topics[name] = ControllerTopics(controller, self._namespace)
+                self._topics[name] = ControllerTopics(
+                    controller, self._namespace, self._thread.now_ns
+                )

@@ -10,18 +10,21 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Callable
 from typing import Any
 
 import rospy
-from control_msgs.msg import JointControllerState, PidState
+from control_msgs.msg import JointControllerState, JointTrajectoryControllerState, PidState
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
 
 from aras_sim_bridge.controllers import Controller
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.pid import Gains, Pid
 from aras_sim_bridge.ros.conversions import to_duration, to_time
 from aras_sim_bridge.ros.reconfigure import PID_FIELDS, ReconfigureServer
+from aras_sim_bridge.ros.trajectory_topics import TrajectoryAction, from_trajectory, to_state
 
 log = logging.getLogger("rosout.controllers")
 
@@ -91,9 +94,10 @@ class CommandTopic:
 class PidTopics:
     """dynamic_reconfigure and PidState of one PID."""
 
-    def __init__(self, namespace: str, pid: Pid) -> None:
-        """Serve `pid` in `namespace`."""
+    def __init__(self, namespace: str, pid: Pid, now_ns: Callable[[], int]) -> None:
+        """Serve `pid` in `namespace`; `now_ns` gives the simulated time."""
         self._pid = pid
+        self._now_ns = now_ns
         gains = pid.gains
         self._server = ReconfigureServer(
             namespace,
@@ -134,7 +138,7 @@ class PidTopics:
 
     def _on_state(self, state: Any) -> None:
         message = PidState(timestep=to_duration(state.time_step))
-        message.header.stamp = rospy.Time.now()
+        message.header.stamp = to_time(self._now_ns())
         for field in PidState.__slots__:
             if field not in ("header", "timestep"):
                 setattr(message, field, getattr(state, field))
@@ -151,8 +155,10 @@ class PidTopics:
 class ControllerTopics:
     """All topics of one loaded controller."""
 
-    def __init__(self, controller: Controller, robot_namespace: str) -> None:
-        """Put the controller's ports on the graph."""
+    def __init__(
+        self, controller: Controller, robot_namespace: str, now_ns: Callable[[], int]
+    ) -> None:
+        """Put the controller's ports on the graph; `now_ns` gives the simulated time."""
         self.controller = controller
         self._namespace = controller.context.where
         self._robot_namespace = robot_namespace.rstrip("/")
@@ -161,7 +167,9 @@ class ControllerTopics:
         self._open_command()
         self._open_state()
         for name, pid in controller.pids.items():
-            self._parts.append(PidTopics(f"{self._namespace}/{name}", pid))
+            self._parts.append(PidTopics(f"{self._namespace}/{name}", pid, now_ns))
+        if controller.action_kind == "follow_joint_trajectory":
+            self._parts.append(TrajectoryAction(controller, self._namespace, now_ns))
 
     def shutdown(self) -> None:
         """Take the ports off the graph."""
@@ -175,6 +183,7 @@ class ControllerTopics:
         kinds = {
             "float64": (Float64, lambda message: message.data),
             "float64_array": (Float64MultiArray, lambda message: list(message.data)),
+            "joint_trajectory": (JointTrajectory, from_trajectory),
         }
         kind = self.controller.command_kind
         if kind in kinds:
@@ -195,6 +204,12 @@ class ControllerTopics:
                 JointState,
                 4,
                 self._on_joint_states,
+            ),
+            "joint_trajectory_state": (
+                f"{self._namespace}/state",
+                JointTrajectoryControllerState,
+                1,
+                lambda state: self._state.publish(to_state(state)),
             ),
         }
         kind = self.controller.state_kind

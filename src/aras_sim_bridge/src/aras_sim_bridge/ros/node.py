@@ -11,14 +11,14 @@ from typing import Any
 import rospy
 
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.pacing import MaxPacer, RealTimePacer
+from aras_sim_bridge.pacing import Pacer
 from aras_sim_bridge.ros.clock import ClockPublisher
 from aras_sim_bridge.ros.faces import Faces
 from aras_sim_bridge.ros.gazebo_api import GazeboApi
 from aras_sim_bridge.ros.master_watch import MasterWatch
 from aras_sim_bridge.ros.parameters import NodeParameters
 from aras_sim_bridge.ros.simulation_thread import SimulationThread
-from aras_sim_bridge.simulation import Simulation
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
 
 # A waiting thread gets the interpreter after this long [s]: the simulation must not stand behind
 # five milliseconds (Python's default) of somebody else's messages at every step.
@@ -112,14 +112,26 @@ def _end_for(why: str) -> None:
     rospy.signal_shutdown(why)
 
 
-def make_pacer(parameters: NodeParameters) -> Any:
-    if parameters.speed_mode == "max":
-        return MaxPacer()
-    return RealTimePacer(parameters.real_time_factor)
+def make_pacer(parameters: NodeParameters) -> Pacer:
+    """Return the pacer of a speed mode."""
+    return Pacer(0.0 if parameters.speed_mode == "max" else parameters.real_time_factor)
 
 
-def build_simulation(parameters: NodeParameters) -> Any:
-    return Simulation(parameters.max_step_size, gui=parameters.gui, renderer=parameters.renderer)
+def build_simulation(parameters: NodeParameters) -> Simulation:
+    """Return the simulation that the node's parameters describe."""
+    gui = parameters.gui
+    if gui and not os.environ.get("DISPLAY"):
+        rospy.logwarn("gui is true but DISPLAY is not set; going on without a window")
+        gui = False
+    return Simulation(
+        SimulationConfig(
+            time_step=parameters.max_step_size,
+            gui=gui,
+            renderer=parameters.renderer,
+            seed=parameters.seed,
+            legacy_camera_info=parameters.legacy_camera_info,
+        )
+    )
 
 
 def _private_parameters() -> dict[str, Any]:

@@ -17,6 +17,7 @@ from concurrent.futures import TimeoutError as FutureTimeoutError
 from typing import Any, Protocol, TypeVar
 
 from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.pacing import Pacer
 
 T = TypeVar("T")
 log = logging.getLogger("rosout.simulation")  # rospy shows children of rosout on its console
@@ -30,25 +31,13 @@ class Steppable(Protocol):
     """What the thread needs of a simulation."""
 
     time_ns: int
+    step_ns: int
 
     def step(self) -> None:
         """Advance one physics step."""
 
     def close(self) -> None:
         """Release what it holds."""
-
-
-class Pacer(Protocol):
-    """Decides how much simulated time is due; see aras_sim_bridge.pacing."""
-
-    def restart(self, time_ns: int) -> None:
-        """Take simulated time `time_ns` as being now."""
-
-    def due_until(self, time_ns: int) -> int:
-        """Return the simulated time [ns] up to which steps are due now."""
-
-    def wait(self, time_ns: int) -> float:
-        """Return how long to sleep [s of wall time] before asking again."""
 
 
 class SimulationThread:
@@ -84,6 +73,8 @@ class SimulationThread:
         self._ready: Future = Future()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
         self.simulation: Any = None
+        # Called with the time that the coming step ends at; to be set in the simulation's thread.
+        self.before_step: Callable[[int], None] | None = None
 
     def start(self, timeout: float = 60.0) -> None:
         """Build the simulation in the thread and begin.
@@ -98,6 +89,10 @@ class SimulationThread:
     def paused(self) -> bool:
         """Whether simulated time stands still."""
         return self._paused
+
+    def now_ns(self) -> int:
+        """Simulated time [ns] at this moment, without waiting for a pause between steps."""
+        return self.simulation.time_ns
 
     @property
     def pacer(self) -> Pacer:
@@ -179,9 +174,15 @@ class SimulationThread:
 
     def _advance(self, count: int) -> None:
         for _ in range(count):
-            self.simulation.step()
-            self._after_step(self.simulation.time_ns)
+            self._step()
         self._after_batch(self.simulation.time_ns)
+
+    def _step(self) -> None:
+        simulation = self.simulation
+        if self.before_step is not None:
+            self.before_step(simulation.time_ns + simulation.step_ns)
+        simulation.step()
+        self._after_step(simulation.time_ns)
 
     def _run(self) -> None:
         try:
@@ -202,7 +203,7 @@ class SimulationThread:
 
     def _loop(self) -> None:
         wake, jobs, pacer, simulation = self._wake, self._jobs, self._pacer, self.simulation
-        step, after_step = simulation.step, self._after_step
+        step = self._step
         while True:
             wake.clear()
             if self._stopping:  # looked at after the clear, or a stop in between would be lost
@@ -216,7 +217,6 @@ class SimulationThread:
             if simulation.time_ns < end:
                 while simulation.time_ns < end and not jobs:
                     step()
-                    after_step(simulation.time_ns)
                 self._after_batch(simulation.time_ns)
             delay = pacer.wait(simulation.time_ns)
             if delay > 0.0 and not jobs:

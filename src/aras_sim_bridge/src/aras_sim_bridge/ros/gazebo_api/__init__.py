@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+from aras_sim_bridge.ros.gazebo_api.forces import ForceServices
 from aras_sim_bridge.ros.gazebo_api.models import ModelServices
+from aras_sim_bridge.ros.gazebo_api.physics import PhysicsServices
 from aras_sim_bridge.ros.gazebo_api.states import StateTopics
 from aras_sim_bridge.ros.gazebo_api.world import WorldServices
 from aras_sim_bridge.ros.services import ServiceTable
@@ -19,5 +21,7 @@ class GazeboApi:
         """Advertise all of it."""
         self.table = ServiceTable(NAMESPACE)
         self.states = StateTopics(NAMESPACE, node)
+        self.forces = ForceServices(self.table, node)
         self.models = ModelServices(self.table, node)
+        self.physics = PhysicsServices(self.table, NAMESPACE, node)
         self.world = WorldServices(self.table, node)

@@ -62,3 +62,8 @@ def frame(simulation: Any, name: str) -> tuple[Pose, Twist]:
             f"reference frame '{name}' does not exist; give a model, model::link, or world"
         ) from None
     return entity.link_pose(plain), entity.link_twist(plain)
+
+
+def is_world(simulation: Any, name: str) -> bool:
+    """Return whether a reference frame's name means the world and no entity."""
+    return name in WORLD_ALIASES and name not in simulation.world.models

@@ -98,12 +98,18 @@ class ModelServices:
             rospy.logwarn("model '%s': %s", name, warning)
         namespace = descriptions.robot_namespace(description, request.robot_namespace)
         parameters = robot_parameters(namespace)
+        presets = rospy.get_param("~cameras", {})
 
         def job() -> None:
             simulation = self._thread.simulation
             frame, _ = entities.frame(simulation, request.reference_frame)
             simulation.spawn(
-                description, name, pose=frame @ pose, namespace=namespace, parameters=parameters
+                description,
+                name,
+                pose=frame @ pose,
+                namespace=namespace,
+                parameters=parameters,
+                cameras=presets,
             )
 
         self._thread.call(job, SPAWN_TIMEOUT)
@@ -112,7 +118,8 @@ class ModelServices:
 
     def _delete(self, request: DeleteModel) -> DeleteModelResponse:
         def job() -> None:
-            entities.model(self._thread.simulation, request.model_name)
+            model = entities.model(self._thread.simulation, request.model_name)
+            self._node.api.forces.forget(model)
             self._thread.simulation.delete(request.model_name)
 
         self._thread.call(job)

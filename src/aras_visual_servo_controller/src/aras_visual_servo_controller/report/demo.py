@@ -62,6 +62,7 @@ class Demo:
         self.uri = f"http://localhost:{free_port()}"
         self.launches: list[Launch] = []
         self.progress: Any = None
+        self._checked = 0.0
 
     def run(self) -> int:
         """Returns the exit status."""
@@ -206,11 +207,13 @@ class Demo:
             time.sleep(0.05)
 
     def _check_running(self) -> None:
+        now = time.monotonic()
+        if now - self._checked < 0.5:
+            return
+        self._checked = now
         for launch in self.launches:
-            if not launch.running:
-                raise ServoError(
-                    f"{launch.log.stem} ended by itself, its last words:\n{launch.last_lines()}"
-                )
+            if death := launch.death():
+                raise ServoError(f"{death}; its last words:\n{launch.last_lines()}")
 
 
 def _package() -> Path:

@@ -44,6 +44,16 @@ class Launch:
         """Whether roslaunch itself is still there."""
         return self._process.poll() is None
 
+    def death(self) -> str:
+        """What roslaunch says of a node that died, '' while none has."""
+        if not self.running:
+            return f"roslaunch ({self.log.stem}) ended"
+        text = self.log.read_text(encoding="utf-8", errors="replace")
+        for line in text.splitlines():
+            if "process has died" in line:
+                return "node " + line.partition("[")[2].partition("]")[0] + " died"
+        return ""
+
     def last_lines(self, count: int = 6) -> str:
         """The end of the log, for a message: errors if there are any, else the last lines."""
         lines = self.log.read_text(encoding="utf-8", errors="replace").splitlines()

@@ -6,13 +6,6 @@ from math import pi
 
 import numpy as np
 import pytest
-from aras_visual_servo_camera import features
-from aras_visual_servo_camera.definitions import FORMULAS
-from aras_visual_servo_camera.errors import DegenerateFeatureError, FeatureError
-from aras_visual_servo_camera.features import INVARIANTS, PAPER, Reference, compute, required_order
-from aras_visual_servo_camera.formula import Formula
-from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.moments import Moments, exponents
 from feature_cases import (
     L_SHAPE,
     RECTANGLE,
@@ -25,6 +18,14 @@ from feature_cases import (
     random_view,
     rotation,
 )
+
+from aras_visual_servo_camera import features
+from aras_visual_servo_camera.definitions import FORMULAS
+from aras_visual_servo_camera.errors import DegenerateFeatureError, FeatureError
+from aras_visual_servo_camera.features import INVARIANTS, PAPER, Reference, compute, required_order
+from aras_visual_servo_camera.formula import Formula
+from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.moments import Moments, exponents
 
 MOMENTS = tuple(f"m{i}{j}" for i, j in exponents(5)) + tuple(f"mu{i}{j}" for i, j in exponents(5))
 COMBINATIONS = ("Sxn", "Syn", "Pyn", "r1", "r2", "c3", "C3 - 0.5 * C4", "sqrt(Px) / an")

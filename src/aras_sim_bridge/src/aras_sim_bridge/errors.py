@@ -1,0 +1,33 @@
+"""The bridge's exceptions: one base, one subclass a kind of fault.
+
+Every message says what is wrong, where (which file, link, joint or parameter), and how to mend it;
+the ROS skin logs the text or returns it as a service's status message, unchanged.
+"""
+
+
+class SimError(Exception):
+    """Base of every fault that the bridge reports to its user."""
+
+
+class DescriptionError(SimError):
+    """A robot or world description (URDF, SDF, mesh, package path) cannot be used."""
+
+
+class WorldError(SimError):
+    """The physics world refuses a request: unknown name, impossible value, name taken."""
+
+
+class HardwareError(SimError):
+    """Transmissions, joint interfaces or limits do not fit the robot."""
+
+
+class ControllerError(SimError):
+    """A controller cannot be loaded, started, stopped, or refuses its parameters."""
+
+
+class RenderingError(SimError):
+    """No renderer can be made, or the one in use failed."""
+
+
+class CameraError(SimError):
+    """A camera's configuration is impossible or contradicts itself."""

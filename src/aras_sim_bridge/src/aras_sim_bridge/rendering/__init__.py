@@ -1,0 +1,98 @@
+"""Renderers: one interface, pictures of what Bullet holds."""
+
+from __future__ import annotations
+
+import logging
+from typing import Protocol
+
+import numpy as np
+
+from ..errors import RenderingError
+from .gazebo_materials import COLOURS
+from .view import SENSOR_R_OPTICAL, Light, MaterialTable, View
+
+__all__ = ["COLOURS", "RENDERERS", "SENSOR_R_OPTICAL", "Light", "MaterialTable", "Renderer",
+           "View", "create_renderer"]
+
+_log = logging.getLogger(__name__)
+
+RENDERERS = ("opengl", "tiny")
+
+
+class Renderer(Protocol):
+    """Draws views of one Bullet client.
+
+    name: which renderer this is; reason: why it was chosen, where that was not asked for.
+    """
+
+    name: str
+    reason: str
+
+    def render(self, view: View, blend: float = 1.0) -> np.ndarray:
+        """Picture of the view, (height, width, 3) uint8 rgb, top row first."""
+
+    def measure(self, view: View, blend: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        """Depth and segmentation of the view, one sample a pixel.
+
+        Depth (height, width) float32, m, inf where nothing is: along the optical axis, or
+        along the ray through lenses so wide that they need several faces. Segmentation
+        (height, width) int32: body id + (link index + 1) << 24 as in Bullet, -1 where nothing is.
+        """
+
+    def bodies_around(self, point: np.ndarray) -> list[str]:
+        """Names 'model::link' of the visuals that the point (3,), world frame, is inside of."""
+
+    def snapshot(self) -> None:
+        """Remember where everything is; `blend` < 1 draws between there and the present."""
+
+    def forget(self) -> None:
+        """Read all shapes from Bullet again before the next picture."""
+
+    def close(self) -> None:
+        """Give the graphics memory back."""
+
+
+def create_renderer(
+    name: str, client: int, materials: MaterialTable | None = None, light: Light | None = None,
+    antialiasing: str = "edges",
+) -> Renderer:
+    """Renderer `name` of Bullet client `client`.
+
+    'opengl' draws with moderngl on EGL, 'tiny' with PyBullet's software renderer; 'auto' takes
+    the first that works and says in `.reason` why not the others. `antialiasing`: 'edges',
+    'multisample' or 'none'; 'tiny' knows 'edges' (4 samples a pixel) and 'none'.
+
+    Raises RenderingError for an unknown name, and when a renderer asked for by name does not work.
+    """
+    materials = MaterialTable() if materials is None else materials
+    light = light or Light()
+    makers = {"opengl": _opengl, "tiny": _tiny}
+    if name != "auto" and name not in makers:
+        raise RenderingError(
+            f"there is no renderer '{name}'; there are {', '.join(RENDERERS)} and auto"
+        )
+    if name != "auto":
+        return makers[name](client, materials, light, antialiasing)
+    try:
+        return _opengl(client, materials, light, antialiasing)
+    except RenderingError as error:
+        renderer = _tiny(client, materials, light, "none")
+        renderer.reason = f"drawing with 'tiny', which is slow, because {error}"
+        _log.warning(renderer.reason)
+        return renderer
+
+
+def _opengl(client, materials, light, antialiasing) -> Renderer:
+    try:
+        from .opengl import OpenGLRenderer
+    except ImportError as error:
+        raise RenderingError(
+            f"the Python package {error.name} is missing; install the requirements"
+        ) from error
+    return OpenGLRenderer(client, materials, light, antialiasing)
+
+
+def _tiny(client, materials, light, antialiasing) -> Renderer:
+    from .tiny import TinyRenderer
+
+    return TinyRenderer(client, materials, light, antialiasing)

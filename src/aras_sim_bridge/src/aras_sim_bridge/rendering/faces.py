@@ -1,0 +1,89 @@
+"""Sub-views drawn together: the whole picture, tiles of it, or the faces around a wide lens."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .raymap import RayMap
+from .view import View
+
+
+@dataclass(frozen=True)
+class Faces:
+    """F pinhole views from one eye, each filling a rectangle of one framebuffer.
+
+    rotation: (F, 3, 3), optical frame to face frame, or None where all faces share it.
+    projection: (F, 4) a, b, c, d: a point is at (a x / z + b, c y / z + d) of its face,
+        both within -1..1.
+    placement: (F, 4) s, o, t, p: the face's point (x, y) is at (s x + o, t y + p) of the
+        framebuffer, again within -1..1.
+    """
+
+    rotation: np.ndarray | None
+    projection: np.ndarray
+    placement: np.ndarray
+    near: float
+    far: float
+
+    def __len__(self) -> int:
+        return len(self.projection)
+
+    def normals(self, number: int) -> np.ndarray:
+        """(5, 3) of one face, in its frame: inward unit normals of the sides, and the axis."""
+        a, b, c, d = self.projection[number]
+        n = np.array([[a, 0, 1 + b], [-a, 0, 1 - b], [0, c, 1 + d], [0, -c, 1 - d], [0, 0, 1]])
+        return n / np.sqrt((n * n).sum(axis=1))[:, None]
+
+
+WHOLE = np.array([[1.0, 0.0, 1.0, 0.0]])
+
+
+def whole(view: View) -> Faces:
+    """The view as one face that fills the framebuffer."""
+    return Faces(None, _window(view.K, np.array([[0, 0]]), view.width, view.height), WHOLE,
+                 view.near, view.far)
+
+
+def tiles(view: View, origins: np.ndarray, size: int, columns: int, rows: int) -> Faces:
+    """Square tiles of `size` px with corners `origins` (F, 2) u, v, in a columns x rows atlas."""
+    return Faces(None, _window(view.K, origins, size, size),
+                 _grid(len(origins), columns, rows), view.near, view.far)
+
+
+def _grid(count: int, columns: int, rows: int) -> np.ndarray:
+    """Placements (count, 4) of equal squares, row by row."""
+    n = np.arange(count)
+    column, row = n % columns, n // columns
+    return np.stack([np.full(count, 1 / columns), (2 * column + 1) / columns - 1,
+                     np.full(count, 1 / rows), (2 * row + 1) / rows - 1], axis=1)
+
+
+def _window(K: np.ndarray, origins: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Projections (F, 4) of the pixel rectangles at `origins`; pixel edges are at -0.5."""
+    out = np.empty((len(origins), 4))
+    out[:, 0] = 2 * K[0, 0] / width
+    out[:, 1] = (2 * (K[0, 2] - origins[:, 0]) + 1) / width - 1
+    out[:, 2] = 2 * K[1, 1] / height
+    out[:, 3] = (2 * (K[1, 2] - origins[:, 1]) + 1) / height - 1
+    return out
+
+
+def around(lens: RayMap, near: float, far: float) -> Faces:
+    """The faces of a lens in its atlas."""
+    w, h = lens.atlas_size
+    projection = np.concatenate([
+        _window(face.K(), np.zeros((1, 2)), *face.rectangle[2:]) for face in lens.faces
+    ])
+    x, y, fw, fh = np.array([face.rectangle for face in lens.faces], float).T
+    placement = np.stack([fw / w, (2 * x + fw) / w - 1, fh / h, (2 * y + fh) / h - 1], axis=1)
+    return Faces(np.array([f.rotation for f in lens.faces]), projection, placement, near, far)
+
+
+def looking(rotation: np.ndarray, half: np.ndarray, columns: int, rows: int, near: float,
+            far: float) -> Faces:
+    """Faces with own axes, rotation (F, 3, 3), -half..half wide, in a columns x rows atlas."""
+    zero = np.zeros(len(half))
+    projection = np.stack([1 / half[:, 0], zero, 1 / half[:, 1], zero], axis=1)
+    return Faces(rotation, projection, _grid(len(half), columns, rows), near, far)

@@ -1,0 +1,70 @@
+"""Gazebo's material names and the colours they draw.
+
+A robot description names materials in `<gazebo reference="link"><material>Gazebo/Black</material>`.
+The values are the diffuse colours of Gazebo classic's material script; textured ones (wood, bricks)
+are given by their mean colour.
+"""
+
+from __future__ import annotations
+
+import difflib
+
+from ..errors import RenderingError
+
+Rgba = tuple[float, float, float, float]
+
+WHITE: Rgba = (1.0, 1.0, 1.0, 1.0)
+
+COLOURS: dict[str, Rgba] = {
+    "Gazebo/Grey": (0.7, 0.7, 0.7, 1.0),
+    "Gazebo/Gray": (0.7, 0.7, 0.7, 1.0),
+    "Gazebo/DarkGrey": (0.175, 0.175, 0.175, 1.0),
+    "Gazebo/DarkGray": (0.175, 0.175, 0.175, 1.0),
+    "Gazebo/LightGrey": (0.8, 0.8, 0.8, 1.0),
+    "Gazebo/White": WHITE,
+    "Gazebo/FlatBlack": (0.1, 0.1, 0.1, 1.0),
+    "Gazebo/Black": (0.0, 0.0, 0.0, 1.0),
+    "Gazebo/Red": (1.0, 0.0, 0.0, 1.0),
+    "Gazebo/RedBright": (0.87, 0.26, 0.07, 1.0),
+    "Gazebo/Green": (0.0, 1.0, 0.0, 1.0),
+    "Gazebo/Blue": (0.0, 0.0, 1.0, 1.0),
+    "Gazebo/SkyBlue": (0.13, 0.44, 0.70, 1.0),
+    "Gazebo/Yellow": (1.0, 1.0, 0.0, 1.0),
+    "Gazebo/ZincYellow": (0.9725, 0.9529, 0.2078, 1.0),
+    "Gazebo/DarkYellow": (0.7, 0.7, 0.0, 1.0),
+    "Gazebo/Purple": (1.0, 0.0, 1.0, 1.0),
+    "Gazebo/Turquoise": (0.0, 1.0, 1.0, 1.0),
+    "Gazebo/Orange": (1.0, 0.5088, 0.0468, 1.0),
+    "Gazebo/Indigo": (0.33, 0.0, 0.5, 1.0),
+    "Gazebo/Gold": (0.8, 0.64869, 0.120759, 1.0),
+    "Gazebo/Wood": (0.55, 0.40, 0.25, 1.0),
+    "Gazebo/WoodFloor": (0.55, 0.40, 0.25, 1.0),
+    "Gazebo/Bricks": (0.55, 0.35, 0.30, 1.0),
+    "Gazebo/Road": (0.30, 0.30, 0.30, 1.0),
+    "Gazebo/Residential": (0.35, 0.35, 0.35, 1.0),
+    "Gazebo/RedGlow": (1.0, 0.0, 0.0, 1.0),
+    "Gazebo/GreenGlow": (0.0, 1.0, 0.0, 1.0),
+    "Gazebo/BlueGlow": (0.0, 0.0, 1.0, 1.0),
+    "Gazebo/YellowGlow": (1.0, 1.0, 0.0, 1.0),
+    "Gazebo/PurpleGlow": (1.0, 0.0, 1.0, 1.0),
+    "Gazebo/TurquoiseGlow": (0.0, 1.0, 1.0, 1.0),
+    "Gazebo/WhiteGlow": WHITE,
+    "Gazebo/RedTransparent": (1.0, 0.0, 0.0, 0.5),
+    "Gazebo/GreenTransparent": (0.0, 1.0, 0.0, 0.5),
+    "Gazebo/BlueTransparent": (0.0, 0.0, 1.0, 0.5),
+    "Gazebo/YellowTransparent": (1.0, 1.0, 0.0, 0.5),
+    "Gazebo/GreyTransparent": (0.5, 0.5, 0.5, 0.5),
+    "Gazebo/BlackTransparent": (0.0, 0.0, 0.0, 0.5),
+}
+
+
+def colour(name: str) -> Rgba:
+    """Colour of a Gazebo material, rgba in 0..1; a bare 'Black' means 'Gazebo/Black'.
+
+    Raises RenderingError naming the nearest known material.
+    """
+    full = name if "/" in name else f"Gazebo/{name}"
+    if full in COLOURS:
+        return COLOURS[full]
+    near = difflib.get_close_matches(full, COLOURS, n=1, cutoff=0.0)[0]
+    raise RenderingError(f"material '{name}' is not a Gazebo material; the nearest is '{near}'")

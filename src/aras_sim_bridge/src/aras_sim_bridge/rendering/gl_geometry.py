@@ -1,0 +1,132 @@
+"""Shapes on the graphics side, and the draw commands of what a set of faces can see."""
+
+from __future__ import annotations
+
+import cv2
+import moderngl
+import numpy as np
+
+from . import clusters as clustering
+from .faces import Faces
+from .scene import Scene
+from .visibility import Visibility
+
+# One glMultiDrawElementsIndirect record.
+COMMAND = np.dtype([("count", "<u4"), ("instances", "<u4"), ("first", "<u4"),
+                    ("base_vertex", "<i4"), ("base_instance", "<u4")])
+# face_T_link rows, projection, placement, sun, label
+INSTANCE_FLOATS = 12 + 4 + 4 + 3 + 1
+TEXTURE_SIZE = 512
+
+
+class Geometry:
+    """All shapes of a scene: vertices uploaded once, the triangles in view each time."""
+
+    def __init__(self, ctx: moderngl.Context, scene: Scene) -> None:
+        self._ctx = ctx
+        files = sorted({p.mesh.texture for p in scene.parts if p.mesh.texture})
+        self.clusters = c = clustering.build(scene.parts, files)
+        self.visibility = Visibility(c, len(scene.poses()))
+        self.textures = _texture_array(ctx, files) if files else None
+        transparent = np.array([p.rgba[3] < 1.0 for p in scene.parts], bool)
+        self._transparent = transparent[c.part] if transparent.any() else None
+        self._vertices = ctx.buffer(c.vertices.tobytes() or bytes(clustering.VERTEX.itemsize))
+        self._indices = ctx.buffer(reserve=max(12, c.indices.nbytes), dynamic=True)
+        self._commands = ctx.buffer(reserve=64 * COMMAND.itemsize, dynamic=True)
+        self._instances = ctx.buffer(reserve=64 * 4 * INSTANCE_FLOATS, dynamic=True)
+        self._arrays: dict[moderngl.Program, moderngl.VertexArray] = {}
+
+    def draw(self, program: moderngl.Program, faces: Faces, triangle: np.ndarray,
+             face: np.ndarray, optical_T_link: np.ndarray, sun: np.ndarray) -> None:
+        """Draw triangles (N,), each on the face (N,) given for it.
+
+        optical_T_link: (rows, 4, 4). sun: (rows, 3), unit vectors to the sun in link frames.
+        """
+        if not len(triangle):
+            return
+        n, f = faces.near, faces.far
+        program["depth_range"] = ((f + n) / (f - n), 2 * f * n / (f - n))
+        if self.textures is not None:
+            self.textures.use(0)
+        self._ctx.front_face = "cw"  # the rows run downwards
+        flags = self._ctx.DEPTH_TEST | self._ctx.CULL_FACE
+        if self._transparent is None:
+            self._draw(program, flags, faces, triangle, face, optical_T_link, sun)
+            return
+        see_through = self._transparent[triangle]
+        for some, more in ((~see_through, 0), (see_through, self._ctx.BLEND)):
+            if some.any():
+                self._draw(program, flags | more, faces, triangle[some], face[some],
+                           optical_T_link, sun)
+
+    def _draw(self, program, flags, faces, triangle, face, optical_T_link, sun) -> None:
+        c = self.clusters
+        row = c.tri_row[triangle]
+        # One command for each stretch of triangles of one link on one face.
+        start = np.empty(len(triangle), bool)
+        start[0] = True
+        start[1:] = (row[1:] != row[:-1]) | (face[1:] != face[:-1])
+        starts = np.flatnonzero(start)
+        commands = np.zeros(len(starts), COMMAND)
+        commands["first"] = 3 * starts
+        commands["count"] = 3 * np.diff(starts, append=len(triangle))
+        commands["instances"] = 1
+        commands["base_instance"] = np.arange(len(starts))
+        link, face = row[starts], face[starts]
+        T = optical_T_link[link, :3]
+        if faces.rotation is not None:
+            T = faces.rotation[face] @ T
+        records = np.empty((len(starts), INSTANCE_FLOATS), np.float32)
+        records[:, :12] = T.reshape(-1, 12)
+        records[:, 12:16] = faces.projection[face]
+        records[:, 16:20] = faces.placement[face]
+        records[:, 20:23] = sun[link]
+        records[:, 23] = link + 1
+        for buffer, data in ((self._indices, c.indices[triangle]), (self._instances, records),
+                             (self._commands, commands)):
+            if data.nbytes > buffer.size:
+                buffer.orphan(2 * data.nbytes)
+            buffer.write(data)
+        self._ctx.enable_only(flags)
+        self._array(program).render_indirect(self._commands, self._ctx.TRIANGLES, len(commands))
+
+    def _array(self, program: moderngl.Program) -> moderngl.VertexArray:
+        if program not in self._arrays:
+            names = [("position", "3f4"), ("normal", "3f4"), ("rgba", "4f1"), ("uv", "3f4")]
+            used = {m for m in program}
+            layout = " ".join(f if n in used else _padding(f) for n, f in names)
+            instance = [("row0", "4f4"), ("row1", "4f4"), ("row2", "4f4"),
+                        ("projection", "4f4"), ("placement", "4f4"), ("sun", "3f4"),
+                        ("label", "1f4")]
+            instance_layout = " ".join(f if n in used else _padding(f) for n, f in instance)
+            self._arrays[program] = self._ctx.vertex_array(program, [
+                (self._vertices, layout, *(n for n, _ in names if n in used)),
+                (self._instances, instance_layout + "/i", *(n for n, _ in instance if n in used)),
+            ], self._indices)
+        return self._arrays[program]
+
+    def release(self) -> None:
+        for thing in (*self._arrays.values(), self._vertices, self._indices, self._commands,
+                      self._instances, self.textures):
+            if thing is not None:
+                thing.release()
+
+
+def _padding(layout: str) -> str:
+    return f"{int(layout[0]) * int(layout[2])}x"
+
+
+def _texture_array(ctx: moderngl.Context, files: list[str]) -> moderngl.TextureArray:
+    """All textures at one size, in layers; v runs upwards, as in OBJ files."""
+    layers = []
+    for file in files:
+        bgr = cv2.imread(file, cv2.IMREAD_COLOR)
+        if bgr is None:
+            bgr = np.full((1, 1, 3), 255, np.uint8)
+        rgb = cv2.resize(bgr, (TEXTURE_SIZE, TEXTURE_SIZE), interpolation=cv2.INTER_AREA)
+        layers.append(cv2.cvtColor(rgb, cv2.COLOR_BGR2RGB)[::-1])
+    data = np.ascontiguousarray(np.stack(layers))
+    array = ctx.texture_array((TEXTURE_SIZE, TEXTURE_SIZE, len(files)), 3, data.tobytes())
+    array.build_mipmaps()
+    array.filter = (ctx.LINEAR_MIPMAP_LINEAR, ctx.LINEAR)
+    return array

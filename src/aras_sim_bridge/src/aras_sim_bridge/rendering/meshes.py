@@ -1,0 +1,205 @@
+"""Triangles: the primitive shapes, and STL and OBJ files.
+
+A mesh is indexed: positions (V, 3) and unit normals (V, 3) float32, triangles (T, 3) int32,
+optionally texture coordinates (V, 2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import RenderingError
+
+# Faces that meet at less than this angle are shaded as one smooth surface.
+CREASE_ANGLE = np.radians(35.0)
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """positions (V, 3), normals (V, 3), triangles (T, 3) counter-clockwise seen from outside."""
+
+    positions: np.ndarray
+    normals: np.ndarray
+    triangles: np.ndarray
+    uv: np.ndarray | None = None
+    texture: str | None = None
+    rgba: tuple[float, float, float, float] | None = None
+
+    def transformed(self, a_T_b: np.ndarray, scale: np.ndarray | float = 1.0) -> Mesh:
+        """The mesh scaled, then carried from frame b to frame a by (4, 4) a_T_b."""
+        scale = np.broadcast_to(np.asarray(scale, dtype=float), (3,))
+        positions = (self.positions * scale) @ a_T_b[:3, :3].T + a_T_b[:3, 3]
+        normals = (self.normals / scale) @ a_T_b[:3, :3].T
+        normals = _unit(normals)
+        triangles = self.triangles[:, ::-1] if np.prod(scale) < 0 else self.triangles
+        return Mesh(
+            positions.astype(np.float32), normals.astype(np.float32), triangles,
+            self.uv, self.texture, self.rgba,
+        )
+
+
+def _unit(v: np.ndarray) -> np.ndarray:
+    norm = np.linalg.norm(v, axis=-1, keepdims=True)
+    return np.divide(v, norm, out=np.zeros_like(v, dtype=float), where=norm > 1e-20)
+
+
+def from_corners(corners: np.ndarray, crease: float = CREASE_ANGLE) -> Mesh:
+    """Mesh from (T, 3, 3) triangle corners; normals are averaged over faces within `crease` rad."""
+    corners = np.asarray(corners, dtype=float).reshape(-1, 3, 3)
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    keep = np.linalg.norm(cross, axis=1) > 1e-18
+    corners, cross = corners[keep], cross[keep]
+    if not len(corners):
+        raise RenderingError("mesh has no triangle with an area")
+    flat = corners.reshape(-1, 3)
+    size = np.ptp(flat, axis=0).max() or 1.0
+    _, point = np.unique(np.round(flat / (size * 1e-6)).astype(np.int64), axis=0,
+                         return_inverse=True)
+    point = point.reshape(-1)
+    face_normal = _unit(cross)
+    normals = _smooth(point, np.repeat(cross, 3, axis=0), np.repeat(face_normal, 3, axis=0),
+                      np.cos(crease))
+    key = np.concatenate([point[:, None], np.round(normals * 1e4).astype(np.int64)], axis=1)
+    _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    return Mesh(flat[first].astype(np.float32), normals[first].astype(np.float32),
+                inverse.reshape(-1, 3).astype(np.int32))
+
+
+def _smooth(point: np.ndarray, weighted: np.ndarray, unit: np.ndarray, cosine: float) -> np.ndarray:
+    """Corner normals: the area-weighted mean over the faces at a point within the crease angle."""
+    order = np.argsort(point, kind="stable")
+    counts = np.bincount(point)
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    total = np.zeros_like(weighted)
+    # Corner i of a point meets corner i + k of the same point, for every k there is.
+    for shift in range(int(counts.max())):
+        rank = np.arange(len(order)) - starts[point[order]]
+        other = order[starts[point[order]] + (rank + shift) % counts[point[order]]]
+        near = (unit[order] * unit[other]).sum(axis=1) >= cosine
+        near &= shift < counts[point[order]]
+        total[order] += np.where(near[:, None], weighted[other], 0.0)
+    return _unit(total)
+
+
+def box(extents: np.ndarray) -> Mesh:
+    """Axis-aligned box of full side lengths `extents` (3,), m."""
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    corners = corners * np.asarray(extents)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    tris = [corners[[q[i] for i in t]] for q in quads for t in ((0, 1, 2), (0, 2, 3))]
+    return from_corners(np.array(tris), crease=0.01)
+
+
+def sphere(radius: float, rings: int = 16, sectors: int = 32) -> Mesh:
+    """Sphere of latitude rings and longitude sectors."""
+    return _revolve([(radius * np.sin(t), -radius * np.cos(t)) for t in
+                     np.linspace(0.0, np.pi, rings + 1)], sectors)
+
+
+def cylinder(radius: float, length: float, sectors: int = 32) -> Mesh:
+    """Cylinder along z, centred."""
+    h = length / 2.0
+    return _revolve([(0.0, -h), (radius, -h), (radius, h), (0.0, h)], sectors)
+
+
+def capsule(radius: float, length: float, rings: int = 8, sectors: int = 32) -> Mesh:
+    """Capsule along z: a cylinder of `length` with half spheres at its ends."""
+    arc = np.linspace(0.0, np.pi / 2, rings + 1)
+    low = [(radius * np.sin(t), -length / 2 - radius * np.cos(t)) for t in arc]
+    return _revolve(low + [(r, -z) for r, z in reversed(low)], sectors)
+
+
+def _revolve(profile: list[tuple[float, float]], sectors: int) -> Mesh:
+    """Surface of the (radius, z) profile, bottom to top, turned about z."""
+    angle = np.linspace(0.0, 2 * np.pi, sectors + 1)
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    ring[-1] = ring[0]
+    tris = []
+    for (r0, z0), (r1, z1) in zip(profile, profile[1:], strict=False):
+        for a, b in zip(ring, ring[1:], strict=False):
+            p = [(*(r0 * a), z0), (*(r0 * b), z0), (*(r1 * b), z1), (*(r1 * a), z1)]
+            tris += [(p[0], p[1], p[2]), (p[0], p[2], p[3])]
+    return from_corners(np.array(tris))
+
+
+def plane(normal: np.ndarray, half_size: float = 50.0) -> Mesh:
+    """Square through the origin; Bullet's planes are endless, Gazebo's ground is 100 m wide."""
+    n = _unit(np.asarray(normal, dtype=float))
+    u = _unit(np.cross(n, [0.0, 1.0, 0.0] if abs(n[1]) < 0.9 else [1.0, 0.0, 0.0]))
+    v = np.cross(n, u)
+    p = [half_size * (a * u + b * v) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    return from_corners(np.array([[p[0], p[1], p[2]], [p[0], p[2], p[3]]]))
+
+
+def contains(mesh: Mesh, point: np.ndarray) -> bool:
+    """Whether a point (3,) is inside a closed mesh: a ray from it leaves an odd number of times."""
+    low, high = mesh.positions.min(axis=0), mesh.positions.max(axis=0)
+    if (point < low).any() or (point > high).any():
+        return False
+    direction = np.array([0.5773, 0.5411, 0.6119])  # along no edge of anything man-made
+    a, b, c = mesh.positions[mesh.triangles].astype(float).transpose(1, 0, 2)
+    e1, e2, to = b - a, c - a, point - a
+    p = np.cross(direction, e2)
+    det = (e1 * p).sum(axis=1)
+    det = np.where(np.abs(det) > 1e-18, det, np.inf)
+    u = (to * p).sum(axis=1) / det
+    q = np.cross(to, e1)
+    v = q @ direction / det
+    t = (e2 * q).sum(axis=1) / det
+    hits = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)
+    return bool(np.count_nonzero(hits) % 2)
+
+
+def load(path: str | Path) -> list[Mesh]:
+    """Meshes of an STL or OBJ file, one for each material.
+
+    Raises RenderingError that names the file.
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    readers = {".stl": _load_stl, ".obj": _load_obj}
+    if kind not in readers:
+        raise RenderingError(
+            f"mesh '{path}': '{kind}' files are not read; convert it to one of "
+            + ", ".join(sorted(readers))
+        )
+    try:
+        return readers[kind](path)
+    except RenderingError as error:
+        raise RenderingError(f"mesh '{path}': {error}") from error
+    except OSError as error:
+        raise RenderingError(f"mesh '{path}' cannot be read: {error.strerror}") from error
+    except (ValueError, IndexError, KeyError) as error:
+        raise RenderingError(f"mesh '{path}' is damaged: {error}") from error
+
+
+def _load_stl(path: Path) -> list[Mesh]:
+    data = path.read_bytes()
+    count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
+    if count >= 0 and len(data) >= 84 + 50 * count and not _is_ascii_stl(data, count):
+        record = np.dtype([("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
+        corners = np.frombuffer(data, record, count, 84)["v"]
+    elif data[:5].lower() == b"solid":
+        words = [line.split()[1:4] for line in data.decode("ascii", "replace").splitlines()
+                 if line.split()[:1] == ["vertex"]]
+        corners = np.array(words, dtype=float).reshape(-1, 3, 3)
+    else:
+        raise RenderingError(
+            f"is neither ASCII STL nor a binary one of {len(data)} bytes; export it again"
+        )
+    if not np.isfinite(corners).all():
+        raise RenderingError("has vertices that are not finite; export it again")
+    return [from_corners(corners)]
+
+
+def _is_ascii_stl(data: bytes, count: int) -> bool:
+    return data[:5].lower() == b"solid" and len(data) != 84 + 50 * count and b"vertex" in data
+
+
+def _load_obj(path: Path) -> list[Mesh]:
+    from .obj import load_obj
+
+    return load_obj(path)

@@ -1,0 +1,132 @@
+"""What a renderer is asked for: a view of the world, its light, and the colour overrides."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..errors import RenderingError
+from .gazebo_materials import WHITE, Rgba, colour
+from .raymap import RayMap
+
+_log = logging.getLogger(__name__)
+
+# sensor frame (x forward, y left, z up; Gazebo's cameras) -> optical frame (z forward, x right,
+# y down; REP 103)
+SENSOR_R_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+
+@dataclass(frozen=True)
+class View:
+    """A view of the world, through a pinhole or a lens.
+
+    width, height: image size, pixels.
+    world_T_optical: (4, 4), pose of the optical frame (z forward, x right, y down) in the world.
+    K: (3, 3) without skew; pixel centres have integer coordinates, so the centre of the image
+        is ((width - 1) / 2, (height - 1) / 2).
+    near, far: nothing nearer or farther along the optical axis is drawn, m.
+    lens: where it is given, the picture is seen through it and K is not used; near and far are
+        then measured along the axis of each of its faces.
+    """
+
+    width: int
+    height: int
+    world_T_optical: np.ndarray  # noqa: N815 (a_T_b maps b to a)
+    K: np.ndarray
+    near: float = 0.02
+    far: float = 300.0
+    lens: RayMap | None = None
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise RenderingError(f"a view of {self.width} x {self.height} pixels has no image")
+        if not 0.0 < self.near < self.far:
+            raise RenderingError(
+                f"clip distances near={self.near} far={self.far}: need 0 < near < far"
+            )
+
+
+@dataclass(frozen=True)
+class Light:
+    """One sun without shadows; the defaults are Gazebo's.
+
+    direction: from the sun to the ground, world frame. A surface of albedo a shows
+    a * (ambient + diffuse * max(0, n . -direction)), cut at 1, so white things that face up
+    are 255 and black ones 0 from wherever they are seen.
+    """
+
+    direction: tuple[float, float, float] = (-0.5, 0.1, -0.9)
+    ambient: float = 0.4
+    diffuse: float = 0.8
+    background: Rgba = (0.7, 0.7, 0.7, 1.0)
+
+    @property
+    def to_sun(self) -> np.ndarray:
+        """Unit vector towards the sun, (3,), world frame."""
+        d = -np.asarray(self.direction, dtype=float)
+        norm = np.linalg.norm(d)
+        if not norm > 0.0:
+            raise RenderingError("the sun's direction is the zero vector")
+        return d / norm
+
+
+@dataclass
+class MaterialTable:
+    """Colours that replace Bullet's own, per (body id, link index; -1 is the base).
+
+    default: colour of links that have no entry, in bodies that have at least one
+    (`set_body`), as Gazebo draws links without a material white. Bodies never mentioned keep the
+    colours that Bullet holds.
+    """
+
+    overrides: dict[tuple[int, int], Rgba] = field(default_factory=dict)
+    defaults: dict[int, Rgba] = field(default_factory=dict)
+    version: int = 0
+
+    def __setitem__(self, key: tuple[int, int], rgba: Rgba) -> None:
+        self.overrides[key] = rgba
+        self.version += 1
+
+    def __getitem__(self, key: tuple[int, int]) -> Rgba:
+        return self.overrides[key]
+
+    def __len__(self) -> int:
+        return len(self.overrides)
+
+    def set_body(
+        self, body_id: int, links: dict[int, Rgba], default: Rgba | None = WHITE
+    ) -> None:
+        """Colours of one body's links by link index; the rest get `default` (None: Bullet's)."""
+        self.forget(body_id)
+        self.overrides.update({(body_id, link): rgba for link, rgba in links.items()})
+        if default is not None:
+            self.defaults[body_id] = default
+        self.version += 1
+
+    def set_materials(self, body_id: int, names: Mapping[int, str]) -> None:
+        """Colours of one body by Gazebo material names (link index -> name), the rest white.
+
+        A material that Gazebo does not have is drawn white, with a warning.
+        """
+        colours = {}
+        for link, name in names.items():
+            try:
+                colours[link] = colour(name)
+            except RenderingError as error:
+                _log.warning("%s; drawn white", error)
+        self.set_body(body_id, colours)
+
+    def forget(self, body_id: int) -> None:
+        """Drop what is known of a deleted body."""
+        for key in [k for k in self.overrides if k[0] == body_id]:
+            del self.overrides[key]
+        self.defaults.pop(body_id, None)
+        self.version += 1
+
+    def lookup(self, body_id: int, link: int) -> Rgba | None:
+        """The override for a link, or None where Bullet's colour stands."""
+        rgba = self.overrides.get((body_id, link))
+        return rgba if rgba is not None else self.defaults.get(body_id)

@@ -79,11 +79,8 @@ def _link(link: Link, concave: bool) -> str:
 
 def _visual(visual: Visual) -> str:
     colour = ""
-<<<<<<< HEAD
     if visual.geometry.kind == "plane":
         visual = _slab(visual)
-=======
->>>>>>> main
     if visual.rgba is not None:
         colour = f'<material name="m"><color rgba={_numbers(visual.rgba)}/></material>'
     return (
@@ -92,7 +89,6 @@ def _visual(visual: Visual) -> str:
     )
 
 
-<<<<<<< HEAD
 def _slab(visual: Visual) -> Visual:
     """A thin box whose top is the plane: Bullet has no picture of a plane."""
     width, depth, _ = visual.geometry.size
@@ -105,8 +101,6 @@ def _slab(visual: Visual) -> Visual:
     return Visual(visual.name, pose.xyz, _rpy(pose.quat), Geometry("box", size=size), visual.rgba)
 
 
-=======
->>>>>>> main
 def _collision(collision: Collision, concave: bool) -> str:
     # A mesh that never moves keeps its hollows (a table inside a frame); Bullet wants moving
     # meshes convex.

@@ -52,4 +52,6 @@ unset CMAKE_PREFIX_PATH ROS_PACKAGE_PATH PYTHONPATH PYTHONHOME
 set +u # catkin's file reads variables that may be unset
 . "$root/devel/setup.bash"
 set -u
+# Some of Debian's ROS tools start with `env python3`, which another Python in PATH would answer.
+export PATH=$root/.venv/bin:$PATH
 exec rosrun aras_visual_servo_controller demo --scheme "$scheme" --start "$start" --out "$out" "${rviz[@]}"

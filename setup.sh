@@ -26,7 +26,7 @@ packages=(
     ros-tf2-msgs ros-trajectory-msgs
     libactionlib-msgs-dev libgeometry-msgs-dev libsensor-msgs-dev libstd-msgs-dev libtrajectory-msgs-dev
     # running: the ROS tools, and the Python side of the messages and libraries that the nodes import
-    ros-base rosbash python3-rospy python3-rosbag python3-actionlib python3-dynamic-reconfigure
+    ros-base rosbash python3-rospy python3-rosbag python3-actionlib python3-angles python3-dynamic-reconfigure
     python3-rosgraph-msgs python3-sensor-msgs python3-std-srvs python3-trajectory-msgs
     python3-tf python3-tf2-ros ros-robot-state-publisher rviz
     # the messages that dynamic_reconfigure's Python side loads are in its development package

@@ -10,6 +10,8 @@ unset CMAKE_PREFIX_PATH ROS_PACKAGE_PATH PYTHONPATH PYTHONHOME
 set +u # catkin's file reads variables that may be unset
 . devel/setup.bash
 set -u
+# Some of Debian's ROS tools start with `env python3`, which another Python in PATH would answer.
+export PATH=$PWD/.venv/bin:$PATH
 
 .venv/bin/python -m ruff check --quiet .
 catkin_lint --quiet --offline src

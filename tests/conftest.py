@@ -6,13 +6,19 @@ import os
 import sys
 from pathlib import Path
 
+import pytest
+
 DEVEL = Path(__file__).parents[1] / "devel"
 
-# pyproject.toml puts the packages' sources on the path, so that unit tests run without a build. In a
-# sourced workspace the devel space must come before them: its packages refer to the same sources and
-# add the generated `msg` and `srv` modules, which the source folders do not have.
+# pyproject.toml puts the packages' sources on the path, so that unit tests run without a build.
+# In a sourced workspace the devel space must come before them: its packages refer to the same
+# sources and add the generated `msg` and `srv` modules, which the source folders do not have.
 sys.path[:0] = [
     entry
     for entry in os.environ.get("PYTHONPATH", "").split(os.pathsep)
     if entry and Path(entry).is_relative_to(DEVEL)
 ]
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("filterwarnings", "ignore:notifyAll.*:DeprecationWarning")  # rospy's

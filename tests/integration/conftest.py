@@ -1,8 +1,8 @@
 """Fixtures of the graph tests: a master, launch files, one node of our own; see ros_graph.py.
 
-A rospy node can be initialised once per process, so the tests share one, on the session's master.
-Where a test needs another master (`launch(..., own_master=True)`), it talks to it through ROS tools in
-processes of their own: `launched.master.run([...])`.
+A rospy node can be initialised once per process, so the tests share one, on the session's
+master. Where a test needs another master (`launch(..., own_master=True)`), it talks to it through
+ROS tools in processes of their own: `launched.master.run([...])`.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ if not _sourced():
     reason = "the workspace is not sourced: run ./test.sh, or source devel/setup.bash first"
     if os.environ.get("ARAS_REQUIRE_GRAPH"):
         raise RuntimeError(f"the graph tests cannot run: {reason}")
-    # Imports of generated messages at the top of the test files would fail, so nothing is collected.
+    # Imports of generated messages would fail at the top of the test files: nothing is collected.
     collect_ignore_glob = ["test_*.py"]
     sys.stderr.write(f"graph tests left out: {reason}\n")
 
@@ -82,9 +82,9 @@ def launch(
 ) -> Iterator[Callable[..., Launch]]:
     """Factory: `launch("package", "file.launch", nodes=["/gazebo"], gui=False)` → Launch.
 
-    Returns when all `nodes` are registered. What is still running at the end of the module is ended as
-    by Ctrl-C, and parameters are deleted; a process that stays behind is an error. `own_master=True`
-    starts it in a graph of its own. Other keywords are launch arguments.
+    Returns when all `nodes` are registered. What is still running at the end of the module is
+    ended as by Ctrl-C, and parameters are deleted; a process that stays behind is an error.
+    `own_master=True` starts it in a graph of its own. Other keywords are launch arguments.
     """
     from ros_graph import GraphError, Launch, RosMaster
 

@@ -1,7 +1,7 @@
 """A real ROS graph for tests: a master on a free port, launch files, waiting, and a clean end.
 
-Everything started here carries a mark in its environment, which children inherit even where they make
-a session of their own (as roslaunch's nodes do). So whatever is left at the end is found by it.
+Everything started here carries a mark in its environment, which children inherit even where they
+make a session of their own, as roslaunch's nodes do. So whatever is left behind is found by it.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import os
 import signal
 import socket
 import subprocess
+import sys
 import time
 import uuid
 from collections.abc import Callable, Sequence
@@ -115,6 +116,8 @@ class RosMaster:
             "ROS_HOME": str(directory),
             "ROS_LOG_DIR": str(directory / "log"),
             "PYTHONUNBUFFERED": "1",
+            # some of Debian's ROS tools start with `env python3`, which must be one that knows ROS
+            "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
             MARK: self.mark,
         }
         self._output = (directory / f"master-{self.port}.txt").open("w")
@@ -209,21 +212,19 @@ class Launch:
         return self.log.read_text(errors="replace")
 
     def wait_for_nodes(self, names: Sequence[str], timeout: float = 60.0) -> None:
-        """Wait until all `names` (absolute) are registered; GraphError when roslaunch ends first."""
-
-        def ready() -> bool:
+        """Wait until all `names` (absolute) are registered; GraphError if roslaunch ends first."""
+        end = time.monotonic() + timeout
+        while missing := set(names) - self.master.nodes():
             if self.process.poll() is not None:
-                raise GraphError(
-                    f"{self.name}: ended with status {self.process.returncode} before "
-                    f"{', '.join(names)} came up:\n{self._tail()}"
-                )
-            return set(names) <= self.master.nodes()
-
-        try:
-            wait_for(ready, timeout, f"nodes {', '.join(names)} of {self.name}", interval=0.1)
-        except GraphError as error:
-            missing = set(names) - self.master.nodes()
-            raise GraphError(f"{error}; missing: {missing or 'none'}\n{self._tail()}") from None
+                trouble = f"ended with status {self.process.returncode} before"
+            elif time.monotonic() > end:
+                trouble = f"took more than {timeout:g} s until"
+            else:
+                time.sleep(0.1)
+                continue
+            raise GraphError(
+                f"{self.name}: {trouble} {', '.join(sorted(missing))} came up:\n{self._tail()}"
+            )
 
     def wait_for_end(self, timeout: float) -> int:
         """Return roslaunch's exit status once it has ended by itself."""
@@ -264,11 +265,12 @@ def end_leftovers(variable: str, value: str, what: str) -> None:
             try:
                 if not entry.name.isdigit() or needle not in (entry / "environ").read_bytes():
                     continue
-                command = (entry / "cmdline").read_bytes().replace(b"\0", b" ").decode(errors="replace")
+                arguments = (entry / "cmdline").read_bytes().split(b"\0")
             except OSError:  # it has just ended, or is not ours
                 continue
+            command = b" ".join(arguments).decode(errors="replace").strip()
             if command and int(entry.name) != os.getpid():  # a zombie has no command line
-                found[int(entry.name)] = command.strip()
+                found[int(entry.name)] = command
         return found
 
     # A child may need a moment longer than its parent.

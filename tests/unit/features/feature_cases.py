@@ -8,6 +8,7 @@ from math import comb
 
 import cv2
 import numpy as np
+
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments, Pinhole
 
@@ -78,10 +79,11 @@ def exact_moment(vertices: list[tuple[Fraction, Fraction]], p: int, q: int) -> F
     total = Fraction(0)
     for (x0, y0), (x1, y1) in zip(vertices, vertices[1:] + vertices[:1], strict=True):
         inner = sum(
-            comb(k + m, m) * comb(p + q - k - m, q - m) * x1**k * x0 ** (p - k) * y1**m * y0 ** (q - m)
+            comb(k + m, m) * comb(p + q - k - m, q - m)
+            * x1**k * x0 ** (p - k) * y1**m * y0 ** (q - m)
             for k in range(p + 1)
             for m in range(q + 1)
-        )
+        )  # fmt: skip
         total += (x0 * y1 - x1 * y0) * inner
     return total / ((p + q + 2) * (p + q + 1) * comb(p + q, p))
 

@@ -6,13 +6,6 @@ from math import pi
 
 import numpy as np
 import pytest
-from aras_visual_servo_camera import features
-from aras_visual_servo_camera.definitions import FORMULAS
-from aras_visual_servo_camera.errors import DegenerateFeatureError, FeatureError
-from aras_visual_servo_camera.features import INVARIANTS, PAPER, Reference, compute, required_order
-from aras_visual_servo_camera.formula import Formula
-from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.moments import Moments, exponents
 from feature_cases import (
     L_SHAPE,
     RECTANGLE,
@@ -25,6 +18,14 @@ from feature_cases import (
     random_view,
     rotation,
 )
+
+from aras_visual_servo_camera import features
+from aras_visual_servo_camera.definitions import FORMULAS
+from aras_visual_servo_camera.errors import DegenerateFeatureError, FeatureError
+from aras_visual_servo_camera.features import INVARIANTS, PAPER, Reference, compute, required_order
+from aras_visual_servo_camera.formula import Formula
+from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.moments import Moments, exponents
 
 MOMENTS = tuple(f"m{i}{j}" for i, j in exponents(5)) + tuple(f"mu{i}{j}" for i, j in exponents(5))
 COMBINATIONS = ("Sxn", "Syn", "Pyn", "r1", "r2", "c3", "C3 - 0.5 * C4", "sqrt(Px) / an")
@@ -201,6 +202,19 @@ def test_only_the_needed_order_is_asked_for(names, order: int) -> None:
     if order > 2:
         with pytest.raises(FeatureError, match=f"up to order {order}"):
             compute(polygon_moments(view, order - 1), names, view.plane, REFERENCE)
+
+
+def test_points_that_coincide_or_stand_in_line() -> None:
+    names = (*PAPER, *INVARIANTS)
+    point = Moments.from_points([[0.1, 0.2]] * 4)
+    result = compute(point, names, FRONT, REFERENCE)
+    assert np.isfinite(result.values).all() and np.isfinite(result.L).all()
+    assert {"an", "alpha", "Px", "Py", "C1"} <= set(result.degenerate)
+    with pytest.raises(FeatureError, match="coincide"):
+        compute(point, names, reference=REFERENCE)
+    line = compute(Moments.from_points([[0, 0], [1, 1], [3, 3]]), names, FRONT, REFERENCE)
+    assert np.isfinite(line.values).all() and np.isfinite(line.L).all()
+    assert line["alpha"] == pytest.approx(pi / 4)
 
 
 def test_order_of_the_area_of_points() -> None:

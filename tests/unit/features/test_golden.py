@@ -14,10 +14,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from feature_cases import pixels_inside
+
 from aras_visual_servo_camera.features import Reference, compute
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments, Pinhole
-from feature_cases import pixels_inside
 
 HERE = Path(__file__).parent
 BESIDE = HERE.parents[2].parent / "shared" / "reference" / "visp_moments_dev.json"

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+
 from aras_visual_servo_camera.errors import ImageError
 from aras_visual_servo_camera.images import ENCODINGS, decode
 

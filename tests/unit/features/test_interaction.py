@@ -6,10 +6,11 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from feature_cases import exact_moment, random_view
+
 from aras_visual_servo_camera.errors import FeatureError
 from aras_visual_servo_camera.interaction import Plane, centred_rows, raw_rows
 from aras_visual_servo_camera.moments import Moments, exponents
-from feature_cases import exact_moment, random_view
 
 STEP = Fraction(1, 10**9)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from aras_visual_servo_camera.errors import DegenerateFeatureError
 from aras_visual_servo_camera.kernel import kernel_features, moment_layout
 from aras_visual_servo_camera.moments import Pinhole

@@ -7,9 +7,10 @@ from fractions import Fraction
 import cv2
 import numpy as np
 import pytest
+from feature_cases import L_SHAPE, SQUARE, coverage_image, exact_moment, random_view
+
 from aras_visual_servo_camera.errors import MomentsError
 from aras_visual_servo_camera.moments import Moments, Pinhole, exponents
-from feature_cases import L_SHAPE, SQUARE, coverage_image, exact_moment, random_view
 
 CAMERA = Pinhole(205.3, 204.1, 161.2, 118.7)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+
 from aras_visual_servo_camera.errors import ParameterError
 from aras_visual_servo_camera.parameters import DEFAULTS, NodeParameters
 

@@ -6,6 +6,8 @@ from math import pi
 
 import numpy as np
 import pytest
+from feature_cases import TARGET, View, finite_differences, grey_image, rotation
+
 from aras_visual_servo_camera.errors import CalibrationError, DegenerateFeatureError
 from aras_visual_servo_camera.features import PAPER, Reference, compute
 from aras_visual_servo_camera.images import Image
@@ -15,7 +17,6 @@ from aras_visual_servo_camera.overlay import draw
 from aras_visual_servo_camera.pipeline import Measurement, Pipeline, Settings
 from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.undistortion import CameraModel
-from feature_cases import TARGET, View, finite_differences, grey_image, rotation
 
 CAMERA = CameraModel(320, 240, (188.04, 0, 159.5, 0, 188.04, 119.5, 0, 0, 1), (0.0,) * 5)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+
 from aras_visual_servo_camera.errors import SegmentationError
 from aras_visual_servo_camera.segmentation import (
     Segmentation,

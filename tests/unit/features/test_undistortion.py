@@ -6,12 +6,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from feature_cases import L_SHAPE, View, rotation
+
 from aras_visual_servo_camera.errors import CalibrationError
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.moments import Moments, exponents
 from aras_visual_servo_camera.pipeline import Pipeline, Settings
 from aras_visual_servo_camera.undistortion import CameraModel
-from feature_cases import L_SHAPE, View, rotation
 
 K = (195.0507, 0.0, 162.4058, 0.0, 195.0992, 127.1973, 0.0, 0.0, 1.0)
 LAB = CameraModel(320, 240, K, (-0.33060, 0.1170, 0.0, 0.0, 0.0))

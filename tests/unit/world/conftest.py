@@ -1,4 +1,4 @@
-"""Robots for the tests of the world: the ARAS figures with primitive shapes, and small mechanisms."""
+"""Robots for the tests of the world: the ARAS figures as boxes, and small mechanisms."""
 
 import math
 

@@ -15,7 +15,7 @@ from aras_sim_bridge.controller_manager import ControllerManager
 from aras_sim_bridge.description import RobotDescription
 from aras_sim_bridge.errors import DescriptionError, RenderingError, SimError
 from aras_sim_bridge.hardware import RobotHardware
-from aras_sim_bridge.rendering import COLOURS, MaterialTable, Renderer, create_renderer
+from aras_sim_bridge.rendering import COLOURS, Light, MaterialTable, Renderer, create_renderer
 from aras_sim_bridge.world import Model, Pose, World
 from aras_sim_bridge.world.poses import IDENTITY
 
@@ -24,7 +24,10 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class SimulationConfig:
-    """time_step: s. gravity: m/s². seed: of the sensors' noise."""
+    """time_step: s. gravity: m/s². seed: of the sensors' noise.
+
+    sun_direction: from the sun to the ground, world frame.
+    """
 
     time_step: float = 0.001
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.8)
@@ -32,6 +35,8 @@ class SimulationConfig:
     renderer: str = "auto"
     seed: int = 0
     legacy_camera_info: bool = False
+    ground_plane: bool = True
+    sun_direction: tuple[float, float, float] = (-0.5, 0.1, -0.9)
 
 
 @dataclass(frozen=True)
@@ -82,7 +87,7 @@ class Simulation:
     """
 
     def __init__(self, config: SimulationConfig | None = None) -> None:
-        """An empty world with a ground plane. Raises SimError where the config is impossible."""
+        """A world with nothing but the ground; SimError where the config is impossible."""
         self.config = config or SimulationConfig()
         self.world = World(self.config.time_step, self.config.gravity, self.config.gui)
         self.time_ns = 0
@@ -91,7 +96,8 @@ class Simulation:
         self.cameras: list[MountedCamera] = []
         self._materials = MaterialTable()
         self._renderer: Renderer | None = None
-        self._colour(self.world.spawn_ground_plane())
+        if self.config.ground_plane:
+            self._colour(self.world.spawn_ground_plane())
 
     def spawn(
         self,
@@ -208,7 +214,10 @@ class Simulation:
         settings = CameraConfig.from_description(camera, overrides)
         if self._renderer is None:
             self._renderer = create_renderer(
-                self.config.renderer, self.world.client, self._materials
+                self.config.renderer,
+                self.world.client,
+                self._materials,
+                Light(self.config.sun_direction),
             )
             log.info("cameras are drawn by %s", self._renderer.name)
         sensor = CameraSensor(settings, self._renderer)

@@ -24,13 +24,14 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .definitions import DENOMINATORS, FORMULAS
 from .degeneracy import CHECKS, DEFAULT_TOLERANCE
 from .errors import DegenerateFeatureError, FeatureError
 from .formula import Formula
 from .interaction import Plane, centred_rows, raw_rows
-from .moments import DENSE, Array, Moments
+from .moments import DENSE, Array, Moments, exponents
 from .orientation import Orientation, full_alpha
 
 PAPER = ("xn", "yn", "an", "alpha")
@@ -122,7 +123,7 @@ def _node(name: str) -> _Node:
     own = (DENOMINATORS[name],) if name in DENOMINATORS else ()
     if name == "alpha_full":
         return _Node(None, frozenset(("mu30", "mu21", "mu12", "mu03", *_node("alpha").leaves)), own)
-    if name in ("a", "xg", "yg", "a_star", "Z_star") or _MOMENT.match(name):
+    if name in ("a", "xg", "yg", "a_star", "Z_star") or _moment_of(name):
         return _Node(None, frozenset((name,)), own)
     formula = FORMULAS.get(name)
     if formula is None:
@@ -140,20 +141,34 @@ def _node(name: str) -> _Node:
     return _Node(formula, frozenset().union(*(n.leaves for n in below)), tuple(denominators))
 
 
+@cache
+def _moment_of(leaf: str) -> tuple[str, int, int] | None:
+    """('m' or 'mu', i, j) of a moment's name."""
+    match = _MOMENT.match(leaf)
+    return None if match is None else (match[1], int(match[2]), int(match[3]))
+
+
 def _leaf_order(leaf: str, kind: str) -> int:
-    if match := _MOMENT.match(leaf):
-        return int(match[2]) + int(match[3])
+    if moment := _moment_of(leaf):
+        return moment[1] + moment[2]
     if leaf == "a":
         return 0 if kind == DENSE else 2
     return 1 if leaf in ("xg", "yg") else 0
 
 
 class _Plan(NamedTuple):
-    """What a list of features needs: its leaves and the orders of moments that have rows."""
+    """What a list of features needs, worked out once per list.
 
-    leaves: tuple[str, ...]
+    Attributes:
+        place: leaf -> its row in the matrix that _leaf_rows() returns.
+        centred_order, raw_order: highest order that needs rows; raw -1: none is asked for.
+        gather: where _leaf_rows() finds the leaf in the stack of all rows.
+    """
+
+    place: dict[str, int]
     centred_order: int
-    raw_order: int  # -1: no raw moment is asked for
+    raw_order: int
+    gather: NDArray[np.intp]
 
 
 @lru_cache(maxsize=256)
@@ -161,7 +176,19 @@ def _plan(names: tuple[str, ...], kind: str) -> _Plan:
     leaves = sorted(frozenset().union(*(_node(name).leaves for name in names)))
     raw = [_leaf_order(n, kind) for n in leaves if re.match(r"m\d", n)]
     rest = [_leaf_order(n, kind) for n in leaves if not re.match(r"m\d", n)]
-    return _Plan(tuple(leaves), max([1, *rest]), max([1, *raw]) if raw else -1)
+    centred_order, raw_order = max([1, *rest]), max([1, *raw]) if raw else -1
+    # the stack: area, xg, yg, zero, all mu, all m
+    first_raw = 4 + len(exponents(centred_order))
+
+    def position(leaf: str) -> int:
+        if moment := _moment_of(leaf):
+            table, i, j = moment
+            index = (i + j) * (i + j + 1) // 2 + j
+            return index + (first_raw if table == "m" else 4)
+        return {"a": 0, "xg": 1, "yg": 2}.get(leaf, 3)
+
+    place = {leaf: k for k, leaf in enumerate(leaves)}
+    return _Plan(place, centred_order, raw_order, np.array([position(n) for n in leaves]))
 
 
 def required_order(names: Iterable[str], kind: str = DENSE) -> int:
@@ -195,6 +222,8 @@ def compute(
     if plane is None:
         if reference is None:
             raise FeatureError("give a plane, or a reference that its depth can be taken from")
+        if not moments.area > 0.0:
+            raise FeatureError("the points coincide: no depth can be taken from them")
         plane = Plane.fronto_parallel(reference.depth * sqrt(reference.area / moments.area))
     plan = _plan(names, moments.kind)
     needed = max(plan.centred_order, plan.raw_order) + 1
@@ -204,27 +233,45 @@ def compute(
             f"for L); these go up to {moments.order}"
         )
     view = _View(moments, plane, reference, tolerance)
-    leaves = view.leaf_rows(plan)
-    place = {leaf: k for k, leaf in enumerate(plan.leaves)}
-    values = np.zeros(len(names))
-    partials = np.zeros((len(names), len(plan.leaves)))
+    width = len(plan.place)
+    values, partials = [], []
     degenerate: dict[str, str] = {}
-    for k, name in enumerate(names):
+    for name in names:
+        value, gradient = 0.0, {}
         reason = view.undefined(name)
+        if reason is None:
+            try:
+                value, gradient = view.evaluate(name)
+            except ZeroDivisionError:
+                reason = f"'{name}' divides by zero for this shape"
         if reason is not None:
             degenerate[name] = reason
-            continue
-        try:
-            values[k], gradient = view.evaluate(name)
-        except ZeroDivisionError:
-            degenerate[name] = f"'{name}' divides by zero for this shape"
-            continue
+        row = [0.0] * width
         for leaf, partial in gradient.items():
-            partials[k, place[leaf]] = partial
-    L = partials @ leaves
+            row[plan.place[leaf]] = partial
+        values.append(value)
+        partials.append(row)
+    values = np.array(values)
+    L = np.array(partials).reshape(-1, width) @ _leaf_rows(moments, plane, plan)
     values.setflags(write=False)
     L.setflags(write=False)
     return FeatureSet(names, values, L, MappingProxyType(degenerate), plane)
+
+
+def _leaf_rows(moments: Moments, plane: Plane, plan: _Plan) -> Array:
+    """(leaves, 6) interaction rows of the leaves, in the order of plan.place."""
+    centred = centred_rows(moments, plane, plan.centred_order)
+    area = centred.area
+    if moments.kind != DENSE and "a" in plan.place:
+        area = centred.mu.row(2, 0) + centred.mu.row(0, 2)
+    head = np.array([area, centred.xg, centred.yg, _NO_ROW])
+    stack = [head, centred.mu.rows]
+    if plan.raw_order > 0:
+        stack.append(raw_rows(moments, plane, plan.raw_order).rows)
+    return np.concatenate(stack)[plan.gather]
+
+
+_NO_ROW = np.zeros(6)
 
 
 class _View:
@@ -237,22 +284,8 @@ class _View:
         self.plane = plane
         self.reference = reference
         self.tolerance = tolerance
+        self._mu = moments.centred.tolist()
         self._known: dict[str, tuple[float, dict[str, float]]] = {}
-
-    def leaf_rows(self, plan: _Plan) -> Array:
-        """(leaves, 6) interaction rows of the leaves."""
-        centred = centred_rows(self.moments, self.plane, plan.centred_order)
-        raw = raw_rows(self.moments, self.plane, plan.raw_order) if plan.raw_order > 0 else None
-        rows = np.zeros((len(plan.leaves), 6))
-        for k, leaf in enumerate(plan.leaves):
-            if match := _MOMENT.match(leaf):
-                source = raw if match[1] == "m" else centred.mu
-                rows[k] = source.row(int(match[2]), int(match[3]))
-            elif leaf == "a" and self.moments.kind != DENSE:
-                rows[k] = centred.mu.row(2, 0) + centred.mu.row(0, 2)
-            elif leaf in ("a", "xg", "yg"):
-                rows[k] = {"a": centred.area, "xg": centred.xg, "yg": centred.yg}[leaf]
-        return rows
 
     def undefined(self, name: str) -> str | None:
         """Why the feature is undefined, or None."""
@@ -285,9 +318,9 @@ class _View:
 
     def _leaf(self, name: str) -> tuple[float, dict[str, float]]:
         moments = self.moments
-        if match := _MOMENT.match(name):
-            read = moments.m if match[1] == "m" else moments.mu
-            return read(int(match[2]), int(match[3])), {name: 1.0}
+        if moment := _moment_of(name):
+            table, i, j = moment
+            return (moments.m(i, j) if table == "m" else self._mu[i][j]), {name: 1.0}
         if name == "a":
             return moments.area, {name: 1.0}
         if name in ("xg", "yg"):

@@ -31,6 +31,8 @@ MAX_ORDER = 6
 DENSE = "dense"
 POINTS = "points"
 
+_CHUNK = 4096  # samples whose powers stay in the processor's cache
+
 # Gauss-Legendre on [0, 1]: four nodes integrate polynomials up to degree 7 without error.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(MAX_ORDER // 2 + 1)
 _NODES = 0.5 * (_NODES + 1.0)
@@ -215,14 +217,17 @@ class Moments:
         if not total > 0.0:
             raise MomentsError("the samples have no weight: the shape is empty")
         x0, y0 = float(weight @ x) / total, float(weight @ y) / total
-        dx, dy = x - x0, y - y0
-        px = np.empty((order + 1, x.size))
-        py = np.empty((order + 1, x.size))
-        px[0], py[0] = 1.0, weight
-        for k in range(order):
-            np.multiply(px[k], dx, out=px[k + 1])
-            np.multiply(py[k], dy, out=py[k + 1])
-        table = px @ py.T
+        table = np.zeros((order + 1, order + 1))
+        for start in range(0, x.size, _CHUNK):
+            part = slice(start, start + _CHUNK)
+            dx, dy = x[part] - x0, y[part] - y0
+            px = np.empty((order + 1, dx.size))
+            py = np.empty((order + 1, dx.size))
+            px[0], py[0] = 1.0, weight[part]
+            for k in range(order):
+                np.multiply(px[k], dx, out=px[k + 1])
+                np.multiply(py[k], dy, out=py[k + 1])
+            table += px @ py.T
         if blur is not None:
             table = _deblur(table, blur)
         return cls._from_table(table, x0, y0, order, kind)

@@ -21,8 +21,8 @@ import numpy as np
 from .interaction import Plane
 from .moments import DENSE, Array, Moments, translate
 
-# |mu3| / (m00 rg^3) below which a shape counts as symmetric. Pixels and the truncated expansion leave
-# up to 2e-3 of a rectangle; shapes that have a direction to the eye have 1e-2 and more.
+# |mu3| / (m00 rg^3) below which a shape counts as symmetric. Pixels and the truncated expansion
+# leave up to 2e-3 of a rectangle; shapes that have a direction to the eye have 1e-2 and more.
 SYMMETRY_TOLERANCE = 0.003
 
 

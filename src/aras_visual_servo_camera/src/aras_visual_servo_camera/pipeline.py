@@ -131,23 +131,20 @@ class Pipeline:
             return Moments.from_image(
                 weights, camera.pinhole, settings.order, full_scale, corner, smooth
             )
-        rows, columns = np.nonzero(weights)
-        weight = weights[rows, columns] / full_scale
-        rows, columns = rows + corner[1], columns + corner[0]
-        tables = camera.tables
-        area = tables.area[rows, columns]
-        if not area.all():
+        crop = tuple(
+            slice(first, first + size)
+            for first, size in zip(corner[::-1], weights.shape, strict=True)
+        )
+        x, y, area = (table[crop].ravel() for table in camera.tables)
+        weight = weights.ravel()
+        if weight[area == 0.0].any():
             raise SegmentationError(
                 "the target reaches beyond the part of the image that has normalised coordinates"
             )
         column, row, width, height = target.box
-        blur = tables.pixel_variance(column + width // 2, row + height // 2) if smooth else None
+        blur = camera.tables.pixel_variance(column + width // 2, row + height // 2)
         return Moments.from_samples(
-            tables.x[rows, columns],
-            tables.y[rows, columns],
-            weight * area,
-            settings.order,
-            blur=blur,
+            x, y, weight * area / full_scale, settings.order, blur=blur if smooth else None
         )
 
 

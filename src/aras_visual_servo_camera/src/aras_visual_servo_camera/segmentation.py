@@ -260,17 +260,16 @@ def coverage(
     left, top = max(column - margin, 0), max(row - margin, 0)
     right = min(column + width + margin, grey.shape[1])
     bottom = min(row + height + margin, grey.shape[0])
-    inside = target.mask[top:bottom, left:right]
-    image = grey[top:bottom, left:right]
+    inside = target.mask[top:bottom, left:right] & 1
+    image = np.ascontiguousarray(grey[top:bottom, left:right])
     element = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * band + 1, 2 * band + 1))
-    outer = cv2.dilate(inside, element)
+    outside = 1 - cv2.dilate(inside, element)
     core = cv2.erode(inside, element, borderType=cv2.BORDER_REPLICATE)
-    ring = cv2.bitwise_not(outer)
-    bg = cv2.mean(image, ring)[0] if cv2.countNonZero(ring) else float(image.max())
+    bg = cv2.mean(image, outside)[0] if cv2.countNonZero(outside) else float(image.max())
     fg = cv2.mean(image, core)[0] if cv2.countNonZero(core) else float(image.min())
     if abs(bg - fg) < 1.0:
         raise SegmentationError("the target has no contrast to its surroundings")
-    weights = (bg - image.astype(np.float64)) / (bg - fg)
-    weights[core != 0] = 1.0
-    weights[outer == 0] = 0.0
+    weights = cv2.LUT(image, (bg - np.arange(256.0)) / (bg - fg))
+    np.copyto(weights, 1.0, where=core.view(bool))
+    np.copyto(weights, 0.0, where=outside.view(bool))
     return weights, (left, top), bg, fg

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+
 from aras_visual_servo_camera.moments import Moments
 
 from .kinematics import Kinematics

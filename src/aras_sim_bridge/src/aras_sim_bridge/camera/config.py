@@ -5,22 +5,34 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 
 from ..errors import CameraError
-from .model import CameraIntrinsics, camera_matrix, projection_matrix
+from .effects import Effects
+from .formats import encoding_of
+from .lens import COEFFICIENTS, RADIUS, REACH, BrownLens, FisheyeLens, check_fisheye
+from .lens import fisheye_coefficients as ideal_coefficients
+from .model import CameraIntrinsics, CameraModel, camera_matrix, projection_matrix
 
 
 @dataclass(frozen=True)
 class CameraConfig:
-    """One camera.
+    """One camera; every field can be a key of a preset file.
 
     width, height: px. horizontal_fov: rad; gives fx = fy where camera_matrix is None.
-    update_rate: Hz of simulated time. camera_matrix: (fx, fy, cx, cy), px.
+    update_rate: Hz of simulated time. format: a Gazebo (R8G8B8) or ROS (rgb8) pixel format.
     near, far: clip distances, m. xyz, rpy: the sensor in its link (x forward, z up), m and rad.
+    lens: pinhole, equidistant, stereographic, equisolid or orthographic.
+    camera_matrix: (fx, fy, cx, cy), px; None: from horizontal_fov, centred.
+    distortion_model, distortion_coefficients: as in CameraInfo (plumb_bob,
+        rational_polynomial, equidistant); empty coefficients mean none.
+    cutoff_angle: the picture is black beyond it, rad from the axis; None: the lens's reach.
+    hack_baseline: m, only for CameraInfo's P. legacy_camera_info: publish Gazebo's formulas.
+    effects: see effects.Effects. latency: s between stamp and publication.
+    depth, segmentation: deliver these pictures beside the colour one.
     """
 
     name: str = "camera"
@@ -34,11 +46,17 @@ class CameraConfig:
     far: float = 100.0
     xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lens: str = "pinhole"
     camera_matrix: tuple[float, float, float, float] | None = None
-    distortion_model: str = "plumb_bob"
-    distortion_coefficients: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion_model: str = ""
+    distortion_coefficients: tuple[float, ...] = ()
+    cutoff_angle: float | None = None
     hack_baseline: float = 0.0
     legacy_camera_info: bool = False
+    depth: bool = False
+    segmentation: bool = False
+    effects: Effects = field(default_factory=Effects)
+    latency: float = 0.0
     seed: int = 0
     # Names for the ROS side, not used here.
     camera_name: str = ""
@@ -46,39 +64,124 @@ class CameraConfig:
     image_topic: str = "image_raw"
     info_topic: str = "camera_info"
     frame_name: str = ""
+    optical_frame_name: str = ""
 
     def __post_init__(self) -> None:
-        self._check(self.width >= 1 and self.height >= 1,
-                    f"an image of {self.width} x {self.height} pixels is empty")
-        self._check(math.isfinite(self.update_rate) and self.update_rate > 0.0,
-                    f"update_rate {self.update_rate} Hz: give a rate above 0")
-        self._check(0.0 < self.near < self.far,
-                    f"clip distances near={self.near} far={self.far}: need 0 < near < far")
-        self._check(0.0 < self.horizontal_fov < math.pi,
-                    f"horizontal_fov {self.horizontal_fov} rad: a pinhole reaches above 0 and "
-                    "below pi; take a fisheye lens for more")
+        self._fill_in_lens()
+        check = self._check
+        check(isinstance(self.width, int) and isinstance(self.height, int)
+              and self.width >= 1 and self.height >= 1,
+              f"an image of {self.width} x {self.height} pixels: give whole numbers above 0")
+        check(math.isfinite(self.update_rate) and self.update_rate > 0.0,
+              f"update_rate {self.update_rate} Hz: give a rate above 0")
+        check(0.0 < self.near < self.far < math.inf,
+              f"clip distances near={self.near} far={self.far}: need 0 < near < far")
+        check(0.0 <= self.latency < math.inf, f"latency {self.latency} s: give 0 or more")
+        check(0.0 <= self.effects.exposure_time < 1.0 / self.update_rate,
+              f"exposure_time {self.effects.exposure_time} s: has to be shorter than the period of "
+              f"{1.0 / self.update_rate:g} s")
+        encoding_of(self.format, self.name)
+        self._check_lens()
+        if self.camera_matrix is not None:
+            fx, fy, cx, cy = self.camera_matrix
+            check(fx > 0 and fy > 0 and all(map(math.isfinite, self.camera_matrix)),
+                  f"camera_matrix fx={fx} fy={fy} cx={cx} cy={cy}: give finite numbers, focal "
+                  "lengths above 0")
+        if isinstance(self.model.lens, FisheyeLens):
+            check_fisheye(self.model.lens, self.name)
+        else:
+            self._check_folding()
+
+    def _fill_in_lens(self) -> None:
+        """A fisheye distortion model implies the lens, and the lens the model."""
+        lens, model = self.lens, self.distortion_model
+        if model == "equidistant" and lens == "pinhole":
+            lens = "equidistant"
+        if not model:
+            model = "plumb_bob" if lens == "pinhole" else "equidistant"
+        object.__setattr__(self, "lens", lens)
+        object.__setattr__(self, "distortion_model", model)
+        object.__setattr__(self, "distortion_coefficients",
+                           tuple(float(k) for k in self.distortion_coefficients))
+
+    def _check_lens(self) -> None:
+        check = self._check
+        check(self.lens in RADIUS, f"there is no lens '{self.lens}'; there are {', '.join(RADIUS)}")
+        check(self.distortion_model in COEFFICIENTS,
+              f"there is no distortion_model '{self.distortion_model}'; there are "
+              + ", ".join(COEFFICIENTS))
+        check((self.lens == "pinhole") != (self.distortion_model == "equidistant"),
+              f"distortion_model '{self.distortion_model}' does not go with lens '{self.lens}'; "
+              "take equidistant for wide-angle lenses, plumb_bob or rational_polynomial else")
+        D = self.distortion_coefficients
+        counts = COEFFICIENTS[self.distortion_model]
+        check(len(D) in (0, *counts) and all(map(math.isfinite, D)),
+              f"distortion_coefficients {list(D)}: {self.distortion_model} takes "
+              f"{' or '.join(map(str, counts))} finite numbers")
+        check(not any(D) or self.lens in ("pinhole", "equidistant"),
+              f"lens '{self.lens}' is an ideal projection; for one with distortion_coefficients "
+              "take lens equidistant")
+        reach = REACH[self.lens]
+        fov = self.horizontal_fov
+        if self.camera_matrix is None or self.lens == "pinhole":
+            limit = math.pi if self.lens == "pinhole" else 2 * reach + 1e-9
+            check(0.0 < fov < limit,
+                  f"horizontal_fov {fov} rad: lens {self.lens} reaches above 0 and below "
+                  f"{limit:.4g} rad" + ("; take a fisheye lens for more"
+                                        if self.lens == "pinhole" else ""))
+        if self.cutoff_angle is not None:
+            check(0.0 < self.cutoff_angle <= reach + 1e-9,
+                  f"cutoff_angle {self.cutoff_angle} rad: lens {self.lens} reaches above 0 and up "
+                  f"to {reach:.4g} rad")
+
+    def _check_folding(self) -> None:
+        """Every pixel needs a ray; beyond a fold there is none."""
+        if not any(self.distortion_coefficients):
+            return
+        w, h = self.width - 1, self.height - 1
+        border = np.array([[x, y] for t in np.linspace(0, 1, 33) for x, y in
+                           ((t * w, 0), (t * w, h), (0, t * h), (w, t * h))])
+        self._check(bool(np.isfinite(self.model.unproject(border)).all()),
+                    f"distortion_coefficients {list(self.distortion_coefficients)} fold the "
+                    "picture over inside the image; make them smaller or the focal length longer")
 
     def _check(self, condition: bool, message: str) -> None:
         if not condition:
             raise CameraError(f"camera '{self.name}': {message}")
 
     @property
+    def encoding(self) -> str:
+        """ROS image encoding of the format."""
+        return encoding_of(self.format, self.name)
+
+    @property
     def K(self) -> np.ndarray:
         """(3, 3) camera matrix of the rendered picture."""
         if self.camera_matrix is not None:
             return camera_matrix(*self.camera_matrix)
-        f = self.width / (2.0 * math.tan(self.horizontal_fov / 2.0))
+        f = self.width / (2.0 * float(RADIUS[self.lens](self.horizontal_fov / 2.0)))
         return camera_matrix(f, f, (self.width - 1) / 2, (self.height - 1) / 2)
+
+    @property
+    def model(self) -> CameraModel:
+        """The projection that the pixels follow."""
+        D = self.distortion_coefficients
+        if self.lens == "pinhole":
+            return CameraModel(self.K, BrownLens((*D, *(0.0,) * (5 - len(D)))))
+        reach = REACH[self.lens] if self.cutoff_angle is None else self.cutoff_angle
+        if not D:
+            D = ideal_coefficients(self.lens, REACH[self.lens])
+        return CameraModel(self.K, FisheyeLens(D, reach))
 
     def intrinsics(self) -> CameraIntrinsics:
         """What CameraInfo publishes: the rendered camera, or upstream's formulas on request."""
-        K = self.K
+        K, D, name = self.K, tuple(self.model.lens.D), self.distortion_model
         if self.legacy_camera_info:
-            K = camera_matrix(K[0, 0], K[0, 0], (self.width + 1) / 2, (self.height + 1) / 2)
-        return CameraIntrinsics(
-            self.width, self.height, K, tuple(self.distortion_coefficients),
-            self.distortion_model, np.eye(3), projection_matrix(K, self.hack_baseline),
-        )
+            f = self.width / (2.0 * math.tan(min(self.horizontal_fov, 3.14) / 2.0))
+            K = camera_matrix(f, f, (self.width + 1) / 2, (self.height + 1) / 2)
+            D, name = (0.0,) * 5, "plumb_bob"
+        return CameraIntrinsics(self.width, self.height, K, D, name, np.eye(3),
+                                projection_matrix(K, self.hack_baseline))
 
     @classmethod
     def from_description(cls, camera: Any, overrides: Mapping[str, Any] | None = None
@@ -87,38 +190,60 @@ class CameraConfig:
 
         Raises CameraError for an unknown key, naming the nearest one there is.
         """
-        plugin = getattr(camera, "plugin", None)
-        xyz, rpy = camera.pose if camera.pose is not None else ((0, 0, 0), (0, 0, 0))
-        values: dict[str, Any] = {
-            "name": camera.name, "link": camera.link, "width": camera.width,
-            "height": camera.height, "horizontal_fov": camera.horizontal_fov,
-            "update_rate": camera.update_rate or 30.0, "format": camera.format,
-            "near": camera.near, "far": camera.far, "xyz": tuple(xyz), "rpy": tuple(rpy),
-        }
-        if plugin is not None:
-            values |= {
-                "camera_name": plugin.camera_name, "robot_namespace": plugin.robot_namespace,
-                "image_topic": plugin.image_topic, "info_topic": plugin.info_topic,
-                "frame_name": plugin.frame_name, "hack_baseline": plugin.hack_baseline,
-            }
-            if plugin.update_rate:
-                values["update_rate"] = min(values["update_rate"], plugin.update_rate)
-        config = cls(**{k: v for k, v in values.items() if v is not None})
-        return config.overridden(overrides or {})
+        from .from_description import settings
+
+        values = settings(camera)
+        return cls.from_mapping({**values, **_checked(overrides or {}, values["name"])})
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> CameraConfig:
+        """Settings from a preset file's keys.
+
+        camera_matrix is a mapping fx, fy, cx, cy or four numbers; effects a mapping of
+        effects.Effects' fields.
+        """
+        name = str(values.get("name", "camera"))
+        values = _checked(values, name)
+        try:
+            return cls(**{key: _converted(key, value) for key, value in values.items()})
+        except (TypeError, ValueError, KeyError) as error:
+            raise CameraError(f"camera '{name}': a setting has the wrong type ({error})") from error
 
     def overridden(self, overrides: Mapping[str, Any]) -> CameraConfig:
-        """A copy with the keys of a preset file laid over it."""
-        known = {f.name for f in fields(self)}
-        values = {}
-        for key, value in overrides.items():
-            if key not in known:
-                near = difflib.get_close_matches(key, known, n=1, cutoff=0.0)[0]
-                raise CameraError(
-                    f"camera '{self.name}': unknown setting '{key}'; the nearest is '{near}'"
-                )
-            if key == "camera_matrix" and isinstance(value, Mapping):
-                value = tuple(float(value[k]) for k in ("fx", "fy", "cx", "cy"))
-            elif isinstance(value, list):
-                value = tuple(float(v) for v in value)
-            values[key] = value
-        return replace(self, **values)
+        """A copy with the keys of a preset laid over it."""
+        values = _checked(overrides, self.name)
+        return replace(self, **{key: _converted(key, value) for key, value in values.items()})
+
+
+def _checked(values: Mapping[str, Any], name: str) -> dict[str, Any]:
+    known = {f.name for f in fields(CameraConfig)}
+    for key in values:
+        if key not in known:
+            near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.0)[0]
+            raise CameraError(f"camera '{name}': unknown setting '{key}'; the nearest is '{near}'")
+    return dict(values)
+
+
+_NUMBERS = {"horizontal_fov", "update_rate", "near", "far", "cutoff_angle", "hack_baseline",
+            "latency"}
+
+
+def _converted(key: str, value: Any) -> Any:
+    """A setting as YAML gives it, in the type the config wants."""
+    if key == "camera_matrix" and value is not None:
+        if isinstance(value, Mapping):
+            value = [value[k] for k in ("fx", "fy", "cx", "cy")]
+        fx, fy, cx, cy = map(float, value)
+        return (fx, fy, cx, cy)
+    if key == "effects" and not isinstance(value, Effects):
+        return Effects.from_mapping(value)
+    if key in ("xyz", "rpy"):
+        x, y, z = map(float, value)
+        return (x, y, z)
+    if key == "distortion_coefficients":
+        return tuple(map(float, value))
+    if key in _NUMBERS and value is not None:
+        if isinstance(value, bool | str):
+            raise TypeError(f"{key}: {value!r} is not a number")
+        return float(value)
+    return value

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .lens import BrownLens, FisheyeLens
+
 
 @dataclass(frozen=True)
 class CameraIntrinsics:
@@ -30,6 +32,29 @@ class CameraIntrinsics:
     def __post_init__(self) -> None:
         for array in (self.K, self.R, self.P):
             array.setflags(write=False)
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """Projection of the rendered picture: K (3, 3), px, and the lens at unit focal length."""
+
+    K: np.ndarray
+    lens: BrownLens | FisheyeLens
+
+    def project(self, points: np.ndarray) -> np.ndarray:
+        """Pixels (N, 2) u, v of points (N, 3) in the optical frame, m."""
+        xy = self.lens.project(np.asarray(points, dtype=float))
+        return xy * [self.K[0, 0], self.K[1, 1]] + self.K[:2, 2]
+
+    def unproject(self, pixels: np.ndarray) -> np.ndarray:
+        """Unit rays (N, 3) in the optical frame of pixels (N, 2); NaN outside the lens."""
+        pixels = np.asarray(pixels, dtype=float)
+        return self.lens.unproject((pixels - self.K[:2, 2]) / [self.K[0, 0], self.K[1, 1]])
+
+    @property
+    def is_pinhole(self) -> bool:
+        """Whether straight lines stay straight."""
+        return isinstance(self.lens, BrownLens) and not any(self.lens.D)
 
 
 def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:

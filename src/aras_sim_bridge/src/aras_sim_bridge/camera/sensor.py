@@ -1,117 +1,222 @@
-"""A camera as a sensor: when it exposes, and what it delivers."""
+"""A camera as a sensor: when it exposes, what it draws, and when it delivers."""
 
 from __future__ import annotations
 
+import logging
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import CameraError
 from ..rendering import SENSOR_R_OPTICAL, Renderer, View
+from ..rendering.raymap import RayMap
+from ..rendering.scene import blend_poses
+from . import formats
 from .config import CameraConfig
+from .effects import EffectChain
 from .model import CameraIntrinsics
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One picture. stamp_ns: instant of exposure on the simulated clock; encoding as ROS names."""
+    """One picture.
+
+    stamp_ns: middle of the exposure on the simulated clock; encoding as ROS names it.
+    depth: (H, W) float32 m along the optical axis, inf where nothing is, or None.
+    segmentation: (H, W) int32, body id + (link index + 1) << 24, -1 where nothing is, or None.
+    """
 
     stamp_ns: int
     image: np.ndarray
     encoding: str
+    depth: np.ndarray | None = None
+    segmentation: np.ndarray | None = None
 
 
 class CameraSensor:
     """Exposes at k / update_rate s of simulated time, k = 1, 2, ...
 
-    The instants rarely fall on physics ticks. A frame is drawn on the first tick at or after
-    its instant, with all poses blended between that tick and the one before, so that the picture
-    shows the world at the stamp and stamps are exact multiples of the period. For
-    that, `before_step` must be called before a physics step.
+    These instants rarely fall on physics ticks. A picture is drawn on the first tick at or after
+    its instant, with all poses blended between that tick and the one before, so it shows the
+    world as it was at the stamp, and stamps are exact multiples of the period. In a step that
+    ends at time t, the simulation calls
+
+        if sensor.needs_before(t): sensor.before_step(world_T_link, t - dt)   # before Bullet
+        ...
+        if sensor.due(t): frame = sensor.capture(world_T_link, t)             # after Bullet
+
+    Without the first two lines pictures are taken at the tick itself.
     """
 
     def __init__(self, config: CameraConfig, renderer: Renderer) -> None:
         self.config = config
         self.renderer = renderer
         self.info: CameraIntrinsics = config.intrinsics()
+        model = config.model
         self._K = config.K
-        self._link_T_optical = _mounting(config.xyz, config.rpy)
-        self._index = 1
-        self._before: tuple[int, np.ndarray] | None = None
+        self._lens = None if model.is_pinhole else RayMap(
+            model.unproject, config.width, config.height
+        )
+        self._link_T_optical = mounting(config.xyz, config.rpy)
+        self._effects = EffectChain(config.effects, config.width, config.height, config.seed)
+        self._rate = config.update_rate
+        self._latency_ns = round(config.latency * 1e9)
+        self._warned = False
+        self.reset()
+
+    @property
+    def rate(self) -> float:
+        """Frames a second of simulated time."""
+        return self._rate
 
     @property
     def period_ns(self) -> int:
-        """Nominal period, ns, rounded; instants do not accumulate the rounding."""
-        return round(1e9 / self.config.update_rate)
+        """Period, ns, rounded; the instants do not accumulate the rounding."""
+        return round(1e9 / self._rate)
 
     @property
     def next_exposure_ns(self) -> int:
-        """Simulated time of the next exposure, ns."""
-        return self._instant(self._index)
-
-    def _instant(self, index: int) -> int:
-        return round(index * 1e9 / self.config.update_rate)
+        """Simulated time of the next picture to draw, ns."""
+        return self._next_ns
 
     def check_time_step(self, step_ns: int) -> None:
         """Raise CameraError if the camera is faster than the physics."""
         if self.period_ns < step_ns:
             raise CameraError(
-                f"camera '{self.config.name}': update_rate {self.config.update_rate:g} Hz is above "
-                f"the physics rate of {1e9 / step_ns:g} Hz; lower one or raise the other"
+                f"camera '{self.config.name}': update_rate {self._rate:g} Hz is above the physics "
+                f"rate of {1e9 / step_ns:g} Hz; lower the one or raise the other"
             )
 
+    def set_rate(self, rate: float, time_ns: int) -> None:
+        """Change the rate; instants count on from `time_ns`, which need not be a multiple.
+
+        Raises CameraError for a rate that is not above 0.
+        """
+        if not (np.isfinite(rate) and rate > 0.0):
+            raise CameraError(f"camera '{self.config.name}': rate {rate} Hz: give one above 0")
+        self._rate = float(rate)
+        self.reset(time_ns)
+
     def reset(self, time_ns: int = 0) -> None:
-        """Start anew at a simulated time: the next exposure is the first instant after it."""
-        self._index = max(1, int(time_ns * self.config.update_rate / 1e9))
+        """Start anew: the next picture is due at the first multiple of the period after time_ns.
+
+        Call it when the clock jumps back, and when pictures are wanted again after a pause.
+        """
+        self._index = int(time_ns * self._rate / 1e9)
         while self._instant(self._index) <= time_ns:
             self._index += 1
-        self._before = None
+        self._before: tuple[int, np.ndarray] | None = None
+        self._waiting: deque[tuple[int, Frame]] = deque()
+        self._sum: np.ndarray | None = None
+        self._sample = 0
+        if time_ns == 0:
+            self._effects.reset()
+        self._plan()
+
+    def _instant(self, index: int) -> int:
+        return round(index * 1e9 / self._rate)
+
+    def _plan(self) -> None:
+        """Set the instant of the next picture: the frame's, or one of its partial exposures."""
+        e = self.config.effects
+        self._next_ns = self._instant(self._index)
+        if e.exposure_time > 0.0:
+            n = e.exposure_samples
+            self._next_ns += round(e.exposure_time * 1e9 * ((self._sample + 0.5) / n - 0.5))
 
     def needs_before(self, time_after_ns: int) -> bool:
-        """Whether the step that ends at `time_after_ns` passes over an instant between ticks."""
-        return self.next_exposure_ns < time_after_ns
+        """Whether a picture falls inside the step that ends at `time_after_ns`."""
+        return self._next_ns < time_after_ns
 
     def before_step(self, world_T_link: np.ndarray, time_ns: int) -> None:
-        """Remember the state at `time_ns`, before a step for which `needs_before` is true."""
+        """Remember the state at `time_ns`, before the step for which `needs_before` was true."""
         self.renderer.snapshot()
         self._before = (time_ns, np.array(world_T_link, dtype=float))
 
     def due(self, time_ns: int) -> bool:
         """Whether `capture` has something to do at this tick."""
-        return self.next_exposure_ns <= time_ns
+        return self._next_ns <= time_ns or (
+            bool(self._waiting) and self._waiting[0][0] <= time_ns
+        )
 
     def capture(self, world_T_link: np.ndarray, time_ns: int) -> Frame | None:
-        """Draw the frame whose instant has come; None if none has.
+        """Draw what is due, and give the frame whose time of publication has come, if any.
 
         world_T_link: (4, 4) pose of the camera's link at `time_ns`.
         """
-        stamp = self.next_exposure_ns
-        if stamp > time_ns:
-            return None
-        # After a jump in time only the newest instant is drawn.
-        while self._instant(self._index + 1) <= time_ns:
-            self._index += 1
-        stamp = self.next_exposure_ns
-        self._index += 1
-        blend, pose = self._blend(stamp, np.asarray(world_T_link, dtype=float), time_ns)
-        view = View(self.config.width, self.config.height, pose @ self._link_T_optical,
-                    self._K, self.config.near, self.config.far)
-        return Frame(stamp, self.renderer.render(view, blend), "rgb8")
+        while self._next_ns <= time_ns:
+            self._skip_missed(time_ns)
+            self._expose(np.asarray(world_T_link, dtype=float), time_ns)
+        if self._waiting and self._waiting[0][0] <= time_ns:
+            return self._waiting.popleft()[1]
+        return None
 
-    def _blend(self, stamp: int, pose: np.ndarray, time_ns: int) -> tuple[float, np.ndarray]:
-        from ..rendering.scene import blend_poses
+    def _skip_missed(self, time_ns: int) -> None:
+        """After a jump of the clock only the newest instant is drawn."""
+        if self._sample == 0 and self._instant(self._index + 1) <= time_ns:
+            self._index = int(time_ns * self._rate / 1e9)
+            if self._instant(self._index + 1) <= time_ns:
+                self._index += 1
+            self._plan()
 
-        if self._before is None or stamp >= time_ns:
+    def _expose(self, pose: np.ndarray, time_ns: int) -> None:
+        e = self.config.effects
+        blend, pose = self._blend(self._next_ns, pose, time_ns)
+        view = self._view(pose)
+        image = self.renderer.render(view, blend)
+        last = e.exposure_time <= 0.0 or self._sample + 1 == e.exposure_samples
+        if e.exposure_time > 0.0:
+            self._sum = image.astype(np.uint16) if self._sum is None else self._sum + image
+            if last:
+                n = e.exposure_samples
+                image = ((self._sum + n // 2) // n).astype(np.uint8)
+        if not last:
+            self._sample += 1
+            self._plan()
+            return
+        stamp = self._instant(self._index)
+        self._index, self._sample, self._sum = self._index + 1, 0, None
+        self._plan()
+        if self._effects.dropped():
+            return
+        depth = segmentation = None
+        if self.config.depth or self.config.segmentation:
+            depth, segmentation = self.renderer.measure(view, blend)
+        self._warn_if_blind(image, view)
+        image = formats.convert(self._effects.apply(image), self.config.encoding)
+        frame = Frame(stamp, image, self.config.encoding,
+                      depth if self.config.depth else None,
+                      segmentation if self.config.segmentation else None)
+        self._waiting.append((stamp + self._latency_ns, frame))
+
+    def _view(self, world_T_link: np.ndarray) -> View:
+        c = self.config
+        return View(c.width, c.height, world_T_link @ self._link_T_optical, self._K, c.near, c.far,
+                    self._lens)
+
+    def _blend(self, instant: int, pose: np.ndarray, time_ns: int) -> tuple[float, np.ndarray]:
+        if self._before is None or not self._before[0] <= instant < time_ns:
             return 1.0, pose
         before_ns, before = self._before
-        if not before_ns <= stamp < time_ns:
-            return 1.0, pose
-        blend = (stamp - before_ns) / (time_ns - before_ns)
-        return blend, blend_poses(before, pose, blend)
+        share = (instant - before_ns) / (time_ns - before_ns)
+        return share, blend_poses(before, pose, share)
+
+    def _warn_if_blind(self, image: np.ndarray, view: View) -> None:
+        """Say once when there is nothing to see, and why, instead of sending black in silence."""
+        if self._warned or image[::8, ::8].max() > 0:
+            return
+        self._warned = True
+        around = self.renderer.bodies_around(view.world_T_optical[:3, 3])
+        where = f"the camera is inside {', '.join(around)}" if around else "only black is in view"
+        _log.warning("camera '%s' sends a black picture: %s; check its mounting pose and near clip",
+                     self.config.name, where)
 
 
-def _mounting(xyz: tuple, rpy: tuple) -> np.ndarray:
-    """link_T_optical (4, 4) of a sensor mounted at xyz, rpy (fixed axes) in its link."""
+def mounting(xyz: tuple[float, float, float], rpy: tuple[float, float, float]) -> np.ndarray:
+    """link_T_optical (4, 4) of a sensor mounted at xyz, rpy (fixed axes, rad) in its link."""
     (cr, sr), (cp, sp), (cy, sy) = ((np.cos(a), np.sin(a)) for a in rpy)
     Rx = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
     Ry = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])

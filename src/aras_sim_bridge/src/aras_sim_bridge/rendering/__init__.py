@@ -31,6 +31,17 @@ class Renderer(Protocol):
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
         """Picture of the view, (height, width, 3) uint8 rgb, top row first."""
 
+    def measure(self, view: View, blend: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        """Depth and segmentation of the view, one sample a pixel.
+
+        Depth (height, width) float32, m, inf where nothing is: along the optical axis, or
+        along the ray through lenses so wide that they need several faces. Segmentation
+        (height, width) int32: body id + (link index + 1) << 24 as in Bullet, -1 where nothing is.
+        """
+
+    def bodies_around(self, point: np.ndarray) -> list[str]:
+        """Names 'model::link' of the visuals that the point (3,), world frame, is inside of."""
+
     def snapshot(self) -> None:
         """Remember where everything is; `blend` < 1 draws between there and the present."""
 

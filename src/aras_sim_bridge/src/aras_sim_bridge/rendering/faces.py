@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .raymap import RayMap
 from .view import View
 
 
@@ -47,11 +48,16 @@ def whole(view: View) -> Faces:
 
 def tiles(view: View, origins: np.ndarray, size: int, columns: int, rows: int) -> Faces:
     """Square tiles of `size` px with corners `origins` (F, 2) u, v, in a columns x rows atlas."""
-    n = np.arange(len(origins))
+    return Faces(None, _window(view.K, origins, size, size),
+                 _grid(len(origins), columns, rows), view.near, view.far)
+
+
+def _grid(count: int, columns: int, rows: int) -> np.ndarray:
+    """Placements (count, 4) of equal squares, row by row."""
+    n = np.arange(count)
     column, row = n % columns, n // columns
-    placement = np.stack([np.full(len(n), 1 / columns), (2 * column + 1) / columns - 1,
-                          np.full(len(n), 1 / rows), (2 * row + 1) / rows - 1], axis=1)
-    return Faces(None, _window(view.K, origins, size, size), placement, view.near, view.far)
+    return np.stack([np.full(count, 1 / columns), (2 * column + 1) / columns - 1,
+                     np.full(count, 1 / rows), (2 * row + 1) / rows - 1], axis=1)
 
 
 def _window(K: np.ndarray, origins: np.ndarray, width: int, height: int) -> np.ndarray:
@@ -62,3 +68,22 @@ def _window(K: np.ndarray, origins: np.ndarray, width: int, height: int) -> np.n
     out[:, 2] = 2 * K[1, 1] / height
     out[:, 3] = (2 * (K[1, 2] - origins[:, 1]) + 1) / height - 1
     return out
+
+
+def around(lens: RayMap, near: float, far: float) -> Faces:
+    """The faces of a lens in its atlas."""
+    w, h = lens.atlas_size
+    projection = np.concatenate([
+        _window(face.K(), np.zeros((1, 2)), *face.rectangle[2:]) for face in lens.faces
+    ])
+    x, y, fw, fh = np.array([face.rectangle for face in lens.faces], float).T
+    placement = np.stack([fw / w, (2 * x + fw) / w - 1, fh / h, (2 * y + fh) / h - 1], axis=1)
+    return Faces(np.array([f.rotation for f in lens.faces]), projection, placement, near, far)
+
+
+def looking(rotation: np.ndarray, half: np.ndarray, columns: int, rows: int, near: float,
+            far: float) -> Faces:
+    """Faces with own axes, rotation (F, 3, 3), -half..half wide, in a columns x rows atlas."""
+    zero = np.zeros(len(half))
+    projection = np.stack([1 / half[:, 0], zero, 1 / half[:, 1], zero], axis=1)
+    return Faces(rotation, projection, _grid(len(half), columns, rows), near, far)

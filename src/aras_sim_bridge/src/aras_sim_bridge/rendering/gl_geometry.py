@@ -14,8 +14,8 @@ from .visibility import Visibility
 # One glMultiDrawElementsIndirect record.
 COMMAND = np.dtype([("count", "<u4"), ("instances", "<u4"), ("first", "<u4"),
                     ("base_vertex", "<i4"), ("base_instance", "<u4")])
-# face_T_link rows, projection, placement, sun
-INSTANCE_FLOATS = 12 + 4 + 4 + 3
+# face_T_link rows, projection, placement, sun, label
+INSTANCE_FLOATS = 12 + 4 + 4 + 3 + 1
 TEXTURE_SIZE = 512
 
 
@@ -80,7 +80,8 @@ class Geometry:
         records[:, :12] = T.reshape(-1, 12)
         records[:, 12:16] = faces.projection[face]
         records[:, 16:20] = faces.placement[face]
-        records[:, 20:] = sun[link]
+        records[:, 20:23] = sun[link]
+        records[:, 23] = link + 1
         for buffer, data in ((self._indices, c.indices[triangle]), (self._instances, records),
                              (self._commands, commands)):
             if data.nbytes > buffer.size:
@@ -95,7 +96,8 @@ class Geometry:
             used = {m for m in program}
             layout = " ".join(f if n in used else _padding(f) for n, f in names)
             instance = [("row0", "4f4"), ("row1", "4f4"), ("row2", "4f4"),
-                        ("projection", "4f4"), ("placement", "4f4"), ("sun", "3f4")]
+                        ("projection", "4f4"), ("placement", "4f4"), ("sun", "3f4"),
+                        ("label", "1f4")]
             instance_layout = " ".join(f if n in used else _padding(f) for n, f in instance)
             self._arrays[program] = self._ctx.vertex_array(program, [
                 (self._vertices, layout, *(n for n, _ in names if n in used)),

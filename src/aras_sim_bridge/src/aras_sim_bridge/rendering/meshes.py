@@ -134,6 +134,25 @@ def plane(normal: np.ndarray, half_size: float = 50.0) -> Mesh:
     return from_corners(np.array([[p[0], p[1], p[2]], [p[0], p[2], p[3]]]))
 
 
+def contains(mesh: Mesh, point: np.ndarray) -> bool:
+    """Whether a point (3,) is inside a closed mesh: a ray from it leaves an odd number of times."""
+    low, high = mesh.positions.min(axis=0), mesh.positions.max(axis=0)
+    if (point < low).any() or (point > high).any():
+        return False
+    direction = np.array([0.5773, 0.5411, 0.6119])  # along no edge of anything man-made
+    a, b, c = mesh.positions[mesh.triangles].astype(float).transpose(1, 0, 2)
+    e1, e2, to = b - a, c - a, point - a
+    p = np.cross(direction, e2)
+    det = (e1 * p).sum(axis=1)
+    det = np.where(np.abs(det) > 1e-18, det, np.inf)
+    u = (to * p).sum(axis=1) / det
+    q = np.cross(to, e1)
+    v = q @ direction / det
+    t = (e2 * q).sum(axis=1) / det
+    hits = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)
+    return bool(np.count_nonzero(hits) % 2)
+
+
 def load(path: str | Path) -> list[Mesh]:
     """Meshes of an STL or OBJ file, one for each material.
 

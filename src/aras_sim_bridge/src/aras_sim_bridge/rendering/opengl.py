@@ -1,9 +1,9 @@
 """Renderer on OpenGL 3.3 through EGL: no display needed, a GPU where there is one.
 
 Anti-aliasing ('edges', the default): the picture is drawn with one sample a pixel, then the tiles
-in which neighbouring pixels differ are drawn again with 16 samples a pixel (4 where most of
-the picture is edges). That costs less than hardware multisampling of the whole picture and is
-several times finer. 'multisample' asks the hardware instead.
+in which neighbouring pixels differ are drawn again with 64 samples a pixel (16 where many tiles
+have edges, 4 where most have). That costs less than hardware multisampling of the whole picture
+and measures several times finer. 'multisample' asks the hardware instead.
 """
 
 from __future__ import annotations
@@ -15,9 +15,11 @@ import moderngl
 import numpy as np
 
 from ..errors import RenderingError
-from . import refinement, shaders
+from . import gl_lens, refinement, shaders
 from .faces import Faces, tiles, whole
 from .gl_geometry import Geometry
+from .gl_lens import LensPass
+from .gl_target import Target, create_context
 from .refinement import TILE, EdgeFinder
 from .scene import Scene
 from .view import Light, MaterialTable, View
@@ -25,8 +27,10 @@ from .view import Light, MaterialTable, View
 ANTIALIASING = ("edges", "multisample", "none")
 MULTISAMPLES = 4
 ATLAS_COLUMNS = 16
-# Share of tiles with edges above which 4 samples a pixel have to do.
-FINE_SHARE = 0.35
+# What clipping one triangle to a tile costs, in drawn samples; measured on the software rasteriser.
+CLIP_COST = 750
+# Beyond this many triangles times tiles even finding out what overlaps takes too long.
+MOST_PAIRS = 60_000
 
 
 class OpenGLRenderer:
@@ -46,12 +50,14 @@ class OpenGLRenderer:
             )
         self.reason = ""
         self.antialiasing = antialiasing
+        self._samples = MULTISAMPLES if antialiasing == "multisample" else 1
         self.scene = Scene(client, materials)
         self.light = light
         self._ctx: moderngl.Context | None = create_context()
         self._programs: dict[tuple, moderngl.Program] = {}
         self._targets: dict[tuple, Target] = {}
         self._finders: dict[tuple[int, int], EdgeFinder] = {}
+        self._lenses: dict[tuple, LensPass] = {}
         self._geometry: Geometry | None = None
 
     def snapshot(self) -> None:
@@ -67,19 +73,98 @@ class OpenGLRenderer:
 
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
         optical_T_link, sun = self._prepare(view, blend)
+        if view.lens is not None:
+            rgba = self._through_lens(view, optical_T_link, sun)
+        else:
+            rgba = self._flat(view, optical_T_link, sun)
+        return cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB)
+
+    def measure(self, view: View, blend: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        optical_T_link, sun = self._prepare(view, blend)
+        lens = view.lens
+        faces = whole(view) if lens is None else self._lens(view).faces
+        size = (view.width, view.height) if lens is None else lens.atlas_size
+        shown = self._shown(faces, optical_T_link, sun)
+        key = (*size, "measure")
+        if key not in self._targets:
+            self._targets[key] = Target(self._ctx, *size, texture=True, components=2, dtype="f4")
+        target = self._targets[key]
+        target.draw.use()
+        target.draw.clear(0.0, 0.0, 0.0, 0.0)
+        program = self._program(len(faces) > 1, measure=True)
+        self._geometry.draw(program, shown.faces, shown.triangle, shown.face, optical_T_link, sun)
+        measured = target.read(self._ctx)
+        depth, row = measured[..., 0], measured[..., 1]
+        if lens is not None:
+            depth, row = lens.look_up_depth(depth), lens.look_up(row)
+        labels = np.concatenate([[-1], self.scene.labels()]).astype(np.int32)
+        return np.where(row > 0.0, depth, np.float32(np.inf)), labels[row.astype(int)]
+
+    def bodies_around(self, point: np.ndarray) -> list[str]:
+        return self.scene.bodies_around(point)
+
+    def _shown(self, faces: Faces, optical_T_link: np.ndarray, sun: np.ndarray) -> _Shown:
+        """What each face can show."""
+        found = [self._geometry.visibility.of_face(faces, k, optical_T_link)[0]
+                 for k in range(len(faces))]
+        face = np.repeat(np.arange(len(found)), [len(f) for f in found])
+        return _Shown(faces, np.concatenate(found), face, optical_T_link, sun)
+
+    def _flat(self, view: View, optical_T_link: np.ndarray, sun: np.ndarray) -> np.ndarray:
+        """Picture of a pinhole, (height, width, 4)."""
         w, h = view.width, view.height
         faces = whole(view)
         triangle, bounds = self._geometry.visibility.of_face(faces, 0, optical_T_link)
         shown = _Shown(faces, triangle, np.zeros(len(triangle), int), optical_T_link, sun)
         if self.antialiasing == "edges" and min(w, h) < TILE:
-            rgba = cv2.resize(self._picture(shown, (4 * w, 4 * h)), (w, h),
+            return cv2.resize(self._picture(shown, (4 * w, 4 * h)), (w, h),
                               interpolation=cv2.INTER_AREA)
-        elif self.antialiasing == "edges":
-            rgba = self._refine(view, self._picture(shown, (w, h)), shown, bounds)
-        else:
-            samples = MULTISAMPLES if self.antialiasing == "multisample" else 1
-            rgba = self._picture(shown, (w, h), samples)
-        return cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB)
+        if self.antialiasing == "edges":
+            return self._refine(view, self._picture(shown, (w, h)), shown, bounds)
+        return self._picture(shown, (w, h), self._samples)
+
+    def _through_lens(self, view: View, optical_T_link: np.ndarray, sun: np.ndarray
+                      ) -> np.ndarray:
+        """Picture through a lens, (height, width, 4): its faces drawn, then looked up."""
+        lens = self._lens(view)
+        visibility = self._geometry.visibility
+        shown = self._shown(lens.faces, optical_T_link, sun)
+        size = view.lens.atlas_size
+        target = self._drawn(shown, size, self._samples, texture=True)
+        target.resolve(self._ctx)
+        rgba = lens.resample(target.texture)
+        if self.antialiasing != "edges" or min(view.width, view.height) < TILE:
+            return rgba
+        finder = self._finder(view.width, view.height)
+        corners = finder.find(rgba, without=lens.rim)
+        if not len(corners):
+            return rgba
+        triangle = np.unique(shown.triangle)
+        if len(triangle) * len(corners) <= MOST_PAIRS:
+            rows = _atlas_rows(len(corners))
+            faces, number = lens.tiles(corners, ATLAS_COLUMNS, rows)
+            triangle, tile = visibility.of_rotated(triangle, faces, optical_T_link)
+            cost = CLIP_COST * len(triangle) + len(corners) * (TILE * gl_lens.FACTOR) ** 2
+            if cost <= 3 * size[0] * size[1]:
+                n = TILE * gl_lens.FACTOR
+                atlas = self._picture(_Shown(faces, triangle, tile, optical_T_link, sun),
+                                      (ATLAS_COLUMNS * n, rows * n))
+                lens.paste(rgba, atlas, corners, number, ATLAS_COLUMNS)
+                return rgba
+        double = self._drawn(shown, (2 * size[0], 2 * size[1])).read(self._ctx)
+        target.texture.write(cv2.resize(double, size, interpolation=cv2.INTER_AREA))
+        return lens.resample(target.texture)
+
+    def _lens(self, view: View) -> LensPass:
+        key = (id(view.lens), view.near, view.far)
+        if key not in self._lenses:
+            self._lenses[key] = LensPass(self._ctx, view.lens, view.near, view.far)
+        return self._lenses[key]
+
+    def _finder(self, width: int, height: int) -> EdgeFinder:
+        if (width, height) not in self._finders:
+            self._finders[width, height] = EdgeFinder(width, height)
+        return self._finders[width, height]
 
     def _prepare(self, view: View, blend: float) -> tuple[np.ndarray, np.ndarray]:
         """Upload what changed; link poses in the optical frame and the sun in link frames."""
@@ -95,56 +180,64 @@ class OpenGLRenderer:
 
     def _picture(self, shown: _Shown, size: tuple[int, int], samples: int = 1) -> np.ndarray:
         """Draw into a framebuffer of `size`; its pixels, (height, width, 4)."""
-        target = self._target(*size, samples)
+        return self._drawn(shown, size, samples).read(self._ctx)
+
+    def _drawn(self, shown: _Shown, size: tuple[int, int], samples: int = 1,
+               texture: bool = False) -> Target:
+        key = (*size, samples, texture)
+        if key not in self._targets:
+            self._targets[key] = Target(self._ctx, *size, samples, texture)
+        target = self._targets[key]
         target.draw.use()
         target.draw.clear(*self.light.background)
         self._geometry.draw(self._program(len(shown.faces) > 1), shown.faces, shown.triangle,
                             shown.face, shown.optical_T_link, shown.sun)
-        return target.read(self._ctx)
+        return target
 
     def _refine(self, view: View, rgba: np.ndarray, shown: _Shown, bounds: np.ndarray
                 ) -> np.ndarray:
         """Draw the tiles with edges again, finer, and put them into rgba."""
         w, h = view.width, view.height
-        if (w, h) not in self._finders:
-            self._finders[w, h] = EdgeFinder(w, h)
-        finder = self._finders[w, h]
-        found = finder.find(rgba)
-        if not len(found):
+        corners = self._finder(w, h).find(rgba)
+        if not len(corners):
             return rgba
-        if len(found) > FINE_SHARE * finder.rows * finder.columns:
+        triangle, tile = np.zeros(0, int), np.zeros(0, int)
+        left = 4 * w * h
+        if len(shown.triangle) * len(corners) > MOST_PAIRS:
+            left = 0
+        else:
+            first = corners * (2.0 / np.array([w, h])) - 1.0
+            triangle, tile = self._geometry.visibility.of_tiles(
+                shown.triangle, bounds, first, first + 2.0 * TILE / np.array([w, h])
+            )
+            left -= CLIP_COST * len(triangle)
+        # As fine as costs no more than drawing everything with 2 x 2 samples, or else just that.
+        factor = next((f for f in (8, 4) if len(corners) * (TILE * f) ** 2 <= left), 2)
+        if factor == 2:
             return cv2.resize(self._picture(shown, (2 * w, 2 * h)), (w, h),
                               interpolation=cv2.INTER_AREA)
-        corners = refinement.origins(found, w, h)
-        rows = 1 << (-(-len(corners) // ATLAS_COLUMNS) - 1).bit_length()
-        first = corners * (2.0 / np.array([w, h])) - 1.0
-        triangle, tile = self._geometry.visibility.of_tiles(
-            shown.triangle, bounds, first, first + 2.0 * TILE / np.array([w, h])
-        )
+        rows = _atlas_rows(len(corners))
         fine = _Shown(tiles(view, corners, TILE, ATLAS_COLUMNS, rows), triangle, tile,
                       shown.optical_T_link, shown.sun)
-        atlas = self._picture(fine, (ATLAS_COLUMNS * TILE * 4, rows * TILE * 4))
-        refinement.paste(rgba, atlas, corners, 4)
+        atlas = self._picture(fine, (ATLAS_COLUMNS * TILE * factor, rows * TILE * factor))
+        refinement.paste(rgba, atlas, corners, factor)
         return rgba
 
-    def _program(self, tiled: bool) -> moderngl.Program:
-        textured = self._geometry.textures is not None
-        key = (tiled, textured)
+    def _program(self, tiled: bool, measure: bool = False) -> moderngl.Program:
+        textured = self._geometry.textures is not None and not measure
+        switches = {"TILED": tiled, "TEXTURED": textured, "MEASURE": measure}
+        key = tuple(switches.values())
         if key not in self._programs:
-            names = [n for n, on in (("TILED", tiled), ("TEXTURED", textured)) if on]
+            names = [name for name, on in switches.items() if on]
+            fragment = shaders.MEASURE_FRAGMENT if measure else shaders.MESH_FRAGMENT
             self._programs[key] = self._ctx.program(
                 vertex_shader=shaders.defined(shaders.MESH_VERTEX, *names),
-                fragment_shader=shaders.defined(shaders.MESH_FRAGMENT, *names),
+                fragment_shader=shaders.defined(fragment, *names),
             )
         program = self._programs[key]
-        program["light"] = (self.light.ambient, self.light.diffuse)
+        if not measure:
+            program["light"] = (self.light.ambient, self.light.diffuse)
         return program
-
-    def _target(self, width: int, height: int, samples: int) -> Target:
-        key = (width, height, samples)
-        if key not in self._targets:
-            self._targets[key] = Target(self._ctx, width, height, samples)
-        return self._targets[key]
 
 
 @dataclass(frozen=True)
@@ -154,43 +247,10 @@ class _Shown:
     faces: Faces
     triangle: np.ndarray
     face: np.ndarray
-    optical_T_link: np.ndarray
+    optical_T_link: np.ndarray  # noqa: N815 (a_T_b maps b to a)
     sun: np.ndarray
 
 
-class Target:
-    """A framebuffer, with the plain one it is resolved to where it is multisampled."""
-
-    def __init__(self, ctx: moderngl.Context, width: int, height: int, samples: int) -> None:
-        size = (width, height)
-        many = samples if samples > 1 else 0
-        try:
-            self.draw = ctx.framebuffer([ctx.renderbuffer(size, 4, samples=many)],
-                                        ctx.depth_renderbuffer(size, samples=many))
-            self.plain = ctx.framebuffer([ctx.renderbuffer(size, 4)]) if many else self.draw
-        except moderngl.Error as error:
-            raise RenderingError(
-                f"the graphics driver refuses a picture of {width} x {height} pixels with "
-                f"{samples} samples ({error}); make it smaller"
-            ) from error
-        self._rgba = np.empty((height, width, 4), np.uint8)
-
-    def read(self, ctx: moderngl.Context) -> np.ndarray:
-        """Pixels (height, width, 4) uint8, in a buffer that the next read overwrites."""
-        if self.plain is not self.draw:
-            ctx.copy_framebuffer(self.plain, self.draw)
-        self.plain.read_into(self._rgba, components=4)
-        return self._rgba
-
-
-def create_context() -> moderngl.Context:
-    """A context without a window.
-
-    Raises RenderingError that says what is missing.
-    """
-    try:
-        return moderngl.create_context(standalone=True, backend="egl", require=330)
-    except Exception as error:  # glcontext raises bare Exception for every cause
-        raise RenderingError(
-            f"EGL gives no OpenGL 3.3 context ({error}); install libegl1 and libgl1-mesa-dri"
-        ) from error
+def _atlas_rows(count: int) -> int:
+    """Rows for `count` tiles; powers of two, so that few sizes of framebuffer are made."""
+    return 1 << (-(-count // ATLAS_COLUMNS) - 1).bit_length()

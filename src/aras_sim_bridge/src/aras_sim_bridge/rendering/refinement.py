@@ -9,8 +9,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-TILE = 16
-# Grey levels, per channel: below it an edge is as smooth as shading.
+TILE = 8
+# Grey levels: below it an edge is as smooth as shading.
 THRESHOLD = 6
 
 
@@ -25,8 +25,12 @@ class EdgeFinder:
         self._grey = np.zeros(shape, np.uint8)
         self._edge = np.zeros(shape, np.uint8)
 
-    def find(self, rgba: np.ndarray) -> np.ndarray:
-        """(N, 2) column and row of the tiles with edges in rgba (height, width, 4) uint8."""
+    def find(self, rgba: np.ndarray, without: np.ndarray | None = None) -> np.ndarray:
+        """(N, 2) first pixels u, v of the tiles with edges in rgba (height, width, 4) uint8.
+
+        without: (rows, columns) bool, tiles to leave out. Tiles at the far borders are moved
+        inwards where they would stand out of the picture.
+        """
         w, h = self._size
         grey = self._grey
         grey[:h, :w] = cv2.cvtColor(rgba, cv2.COLOR_RGBA2GRAY)
@@ -43,19 +47,15 @@ class EdgeFinder:
         edge[:h - 1, w - 1] = cv2.absdiff(grey[1:h, w - 1], grey[:h - 1, w - 1]).reshape(-1)
         edge[h - 1, :w - 1] = cv2.absdiff(grey[h - 1, 1:w], grey[h - 1, :w - 1]).reshape(-1)
         words = cv2.threshold(edge, THRESHOLD, 1, cv2.THRESH_BINARY)[1].view(np.uint64)
-        words = words.reshape(self.rows, TILE, self.columns, TILE // 8)
+        words = words.reshape(self.rows, TILE, self.columns)  # a row of a tile is one word
         column = np.bitwise_or.reduce(words, axis=1)
-        hit = (column[..., 0] | column[..., 1]) != 0
+        hit = column != 0
         # A difference noted on the last pixel of a tile concerns the next tile as well.
-        hit[:, 1:] |= (column[:, :-1, -1] >> np.uint64(56)) != 0
-        last = words[:-1, -1]
-        hit[1:, :] |= (last[..., 0] | last[..., 1]) != 0
-        return np.argwhere(hit)[:, ::-1]
-
-
-def origins(tiles: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Corners (N, 2) of tiles, moved inwards where a tile would stand out of the picture."""
-    return np.maximum(np.minimum(tiles * TILE, [width - TILE, height - TILE]), 0)
+        hit[:, 1:] |= (column[:, :-1] >> np.uint64(56)) != 0
+        hit[1:, :] |= words[:-1, -1] != 0
+        if without is not None:
+            hit &= ~without
+        return np.minimum(np.argwhere(hit)[:, ::-1] * TILE, [w - TILE, h - TILE])
 
 
 def paste(image: np.ndarray, atlas: np.ndarray, corners: np.ndarray, factor: int) -> None:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 import pybullet
 
-from ..errors import RenderingError
 from . import meshes
 from .gazebo_materials import COLOURS, Rgba
 from .meshes import Mesh
@@ -38,7 +37,6 @@ class _Body:
     links: list[int]
     has_base: bool
     base_from_com: np.ndarray
-    fixed: bool
 
 
 def pose_matrices(positions: np.ndarray, quaternions: np.ndarray) -> np.ndarray:
@@ -102,8 +100,6 @@ class Scene:
         """Poses of all links that carry a visual, (rows, 4, 4), link to world."""
         p, q = self._positions, self._quaternions
         for body in self._bodies:
-            if body.fixed:
-                continue
             self._read(body, p, q)
         matrices = pose_matrices(p, q)
         for body in self._bodies:
@@ -142,6 +138,23 @@ class Scene:
             return now
         return blend_poses(self._previous, now, blend)
 
+    def labels(self) -> np.ndarray:
+        """(rows,) int32 segmentation values: body id + (link index + 1) << 24, as in Bullet."""
+        return np.array([body.body + ((link + 1) << 24) for body in self._bodies
+                         for link in ([-1] if body.has_base else []) + body.links], np.int32)
+
+    def bodies_around(self, point: np.ndarray) -> list[str]:
+        """Names of the links whose closed visuals contain the point (3,), world frame."""
+        self.refresh()
+        poses = self.poses()
+        names = []
+        for part in self.parts:
+            T = poses[part.row]
+            local = (np.asarray(point) - T[:3, 3]) @ T[:3, :3]
+            if meshes.contains(part.mesh, local):
+                names.append(self.link_name(part.body, part.link))
+        return list(dict.fromkeys(names))
+
     def _load(self, ids: tuple[int, ...]) -> None:
         parts: list[Part] = []
         bodies: list[_Body] = []
@@ -172,7 +185,7 @@ class Scene:
         return _Body(
             body=body, rows=slice(row, row + len(links)),
             links=[link for link in links if link >= 0], has_base=links[0] == -1,
-            base_from_com=np.linalg.inv(com), fixed=False,
+            base_from_com=np.linalg.inv(com),
         )
 
     def _parts(self, row: int, body: int, link: int, visual: tuple) -> list[Part]:
@@ -239,12 +252,3 @@ def blend_poses(a: np.ndarray, b: np.ndarray, s: float) -> np.ndarray:
     out[..., :3, 0], out[..., :3, 1], out[..., :3, 2] = x, y, np.cross(x, y)
     return out
 
-
-def check_link(client: int, body: int, link: int) -> None:
-    """Raise RenderingError if the body or link is not there."""
-    try:
-        count = pybullet.getNumJoints(body, physicsClientId=client)
-    except pybullet.error as error:
-        raise RenderingError(f"there is no body {body} in Bullet client {client}") from error
-    if not -1 <= link < count:
-        raise RenderingError(f"body {body} has no link {link}; it has -1..{count - 1}")

@@ -13,6 +13,11 @@ in vec4 row2;
 in vec4 projection;        // see faces.Faces
 in vec4 placement;
 in vec3 sun;               // unit vector towards it, link frame
+#ifdef MEASURE
+in float label;
+out float v_depth;
+flat out float v_label;
+#endif
 uniform vec2 light;        // ambient, diffuse
 out float v_light;         // shading is smooth between vertices
 flat out vec4 v_rgba;
@@ -37,6 +42,10 @@ void main() {
     v_uv = uv.xy;
     v_layer = uv.z;
 #endif
+#ifdef MEASURE
+    v_depth = q.z;
+    v_label = label;
+#endif
     gl_Position = vec4(placement.xz * xy + placement.yw * q.z,
                        depth_range.x * q.z - depth_range.y, q.z);
 }
@@ -59,6 +68,34 @@ void main() {
     albedo *= v_layer < 0.0 ? vec4(1.0) : texel;
 #endif
     colour = vec4(albedo.rgb * v_light, albedo.a);
+}
+"""
+
+
+# Depth along the face's axis, and the row of the link plus one.
+MEASURE_FRAGMENT = """
+#version 330
+in float v_depth;
+flat in float v_label;
+out vec2 measured;
+void main() { measured = vec2(v_depth, v_label); }
+"""
+
+SCREEN_VERTEX = """
+#version 330
+in vec2 corner;
+void main() { gl_Position = vec4(corner, 0.0, 1.0); }
+"""
+
+# Looks every pixel of the picture up in the atlas of faces.
+LENS_FRAGMENT = """
+#version 330
+uniform sampler2D atlas;
+uniform sampler2D lookup;  // atlas coordinates 0..1, negative where the lens shows nothing
+out vec4 colour;
+void main() {
+    vec2 at = texelFetch(lookup, ivec2(gl_FragCoord.xy), 0).xy;
+    colour = at.x < 0.0 ? vec4(0.0, 0.0, 0.0, 1.0) : texture(atlas, at);
 }
 """
 

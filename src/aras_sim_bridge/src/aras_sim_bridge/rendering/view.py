@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..errors import RenderingError
-from .gazebo_materials import WHITE, Rgba
+from .gazebo_materials import WHITE, Rgba, colour
+from .raymap import RayMap
+
+_log = logging.getLogger(__name__)
 
 # sensor frame (x forward, y left, z up; Gazebo's cameras) -> optical frame (z forward, x right,
 # y down; REP 103)
@@ -16,13 +21,15 @@ SENSOR_R_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]
 
 @dataclass(frozen=True)
 class View:
-    """A pinhole view.
+    """A view of the world, through a pinhole or a lens.
 
     width, height: image size, pixels.
     world_T_optical: (4, 4), pose of the optical frame (z forward, x right, y down) in the world.
     K: (3, 3) without skew; pixel centres have integer coordinates, so the centre of the image
         is ((width - 1) / 2, (height - 1) / 2).
     near, far: nothing nearer or farther along the optical axis is drawn, m.
+    lens: where it is given, the picture is seen through it and K is not used; near and far are
+        then measured along the axis of each of its faces.
     """
 
     width: int
@@ -31,6 +38,7 @@ class View:
     K: np.ndarray
     near: float = 0.02
     far: float = 300.0
+    lens: RayMap | None = None
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:
@@ -97,6 +105,19 @@ class MaterialTable:
         if default is not None:
             self.defaults[body_id] = default
         self.version += 1
+
+    def set_materials(self, body_id: int, names: Mapping[int, str]) -> None:
+        """Colours of one body by Gazebo material names (link index -> name), the rest white.
+
+        A material that Gazebo does not have is drawn white, with a warning.
+        """
+        colours = {}
+        for link, name in names.items():
+            try:
+                colours[link] = colour(name)
+            except RenderingError as error:
+                _log.warning("%s; drawn white", error)
+        self.set_body(body_id, colours)
 
     def forget(self, body_id: int) -> None:
         """Drop what is known of a deleted body."""

@@ -99,6 +99,23 @@ class Visibility:
         return triangle[index], tile
 
 
+    def of_rotated(self, triangle: np.ndarray, faces: Faces, optical_T_link: np.ndarray
+                   ) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs (triangle, face) that may overlap, face by face, for faces with own axes."""
+        c = self._c
+        T = optical_T_link[c.tri_row[triangle]]
+        p = c.corners[triangle] @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
+        a, _, d, _ = faces.projection.T
+        one, zero = np.ones_like(a), np.zeros_like(a)
+        normals = np.stack([np.stack([a, zero, one], -1), np.stack([-a, zero, one], -1),
+                            np.stack([zero, d, one], -1), np.stack([zero, -d, one], -1)], axis=1)
+        normals = (normals @ faces.rotation).reshape(-1, 3)
+        side = (p.reshape(-1, 3) @ normals.T).reshape(len(triangle), 3, len(a), 4)
+        outside = (side < 0.0).all(axis=1).any(axis=2)
+        face, index = np.nonzero(~outside.T)
+        return triangle[index], face
+
+
 def _touches(offset: np.ndarray, reach: np.ndarray, faces: Faces) -> np.ndarray:
     """Whether boxes touch the frustum: distances (N, 5) of centres to the planes, and reaches."""
     high = offset + reach

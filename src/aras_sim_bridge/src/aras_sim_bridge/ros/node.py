@@ -10,6 +10,7 @@ from typing import Any
 
 import rospy
 
+from aras_sim_bridge import world_file
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.pacing import Pacer
 from aras_sim_bridge.ros.clock import ClockPublisher
@@ -19,6 +20,7 @@ from aras_sim_bridge.ros.master_watch import MasterWatch
 from aras_sim_bridge.ros.parameters import NodeParameters
 from aras_sim_bridge.ros.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.world_file import WorldFile
 
 # A waiting thread gets the interpreter after this long [s]: the simulation must not stand behind
 # five milliseconds (Python's default) of somebody else's messages at every step.
@@ -38,9 +40,10 @@ class GazeboNode:
         self.fault: BaseException | None = None
         self.api: GazeboApi | None = None
         self.clock = ClockPublisher(parameters.effective_clock_rate)
+        self.world_file = world_file.read(parameters.world)
         self.thread = SimulationThread(
             self._build,
-            make_pacer(parameters),
+            make_pacer(parameters, self.world_file),
             after_step=self.clock.update,
             after_batch=self._after_batch,
             on_fault=self._on_fault,
@@ -68,7 +71,7 @@ class GazeboNode:
         self.thread.stop()
 
     def _build(self) -> Any:
-        return build_simulation(self.parameters)
+        return build_simulation(self.parameters, self.world_file)
 
     def _after_batch(self, _time_ns: int) -> None:
         if self.api is not None:
@@ -112,24 +115,30 @@ def _end_for(why: str) -> None:
     rospy.signal_shutdown(why)
 
 
-def make_pacer(parameters: NodeParameters) -> Pacer:
-    """Return the pacer of a speed mode."""
-    return Pacer(0.0 if parameters.speed_mode == "max" else parameters.real_time_factor)
+def make_pacer(parameters: NodeParameters, world: WorldFile) -> Pacer:
+    """Return the pacer of a speed mode; the world file's own pace counts as in Gazebo."""
+    factor = parameters.real_time_factor * world.update_rate * world.time_step
+    return Pacer(0.0 if parameters.speed_mode == "max" else factor)
 
 
-def build_simulation(parameters: NodeParameters) -> Simulation:
-    """Return the simulation that the node's parameters describe."""
+def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation:
+    """Return the simulation that the node's parameters and the world file describe."""
     gui = parameters.gui
     if gui and not os.environ.get("DISPLAY"):
         rospy.logwarn("gui is true but DISPLAY is not set; going on without a window")
         gui = False
+    if world.ignored:
+        rospy.logwarn("not built from the world file: %s; spawn them", ", ".join(world.ignored))
     return Simulation(
         SimulationConfig(
-            time_step=parameters.max_step_size,
+            time_step=world.time_step,
+            gravity=world.gravity,
             gui=gui,
             renderer=parameters.renderer,
             seed=parameters.seed,
             legacy_camera_info=parameters.legacy_camera_info,
+            ground_plane=world.ground_plane,
+            sun_direction=world.sun_direction,
         )
     )
 

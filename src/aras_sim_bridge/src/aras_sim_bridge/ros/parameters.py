@@ -12,7 +12,7 @@ from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.reconfigure import PHYSICS_FIELDS
 
 LOG_LEVELS = ("debug", "info", "warn", "error")
-SPEED_MODES = ("real_time", "max", "lockstep")
+SPEED_MODES = ("real_time", "max")
 RENDERERS = ("auto", "opengl", "tiny")
 # Written by the node itself, or by others who share the namespace with Gazebo.
 FOREIGN = {field.name for field in PHYSICS_FIELDS} | {"cameras", "robot_description"}
@@ -32,11 +32,8 @@ class NodeParameters:
     renderer: str = "auto"
     speed_mode: str = "real_time"
     clock_rate: float = 250.0
-    max_step_size: float = 0.001
     real_time_factor: float = 1.0
     seed: int = 0
-    lockstep_topic: str = ""
-    lockstep_timeout: float = 5.0
     legacy_camera_info: bool = False
     enable_ros_network: bool = True
     pub_clock_frequency: float = -1.0
@@ -80,12 +77,8 @@ class NodeParameters:
         require(self.renderer in RENDERERS, "renderer", f"choose one of {RENDERERS}")
         require(self.log_level in LOG_LEVELS, "log_level", f"choose one of {LOG_LEVELS}")
         require(self.clock_rate >= 0, "clock_rate", "give Hz, or 0 for every step")
-        require(1e-5 <= self.max_step_size <= 0.1, "max_step_size", "give 1e-5 to 0.1 s")
         require(self.real_time_factor > 0, "real_time_factor", "give a positive factor")
-        require(self.lockstep_timeout > 0, "lockstep_timeout", "give seconds above 0")
         require(self.master_check_period > 0, "master_check_period", "give seconds above 0")
-        if self.speed_mode == "lockstep":
-            require(bool(self.lockstep_topic), "lockstep_topic", "name the topic to wait for")
 
 
 def _convert(name: str, value: Any, default: Any) -> Any:

@@ -79,12 +79,26 @@ def _link(link: Link, concave: bool) -> str:
 
 def _visual(visual: Visual) -> str:
     colour = ""
+    if visual.geometry.kind == "plane":
+        visual = _slab(visual)
     if visual.rgba is not None:
         colour = f'<material name="m"><color rgba={_numbers(visual.rgba)}/></material>'
     return (
         f"<visual>{_origin(visual.origin_xyz, visual.origin_rpy)}"
         f"<geometry>{_geometry(visual.geometry)}</geometry>{colour}</visual>"
     )
+
+
+def _slab(visual: Visual) -> Visual:
+    """A thin box whose top is the plane: Bullet has no picture of a plane."""
+    width, depth, _ = visual.geometry.size
+    size = (width or 100.0, depth or 100.0, 0.02)
+    normal = np.array(visual.geometry.normal)
+    axis = np.cross((0.0, 0.0, 1.0), normal)
+    tilt = Pose((0.0, 0.0, 0.0), normalised((*axis.tolist(), 1.0 + float(normal[2])))) \
+        if normal[2] > -1.0 else Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+    pose = Pose.from_rpy(visual.origin_xyz, visual.origin_rpy) @ tilt @ Pose((0.0, 0.0, -0.01))
+    return Visual(visual.name, pose.xyz, _rpy(pose.quat), Geometry("box", size=size), visual.rgba)
 
 
 def _collision(collision: Collision, concave: bool) -> str:

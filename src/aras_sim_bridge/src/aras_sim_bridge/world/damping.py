@@ -47,7 +47,7 @@ class ViscousDamping:
         return self._implicit_torques(dt) if self._implicit else None
 
     def changed(self) -> None:
-        """The configuration jumped, or damping or inertia was set: choose again at the next step."""
+        """Configuration, damping or inertia jumped: choose again at the next step."""
         self.coefficients = np.array(self._model.damping)
         self._countdown = 0
 

@@ -253,23 +253,21 @@ def _check_simulable(description: RobotDescription, name: str) -> None:
     """WorldError for joint kinds and masses that no dynamics can have."""
     if description.static:
         return
-    heavy: dict[str, bool] = {}
-    children: dict[str, list] = {}
+    parents: dict[str, str] = {}
     for joint in description.joints.values():
-        children.setdefault(joint.parent, []).append(joint)
+        parents[joint.child] = joint.parent
         if joint.kind in ("floating", "planar"):
             raise WorldError(f"model '{name}', joint '{joint.name}': {joint.kind} joints are not "
                              "simulated; use prismatic and revolute joints in a row")
 
-    def mass_below(link: str) -> bool:
-        parts = [description.links[link].inertial is not None]
-        parts += [mass_below(j.child) for j in children.get(link, [])]
-        heavy[link] = any(parts)
-        return heavy[link]
-
-    mass_below(description.root)
+    heavy: set[str] = set()  # links with mass at or below them
+    for link in description.links.values():
+        above = link.name if link.inertial is not None else None
+        while above is not None and above not in heavy:
+            heavy.add(above)
+            above = parents.get(above)
     for joint in description.joints.values():
-        if joint.moves and not heavy[joint.child]:
+        if joint.moves and joint.child not in heavy:
             raise WorldError(
                 f"model '{name}', link '{joint.child}': joint '{joint.name}' moves it, but it has "
                 "no mass; give it an <inertial>"

@@ -6,9 +6,8 @@ import re
 from typing import Any
 
 from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.description.safe_xml import LARGEST_TEXT
 from aras_sim_bridge.errors import DescriptionError, SimError
-
-XML_LIMIT = 10_000_000  # characters
 
 
 def without_prolog(xml: str) -> str:
@@ -17,8 +16,8 @@ def without_prolog(xml: str) -> str:
     Raises:
         DescriptionError: when it is too long to be a model.
     """
-    if len(xml) > XML_LIMIT:
-        raise DescriptionError(f"the model has {len(xml)} characters; the limit is {XML_LIMIT}")
+    if len(xml) > LARGEST_TEXT:
+        raise DescriptionError(f"the model has {len(xml)} characters; the limit is {LARGEST_TEXT}")
     text = re.sub(r"<!--.*?-->", "", xml, flags=re.DOTALL)
     return re.sub(r"^\s*<\?xml.*?\?>", "", text, flags=re.DOTALL).strip()
 

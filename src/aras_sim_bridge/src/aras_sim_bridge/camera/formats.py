@@ -1,0 +1,60 @@
+"""Pixel formats: Gazebo's names, ROS's encodings, and pictures in them."""
+
+from __future__ import annotations
+
+import difflib
+
+import cv2
+import numpy as np
+
+from ..errors import CameraError
+
+ENCODINGS = ("mono8", "mono16", "rgb8", "bgr8", "rgb16", "bayer_rggb8", "bayer_bggr8",
+             "bayer_gbrg8", "bayer_grbg8")
+_GAZEBO = {
+    "L8": "mono8", "L_INT8": "mono8", "L16": "mono16", "L_INT16": "mono16",
+    "R8G8B8": "rgb8", "RGB_INT8": "rgb8", "B8G8R8": "bgr8", "BGR_INT8": "bgr8",
+    "R16G16B16": "rgb16", "RGB_INT16": "rgb16",
+    "BAYER_RGGB8": "bayer_rggb8", "BAYER_BGGR8": "bayer_bggr8",
+    "BAYER_GBRG8": "bayer_gbrg8", "BAYER_GRBG8": "bayer_grbg8",
+}
+
+
+def encoding_of(name: str, camera: str = "") -> str:
+    """ROS encoding of a Gazebo or ROS format name.
+
+    Raises CameraError naming the nearest format there is.
+    """
+    if name in ENCODINGS:
+        return name
+    if name in _GAZEBO:
+        return _GAZEBO[name]
+    known = [*ENCODINGS, *_GAZEBO]
+    near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
+    raise CameraError(
+        f"camera '{camera}': format '{name}' is not known; the nearest is '{near}', "
+        f"and there are {', '.join(known)}"
+    )
+
+
+def convert(rgb: np.ndarray, encoding: str) -> np.ndarray:
+    """An (H, W, 3) uint8 rgb picture in a ROS encoding: (H, W) or (H, W, 3), uint8 or uint16.
+
+    16-bit formats span their full range: 255 becomes 65535. Bayer takes from each pixel the one
+    channel that its filter passes; a grey pattern is named by its first row's first pixels.
+    """
+    if encoding == "rgb8":
+        return rgb
+    if encoding == "bgr8":
+        return cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
+    if encoding == "rgb16":
+        return rgb.astype(np.uint16) * 257
+    if encoding in ("mono8", "mono16"):
+        grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
+        return grey if encoding == "mono8" else grey.astype(np.uint16) * 257
+    pattern = encoding[len("bayer_"):-1]
+    out = np.empty(rgb.shape[:2], np.uint8)
+    for n, letter in enumerate(pattern):
+        row, column = divmod(n, 2)
+        out[row::2, column::2] = rgb[row::2, column::2, "rgb".index(letter)]
+    return out

@@ -1,0 +1,186 @@
+"""Lenses: where a ray lands on the image plane at unit focal length, and back.
+
+Brown's model with a rational radial part ('plumb_bob', 'rational_polynomial') and Kannala and
+Brandt's ('equidistant') follow OpenCV's calib3d and fisheye modules, coefficient by coefficient.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import CameraError
+
+# Angle from the optical axis up to which each lens has an image, rad.
+REACH = {
+    "pinhole": math.radians(89.0),
+    "equidistant": math.radians(110.0),
+    "stereographic": math.radians(110.0),
+    "equisolid": math.radians(110.0),
+    "orthographic": math.radians(90.0),
+}
+# Radius in the image at unit focal length, of the angle from the optical axis.
+RADIUS: dict[str, Callable] = {
+    "pinhole": np.tan,
+    "equidistant": lambda theta: theta,
+    "stereographic": lambda theta: 2.0 * np.tan(theta / 2.0),
+    "equisolid": lambda theta: 2.0 * np.sin(theta / 2.0),
+    "orthographic": np.sin,
+}
+COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8,), "equidistant": (4,)}
+
+
+@dataclass(frozen=True)
+class BrownLens:
+    """Pinhole with Brown's distortion; D = (k1, k2, p1, p2, k3[, k4, k5, k6])."""
+
+    D: tuple[float, ...]
+
+    def project(self, rays: np.ndarray) -> np.ndarray:
+        """Distorted (N, 2) coordinates of rays (N, 3) with z > 0; NaN behind the camera."""
+        z = np.where(rays[:, 2] > 0.0, rays[:, 2], np.nan)
+        return self._distort(rays[:, :2] / z[:, None])[0]
+
+    def unproject(self, points: np.ndarray) -> np.ndarray:
+        """Unit rays (N, 3) of distorted coordinates (N, 2); NaN where there is none.
+
+        Newton's method from the centre outwards: the answer of the branch that starts at the
+        optical axis, or none beyond the radius where the distortion folds over.
+        """
+        flat = not any(self.D)
+        x = np.array(points, dtype=float)
+        good = np.ones(len(x), bool)
+        if not flat:
+            # Following the solution as the target moves outwards keeps Newton on the branch.
+            x = np.zeros_like(x)
+            for share in (0.25, 0.5, 0.75, 1.0, 1.0):
+                target = share * points
+                x = x + (points * 0.25 if share < 1.0 and share > 0.25 else 0.0)
+                for _ in range(6):
+                    value, a, b, d = self._distort(x)
+                    error = value - target
+                    det = a * d - b * b
+                    det = np.where(np.abs(det) > 1e-9, det, 1e-9)
+                    step = np.stack([d * error[:, 0] - b * error[:, 1],
+                                     a * error[:, 1] - b * error[:, 0]], axis=1) / det[:, None]
+                    x = x - np.clip(step, -0.5, 0.5)
+            value, a, b, d = self._distort(x)
+            good = (np.abs(value - points).max(axis=1) < 1e-9) & (a * d - b * b > 0) & (a > 0)
+            good &= np.hypot(*x.T) < self.fold_radius()
+        rays = np.concatenate([x, np.ones((len(x), 1))], axis=1)
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        rays[~good] = np.nan
+        return rays
+
+    def fold_radius(self) -> float:
+        """Undistorted radius at which the radial part stops growing; infinite if it never does."""
+        k1, k2, _, _, k3, k4, k5, k6 = self._padded()
+        one = np.polynomial.Polynomial([1.0])
+        s = np.polynomial.Polynomial([0.0, 1.0])  # r squared
+        n, d = one + k1 * s + k2 * s**2 + k3 * s**3, one + k4 * s + k5 * s**2 + k6 * s**3
+        # d/dr (r n / d) = 0  <=>  n d + 2 s (n' d - n d') = 0
+        slope = n * d + 2.0 * s * (n.deriv() * d - n * d.deriv())
+        roots = np.concatenate([slope.roots(), d.roots() if d.degree() else []])
+        real = roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 1e-12)].real
+        return float(np.sqrt(real.min())) if len(real) else math.inf
+
+    def _padded(self) -> tuple[float, ...]:
+        return (*self.D, *(0.0,) * (8 - len(self.D)))
+
+    def _distort(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Distorted points and the entries a, b, d of the symmetric Jacobian [[a, b], [b, d]]."""
+        k1, k2, p1, p2, k3, k4, k5, k6 = self._padded()
+        x, y = p.T
+        s = x * x + y * y
+        n = 1 + s * (k1 + s * (k2 + s * k3))
+        m = 1 + s * (k4 + s * (k5 + s * k6))
+        radial = n / m
+        slope = (k1 + s * (2 * k2 + s * 3 * k3) - radial * (k4 + s * (2 * k5 + s * 3 * k6))) / m
+        value = np.stack([x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x),
+                          y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y], axis=1)
+        a = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
+        b = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
+        d = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
+        return value, a, b, d
+
+
+@dataclass(frozen=True)
+class FisheyeLens:
+    """Kannala and Brandt: radius = t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8), t from the axis.
+
+    cutoff: angle beyond which the image is black, rad.
+    """
+
+    D: tuple[float, ...]
+    cutoff: float
+
+    def radius(self, theta: np.ndarray) -> np.ndarray:
+        t = np.asarray(theta) ** 2
+        k1, k2, k3, k4 = self.D
+        return theta * (1 + t * (k1 + t * (k2 + t * (k3 + t * k4))))
+
+    def slope(self, theta: np.ndarray) -> np.ndarray:
+        t = np.asarray(theta) ** 2
+        k1, k2, k3, k4 = self.D
+        return 1 + t * (3 * k1 + t * (5 * k2 + t * (7 * k3 + t * 9 * k4)))
+
+    def project(self, rays: np.ndarray) -> np.ndarray:
+        """Image coordinates (N, 2) of rays (N, 3) in any direction."""
+        rho = np.hypot(rays[:, 0], rays[:, 1])
+        r = self.radius(np.arctan2(rho, rays[:, 2]))
+        scale = np.divide(r, rho, out=np.zeros_like(r), where=rho > 0)
+        return rays[:, :2] * scale[:, None]
+
+    def unproject(self, points: np.ndarray) -> np.ndarray:
+        """Unit rays (N, 3) of image coordinates (N, 2); NaN beyond the cutoff."""
+        r = np.hypot(points[:, 0], points[:, 1])
+        limit = float(self.radius(self.cutoff))
+        inside = r <= limit
+        target = np.where(inside, r, 0.0)
+        # Monotonic on [0, cutoff] (checked by the config): bisection's bracket, Newton's speed.
+        low, high = np.zeros_like(r), np.full_like(r, self.cutoff)
+        theta = np.clip(target, 0.0, self.cutoff)
+        for _ in range(60):
+            error = self.radius(theta) - target
+            high, low = np.where(error > 0, theta, high), np.where(error > 0, low, theta)
+            new = theta - error / np.maximum(self.slope(theta), 1e-9)
+            new = np.where((new > low) & (new < high), new, (low + high) / 2)
+            done = np.abs(new - theta).max(initial=0.0) < 1e-14
+            theta = new
+            if done:
+                break
+        sine = np.divide(np.sin(theta), r, out=np.zeros_like(r), where=r > 0)
+        rays = np.concatenate([points * sine[:, None], np.cos(theta)[:, None]], axis=1)
+        rays[~inside] = np.nan
+        return rays
+
+
+def fisheye_coefficients(lens: str, cutoff: float) -> tuple[float, float, float, float]:
+    """Kannala-Brandt coefficients of an ideal wide-angle projection, fitted up to `cutoff` rad.
+
+    ROS and OpenCV have no name for these projections. Their radius is an odd function of the angle
+    and four coefficients give it to better than 1e-4 of the focal length, so the picture is drawn
+    with the very coefficients that CameraInfo publishes.
+    """
+    if lens == "equidistant":
+        return (0.0, 0.0, 0.0, 0.0)
+    # Chebyshev nodes keep the largest error of the fit small.
+    t = cutoff * np.sin(np.linspace(0.0, np.pi / 2, 400)[1:])
+    basis = np.stack([t**3, t**5, t**7, t**9], axis=1)
+    fit, *_ = np.linalg.lstsq(basis, RADIUS[lens](t) - t, rcond=None)
+    return tuple(float(k) for k in fit)
+
+
+def check_fisheye(lens: FisheyeLens, name: str) -> None:
+    """Raise CameraError when the radius stops growing before the cutoff."""
+    theta = np.linspace(0.0, lens.cutoff, 2000)
+    falling = lens.slope(theta) <= 0
+    if falling.any():
+        at = math.degrees(float(theta[falling.argmax()]))
+        raise CameraError(
+            f"camera '{name}': distortion_coefficients {list(lens.D)} fold the picture over at "
+            f"{at:.1f} deg from the axis; lower cutoff_angle below it or mend the coefficients"
+        )

@@ -1,0 +1,178 @@
+"""Pictures through any lens: pinhole faces around the eye, and where each pixel looks them up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ..errors import RenderingError
+
+# face_R_optical of the forward, right, left, lower, upper and backward faces of a cube.
+CUBE = np.array([
+    [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+    [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+    [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
+    [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+    [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+    [[-1, 0, 0], [0, 1, 0], [0, 0, -1]],
+], dtype=float)
+# Up to this angle from the axis one flat face does, rad.
+FLAT_LIMIT = np.radians(57.0)
+# Face pixels for a picture pixel, where the faces are coarsest.
+DENSITY = 1.0
+MARGIN = 2.0  # px around a face, for interpolation
+LARGEST = 8192
+
+
+@dataclass(frozen=True)
+class Face:
+    """One pinhole view: rotation (3, 3) face_R_optical, its rectangle x, y, width, height in the
+    atlas, px, and focal length and principal point in atlas coordinates, px."""
+
+    rotation: np.ndarray
+    rectangle: tuple[int, int, int, int]
+    focal: float
+    centre: tuple[float, float]
+
+    def K(self) -> np.ndarray:
+        """(3, 3), with the face's own first pixel as origin."""
+        x, y = self.rectangle[:2]
+        return np.array([[self.focal, 0, self.centre[0] - x], [0, self.focal, self.centre[1] - y],
+                         [0, 0, 1.0]])
+
+
+class RayMap:
+    """The lens of a picture, as rays.
+
+    unproject: (N, 2) pixels -> (N, 3) unit rays in the optical frame, NaN outside the lens.
+    valid: (height, width) bool. lookup: (height, width, 2) float32, atlas pixels, -1e6 outside.
+    """
+
+    def __init__(self, unproject: Callable[[np.ndarray], np.ndarray], width: int, height: int,
+                 density: float = DENSITY) -> None:
+        self.unproject = unproject
+        self.width, self.height = width, height
+        v, u = np.mgrid[:height, :width]
+        rays = unproject(np.stack([u.ravel(), v.ravel()], axis=1).astype(float))
+        self.valid = np.isfinite(rays[:, 0]).reshape(height, width)
+        if not self.valid.any():
+            raise RenderingError("the lens shows nothing on any pixel of the image")
+        self.rays = rays.reshape(height, width, 3)
+        self.faces, self.atlas_size, face_of = self._lay_out(density)
+        self.lookup = self._lookup(face_of)
+        # Distance along the ray for a depth of 1 along the face's axis.
+        self._range: np.ndarray | None = None
+        if len(self.faces) > 1:
+            axes = np.array([f.rotation[2] for f in self.faces])[face_of]
+            with np.errstate(invalid="ignore"):
+                self._range = (1.0 / (self.rays * axes).sum(axis=2)).astype(np.float32)
+
+    def _lay_out(self, density: float) -> tuple[list[Face], tuple[int, int], np.ndarray]:
+        rays = self.rays[self.valid]
+        flat = rays[:, 2].min() > np.cos(FLAT_LIMIT)
+        directions = CUBE[:1] if flat else CUBE
+        face_of = np.full(self.valid.shape, -1)
+        face_of[self.valid] = 0 if flat else (rays @ CUBE[:, 2].T).argmax(axis=1)
+        faces, boxes = [], []
+        for number, rotation in enumerate(directions):
+            mine = face_of == number
+            if not mine.any():
+                continue
+            p = self.rays[mine] @ rotation.T
+            p = p[:, :2] / p[:, 2:]
+            focal = density / self._spacing(rotation, mine)
+            low = np.floor(p.min(axis=0) * focal - MARGIN)
+            size = np.ceil(p.max(axis=0) * focal + MARGIN) - low + 1
+            boxes.append((number, rotation, focal, low, size.astype(int)))
+        # Faces stand side by side, the tallest first.
+        boxes.sort(key=lambda b: -b[4][1])
+        limit = max(2048, *(int(b[4][0]) for b in boxes))
+        x = y = shelf = wide = 0
+        renumber = np.zeros(len(directions), int)
+        for number, rotation, focal, low, size in boxes:
+            if x + size[0] > limit:
+                x, y, shelf = 0, y + shelf, 0
+            renumber[number] = len(faces)
+            faces.append(Face(rotation, (x, y, int(size[0]), int(size[1])), focal,
+                              (x - low[0], y - low[1])))
+            x, shelf = x + int(size[0]), max(shelf, int(size[1]))
+            wide = max(wide, x)
+        if max(wide, y + shelf) > LARGEST:
+            raise RenderingError(
+                f"the lens needs an intermediate picture of {wide} x {y + shelf} pixels; make the "
+                "image smaller or the field of view narrower"
+            )
+        face_of[self.valid] = renumber[face_of[self.valid]]
+        return faces, (wide, y + shelf), face_of
+
+    def _spacing(self, rotation: np.ndarray, mine: np.ndarray) -> float:
+        """How far apart neighbouring pixels are on a face at unit focal length: the closest."""
+        p = self.rays @ rotation.T
+        with np.errstate(invalid="ignore", divide="ignore"):
+            p = p[..., :2] / p[..., 2:]
+            across = np.hypot(*np.moveaxis(p[:, 1:] - p[:, :-1], 2, 0))[mine[:, 1:] & mine[:, :-1]]
+            down = np.hypot(*np.moveaxis(p[1:] - p[:-1], 2, 0))[mine[1:] & mine[:-1]]
+        steps = np.concatenate([across, down])
+        return float(np.percentile(steps, 2)) if len(steps) else 0.01
+
+    def _lookup(self, face_of: np.ndarray) -> np.ndarray:
+        lookup = np.full((self.height, self.width, 2), -1e6, np.float32)
+        for number, face in enumerate(self.faces):
+            mine = face_of == number
+            p = self.rays[mine] @ face.rotation.T
+            lookup[mine] = p[:, :2] / p[:, 2:] * face.focal + face.centre
+        return lookup
+
+    def look_up(self, atlas: np.ndarray) -> np.ndarray:
+        """(height, width) nearest values of an (atlas height, width) picture; 0 outside."""
+        return cv2.remap(atlas, self.lookup, None, cv2.INTER_NEAREST)
+
+    def look_up_depth(self, atlas: np.ndarray) -> np.ndarray:
+        """Depth of the picture from depths along the faces' axes, m.
+
+        One face looks along the optical axis and keeps its depths; with several, where an axis
+        means little, depth is the distance along the ray.
+        """
+        depth = self.look_up(atlas)
+        if self._range is None:
+            return depth
+        return depth * self._range
+
+    def tile_faces(self, corners: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+        """A pinhole face for each square tile: rotations (F, 3, 3) and half widths (F, 2).
+
+        corners: (F, 2) first pixels u, v of tiles all of whose pixels the lens shows. Each face
+        looks at the tile's middle, its x axis along the tile's rows; half widths at unit focal
+        length cover the tile to its pixels' outer edges.
+        """
+        middle = self.unproject(corners + (size - 1) / 2)
+        right = self.unproject(corners + np.array([(size - 1) / 2 + 1.0, (size - 1) / 2]))
+        x = right - middle * (right * middle).sum(axis=1, keepdims=True)
+        x /= np.linalg.norm(x, axis=1, keepdims=True)
+        rotation = np.stack([x, np.cross(middle, x), middle], axis=1)
+        ring = np.array([[a, b] for a in (-0.5, (size - 1) / 2, size - 0.5)
+                         for b in (-0.5, (size - 1) / 2, size - 0.5)])
+        p = self._on_faces(corners, ring, rotation)
+        return rotation, np.abs(p).max(axis=1) * 1.02
+
+    def tile_lookup(self, corners: np.ndarray, size: int, factor: int, rotation: np.ndarray,
+                    half: np.ndarray) -> np.ndarray:
+        """Where the factor x factor samples of each tile's pixels lie on its face.
+
+        (F, size * factor, size * factor, 2), -1..1 over the face; NaN outside the lens.
+        """
+        step = (np.arange(size * factor) + 0.5) / factor - 0.5
+        grid = np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
+        p = self._on_faces(corners, grid, rotation) / half[:, None]
+        n = size * factor
+        return p.reshape(len(corners), n, n, 2)
+
+    def _on_faces(self, corners, offsets, rotation) -> np.ndarray:
+        """Face coordinates (F, M, 2) at unit focal length of pixels corners + offsets."""
+        pixels = (corners[:, None] + offsets[None]).reshape(-1, 2)
+        rays = self.unproject(pixels).reshape(len(corners), -1, 3)
+        p = rays @ rotation.transpose(0, 2, 1)
+        return p[..., :2] / p[..., 2:]

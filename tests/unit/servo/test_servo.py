@@ -166,6 +166,17 @@ def test_reset_begins_anew(loops):
     np.testing.assert_array_equal(again.q, fresh.q)
 
 
+def test_smoothing_calms_the_angle_and_forgets_after_a_gap(loops):
+    scheme = loops.servo("2016", smoothing=0.1).scheme
+    step = np.array([0.0, 0.0, 0.0, 0.1])
+    assert scheme.smoothed(np.zeros(4), 0.0)[3] == 0.0
+    assert scheme.smoothed(step, 0.1)[3] == pytest.approx(0.1 * (1 - np.exp(-1)))
+    assert scheme.smoothed(step, 1.0)[3] == 0.1  # after a gap
+    assert scheme.smoothed(-12 * step, 1.03)[3] == pytest.approx(-1.2)  # an angle that wrapped round
+    scheme.reset()
+    assert scheme.smoothed(step, 1.06)[3] == 0.1
+
+
 def test_schemes_by_name_and_their_faults(loops):
     from aras_visual_servo_controller.errors import ConfigurationError
 

@@ -105,16 +105,14 @@ class OpenGLRenderer:
 
     def _shown(self, faces: Faces, optical_T_link: np.ndarray, sun: np.ndarray) -> _Shown:
         """What each face can show."""
-        found = [self._geometry.visibility.of_face(faces, k, optical_T_link)[0]
-                 for k in range(len(faces))]
-        face = np.repeat(np.arange(len(found)), [len(f) for f in found])
-        return _Shown(faces, np.concatenate(found), face, optical_T_link, sun)
+        triangle, face = self._geometry.visibility.on_faces(faces, optical_T_link)
+        return _Shown(faces, triangle, face, optical_T_link, sun)
 
     def _flat(self, view: View, optical_T_link: np.ndarray, sun: np.ndarray) -> np.ndarray:
         """Picture of a pinhole, (height, width, 4)."""
         w, h = view.width, view.height
         faces = whole(view)
-        triangle, bounds = self._geometry.visibility.of_face(faces, 0, optical_T_link)
+        triangle, bounds = self._geometry.visibility.in_view(faces, optical_T_link)
         shown = _Shown(faces, triangle, np.zeros(len(triangle), int), optical_T_link, sun)
         if self.antialiasing == "edges" and min(w, h) < TILE:
             return cv2.resize(self._picture(shown, (4 * w, 4 * h)), (w, h),
@@ -140,20 +138,28 @@ class OpenGLRenderer:
         if not len(corners):
             return rgba
         triangle = np.unique(shown.triangle)
-        if len(triangle) * len(corners) <= MOST_PAIRS:
-            rows = _atlas_rows(len(corners))
-            faces, number = lens.tiles(corners, ATLAS_COLUMNS, rows)
-            triangle, tile = visibility.of_rotated(triangle, faces, optical_T_link)
-            cost = CLIP_COST * len(triangle) + len(corners) * (TILE * gl_lens.FACTOR) ** 2
-            if cost <= 3 * size[0] * size[1]:
-                n = TILE * gl_lens.FACTOR
-                atlas = self._picture(_Shown(faces, triangle, tile, optical_T_link, sun),
-                                      (ATLAS_COLUMNS * n, rows * n))
-                lens.paste(rgba, atlas, corners, number, ATLAS_COLUMNS)
-                return rgba
-        double = self._drawn(shown, (2 * size[0], 2 * size[1])).read(self._ctx)
-        target.texture.write(cv2.resize(double, size, interpolation=cv2.INTER_AREA))
-        return lens.resample(target.texture)
+        # The strongest edges first, as many as cost no more than the faces did.
+        n = TILE * gl_lens.FACTOR
+        budget = size[0] * size[1]
+        most = min(budget // n**2, MOST_PAIRS // max(len(triangle), 1))
+        if len(corners) > most // 2:
+            order = np.argsort(-finder.contrast(corners).astype(int), kind="stable")
+            corners = corners[order[:most]]
+        faces, number = lens.tiles(corners, ATLAS_COLUMNS, _atlas_rows(len(corners)))
+        triangle, tile = visibility.overlaps(triangle, faces, optical_T_link)
+        cost = np.cumsum(n**2 + CLIP_COST * np.bincount(tile, minlength=len(corners)))
+        count = int(np.searchsorted(cost, budget))
+        if not count:
+            return rgba
+        corners, number, triangle = corners[:count], number[:count], triangle[tile < count]
+        rows = _atlas_rows(count)
+        faces, _ = lens.tiles(corners, ATLAS_COLUMNS, rows)
+        atlas = self._picture(
+            _Shown(faces, triangle, tile[tile < count], optical_T_link, sun),
+            (ATLAS_COLUMNS * n, rows * n),
+        )
+        lens.paste(rgba, atlas, corners, number, ATLAS_COLUMNS)
+        return rgba
 
     def _lens(self, view: View) -> LensPass:
         key = (id(view.lens), view.near, view.far)
@@ -253,4 +259,6 @@ class _Shown:
 
 def _atlas_rows(count: int) -> int:
     """Rows for `count` tiles; powers of two, so that few sizes of framebuffer are made."""
+    if not count:
+        return 1
     return 1 << (-(-count // ATLAS_COLUMNS) - 1).bit_length()

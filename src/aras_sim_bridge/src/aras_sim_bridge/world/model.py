@@ -17,6 +17,7 @@ from aras_sim_bridge.world.poses import (
     Pose,
     Twist,
     add,
+    conjugate,
     cross,
     rotate,
     subtract,
@@ -36,8 +37,10 @@ class Model:
     """
 
     def __init__(self, client: int, description: RobotDescription, name: str, pose: Pose,
-                 joint_positions: dict[str, float], fixed_base: bool) -> None:
+                 joint_positions: dict[str, float], fixed_base: bool,
+                 gravity: tuple[float, float, float] = (0.0, 0.0, -9.8)) -> None:
         self.client = client
+        self.gravity = gravity
         self.name = name
         self.description = description
         self.spawn_pose = pose
@@ -295,6 +298,28 @@ class Model:
             ordered[index] = value
         return ordered
 
+    def bias_efforts(self) -> list[float]:
+        """Efforts that gravity, Coriolis and centrifugal forces ask of each joint, N m or N.
+
+        In `joint_names` order: what would keep the joint velocities as they are without friction
+        and damping. For models with a fixed base.
+        """
+        positions, velocities, _ = self.read_joints()
+        count = len(positions)
+        q, v = [0.0] * count, [0.0] * count
+        for index, position, velocity in zip(self.dof_order, positions, velocities, strict=True):
+            q[index], v[index] = position, velocity
+        # Bullet's inverse dynamics takes the base's principal frame for the world's: gravity has
+        # to be turned into it for the length of the call.
+        base = pybullet.getBasePositionAndOrientation(self.body_id, self.client)[1]
+        pybullet.setGravity(*rotate(conjugate(base), self.gravity), physicsClientId=self.client)
+        try:
+            bias = pybullet.calculateInverseDynamics(self.body_id, q, v, [0.0] * count,
+                                                     physicsClientId=self.client)
+        finally:
+            pybullet.setGravity(*self.gravity, physicsClientId=self.client)
+        return [bias[i] for i in self.dof_order]
+
     # ------------------------------------------------------------------ the step
 
     def before_step(self, dt: float) -> None:
@@ -324,6 +349,10 @@ class Model:
         if self._weightless:
             self._carry_weightless()
 
+    def physics_changed(self) -> None:
+        """Time step or gravity was changed; called by `World.set_physics`."""
+        self._damping.changed()
+
     def _clear_efforts(self) -> None:
         self._applied, self.pending_efforts = self.pending_efforts, [0.0] * len(self.joint_names)
         self._dirty = False
@@ -335,12 +364,9 @@ class Model:
     def _carry_weightless(self) -> None:
         if not self._weightless:
             return
-        gravity = pybullet.getPhysicsEngineParameters(self.client)
-        down = (gravity["gravityAccelerationX"], gravity["gravityAccelerationY"],
-                gravity["gravityAccelerationZ"])
         for name, mass in self._weightless.items():
             centre = self.link_pose(name).apply(self._inertial_poses[name].xyz)
-            self.apply_force(name, tuple(-mass * g for g in down), centre)
+            self.apply_force(name, tuple(-mass * g for g in self.gravity), centre)
 
     # ------------------------------------------------------------------ frames
 

@@ -98,6 +98,9 @@ class World:
                   else _checked_iterations(solver_iterations))
         self._time_step, self._gravity, self._iterations = step, down, sweeps
         self._configure()
+        for model in self.models.values():
+            model.gravity = down
+            model.physics_changed()
 
     # ------------------------------------------------------------------ models
 
@@ -128,7 +131,8 @@ class World:
         fixed = bullet_file.root_is_fixed(description) if fixed_base is None else fixed_base
         bodies = pybullet.getNumBodies(physicsClientId=self.client)
         try:
-            model = Model(self.client, description, name, pose, start, fixed)
+            model = Model(self.client, description, name, pose, start, fixed,
+                          self._gravity)
         except WorldError:
             for i in range(pybullet.getNumBodies(physicsClientId=self.client) - 1, bodies - 1, -1):
                 pybullet.removeBody(pybullet.getBodyUniqueId(i, physicsClientId=self.client),

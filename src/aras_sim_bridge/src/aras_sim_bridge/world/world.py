@@ -52,6 +52,7 @@ class World:
         self._gravity = _checked_gravity(gravity)
         self._iterations = _checked_iterations(solver_iterations)
         self.models: dict[str, Model] = {}
+        self._active: list[Model] = []
         self.revision = 0
         try:
             self.client = pybullet.connect(pybullet.GUI if gui else pybullet.DIRECT)
@@ -139,7 +140,7 @@ class World:
                                     physicsClientId=self.client)
             raise
         self.models[name] = model
-        self.revision += 1
+        self._count_active()
         logger.debug("spawned '%s': %d links, %d joints, %s base", name, len(model.link_names),
                      len(model.joint_names), "fixed" if fixed else "free")
         return model
@@ -166,6 +167,11 @@ class World:
         model = self.model(name)
         pybullet.removeBody(model.body_id, physicsClientId=self.client)
         del self.models[name]
+        self._count_active()
+
+    def _count_active(self) -> None:
+        """Models came or went: note which of them have work in a step."""
+        self._active = [model for model in self.models.values() if model.needs_steps]
         self.revision += 1
 
     # ------------------------------------------------------------------ time
@@ -176,8 +182,10 @@ class World:
         Raises:
             WorldError: an effort is not finite; no model has moved then.
         """
-        models = self.models.values()
+        models = self._active
         dt = self._time_step
+        for model in models:
+            model.check_efforts()
         for model in models:
             model.before_step(dt)
         pybullet.stepSimulation(self.client)

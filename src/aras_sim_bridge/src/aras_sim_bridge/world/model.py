@@ -17,6 +17,7 @@ from aras_sim_bridge.world.poses import (
     Pose,
     Twist,
     add,
+    conjugate,
     cross,
     rotate,
     subtract,
@@ -36,8 +37,10 @@ class Model:
     """
 
     def __init__(self, client: int, description: RobotDescription, name: str, pose: Pose,
-                 joint_positions: dict[str, float], fixed_base: bool) -> None:
+                 joint_positions: dict[str, float], fixed_base: bool,
+                 gravity: tuple[float, float, float] = (0.0, 0.0, -9.8)) -> None:
         self.client = client
+        self.gravity = gravity
         self.name = name
         self.description = description
         self.spawn_pose = pose
@@ -95,7 +98,7 @@ class Model:
         self.pending_efforts = [0.0] * len(self.joint_names)
         self._applied = [0.0] * len(self.joint_names)
         self._dirty = False
-        self._joint_cache: tuple[list[float], list[float]] | None = None
+        self._joint_cache: tuple[Sequence[float], Sequence[float]] | None = None
         self._damping = ViscousDamping(self)
 
     def reload(self) -> None:
@@ -161,10 +164,10 @@ class Model:
 
     # ------------------------------------------------------------------ joints
 
-    def read_joints(self) -> tuple[list[float], list[float], list[float]]:
+    def read_joints(self) -> tuple[Sequence[float], Sequence[float], Sequence[float]]:
         """(positions, velocities, efforts) in `joint_names` order: rad or m, per s, N m or N.
 
-        Efforts are those applied in the last step. The lists belong to the model: read, don't
+        Efforts are those applied in the last step. The sequences belong to the model: read, don't
         write.
 
         Raises:
@@ -175,13 +178,12 @@ class Model:
             cache = self._refresh()
         return cache[0], cache[1], self._applied
 
-    def _refresh(self) -> tuple[list[float], list[float]]:
+    def _refresh(self) -> tuple[Sequence[float], Sequence[float]]:
         if not self.joint_names:
-            self._joint_cache = ([], [])
+            self._joint_cache = ((), ())
             return self._joint_cache
         states = pybullet.getJointStates(self.body_id, self._bullet_joint, self.client)
-        positions = [s[0] for s in states]
-        velocities = [s[1] for s in states]
+        positions, velocities, _, _ = zip(*states, strict=True)
         if not math.isfinite(sum(positions) + sum(velocities)):
             bad = next((n for n, p, v in zip(self.joint_names, positions, velocities, strict=True)
                         if not math.isfinite(p + v)), "?")
@@ -198,7 +200,8 @@ class Model:
         Raises:
             WorldError: unknown joint.
         """
-        self.pending_efforts[self._require(joint)] += effort
+        slot = self._slot.get(joint)
+        self.pending_efforts[self._require(joint) if slot is None else slot] += effort
         self._dirty = True
 
     def apply_efforts(self, efforts: Sequence[float]) -> None:
@@ -295,52 +298,72 @@ class Model:
             ordered[index] = value
         return ordered
 
+    def bias_efforts(self) -> list[float]:
+        """Efforts that gravity, Coriolis and centrifugal forces ask of each joint, N m or N.
+
+        In `joint_names` order: what would keep the joint velocities as they are without friction
+        and damping. For models with a fixed base.
+        """
+        positions, velocities, _ = self.read_joints()
+        count = len(positions)
+        q, v = [0.0] * count, [0.0] * count
+        for index, position, velocity in zip(self.dof_order, positions, velocities, strict=True):
+            q[index], v[index] = position, velocity
+        # Bullet's inverse dynamics takes the base's principal frame for the world's: gravity has
+        # to be turned into it for the length of the call.
+        base = pybullet.getBasePositionAndOrientation(self.body_id, self.client)[1]
+        pybullet.setGravity(*rotate(conjugate(base), self.gravity), physicsClientId=self.client)
+        try:
+            bias = pybullet.calculateInverseDynamics(self.body_id, q, v, [0.0] * count,
+                                                     physicsClientId=self.client)
+        finally:
+            pybullet.setGravity(*self.gravity, physicsClientId=self.client)
+        return [bias[i] for i in self.dof_order]
+
     # ------------------------------------------------------------------ the step
 
-    def before_step(self, dt: float) -> None:
-        """Hand the pending efforts to Bullet; called by `World.step`.
+    def check_efforts(self) -> None:
+        """WorldError when a pending effort is not finite; all of this model's are dropped then."""
+        if not math.isfinite(sum(self.pending_efforts)):
+            bad = [n for n, e in zip(self.joint_names, self.pending_efforts, strict=True)
+                   if not math.isfinite(e)]
+            self.pending_efforts = [0.0] * len(self.joint_names)
+            raise WorldError(f"model '{self.name}', joint {bad}: the effort is not finite")
 
-        Raises:
-            WorldError: an effort is not finite; all efforts of this model are dropped then.
-        """
-        if not self.joint_names:
-            self._carry_weightless()
-            return
-        efforts = self.pending_efforts
-        torques = self._damping.before_step(dt)
-        if self._dirty or torques is not None:
-            if not math.isfinite(sum(efforts)):
-                bad = [n for n, e in zip(self.joint_names, efforts, strict=True)
-                       if not math.isfinite(e)]
-                self._clear_efforts()
-                raise WorldError(f"model '{self.name}', joint {bad}: the effort is not finite")
-            total = efforts if torques is None else [
-                e + t for e, t in zip(efforts, torques.tolist(), strict=True)
-            ]
-            pybullet.setJointMotorControlArray(
-                self.body_id, self._bullet_joint, pybullet.TORQUE_CONTROL, forces=total,
-                physicsClientId=self.client)
-        self._clear_efforts()
+    def before_step(self, dt: float) -> None:
+        """Hand the pending efforts, which are finite, to Bullet; called by `World.step`."""
+        if self.joint_names:
+            efforts = self.pending_efforts
+            torques = self._damping.before_step(dt)
+            if self._dirty or torques is not None:
+                total = efforts if torques is None else [
+                    e + t for e, t in zip(efforts, torques.tolist(), strict=True)
+                ]
+                pybullet.setJointMotorControlArray(
+                    self.body_id, self._bullet_joint, pybullet.TORQUE_CONTROL, forces=total,
+                    physicsClientId=self.client)
+            self._applied, self.pending_efforts = efforts, [0.0] * len(efforts)
+            self._dirty = False
         if self._weightless:
             self._carry_weightless()
 
-    def _clear_efforts(self) -> None:
-        self._applied, self.pending_efforts = self.pending_efforts, [0.0] * len(self.joint_names)
-        self._dirty = False
+    @property
+    def needs_steps(self) -> bool:
+        """Whether `before_step` has anything to do, ever."""
+        return bool(self.joint_names or self._weightless)
+
+    def physics_changed(self) -> None:
+        """Time step or gravity was changed; called by `World.set_physics`."""
+        self._damping.changed()
 
     def after_step(self) -> None:
         """Forget what was read before the step; called by `World.step`."""
         self._joint_cache = None
 
     def _carry_weightless(self) -> None:
-        if not self._weightless:
-            return
-        gravity = pybullet.getPhysicsEngineParameters(self.client)
-        down = (gravity["gravityAccelerationX"], gravity["gravityAccelerationY"],
-                gravity["gravityAccelerationZ"])
         for name, mass in self._weightless.items():
             centre = self.link_pose(name).apply(self._inertial_poses[name].xyz)
-            self.apply_force(name, tuple(-mass * g for g in down), centre)
+            self.apply_force(name, tuple(-mass * g for g in self.gravity), centre)
 
     # ------------------------------------------------------------------ frames
 

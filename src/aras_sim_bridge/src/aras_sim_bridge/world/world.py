@@ -52,6 +52,7 @@ class World:
         self._gravity = _checked_gravity(gravity)
         self._iterations = _checked_iterations(solver_iterations)
         self.models: dict[str, Model] = {}
+        self._active: list[Model] = []
         self.revision = 0
         try:
             self.client = pybullet.connect(pybullet.GUI if gui else pybullet.DIRECT)
@@ -98,6 +99,9 @@ class World:
                   else _checked_iterations(solver_iterations))
         self._time_step, self._gravity, self._iterations = step, down, sweeps
         self._configure()
+        for model in self.models.values():
+            model.gravity = down
+            model.physics_changed()
 
     # ------------------------------------------------------------------ models
 
@@ -128,14 +132,15 @@ class World:
         fixed = bullet_file.root_is_fixed(description) if fixed_base is None else fixed_base
         bodies = pybullet.getNumBodies(physicsClientId=self.client)
         try:
-            model = Model(self.client, description, name, pose, start, fixed)
+            model = Model(self.client, description, name, pose, start, fixed,
+                          self._gravity)
         except WorldError:
             for i in range(pybullet.getNumBodies(physicsClientId=self.client) - 1, bodies - 1, -1):
                 pybullet.removeBody(pybullet.getBodyUniqueId(i, physicsClientId=self.client),
                                     physicsClientId=self.client)
             raise
         self.models[name] = model
-        self.revision += 1
+        self._count_active()
         logger.debug("spawned '%s': %d links, %d joints, %s base", name, len(model.link_names),
                      len(model.joint_names), "fixed" if fixed else "free")
         return model
@@ -162,6 +167,11 @@ class World:
         model = self.model(name)
         pybullet.removeBody(model.body_id, physicsClientId=self.client)
         del self.models[name]
+        self._count_active()
+
+    def _count_active(self) -> None:
+        """Models came or went: note which of them have work in a step."""
+        self._active = [model for model in self.models.values() if model.needs_steps]
         self.revision += 1
 
     # ------------------------------------------------------------------ time
@@ -172,8 +182,10 @@ class World:
         Raises:
             WorldError: an effort is not finite; no model has moved then.
         """
-        models = self.models.values()
+        models = self._active
         dt = self._time_step
+        for model in models:
+            model.check_efforts()
         for model in models:
             model.before_step(dt)
         pybullet.stepSimulation(self.client)

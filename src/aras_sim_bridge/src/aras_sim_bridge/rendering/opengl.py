@@ -20,6 +20,7 @@ from .faces import Faces, tiles, whole
 from .gl_geometry import Geometry
 from .gl_lens import LensPass
 from .gl_target import Target, create_context
+from .raymap import RayMap
 from .refinement import TILE, EdgeFinder
 from .scene import Scene
 from .view import Light, MaterialTable, View
@@ -29,8 +30,10 @@ MULTISAMPLES = 4
 ATLAS_COLUMNS = 16
 # What clipping one triangle to a tile costs, in drawn samples; measured on the software rasteriser.
 CLIP_COST = 750
+# With more triangles than this in view there are edges nearly everywhere.
+MANY_TRIANGLES = 1500
 # Beyond this many triangles times tiles even finding out what overlaps takes too long.
-MOST_PAIRS = 60_000
+MOST_PAIRS = 200_000
 
 
 class OpenGLRenderer:
@@ -118,6 +121,8 @@ class OpenGLRenderer:
             return cv2.resize(self._picture(shown, (4 * w, 4 * h)), (w, h),
                               interpolation=cv2.INTER_AREA)
         if self.antialiasing == "edges":
+            if len(triangle) > MANY_TRIANGLES:
+                return self._doubled(shown, w, h)
             return self._refine(view, self._picture(shown, (w, h)), shown, bounds)
         return self._picture(shown, (w, h), self._samples)
 
@@ -125,41 +130,36 @@ class OpenGLRenderer:
                       ) -> np.ndarray:
         """Picture through a lens, (height, width, 4): its faces drawn, then looked up."""
         lens = self._lens(view)
-        visibility = self._geometry.visibility
         shown = self._shown(lens.faces, optical_T_link, sun)
-        size = view.lens.atlas_size
-        target = self._drawn(shown, size, self._samples, texture=True)
-        target.resolve(self._ctx)
-        rgba = lens.resample(target.texture)
         if self.antialiasing != "edges" or min(view.width, view.height) < TILE:
-            return rgba
-        finder = self._finder(view.width, view.height)
-        corners = finder.find(rgba, without=lens.rim)
+            return lens.resample(self._atlas(shown, view.lens, 1))
+        if len(shown.triangle) > MANY_TRIANGLES:
+            return lens.resample(self._atlas(shown, view.lens, 2))
+        rgba = lens.resample(self._atlas(shown, view.lens, 1))
+        corners = self._finder(view.width, view.height).find(rgba, without=lens.rim)
         if not len(corners):
             return rgba
+        # Tiles with edges again, unless drawing all faces finer costs less.
+        n, (w, h) = TILE * gl_lens.FACTOR, view.lens.atlas_size
         triangle = np.unique(shown.triangle)
-        # The strongest edges first, as many as cost no more than the faces did.
-        n = TILE * gl_lens.FACTOR
-        budget = size[0] * size[1]
-        most = min(budget // n**2, MOST_PAIRS // max(len(triangle), 1))
-        if len(corners) > most // 2:
-            order = np.argsort(-finder.contrast(corners).astype(int), kind="stable")
-            corners = corners[order[:most]]
-        faces, number = lens.tiles(corners, ATLAS_COLUMNS, _atlas_rows(len(corners)))
-        triangle, tile = visibility.overlaps(triangle, faces, optical_T_link)
-        cost = np.cumsum(n**2 + CLIP_COST * np.bincount(tile, minlength=len(corners)))
-        count = int(np.searchsorted(cost, budget))
-        if not count:
-            return rgba
-        corners, number, triangle = corners[:count], number[:count], triangle[tile < count]
-        rows = _atlas_rows(count)
-        faces, _ = lens.tiles(corners, ATLAS_COLUMNS, rows)
-        atlas = self._picture(
-            _Shown(faces, triangle, tile[tile < count], optical_T_link, sun),
-            (ATLAS_COLUMNS * n, rows * n),
-        )
-        lens.paste(rgba, atlas, corners, number, ATLAS_COLUMNS)
-        return rgba
+        left = 3 * w * h - len(corners) * n**2
+        if left > 0 and len(corners) * len(triangle) < MOST_PAIRS:
+            rows = _atlas_rows(len(corners))
+            faces, number = lens.tiles(corners, ATLAS_COLUMNS, rows)
+            triangle, tile = self._geometry.visibility.overlaps(triangle, faces, optical_T_link)
+            if CLIP_COST * len(triangle) < left:
+                fine = _Shown(faces, triangle, tile, optical_T_link, sun)
+                atlas = self._picture(fine, (ATLAS_COLUMNS * n, rows * n))
+                lens.paste(rgba, atlas, corners, number, ATLAS_COLUMNS)
+                return rgba
+        return lens.resample(self._atlas(shown, view.lens, 2))
+
+    def _atlas(self, shown: _Shown, lens: RayMap, factor: int) -> moderngl.Texture:
+        """All faces of a lens drawn, `factor` times as large as its atlas."""
+        w, h = lens.atlas_size
+        target = self._drawn(shown, (factor * w, factor * h), self._samples, texture=True)
+        target.resolve(self._ctx)
+        return target.texture
 
     def _lens(self, view: View) -> LensPass:
         key = (id(view.lens), view.near, view.far)
@@ -220,14 +220,19 @@ class OpenGLRenderer:
         # As fine as costs no more than drawing everything with 2 x 2 samples, or else just that.
         factor = next((f for f in (8, 4) if len(corners) * (TILE * f) ** 2 <= left), 2)
         if factor == 2:
-            return cv2.resize(self._picture(shown, (2 * w, 2 * h)), (w, h),
-                              interpolation=cv2.INTER_AREA)
+            # Four samples in a square, and the first one in their middle.
+            return cv2.addWeighted(self._doubled(shown, w, h), 0.8, rgba.copy(), 0.2, 0.0)
         rows = _atlas_rows(len(corners))
         fine = _Shown(tiles(view, corners, TILE, ATLAS_COLUMNS, rows), triangle, tile,
                       shown.optical_T_link, shown.sun)
         atlas = self._picture(fine, (ATLAS_COLUMNS * TILE * factor, rows * TILE * factor))
         refinement.paste(rgba, atlas, corners, factor)
         return rgba
+
+    def _doubled(self, shown: _Shown, width: int, height: int) -> np.ndarray:
+        """Picture with 2 x 2 samples for every pixel."""
+        return cv2.resize(self._picture(shown, (2 * width, 2 * height)), (width, height),
+                          interpolation=cv2.INTER_AREA)
 
     def _program(self, tiled: bool, measure: bool = False) -> moderngl.Program:
         textured = self._geometry.textures is not None and not measure

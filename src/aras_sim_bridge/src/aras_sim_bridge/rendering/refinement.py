@@ -58,13 +58,6 @@ class EdgeFinder:
         return np.minimum(np.argwhere(hit)[:, ::-1] * TILE, [w - TILE, h - TILE])
 
 
-    def contrast(self, corners: np.ndarray) -> np.ndarray:
-        """(N,) largest step between neighbours in tiles that the last `find` gave."""
-        blocks = self._edge.reshape(self.rows, TILE, self.columns, TILE).max(axis=(1, 3))
-        column, row = -(-corners // TILE).T
-        return blocks[row, column]
-
-
 def paste(image: np.ndarray, atlas: np.ndarray, corners: np.ndarray, factor: int) -> None:
     """Shrink the atlas of tiles by `factor` and write them into image (height, width, 4)."""
     step = factor

@@ -120,7 +120,7 @@ class ControllerNode:
                 self._positions = None
                 self._say(servo.WAITING, f"joint_states is malformed: {error}")
                 return
-            if self._loop.approaching:
+            if self._loop.approaching and not self._settings.lockstep:
                 command = self._loop.joints(self._positions, stamp)
                 self._send(command)
                 if not 0.0 <= stamp - self._reported < APPROACH_REPORT_PERIOD:
@@ -148,7 +148,7 @@ class ControllerNode:
             return
         self._image_stamp = stamp
         self._images_heard = time.monotonic()
-        if self._loop.approaching:
+        if self._loop.approaching and not self._settings.lockstep:
             return
         command = self._loop.step(conversions.measurement(message, kernel), self._positions)
         self._send(command)
@@ -215,7 +215,9 @@ def main() -> int:
     rospy.init_node("aras_visual_servo_controller")
     package = Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
     try:
-        settings = Settings.from_mapping(rospy.get_param("~", {}), package)
+        given = rospy.get_param("~", {})
+        given.setdefault("lockstep", rospy.get_param("/gazebo/speed_mode", "") == "lockstep")
+        settings = Settings.from_mapping(given, package)
         loop = settings.build()
     except ConfigurationError as error:
         rospy.logfatal("%s", error)

@@ -73,7 +73,8 @@ export PATH=/usr/local/sbin:/usr/sbin:/sbin:/usr/bin:/bin
 unset CMAKE_PREFIX_PATH ROS_PACKAGE_PATH ROS_ROOT ROS_ETC_DIR PYTHONPATH PYTHONHOME VIRTUAL_ENV
 
 [[ $root != *[[:space:]]* ]] ||
-    fail "catkin cannot build below a folder with a space in its name: $root"
+    fail "the interpreter's path stands in the first line of every node, which cannot carry a space:" \
+        "  $root" "Move the workspace to a folder without spaces in its path."
 system=$(. /etc/os-release && printf '%s %s' "${ID:-unknown}" "${VERSION_ID:-}")
 [[ $system == "debian 12" ]] ||
     fail "this workspace is made for Debian 12 (bookworm), which ships ROS 1; this is '$system'." \

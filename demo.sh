@@ -1,0 +1,57 @@
+#!/usr/bin/env bash
+# One command from a clone to a servoed robot: sets up, runs the closed loop headless, writes a report.
+set -euo pipefail
+
+usage() {
+    cat <<'TEXT'
+Usage: ./demo.sh [--scheme moments|kernel] [--start 2015|2016] [--rviz] [--out DIR]
+
+Sets up the workspace if need be, simulates the ARAS robot while it servoes its camera to the target,
+and ends by itself. The status is 0 only when the robot has converged.
+
+  --scheme NAME   features and control law: moments (default) or kernel
+  --start YEAR    initial pose: 2015 (default) or 2016
+  --rviz          show the robot and its camera in rviz (needs a display)
+  --out DIR       folder for summary.json, plots, images and run.bag (default: out/ of this workspace)
+  --help          print this
+TEXT
+}
+
+fail() {
+    printf 'demo.sh: %s\n' "$1" >&2
+    printf 'Try ./demo.sh --help\n' >&2
+    exit 2
+}
+
+root=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")
+scheme=moments start=2015 out=$root/out rviz=()
+while (($#)); do
+    case "$1" in
+        --scheme=* | --start=* | --out=*) set -- "${1%%=*}" "${1#*=}" "${@:2}" ;;
+    esac
+    case "$1" in
+        --scheme | --start | --out)
+            [[ -n ${2-} ]] || fail "$1 needs a value"
+            declare "${1#--}=$2"
+            shift 2
+            ;;
+        --rviz) rviz=(--rviz); shift ;;
+        -h | --help) usage; exit ;;
+        *) fail "unknown argument $1" ;;
+    esac
+done
+[[ $scheme == moments || $scheme == kernel ]] || fail "--scheme is moments or kernel, not $scheme"
+[[ $start == 2015 || $start == 2016 ]] || fail "--start is 2015 or 2016, not $start"
+[[ ${#rviz[@]} == 0 || -n ${DISPLAY-} ]] || fail "--rviz needs a display, and DISPLAY is not set"
+# Made here, not after a minute of work: a folder that cannot be written is told at once.
+mkdir -p -- "$out" && out=$(cd -- "$out" && pwd) && [[ -w $out ]] || fail "--out: cannot write to $out"
+
+"$root/setup.sh"
+# Whatever ROS the caller's shell has sourced stays out of it.
+unset CMAKE_PREFIX_PATH ROS_PACKAGE_PATH PYTHONPATH PYTHONHOME
+set +u # catkin's file reads variables that may be unset
+. "$root/devel/setup.bash"
+set -u
+# Some of Debian's ROS tools start with `env python3`, which another Python in PATH would answer.
+export PATH=$root/.venv/bin:$PATH
+exec rosrun aras_visual_servo_controller demo --scheme "$scheme" --start "$start" --out "$out" "${rviz[@]}"

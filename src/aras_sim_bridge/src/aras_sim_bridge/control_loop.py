@@ -1,0 +1,51 @@
+"""gazebo_ros_control's part of a physics step: read, update controllers, write."""
+
+from typing import Any
+
+from aras_sim_bridge.errors import HardwareError
+
+_NS_PER_S = 1e9
+
+
+class ControlLoop:
+    """Runs hardware and controllers at their periods of simulated time.
+
+    Controllers are updated whenever `control_period` passed since the last update; commands are
+    written every physics step. The first period, also the first after reset(), is one step.
+    """
+
+    __slots__ = ("hardware", "manager", "_step_ns", "_control_ns", "_updated_ns", "_written_ns")
+
+    def __init__(
+        self, hardware: Any, manager: Any, step_ns: int, control_period_ns: int | None = None
+    ) -> None:
+        """Raises HardwareError if a period is not positive."""
+        self.hardware = hardware
+        self.manager = manager
+        self._step_ns = step_ns
+        self._control_ns = step_ns if control_period_ns is None else control_period_ns
+        if self._step_ns <= 0 or self._control_ns <= 0:
+            raise HardwareError(
+                f"control period {self._control_ns} ns and physics step {step_ns} ns must be "
+                f"positive; look at <controlPeriod>"
+            )
+        self.reset()
+
+    def reset(self) -> None:
+        """Start over with the periods: the next step reads, updates and writes."""
+        self._updated_ns: int | None = None
+        self._written_ns: int | None = None
+
+    def step(self, time_ns: int) -> None:
+        """What is due at `time_ns`, the simulated time the coming physics step ends at."""
+        updated_ns = self._updated_ns
+        elapsed_ns = self._step_ns if updated_ns is None else time_ns - updated_ns
+        if updated_ns is None or elapsed_ns >= self._control_ns:
+            period = elapsed_ns / _NS_PER_S
+            self.hardware.read(time_ns, period)
+            self.manager.update(time_ns, period)
+            self._updated_ns = time_ns
+        written_ns = self._written_ns
+        elapsed_ns = self._step_ns if written_ns is None else time_ns - written_ns
+        self.hardware.write(time_ns, elapsed_ns / _NS_PER_S)
+        self._written_ns = time_ns

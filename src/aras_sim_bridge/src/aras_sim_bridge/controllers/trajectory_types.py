@@ -1,0 +1,155 @@
+"""Trajectories, goals and results, as trajectory_msgs and control_msgs have them, without ROS."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from threading import Lock
+
+from aras_sim_bridge.errors import ControllerError
+
+
+class ErrorCode(IntEnum):
+    """Result codes of control_msgs/FollowJointTrajectory."""
+
+    SUCCESSFUL = 0
+    INVALID_GOAL = -1
+    INVALID_JOINTS = -2
+    OLD_HEADER_TIMESTAMP = -3
+    PATH_TOLERANCE_VIOLATED = -4
+    GOAL_TOLERANCE_VIOLATED = -5
+
+
+class TrajectoryError(ControllerError):
+    """A trajectory that cannot be followed; `code` says why in the action's terms."""
+
+    def __init__(self, code: ErrorCode, text: str) -> None:
+        super().__init__(text)
+        self.code = code
+
+
+@dataclass(frozen=True, slots=True)
+class TrajectoryPoint:
+    """A waypoint of all joints; empty sequences mean not given."""
+
+    time_from_start_ns: int
+    positions: Sequence[float]
+    velocities: Sequence[float] = ()
+    accelerations: Sequence[float] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """Waypoints for named joints; `stamp_ns` 0 means from the next control cycle on."""
+
+    joint_names: Sequence[str]
+    points: Sequence[TrajectoryPoint]
+    stamp_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class JointTolerance:
+    """Tolerance of one joint: above 0 sets it, below 0 removes it, 0 keeps the default."""
+
+    name: str
+    position: float = 0.0
+    velocity: float = 0.0
+    acceleration: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class TrajectoryGoal:
+    """A goal of follow_joint_trajectory; `goal_time_tolerance` in s, signs as in JointTolerance."""
+
+    trajectory: Trajectory
+    path_tolerance: Sequence[JointTolerance] = ()
+    goal_tolerance: Sequence[JointTolerance] = ()
+    goal_time_tolerance: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class TrajectoryResult:
+    """Why a goal ended."""
+
+    error_code: ErrorCode
+    error_string: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class StatePoint:
+    """Positions and derivatives of all joints; `time_from_start` in s."""
+
+    positions: list[float]
+    velocities: list[float]
+    accelerations: list[float]
+    time_from_start: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class TrajectoryState:
+    """One sample of a trajectory controller: its state topic and its action's feedback.
+
+    `actual` and `error` carry no accelerations: none are measured. error = desired - actual, as
+    an angle; its time_from_start is what has elapsed of the present segment.
+    """
+
+    stamp_ns: int
+    joint_names: tuple[str, ...]
+    desired: StatePoint
+    actual: StatePoint
+    error: StatePoint
+
+
+ACTIVE = "active"
+REJECTED = "rejected"
+SUCCEEDED = "succeeded"
+ABORTED = "aborted"
+PREEMPTED = "preempted"
+
+
+class GoalHandle:
+    """A goal and what became of it.
+
+    `status` is 'active', 'rejected', 'succeeded', 'aborted' or 'preempted'; in the last four
+    `result` is set. May be polled from any thread. `on_feedback(TrajectoryState)` is called at
+    the controller's action_monitor_rate and `on_done(GoalHandle)` once, from the thread that
+    caused it, without any lock held; an on_done set after the end is called at once.
+    """
+
+    def __init__(self, goal: TrajectoryGoal) -> None:
+        self.goal = goal
+        self.status = ACTIVE
+        self.result: TrajectoryResult | None = None
+        self.on_feedback: Callable[[TrajectoryState], None] | None = None
+        self._on_done: Callable[[GoalHandle], None] | None = None
+        self._announced = False
+        self._lock = Lock()
+
+    @property
+    def done(self) -> bool:
+        """Whether the goal has ended."""
+        return self.status != ACTIVE
+
+    @property
+    def on_done(self) -> "Callable[[GoalHandle], None] | None":
+        """Called with the handle when the goal has ended."""
+        return self._on_done
+
+    @on_done.setter
+    def on_done(self, callback: "Callable[[GoalHandle], None] | None") -> None:
+        self._on_done = callback
+        self.announce()
+
+    def finish(self, status: str, code: ErrorCode, text: str = "") -> None:
+        """End the goal; announce() tells the listener. For the controller only."""
+        if not self.done:
+            self.result = TrajectoryResult(code, text)
+            self.status = status
+
+    def announce(self) -> None:
+        """Call on_done if the goal has ended and it was not called yet."""
+        with self._lock:
+            callback = self._on_done
+            if callback is None or not self.done or self._announced:
+                return
+            self._announced = True
+        callback(self)

@@ -1,0 +1,258 @@
+"""The dataclasses of a robot description. SI units, radians; rotations as rpy, as in URDF."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+Vector3 = tuple[float, float, float]
+Rgba = tuple[float, float, float, float]
+
+ZERO: Vector3 = (0.0, 0.0, 0.0)
+MOVING_KINDS = ("revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """A shape. `kind` is box, cylinder, sphere, capsule, mesh or plane.
+
+    size: full extents of a box (m). radius, length: of cylinder, sphere and capsule (axis along z).
+    filename: absolute path of a mesh; scale: its factors. normal: of a plane.
+    """
+
+    kind: str
+    size: Vector3 = ZERO
+    radius: float = 0.0
+    length: float = 0.0
+    filename: str = ""
+    scale: Vector3 = (1.0, 1.0, 1.0)
+    normal: Vector3 = (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Visual:
+    """What a camera sees of a link. rgba is the URDF's colour (rviz), not Gazebo's material."""
+
+    name: str
+    origin_xyz: Vector3
+    origin_rpy: Vector3
+    geometry: Geometry
+    rgba: Rgba | None = None
+
+
+@dataclass(frozen=True)
+class Collision:
+    """What touches."""
+
+    name: str
+    origin_xyz: Vector3
+    origin_rpy: Vector3
+    geometry: Geometry
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Mass (kg), centre of mass frame in the link frame, inertia about it (kg m²).
+
+    inertia: (ixx, ixy, ixz, iyy, iyz, izz) in the axes of the inertial frame.
+    """
+
+    mass: float
+    origin_xyz: Vector3
+    origin_rpy: Vector3
+    inertia: tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid body. gravity and kinematic come from `<gazebo reference>` (`<gravity>`,
+    `<turnGravityOff>`, `<kinematic>`); mu is its Coulomb contact friction."""
+
+    name: str
+    inertial: Inertial | None
+    visuals: tuple[Visual, ...] = ()
+    collisions: tuple[Collision, ...] = ()
+    gravity: bool = True
+    kinematic: bool = False
+    mu: float | None = None
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """lower, upper: rad or m, None where the joint has no position limit (continuous).
+    effort: N m or N. velocity: rad/s or m/s."""
+
+    lower: float | None
+    upper: float | None
+    effort: float
+    velocity: float
+
+
+@dataclass(frozen=True)
+class SoftLimits:
+    """`<safety_controller>`: soft position limits (None where not given) and gains."""
+
+    lower: float | None
+    upper: float | None
+    k_position: float
+    k_velocity: float
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """q = multiplier * q(joint) + offset."""
+
+    joint: str
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint; kind is revolute, continuous, prismatic, fixed, floating or planar.
+
+    origin_*: the joint (= child link) frame in the parent link. axis: unit vector in that frame.
+    damping: N m s/rad or N s/m. friction: Coulomb, N m or N.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin_xyz: Vector3 = ZERO
+    origin_rpy: Vector3 = ZERO
+    axis: Vector3 = (1.0, 0.0, 0.0)
+    limits: JointLimits | None = None
+    damping: float = 0.0
+    friction: float = 0.0
+    soft_limits: SoftLimits | None = None
+    mimic: Mimic | None = None
+
+    @property
+    def moves(self) -> bool:
+        """True for the kinds that have one degree of freedom."""
+        return self.kind in MOVING_KINDS
+
+
+@dataclass(frozen=True)
+class Transmission:
+    """One `<transmission>` as written: several joints or interfaces give several entries in the
+    tuples; `joint` and `interface` are the first ones ('' where there is none)."""
+
+    name: str
+    type: str
+    joint: str
+    interface: str
+    reduction: float | None
+    has_actuator: bool
+    joints: tuple[str, ...] = ()
+    interfaces: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ControlPlugin:
+    """`<plugin filename="libgazebo_ros_control.so">`; None where the element is absent."""
+
+    robot_namespace: str | None = None
+    control_period: float | None = None
+    robot_param: str = "robot_description"
+    robot_sim_type: str = "gazebo_ros_control/DefaultRobotHWSim"
+    e_stop_topic: str | None = None
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Per pixel noise of a camera, in units of full scale (1.0 = 255)."""
+
+    kind: str = "none"
+    mean: float = 0.0
+    stddev: float = 0.0
+
+
+@dataclass(frozen=True)
+class LensDescription:
+    """`<lens>` of a wideanglecamera: r = c1 f fun(theta / c2 + c3)."""
+
+    kind: str = "gnomonical"
+    scale_to_hfov: bool = True
+    cutoff_angle: float = 1.5707963267948966
+    env_texture_size: int = 256
+    c1: float | None = None
+    c2: float | None = None
+    c3: float | None = None
+    f: float | None = None
+    fun: str | None = None
+
+
+@dataclass(frozen=True)
+class CameraPlugin:
+    """`<plugin filename="libgazebo_ros_camera.so">`, with its own defaults; distortion is
+    (k1, k2, k3, t1, t2)."""
+
+    robot_namespace: str = ""
+    camera_name: str = ""
+    image_topic: str = "image_raw"
+    info_topic: str = "camera_info"
+    frame_name: str = ""
+    update_rate: float = 0.0
+    hack_baseline: float = 0.0
+    cx: float = 0.0
+    cy: float = 0.0
+    focal_length: float = 0.0
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    auto_distortion: bool = False
+    border_crop: bool = True
+
+
+@dataclass(frozen=True)
+class CameraDescription:
+    """A camera sensor on a link. pose: (xyz, rpy) in the link, looking along its +x, z up.
+
+    kind: camera, depth or wideanglecamera. distortion: the sensor's (k1, k2, k3, p1, p2), None
+    without a `<distortion>` element; distortion_center in image fractions.
+    """
+
+    name: str
+    link: str
+    pose: tuple[Vector3, Vector3]
+    kind: str
+    update_rate: float
+    horizontal_fov: float
+    width: int
+    height: int
+    format: str
+    near: float
+    far: float
+    noise: Noise = field(default_factory=Noise)
+    distortion: tuple[float, float, float, float, float] | None = None
+    distortion_center: tuple[float, float] = (0.5, 0.5)
+    lens: LensDescription | None = None
+    plugin: CameraPlugin | None = None
+    always_on: bool = False
+
+
+@dataclass(frozen=True)
+class RobotDescription:
+    """A whole model. Mappings keep file order and are read-only.
+
+    materials: link -> Gazebo material name ('Gazebo/Black'); a link without one is drawn white.
+    static: the model never moves (`<gazebo><static>true`). warnings: what was repaired or ignored
+    while reading, one sentence each, for the caller to log.
+    initial_pose: (xyz, rpy) written in the file (SDF only). xml: as resolved, for `robotParam`.
+    """
+
+    name: str
+    root: str
+    links: Mapping[str, Link]
+    joints: Mapping[str, Joint]
+    transmissions: tuple[Transmission, ...] = ()
+    control_plugins: tuple[ControlPlugin, ...] = ()
+    cameras: tuple[CameraDescription, ...] = ()
+    materials: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    static: bool = False
+    warnings: tuple[str, ...] = ()
+    initial_pose: tuple[Vector3, Vector3] = (ZERO, ZERO)
+    xml: str = ""
+
+    def moving_joints(self) -> tuple[str, ...]:
+        """Names of the joints with a degree of freedom, in file order."""
+        return tuple(name for name, joint in self.joints.items() if joint.moves)

@@ -1,0 +1,151 @@
+"""Read XML from strangers: no document type, no entities, bounded size, depth and count."""
+
+import math
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
+
+from aras_sim_bridge.errors import DescriptionError
+
+LARGEST_TEXT = 16 * 1024 * 1024  # characters; the largest robots in the wild have some 1e6
+LARGEST_DEPTH = 64
+LARGEST_COUNT = 400_000
+
+
+def parse(xml: str, what: str) -> Element:
+    """Root element of `xml`.
+
+    Args:
+        xml: the document.
+        what: its kind for messages, 'URDF' or 'SDF'.
+
+    Raises:
+        DescriptionError: not well formed, too big, too deep, or with a document type declaration
+            (the door to entity expansion and to other files).
+    """
+    if not isinstance(xml, str):
+        raise DescriptionError(f"{what}: expected text, got {type(xml).__name__}")
+    if len(xml) > LARGEST_TEXT:
+        raise DescriptionError(
+            f"{what}: {len(xml)} characters, more than the limit of {LARGEST_TEXT}; "
+            "keep meshes in files of their own"
+        )
+    if not xml.strip():
+        raise DescriptionError(f"{what}: the description is empty")
+    builder = TreeBuilder()
+    parser = expat.ParserCreate()
+    parser.buffer_text = True
+    depth = count = 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth, count
+        depth += 1
+        count += 1
+        if depth > LARGEST_DEPTH or count > LARGEST_COUNT:
+            raise DescriptionError(
+                f"{what}: line {parser.CurrentLineNumber}: more than {LARGEST_DEPTH} elements deep "
+                f"or {LARGEST_COUNT} in all"
+            )
+        if tag.startswith("xacro:"):
+            raise DescriptionError(
+                f"{what}: line {parser.CurrentLineNumber}: unexpanded <{tag}>; "
+                "run xacro on the file first"
+            )
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    def refuse(*_: object) -> None:
+        raise DescriptionError(
+            f"{what}: line {parser.CurrentLineNumber}: document type and entity declarations are "
+            "refused; remove <!DOCTYPE …>"
+        )
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.CharacterDataHandler = builder.data
+    parser.StartDoctypeDeclHandler = refuse
+    parser.EntityDeclHandler = refuse
+    try:
+        parser.Parse(xml.strip(), True)
+    except expat.ExpatError as error:
+        raise DescriptionError(
+            f"{what}: line {error.lineno}, column {error.offset}: "
+            f"{expat.errors.messages[error.code]}"
+        ) from None
+    except (UnicodeEncodeError, ValueError) as error:
+        raise DescriptionError(f"{what}: not valid text: {error}") from None
+    return builder.close()
+
+
+def shorten(text: str, length: int = 60) -> str:
+    """`text` for a message, cut when a stranger made it long."""
+    text = " ".join(text.split())
+    return text if len(text) <= length else text[: length - 1] + "…"
+
+
+def number(text: str | None, where: str, default: float | None = None) -> float:
+    """A finite float.
+
+    Args:
+        text: attribute or element text; None means absent.
+        where: what it is, for the message.
+        default: value when absent; None makes it required.
+
+    Raises:
+        DescriptionError: absent and required, not a number, or not finite.
+    """
+    if text is None:
+        if default is None:
+            raise DescriptionError(f"{where} is missing")
+        return default
+    try:
+        value = float(text)
+    except ValueError:
+        raise DescriptionError(f"{where}: '{shorten(text)}' is not a number") from None
+    if not math.isfinite(value):
+        raise DescriptionError(f"{where}: {shorten(text)} is not finite")
+    return value
+
+
+def numbers(text: str | None, count: int, where: str,
+            default: tuple[float, ...] | None = None) -> tuple[float, ...]:
+    """`count` finite floats separated by blanks; raises DescriptionError as `number` does."""
+    if text is None:
+        if default is None:
+            raise DescriptionError(f"{where} is missing")
+        return default
+    parts = text.split()
+    if len(parts) != count:
+        raise DescriptionError(f"{where}: needs {count} numbers, got '{shorten(text)}'")
+    return tuple(number(part, where) for part in parts)
+
+
+def integer(text: str | None, where: str, default: int | None = None) -> int:
+    """A whole number; raises DescriptionError as `number` does."""
+    value = number(text, where, default)
+    if value != int(value):
+        raise DescriptionError(f"{where}: {value} is not a whole number")
+    return int(value)
+
+
+def truth(text: str | None, where: str, default: bool) -> bool:
+    """'true'/'1' or 'false'/'0'; raises DescriptionError for anything else."""
+    if text is None:
+        return default
+    word = text.strip().lower()
+    if word in ("true", "1"):
+        return True
+    if word in ("false", "0"):
+        return False
+    raise DescriptionError(f"{where}: '{shorten(text)}' is neither true nor false")
+
+
+def text_of(element: Element | None, tag: str) -> str | None:
+    """Stripped text of the child `tag`; None when there is no such child."""
+    if element is None:
+        return None
+    child = element.find(tag)
+    return None if child is None else (child.text or "").strip()

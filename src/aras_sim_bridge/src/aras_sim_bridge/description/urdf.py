@@ -1,0 +1,359 @@
+"""URDF text -> RobotDescription.
+
+Follows http://wiki.ros.org/urdf/XML; where urdfdom would fail or guess, this says what is wrong.
+"""
+
+import math
+from collections.abc import Callable
+from types import MappingProxyType
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+from aras_sim_bridge import packages
+from aras_sim_bridge.description import gazebo_tags, safe_xml
+from aras_sim_bridge.description.inertia import checked_inertial
+from aras_sim_bridge.description.model import (
+    ZERO,
+    Collision,
+    Geometry,
+    Joint,
+    JointLimits,
+    Link,
+    Mimic,
+    RobotDescription,
+    SoftLimits,
+    Transmission,
+    Visual,
+)
+from aras_sim_bridge.description.safe_xml import number, numbers, shorten
+from aras_sim_bridge.errors import DescriptionError
+
+JOINT_KINDS = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+
+
+def parse_urdf(
+    xml: str,
+    resolve_package: Callable[[str], str] = packages.find,
+    base_directory: str | None = None,
+) -> RobotDescription:
+    """Read and check a URDF.
+
+    Args:
+        xml: the document, xacro already expanded.
+        resolve_package: package name -> directory, for `package://` in mesh file names.
+        base_directory: what relative mesh paths are relative to; None refuses them.
+
+    Raises:
+        DescriptionError: naming the element, what is wrong with it and how to mend it.
+    """
+    root = safe_xml.parse(xml, "URDF")
+    if root.tag != "robot":
+        raise DescriptionError(f"URDF: the root element is <{shorten(root.tag)}>, not <robot>")
+    name = root.get("name")
+    if not name:
+        raise DescriptionError("URDF: <robot> has no name")
+    warnings: list[str] = []
+    colours = _materials(root)
+
+    def resolve(uri: str, where: str) -> str:
+        return packages.resolve_uri(uri, where, resolve_package, base_directory)
+
+    links: dict[str, Link] = {}
+    for element in root.findall("link"):
+        link = _link(element, colours, resolve, warnings)
+        if link.name in links:
+            raise DescriptionError(f"URDF: two links are named '{link.name}'; rename one")
+        links[link.name] = link
+    if not links:
+        raise DescriptionError(f"URDF: robot '{name}' has no link")
+    joints: dict[str, Joint] = {}
+    for element in root.findall("joint"):
+        joint = _joint(element)
+        if joint.name in joints:
+            raise DescriptionError(f"URDF: two joints are named '{joint.name}'; rename one")
+        joints[joint.name] = joint
+    top = _root_link(links, joints)
+    _check_mimics(joints)
+    tags = gazebo_tags.parse(root, links, joints, warnings)
+    return RobotDescription(
+        name=name,
+        root=top,
+        links=MappingProxyType(tags.links),
+        joints=MappingProxyType(joints),
+        transmissions=tuple(_transmission(e) for e in root.findall("transmission")),
+        control_plugins=tags.control_plugins,
+        cameras=tags.cameras,
+        materials=MappingProxyType(tags.materials),
+        static=tags.static,
+        warnings=tuple(warnings),
+        xml=ElementTree.tostring(root, encoding="unicode"),
+    )
+
+
+def _materials(root: Element) -> dict[str, tuple | None]:
+    """Colours of the named materials, wherever in the file they are defined."""
+    colours: dict[str, tuple | None] = {}
+    for element in root.iter("material"):
+        name, colour = element.get("name"), element.find("color")
+        if name and colour is not None and colour.get("rgba") is not None:
+            colours[name] = numbers(colour.get("rgba"), 4, f"material '{shorten(name)}': rgba")
+    return colours
+
+
+def _origin(element: Element, where: str) -> tuple[tuple, tuple]:
+    origin = element.find("origin")
+    if origin is None:
+        return ZERO, ZERO
+    return (
+        numbers(origin.get("xyz"), 3, f"{where}: origin xyz", ZERO),
+        numbers(origin.get("rpy"), 3, f"{where}: origin rpy", ZERO),
+    )
+
+
+def _link(element: Element, colours: dict, resolve: Callable, warnings: list[str]) -> Link:
+    name = element.get("name")
+    if not name:
+        raise DescriptionError("URDF: a link has no name")
+    if len(name) > 256:
+        raise DescriptionError(f"URDF: a link name of {len(name)} characters; 256 are enough")
+    where = f"link '{name}'"
+    inertial = None
+    node = element.find("inertial")
+    if node is not None:
+        xyz, rpy = _origin(node, f"{where}: inertial")
+        mass = node.find("mass")
+        if mass is None:
+            raise DescriptionError(f"{where}: <inertial> has no <mass>")
+        tensor = node.find("inertia")
+        values = tuple(
+            number(None if tensor is None else tensor.get(key), f"{where}: inertia {key}", 0.0)
+            for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        )
+        inertial = checked_inertial(
+            where, number(mass.get("value"), f"{where}: mass value"), xyz, rpy, values, warnings
+        )
+    visuals = tuple(
+        _visual(v, f"{where}, visual {i + 1}", colours, resolve)
+        for i, v in enumerate(element.findall("visual"))
+    )
+    collisions = []
+    for i, node in enumerate(element.findall("collision")):
+        inside = f"{where}, collision {i + 1}"
+        xyz, rpy = _origin(node, inside)
+        label = node.get("name") or (f"{name}_collision" + (f"_{i}" if i else ""))
+        collisions.append(Collision(label, xyz, rpy, _geometry(node, inside, resolve)))
+    return Link(name, inertial, visuals, tuple(collisions))
+
+
+def _visual(element: Element, where: str, colours: dict, resolve: Callable) -> Visual:
+    xyz, rpy = _origin(element, where)
+    material = element.find("material")
+    rgba = None
+    if material is not None:
+        colour = material.find("color")
+        if colour is not None and colour.get("rgba") is not None:
+            rgba = numbers(colour.get("rgba"), 4, f"{where}: material rgba")
+        elif material.get("name"):
+            rgba = colours.get(material.get("name"))
+    return Visual(element.get("name") or "", xyz, rpy, _geometry(element, where, resolve), rgba)
+
+
+def _positive(element: Element, key: str, where: str) -> float:
+    value = number(element.get(key), f"{where}: {element.tag} {key}")
+    if value <= 0.0:
+        raise DescriptionError(f"{where}: {element.tag} {key} is {value}; it must be positive")
+    return value
+
+
+def _geometry(element: Element, where: str, resolve: Callable) -> Geometry:
+    node = element.find("geometry")
+    shape = next(iter(node), None) if node is not None else None
+    if shape is None:
+        raise DescriptionError(f"{where}: has no <geometry> with a shape in it")
+    if shape.tag == "box":
+        size = numbers(shape.get("size"), 3, f"{where}: box size")
+        if min(size) <= 0.0:
+            raise DescriptionError(f"{where}: box size {size} must be positive")
+        return Geometry("box", size=size)
+    if shape.tag in ("cylinder", "capsule"):
+        return Geometry(shape.tag, radius=_positive(shape, "radius", where),
+                        length=_positive(shape, "length", where))
+    if shape.tag == "sphere":
+        return Geometry("sphere", radius=_positive(shape, "radius", where))
+    if shape.tag == "plane":  # Bullet's extension of URDF, used by its data package
+        normal = numbers(shape.get("normal"), 3, f"{where}: plane normal", (0.0, 0.0, 1.0))
+        return Geometry("plane", normal=unit(normal, f"{where}: plane normal"))
+    if shape.tag == "mesh":
+        filename = shape.get("filename")
+        if not filename:
+            raise DescriptionError(f"{where}: <mesh> has no filename")
+        words = (shape.get("scale") or "1 1 1").split()
+        scale = numbers(" ".join(words * 3 if len(words) == 1 else words), 3, f"{where}: scale")
+        if 0.0 in scale:
+            raise DescriptionError(f"{where}: mesh scale {scale} holds a zero")
+        path = resolve(filename, where)
+        shape.set("filename", path)
+        return Geometry("mesh", filename=path, scale=scale)
+    raise DescriptionError(
+        f"{where}: unknown shape <{shorten(shape.tag)}>; "
+        "use box, cylinder, sphere, capsule, plane or mesh"
+    )
+
+
+def unit(vector: tuple, where: str) -> tuple[float, float, float]:
+    """`vector` scaled to length 1; DescriptionError when it has none."""
+    length = math.sqrt(sum(v * v for v in vector))
+    if length < 1e-9:
+        raise DescriptionError(f"{where} is zero; it needs a direction")
+    return tuple(v / length for v in vector)
+
+
+def _joint(element: Element) -> Joint:
+    name = element.get("name")
+    if not name:
+        raise DescriptionError("URDF: a joint has no name")
+    where = f"joint '{shorten(name)}'"
+    kind = element.get("type")
+    if kind not in JOINT_KINDS:
+        raise DescriptionError(
+            f"{where}: type '{shorten(str(kind))}' is unknown; use one of {', '.join(JOINT_KINDS)}"
+        )
+    ends = []
+    for tag in ("parent", "child"):
+        node = element.find(tag)
+        if node is None or not node.get("link"):
+            raise DescriptionError(f"{where}: has no <{tag} link=…>")
+        ends.append(node.get("link"))
+    xyz, rpy = _origin(element, where)
+    axis_node = element.find("axis")
+    axis = (1.0, 0.0, 0.0)
+    if axis_node is not None and kind in ("revolute", "continuous", "prismatic", "planar"):
+        axis = unit(numbers(axis_node.get("xyz"), 3, f"{where}: axis xyz", axis), f"{where}: axis")
+    dynamics = element.find("dynamics")
+    damping = friction = 0.0
+    if dynamics is not None:
+        damping = number(dynamics.get("damping"), f"{where}: damping", 0.0)
+        friction = number(dynamics.get("friction"), f"{where}: friction", 0.0)
+        if damping < 0.0 or friction < 0.0:
+            raise DescriptionError(
+                f"{where}: damping {damping} and friction {friction} must be ≥ 0"
+            )
+    mimic = None
+    node = element.find("mimic")
+    if node is not None:
+        if not node.get("joint"):
+            raise DescriptionError(f"{where}: <mimic> names no joint")
+        mimic = Mimic(
+            node.get("joint"),
+            number(node.get("multiplier"), f"{where}: multiplier", 1.0),
+            number(node.get("offset"), f"{where}: offset", 0.0),
+        )
+    return Joint(name, kind, ends[0], ends[1], xyz, rpy, axis, _limits(element, kind, where),
+                 damping, friction, _soft_limits(element, where), mimic)
+
+
+def _limits(element: Element, kind: str, where: str) -> JointLimits | None:
+    node = element.find("limit")
+    if node is None:
+        if kind in ("revolute", "prismatic"):
+            raise DescriptionError(
+                f"{where}: a {kind} joint needs <limit lower= upper= effort= velocity=>"
+            )
+        return None
+    bounded = kind in ("revolute", "prismatic")
+    lower = number(node.get("lower"), f"{where}: limit lower", 0.0)
+    upper = number(node.get("upper"), f"{where}: limit upper", 0.0)
+    if bounded and lower > upper:
+        raise DescriptionError(f"{where}: limit lower {lower} is above upper {upper}")
+    required = None if bounded else 0.0
+    effort = number(node.get("effort"), f"{where}: limit effort", required)
+    velocity = number(node.get("velocity"), f"{where}: limit velocity", required)
+    if effort < 0.0 or velocity < 0.0:
+        raise DescriptionError(
+            f"{where}: limit effort {effort} and velocity {velocity} must not be negative"
+        )
+    return JointLimits(lower if bounded else None, upper if bounded else None, effort, velocity)
+
+
+def _soft_limits(element: Element, where: str) -> SoftLimits | None:
+    node = element.find("safety_controller")
+    if node is None:
+        return None
+    bounds = [
+        None if node.get(key) is None else number(node.get(key), f"{where}: {key}")
+        for key in ("soft_lower_limit", "soft_upper_limit")
+    ]
+    return SoftLimits(bounds[0], bounds[1],
+                      number(node.get("k_position"), f"{where}: k_position", 0.0),
+                      number(node.get("k_velocity"), f"{where}: k_velocity"))
+
+
+def _root_link(links: dict[str, Link], joints: dict[str, Joint]) -> str:
+    """The one link without a parent; refuses unknown ends, second parents and loops."""
+    parents: dict[str, str] = {}
+    for joint in joints.values():
+        for end in (joint.parent, joint.child):
+            if end not in links:
+                raise DescriptionError(
+                    f"joint '{joint.name}': link '{shorten(end)}' does not exist"
+                )
+        if joint.child in parents:
+            raise DescriptionError(
+                f"joint '{joint.name}': link '{joint.child}' already has a parent; "
+                "URDF allows trees only"
+            )
+        parents[joint.child] = joint.parent
+    roots = [name for name in links if name not in parents]
+    if len(roots) != 1:
+        found = ", ".join(f"'{shorten(r)}'" for r in roots[:5]) or "none (the joints form a loop)"
+        raise DescriptionError(f"URDF: needs exactly one root link, found {found}")
+    children: dict[str, list[str]] = {}
+    for child, parent in parents.items():
+        children.setdefault(parent, []).append(child)
+    reached, pending = set(), [roots[0]]
+    while pending:
+        link = pending.pop()
+        reached.add(link)
+        pending += children.get(link, [])
+    if len(reached) != len(links):
+        lost = next(name for name in links if name not in reached)
+        raise DescriptionError(
+            f"link '{lost}' is in a loop of joints, not in the tree of '{roots[0]}'"
+        )
+    return roots[0]
+
+
+def _check_mimics(joints: dict[str, Joint]) -> None:
+    for joint in joints.values():
+        seen, current = {joint.name}, joint
+        while current.mimic is not None:
+            leader = joints.get(current.mimic.joint)
+            if leader is None or not leader.moves:
+                raise DescriptionError(
+                    f"joint '{current.name}': mimics '{shorten(current.mimic.joint)}', "
+                    "which is not a moving joint of this robot"
+                )
+            if leader.name in seen:
+                raise DescriptionError(f"joint '{joint.name}': its mimics form a loop")
+            seen.add(leader.name)
+            current = leader
+
+
+def _transmission(element: Element) -> Transmission:
+    """As written; what is missing stays empty, so that the hardware can say what Gazebo would."""
+    name = element.get("name") or ""
+    joints, interfaces = [], []
+    for node in element.findall("joint"):
+        joints.append(node.get("name") or "")
+        interfaces += [(n.text or "").strip() for n in node.findall("hardwareInterface")]
+    reduction = None
+    for node in [*element.findall("actuator"), element]:
+        text = safe_xml.text_of(node, "mechanicalReduction")
+        if text is not None:
+            reduction = number(text, f"transmission '{shorten(name)}': mechanicalReduction")
+            break
+    kind = safe_xml.text_of(element, "type") or element.get("type") or ""
+    return Transmission(
+        name, kind, joints[0] if joints else "", interfaces[0] if interfaces else "", reduction,
+        bool(element.findall("actuator")), tuple(joints), tuple(interfaces),
+    )

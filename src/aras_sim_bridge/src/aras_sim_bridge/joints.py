@@ -1,0 +1,194 @@
+"""Joint handles and the limits that hold for them.
+
+A handle is what ros_control calls a joint handle: the measured state and one command per
+interface. Hardware fills the state and consumes the commands; controllers do the opposite;
+neither sees the other. Units: rad or m, rad/s or m/s, N m or N.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from aras_sim_bridge import parameters as params
+from aras_sim_bridge.errors import HardwareError
+
+EFFORT = "EffortJointInterface"
+POSITION = "PositionJointInterface"
+VELOCITY = "VelocityJointInterface"
+STATE = "JointStateInterface"
+COMMAND_INTERFACES = (EFFORT, POSITION, VELOCITY)
+
+_INF = float("inf")
+_NS_PER_S = 1_000_000_000
+
+
+class JointHandle:
+    """State and commands of one joint.
+
+    `limits` and `soft_limits` are the URDF's own (description.JointLimits and its
+    safety_controller, or None): controllers clamp to those, whatever the joint_limits
+    parameters say, as upstream's do. `interface` is the command interface of the joint's
+    transmission.
+    """
+
+    __slots__ = (
+        "name", "kind", "interface", "limits", "soft_limits", "position", "velocity", "effort",
+        "position_command", "velocity_command", "effort_command",
+    )
+
+    def __init__(
+        self,
+        name: str,
+        kind: str,
+        limits: Any = None,
+        soft_limits: Any = None,
+        interface: str = STATE,
+    ) -> None:
+        self.name = name
+        self.kind = kind
+        self.interface = interface
+        self.limits = limits
+        self.soft_limits = soft_limits
+        self.position = 0.0
+        self.velocity = 0.0
+        self.effort = 0.0
+        self.position_command = 0.0
+        self.velocity_command = 0.0
+        self.effort_command = 0.0
+
+    @property
+    def travel(self) -> tuple[float, float] | None:
+        """The URDF's (lower, upper) of a revolute or prismatic joint, else None."""
+        limits = self.limits
+        if self.kind not in ("revolute", "prismatic") or limits is None:
+            return None
+        # A <limit> without lower and upper means 0 in URDF.
+        return limits.lower or 0.0, limits.upper or 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What bounds a joint after URDF and parameters are merged; None means not limited."""
+
+    min_position: float | None = None
+    max_position: float | None = None
+    max_velocity: float | None = None
+    max_acceleration: float | None = None
+    max_effort: float | None = None
+    angle_wraparound: bool = False
+
+    @property
+    def has_position(self) -> bool:
+        """Whether the position is bounded."""
+        return self.min_position is not None
+
+
+_OVERRIDES = {
+    "velocity": ("max_velocity",),
+    "acceleration": ("max_acceleration",),
+    "effort": ("max_effort",),
+}
+
+
+def resolve_limits(
+    joint: Any, overrides: Mapping, where: str, warn: Callable[[str], None]
+) -> Limits | None:
+    """Merge the URDF's limits of `joint` with the parameters <ns>/joint_limits/<joint>.
+
+    `joint` has name, kind and limits (description.Joint); `where` is the full name of
+    `overrides`. Returns None where neither source says anything. A value without its
+    has_..._limits: true is ignored, as upstream does, but not silently.
+    Raises HardwareError on ill-typed, negative or crossed limits.
+    """
+    values: dict[str, Any] = {}
+    if joint.limits is not None:
+        values["max_velocity"] = joint.limits.velocity
+        values["max_effort"] = joint.limits.effort
+        if joint.kind in ("revolute", "prismatic"):
+            values["min_position"] = joint.limits.lower or 0.0
+            values["max_position"] = joint.limits.upper or 0.0
+        values["angle_wraparound"] = joint.kind == "continuous"
+    if joint.limits is None and not overrides:
+        return None
+    _override(values, overrides, "position", ("min_position", "max_position"), where, warn)
+    for quantity, keys in _OVERRIDES.items():
+        _override(values, overrides, quantity, keys, where, warn)
+    if "min_position" not in values:
+        wrap = params.flag(overrides, "angle_wraparound", where, None, HardwareError)
+        if wrap is not None:
+            values["angle_wraparound"] = wrap
+    limits = Limits(**values)
+    _check(limits, joint.name, where)
+    return limits
+
+
+def _override(
+    values: dict[str, Any],
+    overrides: Mapping,
+    quantity: str,
+    keys: tuple[str, ...],
+    where: str,
+    warn: Callable[[str], None],
+) -> None:
+    switch = f"has_{quantity}_limits"
+    wanted = params.flag(overrides, switch, where, None, HardwareError)
+    given = [key for key in keys if key in overrides]
+    if wanted is False:
+        for key in keys:
+            values.pop(key, None)
+    elif wanted and len(given) == len(keys):
+        for key in keys:
+            values[key] = params.number(overrides, key, where, fault=HardwareError)
+    elif wanted:
+        warn(f"{where}/{switch} is true but {' and '.join(keys)} not all set: limit unchanged")
+    elif given:
+        warn(f"{where}/{given[0]} is ignored: set {where}/{switch} to true to use it")
+
+
+def _check(limits: Limits, joint: str, where: str) -> None:
+    if limits.has_position and limits.min_position > limits.max_position:
+        raise HardwareError(
+            f"joint '{joint}': lower position limit {limits.min_position} is above the upper "
+            f"{limits.max_position}; mend its <limit> or {where}"
+        )
+    for quantity in ("max_velocity", "max_acceleration", "max_effort"):
+        value = getattr(limits, quantity)
+        if value is not None and not value >= 0.0:
+            raise HardwareError(
+                f"joint '{joint}': {quantity} is {value}; it must not be negative "
+                f"(<limit> or {where}/{quantity})"
+            )
+
+
+class Occurrence:
+    """Tells when something that may repeat every cycle deserves a line in the log.
+
+    An occurrence is over after the trouble stayed away for `quiet`; a trouble that lasts less
+    than `patience` is not worth a word (the derivative kick of a step command, say). Times in ns
+    of the simulated clock.
+    """
+
+    __slots__ = ("patience_ns", "quiet_ns", "_first_ns", "_last_ns", "_told")
+
+    def __init__(self, patience: float = 0.0, quiet: float = 1.0) -> None:
+        self.patience_ns = int(patience * _NS_PER_S)
+        self.quiet_ns = int(quiet * _NS_PER_S)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past, for a clock that went back."""
+        self._first_ns = 0
+        self._last_ns: int | None = None
+        self._told = False
+
+    def note(self, time_ns: int) -> bool:
+        """Record the trouble at `time_ns`; True once an occurrence."""
+        last = self._last_ns
+        if last is None or not 0 <= time_ns - last <= self.quiet_ns:
+            self._first_ns = time_ns
+            self._told = False
+        self._last_ns = time_ns
+        if self._told or time_ns - self._first_ns < self.patience_ns:
+            return False
+        self._told = True
+        return True

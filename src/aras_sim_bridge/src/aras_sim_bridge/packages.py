@@ -1,0 +1,141 @@
+"""Find ROS packages and resolve the URIs of meshes, without letting a path leave its package."""
+
+import os
+import re
+from collections.abc import Callable
+from functools import lru_cache
+
+from aras_sim_bridge.errors import DescriptionError
+
+ResolvePackage = Callable[[str], str]
+
+_PACKAGE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.\-]*\Z")
+_SKIPPED_DIRECTORIES = {"CMakeFiles", "__pycache__", "node_modules"}
+_LARGEST_DEPTH = 6
+
+
+def find(name: str) -> str:
+    """Directory of the ROS package `name`.
+
+    Looks where ROS tools look: `ROS_PACKAGE_PATH` (crawled as rospack does), then the share
+    directories of `CMAKE_PREFIX_PATH` and `/usr/share`, where Debian puts its packages.
+
+    Raises:
+        DescriptionError: malformed name, or no such package in this environment.
+    """
+    if not _PACKAGE_NAME.match(name):
+        raise DescriptionError(f"'{name[:80]}' is not a package name: letters, digits, _ - . only")
+    found = _search(name, os.environ.get("ROS_PACKAGE_PATH", ""),
+                    os.environ.get("CMAKE_PREFIX_PATH", ""))
+    if found is None:
+        raise DescriptionError(
+            f"package '{name}' is not in ROS_PACKAGE_PATH: source the workspace that holds it "
+            "(. devel/setup.bash) or install it, then try again"
+        )
+    return found
+
+
+@lru_cache(maxsize=256)
+def _search(name: str, package_path: str, prefix_path: str) -> str | None:
+    for root in filter(None, package_path.split(os.pathsep)):
+        found = _crawl(name, root)
+        if found:
+            return found
+    prefixes = [p for p in prefix_path.split(os.pathsep) if p] + ["/usr"]
+    for prefix in prefixes:
+        candidate = os.path.join(prefix, "share", name)
+        if os.path.isfile(os.path.join(candidate, "package.xml")):
+            return candidate
+    return None
+
+
+def _crawl(name: str, root: str) -> str | None:
+    """First directory below `root` that holds a package called `name` (breadth first)."""
+    level = [root]
+    for _ in range(_LARGEST_DEPTH):
+        deeper: list[str] = []
+        for directory in level:
+            try:
+                entries = sorted(os.scandir(directory), key=lambda e: e.name)
+            except OSError:
+                continue
+            names = {e.name for e in entries}
+            if "package.xml" in names or "manifest.xml" in names:
+                if _declared_name(directory) == name:
+                    return directory
+                continue  # packages do not nest
+            if names & {"CATKIN_IGNORE", "rospack_nosubdirs"}:
+                continue
+            deeper += [
+                e.path for e in entries
+                if e.is_dir() and not e.name.startswith(".")
+                and e.name not in _SKIPPED_DIRECTORIES
+            ]
+        level = deeper
+    return None
+
+
+def _declared_name(directory: str) -> str:
+    try:
+        with open(os.path.join(directory, "package.xml"), encoding="utf-8") as file:
+            match = re.search(r"<name>\s*([^<\s]+)\s*</name>", file.read(65536))
+    except (OSError, UnicodeDecodeError):
+        match = None
+    return match.group(1) if match else os.path.basename(directory)
+
+
+def resolve_uri(
+    uri: str,
+    where: str,
+    resolve_package: ResolvePackage = find,
+    base_directory: str | None = None,
+) -> str:
+    """Absolute path of an existing file named by a mesh URI.
+
+    Args:
+        uri: `package://pkg/path`, `model://pkg/path` (which Gazebo makes of the former),
+            `file:///path`, an absolute path, or one relative to `base_directory`.
+        where: who names it, for the message ("link 'J1', visual 1").
+        resolve_package: package name -> directory.
+        base_directory: what relative paths are relative to; None refuses them.
+
+    Raises:
+        DescriptionError: unknown scheme or package, a path that climbs out, a missing file.
+    """
+    text = uri.strip()
+    shown = text if len(text) <= 200 else text[:200] + "…"
+    if not text or "\0" in text:
+        raise DescriptionError(f"{where}: the mesh file name is empty or holds a NUL character")
+    scheme, separator, rest = text.partition("://")
+    if not separator:
+        path = text
+        if not os.path.isabs(path):
+            if base_directory is None:
+                raise DescriptionError(
+                    f"{where}: mesh '{shown}' is a relative path and the description came as text; "
+                    "write package://<package>/<path> or an absolute path"
+                )
+            path = os.path.join(base_directory, path)
+    elif scheme in ("package", "model"):
+        package, _, inside = rest.partition("/")
+        try:
+            root = os.path.normpath(resolve_package(package))
+        except DescriptionError as error:
+            raise DescriptionError(f"{where}: mesh '{shown}': {error}") from None
+        path = os.path.normpath(os.path.join(root, inside.lstrip("/")))
+        if os.path.commonpath([root, path]) != root:
+            raise DescriptionError(
+                f"{where}: mesh '{shown}' climbs out of package '{package}'; "
+                "keep the file inside the package"
+            )
+    elif scheme == "file":
+        path = "/" + rest.lstrip("/")
+    else:
+        raise DescriptionError(
+            f"{where}: mesh '{shown}' has the unknown scheme '{scheme}://'; "
+            "use package://, file:// or an absolute path"
+        )
+    path = os.path.normpath(path)
+    if not os.path.isfile(path):
+        raise DescriptionError(f"{where}: mesh file {path} (from '{shown}') does not exist")
+    return path

@@ -1,0 +1,1 @@
+"""The bridge's ROS face: the only subpackage that imports rospy."""

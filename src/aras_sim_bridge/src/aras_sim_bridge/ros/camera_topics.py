@@ -1,0 +1,191 @@
+"""The ROS face of one simulated camera: gazebo_ros_camera's topics, service and settings."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import numpy as np
+import rospy
+from genpy import Time
+from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.srv import SetCameraInfo, SetCameraInfoResponse
+
+from aras_sim_bridge.errors import CameraError
+from aras_sim_bridge.ros import camera_frames
+from aras_sim_bridge.ros.camera_info import prefixed, save_calibration, to_camera_info
+from aras_sim_bridge.ros.camera_labels import LabelTopic
+from aras_sim_bridge.ros.compressed import CompressedTopic
+from aras_sim_bridge.ros.conversions import to_time
+from aras_sim_bridge.ros.reconfigure import Field, ReconfigureServer
+from aras_sim_bridge.ros.services import ServiceTable
+from aras_sim_bridge.ros.simulation_thread import SimulationThread
+
+
+class _Watcher(rospy.SubscribeListener):
+    """Tells the camera when its subscribers come and go."""
+
+    def __init__(self, changed: Any) -> None:
+        super().__init__()
+        self._changed = changed
+
+    def peer_subscribe(self, *_args: object) -> None:
+        self._changed()
+
+    def peer_unsubscribe(self, *_args: object) -> None:
+        self._changed()
+
+
+class CameraTopics:
+    """The ROS face of one mounted camera; it renders only while somebody listens."""
+
+    def __init__(self, mounted: Any, thread: SimulationThread) -> None:
+        """Advertise the topics of `mounted` (mounting.MountedCamera) and take its frames."""
+        self._mounted = mounted
+        self._thread = thread
+        config = mounted.sensor.config
+        self.namespace = config.topic_root
+        self._camera_name = config.camera_name or config.name
+        frame = config.optical_frame_name or config.frame_name or mounted.link
+        self._frame_id = prefixed(frame, self.namespace)
+        self._info_message = to_camera_info(mounted.sensor.info)
+        self._info_message.header.frame_id = self._frame_id
+        mounted.enabled = False
+        self._lock = threading.Lock()
+        self._closing: list[Any] = []
+        self._publishers: list[rospy.Publisher] = []
+        self._watcher = _Watcher(self._on_subscribers)
+        self._compressed: CompressedTopic | None = None
+        self._labels: LabelTopic | None = None
+        self._depth = self._depth_info = self._segmentation = None
+
+        root = self.namespace.rstrip("/")
+        self._info = self._advertise(f"{root}/{config.info_topic}", CameraInfo)
+        self._image = self._advertise(f"{root}/{config.image_topic}", Image)
+        self._compressed = CompressedTopic(f"{root}/{config.image_topic}", self._watcher)
+        self._closing.append(self._compressed)
+        if config.depth:
+            self._depth = self._advertise(f"{root}/depth/image_raw", Image)
+            self._depth_info = self._advertise(f"{root}/depth/camera_info", CameraInfo)
+        if config.segmentation:
+            self._segmentation = self._advertise(f"{root}/segmentation/image_raw", Image)
+            self._labels = LabelTopic(f"{root}/segmentation/labels")
+            self._closing.append(self._labels)
+        services = ServiceTable(self.namespace)
+        services.add(
+            "set_camera_info",
+            SetCameraInfo,
+            self._on_set_camera_info,
+            lambda text: SetCameraInfoResponse(False, text),
+        )
+        self._closing.append(services)
+        if config.camera_name:  # as upstream: none without a name of its own
+            self._closing.append(self._rate_server())
+        self._announced = camera_frames.announce(mounted, self._frame_id, self.namespace)
+        mounted.on_frame = self._on_frame
+        self._on_subscribers()
+
+    def shutdown(self) -> None:
+        """Take the camera off the graph."""
+        self._mounted.enabled = False
+        self._mounted.on_frame = None
+        if self._announced:
+            camera_frames.withdraw(self._frame_id)
+        for part in self._closing:
+            part.shutdown()
+        for publisher in self._publishers:
+            publisher.unregister()
+
+    def _advertise(self, topic: str, kind: type) -> rospy.Publisher:
+        publisher = rospy.Publisher(
+            topic,
+            kind,
+            latch=kind is Image,
+            queue_size=2,
+            subscriber_listener=self._watcher,
+            tcp_nodelay=True,
+        )
+        self._publishers.append(publisher)
+        return publisher
+
+    def _rate_server(self) -> ReconfigureServer:
+        """imager_rate, told truly; upstream's limits of 1 to 50 Hz, or wider."""
+        rate = self._mounted.sensor.rate
+        text = "Frames per second of simulated time"
+        field = Field("imager_rate", "double", 2.0, min(1.0, rate), max(50.0, rate), text, level=3)
+
+        def apply(values: dict[str, Any]) -> None:
+            wanted = float(values["imager_rate"])
+
+            def job() -> None:
+                if wanted != self._mounted.sensor.rate:
+                    self._check_rate(wanted)
+                    self._mounted.sensor.set_rate(wanted, self._thread.simulation.time_ns)
+
+            self._thread.call(job)
+
+        return ReconfigureServer(self.namespace, [field], {"imager_rate": rate}, apply)
+
+    def _check_rate(self, rate: float) -> None:
+        step_ns = self._thread.simulation.step_ns
+        if rate * step_ns > 1e9:
+            raise CameraError(
+                f"imager_rate {rate:g} Hz is above the physics rate of {1e9 / step_ns:g} Hz"
+            )
+        exposure = self._mounted.sensor.config.effects.exposure_time
+        if rate * exposure >= 1.0:
+            raise CameraError(
+                f"imager_rate {rate:g} Hz leaves no time for an exposure_time of {exposure:g} s"
+            )
+
+    def _on_subscribers(self) -> None:
+        with self._lock:
+            wanted = any(map(_heard, self._publishers))
+            if self._compressed is not None:
+                wanted = wanted or self._compressed.wanted
+            sensor = self._mounted.sensor
+            sensor.depth = _heard(self._depth)
+            sensor.segmentation = _heard(self._segmentation)
+            self._mounted.enabled = wanted
+
+    def _on_frame(self, frame: Any) -> None:
+        """Publish one frame; runs in the simulation's thread."""
+        stamp = to_time(frame.stamp_ns)
+        self._image.publish(self._message(stamp, frame.image, frame.encoding))
+        for publisher in (self._info, self._depth_info):
+            if _heard(publisher):
+                self._info_message.header.stamp = stamp
+                publisher.publish(self._info_message)
+        if self._compressed.wanted:
+            self._compressed.publish(stamp, self._frame_id, frame)
+        if frame.depth is not None and self._depth is not None:
+            self._depth.publish(self._message(stamp, frame.depth, "32FC1"))
+        if frame.segmentation is not None and self._segmentation is not None:
+            self._labels.update(self._thread.simulation)
+            self._segmentation.publish(self._message(stamp, frame.segmentation, "32SC1"))
+
+    def _message(self, stamp: Time, pixels: np.ndarray, encoding: str) -> Image:
+        """A new message each time: a latched publisher keeps the last one."""
+        message = Image()
+        message.header.stamp = stamp
+        message.header.frame_id = self._frame_id
+        message.height, message.width = pixels.shape[:2]
+        message.encoding = encoding
+        message.is_bigendian = 0
+        message.data = pixels.tobytes()
+        message.step = len(message.data) // message.height
+        return message
+
+    def _on_set_camera_info(self, request: SetCameraInfo) -> SetCameraInfoResponse:
+        # As camera_info_manager: taken over even where the file cannot be written.
+        self._info_message = request.camera_info
+        try:
+            path = save_calibration(request.camera_info, self._camera_name)
+        except (CameraError, OSError) as error:
+            return SetCameraInfoResponse(False, f"Error storing camera calibration: {error}")
+        rospy.loginfo("%s: calibration written to %s", self.namespace, path)
+        return SetCameraInfoResponse(True, "")
+
+
+def _heard(publisher: rospy.Publisher | None) -> bool:
+    return publisher is not None and publisher.get_num_connections() > 0

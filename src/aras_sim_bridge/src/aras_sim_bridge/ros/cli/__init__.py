@@ -1,0 +1,1 @@
+"""Command-line clients: spawn_model, spawner, unspawner, controller_manager."""

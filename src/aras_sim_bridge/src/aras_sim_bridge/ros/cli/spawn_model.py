@@ -1,0 +1,180 @@
+"""spawn_model: put a model into the running simulation, with gazebo_ros's arguments."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from pathlib import Path
+
+import rospy
+from gazebo_msgs.msg import ModelStates
+from gazebo_msgs.srv import DeleteModel, SetModelConfiguration, SpawnModel
+from geometry_msgs.msg import Pose, Quaternion
+from std_srvs.srv import Empty
+
+
+class UsageError(Exception):
+    """The request cannot be made; the text says why and what would mend it."""
+
+
+def parse(argv: list[str]) -> argparse.Namespace:
+    """Return the arguments, named as gazebo_ros names them."""
+    parser = argparse.ArgumentParser(prog="spawn_model", description=__doc__)
+    kind = parser.add_mutually_exclusive_group(required=True)
+    kind.add_argument("-urdf", action="store_true", help="the source is URDF")
+    kind.add_argument("-sdf", action="store_true", help="the source is SDF")
+    source = parser.add_mutually_exclusive_group(required=True)
+    source.add_argument("-file", metavar="FILE", help="read the model from a file")
+    source.add_argument("-param", metavar="PARAM", help="read the model from a ROS parameter")
+    source.add_argument("-database", metavar="MODEL", help="refused: there is no model database")
+    source.add_argument("-stdin", action="store_true", help="read the model from standard input")
+    parser.add_argument("-model", required=True, metavar="NAME", help="name in the simulation")
+    parser.add_argument("-reference_frame", default="", metavar="ENTITY", help="pose is relative")
+    parser.add_argument("-gazebo_namespace", default="/gazebo", metavar="NS")
+    parser.add_argument("-robot_namespace", default=None, metavar="NS")
+    parser.add_argument("-unpause", action="store_true", help="unpause physics afterwards")
+    parser.add_argument("-wait", metavar="MODEL", help="wait for this model to exist first")
+    for name, unit in zip("xyzRPY", ["m"] * 3 + ["rad"] * 3, strict=True):
+        parser.add_argument(f"-{name}", type=float, default=0.0, help=f"initial pose [{unit}]")
+    parser.add_argument(
+        "-J",
+        nargs=2,
+        action="append",
+        default=[],
+        dest="joints",
+        metavar=("JOINT", "POSITION"),
+        help="initial joint position [rad or m]; repeatable",
+    )
+    parser.add_argument("-package_to_model", action="store_true", help="package:// to model://")
+    parser.add_argument("-b", action="store_true", dest="bond", help="delete the model on exit")
+    return parser.parse_args(argv)
+
+
+def read_xml(args: argparse.Namespace) -> str:
+    """Return the model's text from the chosen source.
+
+    Raises:
+        UsageError: when there is nothing to read.
+    """
+    if args.database:
+        raise UsageError("-database is not supported: there is no model database; use -file")
+    if args.file:
+        try:
+            return Path(args.file).read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise UsageError(f"cannot read the model file: {error}") from error
+    if args.param:
+        if not rospy.has_param(args.param):
+            raise UsageError(
+                f"parameter {rospy.resolve_name(args.param)} does not exist; load the model first,"
+                f' e.g. <param name="{args.param}" textfile="..."/>'
+            )
+        return str(rospy.get_param(args.param))
+    return sys.stdin.read()
+
+
+def to_pose(args: argparse.Namespace) -> Pose:
+    """Return the initial pose of -x -y -z -R -P -Y (roll, pitch, yaw about fixed x, y, z)."""
+    pose = Pose()
+    pose.position.x, pose.position.y, pose.position.z = args.x, args.y, args.z
+    cr, cp, cy = (math.cos(angle / 2) for angle in (args.R, args.P, args.Y))
+    sr, sp, sy = (math.sin(angle / 2) for angle in (args.R, args.P, args.Y))
+    pose.orientation = Quaternion(
+        x=sr * cp * cy - cr * sp * sy,
+        y=cr * sp * cy + sr * cp * sy,
+        z=cr * cp * sy - sr * sp * cy,
+        w=cr * cp * cy + sr * sp * sy,
+    )
+    return pose
+
+
+def wait_for_model(namespace: str, name: str) -> None:
+    """Return when model_states lists the model."""
+    rospy.loginfo("Waiting for model %s before spawning", name)
+    while not rospy.is_shutdown():
+        try:
+            states = rospy.wait_for_message(f"{namespace}/model_states", ModelStates, timeout=1.0)
+        except rospy.ROSException:
+            continue
+        if name in states.name:
+            return
+        rospy.rostime.wallsleep(0.1)
+
+
+def spawn(args: argparse.Namespace) -> None:
+    """Do what the arguments ask for.
+
+    Raises:
+        UsageError: naming what failed.
+    """
+    namespace = args.gazebo_namespace.rstrip("/")
+    xml = read_xml(args)
+    if not xml.strip():
+        raise UsageError("the model is empty; check the file, parameter or pipe it comes from")
+    if args.package_to_model:
+        xml = xml.replace("package://", "model://")
+    try:
+        joints = [(name, float(position)) for name, position in args.joints]
+    except ValueError as error:
+        raise UsageError(f"-J takes a joint name and a number: {error}") from error
+    if args.wait:
+        wait_for_model(namespace, args.wait)
+    service = f"{namespace}/spawn_{'urdf' if args.urdf else 'sdf'}_model"
+    robot_namespace = args.robot_namespace
+    if robot_namespace is None:
+        robot_namespace = rospy.get_namespace()
+    rospy.loginfo("Waiting for service %s", service)
+    rospy.wait_for_service(service)
+    response = rospy.ServiceProxy(service, SpawnModel)(
+        args.model, xml, robot_namespace, to_pose(args), args.reference_frame
+    )
+    if not response.success:
+        raise UsageError(response.status_message)
+    rospy.loginfo("%s", response.status_message)
+    if joints:
+        # The model is in the world when the call above returns: no need for upstream's sleep.
+        service = f"{namespace}/set_model_configuration"
+        rospy.wait_for_service(service)
+        names, positions = zip(*joints, strict=True)
+        response = rospy.ServiceProxy(service, SetModelConfiguration)(
+            args.model, "robot_description", names, positions
+        )
+        if not response.success:
+            raise UsageError(response.status_message)
+    if args.unpause:
+        rospy.wait_for_service(f"{namespace}/unpause_physics")
+        rospy.ServiceProxy(f"{namespace}/unpause_physics", Empty)()
+
+
+def delete(args: argparse.Namespace) -> None:
+    """Take the model out again (-b)."""
+    service = f"{args.gazebo_namespace.rstrip('/')}/delete_model"
+    try:
+        rospy.ServiceProxy(service, DeleteModel)(args.model)
+    except (rospy.ServiceException, rospy.ROSException):
+        rospy.logwarn("model %s was not deleted: the simulator is gone", args.model)
+
+
+def main() -> int:
+    """Entry point; returns the exit status."""
+    args = parse(rospy.myargv(sys.argv)[1:])
+    rospy.init_node("spawn_model", anonymous=True)
+    try:
+        spawn(args)
+    except UsageError as error:
+        rospy.logerr("Spawning %s failed: %s", args.model, error)
+        return 1
+    except rospy.ServiceException as error:
+        rospy.logerr("Spawning %s failed: the simulator refused the call: %s", args.model, error)
+        return 1
+    except rospy.ROSInterruptException:
+        return 1
+    except rospy.ROSException as error:
+        if not rospy.is_shutdown():
+            rospy.logerr("Spawning %s failed: %s", args.model, error)
+        return 1
+    if args.bond:
+        rospy.on_shutdown(lambda: delete(args))
+        rospy.spin()
+    return 0

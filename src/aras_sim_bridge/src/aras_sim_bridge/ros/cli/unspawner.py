@@ -1,0 +1,56 @@
+"""unspawner: keep controllers stopped while it runs, start them again on exit."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+import rospy
+from controller_manager_msgs.srv import (
+    ListControllers,
+    SwitchController,
+    SwitchControllerRequest,
+)
+
+BEST_EFFORT = 1
+PERIOD = 3.0  # seconds of wall time between two looks
+
+
+def main() -> int:
+    """Entry point; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="unspawner", description=__doc__)
+    parser.add_argument("controllers", nargs="+", help="controller names")
+    names = parser.parse_args(rospy.myargv(sys.argv)[1:]).controllers
+    rospy.init_node("unspawner", anonymous=True)
+    try:
+        for service in ("switch_controller", "list_controllers"):
+            rospy.wait_for_service(f"controller_manager/{service}")
+    except rospy.ROSException:
+        return 1
+    switch = rospy.ServiceProxy("controller_manager/switch_controller", SwitchController)
+    list_all = rospy.ServiceProxy("controller_manager/list_controllers", ListControllers)
+    stopped: list[str] = []
+
+    def restart() -> None:
+        if not stopped:
+            return
+        try:
+            switch(SwitchControllerRequest(start_controllers=stopped, strictness=BEST_EFFORT))
+        except (rospy.ServiceException, rospy.ROSException, OSError):
+            rospy.logwarn("%s stay stopped: the simulator is gone", ", ".join(stopped))
+
+    rospy.on_shutdown(restart)
+    while not rospy.is_shutdown():
+        try:
+            running = [c.name for c in list_all().controller if c.state == "running"]
+            to_stop = [name for name in names if name in running]
+            if to_stop:
+                switch(SwitchControllerRequest(stop_controllers=to_stop, strictness=BEST_EFFORT))
+                stopped.extend(name for name in to_stop if name not in stopped)
+        except rospy.ServiceException as error:
+            rospy.logwarn_once("the controller manager does not answer: %s", error)
+        waited = 0.0
+        while waited < PERIOD and not rospy.is_shutdown():
+            rospy.rostime.wallsleep(0.1)
+            waited += 0.1
+    return 0

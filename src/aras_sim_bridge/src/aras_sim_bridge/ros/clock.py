@@ -1,0 +1,36 @@
+"""/clock: simulated time for everybody, throttled."""
+
+from __future__ import annotations
+
+import rospy
+from rosgraph_msgs.msg import Clock
+
+from aras_sim_bridge.ros.conversions import to_time
+
+
+class ClockPublisher:
+    """Publishes /clock every 1/rate s of simulated time, at multiples of that period."""
+
+    def __init__(self, rate: float) -> None:
+        """Advertise /clock; rate in Hz of simulated time, 0 publishes every step."""
+        self._period_ns = round(1e9 / rate) if rate > 0 else 0
+        self._next_ns = 0
+        self._publisher = rospy.Publisher("/clock", Clock, queue_size=10, tcp_nodelay=True)
+        self._message = Clock()
+
+    def update(self, time_ns: int) -> None:
+        """Publish when the period since the last multiple of it is over."""
+        if time_ns < self._next_ns:
+            return
+        if self._period_ns:
+            self._next_ns = (time_ns // self._period_ns + 1) * self._period_ns
+        self.publish(time_ns)
+
+    def publish(self, time_ns: int) -> None:
+        """Publish now, whatever the period says."""
+        self._message.clock = to_time(time_ns)
+        self._publisher.publish(self._message)
+
+    def restart(self) -> None:
+        """Go on at once after simulated time was set back to zero."""
+        self._next_ns = 0

@@ -1,0 +1,61 @@
+"""Between ROS messages and the plain numbers of the simulation.
+
+Times are integer nanoseconds of simulated time, poses world.poses.Pose, twists world.poses.Twist.
+"""
+
+from __future__ import annotations
+
+import genpy
+from geometry_msgs.msg import Point, Quaternion, Vector3
+from geometry_msgs.msg import Pose as PoseMessage
+from geometry_msgs.msg import Twist as TwistMessage
+
+from aras_sim_bridge.world.poses import Pose, Twist, checked_pose, checked_vector
+
+
+def to_time(time_ns: int) -> genpy.Time:
+    """Return a ROS time from integer nanoseconds, without a detour over floats."""
+    return genpy.Time(*divmod(time_ns, 1_000_000_000))
+
+
+def to_duration(seconds: float) -> genpy.Duration:
+    """Return a ROS duration from seconds."""
+    return genpy.Duration.from_sec(seconds)
+
+
+def from_time(stamp: genpy.Time | genpy.Duration) -> int:
+    """Return integer nanoseconds from a ROS time or duration."""
+    return stamp.secs * 1_000_000_000 + stamp.nsecs
+
+
+def to_pose(pose: Pose) -> PoseMessage:
+    """Return the message of a pose."""
+    return PoseMessage(Point(*pose.xyz), Quaternion(*pose.quat))
+
+
+def to_twist(twist: Twist) -> TwistMessage:
+    """Return the message of a twist."""
+    return TwistMessage(Vector3(*twist.linear), Vector3(*twist.angular))
+
+
+def from_pose(message: PoseMessage, what: str) -> Pose:
+    """Return a pose; the zero quaternion is identity, as Gazebo takes it.
+
+    Raises:
+        WorldError: naming `what` when a number is not finite.
+    """
+    p, q = message.position, message.orientation
+    return checked_pose(((p.x, p.y, p.z), (q.x, q.y, q.z, q.w)), what, zero_is_identity=True)
+
+
+def from_vector(message: Vector3 | Point, what: str) -> tuple[float, float, float]:
+    """Return (x, y, z); raises WorldError naming `what` when one is not finite."""
+    return checked_vector((message.x, message.y, message.z), what)
+
+
+def from_twist(message: TwistMessage, what: str) -> Twist:
+    """Return a twist; raises WorldError naming `what` when a number is not finite."""
+    return Twist(
+        from_vector(message.linear, f"{what}: linear velocity"),
+        from_vector(message.angular, f"{what}: angular velocity"),
+    )

@@ -1,0 +1,59 @@
+"""What a spawn request brings: text, namespace."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.description.safe_xml import LARGEST_TEXT
+from aras_sim_bridge.errors import DescriptionError, SimError
+
+
+def without_prolog(xml: str) -> str:
+    """Return the text without XML declaration and comments, as Gazebo's plugin strips them.
+
+    Raises:
+        DescriptionError: when it is too long to be a model.
+    """
+    if len(xml) > LARGEST_TEXT:
+        raise DescriptionError(f"the model has {len(xml)} characters; the limit is {LARGEST_TEXT}")
+    text = re.sub(r"<!--.*?-->", "", xml, flags=re.DOTALL)
+    return re.sub(r"^\s*<\?xml.*?\?>", "", text, flags=re.DOTALL).strip()
+
+
+def root_tag(text: str) -> str:
+    """Return the name of the first element; '' when there is none."""
+    match = re.match(r"(?:<!DOCTYPE[^>]*>\s*)?<\s*([\w:.-]+)", text)
+    return match.group(1) if match else ""
+
+
+def named_packages(text: str) -> list[str]:
+    """Return the packages that package:// paths of the text name."""
+    return sorted(set(re.findall(r"package://([^/\"'<\s]*)", text)))
+
+
+def parse(text: str) -> Any:
+    """Return the RobotDescription of a URDF or SDF text.
+
+    Raises:
+        SimError: when it is neither, or wrong.
+    """
+    root = root_tag(text)
+    if root == "robot":
+        return parse_urdf(text)
+    if root in ("sdf", "gazebo"):
+        try:
+            from aras_sim_bridge.description import parse_sdf
+        except ImportError:
+            raise SimError("SDF models are not supported yet; give URDF") from None
+        return parse_sdf(text)
+    found = f"<{root}>" if root else "no element"
+    raise DescriptionError(f"the model's root is {found}; give URDF (<robot>) or SDF (<sdf>)")
+
+
+def robot_namespace(description: Any, requested: str) -> str:
+    """Return the namespace of a model's controllers: the control plugin's, else the request's."""
+    own = [plugin.robot_namespace for plugin in description.control_plugins]
+    name = next((value for value in own if value), requested)
+    return "/" + name.strip("/") if name.strip("/") else ""

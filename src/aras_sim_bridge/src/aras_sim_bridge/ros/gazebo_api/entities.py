@@ -1,0 +1,69 @@
+"""Finding models, links and joints by the names that Gazebo's clients use.
+
+A link is named `model::link`, or plainly `link` when that is enough (first hit in spawn order).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.world.poses import IDENTITY, Pose, Twist
+
+WORLD_ALIASES = ("", "world", "map", "/map")
+
+
+def model(simulation: Any, name: str) -> Any:
+    """Return a model; raises WorldError naming it and those there are."""
+    models = simulation.world.models
+    if name not in models:
+        raise WorldError(f"model '{name}' does not exist; there are {', '.join(models) or 'none'}")
+    return models[name]
+
+
+def link(simulation: Any, name: str) -> tuple[Any, str]:
+    """Return (model, plain link name); raises WorldError naming the link."""
+    model_name, scope, plain = name.rpartition("::")
+    for candidate in simulation.world.models.values():
+        if scope and candidate.name != model_name:
+            continue
+        if plain and plain in candidate.description.links:
+            return candidate, plain
+    raise WorldError(f"link '{name}' does not exist; name it as model::link")
+
+
+def joint(simulation: Any, name: str) -> tuple[Any, str]:
+    """Return (model, plain joint name); raises WorldError naming the joint."""
+    model_name, scope, plain = name.rpartition("::")
+    for candidate in simulation.world.models.values():
+        if scope and candidate.name != model_name:
+            continue
+        if plain and plain in candidate.description.joints:
+            return candidate, plain
+    raise WorldError(f"joint '{name}' does not exist; name it as model::joint or plainly")
+
+
+def frame(simulation: Any, name: str) -> tuple[Pose, Twist]:
+    """Return pose and twist in the world of the model or link that serves as reference frame.
+
+    Raises:
+        WorldError: naming the frame.
+    """
+    if name in simulation.world.models:
+        entity = simulation.world.models[name]
+        root = entity.description.root
+        return entity.link_pose(root), entity.link_twist(root)
+    try:
+        entity, plain = link(simulation, name)
+    except WorldError:
+        if name in WORLD_ALIASES:
+            return IDENTITY, Twist()
+        raise WorldError(
+            f"reference frame '{name}' does not exist; give a model, model::link, or world"
+        ) from None
+    return entity.link_pose(plain), entity.link_twist(plain)
+
+
+def is_world(simulation: Any, name: str) -> bool:
+    """Return whether a reference frame's name means the world and no entity."""
+    return name in WORLD_ALIASES and name not in simulation.world.models

@@ -1,0 +1,217 @@
+"""Model services: spawn, delete, state, properties, configuration."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import rospy
+from gazebo_msgs.msg import ModelState
+from gazebo_msgs.srv import (
+    DeleteModel,
+    DeleteModelResponse,
+    GetModelProperties,
+    GetModelPropertiesResponse,
+    GetModelState,
+    GetModelStateResponse,
+    SetModelConfiguration,
+    SetModelConfigurationResponse,
+    SetModelState,
+    SetModelStateResponse,
+    SpawnModel,
+    SpawnModelResponse,
+)
+
+from aras_sim_bridge import packages
+from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.ros import camera_settings, conversions
+from aras_sim_bridge.ros.controller_services import robot_parameters
+from aras_sim_bridge.ros.gazebo_api import descriptions, entities
+from aras_sim_bridge.ros.services import ServiceTable
+from aras_sim_bridge.world.poses import Twist, conjugate, rotate, subtract
+
+SPAWN_TIMEOUT = 60.0  # seconds of wall time: a large mesh takes its time
+
+
+class ModelServices:
+    """Services about whole models."""
+
+    def __init__(self, table: ServiceTable, node: Any) -> None:
+        """Add the services to `table`; `node` is the GazeboNode."""
+        self._node = node
+        self._thread = node.thread
+        self._calls: dict[str, int] = {}
+        for name, service, handler, response in (
+            ("spawn_urdf_model", SpawnModel, self._spawn_urdf, SpawnModelResponse),
+            ("spawn_sdf_model", SpawnModel, self._spawn_sdf, SpawnModelResponse),
+            ("delete_model", DeleteModel, self._delete, DeleteModelResponse),
+            ("get_model_state", GetModelState, self._get_state, GetModelStateResponse),
+            ("set_model_state", SetModelState, self._set_state, SetModelStateResponse),
+            (
+                "get_model_properties",
+                GetModelProperties,
+                self._get_properties,
+                GetModelPropertiesResponse,
+            ),
+            (
+                "set_model_configuration",
+                SetModelConfiguration,
+                self._set_configuration,
+                SetModelConfigurationResponse,
+            ),
+        ):
+            table.add(
+                name,
+                service,
+                handler,
+                lambda text, make=response: make(success=False, status_message=text),
+            )
+
+    def _spawn_urdf(self, request: SpawnModel) -> SpawnModelResponse:
+        text = descriptions.without_prolog(request.model_xml)
+        root = descriptions.root_tag(text)
+        if root != "robot":
+            found = f"<{root}>" if root else "no element"
+            self._refuse(f"the model's root is {found}, not <robot>; is it URDF?")
+        for package in descriptions.named_packages(text):
+            try:
+                packages.find(package)
+            except SimError as error:
+                self._refuse(str(error))
+        return self._spawn(request, text)
+
+    def _spawn_sdf(self, request: SpawnModel) -> SpawnModelResponse:
+        return self._spawn(request, descriptions.without_prolog(request.model_xml))
+
+    @staticmethod
+    def _refuse(why: str) -> None:
+        """Make the call itself fail, as upstream does for text that is no URDF."""
+        rospy.logerr("spawn_urdf_model: %s", why)
+        raise rospy.ServiceException(f"SpawnModel: {why}")
+
+    def _spawn(self, request: SpawnModel, text: str) -> SpawnModelResponse:
+        name = request.model_name
+        if not name:
+            raise SimError("model_name is empty; give the model a name")
+        pose = conversions.from_pose(request.initial_pose, f"initial_pose of '{name}'")
+        description = descriptions.parse(text)
+        for warning in description.warnings:
+            rospy.logwarn("model '%s': %s", name, warning)
+        namespace = descriptions.robot_namespace(description, request.robot_namespace)
+        parameters = robot_parameters(namespace)
+        presets = camera_settings.read()
+
+        def job() -> None:
+            simulation = self._thread.simulation
+            frame, _ = entities.frame(simulation, request.reference_frame)
+            simulation.spawn(
+                description,
+                name,
+                pose=frame @ pose,
+                namespace=namespace,
+                parameters=parameters,
+                cameras=presets,
+            )
+
+        self._thread.call(job, SPAWN_TIMEOUT)
+        camera_settings.warn_of_unused(presets, self._thread, description)
+        self._node.faces.sync()
+        return SpawnModelResponse(True, f"SpawnModel: Successfully spawned entity '{name}'")
+
+    def _delete(self, request: DeleteModel) -> DeleteModelResponse:
+        def job() -> None:
+            model = entities.model(self._thread.simulation, request.model_name)
+            self._node.api.forces.forget(model)
+            self._thread.simulation.delete(request.model_name)
+
+        self._thread.call(job)
+        self._node.faces.sync()
+        return DeleteModelResponse(True, f"DeleteModel: deleted '{request.model_name}'")
+
+    def _get_state(self, request: GetModelState) -> GetModelStateResponse:
+        def job() -> tuple[Any, Any, int]:
+            simulation = self._thread.simulation
+            model = entities.model(simulation, request.model_name)
+            root = model.description.root
+            frame, frame_twist = entities.frame(simulation, request.relative_entity_name)
+            back = conjugate(frame.quat)
+            twist = model.link_twist(root)
+            relative = Twist(
+                rotate(back, subtract(twist.linear, frame_twist.linear)),
+                rotate(back, subtract(twist.angular, frame_twist.angular)),
+            )
+            return frame.inverse() @ model.link_pose(root), relative, simulation.time_ns
+
+        pose, twist, time_ns = self._thread.call(job)
+        calls = self._calls[request.model_name] = self._calls.get(request.model_name, 0) + 1
+        response = GetModelStateResponse(
+            pose=conversions.to_pose(pose), twist=conversions.to_twist(twist), success=True
+        )
+        response.status_message = "GetModelState: got properties"
+        response.header.seq = calls
+        response.header.stamp = conversions.to_time(time_ns)
+        response.header.frame_id = request.relative_entity_name
+        return response
+
+    def _set_state(self, request: SetModelState) -> SetModelStateResponse:
+        self.set_state(request.model_state)
+        return SetModelStateResponse(True, "SetModelState: set model state done")
+
+    def set_state(self, state: ModelState) -> None:
+        """Move a whole model; raises SimError naming what is wrong."""
+        pose = conversions.from_pose(state.pose, f"pose of '{state.model_name}'")
+        twist = conversions.from_twist(state.twist, f"twist of '{state.model_name}'")
+
+        def job() -> None:
+            simulation = self._thread.simulation
+            model = entities.model(simulation, state.model_name)
+            frame, _ = entities.frame(simulation, state.reference_frame)
+            moved = Twist(rotate(frame.quat, twist.linear), rotate(frame.quat, twist.angular))
+            model.set_pose(frame @ pose)
+            model.set_twist(moved)
+
+        self._thread.call(job)
+
+    def _get_properties(self, request: GetModelProperties) -> GetModelPropertiesResponse:
+        def job() -> Any:
+            return entities.model(self._thread.simulation, request.model_name)
+
+        description = self._thread.call(job).description
+        links = description.links.values()
+        return GetModelPropertiesResponse(
+            body_names=[link.name for link in links],
+            geom_names=[
+                collision.name or f"{link.name}_collision"
+                for link in links
+                for collision in link.collisions
+            ],
+            joint_names=list(description.joints),
+            is_static=description.static,
+            success=True,
+            status_message="GetModelProperties: got properties",
+        )
+
+    def _set_configuration(self, request: SetModelConfiguration) -> SetModelConfigurationResponse:
+        names, positions = request.joint_names, request.joint_positions
+        if len(names) != len(positions):
+            raise SimError(
+                f"{len(names)} joint_names but {len(positions)} joint_positions; give as many"
+            )
+        plain = [name.rpartition("::")[2] for name in names]
+
+        def job() -> None:
+            model = entities.model(self._thread.simulation, request.model_name)
+            wanted = zip(plain, positions, strict=True)
+            model.set_joint_positions(
+                {n: within_limits(model, n, q) for n, q in wanted if n in model.joint_names}
+            )
+
+        self._thread.call(job)
+        return SetModelConfigurationResponse(True, "SetModelConfiguration: success")
+
+
+def within_limits(model: Any, joint: str, position: float) -> float:
+    """Return the position moved into the joint's limits, as Gazebo's SetPosition does."""
+    limits = model.description.joints[joint].limits
+    if limits is None or limits.lower is None or position != position:
+        return position
+    return min(max(position, limits.lower), limits.upper)

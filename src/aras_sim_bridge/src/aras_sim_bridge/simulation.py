@@ -1,0 +1,230 @@
+"""The whole: physics world, robots with controllers, cameras, and one step() for all of it."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from aras_sim_bridge.camera import CameraConfig, CameraSensor
+from aras_sim_bridge.control_loop import ControlLoop
+from aras_sim_bridge.controller_manager import ControllerManager
+from aras_sim_bridge.description import RobotDescription
+from aras_sim_bridge.errors import CameraError, DescriptionError, RenderingError, SimError
+from aras_sim_bridge.hardware import RobotHardware
+from aras_sim_bridge.mounting import MountedCamera, robot_camera, world_camera
+from aras_sim_bridge.rendering import COLOURS, Light, MaterialTable, Renderer, create_renderer
+from aras_sim_bridge.world import Model, Pose, World
+from aras_sim_bridge.world.poses import IDENTITY
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class SimulationConfig:
+    """time_step: s. gravity: m/s². seed: of the sensors' noise.
+
+    sun_direction: from the sun to the ground, world frame.
+    """
+
+    time_step: float = 0.001
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.8)
+    gui: bool = False
+    renderer: str = "auto"
+    seed: int = 0
+    legacy_camera_info: bool = False
+    ground_plane: bool = True
+    sun_direction: tuple[float, float, float] = (-0.5, 0.1, -0.9)
+
+
+@dataclass(frozen=True)
+class Robot:
+    """A model under ros_control: one control plugin's hardware and controllers."""
+
+    name: str
+    namespace: str
+    model: Model
+    hardware: RobotHardware
+    manager: ControllerManager
+    loop: ControlLoop
+
+
+class Simulation:
+    """Models, robots and cameras of one world; simulated time only.
+
+    Attributes:
+        world: physics. robots: by model name. cameras: in spawn order.
+        time_ns: simulated time. step_ns: the physics step.
+    """
+
+    def __init__(self, config: SimulationConfig | None = None) -> None:
+        """A world with nothing but the ground; SimError where the config is impossible."""
+        self.config = config or SimulationConfig()
+        self.world = World(self.config.time_step, self.config.gravity, self.config.gui)
+        self.time_ns = 0
+        self.step_ns = round(self.config.time_step * 1e9)
+        self.robots: dict[str, Robot] = {}
+        self.cameras: list[MountedCamera] = []
+        self._materials = MaterialTable()
+        self._renderer: Renderer | None = None
+        if self.config.ground_plane:
+            self._colour(self.world.spawn_ground_plane())
+
+    def spawn(
+        self,
+        description: RobotDescription,
+        name: str,
+        pose: Pose = IDENTITY,
+        namespace: str = "",
+        parameters: Mapping[str, Any] | None = None,
+        joint_positions: Mapping[str, float] | None = None,
+        cameras: Mapping[str, Any] | None = None,
+    ) -> Model:
+        """Put a model into the world, with its controllers' hardware and its cameras.
+
+        Args:
+            namespace: the robot's, without trailing slash; parameters: what ROS has below it.
+            cameras: settings laid over the sensors', nested by the parts of the camera's name. An
+                impossible camera is left out and logged; the model is spawned all the same.
+
+        Raises:
+            SimError: saying what is wrong; the world is as before then.
+        """
+        if len(description.control_plugins) > 1:
+            raise DescriptionError(
+                f"model '{name}' has {len(description.control_plugins)} gazebo_ros_control plugins;"
+                " keep one"
+            )
+        model = self.world.spawn(description, name, pose, joint_positions)
+        try:
+            robot = self._robot(model, namespace.rstrip("/"), parameters or {})
+        except SimError:
+            self.world.delete(name)
+            raise
+        self._colour(model)
+        if robot is not None:
+            self.robots[name] = robot
+        for camera in description.cameras:
+            self._mount(model, camera, cameras or {})
+        return model
+
+    def delete(self, name: str) -> None:
+        """Take a model out, with its controllers and cameras; WorldError when there is none."""
+        model = self.world.model(name)
+        robot = self.robots.pop(name, None)
+        if robot is not None:
+            robot.manager.shutdown()
+        self.cameras = [camera for camera in self.cameras if camera.model is not model]
+        self._materials.forget(model.body_id)
+        self.world.delete(name)
+
+    def step(self) -> None:
+        """One tick in Gazebo's order: time, controllers, physics, sensors."""
+        time_ns = self.time_ns + self.step_ns
+        for robot in self.robots.values():
+            robot.loop.step(time_ns)
+        cameras = [camera for camera in self.cameras if camera.enabled]
+        for camera in cameras:
+            camera.before_step(self.time_ns, time_ns)
+        self.world.step()
+        self.time_ns = time_ns
+        for camera in cameras:
+            camera.after_step(time_ns)
+
+    def reset_world(self) -> None:
+        """Models back to their spawn poses; time and joint angles stay."""
+        self.world.reset_world()
+        for robot in self.robots.values():
+            robot.loop.reset()
+
+    def reset_simulation(self) -> None:
+        """Everything as spawned, at time 0; controllers keep running."""
+        self.world.reset_simulation()
+        self.time_ns = 0
+        for model in self.world.models.values():
+            self._colour(model)
+        if self._renderer is not None:
+            self._renderer.forget()
+        for robot in self.robots.values():
+            robot.loop.reset()
+            robot.hardware.reset(forget_turns=True)
+        for camera in self.cameras:
+            camera.sensor.reset(0)
+
+    def set_physics(
+        self, time_step: float, gravity: tuple[float, float, float], solver_iterations: int
+    ) -> None:
+        """Change the engine's settings; WorldError, and nothing changed, when impossible."""
+        self.world.set_physics(time_step, gravity, solver_iterations)
+        self.step_ns = round(time_step * 1e9)
+
+    def close(self) -> None:
+        """Give everything back; safe to call twice."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+        self.world.close()
+
+    def _robot(self, model: Model, namespace: str, parameters: Mapping[str, Any]) -> Robot | None:
+        for plugin in model.description.control_plugins:
+            hardware = RobotHardware(
+                model.description, model, parameters, namespace, log.warning
+            )
+            manager = ControllerManager(hardware, parameters, namespace, log.warning, log.error)
+            period = plugin.control_period
+            period_ns = None if period is None else round(period * 1e9)
+            loop = ControlLoop(hardware, manager, self.step_ns, period_ns)
+            return Robot(model.name, namespace, model, hardware, manager, loop)
+        return None
+
+    def add_camera(self, name: str, settings: Mapping[str, Any]) -> MountedCamera:
+        """Put a camera into the world, fixed; see mounting.world_camera. Raises CameraError."""
+        config, pose = world_camera(name, settings, self._camera_defaults(), self.config.seed)
+        mounted = MountedCamera(self._sensor(config), None, "world", pose)
+        self.cameras.append(mounted)
+        return mounted
+
+    def _mount(self, model: Model, camera: Any, settings: Mapping[str, Any]) -> None:
+        """Mount one camera of a description. One that is impossible must not cost the robot."""
+        try:
+            config = robot_camera(camera, settings, self._camera_defaults(), self.config.seed)
+            mounted = MountedCamera(self._sensor(config), model, camera.link)
+        except (CameraError, RenderingError) as error:
+            log.error("model '%s' goes without a camera: %s", model.name, error)
+            return
+        self.cameras.append(mounted)
+
+    def _camera_defaults(self) -> dict[str, Any]:
+        return {"legacy_camera_info": self.config.legacy_camera_info}
+
+    def _sensor(self, config: CameraConfig) -> CameraSensor:
+        if any(camera.sensor.config.topic_root == config.topic_root for camera in self.cameras):
+            raise CameraError(
+                f"camera '{config.name}': there is a camera {config.topic_root} already; give this "
+                "one another cameraName or robotNamespace"
+            )
+        if self._renderer is None:
+            self._renderer = create_renderer(
+                self.config.renderer,
+                self.world.client,
+                self._materials,
+                Light(self.config.sun_direction),
+            )
+            log.info("cameras are drawn by %s", self._renderer.name)
+        sensor = CameraSensor(config, self._renderer)
+        sensor.check_time_step(self.step_ns)
+        sensor.reset(self.time_ns)
+        return sensor
+
+    def _colour(self, model: Model) -> None:
+        """Give the renderer Gazebo's colours; links without a material are white."""
+        colours = {}
+        for index, name in model.materials.items():
+            if name not in COLOURS:
+                raise RenderingError(
+                    f"model '{model.name}': there is no material '{name}'; use Gazebo/White, "
+                    "Gazebo/Black and the like"
+                )
+            colours[index] = COLOURS[name]
+        self._materials.set_body(model.body_id, colours)

@@ -1,0 +1,169 @@
+"""RobotDescription -> the URDF text that Bullet is given.
+
+Bullet never sees the user's file: only what was checked reaches it, with absolute mesh paths,
+principal inertias, and without what the World does itself (damping, friction, limits in effort).
+"""
+
+import math
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from aras_sim_bridge.description.inertia import principal_axes
+from aras_sim_bridge.description.model import (
+    ZERO,
+    Collision,
+    Geometry,
+    Inertial,
+    Joint,
+    Link,
+    RobotDescription,
+    Visual,
+)
+from aras_sim_bridge.world.poses import Pose, multiply, normalised, quaternion_from_rpy
+
+
+def root_is_fixed(description: RobotDescription) -> bool:
+    """Whether the model's root link stays where it is put.
+
+    True for a root named 'world' (ROS's way to bolt a robot down), a root without mass (which no
+    free body has), a root that the file calls kinematic (`<gazebo reference="root"><kinematic>`:
+    never moved by forces, in Gazebo too) and a static model.
+    """
+    root = description.links[description.root]
+    return description.static or root.name == "world" or root.kinematic or root.inertial is None
+
+
+def principal_inertial(inertial: Inertial) -> tuple[Pose, tuple[float, float, float]]:
+    """link_T_principal: the frame of Bullet's diagonal inertia in the link, and the moments."""
+    moments, axes = principal_axes(inertial.inertia)
+    quat = multiply(quaternion_from_rpy(*inertial.origin_rpy), _quaternion(axes))
+    return Pose(inertial.origin_xyz, normalised(quat)), tuple(float(m) for m in moments)
+
+
+def to_urdf(description: RobotDescription, fixed_base: bool) -> str:
+    """URDF text of the model for Bullet's loader."""
+    parts = ['<?xml version="1.0"?>', f"<robot name={quoteattr(description.name)}>"]
+    parts += [
+        _link(link, concave=fixed_base and link.name == description.root)
+        for link in description.links.values()
+    ]
+    parts += [_joint(joint, description.static) for joint in description.joints.values()]
+    parts.append("</robot>")
+    return "\n".join(parts)
+
+
+def _numbers(values: tuple) -> str:
+    return '"' + " ".join(repr(float(v)) for v in values) + '"'
+
+
+def _origin(xyz: tuple, rpy: tuple) -> str:
+    return f"<origin xyz={_numbers(xyz)} rpy={_numbers(rpy)}/>"
+
+
+def _link(link: Link, concave: bool) -> str:
+    if link.inertial is None:
+        pose, mass, moments = Pose(), 0.0, ZERO
+    else:
+        pose, moments = principal_inertial(link.inertial)
+        mass = link.inertial.mass
+    ixx, iyy, izz = moments
+    body = (
+        f"<inertial>{_origin(pose.xyz, _rpy(pose.quat))}<mass value=\"{mass!r}\"/>"
+        f'<inertia ixx="{ixx!r}" ixy="0" ixz="0" iyy="{iyy!r}" iyz="0" izz="{izz!r}"/></inertial>'
+    )
+    body += "".join(_visual(v) for v in link.visuals)
+    body += "".join(_collision(c, concave) for c in link.collisions)
+    return f"<link name={quoteattr(link.name)}>{body}</link>"
+
+
+def _visual(visual: Visual) -> str:
+    colour = ""
+    if visual.geometry.kind == "plane":
+        visual = _slab(visual)
+    if visual.rgba is not None:
+        colour = f'<material name="m"><color rgba={_numbers(visual.rgba)}/></material>'
+    return (
+        f"<visual>{_origin(visual.origin_xyz, visual.origin_rpy)}"
+        f"<geometry>{_geometry(visual.geometry)}</geometry>{colour}</visual>"
+    )
+
+
+def _slab(visual: Visual) -> Visual:
+    """A thin box whose top is the plane: Bullet has no picture of a plane."""
+    width, depth, _ = visual.geometry.size
+    size = (width or 100.0, depth or 100.0, 0.02)
+    normal = np.array(visual.geometry.normal)
+    axis = np.cross((0.0, 0.0, 1.0), normal)
+    tilt = Pose((0.0, 0.0, 0.0), normalised((*axis.tolist(), 1.0 + float(normal[2])))) \
+        if normal[2] > -1.0 else Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+    pose = Pose.from_rpy(visual.origin_xyz, visual.origin_rpy) @ tilt @ Pose((0.0, 0.0, -0.01))
+    return Visual(visual.name, pose.xyz, _rpy(pose.quat), Geometry("box", size=size), visual.rgba)
+
+
+def _collision(collision: Collision, concave: bool) -> str:
+    # A mesh that never moves keeps its hollows (a table inside a frame); Bullet wants moving
+    # meshes convex.
+    attribute = ' concave="yes"' if concave and collision.geometry.kind == "mesh" else ""
+    return (
+        f"<collision{attribute}>{_origin(collision.origin_xyz, collision.origin_rpy)}"
+        f"<geometry>{_geometry(collision.geometry)}</geometry></collision>"
+    )
+
+
+def _geometry(geometry: Geometry) -> str:
+    if geometry.kind == "box":
+        return f"<box size={_numbers(geometry.size)}/>"
+    if geometry.kind in ("cylinder", "capsule"):
+        return f'<{geometry.kind} radius="{geometry.radius!r}" length="{geometry.length!r}"/>'
+    if geometry.kind == "sphere":
+        return f'<sphere radius="{geometry.radius!r}"/>'
+    if geometry.kind == "plane":
+        return f"<plane normal={_numbers(geometry.normal)}/>"
+    return f"<mesh filename={quoteattr(geometry.filename)} scale={_numbers(geometry.scale)}/>"
+
+
+def _joint(joint: Joint, static: bool) -> str:
+    kind = "fixed" if static else joint.kind
+    limit = ""
+    if kind in ("revolute", "prismatic") and joint.limits is not None:
+        limit = (
+            f'<limit lower="{joint.limits.lower!r}" upper="{joint.limits.upper!r}" '
+            f'effort="{joint.limits.effort!r}" velocity="{joint.limits.velocity!r}"/>'
+        )
+    axis = f"<axis xyz={_numbers(joint.axis)}/>" if kind != "fixed" else ""
+    return (
+        f"<joint name={quoteattr(joint.name)} type=\"{kind}\">"
+        f"{_origin(joint.origin_xyz, joint.origin_rpy)}<parent link={quoteattr(joint.parent)}/>"
+        f"<child link={quoteattr(joint.child)}/>{axis}{limit}</joint>"
+    )
+
+
+def _quaternion(rotation: np.ndarray) -> tuple[float, float, float, float]:
+    """Unit quaternion of a (3, 3) rotation, from its largest component (Shepperd 1978)."""
+    r = rotation
+    squares = (
+        1.0 + r[0, 0] - r[1, 1] - r[2, 2],
+        1.0 - r[0, 0] + r[1, 1] - r[2, 2],
+        1.0 - r[0, 0] - r[1, 1] + r[2, 2],
+        1.0 + r[0, 0] + r[1, 1] + r[2, 2],
+    )
+    rows = (
+        (squares[0], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[2, 1] - r[1, 2]),
+        (r[0, 1] + r[1, 0], squares[1], r[1, 2] + r[2, 1], r[0, 2] - r[2, 0]),
+        (r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], squares[2], r[1, 0] - r[0, 1]),
+        (r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], squares[3]),
+    )
+    return normalised(tuple(float(v) for v in rows[int(np.argmax(squares))]))
+
+
+def _rpy(quat: tuple) -> tuple[float, float, float]:
+    """Fixed-axis roll, pitch, yaw of a unit quaternion."""
+    x, y, z, w = quat
+    sine = max(-1.0, min(1.0, 2.0 * (w * y - z * x)))
+    pitch = math.asin(sine)
+    if abs(sine) > 1.0 - 1e-12:
+        return 0.0, pitch, -2.0 * math.copysign(1.0, sine) * math.atan2(x, w)
+    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return roll, pitch, yaw

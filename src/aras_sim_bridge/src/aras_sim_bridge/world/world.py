@@ -1,0 +1,286 @@
+"""World: models in Bullet, stepped together."""
+
+import logging
+import math
+from collections.abc import Mapping
+
+import pybullet
+
+from aras_sim_bridge.description.model import (
+    Collision,
+    Geometry,
+    Link,
+    RobotDescription,
+    Visual,
+)
+from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.world import bullet_file
+from aras_sim_bridge.world.model import Model
+from aras_sim_bridge.world.poses import IDENTITY, Pose, Twist, checked_pose, checked_vector
+
+logger = logging.getLogger(__name__)
+
+LARGEST_STEP = 0.1  # s; beyond it no PID of ours and no contact is stable
+GRAVITY_BOUND = 100.0  # m/s², dynamic_reconfigure's range
+# Bullet stops iterating when the squared impulse change of a sweep falls below this; its default
+# of 1e-7 leaves joints 2e-4 rad off, 1e-12 leaves 6e-7 rad and costs 3 us a step more.
+SOLVER_RESIDUAL = 1e-12
+
+
+class World:
+    """Bullet's physics with Gazebo's meaning: no hidden damping, motors or velocity bounds.
+
+    Args:
+        time_step: s.
+        gravity: m/s².
+        gui: open PyBullet's window.
+        solver_iterations: bound on the sweeps of the constraint solver.
+
+    Attributes:
+        client: Bullet client id, for renderers.
+        models: by name, in spawn order.
+        revision: counts spawns, deletions and resets, for those who keep copies of the scene.
+
+    Raises:
+        WorldError: impossible step or gravity, or Bullet does not start.
+    """
+
+    def __init__(self, time_step: float = 0.001,
+                 gravity: tuple[float, float, float] = (0.0, 0.0, -9.8), gui: bool = False,
+                 solver_iterations: int = 50) -> None:
+        self._time_step = _checked_step(time_step)
+        self._gravity = _checked_gravity(gravity)
+        self._iterations = _checked_iterations(solver_iterations)
+        self.models: dict[str, Model] = {}
+        self._active: list[Model] = []
+        self.revision = 0
+        try:
+            self.client = pybullet.connect(pybullet.GUI if gui else pybullet.DIRECT)
+        except pybullet.error as error:
+            raise WorldError(f"Bullet cannot open its window ({error}); start with gui:=false") \
+                from None
+        if self.client < 0:
+            raise WorldError("Bullet does not start: no free client, or no display for gui:=true")
+        self._configure()
+
+    def _configure(self) -> None:
+        pybullet.setPhysicsEngineParameter(
+            fixedTimeStep=self._time_step, numSolverIterations=self._iterations,
+            solverResidualThreshold=SOLVER_RESIDUAL, deterministicOverlappingPairs=1,
+            # Meshes and files are read anew for each model: they may have changed.
+            enableFileCaching=0,
+            # Split impulses leave a joint beyond its limit by more than 4 cm (bullet3#2944).
+            useSplitImpulse=0,
+            physicsClientId=self.client)
+        pybullet.setGravity(*self._gravity, physicsClientId=self.client)
+
+    @property
+    def time_step(self) -> float:
+        """Physics step, s."""
+        return self._time_step
+
+    @property
+    def gravity(self) -> tuple[float, float, float]:
+        """m/s²."""
+        return self._gravity
+
+    @property
+    def solver_iterations(self) -> int:
+        """Bound on the sweeps of the constraint solver."""
+        return self._iterations
+
+    def set_physics(self, time_step: float | None = None,
+                    gravity: tuple[float, float, float] | None = None,
+                    solver_iterations: int | None = None) -> None:
+        """Change what is given; WorldError, and nothing changed, when one of them is impossible."""
+        step = self._time_step if time_step is None else _checked_step(time_step)
+        down = self._gravity if gravity is None else _checked_gravity(gravity)
+        sweeps = (self._iterations if solver_iterations is None
+                  else _checked_iterations(solver_iterations))
+        self._time_step, self._gravity, self._iterations = step, down, sweeps
+        self._configure()
+        for model in self.models.values():
+            model.gravity = down
+            model.physics_changed()
+
+    # ------------------------------------------------------------------ models
+
+    def spawn(self, description: RobotDescription, name: str, pose: Pose = IDENTITY,
+              joint_positions: Mapping[str, float] | None = None,
+              fixed_base: bool | None = None) -> Model:
+        """Put a model into the world, at rest.
+
+        Args:
+            description: what it is.
+            name: its name here.
+            pose: world_T_root.
+            joint_positions: rad or m; absent joints start at 0 (mimicking ones follow).
+            fixed_base: bolt the root link where it is put; None follows the description: a root
+                named 'world' or without mass, `<kinematic>` on it, or `<static>` fix it.
+
+        Raises:
+            WorldError: name taken or empty, pose or position impossible, joint kinds or masses
+                that cannot be simulated; the world is unchanged then.
+        """
+        if not isinstance(name, str) or not name:
+            raise WorldError("a model needs a name that is not empty")
+        if name in self.models:
+            raise WorldError(f"a model named '{name}' exists already; delete it or take another")
+        _check_simulable(description, name)
+        pose = checked_pose(pose, f"model '{name}'", zero_is_identity=True)
+        start = _start_positions(description, name, joint_positions or {})
+        fixed = bullet_file.root_is_fixed(description) if fixed_base is None else fixed_base
+        bodies = pybullet.getNumBodies(physicsClientId=self.client)
+        try:
+            model = Model(self.client, description, name, pose, start, fixed,
+                          self._gravity)
+        except WorldError:
+            for i in range(pybullet.getNumBodies(physicsClientId=self.client) - 1, bodies - 1, -1):
+                pybullet.removeBody(pybullet.getBodyUniqueId(i, physicsClientId=self.client),
+                                    physicsClientId=self.client)
+            raise
+        self.models[name] = model
+        self._count_active()
+        logger.debug("spawned '%s': %d links, %d joints, %s base", name, len(model.link_names),
+                     len(model.joint_names), "fixed" if fixed else "free")
+        return model
+
+    def spawn_ground_plane(self, name: str = "ground_plane") -> Model:
+        """Gazebo's ground plane: z = 0, grey, 100 m wide to the eye, endless to the touch."""
+        plane = Geometry("plane", size=(100.0, 100.0, 0.0))
+        link = Link("link", None, (Visual("visual", (0, 0, 0), (0, 0, 0), plane,
+                                          (0.7, 0.7, 0.7, 1.0)),),
+                    (Collision("collision", (0, 0, 0), (0, 0, 0), plane),))
+        return self.spawn(RobotDescription(name, "link", {"link": link}, {}, static=True,
+                                           materials={"link": "Gazebo/Grey"}), name)
+
+    def model(self, name: str) -> Model:
+        """The model called `name`; WorldError naming those that exist."""
+        model = self.models.get(name)
+        if model is None:
+            known = ", ".join(self.models) or "none"
+            raise WorldError(f"model '{name}' does not exist; there are: {known}")
+        return model
+
+    def delete(self, name: str) -> None:
+        """Take a model out; WorldError when there is none of that name."""
+        model = self.model(name)
+        pybullet.removeBody(model.body_id, physicsClientId=self.client)
+        del self.models[name]
+        self._count_active()
+
+    def _count_active(self) -> None:
+        """Models came or went: note which of them have work in a step."""
+        self._active = [model for model in self.models.values() if model.needs_steps]
+        self.revision += 1
+
+    # ------------------------------------------------------------------ time
+
+    def step(self) -> None:
+        """Advance physics by one time step, with the efforts and forces given since the last.
+
+        Raises:
+            WorldError: an effort is not finite; no model has moved then.
+        """
+        models = self._active
+        dt = self._time_step
+        for model in models:
+            model.check_efforts()
+        for model in models:
+            model.before_step(dt)
+        pybullet.stepSimulation(self.client)
+        for model in models:
+            model.after_step()
+
+    def reset_world(self) -> None:
+        """Models back to their spawn poses, all velocities zero; joint angles stay (Gazebo)."""
+        for model in self.models.values():
+            model.set_pose(model.spawn_pose)
+            model.set_twist(Twist())
+
+    def reset_simulation(self) -> None:
+        """A fresh Bullet with the same models at their spawn poses and configurations.
+
+        From here on every run with the same inputs is bit-identical. Model objects stay valid;
+        their body ids may change.
+        """
+        pybullet.resetSimulation(physicsClientId=self.client)
+        self._configure()
+        for model in self.models.values():
+            model.reload()
+        self.revision += 1
+
+    def close(self) -> None:
+        """Leave Bullet. Safe to call twice."""
+        if self.client >= 0 and pybullet.isConnected(self.client):
+            pybullet.disconnect(self.client)
+        self.client = -1
+
+    def __enter__(self) -> "World":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _checked_step(value: float) -> float:
+    if not (isinstance(value, (int, float)) and 0.0 < value <= LARGEST_STEP):
+        raise WorldError(f"time step {value} s is not in (0, {LARGEST_STEP}]; 0.001 is usual")
+    return float(value)
+
+
+def _checked_gravity(value: tuple) -> tuple[float, float, float]:
+    gravity = checked_vector(value, "gravity")
+    if max(abs(g) for g in gravity) > GRAVITY_BOUND:
+        raise WorldError(f"gravity {gravity} is beyond ±{GRAVITY_BOUND} m/s²")
+    return gravity
+
+
+def _checked_iterations(value: int) -> int:
+    if not 1 <= value <= 10000 or value != int(value):
+        raise WorldError(f"{value} solver iterations: needs a whole number from 1 to 10000")
+    return int(value)
+
+
+def _start_positions(description: RobotDescription, name: str,
+                     given: Mapping[str, float]) -> dict[str, float]:
+    moving = description.moving_joints()
+    start: dict[str, float] = {}
+    for joint, value in given.items():
+        if joint not in moving:
+            raise WorldError(f"model '{name}' has no moving joint '{joint}'; "
+                             f"it has: {', '.join(moving) or 'none'}")
+        if not math.isfinite(value):
+            raise WorldError(f"model '{name}', joint '{joint}': position {value} is not finite")
+        start[joint] = float(value)
+    for _ in moving:
+        for joint in moving:
+            mimic = description.joints[joint].mimic
+            if mimic is not None and joint not in given:
+                start[joint] = mimic.multiplier * start.get(mimic.joint, 0.0) + mimic.offset
+    return start
+
+
+def _check_simulable(description: RobotDescription, name: str) -> None:
+    """WorldError for joint kinds and masses that no dynamics can have."""
+    if description.static:
+        return
+    parents: dict[str, str] = {}
+    for joint in description.joints.values():
+        parents[joint.child] = joint.parent
+        if joint.kind in ("floating", "planar"):
+            raise WorldError(f"model '{name}', joint '{joint.name}': {joint.kind} joints are not "
+                             "simulated; use prismatic and revolute joints in a row")
+
+    heavy: set[str] = set()  # links with mass at or below them
+    for link in description.links.values():
+        above = link.name if link.inertial is not None else None
+        while above is not None and above not in heavy:
+            heavy.add(above)
+            above = parents.get(above)
+    for joint in description.joints.values():
+        if joint.moves and joint.child not in heavy:
+            raise WorldError(
+                f"model '{name}', link '{joint.child}': joint '{joint.name}' moves it, but it has "
+                "no mass; give it an <inertial>"
+            )

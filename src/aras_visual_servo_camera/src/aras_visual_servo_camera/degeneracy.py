@@ -1,0 +1,65 @@
+"""When a feature is undefined: the denominator it divides by, measured free of scale.
+
+Every measure is dimensionless: a moment of order n is compared with m00 rg^n, rg being the
+radius of gyration, so the answer does not depend on the target's size or distance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import comb, sqrt
+
+from .moments import Moments
+
+# Rounding leaves about 1e-13; a feature that is judged by less has no digit left to servo on.
+DEFAULT_TOLERANCE = 1e-9
+
+
+def gyration_radius(moments: Moments) -> float:
+    """sqrt((mu20 + mu02) / m00), in normalised units."""
+    return sqrt(max(moments.mu(2, 0) + moments.mu(0, 2), 0.0) / moments.m00)
+
+
+def moment_norm(moments: Moments, n: int) -> float:
+    """Norm of the centred moments of order n that no image rotation changes."""
+    return sqrt(sum(comb(n, j) * moments.mu(n - j, j) ** 2 for j in range(n + 1)))
+
+
+def asymmetry(moments: Moments, n: int = 3) -> float:
+    """Norm of order n over m00 rg^n: zero, for odd n, if the shape has a centre of symmetry."""
+    scale = moments.m00 * gyration_radius(moments) ** n
+    return moment_norm(moments, n) / scale if scale > 0.0 else 0.0
+
+
+def anisotropy(moments: Moments) -> float:
+    """sqrt((mu20 - mu02)^2 + 4 mu11^2) / (mu20 + mu02): 0 for a square or disc, 1 for a line."""
+    c, s = moments.mu(2, 0) - moments.mu(0, 2), 2.0 * moments.mu(1, 1)
+    total = moments.mu(2, 0) + moments.mu(0, 2)
+    return sqrt(c * c + s * s) / total if total > 0.0 else 0.0
+
+
+def _anisotropy(moments: Moments, value: float, tolerance: float) -> str | None:
+    if anisotropy(moments) > tolerance:
+        return None
+    return "the shape has no main axis (mu20 = mu02 and mu11 = 0, as a square seen square on)"
+
+
+def _ratio(n: int, degree: int, name: str) -> Callable[[Moments, float, float], str | None]:
+    def check(moments: Moments, value: float, tolerance: float) -> str | None:
+        if n % 2 and asymmetry(moments, n) <= tolerance:
+            return f"the shape is symmetric about its centre: its moments of order {n} vanish"
+        if abs(value) ** (1.0 / degree) <= tolerance ** (1.0 / degree) * moment_norm(moments, n):
+            return f"its denominator {name} vanishes for this shape"
+        return None
+
+    return check
+
+
+# name of the denominator -> check(moments, its value, tolerance) -> reason or None
+CHECKS: dict[str, Callable[[Moments, float, float], str | None]] = {
+    "anisotropy": _anisotropy,
+    "I4": _ratio(3, 2, "I4"),
+    "I6": _ratio(3, 4, "I6"),
+    "I10": _ratio(4, 2, "I10"),
+    "I15": _ratio(5, 2, "I15"),
+}

@@ -1,0 +1,338 @@
+"""Visual features of a target and their interaction matrices, as one immutable result.
+
+    result = compute(moments, ("xn", "yn", "an", "alpha"), plane, reference)
+    result.values    # s, (4,)
+    result.L         # ds/dt = L v, (4, 6), v the camera's twist in its own optical frame
+
+Names: m00 ... , mu20 ... (any moment), xg, yg, area, xn, yn, an, alpha (symmetric, in
+(-pi/2, pi/2]), alpha_full (reference-based, in (-pi, pi]), C1 ... C10, Sx, Sy, Px, Py, and the
+polynomials I1 ... I15 behind them. A combination is written as it is meant: "C3 - 0.5 * C4" is
+a feature too, its interaction matrix follows by the chain rule.
+
+A feature that a shape leaves undefined (the alpha of a square, a ratio 0/0) is listed in
+`degenerate` with the reason; its value and row are zero, never NaN.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from math import sqrt
+from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .definitions import DENOMINATORS, FORMULAS
+from .degeneracy import CHECKS, DEFAULT_TOLERANCE
+from .errors import DegenerateFeatureError, FeatureError
+from .formula import Formula
+from .interaction import Plane, centred_rows, raw_rows
+from .moments import DENSE, Array, Moments, exponents
+from .orientation import Orientation, full_alpha
+
+PAPER = ("xn", "yn", "an", "alpha")
+INVARIANTS = tuple(f"C{k}" for k in range(1, 11)) + ("Sx", "Sy", "Px", "Py")
+
+_MOMENT = re.compile(r"(m|mu)(\d)(\d)\Z")
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What the desired view looks like: needed by an, xn, yn and alpha_full.
+
+    Attributes:
+        area: a*, the `Moments.area` of the desired view.
+        depth: Z*, m, of the target's plane along the optical axis in the desired view.
+        orientation: of the desired view, for alpha_full; None if it has no main axis.
+    """
+
+    area: float
+    depth: float
+    orientation: Orientation | None = None
+
+    def __post_init__(self) -> None:
+        if not (self.area > 0.0 and self.depth > 0.0):
+            raise FeatureError(
+                f"the reference needs a positive area and depth, got {self.area} and {self.depth}"
+            )
+
+    @classmethod
+    def from_moments(cls, moments: Moments, depth: float, plane: Plane | None = None) -> Reference:
+        """From the moments of the desired view and its depth Z* (m).
+
+        `plane` is the target's plane in that view, square to the optical axis by default.
+        Moments below order 3 give a reference without orientation.
+        """
+        plane = Plane.fronto_parallel(depth) if plane is None else plane
+        return cls(moments.area, depth, Orientation.of(moments, plane))
+
+
+@dataclass(frozen=True, eq=False)
+class FeatureSet:
+    """Features and their interaction matrix.
+
+    Attributes:
+        names: k names, in the order asked for.
+        values: (k,) read-only.
+        L: (k, 6) read-only; d(values)/dt = L (vx, vy, vz, wx, wy, wz).
+        degenerate: name -> reason, for those that this shape leaves undefined.
+        plane: the plane that L was worked out for.
+    """
+
+    names: tuple[str, ...]
+    values: Array
+    L: Array
+    degenerate: Mapping[str, str]
+    plane: Plane
+
+    @property
+    def ok(self) -> bool:
+        """True if every feature is defined."""
+        return not self.degenerate
+
+    def __getitem__(self, name: str) -> float:
+        """Value of one feature. Raises DegenerateFeatureError or FeatureError."""
+        return float(self.values[self._index(name)])
+
+    def row(self, name: str) -> Array:
+        """L of one feature, (6,). Raises DegenerateFeatureError or FeatureError."""
+        return self.L[self._index(name)]
+
+    def _index(self, name: str) -> int:
+        if name in self.degenerate:
+            raise DegenerateFeatureError(name, self.degenerate[name])
+        if name not in self.names:
+            raise FeatureError(f"feature '{name}' was not computed; there are {self.names}")
+        return self.names.index(name)
+
+
+class _Node(NamedTuple):
+    """A formula with what it rests on, worked out once per name."""
+
+    formula: Formula | None  # None: a leaf
+    leaves: frozenset[str]
+    denominators: tuple[str, ...]
+
+
+@cache
+def _node(name: str) -> _Node:
+    own = (DENOMINATORS[name],) if name in DENOMINATORS else ()
+    if name == "alpha_full":
+        return _Node(None, frozenset(("mu30", "mu21", "mu12", "mu03", *_node("alpha").leaves)), own)
+    if name in ("a", "xg", "yg", "a_star", "Z_star") or _moment_of(name):
+        return _Node(None, frozenset((name,)), own)
+    formula = FORMULAS.get(name)
+    if formula is None:
+        if name.isidentifier():
+            raise FeatureError(
+                f"there is no feature '{name}'; known are mIJ, muIJ, xg, yg, alpha_full, "
+                + ", ".join(FORMULAS)
+            )
+        try:
+            formula = Formula(name)
+        except (SyntaxError, ValueError) as error:
+            raise FeatureError(f"'{name}' is neither a feature nor a formula: {error}") from None
+    below = [_node(n) for n in formula.names]
+    denominators = dict.fromkeys((*own, *(d for n in below for d in n.denominators)))
+    return _Node(formula, frozenset().union(*(n.leaves for n in below)), tuple(denominators))
+
+
+@cache
+def _moment_of(leaf: str) -> tuple[str, int, int] | None:
+    """('m' or 'mu', i, j) of a moment's name."""
+    match = _MOMENT.match(leaf)
+    return None if match is None else (match[1], int(match[2]), int(match[3]))
+
+
+def _leaf_order(leaf: str, kind: str) -> int:
+    if moment := _moment_of(leaf):
+        return moment[1] + moment[2]
+    if leaf == "a":
+        return 0 if kind == DENSE else 2
+    return 1 if leaf in ("xg", "yg") else 0
+
+
+class _Plan(NamedTuple):
+    """What a list of features needs, worked out once per list.
+
+    Attributes:
+        place: leaf -> its row in the matrix that _leaf_rows() returns.
+        centred_order, raw_order: highest order that needs rows; raw -1: none is asked for.
+        gather: where _leaf_rows() finds the leaf in the stack of all rows.
+    """
+
+    place: dict[str, int]
+    centred_order: int
+    raw_order: int
+    gather: NDArray[np.intp]
+
+
+@lru_cache(maxsize=256)
+def _plan(names: tuple[str, ...], kind: str) -> _Plan:
+    leaves = sorted(frozenset().union(*(_node(name).leaves for name in names)))
+    raw = [_leaf_order(n, kind) for n in leaves if re.match(r"m\d", n)]
+    rest = [_leaf_order(n, kind) for n in leaves if not re.match(r"m\d", n)]
+    centred_order, raw_order = max([1, *rest]), max([1, *raw]) if raw else -1
+    # the stack: area, xg, yg, zero, all mu, all m
+    first_raw = 4 + len(exponents(centred_order))
+
+    def position(leaf: str) -> int:
+        if moment := _moment_of(leaf):
+            table, i, j = moment
+            index = (i + j) * (i + j + 1) // 2 + j
+            return index + (first_raw if table == "m" else 4)
+        return {"a": 0, "xg": 1, "yg": 2}.get(leaf, 3)
+
+    place = {leaf: k for k, leaf in enumerate(leaves)}
+    return _Plan(place, centred_order, raw_order, np.array([position(n) for n in leaves]))
+
+
+def required_order(names: Iterable[str], kind: str = DENSE) -> int:
+    """Order of moments that the features and their L need: one more than their values do."""
+    plan = _plan(tuple(names), kind)
+    return max(plan.centred_order, plan.raw_order) + 1
+
+
+def compute(
+    moments: Moments,
+    names: Sequence[str] = PAPER,
+    plane: Plane | None = None,
+    reference: Reference | None = None,
+    tolerance: float = DEFAULT_TOLERANCE,
+) -> FeatureSet:
+    """Features `names` of the target with their interaction matrix.
+
+    Args:
+        moments: of the current view.
+        names: see the head of this module.
+        plane: target's plane in the current optical frame; without it the plane is taken as
+            square to the optical axis, at the depth at which the area matches the reference.
+        reference: the desired view, for an, xn, yn, alpha_full and the default plane.
+        tolerance: dimensionless size below which a denominator counts as zero; rounding needs
+            1e-9, a noisy image of a square rather 1e-2.
+
+    Raises:
+        FeatureError: unknown name, order of moments too low, or no reference where one is needed.
+    """
+    names = tuple(names)
+    if plane is None:
+        if reference is None:
+            raise FeatureError("give a plane, or a reference that its depth can be taken from")
+        if not moments.area > 0.0:
+            raise FeatureError("the points coincide: no depth can be taken from them")
+        plane = Plane.fronto_parallel(reference.depth * sqrt(reference.area / moments.area))
+    plan = _plan(names, moments.kind)
+    needed = max(plan.centred_order, plan.raw_order) + 1
+    if moments.order < needed:
+        raise FeatureError(
+            f"{', '.join(names)} need moments up to order {needed} (one more than their values, "
+            f"for L); these go up to {moments.order}"
+        )
+    view = _View(moments, plane, reference, tolerance)
+    width = len(plan.place)
+    values, partials = [], []
+    degenerate: dict[str, str] = {}
+    for name in names:
+        value, gradient = 0.0, {}
+        reason = view.undefined(name)
+        if reason is None:
+            try:
+                value, gradient = view.evaluate(name)
+            except ZeroDivisionError:
+                reason = f"'{name}' divides by zero for this shape"
+        if reason is not None:
+            degenerate[name] = reason
+        row = [0.0] * width
+        for leaf, partial in gradient.items():
+            row[plan.place[leaf]] = partial
+        values.append(value)
+        partials.append(row)
+    values = np.array(values)
+    L = np.array(partials).reshape(-1, width) @ _leaf_rows(moments, plane, plan)
+    values.setflags(write=False)
+    L.setflags(write=False)
+    return FeatureSet(names, values, L, MappingProxyType(degenerate), plane)
+
+
+def _leaf_rows(moments: Moments, plane: Plane, plan: _Plan) -> Array:
+    """(leaves, 6) interaction rows of the leaves, in the order of plan.place."""
+    centred = centred_rows(moments, plane, plan.centred_order)
+    area = centred.area
+    if moments.kind != DENSE and "a" in plan.place:
+        area = centred.mu.row(2, 0) + centred.mu.row(0, 2)
+    head = np.array([area, centred.xg, centred.yg, _NO_ROW])
+    stack = [head, centred.mu.rows]
+    if plan.raw_order > 0:
+        stack.append(raw_rows(moments, plane, plan.raw_order).rows)
+    return np.concatenate(stack)[plan.gather]
+
+
+_NO_ROW = np.zeros(6)
+
+
+class _View:
+    """Values of one view and their derivatives by the leaves, each worked out once."""
+
+    def __init__(
+        self, moments: Moments, plane: Plane, reference: Reference | None, tolerance: float
+    ) -> None:
+        self.moments = moments
+        self.plane = plane
+        self.reference = reference
+        self.tolerance = tolerance
+        self._mu = moments.centred.tolist()
+        self._known: dict[str, tuple[float, dict[str, float]]] = {}
+
+    def undefined(self, name: str) -> str | None:
+        """Why the feature is undefined, or None."""
+        for denominator in _node(name).denominators:
+            value = self.evaluate(denominator)[0] if denominator in FORMULAS else 0.0
+            reason = CHECKS[denominator](self.moments, value, self.tolerance)
+            if reason is not None:
+                return reason
+        if name == "alpha_full" and self._reference(name).orientation is None:
+            return "the reference has no main axis, hence no orientation to compare with"
+        return None
+
+    def evaluate(self, name: str) -> tuple[float, dict[str, float]]:
+        """Value and derivatives by the leaves that it depends on."""
+        known = self._known.get(name)
+        if known is None:
+            formula = _node(name).formula
+            known = self._leaf(name) if formula is None else self._formula(formula)
+            self._known[name] = known
+        return known
+
+    def _formula(self, formula: Formula) -> tuple[float, dict[str, float]]:
+        arguments = [self.evaluate(name) for name in formula.names]
+        value, *partials = formula.value_and_partials([a[0] for a in arguments])
+        gradient: dict[str, float] = {}
+        for (_, below), partial in zip(arguments, partials, strict=True):
+            for leaf, slope in below.items():
+                gradient[leaf] = gradient.get(leaf, 0.0) + partial * slope
+        return value, gradient
+
+    def _leaf(self, name: str) -> tuple[float, dict[str, float]]:
+        moments = self.moments
+        if moment := _moment_of(name):
+            table, i, j = moment
+            return (moments.m(i, j) if table == "m" else self._mu[i][j]), {name: 1.0}
+        if name == "a":
+            return moments.area, {name: 1.0}
+        if name in ("xg", "yg"):
+            return (moments.xg if name == "xg" else moments.yg), {name: 1.0}
+        if name == "alpha_full":
+            value, gradient = self.evaluate("alpha")
+            orientation = self._reference(name).orientation
+            return full_alpha(moments, value, self.plane, orientation), gradient
+        reference = self._reference(name)
+        return (reference.area if name == "a_star" else reference.depth), {}
+
+    def _reference(self, name: str) -> Reference:
+        if self.reference is None:
+            raise FeatureError(f"'{name}' needs a reference: the desired area and depth")
+        return self.reference

@@ -1,0 +1,104 @@
+"""From the bytes of an image message to grey and RGB arrays, with numpy and OpenCV only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import ImageError
+
+# encoding -> (bytes a channel, channels, conversion to grey, conversion to RGB)
+_ENCODINGS: dict[str, tuple[int, int, int | None, int | None]] = {
+    "mono8": (1, 1, None, cv2.COLOR_GRAY2RGB),
+    "mono16": (2, 1, None, cv2.COLOR_GRAY2RGB),
+    "rgb8": (1, 3, cv2.COLOR_RGB2GRAY, None),
+    "rgb16": (2, 3, cv2.COLOR_RGB2GRAY, None),
+    "bgr8": (1, 3, cv2.COLOR_BGR2GRAY, cv2.COLOR_BGR2RGB),
+    "rgba8": (1, 4, cv2.COLOR_RGBA2GRAY, cv2.COLOR_RGBA2RGB),
+    "bgra8": (1, 4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2RGB),
+    # OpenCV names a Bayer pattern by its second row's second and third pixel, ROS by the first two
+    "bayer_rggb8": (1, 1, cv2.COLOR_BayerBG2GRAY, cv2.COLOR_BayerBG2RGB),
+    "bayer_bggr8": (1, 1, cv2.COLOR_BayerRG2GRAY, cv2.COLOR_BayerRG2RGB),
+    "bayer_gbrg8": (1, 1, cv2.COLOR_BayerGR2GRAY, cv2.COLOR_BayerGR2RGB),
+    "bayer_grbg8": (1, 1, cv2.COLOR_BayerGB2GRAY, cv2.COLOR_BayerGB2RGB),
+}
+ENCODINGS = tuple(_ENCODINGS)
+
+
+@dataclass(frozen=True, eq=False)
+class Image:
+    """One image; grey and colour are worked out when first asked for.
+
+    Attributes:
+        pixels: (rows, columns) or (rows, columns, channels) uint8, as encoded, 16 bit reduced.
+        encoding: one of ENCODINGS.
+    """
+
+    pixels: NDArray[np.uint8]
+    encoding: str
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, columns)."""
+        return self.pixels.shape[:2]
+
+    @cached_property
+    def grey(self) -> NDArray[np.uint8]:
+        """(rows, columns) grey levels."""
+        code = _ENCODINGS[self.encoding][2]
+        return self.pixels if code is None else cv2.cvtColor(self.pixels, code)
+
+    @cached_property
+    def rgb(self) -> NDArray[np.uint8]:
+        """(rows, columns, 3) red, green, blue."""
+        code = _ENCODINGS[self.encoding][3]
+        return self.pixels if code is None else cv2.cvtColor(self.pixels, code)
+
+    @property
+    def has_colour(self) -> bool:
+        """False for the mono encodings."""
+        return not self.encoding.startswith("mono")
+
+
+def decode(message: Any) -> Image:
+    """Read a sensor_msgs/Image (or anything with its attributes).
+
+    Raises:
+        ImageError: unknown encoding, empty size, or data shorter than size and step promise.
+    """
+    encoding = str(message.encoding)
+    if encoding not in _ENCODINGS:
+        raise ImageError(
+            f"encoding '{encoding}' is not supported; send one of {', '.join(ENCODINGS)}"
+        )
+    depth, channels = _ENCODINGS[encoding][:2]
+    rows, columns, step = int(message.height), int(message.width), int(message.step)
+    line = columns * channels * depth
+    if rows < 1 or columns < 1:
+        raise ImageError(f"an image of {columns} x {rows} pixels is empty")
+    if step < line:
+        raise ImageError(f"step {step} is less than the {line} bytes of a row of {encoding}")
+    # the padding after the last row may be missing
+    if len(message.data) < step * (rows - 1) + line:
+        raise ImageError(
+            f"the data is truncated: {len(message.data)} bytes for {rows} rows of {step}"
+        )
+    data = np.frombuffer(message.data, dtype=np.uint8)
+    shape = (rows, line) if depth == 2 or channels == 1 else (rows, columns, channels)
+    if step == line:
+        pixels = data[: rows * line].reshape(shape)
+    else:
+        pixels = np.lib.stride_tricks.as_strided(
+            data, (rows, line), (step, 1), writeable=False
+        ).reshape(shape)
+    if depth == 2:  # keep the upper byte, as a division by 256 does
+        first = 0 if message.is_bigendian else 1
+        pixels = np.ascontiguousarray(pixels[:, first::2])
+        if channels > 1:
+            pixels = pixels.reshape(rows, columns, channels)
+    return Image(pixels, encoding)

@@ -1,0 +1,173 @@
+"""Interaction matrices of moments: how they change when the camera moves.
+
+    d(m_ij)/dt = L (vx, vy, vz, wx, wy, wz),   twist of the camera in its own optical frame.
+
+One derivation serves raw and centred moments. A point of the plane 1/Z = A x + B y + C, seen
+from a camera that moves, travels through the image with
+
+    x' = -vx/Z + x vz/Z + x y wx - (1 + x^2) wy + y wz
+    y' = -vy/Z + y vz/Z + (1 + y^2) wx - x y wy - x wz,
+
+for each twist component a polynomial of degree two in x and y. About any origin (x0, y0) it is
+again one, so with a = x - x0, b = y - y0
+
+    d(m_ij)/dt = integral of (i a^(i-1) b^j x' + j a^i b^(j-1) y' + delta a^i b^j div(x', y')),
+
+which is a linear combination of moments up to order i + j + 1. delta is 1 for a region (its
+boundary moves with the points) and 0 for a set of points. For centred moments the origin is the
+centre of gravity and its own velocity is taken off x' and y'.
+
+Reference: F. Chaumette, Image moments: a general and useful set of features for visual
+servoing, IEEE Transactions on Robotics 20(4), 2004, where the same rows are given term by term.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import FeatureError
+from .moments import DENSE, Array, Moments, exponents
+
+# The monomials 1, a, b, a^2, ab, b^2 as exponents of (a, b).
+_MONOMIALS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+
+
+class Plane(NamedTuple):
+    """Plane of the target in the camera's optical frame, 1/Z = A x + B y + C; A, B, C in 1/m."""
+
+    A: float
+    B: float
+    C: float
+
+    @classmethod
+    def fronto_parallel(cls, Z: float) -> Plane:
+        """The plane at depth Z (m) square to the optical axis."""
+        if not Z > 0.0:
+            raise FeatureError(f"the depth of the target's plane must be positive, got {Z:g} m")
+        return cls(0.0, 0.0, 1.0 / Z)
+
+    @classmethod
+    def from_pose(cls, R: ArrayLike, t: ArrayLike) -> Plane:
+        """The plane z = 0 of an object frame with rotation R (3, 3) and origin t (3,), m."""
+        normal = np.asarray(R, dtype=float)[:, 2]
+        distance = float(normal @ np.asarray(t, dtype=float))
+        if distance == 0.0:
+            raise FeatureError("the target's plane passes through the camera: nothing to be seen")
+        A, B, C = normal / distance
+        return cls(float(A), float(B), float(C))
+
+    def inverse_depth(self, x: float, y: float) -> float:
+        """1/Z of the plane's point that is seen at (x, y), 1/m."""
+        return self.A * x + self.B * y + self.C
+
+
+def image_velocity(plane: Plane, x0: float, y0: float) -> Array:
+    """Velocity field of the plane's image about (x0, y0), a = x - x0, b = y - y0.
+
+    Returns:
+        (6, 15): a row per twist component; columns 0-5 the coefficients of 1, a, b, a^2, ab, b^2
+        in x', 6-11 the same of y', 12-14 those of 1, a, b in the divergence.
+    """
+    A, B, _ = plane
+    C = plane.inverse_depth(x0, y0)
+    Ax, Ay, Bx, By, xy = A * x0, A * y0, B * x0, B * y0, x0 * y0
+    # fmt: off
+    return np.array([
+        -C, -A, -B, 0., 0., 0.,  0., 0., 0., 0., 0., 0.,  -A, 0., 0.,
+        0., 0., 0., 0., 0., 0.,  -C, -A, -B, 0., 0., 0.,  -B, 0., 0.,
+        x0 * C, C + Ax, Bx, A, B, 0.,  y0 * C, Ay, C + By, 0., A, B,
+        2. * C + Ax + By, 3. * A, 3. * B,
+        xy, y0, x0, 0., 1., 0.,  1. + y0 * y0, 0., 2. * y0, 0., 0., 1.,  3. * y0, 0., 3.,
+        -1. - x0 * x0, -2. * x0, 0., -1., 0., 0.,  -xy, -y0, -x0, 0., -1., 0.,  -3. * x0, -3., 0.,
+        y0, 0., 1., 0., 0., 0.,  -x0, -1., 0., 0., 0., 0.,  0., 0., 0.,
+    ]).reshape(6, 15)
+    # fmt: on
+
+
+class MomentRows(NamedTuple):
+    """Interaction matrices of every moment up to one order, in exchange order.
+
+    Attributes:
+        rows: ((order+1)(order+2)/2, 6).
+        order: highest i + j that has a row.
+    """
+
+    rows: Array
+    order: int
+
+    def row(self, i: int, j: int) -> Array:
+        """L of the moment (i, j), shape (6,)."""
+        n = i + j
+        return self.rows[n * (n + 1) // 2 + j]
+
+
+class CentredRows(NamedTuple):
+    """Interaction matrices of m00, the centre of gravity and the centred moments."""
+
+    area: Array
+    xg: Array
+    yg: Array
+    mu: MomentRows
+
+
+def raw_rows(moments: Moments, plane: Plane, order: int | None = None) -> MomentRows:
+    """L of every m_ij with i + j <= order (default and at most moments.order - 1)."""
+    order = _row_order(moments, order)
+    integrals = _integrals(moments.raw, order, moments.kind)
+    return MomentRows(integrals @ image_velocity(plane, 0.0, 0.0).T, order)
+
+
+def centred_rows(moments: Moments, plane: Plane, order: int | None = None) -> CentredRows:
+    """L of m00, xg, yg and every mu_ij, i + j <= order (default and at most moments.order - 1)."""
+    order = _row_order(moments, order)
+    integrals = _integrals(moments.centred, order, moments.kind)
+    rows = integrals @ image_velocity(plane, moments.xg, moments.yg).T
+    # About the centre of gravity mu10 = mu01 = 0, so L_xg = L_m10 / m00 without a quotient rule.
+    centre = rows[1:3] / moments.m00
+    # Its velocity, taken off x' and y', changes the integrals of their constant terms only.
+    rows -= integrals[:, (0, 6)] @ centre
+    rows[1:3] = 0.0
+    return CentredRows(rows[0], centre[0], centre[1], MomentRows(rows, order))
+
+
+def _row_order(moments: Moments, order: int | None) -> int:
+    highest = moments.order - 1
+    if order is None:
+        order = highest
+    if not 1 <= order <= highest:
+        raise FeatureError(
+            f"interaction rows of order {order} need moments up to order {order + 1}; "
+            f"these go up to {moments.order}"
+        )
+    return order
+
+
+@cache
+def _gather(order: int, size: int, delta: float) -> tuple[NDArray[np.intp], Array]:
+    """Where in a flat (size, size) table the moments of each product stand.
+
+    An exponent outside the table only occurs with the factor i = 0 or j = 0: any place will do.
+    """
+    pairs = exponents(order)
+
+    def place(i: int, j: int) -> int:
+        return i * size + j if min(i, j) >= 0 and i + j <= order + 1 else 0
+
+    x = [[place(i - 1 + p, j + q) for p, q in _MONOMIALS] for i, j in pairs]
+    y = [[place(i + p, j - 1 + q) for p, q in _MONOMIALS] for i, j in pairs]
+    d = [[place(i + p, j + q) for p, q in _MONOMIALS[:3]] for i, j in pairs]
+    factor = np.full((len(pairs), 15), delta)
+    factor[:, :6] = np.array([[i] for i, _ in pairs])
+    factor[:, 6:12] = np.array([[j] for _, j in pairs])
+    places = np.concatenate([np.array(x), np.array(y), np.array(d)], axis=1)
+    return places, factor
+
+
+def _integrals(table: Array, order: int, kind: str) -> Array:
+    """(moments, 15): what each coefficient of image_velocity() contributes to d(m_ij)/dt."""
+    places, factor = _gather(order, table.shape[0], 1.0 if kind == DENSE else 0.0)
+    return table.ravel()[places] * factor

@@ -1,0 +1,93 @@
+"""The original arrays: kernel features of 2015 and image moments of 2016, number by number.
+
+Both read the binary image (0 or 255) of the fixed threshold 250. They keep the original's units
+and quirks (rows called x, pixel counts, 0.1 alpha), because the original controllers expect them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import DegenerateFeatureError
+from .moments import Array, Pinhole
+
+DELTA_X, DELTA_Y = 0.017, 0.0185  # metres a pixel along rows and columns, of the original
+POWER = -2  # p = q: the kernels are x^p and y^q
+
+
+@dataclass(frozen=True, eq=False)
+class KernelFeatures:
+    """Kernel features with their Jacobian.
+
+    Attributes:
+        values: (4,) kernel0 ... kernel3; the last is the symmetric orientation, rad.
+        jacobian: (4, 4), columns x, y, z, theta.
+        inverse: (4, 4) inverse of the Jacobian.
+    """
+
+    values: Array
+    jacobian: Array
+    inverse: Array
+
+    def layout(self) -> list[float]:
+        """The 20 numbers of camera/data: the inverse row by row, then the features."""
+        return [*self.inverse.ravel().tolist(), *self.values.tolist()]
+
+
+def kernel_features(mask: NDArray[np.uint8]) -> KernelFeatures:
+    """Kernel features of the target (non-zero pixels) of a binary image (rows, columns).
+
+    With x = i DELTA_X down the rows i = 1, 2, ... and y = j DELTA_Y along the columns j:
+    kernel0 = sum x^p dA, kernel1 = sum y^q dA, kernel2 = sum dA,
+    kernel3 = 1/2 atan2(2 mu11, mu20 - mu02) with mu_ij in pixels, i counting columns.
+
+    Raises:
+        DegenerateFeatureError: no target: the Jacobian has no inverse.
+    """
+    rows, columns = mask.shape
+    x = np.arange(1, rows + 1) * DELTA_X
+    y = np.arange(1, columns + 1) * DELTA_Y
+    on = (mask != 0).astype(np.float64)
+    per_row, per_column = on.sum(axis=1), on.sum(axis=0)
+    count = float(per_row.sum())
+    if count == 0.0:
+        raise DegenerateFeatureError("kernel", "there is no target, its Jacobian has no inverse")
+    dx, dy = POWER * x ** (POWER - 1), POWER * y ** (POWER - 1)
+    area = DELTA_X * DELTA_Y
+    central = cv2.moments(mask, binaryImage=True)
+    angle = 0.5 * np.arctan2(2.0 * central["mu11"], central["mu20"] - central["mu02"])
+    values = np.array(
+        [x**POWER @ per_row * area, y**POWER @ per_column * area, count * area, angle]
+    )
+    jacobian = np.zeros((4, 4))
+    jacobian[0, 0] = -dx @ per_row
+    jacobian[0, 3] = dx @ on @ y
+    jacobian[1, 1] = -dy @ per_column
+    jacobian[1, 3] = -x @ on @ dy
+    jacobian[2, 2] = 2.0 * count
+    jacobian[3, 3] = -1.0
+    return KernelFeatures(values, jacobian, np.linalg.inv(jacobian))
+
+
+def moment_layout(mask: NDArray[np.uint8], camera: Pinhole) -> list[float]:
+    """The 4 numbers of 2016: row and column of the centre (normalised), m00, 0.1 alpha.
+
+    m00 counts pixels; alpha = 1/2 atan2(2 mu11, mu20 - mu02), rad.
+
+    Raises:
+        DegenerateFeatureError: no target (the original sent nan nan 0 0).
+    """
+    m = cv2.moments(mask, binaryImage=True)
+    if m["m00"] == 0.0:
+        raise DegenerateFeatureError("moments", "there is no target")
+    alpha = 0.5 * np.arctan2(2.0 * m["mu11"], m["mu20"] - m["mu02"])
+    return [
+        (m["m01"] / m["m00"] - camera.cy) / camera.fy,
+        (m["m10"] / m["m00"] - camera.cx) / camera.fx,
+        m["m00"],
+        0.1 * float(alpha),
+    ]

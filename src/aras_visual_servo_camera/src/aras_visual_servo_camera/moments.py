@@ -1,0 +1,389 @@
+"""Raw and centred moments of a shape, from an image, a polygon, points or weighted samples.
+
+    m_ij = integral of x^i y^j over the shape,   mu_ij = the same about the centre of gravity.
+
+x = X/Z to the right and y = Y/Z downwards are normalised metric image coordinates, so the
+moments depend on the scene and the pose only, not on the lens or the resolution.
+
+Every constructor first sums about a point near the shape and only then moves the result to the
+centre of gravity (mu) and to the optical axis (m). Sums about the optical axis would cost mu_ij
+a factor (distance / size)^(i+j) of its digits by cancellation.
+
+Exchange order, used by every flat array here and in the ImageMoments message: by i + j, then by
+rising j: m00, m10, m01, m20, m11, m02, m30, ...
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property, lru_cache
+from math import comb, isfinite
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .errors import MomentsError
+
+Array = NDArray[np.float64]
+
+MAX_ORDER = 6
+DENSE = "dense"
+POINTS = "points"
+
+_CHUNK = 4096  # samples whose powers stay in the processor's cache
+
+# Gauss-Legendre on [0, 1]: four nodes integrate polynomials up to degree 7 without error.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(MAX_ORDER // 2 + 1)
+_NODES = 0.5 * (_NODES + 1.0)
+_WEIGHTS = 0.5 * _WEIGHTS
+
+# q_i(u) with (q_i * unit box)(u) = u^i, coefficients of u^0 .. u^6. A pixel that stores how much
+# of it is covered holds the shape blurred by one pixel's square; weighting with q_i instead of
+# u^i takes that blur out of the moments again (for i = 2: minus 1/12 square pixel).
+_DEBLUR = np.array(
+    [
+        [1, 0, 0, 0, 0, 0, 0],
+        [0, 1, 0, 0, 0, 0, 0],
+        [-1 / 12, 0, 1, 0, 0, 0, 0],
+        [0, -1 / 4, 0, 1, 0, 0, 0],
+        [7 / 240, 0, -1 / 2, 0, 1, 0, 0],
+        [0, 7 / 48, 0, -5 / 6, 0, 1, 0],
+        [-31 / 1344, 0, 7 / 16, 0, -5 / 4, 0, 1],
+    ]
+)
+
+
+@cache
+def exponents(order: int) -> tuple[tuple[int, int], ...]:
+    """All (i, j) with i + j <= order in exchange order."""
+    return tuple((n - j, j) for n in range(order + 1) for j in range(n + 1))
+
+
+@cache
+def _flat_index(order: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    pairs = np.array(exponents(order))
+    return pairs[:, 0], pairs[:, 1]
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """Intrinsics of an undistorted camera, in pixels: u = fx x + cx, v = fy y + cy.
+
+    (u, v) = (column, row) of a pixel's centre; the first pixel is (0, 0).
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+    @classmethod
+    def from_K(cls, K: ArrayLike) -> Pinhole:
+        """From the 9 numbers of CameraInfo.K (row by row) or a (3, 3) array."""
+        k = np.asarray(K, dtype=float).reshape(3, 3)
+        return cls(float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]))
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Moments of one shape up to `order`; immutable.
+
+    Attributes:
+        order: highest i + j.
+        kind: 'dense' for a region, 'points' for a set of points.
+        m00: area (dense; normalised, no unit) or number of points.
+        xg, yg: centre of gravity.
+        centred: (order+1, order+1) read-only, mu_ij at [i, j], zero where i + j > order.
+    """
+
+    order: int
+    kind: str
+    m00: float
+    xg: float
+    yg: float
+    centred: Array
+
+    # -- reading ---------------------------------------------------------------------------
+
+    @cached_property
+    def raw(self) -> Array:
+        """(order+1, order+1) read-only, m_ij at [i, j]; worked out when first asked for."""
+        table = translate(self.centred, self.xg, self.yg)
+        return _frozen(_triangle(table, self.order))
+
+    def m(self, i: int, j: int) -> float:
+        """Raw moment m_ij. Raises MomentsError beyond `order`."""
+        self._check(i, j)
+        return float(self.raw[i, j])
+
+    def mu(self, i: int, j: int) -> float:
+        """Centred moment mu_ij. Raises MomentsError beyond `order`."""
+        self._check(i, j)
+        return float(self.centred[i, j])
+
+    @property
+    def m_array(self) -> Array:
+        """All m_ij in exchange order, shape ((order+1)(order+2)/2,)."""
+        return self.raw[_flat_index(self.order)]
+
+    @property
+    def mu_array(self) -> Array:
+        """All mu_ij in exchange order, shape ((order+1)(order+2)/2,)."""
+        return self.centred[_flat_index(self.order)]
+
+    @property
+    def area(self) -> float:
+        """What the features call a: m00 of a region, mu20 + mu02 of a set of points."""
+        if self.kind == DENSE:
+            return self.m00
+        return float(self.centred[2, 0] + self.centred[0, 2])
+
+    def _check(self, i: int, j: int) -> None:
+        if i < 0 or j < 0 or i + j > self.order:
+            raise MomentsError(f"moment ({i}, {j}) asked for, but only i + j <= {self.order} known")
+
+    # -- making ----------------------------------------------------------------------------
+
+    @classmethod
+    def from_arrays(cls, m: ArrayLike, mu: ArrayLike, order: int, kind: str = DENSE) -> Moments:
+        """From flat arrays in exchange order, as the ImageMoments message carries them."""
+        m = np.asarray(m, dtype=float).reshape(-1)
+        mu = np.asarray(mu, dtype=float).reshape(-1)
+        count = (order + 1) * (order + 2) // 2
+        if order < 1 or m.size != count or mu.size != count:
+            raise MomentsError(
+                f"order {order} needs {count} raw and {count} centred moments (order at least 1), "
+                f"got {m.size} and {mu.size}"
+            )
+        if not (np.isfinite(m).all() and np.isfinite(mu).all()):
+            raise MomentsError("moments must be finite; a lost target carries none at all")
+        if m[0] <= 0.0:
+            raise MomentsError(f"m00 = {m[0]:g} must be positive: the shape is empty")
+        index = _flat_index(order)
+        raw, centred = np.zeros((2, order + 1, order + 1))
+        raw[index], centred[index] = m, mu
+        result = cls(order, kind, float(m[0]), m[1] / m[0], m[2] / m[0], _frozen(centred))
+        result.__dict__["raw"] = _frozen(raw)
+        return result
+
+    @classmethod
+    def from_polygon(
+        cls,
+        vertices: ArrayLike,
+        order: int = MAX_ORDER,
+        holes: Sequence[ArrayLike] = (),
+    ) -> Moments:
+        """Exact moments of a simple polygon, (n, 2) normalised vertices, not closed, either turn.
+
+        For a function f homogeneous of degree d, the triangle (0, P, Q) contributes
+        P x Q / (d + 2) times the mean of f over the edge PQ, a polynomial that Gauss-Legendre
+        integrates exactly. The sign of the area is mended, so the order of the vertices may
+        run either way round. `holes` are polygons inside that are taken away.
+
+        Raises:
+            MomentsError: fewer than three vertices, edges that cross, zero area, not finite.
+        """
+        outline = _vertices(vertices, "polygon")
+        centre = outline.mean(axis=0)
+        table = _polygon_table(outline - centre, order, "polygon")
+        for number, hole in enumerate(holes):
+            label = f"hole {number}"
+            table = table - _polygon_table(_vertices(hole, label) - centre, order, label)
+        return cls._from_table(table, float(centre[0]), float(centre[1]), order, DENSE)
+
+    @classmethod
+    def from_points(cls, points: ArrayLike, order: int = MAX_ORDER) -> Moments:
+        """Moments of a set of at least three points, (n, 2) normalised, each of weight one."""
+        points = _vertices(points, "set of points")
+        return cls.from_samples(points[:, 0], points[:, 1], np.ones(len(points)), order, POINTS)
+
+    @classmethod
+    def from_samples(
+        cls,
+        x: Array,
+        y: Array,
+        weight: Array,
+        order: int = MAX_ORDER,
+        kind: str = DENSE,
+        blur: tuple[float, float, float] | None = None,
+    ) -> Moments:
+        """Sum of weight x^i y^j over samples (n,): undistorted pixels with their areas.
+
+        `blur` is the variance (xx, xy, yy) of what a sample was averaged over, a pixel's square
+        for coverage weights; it is taken out to first order.
+        """
+        total = float(weight.sum())
+        if not total > 0.0:
+            raise MomentsError("the samples have no weight: the shape is empty")
+        x0, y0 = float(weight @ x) / total, float(weight @ y) / total
+        table = np.zeros((order + 1, order + 1))
+        for start in range(0, x.size, _CHUNK):
+            part = slice(start, start + _CHUNK)
+            dx, dy = x[part] - x0, y[part] - y0
+            px = np.empty((order + 1, dx.size))
+            py = np.empty((order + 1, dx.size))
+            px[0], py[0] = 1.0, weight[part]
+            for k in range(order):
+                np.multiply(px[k], dx, out=px[k + 1])
+                np.multiply(py[k], dy, out=py[k + 1])
+            table += px @ py.T
+        if blur is not None:
+            table = _deblur(table, blur)
+        return cls._from_table(table, x0, y0, order, kind)
+
+    @classmethod
+    def from_image(
+        cls,
+        weights: NDArray,
+        camera: Pinhole,
+        order: int = MAX_ORDER,
+        full_scale: float = 1.0,
+        offset: tuple[int, int] = (0, 0),
+        coverage: bool = False,
+    ) -> Moments:
+        """Moments of an image of weights through an undistorted camera.
+
+        Two matrix products: powers of the row, times the image, times powers of the column.
+
+        Args:
+            weights: (rows, columns), any real type; `full_scale` (255 for a mask) counts as one.
+            camera: intrinsics in pixels of the whole image.
+            order: highest i + j, at most 6.
+            full_scale: the value that stands for a pixel wholly on the shape.
+            offset: (column, row) of weights[0, 0] in the whole image, for a crop.
+            coverage: True if a weight says how much of the pixel's square is covered (the pixel's
+                own extent is then taken out), False if it samples the pixel's centre.
+
+        Raises:
+            MomentsError: the image has no weight.
+        """
+        rows, columns = weights.shape
+        v = _powers(rows, order, coverage)
+        u = _powers(columns, order, coverage)
+        table = (v.T @ weights.astype(np.float64, copy=False) @ u).T
+        table = table * _pixel_scale(camera.fx, camera.fy, order, full_scale)
+        x0 = (offset[0] + 0.5 * (columns - 1) - camera.cx) / camera.fx
+        y0 = (offset[1] + 0.5 * (rows - 1) - camera.cy) / camera.fy
+        return cls._from_table(table, x0, y0, order, DENSE)
+
+    @classmethod
+    def _from_table(cls, table: Array, x0: float, y0: float, order: int, kind: str) -> Moments:
+        """From the moments (order+1, order+1) about the point (x0, y0)."""
+        m00 = float(table[0, 0])
+        if not (m00 > 0.0 and isfinite(m00)):
+            raise MomentsError(f"m00 = {m00:g} must be positive: the shape is empty")
+        dx, dy = float(table[1, 0]) / m00, float(table[0, 1]) / m00
+        centred = _triangle(translate(table, -dx, -dy), order)
+        centred[1, 0] = centred[0, 1] = 0.0
+        return cls(order, kind, m00, x0 + dx, y0 + dy, _frozen(centred))
+
+
+def _frozen(array: Array) -> Array:
+    array.setflags(write=False)
+    return array
+
+
+@cache
+def _triangle_mask(order: int) -> Array:
+    i = np.arange(order + 1)
+    return (i[:, None] + i[None, :] <= order).astype(float)
+
+
+def _triangle(table: Array, order: int) -> Array:
+    return table * _triangle_mask(order)
+
+
+@cache
+def _binomials(order: int) -> tuple[Array, NDArray[np.intp]]:
+    n = order + 1
+    binomial = np.array([[float(comb(i, k)) for k in range(n)] for i in range(n)])
+    power = np.maximum(np.arange(n)[:, None] - np.arange(n)[None, :], 0)
+    return binomial, power
+
+
+def translate(table: Array, dx: float, dy: float) -> Array:
+    """Moments of the shape moved by (dx, dy): sum of C(i,k) C(j,l) dx^(i-k) dy^(j-l) m_kl."""
+    binomial, power = _binomials(table.shape[0] - 1)
+    rising = np.arange(table.shape[0])
+    tx = binomial * (dx**rising)[power]
+    ty = binomial * (dy**rising)[power]
+    return tx @ table @ ty.T
+
+
+def _deblur(table: Array, blur: tuple[float, float, float]) -> Array:
+    """Moments with (1 - half the blur's Laplacian) applied to x^i y^j."""
+    xx, xy, yy = blur
+    k = np.arange(table.shape[0], dtype=float)
+    i, j = k[:, None], k[None, :]
+    result = table.copy()
+    result[2:, :] -= 0.5 * xx * (i * (i - 1))[2:] * table[:-2, :]
+    result[1:, 1:] -= xy * (i * j)[1:, 1:] * table[:-1, :-1]
+    result[:, 2:] -= 0.5 * yy * (j * (j - 1))[:, 2:] * table[:, :-2]
+    return result
+
+
+@lru_cache(maxsize=4096)
+def _powers(size: int, order: int, coverage: bool) -> Array:
+    """(size, order+1): powers of the pixel coordinate about the middle of `size` pixels."""
+    u = np.arange(size) - 0.5 * (size - 1)
+    powers = u[:, None] ** np.arange(order + 1)
+    if coverage:
+        powers = powers @ _DEBLUR[: order + 1, : order + 1].T
+    return _frozen(powers)
+
+
+@lru_cache(maxsize=64)
+def _pixel_scale(fx: float, fy: float, order: int, full_scale: float) -> Array:
+    if not (fx > 0.0 and fy > 0.0 and isfinite(fx) and isfinite(fy)):
+        raise MomentsError(f"focal lengths must be positive and finite, got fx={fx:g}, fy={fy:g}")
+    n = np.arange(1, order + 2)
+    return _frozen(np.outer(fx ** -n.astype(float), fy ** -n.astype(float)) / full_scale)
+
+
+def _vertices(points: ArrayLike, label: str) -> Array:
+    points = np.asarray(points, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
+        raise MomentsError(f"the {label} needs at least three (x, y), got shape {points.shape}")
+    if not np.isfinite(points).all():
+        raise MomentsError(f"the {label} has a coordinate that is not finite")
+    return points
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def _polygon_table(p: Array, order: int, label: str) -> Array:
+    """Moments (order+1, order+1) about the origin of the polygon p, counted positive."""
+    crossing = find_crossing(p)
+    if crossing is not None:
+        raise MomentsError(
+            f"edges {crossing[0]} and {crossing[1]} of the {label} cross: sort its vertices so "
+            "that the outline is simple"
+        )
+    q = np.roll(p, -1, axis=0)
+    cross = _cross(p, q)
+    nodes = p[:, None, :] + _NODES[None, :, None] * (q - p)[:, None, :]
+    k = np.arange(order + 1)
+    px = nodes[..., 0, None] ** k
+    py = nodes[..., 1, None] ** k
+    table = np.einsum("e,n,eni,enj->ij", cross, _WEIGHTS, px, py, optimize=True)
+    table /= k[:, None] + k[None, :] + 2.0
+    extent = float(np.abs(p).max())
+    if abs(table[0, 0]) <= 1e-14 * extent**2:
+        raise MomentsError(f"the {label} has no area: its vertices lie on one line")
+    return _triangle(table if table[0, 0] > 0.0 else -table, order)
+
+
+def find_crossing(vertices: Array) -> tuple[int, int] | None:
+    """First pair of edges of a closed polygon (n, 2) that cross in their interiors, or None."""
+    p = np.asarray(vertices, dtype=float)
+    q = np.roll(p, -1, axis=0)
+    edge = q - p
+    # side[k, l]: on which side of edge k the start and the end of edge l lie
+    start = _cross(edge[:, None, :], p[None, :, :] - p[:, None, :])
+    end = _cross(edge[:, None, :], q[None, :, :] - p[:, None, :])
+    separated = start * end < 0.0
+    crossing = np.argwhere(np.triu(separated & separated.T, 2))
+    return None if len(crossing) == 0 else (int(crossing[0, 0]), int(crossing[0, 1]))

@@ -1,0 +1,68 @@
+"""The picture for rviz: what the node saw, drawn into the image."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import atan2, cos, sin, sqrt
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .pipeline import Measurement
+
+_GREEN, _RED, _YELLOW, _BLUE = (0, 220, 0), (230, 30, 30), (255, 210, 0), (60, 120, 255)
+_FRACTION_BITS = 4  # drawing coordinates in sixteenths of a pixel
+
+
+def draw(
+    rgb: NDArray[np.uint8],
+    measurement: Measurement,
+    desired_outline: Sequence[tuple[float, float]] = (),
+) -> NDArray[np.uint8]:
+    """A copy of the image (rows, columns, 3) with contour, centre, main axis and desired target.
+
+    Green: contour and main axis of a valid target; red: of one that is not; blue: the desired
+    outline, given in normalised coordinates; below: why there is no measurement, if so.
+    """
+    picture = np.ascontiguousarray(rgb).copy()
+    colour = _GREEN if measurement.valid else _RED
+    camera = measurement.camera
+    if camera is not None and len(desired_outline) >= 3:
+        x, y = np.array(desired_outline, dtype=float).T
+        _polyline(picture, np.stack(camera.project(x, y), axis=1), _BLUE)
+    if measurement.target.pixel_count:
+        contours, _ = cv2.findContours(
+            measurement.target.mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
+        )
+        cv2.drawContours(picture, contours, -1, colour, 1)
+    moments = measurement.moments
+    if moments is not None and camera is not None:
+        mu = moments.mu
+        alpha = 0.5 * atan2(2.0 * mu(1, 1), mu(2, 0) - mu(0, 2))
+        reach = 2.0 * sqrt((mu(2, 0) + mu(0, 2)) / moments.m00)
+        along = np.linspace(-reach, reach, 9)
+        x, y = moments.xg + along * cos(alpha), moments.yg + along * sin(alpha)
+        axis = np.stack(camera.project(x, y), axis=1)
+        _polyline(picture, axis, _YELLOW, closed=False)
+        u, v = (float(a[0]) for a in camera.project([moments.xg], [moments.yg]))
+        cross = np.array([[u - 4, v], [u + 4, v], [u, v], [u, v - 4], [u, v + 4]])
+        _polyline(picture, cross, _RED, closed=False)
+    if measurement.reason:
+        _text(picture, measurement.reason)
+    return picture
+
+
+def _polyline(picture: NDArray, points: NDArray, colour: tuple, closed: bool = True) -> None:
+    scaled = np.round(points * 2**_FRACTION_BITS).astype(np.int32).reshape(-1, 1, 2)
+    cv2.polylines(picture, [scaled], closed, colour, 1, cv2.LINE_AA, _FRACTION_BITS)
+
+
+def _text(picture: NDArray, text: str) -> None:
+    """One line along the bottom, as large as fits."""
+    font, margin = cv2.FONT_HERSHEY_SIMPLEX, 4
+    width = cv2.getTextSize(text, font, 1.0, 1)[0][0]
+    scale = min(0.5, (picture.shape[1] - 2 * margin) / max(width, 1))
+    place = (margin, picture.shape[0] - margin)
+    cv2.putText(picture, text, place, font, scale, (255, 255, 255), 3, cv2.LINE_AA)
+    cv2.putText(picture, text, place, font, scale, _RED, 1, cv2.LINE_AA)

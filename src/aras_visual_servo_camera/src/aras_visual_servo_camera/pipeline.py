@@ -1,0 +1,167 @@
+"""Image in, measurement out: what the camera node does, without ROS."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .degeneracy import gyration_radius
+from .errors import CalibrationError, SegmentationError, VisionError
+from .images import Image
+from .kernel import kernel_features, moment_layout
+from .moments import Moments
+from .segmentation import Segmentation, Target, coverage, segment
+from .undistortion import CameraModel
+
+LAYOUTS = ("moments", "kernel")
+WEIGHTINGS = ("coverage", "binary")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the pipeline does; the node's README lists the same as parameters."""
+
+    segmentation: Segmentation = field(default_factory=Segmentation)
+    weighting: str = "coverage"
+    edge_band: int = 2
+    order: int = 6
+    layout: str = "moments"
+    original_threshold: float = 250.0
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """The target in one image.
+
+    Attributes:
+        valid: True if the moments are fit to servo on.
+        reason: why not, in words; empty when valid.
+        target: its pixels, box, borders and threshold.
+        moments: None where there is nothing to measure. A target that is cut by the border has
+            moments, of the part in view, but is not valid.
+        camera: the intrinsics that were used, or None.
+    """
+
+    valid: bool
+    reason: str
+    target: Target
+    moments: Moments | None
+    camera: CameraModel | None
+
+
+class Pipeline:
+    """Measures image after image; remembers the camera and where the target was last."""
+
+    def __init__(self, settings: Settings, region: NDArray[np.uint8] | None = None) -> None:
+        """`region`: mask image (rows, columns) for the component choice 'mask'."""
+        self.settings = settings
+        self.region = region
+        self.camera: CameraModel | None = None
+        self.camera_fault = "no camera_info has arrived yet"
+        self._previous: tuple[float, float] | None = None
+
+    def set_camera(self, camera: CameraModel) -> None:
+        """Use these intrinsics from the next image on."""
+        if camera != self.camera:
+            if camera.distorted:
+                _ = camera.tables  # worked out here, once, and not inside the next image's time
+            self.camera, self.camera_fault = camera, ""
+
+    def drop_camera(self, fault: str) -> None:
+        """There are no usable intrinsics, and why."""
+        self.camera, self.camera_fault = None, fault
+
+    def measure(self, image: Image) -> Measurement:
+        """Segment the image and take the target's moments. Raises SegmentationError."""
+        camera = self.camera
+        colour = None
+        if self.settings.segmentation.method == "colour":
+            colour = image.rgb if image.has_colour else None
+        target = segment(
+            image.grey, self.settings.segmentation, colour, self._previous, self.region
+        )
+        reason = target.reason
+        if not reason and camera is None:
+            reason = self.camera_fault
+        if not reason and (camera.height, camera.width) != image.shape:
+            reason = (
+                f"the image is {image.shape[1]} x {image.shape[0]} but camera_info says "
+                f"{camera.width} x {camera.height}"
+            )
+        if reason:
+            self._previous = None if target.pixel_count == 0 else self._previous
+            return Measurement(False, reason, target, None, camera)
+        self._previous = _middle(target)
+        try:
+            moments = self._moments(image.grey, target, camera)
+        except VisionError as error:
+            return Measurement(False, str(error), target, None, camera)
+        reason = _unfit(target, moments)
+        return Measurement(not reason, reason, target, moments, camera)
+
+    def original(self, image: Image) -> list[float]:
+        """The numbers of camera/data, from the fixed threshold of the original.
+
+        Raises:
+            DegenerateFeatureError: no target. CalibrationError: 'moments' without camera_info.
+        """
+        mask = self.original_mask(image)
+        if self.settings.layout == "kernel":
+            return kernel_features(mask).layout()
+        if self.camera is None:
+            raise CalibrationError(self.camera_fault)
+        return moment_layout(mask, self.camera.pinhole)
+
+    def original_mask(self, image: Image) -> NDArray[np.uint8]:
+        """Inverse binary image (0, 255) at the original's threshold."""
+        level = self.settings.original_threshold
+        return cv2.threshold(image.grey, level, 255, cv2.THRESH_BINARY_INV)[1]
+
+    def _moments(self, grey: NDArray[np.uint8], target: Target, camera: CameraModel) -> Moments:
+        settings = self.settings
+        weights, corner, full_scale = _binary(target)
+        smooth = settings.weighting == "coverage" and settings.segmentation.method != "colour"
+        if smooth:
+            weights, corner, _, _ = coverage(grey, target, settings.edge_band)
+            full_scale = 1.0
+        if not camera.distorted:
+            return Moments.from_image(
+                weights, camera.pinhole, settings.order, full_scale, corner, smooth
+            )
+        crop = tuple(
+            slice(first, first + size)
+            for first, size in zip(corner[::-1], weights.shape, strict=True)
+        )
+        x, y, area = (table[crop].ravel() for table in camera.tables)
+        weight = weights.ravel()
+        if weight[area == 0.0].any():
+            raise SegmentationError(
+                "the target reaches beyond the part of the image that has normalised coordinates"
+            )
+        column, row, width, height = target.box
+        blur = camera.tables.pixel_variance(column + width // 2, row + height // 2)
+        return Moments.from_samples(
+            x, y, weight * area / full_scale, settings.order, blur=blur if smooth else None
+        )
+
+
+def _binary(target: Target) -> tuple[NDArray[np.uint8], tuple[int, int], float]:
+    column, row, width, height = target.box
+    return target.mask[row : row + height, column : column + width], (column, row), 255.0
+
+
+def _middle(target: Target) -> tuple[float, float]:
+    column, row, width, height = target.box
+    return column + 0.5 * (width - 1), row + 0.5 * (height - 1)
+
+
+def _unfit(target: Target, moments: Moments) -> str:
+    if target.borders:
+        return f"the target touches the {' and '.join(target.borders)} border of the image"
+    mu = moments.mu
+    if mu(2, 0) * mu(0, 2) - mu(1, 1) ** 2 <= 1e-9 * moments.m00**2 * gyration_radius(moments) ** 4:
+        return "the target is a line without width"
+    return ""

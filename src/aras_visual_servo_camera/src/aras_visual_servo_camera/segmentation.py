@@ -1,0 +1,275 @@
+"""From a grey or colour image to the pixels of the target.
+
+segment() returns a mask, coverage() the same target as fractions of a pixel. Holes stay holes.
+Columns and rows count from the first pixel's centre (0, 0); boxes are (column, row, width, height).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import SegmentationError
+
+Mask = NDArray[np.uint8]
+Box = tuple[int, int, int, int]
+
+METHODS = ("fixed", "otsu", "adaptive", "colour")
+COMPONENTS = ("all", "largest", "nearest", "mask")
+
+
+@dataclass(frozen=True)
+class Segmentation:
+    """Settings: what is target and which connected piece of it.
+
+    Attributes:
+        method: 'fixed' threshold, 'otsu', 'adaptive' (local mean) or 'colour' (range in HSV).
+        threshold: grey level of 'fixed', 0 to 255: darker or equal is target (inverse binary).
+        dark_target: False turns the comparison round, for a bright target on a dark ground.
+        adaptive_block: side of the neighbourhood of 'adaptive', odd, pixels.
+        adaptive_offset: how much darker than its neighbourhood the target is, grey levels.
+        colour_low, colour_high: range of hue (0-179), saturation, value (0-255). A hue whose
+            low is above its high runs through red.
+        component: 'all' pixels as one target, the 'largest' connected piece, the one 'nearest'
+            to where the target was last, or the one with most pixels inside a 'mask' image.
+        min_pixels: fewer pixels than this are no target.
+        min_contrast: 'otsu' needs this many grey levels between target and background.
+    """
+
+    method: str = "fixed"
+    threshold: float = 128.0
+    dark_target: bool = True
+    adaptive_block: int = 51
+    adaptive_offset: float = 20.0
+    colour_low: tuple[int, int, int] = (0, 0, 0)
+    colour_high: tuple[int, int, int] = (179, 255, 60)
+    component: str = "largest"
+    min_pixels: int = 16
+    min_contrast: float = 40.0
+
+    def __post_init__(self) -> None:
+        def check(ok: bool, text: str) -> None:
+            if not ok:
+                raise SegmentationError(text)
+
+        check(self.method in METHODS, f"segmentation '{self.method}' is none of {METHODS}")
+        check(self.component in COMPONENTS, f"component '{self.component}' is none of {COMPONENTS}")
+        check(0 <= self.threshold <= 255, f"threshold {self.threshold} is outside 0 ... 255")
+        check(
+            self.adaptive_block >= 3 and self.adaptive_block % 2 == 1,
+            f"adaptive_block {self.adaptive_block} must be odd and at least 3",
+        )
+        check(self.min_pixels >= 1, f"min_pixels {self.min_pixels} must be at least 1")
+        limits = (179, 255, 255)
+        for name in ("colour_low", "colour_high"):
+            colour = getattr(self, name)
+            check(
+                len(colour) == 3 and all(0 <= c <= m for c, m in zip(colour, limits, strict=True)),
+                f"{name} {tuple(colour)} must be hue 0-179, saturation 0-255, value 0-255",
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """The target's pixels in one image.
+
+    Attributes:
+        mask: (rows, columns) of the whole image, 255 on the target, 0 elsewhere.
+        box: smallest box around it; (0, 0, 0, 0) if there is none.
+        pixel_count: pixels on the target.
+        threshold: grey level that was used; NaN-free: -1 where the method has no single one.
+        borders: sides of the image that it touches: 'left', 'right', 'top', 'bottom'.
+        reason: why there is no usable target; empty if there is one (a border may touch it).
+    """
+
+    mask: Mask
+    box: Box
+    pixel_count: int
+    threshold: float
+    borders: tuple[str, ...] = ()
+    reason: str = ""
+
+
+def threshold_image(
+    grey: Mask, settings: Segmentation, colour: NDArray[np.uint8] | None = None
+) -> tuple[Mask, float, str]:
+    """Every pixel of target colour: (mask, level, reason why there can be none).
+
+    Args:
+        grey: (rows, columns) uint8.
+        settings: method and its numbers.
+        colour: (rows, columns, 3) RGB, for the method 'colour' only.
+    """
+    kind = cv2.THRESH_BINARY_INV if settings.dark_target else cv2.THRESH_BINARY
+    if settings.method == "fixed":
+        return cv2.threshold(grey, settings.threshold, 255, kind)[1], settings.threshold, ""
+    if settings.method == "otsu":
+        level, mask = cv2.threshold(grey, 0, 255, kind | cv2.THRESH_OTSU)
+        contrast = _contrast(grey, mask, settings.dark_target)
+        if contrast < settings.min_contrast:
+            return (
+                np.zeros_like(mask),
+                level,
+                f"no target: Otsu's classes are {contrast:.0f} grey levels apart, less than "
+                f"{settings.min_contrast:.0f}",
+            )
+        return mask, level, ""
+    if settings.method == "adaptive":
+        offset = settings.adaptive_offset if settings.dark_target else -settings.adaptive_offset
+        mask = cv2.adaptiveThreshold(
+            grey, 255, cv2.ADAPTIVE_THRESH_MEAN_C, kind, settings.adaptive_block, offset
+        )
+        return mask, -1.0, ""
+    if colour is None:
+        raise SegmentationError("segmentation 'colour' needs a colour image, this one is grey")
+    hsv = cv2.cvtColor(colour, cv2.COLOR_RGB2HSV)
+    low, high = settings.colour_low, settings.colour_high
+    if low[0] <= high[0]:
+        return cv2.inRange(hsv, low, high), -1.0, ""
+    upper = cv2.inRange(hsv, low, (179, *high[1:]))
+    return upper | cv2.inRange(hsv, (0, *low[1:]), high), -1.0, ""
+
+
+def _contrast(grey: Mask, mask: Mask, dark_target: bool) -> float:
+    count = cv2.countNonZero(mask)
+    if count in (0, mask.size):
+        return 0.0
+    target = cv2.mean(grey, mask)[0]
+    rest = (float(cv2.sumElems(grey)[0]) - target * count) / (mask.size - count)
+    return rest - target if dark_target else target - rest
+
+
+def segment(
+    grey: Mask,
+    settings: Segmentation,
+    colour: NDArray[np.uint8] | None = None,
+    previous: tuple[float, float] | None = None,
+    region: Mask | None = None,
+) -> Target:
+    """Threshold and choose the target component.
+
+    Args:
+        grey: (rows, columns) uint8.
+        settings: method, component and their numbers.
+        colour: RGB image, for 'colour'.
+        previous: (column, row) of the target in the frame before, for 'nearest'.
+        region: mask in which most of the target lies, for 'mask'.
+    """
+    mask, level, reason = threshold_image(grey, settings, colour)
+    box = cv2.boundingRect(mask)
+    if box[2] == 0:
+        return Target(mask, (0, 0, 0, 0), 0, level, (), reason or "no target in view")
+    if settings.component != "all":
+        mask, box = _choose(mask, box, settings, previous, region)
+        if box[2] == 0:
+            return Target(mask, box, 0, level, (), "no target inside the mask image")
+    count = cv2.countNonZero(mask[_slices(box)])
+    borders = _borders(box, mask.shape)
+    return Target(mask, box, count, level, borders, _unusable(count, box, mask, settings))
+
+
+def _unusable(count: int, box: Box, mask: Mask, settings: Segmentation) -> str:
+    if count == mask.size:
+        return "the target fills the whole image"
+    if count < settings.min_pixels:
+        return f"the target has {count} pixel(s), fewer than {settings.min_pixels}"
+    if min(box[2], box[3]) == 1:
+        return "the target is a line one pixel wide"
+    return ""
+
+
+def _slices(box: Box) -> tuple[slice, slice]:
+    column, row, width, height = box
+    return slice(row, row + height), slice(column, column + width)
+
+
+def _borders(box: Box, shape: tuple[int, ...]) -> tuple[str, ...]:
+    column, row, width, height = box
+    touching = {
+        "left": column == 0,
+        "right": column + width == shape[1],
+        "top": row == 0,
+        "bottom": row + height == shape[0],
+    }
+    return tuple(side for side, touches in touching.items() if touches)
+
+
+def _choose(
+    mask: Mask,
+    box: Box,
+    settings: Segmentation,
+    previous: tuple[float, float] | None,
+    region: Mask | None,
+) -> tuple[Mask, Box]:
+    """The one connected piece (8 neighbours) that the settings ask for."""
+    crop = mask[_slices(box)]
+    count, labels, stats, centres = cv2.connectedComponentsWithStats(crop, connectivity=8)
+    if settings.component == "mask":
+        if region is None or region.shape != mask.shape:
+            raise SegmentationError(
+                "component 'mask' needs a mask image of the camera's size "
+                f"{mask.shape[1]} x {mask.shape[0]}"
+            )
+        inside = np.bincount(labels[region[_slices(box)] > 0], minlength=count)
+        inside[0] = 0
+        chosen = int(inside.argmax())
+        if inside[chosen] == 0:
+            return np.zeros_like(mask), (0, 0, 0, 0)
+    elif settings.component == "nearest" and previous is not None:
+        gap = centres - (previous[0] - box[0], previous[1] - box[1])
+        distance = np.hypot(gap[:, 0], gap[:, 1])
+        distance[0] = np.inf
+        big = stats[:, cv2.CC_STAT_AREA] >= settings.min_pixels
+        big[0] = False
+        if big.any():  # specks of noise must not steal the target
+            distance[~big] = np.inf
+        chosen = int(distance.argmin())
+    else:
+        chosen = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
+    if count == 2:
+        return mask, box
+    left, top, width, height = (int(k) for k in stats[chosen, :4])
+    new_box = (box[0] + left, box[1] + top, width, height)
+    alone = np.zeros_like(mask)
+    piece = labels[top : top + height, left : left + width] == chosen
+    alone[_slices(new_box)] = piece.view(np.uint8) * 255
+    return alone, new_box
+
+
+def coverage(
+    grey: Mask, target: Target, band: int = 2
+) -> tuple[NDArray[np.float64], tuple[int, int], float, float]:
+    """How much of each pixel the target covers.
+
+    Inside the target (more than `band` pixels from its edge) a pixel counts as one, outside as
+    zero, and in the band along the edge as (bg - I) / (bg - fg), with bg and fg the mean levels
+    just outside and inside. So noise away from the edge has no say. The fraction is not cut off
+    at 0 and 1: noise has zero mean only as long as both its signs count.
+
+    Returns:
+        weights (rows, columns) of a crop, (column, row) of the crop's first pixel, bg and fg.
+
+    Raises:
+        SegmentationError: no contrast between inside and outside.
+    """
+    margin = 2 * band + 1
+    column, row, width, height = target.box
+    left, top = max(column - margin, 0), max(row - margin, 0)
+    right = min(column + width + margin, grey.shape[1])
+    bottom = min(row + height + margin, grey.shape[0])
+    inside = target.mask[top:bottom, left:right] & 1
+    image = np.ascontiguousarray(grey[top:bottom, left:right])
+    element = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * band + 1, 2 * band + 1))
+    outside = 1 - cv2.dilate(inside, element)
+    core = cv2.erode(inside, element, borderType=cv2.BORDER_REPLICATE)
+    bg = cv2.mean(image, outside)[0] if cv2.countNonZero(outside) else float(image.max())
+    fg = cv2.mean(image, core)[0] if cv2.countNonZero(core) else float(image.min())
+    if abs(bg - fg) < 1.0:
+        raise SegmentationError("the target has no contrast to its surroundings")
+    weights = cv2.LUT(image, (bg - np.arange(256.0)) / (bg - fg))
+    np.copyto(weights, 1.0, where=core.view(bool))
+    np.copyto(weights, 0.0, where=outside.view(bool))
+    return weights, (left, top), bg, fg

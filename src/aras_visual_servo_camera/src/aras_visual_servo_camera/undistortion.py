@@ -1,0 +1,209 @@
+"""From pixels to normalised coordinates, by CameraInfo: pinhole, plumb_bob, rational, fisheye.
+
+A distorted image is not resampled. Each pixel keeps its value and gets, once per camera, the
+undistorted place of its centre and the area that its square is mapped to. Sums over pixels then
+are exact in area, whatever the lens.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .errors import CalibrationError
+from .moments import Array, Pinhole
+
+PINHOLE_MODELS = ("", "plumb_bob", "rational_polynomial")
+FISHEYE_MODELS = ("equidistant", "fisheye")
+
+# A ray further than this off the axis has no finite x = X/Z worth the name.
+_MAX_FIELD_ANGLE = np.deg2rad(88.0)
+
+
+class PixelTables(NamedTuple):
+    """Undistorted x, y of each pixel's centre and its area, all (rows, columns); area 0: no ray."""
+
+    x: Array
+    y: Array
+    area: Array
+
+    def pixel_variance(self, column: int, row: int) -> tuple[float, float, float]:
+        """Variance (xx, xy, yy) of one pixel's square, mapped to normalised coordinates."""
+        rows, columns = self.area.shape
+        c0, c1 = max(column - 1, 0), min(column + 1, columns - 1)
+        r0, r1 = max(row - 1, 0), min(row + 1, rows - 1)
+        across = np.array([t[row, c1] - t[row, c0] for t in (self.x, self.y)]) / max(c1 - c0, 1)
+        down = np.array([t[r1, column] - t[r0, column] for t in (self.x, self.y)]) / max(r1 - r0, 1)
+        # a unit square has variance 1/12 along each of its sides
+        variance = (np.outer(across, across) + np.outer(down, down)) / 12.0
+        return float(variance[0, 0]), float(variance[0, 1]), float(variance[1, 1])
+
+
+@dataclass(frozen=True)
+class CameraModel:
+    """Intrinsics and distortion of one camera; hashable, so that a change is easily seen.
+
+    Attributes:
+        width, height: of the image, pixels.
+        K: 9 numbers, row by row. D: distortion coefficients. model: name as in CameraInfo.
+    """
+
+    width: int
+    height: int
+    K: tuple[float, ...]
+    D: tuple[float, ...] = ()
+    model: str = "plumb_bob"
+
+    def __post_init__(self) -> None:
+        if self.model not in PINHOLE_MODELS + FISHEYE_MODELS:
+            raise CalibrationError(
+                f"distortion model '{self.model}' is not known; use one of "
+                f"{PINHOLE_MODELS[1:] + FISHEYE_MODELS}"
+            )
+        if len(self.K) != 9 or not np.isfinite(self.K).all() or not np.isfinite(self.D).all():
+            raise CalibrationError("camera_info: K needs 9 finite numbers, D finite ones")
+        if not (self.K[0] > 0.0 and self.K[4] > 0.0):
+            raise CalibrationError(
+                f"camera_info: focal lengths fx={self.K[0]:g}, fy={self.K[4]:g} must be positive; "
+                "is the camera calibrated?"
+            )
+        if self.K[1] != 0.0:
+            raise CalibrationError(f"camera_info: skew K[1]={self.K[1]:g} is not supported")
+        if self.width < 1 or self.height < 1:
+            raise CalibrationError(f"camera_info: size {self.width} x {self.height} is empty")
+        allowed = (0, 4) if self.model in FISHEYE_MODELS else (0, 4, 5, 8)
+        if len(self.D) not in allowed:
+            raise CalibrationError(
+                f"camera_info: '{self.model}' takes {allowed} coefficients, got {len(self.D)}"
+            )
+
+    @classmethod
+    def from_message(cls, info: Any) -> CameraModel:
+        """From a sensor_msgs/CameraInfo (anything with its attributes)."""
+        return cls(
+            int(info.width),
+            int(info.height),
+            tuple(float(k) for k in info.K),
+            tuple(float(d) for d in info.D),
+            str(info.distortion_model),
+        )
+
+    @cached_property
+    def pinhole(self) -> Pinhole:
+        """Focal lengths and principal point, without the distortion."""
+        return Pinhole.from_K(self.K)
+
+    @property
+    def distorted(self) -> bool:
+        """True if pixels need the tables; a fisheye lens does even with D = 0."""
+        return self.model in FISHEYE_MODELS or any(self.D)
+
+    @cached_property
+    def tables(self) -> PixelTables:
+        """Per-pixel tables, worked out when first asked for."""
+        u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
+        x, y, valid = self.normalise(u.ravel(), v.ravel())
+        shape = (self.height, self.width)
+        x, y, valid = x.reshape(shape), y.reshape(shape), valid.reshape(shape)
+        cu, cv = np.meshgrid(np.arange(self.width + 1) - 0.5, np.arange(self.height + 1) - 0.5)
+        corner = self.normalise(cu.ravel(), cv.ravel())
+        cx, cy, cvalid = (a.reshape(self.height + 1, self.width + 1) for a in corner)
+        # a quadrilateral's area is half the cross product of its diagonals
+        dx1, dy1 = cx[1:, 1:] - cx[:-1, :-1], cy[1:, 1:] - cy[:-1, :-1]
+        dx2, dy2 = cx[1:, :-1] - cx[:-1, 1:], cy[1:, :-1] - cy[:-1, 1:]
+        area = 0.5 * (dx1 * dy2 - dy1 * dx2)
+        valid &= cvalid[1:, 1:] & cvalid[:-1, :-1] & cvalid[1:, :-1] & cvalid[:-1, 1:]
+        valid &= area > 0.0
+        return PixelTables(
+            np.where(valid, x, 0.0), np.where(valid, y, 0.0), np.where(valid, area, 0.0)
+        )
+
+    def normalise(self, u: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Undistorted x, y (n,) of pixel places u (column), v (row), and where that worked."""
+        camera = self.pinhole
+        xd = (np.asarray(u, dtype=float) - camera.cx) / camera.fx
+        yd = (np.asarray(v, dtype=float) - camera.cy) / camera.fy
+        if not self.distorted:
+            return xd, yd, np.ones(xd.shape, dtype=bool)
+        if self.model in FISHEYE_MODELS:
+            return _undistort_fisheye(xd, yd, self.D or (0.0,) * 4)
+        return _undistort_polynomial(xd, yd, self.D)
+
+    def project(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Pixel places (column, row) of normalised x, y (n,), with the distortion."""
+        x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+        if self.distorted:
+            if self.model in FISHEYE_MODELS:
+                x, y = _distort_fisheye(x, y, self.D or (0.0,) * 4)
+            else:
+                x, y = _distort_polynomial(x, y, self.D)[:2]
+        camera = self.pinhole
+        return camera.fx * x + camera.cx, camera.fy * y + camera.cy
+
+
+def _distort_polynomial(x: Array, y: Array, D: tuple[float, ...]):
+    """Brown's model with OpenCV's order k1 k2 p1 p2 k3 k4 k5 k6; with its Jacobian."""
+    k1, k2, p1, p2, k3, k4, k5, k6 = (*D, *(0.0,) * (8 - len(D)))
+    r2 = x * x + y * y
+    top = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    low = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6))
+    radial = top / low
+    dtop = k1 + r2 * (2.0 * k2 + 3.0 * k3 * r2)
+    dlow = k4 + r2 * (2.0 * k5 + 3.0 * k6 * r2)
+    slope = (dtop - radial * dlow) / low  # d(radial)/d(r2)
+    xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+    yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+    jxx = radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x
+    jxy = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y
+    jyy = radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x
+    return xd, yd, jxx, jxy, jyy
+
+
+def _undistort_polynomial(xd: Array, yd: Array, D: tuple[float, ...]):
+    """Newton's method on both coordinates; a place that does not settle has no ray."""
+    x, y = xd.copy(), yd.copy()
+    with np.errstate(all="ignore"):
+        for _ in range(30):
+            px, py, jxx, jxy, jyy = _distort_polynomial(x, y, D)
+            ex, ey = px - xd, py - yd
+            if float(np.nanmax(np.abs(ex) + np.abs(ey))) < 1e-14:
+                break
+            determinant = jxx * jyy - jxy * jxy
+            x = x - (jyy * ex - jxy * ey) / determinant
+            y = y - (jxx * ey - jxy * ex) / determinant
+        px, py, jxx, jxy, jyy = _distort_polynomial(x, y, D)
+        valid = (np.abs(px - xd) + np.abs(py - yd) < 1e-10) & (jxx * jyy - jxy * jxy > 0.0)
+        valid &= x * x + y * y < np.tan(_MAX_FIELD_ANGLE) ** 2
+    return np.where(valid, x, 0.0), np.where(valid, y, 0.0), valid
+
+
+def _distort_fisheye(x: Array, y: Array, D: tuple[float, ...]):
+    k1, k2, k3, k4 = D
+    r = np.hypot(x, y)
+    theta = np.arctan(r)
+    t2 = theta * theta
+    rd = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
+    scale = np.divide(rd, r, out=np.ones_like(r), where=r > 0.0)
+    return x * scale, y * scale
+
+
+def _undistort_fisheye(xd: Array, yd: Array, D: tuple[float, ...]):
+    k1, k2, k3, k4 = D
+    rd = np.hypot(xd, yd)
+    theta = rd.copy()
+    with np.errstate(all="ignore"):
+        for _ in range(30):
+            t2 = theta * theta
+            value = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
+            slope = 1.0 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
+            step = (value - rd) / slope
+            theta = theta - step
+            if float(np.nanmax(np.abs(step))) < 1e-15:
+                break
+        valid = (np.abs(step) < 1e-10) & (slope > 0.0) & (theta >= 0.0)
+        valid &= theta < _MAX_FIELD_ANGLE
+        scale = np.where(rd > 0.0, np.tan(theta) / np.where(rd > 0.0, rd, 1.0), 1.0)
+    return np.where(valid, xd * scale, 0.0), np.where(valid, yd * scale, 0.0), valid

@@ -1,0 +1,25 @@
+"""Faults of the servo loop. Every message says what, where and how to mend it."""
+
+
+class ServoError(Exception):
+    """Base of every fault this package raises on purpose."""
+
+
+class ConfigurationError(ServoError):
+    """A parameter or configuration file that cannot be used."""
+
+
+class UnreachableError(ServoError):
+    """A camera pose outside the workspace of the arm.
+
+    Attributes:
+        excess: how far beyond the reach the wrist would have to go, m.
+    """
+
+    def __init__(self, message: str, excess: float) -> None:
+        super().__init__(message)
+        self.excess = excess
+
+
+class MeasurementError(ServoError):
+    """A measurement that must not be servoed on: lost target, wrong size, not finite."""

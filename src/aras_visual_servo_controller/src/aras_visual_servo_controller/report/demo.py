@@ -1,0 +1,257 @@
+"""The demo: start everything, servo to the target, stop everything, show what happened.
+
+Runs a ROS master of its own on a free port, so that it disturbs no other graph. Exit status: 0
+when the target was reached and held, 1 when not, 2 for wrong arguments, 130 after ^C.
+"""
+
+import argparse
+import json
+import os
+import platform
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..desired import Desired
+from ..errors import ServoError
+from .processes import Launch, free_port
+
+STARTUP_TIMEOUT = 90.0  # s of wall time until joint states and the recorder are there
+WALL_PER_SIMULATED = 6.0  # patience with a slow machine
+AFTERGLOW = 0.5  # s recorded beyond convergence
+
+
+def _arguments(argv: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog="demo", description="Servo the ARAS robot to its target and report how it went."
+    )
+    parser.add_argument(
+        "--scheme", default="moments",
+        help="moments (default), moments_2016, kernel, or package.module:Class of your own",
+    )
+    parser.add_argument(
+        "--start", default="2016", choices=("2015", "2016"), help="initial pose (default 2016)"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("out"), help="directory for the results (default out/)"
+    )
+    parser.add_argument("--rviz", action="store_true", help="watch it in rviz (needs a display)")
+    parser.add_argument(
+        "--timeout", type=float, default=20.0, help="simulated s to converge in (default 20)"
+    )
+    parser.add_argument("--camera", default="original", help="camera preset (default original)")
+    arguments = parser.parse_args(argv)
+    if arguments.rviz and not os.environ.get("DISPLAY"):
+        parser.error("--rviz needs a display: DISPLAY is not set")
+    if not arguments.timeout > 0.0:
+        parser.error(f"--timeout must be above 0, not {arguments.timeout}")
+    return arguments
+
+
+class Demo:
+    """One run, from the first process to the last plot."""
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self.arguments = arguments
+        self.out = arguments.out.expanduser().resolve()
+        self.bag = self.out / "run.bag"
+        self.uri = f"http://localhost:{free_port()}"
+        self.launches: list[Launch] = []
+        self.progress: Any = None
+        self._checked = 0.0
+
+    def run(self) -> int:
+        """Returns the exit status."""
+        (self.out / "log").mkdir(parents=True, exist_ok=True)
+        for old in (self.bag, self.bag.with_name("run.bag.active")):
+            old.unlink(missing_ok=True)
+        try:
+            self._start()
+            self._servo()
+        finally:
+            self._stop()
+        return self._report()
+
+    def _start(self) -> None:
+        """Bring up master, simulator, recorder and nodes."""
+        from .watch import Watch, wait_for_master
+
+        _say("starting the simulator")
+        port = self.uri.rpartition(":")[2]
+        os.environ.update(
+            ROS_MASTER_URI=self.uri, ROS_IP="127.0.0.1", ROS_LOG_DIR=str(self.out / "log")
+        )
+        os.environ.pop("ROS_HOSTNAME", None)
+        robot = self._launch(
+            "simulator",
+            ["-p", port, "aras_visual_servo_gazebo", "aras_visual_servo.launch"],
+            record="true",
+            bag=str(self.bag),
+            camera=self.arguments.camera,
+            show_rviz=str(self.arguments.rviz).lower(),
+            server_required="true",
+        )
+        if not wait_for_master(self.uri, lambda: robot.running, STARTUP_TIMEOUT):
+            raise ServoError(f"the simulator did not start:\n{robot.last_lines()}")
+        self.progress = Watch().progress
+        active = self.bag.with_name(self.bag.name + ".active")
+        self._wait(
+            lambda: self.progress.joints and active.exists(),
+            STARTUP_TIMEOUT,
+            "the simulated robot and the recorder",
+        )
+        _say("starting the camera and controller nodes")
+        self._launch(
+            "nodes",
+            ["aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch"],
+            scheme=self.arguments.scheme,
+            start=self.arguments.start,
+        )
+
+    def _servo(self) -> None:
+        """Follow the controller until it has converged or time is up."""
+        progress, told = self.progress, ""
+        self._wait(lambda: progress.phase != "", STARTUP_TIMEOUT, "the controller's first word")
+        self._wait(lambda: progress.began is not None, STARTUP_TIMEOUT, "the start pose")
+        deadline = time.monotonic() + WALL_PER_SIMULATED * self.arguments.timeout
+        while progress.stamp - progress.began < self.arguments.timeout:
+            if progress.phase != told:
+                told = progress.phase
+                _say(told + (f": {progress.reason}" if progress.reason else ""))
+            if progress.converged and progress.stamp - progress.converged > AFTERGLOW:
+                return
+            self._check_running()
+            if time.monotonic() > deadline:
+                _say(f"gave up after {WALL_PER_SIMULATED * self.arguments.timeout:.0f} s")
+                return
+            time.sleep(0.05)
+        _say(f"not converged within {self.arguments.timeout:.0f} s of simulated time")
+
+    def _stop(self) -> None:
+        """Close the bag, then end every process."""
+        if not self.launches:
+            return
+        from .watch import stop_recorder
+
+        # A second ^C must not leave processes behind.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        _say("stopping")
+        if self.progress is not None:
+            stop_recorder(self.uri, self.bag)
+        for launch in reversed(self.launches):
+            launch.stop()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def _report(self) -> int:
+        """Write summary, pictures and plots; print the table."""
+        from ..settings import Settings
+        from . import analysis, plots
+        from .run import desired_pose, read_bag
+
+        _say("reading the bag, drawing the plots")
+        run = read_bag(self.bag)
+        settings = Settings(start=self.arguments.start, package=_package())
+        desired = Desired.load(settings.desired_path())
+        scheme = self.arguments.scheme
+        factor = self.progress.real_time_factor
+        summary = analysis.summarise(
+            run,
+            desired,
+            scheme=scheme,
+            start=self.arguments.start,
+            camera=self.arguments.camera,
+            real_time_factor=None if factor is None else round(factor, 4),
+            versions=_versions(),
+        )
+        path = self.out / "summary.json"
+        path.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+        thresholds = analysis.thresholds(scheme)
+        plots.write_all(
+            run,
+            desired_pose(desired.joints),
+            np.array(desired.m[1:3]) / desired.m[0],
+            self.out,
+            thresholds,
+            summary["settling_time_s"],
+        )
+        plots.write_images(run, self.out)
+        print(f"\nVisual servoing by scheme '{scheme}' from the initial pose of "
+              f"{self.arguments.start}:\n\n{analysis.table(summary)}\n\n"
+              f"  Results in {self.out}/\n", flush=True)
+        return 0 if summary["converged"] else 1
+
+    def _launch(self, name: str, arguments: list[str], **values: str) -> Launch:
+        given = [f"{key}:={value}" for key, value in values.items()]
+        launch = Launch(
+            [*arguments, *given], self.out / "log" / f"{name}.txt", dict(os.environ)
+        )
+        self.launches.append(launch)
+        return launch
+
+    def _wait(self, condition, timeout: float, what: str) -> None:
+        deadline = time.monotonic() + timeout
+        while not condition():
+            self._check_running()
+            if time.monotonic() > deadline:
+                reason = getattr(self.progress, "reason", "")
+                raise ServoError(
+                    f"after {timeout:.0f} s still waiting for {what}"
+                    + (f" ({reason})" if reason else "")
+                    + f"; logs are in {self.out / 'log'}"
+                )
+            time.sleep(0.05)
+
+    def _check_running(self) -> None:
+        now = time.monotonic()
+        if now - self._checked < 0.5:
+            return
+        self._checked = now
+        for launch in self.launches:
+            if death := launch.death():
+                raise ServoError(f"{death}; its last words:\n{launch.last_lines()}")
+
+
+def _package() -> Path:
+    import rospkg
+
+    return Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
+
+
+def _versions() -> dict[str, str]:
+    """Of what the numbers depend on."""
+    import importlib.metadata as metadata
+
+    found = {"python": platform.python_version()}
+    for name in ("numpy", "opencv-python-headless", "pybullet", "moderngl", "matplotlib"):
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def _say(text: str) -> None:
+    print(f"[demo] {text}", flush=True)
+
+
+def _interrupted(number: int, frame: Any) -> None:
+    raise KeyboardInterrupt
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the demo; returns its exit status."""
+    arguments = _arguments(argv)
+    signal.signal(signal.SIGTERM, _interrupted)
+    try:
+        return Demo(arguments).run()
+    except KeyboardInterrupt:
+        _say("interrupted")
+        return 130
+    except (ServoError, OSError) as error:
+        print(f"[demo] failed: {error}", file=sys.stderr)
+        return 1

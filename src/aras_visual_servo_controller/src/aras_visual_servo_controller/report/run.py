@@ -1,0 +1,276 @@
+"""A run as plain arrays, and how to read one from a bag."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import ServoError
+from ..kinematics import JOINT_NAMES, Kinematics
+
+NAMESPACE = "/aras_visual_servo"
+CAMERA_LINK = "camera_link"
+OPTICAL_FRAME = "camera_optical_frame"
+
+
+@dataclass
+class States:
+    """What the controller reported, one row an image while it was servoing.
+
+    Attributes:
+        stamp: (n,) s.
+        phase, reason: n words.
+        names: of the k features.
+        features, desired, error: (n, k).
+        twist: (n, 6) of the camera, optical frame.
+        commands: (n, 6) joint commands.
+        singular_values: (n, 5), NaN where nothing was inverted.
+    """
+
+    stamp: np.ndarray
+    phase: list[str]
+    reason: list[str]
+    names: tuple[str, ...]
+    features: np.ndarray
+    desired: np.ndarray
+    error: np.ndarray
+    twist: np.ndarray
+    commands: np.ndarray
+    singular_values: np.ndarray
+
+
+@dataclass
+class Images:
+    """The camera's images.
+
+    Attributes:
+        stamp, arrival: (n,) s of simulated time: exposure, and when the recorder had it.
+        first, last: (H, W, 3) rgb of the first and the last image while servoing, or None.
+        K: (3, 3) intrinsics, pixels.
+    """
+
+    stamp: np.ndarray
+    arrival: np.ndarray
+    first: np.ndarray | None = None
+    last: np.ndarray | None = None
+    K: np.ndarray = field(default_factory=lambda: np.eye(3))
+
+
+@dataclass
+class MomentsTrack:
+    """Valid ImageMoments: stamp (n,) s and raw and centred moments (n, count) of an order."""
+
+    stamp: np.ndarray
+    order: int
+    m: np.ndarray
+    mu: np.ndarray
+
+
+@dataclass
+class Run:
+    """Everything a report needs.
+
+    Attributes:
+        states: of the controller.
+        joint_stamp, joints: (n,) s and (n, 6) measured.
+        camera_stamp, camera_pose: (n,) s and (n, 4, 4) `base_T_optical` from TF.
+        images: of the camera.
+        moments: of the target.
+    """
+
+    states: States
+    joint_stamp: np.ndarray
+    joints: np.ndarray
+    camera_stamp: np.ndarray
+    camera_pose: np.ndarray
+    images: Images
+    moments: MomentsTrack
+
+    @property
+    def began(self) -> float:
+        """Stamp of the first image that was servoed on, s."""
+        return float(self.states.stamp[0])
+
+
+def read_bag(path: str | Path) -> Run:
+    """Read a bag that record.launch wrote.
+
+    Raises:
+        ServoError: the file cannot be read or lacks what a report needs.
+    """
+    import rosbag
+
+    try:
+        with rosbag.Bag(str(path)) as bag:
+            collector = _Collector()
+            for topic, message, time in bag.read_messages(topics=collector.topics):
+                collector.take(topic, message, time.to_sec())
+    except (OSError, rosbag.ROSBagException) as error:
+        raise ServoError(f"cannot read the bag {path}: {error}") from error
+    return collector.run(str(path))
+
+
+class _Collector:
+    """Sorts messages into lists while the bag is read once."""
+
+    def __init__(self) -> None:
+        self.topics = [
+            "/tf_static",
+            "/tf",
+            f"{NAMESPACE}/joint_states",
+            f"{NAMESPACE}/controller/state",
+            f"{NAMESPACE}/camera/moments",
+            "/labrob/camera/image_raw",
+            "/labrob/camera/camera_info",
+        ]
+        self._transforms: dict[str, tuple[str, np.ndarray]] = {}
+        self._camera: list[tuple[float, np.ndarray]] = []
+        self._joints: list[tuple[float, list[float]]] = []
+        self._states: list[Any] = []
+        self._moments: list[Any] = []
+        self._images: list[tuple[float, float]] = []
+        self._first: Any = None
+        self._last: Any = None
+        self._K: np.ndarray | None = None
+
+    def take(self, topic: str, message: Any, arrival: float) -> None:
+        if topic.startswith("/tf"):
+            self._take_transforms(message, topic == "/tf")
+        elif topic.endswith("joint_states"):
+            values = dict(zip(message.name, message.position, strict=False))
+            if all(name in values for name in JOINT_NAMES):
+                row = [values[name] for name in JOINT_NAMES]
+                self._joints.append((message.header.stamp.to_sec(), row))
+        elif topic.endswith("controller/state"):
+            if len(message.error) > 0:
+                self._states.append(message)
+        elif topic.endswith("moments"):
+            if message.valid:
+                self._moments.append(message)
+        elif topic.endswith("image_raw"):
+            self._images.append((message.header.stamp.to_sec(), arrival))
+            # The first image that matters is the one the controller began with.
+            if self._first is None or not self._states:
+                self._first = message
+            self._last = message
+        else:
+            self._K = np.array(message.K, float).reshape(3, 3)
+
+    def _take_transforms(self, message: Any, moving: bool) -> None:
+        for entry in message.transforms:
+            self._transforms[entry.child_frame_id.lstrip("/")] = (
+                entry.header.frame_id.lstrip("/"),
+                _matrix(entry.transform),
+            )
+        if not moving or not message.transforms:
+            return
+        pose = self._optical_pose()
+        if pose is not None:
+            self._camera.append((message.transforms[0].header.stamp.to_sec(), pose))
+
+    def _optical_pose(self) -> np.ndarray | None:
+        """`base_T_optical` along the tree of transforms known by now."""
+        has_optical = OPTICAL_FRAME in self._transforms
+        frame = OPTICAL_FRAME if has_optical else CAMERA_LINK
+        pose = np.eye(4)
+        if frame not in self._transforms:
+            return None
+        if not has_optical:
+            pose[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
+        while frame in self._transforms:
+            frame, parent_T_frame = self._transforms[frame]
+            pose = parent_T_frame @ pose
+        return pose
+
+    def run(self, path: str) -> Run:
+        for what, found in (
+            ("states of a servoing controller", self._states),
+            ("images", self._images),
+            ("joint states", self._joints),
+            ("transforms of the camera", self._camera),
+            ("valid image moments", self._moments),
+        ):
+            if not found:
+                raise ServoError(f"{path} holds no {what}: nothing to report on")
+        camera_stamp, camera_pose = zip(*self._camera, strict=True)
+        joint_stamp, joints = zip(*self._joints, strict=True)
+        stamp, arrival = np.array(self._images).T
+        return Run(
+            states=_states(self._states),
+            joint_stamp=np.array(joint_stamp),
+            joints=np.array(joints),
+            camera_stamp=np.array(camera_stamp),
+            camera_pose=np.array(camera_pose),
+            images=Images(
+                stamp,
+                arrival,
+                _rgb(self._first),
+                _rgb(self._last),
+                np.eye(3) if self._K is None else self._K,
+            ),
+            moments=MomentsTrack(
+                np.array([m.header.stamp.to_sec() for m in self._moments]),
+                int(self._moments[0].order),
+                np.array([m.m for m in self._moments]),
+                np.array([m.mu for m in self._moments]),
+            ),
+        )
+
+
+def _states(messages: Iterable[Any]) -> States:
+    messages = list(messages)
+    return States(
+        stamp=np.array([m.header.stamp.to_sec() for m in messages]),
+        phase=[m.phase for m in messages],
+        reason=[m.reason for m in messages],
+        names=tuple(messages[0].feature_names),
+        features=np.array([m.features for m in messages]),
+        desired=np.array([m.desired_features for m in messages]),
+        error=np.array([m.error for m in messages]),
+        twist=np.array(
+            [
+                [getattr(part, axis) for part in (t.linear, t.angular) for axis in "xyz"]
+                for t in (m.camera_twist for m in messages)
+            ]
+        ),
+        commands=np.array([_padded(m.joint_commands, 6) for m in messages]),
+        singular_values=np.array([_padded(m.singular_values, 5) for m in messages]),
+    )
+
+
+def _padded(values: Iterable[float], count: int) -> list[float]:
+    values = list(values)[:count]
+    return values + [float("nan")] * (count - len(values))
+
+
+def _matrix(transform: Any) -> np.ndarray:
+    """(4, 4) of a geometry_msgs/Transform."""
+    q, t = transform.rotation, transform.translation
+    x, y, z, w = np.array([q.x, q.y, q.z, q.w]) / np.linalg.norm([q.x, q.y, q.z, q.w])
+    matrix = np.eye(4)
+    matrix[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ]
+    matrix[:3, 3] = t.x, t.y, t.z
+    return matrix
+
+
+def _rgb(message: Any) -> np.ndarray | None:
+    """(H, W, 3) uint8 of an image message with eight bits a channel; None for other kinds."""
+    channels = {"rgb8": 3, "bgr8": 3, "mono8": 1}.get(message.encoding)
+    if channels is None:
+        return None
+    rows = np.frombuffer(message.data, np.uint8).reshape(message.height, message.step)
+    image = rows[:, : message.width * channels].reshape(message.height, message.width, channels)
+    if message.encoding == "bgr8":
+        image = image[..., ::-1]
+    return np.repeat(image, 3, axis=2) if channels == 1 else image.copy()
+
+
+def desired_pose(joints: np.ndarray) -> np.ndarray:
+    """`base_T_optical` (4, 4) at the desired joints (6,)."""
+    return Kinematics().pose(np.asarray(joints, float))

@@ -1,0 +1,107 @@
+"""What the demo sees of the running graph: the controller's state, and how fast time goes."""
+
+import contextlib
+import threading
+import time
+import xmlrpc.client
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import rosgraph
+
+
+@dataclass
+class Progress:
+    """Written by the subscriber, read by the demo; times in s.
+
+    Attributes:
+        phase, reason: latest of the controller, '' before its first word.
+        began: stamp at which servoing began, or None.
+        converged: stamp at which it counted as converged, or None while it does not.
+        stamp: latest stamp of the controller's state.
+        joints: joint states are arriving.
+    """
+
+    phase: str = ""
+    reason: str = ""
+    began: float | None = None
+    converged: float | None = None
+    stamp: float = 0.0
+    joints: bool = False
+    pace: list[tuple[float, float]] = field(default_factory=list)
+
+    @property
+    def real_time_factor(self) -> float | None:
+        """Simulated over wall time between the first and last state while servoing."""
+        if len(self.pace) < 2 or self.pace[-1][0] <= self.pace[0][0]:
+            return None
+        (wall_0, stamp_0), (wall_1, stamp_1) = self.pace[0], self.pace[-1]
+        return (stamp_1 - stamp_0) / (wall_1 - wall_0)
+
+
+class Watch:
+    """Subscribes in this process, without following the simulated clock."""
+
+    def __init__(self) -> None:
+        import rospy
+        from sensor_msgs.msg import JointState
+
+        from aras_visual_servo_controller.msg import ServoState
+
+        self.progress = Progress()
+        self._lock = threading.Lock()
+        rospy.init_node(
+            "aras_visual_servo_demo", anonymous=True, disable_signals=True, disable_rostime=True
+        )
+        rospy.Subscriber(
+            "/aras_visual_servo/controller/state", ServoState, self._on_state, queue_size=10
+        )
+        self._joints = rospy.Subscriber(
+            "/aras_visual_servo/joint_states", JointState, self._on_joints, queue_size=1
+        )
+
+    def _on_joints(self, message) -> None:
+        self.progress.joints = True
+        self._joints.unregister()
+
+    def _on_state(self, message) -> None:
+        progress, stamp = self.progress, message.header.stamp.to_sec()
+        with self._lock:
+            progress.phase, progress.reason, progress.stamp = message.phase, message.reason, stamp
+            if message.phase not in ("servoing", "converged"):
+                progress.converged = None
+                return
+            if progress.began is None:
+                progress.began = stamp
+            progress.pace.append((time.monotonic(), stamp))
+            if message.phase != "converged":
+                progress.converged = None
+            elif progress.converged is None:
+                progress.converged = stamp
+
+
+def wait_for_master(uri: str, alive, timeout: float) -> bool:
+    """Whether the master answers within timeout (s) while alive() holds."""
+    deadline = time.monotonic() + timeout
+    while time.monotonic() < deadline and alive():
+        with contextlib.suppress(OSError):
+            if rosgraph.is_master_online(uri):
+                return True
+        time.sleep(0.1)
+    return False
+
+
+def stop_recorder(uri: str, bag: Path, timeout: float = 15.0) -> bool:
+    """End the node `record` and wait until its bag is closed; whether it is."""
+    active = bag.with_name(bag.name + ".active")
+    if not active.exists():
+        return bag.exists()
+    with contextlib.suppress(OSError, rosgraph.MasterException, xmlrpc.client.Error):
+        node = rosgraph.Master("/aras_visual_servo_demo", uri).lookupNode("/record")
+        xmlrpc.client.ServerProxy(node).shutdown("/aras_visual_servo_demo", "the run has ended")
+    deadline = time.monotonic() + timeout
+    while time.monotonic() < deadline:
+        if bag.exists() and not active.exists():
+            return True
+        time.sleep(0.1)
+    return False

@@ -1,0 +1,138 @@
+"""The gantry: profile frame, table, rail and belt drive (base_link) and its carriage (slider)."""
+
+from __future__ import annotations
+
+import numpy as np
+from mesh_primitives import (
+    along_x,
+    along_y,
+    both_sides,
+    box,
+    cylinder,
+    extrude,
+    grooved_square,
+    loft,
+    mirror,
+    move,
+    rectangle,
+    revolve,
+    rounded_corners,
+    rounded_rectangle,
+    slotted_square,
+)
+
+PROFILE = 0.09  # m, edge of the aluminium profile
+FRAME_X = 1.2  # m, half length of the frame; only the belt drive stands out beyond it
+FRAME_Y = 0.68  # m, half width
+FRAME_Z = 1.75  # m, height
+TABLE_TOP = 0.59  # m, the plane of the target
+ROD_Y, ROD_Z, ROD_RADIUS = 0.05, 1.634, 0.011  # m, the two guide rods the carriage runs on
+MOTOR_X, MOTOR_Z = 1.3855, 1.626  # m, axis of the belt motor
+
+
+def base_link() -> list[np.ndarray]:
+    """Parts of base_link, z up, the floor at z = 0."""
+    table = box(-1.09, 1.09, -0.57, 0.57, 0.06, TABLE_TOP)
+    return [table, *_frame(), *_brackets(), *_rail(), *_drive()]
+
+
+def _profile(length_from: float, length_to: float, open_end: bool = False) -> np.ndarray:
+    """Profile along z; only an end that can be seen is worth the triangles of real T-slots."""
+    if open_end:
+        outline = slotted_square(PROFILE, opening=0.012, lip=0.006, cavity=0.024, depth=0.018)
+    else:
+        outline = grooved_square(PROFILE, opening=0.012, depth=0.014)
+    return extrude(outline, length_from, length_to)
+
+
+def _frame() -> list[np.ndarray]:
+    x, y, half = FRAME_X - PROFILE / 2, FRAME_Y - PROFILE / 2, PROFILE / 2
+    post = _profile(PROFILE, FRAME_Z, open_end=True)
+    posts = [move(post, sx * x, sy * y) for sx in (-1, 1) for sy in (-1, 1)]
+    sill = along_x(_profile(-FRAME_X, FRAME_X))
+    sills = [move(sill, y=sy * y, z=half) for sy in (-1, 1)]
+    cross = along_y(_profile(-FRAME_Y + PROFILE, FRAME_Y - PROFILE))
+    crosses = [move(cross, sx * x, z=z) for sx in (-1, 1) for z in (half, FRAME_Z - half)]
+    spine = move(along_x(_profile(-FRAME_X + PROFILE, FRAME_X - PROFILE)), z=FRAME_Z - half)
+    return [*posts, *sills, *crosses, spine]
+
+
+def _brackets() -> list[np.ndarray]:
+    """Triangular corner brackets between the posts and the long sills."""
+    leg = 0.06
+    triangle = np.array([(0.0, 0.0), (leg, 0.0), (0.0, leg)])  # (z, x), for along_y
+    bracket = mirror(along_y(extrude(triangle, -0.018, 0.018)), 0)
+    bracket = move(bracket, FRAME_X - PROFILE, FRAME_Y - PROFILE / 2, PROFILE)
+    return [piece for side in both_sides(bracket, 0) for piece in both_sides(side, 1)]
+
+
+def _rail() -> list[np.ndarray]:
+    rod = along_x(cylinder(ROD_RADIUS, -1.13, 1.13, 12))
+    out = [move(rod, y=sy * ROD_Y, z=ROD_Z) for sy in (-1, 1)]
+    # End blocks under the cross beams hold the rods and, between them, the belt's pulleys.
+    block = extrude(rounded_rectangle(-0.105, 0.105, 1.572, 1.66, 0.012, 2), 1.115, 1.14)
+    out += both_sides(along_x(block), 0)
+    # Side plates of the idler at the far end.
+    cheek = box(-1.115, -0.99, 0.026, 0.034, 1.585, 1.66)
+    out += both_sides(cheek, 1)
+    # The belt: two strands, carrying and returning.
+    out += [box(-1.06, 1.30, -0.0125, 0.0125, z - 0.001, z + 0.001) for z in (1.612, 1.653)]
+    out.append(move(along_y(cylinder(0.02, -0.024, 0.024, 12)), -1.06, z=1.6325))
+    return out
+
+
+def _drive() -> list[np.ndarray]:
+    """Motor and gearbox at the rail's end, their shaft across the rail."""
+    plate = rounded_corners(
+        [(1.14, 1.575), (1.39, 1.585), (1.39, 1.665), (1.14, 1.66)], [0, 0.03, 0.03, 0], 3
+    )
+    # Outlines are drawn as (x, z); along_y wants (z, x), hence the swap that keeps them ccw.
+    cheek = along_y(extrude(plate[:, ::-1][::-1], 0.016, 0.024))
+    half = 0.0445
+    gearbox = loft(
+        [
+            (rounded_rectangle(-s, s, -s, s, r, 2), y)
+            for s, r, y in (
+                (half - 0.006, 0.008, -0.06),
+                (half, 0.01, -0.054),
+                (half, 0.01, 0.05),
+            )
+        ]
+    )
+    # The joints of the casing are steps of the turned outline.
+    body, groove = half, half - 0.004
+    profile = [(groove, 0.05), (groove, 0.058), (body, 0.058)]
+    profile += [(body, 0.09), (groove, 0.09), (groove, 0.098), (body, 0.098)]
+    profile += [(body, 0.25), (body - 0.003, 0.254)]
+    motor = revolve(profile, 20)
+    # along_y: the first coordinate drawn becomes z, the second x.
+    terminals = box(0.02, 0.05, -0.022, 0.022, 0.15, 0.22)
+    boss = cylinder(0.01, 0.25, 0.258, 8)
+    out = [move(along_y(p), MOTOR_X, z=MOTOR_Z) for p in (gearbox, motor, terminals, boss)]
+    return [*out, *both_sides(cheek, 1)]
+
+
+def slider() -> list[np.ndarray]:
+    """Parts of the carriage in the slider's frame: y up, z along world -x."""
+    # Drawn z up about the joint's origin, x along the rail, then turned into the link's frame.
+    plate = loft(
+        [
+            (rounded_rectangle(-s, s, -s, s, 0.012, 2), z)
+            for s, z in ((0.0742, -0.029), (0.0762, -0.027), (0.0762, -0.013))
+        ]
+    )
+    bearing_outline = rounded_corners(
+        [(-0.024, -0.013), (0.024, -0.013), (0.024, 0.03), (-0.024, 0.03)], [0, 0, 0.012, 0.012], 3
+    )
+    bearing = along_x(extrude(bearing_outline, 0.016, 0.07))
+    parts = [plate]
+    for sx in (0, 1):
+        piece = mirror(bearing, 0) if sx else bearing
+        parts += [move(piece, y=sy * ROD_Y) for sy in (-1, 1)]
+    # The belt clamp: two uprights and a bridge, the window between them shows the belt.
+    parts += [box(x, x + 0.01, -0.02, 0.02, -0.013, 0.032) for x in (-0.05, 0.04)]
+    parts.append(box(-0.05, 0.05, -0.02, 0.02, 0.024, 0.032))
+    # The jaws on the lower strand.
+    parts.append(extrude(rectangle(-0.03, 0.03, -0.018, 0.018), -0.0185, -0.006))
+    # World x, y, z are -z, -x, y of the link.
+    return [np.stack([-p[..., 1], p[..., 2], -p[..., 0]], axis=-1) for p in parts]

@@ -1,0 +1,77 @@
+"""Draw the robot: write one binary STL a link into meshes/.
+
+    python3 scripts/make_meshes.py [--out DIR]
+
+The shapes are our own, drawn to the outer sizes of the original links. The output is the same
+byte for byte on every machine; a test compares it with the files of the repository.
+STL, because PyBullet, rviz and the bridge's renderer all take its colour from the URDF.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+import arm_parts  # noqa: E402
+import gantry_parts  # noqa: E402
+from mesh_primitives import on_grid  # noqa: E402
+
+#: Link name -> function that returns its parts, in the frame of the link.
+LINKS: dict[str, Callable[[], list[np.ndarray]]] = {
+    "base_link": gantry_parts.base_link,
+    "slider": gantry_parts.slider,
+    "link0": arm_parts.link0,
+    "link1": arm_parts.link1,
+    "link2": arm_parts.link2,
+    "link3": arm_parts.link3,
+    "link5": arm_parts.link5,
+    "link6": arm_parts.link6,
+}
+
+_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+
+
+def link_parts(link: str) -> list[np.ndarray]:
+    """Parts of a link on the grid the files use, each (n, 3, 3), metres, link frame."""
+    return [on_grid(part) for part in LINKS[link]()]
+
+
+def stl_bytes(parts: list[np.ndarray], title: str) -> bytes:
+    """Binary STL of several parts, with a unit normal a facet."""
+    triangles = np.concatenate(parts)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    records = np.zeros(len(triangles), _RECORD)
+    # Seven decimals: a difference in the last bit of a square root must not change the file.
+    records["normal"] = np.round(normals, 6) + 0.0
+    records["corners"] = triangles
+    header = title.encode("ascii").ljust(80, b" ")
+    return header + np.uint32(len(triangles)).astype("<u4").tobytes() + records.tobytes()
+
+
+def main() -> int:
+    """Write all meshes; prints a line a file."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    default = Path(__file__).resolve().parent.parent / "meshes"
+    parser.add_argument("--out", type=Path, default=default, help="folder to write into")
+    folder = parser.parse_args().out
+    folder.mkdir(parents=True, exist_ok=True)
+    total = 0
+    for link in LINKS:
+        parts = link_parts(link)
+        count = sum(len(part) for part in parts)
+        total += count
+        (folder / f"{link}.stl").write_bytes(stl_bytes(parts, f"ARAS visual servo robot: {link}"))
+        print(f"{link}.stl: {count} triangles")
+    print(f"total: {total} triangles")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,134 @@
+"""Fixtures of the graph tests: a master, launch files, one node of our own; see ros_graph.py.
+
+A rospy node can be initialised once per process, so the tests share one, on the session's
+master. Where a test needs another master (`launch(..., own_master=True)`), it talks to it through
+ROS tools in processes of their own: `launched.master.run([...])`.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))  # tests write `from ros_graph import wait_for`
+
+if TYPE_CHECKING:
+    from ros_graph import Collector, Launch, RosMaster
+
+ROOT = Path(__file__).parents[2]
+
+
+def _sourced() -> bool:
+    """Whether this workspace's devel space is what ROS and Python look into."""
+    return str(ROOT / "src") in os.environ.get("ROS_PACKAGE_PATH", "").split(":") and all(
+        importlib.util.find_spec(name) for name in ("rospy", "controller_manager_msgs")
+    )
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if Path(__file__).parent in item.path.parents:
+            item.add_marker(pytest.mark.graph)
+
+
+if not _sourced():
+    reason = "the workspace is not sourced: run ./test.sh, or source devel/setup.bash first"
+    if os.environ.get("ARAS_REQUIRE_GRAPH"):
+        raise RuntimeError(f"the graph tests cannot run: {reason}")
+    # Imports of generated messages would fail at the top of the test files: nothing is collected.
+    collect_ignore_glob = ["test_*.py"]
+    sys.stderr.write(f"graph tests left out: {reason}\n")
+
+
+@pytest.fixture(scope="session")
+def ros_master(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RosMaster]:
+    """The session's rosmaster, on a free port; this process's ROS environment points to it."""
+    from ros_graph import RosMaster
+
+    master = RosMaster(tmp_path_factory.mktemp("ros"))
+    names = ("ROS_MASTER_URI", "ROS_IP", "ROS_HOME", "ROS_LOG_DIR")
+    before = {name: os.environ.get(name) for name in (*names, "ROS_HOSTNAME", "ROS_NAMESPACE")}
+    for name in before:
+        os.environ.pop(name, None)
+    os.environ.update({name: master.environment[name] for name in names})
+    yield master
+    if "rospy" in sys.modules:
+        sys.modules["rospy"].signal_shutdown("the tests are over")
+    for name, value in before.items():
+        os.environ.pop(name, None)
+        if value is not None:
+            os.environ[name] = value
+    master.stop()
+
+
+@pytest.fixture(scope="session")
+def ros_node(ros_master: RosMaster) -> str:
+    """This process as a node of the session's graph; returns its name. Its clock is wall time."""
+    import rospy
+
+    rospy.init_node("tests", anonymous=True, disable_signals=True)
+    return rospy.get_name()
+
+
+@pytest.fixture(scope="module")
+def launch(
+    ros_master: RosMaster, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Callable[..., Launch]]:
+    """Factory: `launch("package", "file.launch", nodes=["/gazebo"], gui=False)` → Launch.
+
+    Returns when all `nodes` are registered. What is still running at the end of the module is
+    ended as by Ctrl-C, and parameters are deleted; a process that stays behind is an error.
+    `own_master=True` starts it in a graph of its own. Other keywords are launch arguments.
+    """
+    from ros_graph import GraphError, Launch, RosMaster
+
+    launches: list[Launch] = []
+    masters: list[RosMaster] = []
+
+    def start(
+        *target: str,
+        nodes: tuple[str, ...] | list[str] = (),
+        timeout: float = 60.0,
+        own_master: bool = False,
+        **arguments: Any,
+    ) -> Launch:
+        master = ros_master
+        if own_master:
+            master = RosMaster(tmp_path_factory.mktemp("ros"))
+            masters.append(master)
+        launched = Launch(master, target, arguments)
+        launches.append(launched)
+        launched.wait_for_nodes(nodes, timeout)
+        return launched
+
+    yield start
+    errors = []
+    for started in [*reversed(launches), *masters]:
+        try:
+            started.stop()
+        except GraphError as error:
+            errors.append(str(error))
+    if errors:
+        raise GraphError("\n".join(errors))
+
+
+@pytest.fixture
+def collect(ros_node: str) -> Iterator[Callable[..., Collector]]:
+    """Factory: `collect(topic, type)` → Collector, unsubscribed at the end of the test."""
+    from ros_graph import Collector
+
+    collectors: list[Collector] = []
+
+    def start(topic: str, message_type: type, queue_size: int | None = None) -> Collector:
+        collectors.append(Collector(topic, message_type, queue_size))
+        return collectors[-1]
+
+    yield start
+    for collector in collectors:
+        collector.close()

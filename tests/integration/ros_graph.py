@@ -1,0 +1,303 @@
+"""A real ROS graph for tests: a master on a free port, launch files, waiting, and a clean end.
+
+Everything started here carries a mark in its environment, which children inherit even where they
+make a session of their own, as roslaunch's nodes do. So whatever is left behind is found by it.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+import uuid
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import rosgraph
+import rosnode
+
+MARK = "ARAS_TEST_GRAPH"
+# What roslaunch and the master themselves keep on the parameter server.
+OWN_PARAMETERS = ("run_id", "rosdistro", "rosversion", "roslaunch")
+
+
+class GraphError(AssertionError):
+    """The graph did not do what a test waited for, or left something behind."""
+
+
+def wait_for(
+    predicate: Callable[[], Any], timeout: float, what: str, interval: float = 0.02
+) -> Any:
+    """Return the first true value of `predicate()`; polled every `interval` seconds of wall time.
+
+    Raises GraphError, naming `what`, after `timeout` seconds.
+    """
+    end = time.monotonic() + timeout
+    while True:
+        value = predicate()
+        if value:
+            return value
+        if time.monotonic() > end:
+            raise GraphError(f"waited {timeout:g} s in vain for {what}")
+        time.sleep(interval)
+
+
+def wait_for_message(
+    topic: str,
+    message_type: type,
+    timeout: float = 10.0,
+    where: Callable[[Any], bool] | None = None,
+) -> Any:
+    """Return the first message on `topic` (for which `where(message)` holds); needs `ros_node`."""
+    with Collector(topic, message_type) as collector:
+        return collector.wait(timeout=timeout, where=where)
+
+
+class Collector:
+    """Subscriber that keeps every message, in order of arrival, in `messages`."""
+
+    def __init__(self, topic: str, message_type: type, queue_size: int | None = None) -> None:
+        import rospy
+
+        self.topic = topic
+        self.message_type = message_type
+        self.messages: list[Any] = []
+        self._subscriber = rospy.Subscriber(
+            topic, message_type, self.messages.append, queue_size=queue_size, tcp_nodelay=True
+        )
+
+    def wait(
+        self, count: int = 1, timeout: float = 10.0, where: Callable[[Any], bool] | None = None
+    ) -> Any:
+        """Return the `count`-th message (for which `where` holds), waiting for it if need be."""
+
+        def fitting() -> list[Any]:
+            found = [m for m in list(self.messages) if where is None or where(m)]
+            return found[count - 1 : count]
+
+        what = f"message {count} on {self.topic} ({self.message_type._type})"
+        try:
+            return wait_for(fitting, timeout, what + (" that fits" if where else ""))[0]
+        except GraphError as error:
+            sources = self._subscriber.get_num_connections()
+            raise GraphError(
+                f"{error}; {len(self.messages)} arrived, from {sources} publishers"
+            ) from None
+
+    def clear(self) -> None:
+        self.messages.clear()
+
+    def close(self) -> None:
+        self._subscriber.unregister()
+
+    def __enter__(self) -> Collector:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class RosMaster:
+    """A rosmaster of our own on a free port of this machine; ends with `stop()`."""
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+        self.port = _free_port()
+        self.uri = f"http://127.0.0.1:{self.port}"
+        self.mark = uuid.uuid4().hex
+        self.environment = {
+            **{k: v for k, v in os.environ.items() if k not in ("ROS_HOSTNAME", "ROS_NAMESPACE")},
+            "ROS_MASTER_URI": self.uri,
+            "ROS_IP": "127.0.0.1",
+            "ROS_HOME": str(directory),
+            "ROS_LOG_DIR": str(directory / "log"),
+            "PYTHONUNBUFFERED": "1",
+            # some of Debian's ROS tools start with `env python3`, which must be one that knows ROS
+            "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+            MARK: self.mark,
+        }
+        self._output = (directory / f"master-{self.port}.txt").open("w")
+        self._process = subprocess.Popen(
+            ["rosmaster", "--core", "-p", str(self.port)],
+            env=self.environment,
+            stdin=subprocess.DEVNULL,
+            stdout=self._output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+        self.api = rosgraph.Master("/test_graph", self.uri)
+        wait_for(self.api.is_online, 20.0, f"rosmaster at {self.uri} (output: {self._output.name})")
+
+    def nodes(self) -> set[str]:
+        """Names of all nodes that have registered anything."""
+        return {name for kind in self.api.getSystemState() for _, names in kind for name in names}
+
+    def run(
+        self, command: Sequence[str], timeout: float = 30.0, check: bool = True
+    ) -> subprocess.CompletedProcess[str]:
+        """Run a command in this graph, e.g. a ROS tool or `[sys.executable, "-c", ...]`.
+
+        Raises GraphError, with the output, when it takes too long or (with `check`) fails.
+        """
+        try:
+            done = subprocess.run(
+                command,
+                env=self.environment,
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                text=True,
+                timeout=timeout,
+            )
+        except subprocess.TimeoutExpired as error:
+            raise GraphError(
+                f"{' '.join(command)}: not finished after {timeout:g} s; output: {error.stdout!r}"
+            ) from None
+        if check and done.returncode:
+            raise GraphError(
+                f"{' '.join(command)}: status {done.returncode}\n{done.stdout}{done.stderr}"
+            )
+        return done
+
+    def clean(self) -> None:
+        """Forget parameters and dead nodes, so that the next launch finds an empty graph."""
+        for name in {name.split("/")[1] for name in self.api.getParamNames()}:
+            if name not in OWN_PARAMETERS:
+                self.api.deleteParam("/" + name)
+        os.environ["ROS_MASTER_URI"], before = self.uri, os.environ.get("ROS_MASTER_URI")
+        try:
+            dead = [name for name in self.nodes() if not _answers(self.api, name)]
+            rosnode.cleanup_master_blacklist(self.api, dead)
+        finally:
+            if before is None:
+                del os.environ["ROS_MASTER_URI"]
+            else:
+                os.environ["ROS_MASTER_URI"] = before
+
+    def stop(self) -> None:
+        """End the master; raises GraphError when a process of this graph has been left running."""
+        self._process.terminate()
+        try:
+            self._process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._output.close()
+        end_leftovers(MARK, self.mark, f"the graph at {self.uri}")
+
+
+class Launch:
+    """A running launch file; what it and its nodes print is in the file `log`."""
+
+    def __init__(self, master: RosMaster, target: Sequence[str], arguments: dict[str, Any]) -> None:
+        self.master = master
+        self.name = " ".join(target)
+        self.id = uuid.uuid4().hex
+        self.log = master.directory / f"launch-{self.id[:8]}.txt"
+        self._output = self.log.open("w")
+        self.process = subprocess.Popen(
+            ["roslaunch", "--screen", *target, *(_argument(k, v) for k, v in arguments.items())],
+            env={**master.environment, MARK + "_LAUNCH": self.id},
+            stdin=subprocess.DEVNULL,
+            stdout=self._output,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+        )
+
+    def output(self) -> str:
+        """All that has been printed so far."""
+        return self.log.read_text(errors="replace")
+
+    def wait_for_nodes(self, names: Sequence[str], timeout: float = 60.0) -> None:
+        """Wait until all `names` (absolute) are registered; GraphError if roslaunch ends first."""
+        end = time.monotonic() + timeout
+        while missing := set(names) - self.master.nodes():
+            if self.process.poll() is not None:
+                trouble = f"ended with status {self.process.returncode} before"
+            elif time.monotonic() > end:
+                trouble = f"took more than {timeout:g} s until"
+            else:
+                time.sleep(0.1)
+                continue
+            raise GraphError(
+                f"{self.name}: {trouble} {', '.join(sorted(missing))} came up:\n{self._tail()}"
+            )
+
+    def wait_for_end(self, timeout: float) -> int:
+        """Return roslaunch's exit status once it has ended by itself."""
+        wait_for(lambda: self.process.poll() is not None, timeout, f"the end of {self.name}")
+        return self.process.returncode
+
+    def stop(self) -> None:
+        """End it as Ctrl-C does; raises GraphError when a node had to be killed or stays behind."""
+        if self._output.closed:
+            return
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+            try:
+                self.process.wait(40.0)  # roslaunch itself gives its nodes 15 s before SIGTERM
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+        self._output.close()
+        try:
+            end_leftovers(MARK + "_LAUNCH", self.id, self.name)
+            stubborn = [line for line in self.output().splitlines() if "escalating to SIG" in line]
+            if stubborn:
+                raise GraphError(f"{self.name}: nodes did not end at Ctrl-C: {'; '.join(stubborn)}")
+        finally:
+            self.master.clean()
+
+    def _tail(self) -> str:
+        return "\n".join(self.output().splitlines()[-40:])
+
+
+def end_leftovers(variable: str, value: str, what: str) -> None:
+    """Kill every process marked `variable=value`; GraphError naming them if there were any."""
+    needle = f"{variable}={value}".encode()
+
+    def alive() -> dict[int, str]:
+        found = {}
+        for entry in Path("/proc").iterdir():
+            try:
+                if not entry.name.isdigit() or needle not in (entry / "environ").read_bytes():
+                    continue
+                arguments = (entry / "cmdline").read_bytes().split(b"\0")
+            except OSError:  # it has just ended, or is not ours
+                continue
+            command = b" ".join(arguments).decode(errors="replace").strip()
+            if command and int(entry.name) != os.getpid():  # a zombie has no command line
+                found[int(entry.name)] = command
+        return found
+
+    # A child may need a moment longer than its parent.
+    end = time.monotonic() + 2.0
+    while (left := alive()) and time.monotonic() < end:
+        time.sleep(0.05)
+    for pid in left:
+        os.kill(pid, signal.SIGKILL)
+    if left:
+        text = "; ".join(f"{pid}: {command}" for pid, command in left.items())
+        raise GraphError(f"{what} left processes behind (now killed): {text}")
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def _argument(name: str, value: Any) -> str:
+    return f"{name}:={str(value).lower() if isinstance(value, bool) else value}"
+
+
+def _answers(api: rosgraph.Master, node: str) -> bool:
+    try:
+        host, port = rosgraph.network.parse_http_host_and_port(api.lookupNode(node))
+        with socket.create_connection((host, port), timeout=2.0):
+            return True
+    except (OSError, rosgraph.MasterException):
+        return False

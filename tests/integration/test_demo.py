@@ -1,0 +1,115 @@
+"""The demo as a user runs it: simulator, camera, controller, recorder, report."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from ros_graph import wait_for
+
+DEMO = [sys.executable, "-c", "import sys; from aras_visual_servo_controller.report.demo import "
+        "main; sys.exit(main())"]
+FILES = (
+    "summary.json",
+    "run.bag",
+    "feature_errors.png",
+    "camera_twist.png",
+    "joint_positions.png",
+    "camera_path.png",
+    "image_trajectory.png",
+    "first.png",
+    "last.png",
+)
+
+
+def leftovers(out) -> list[str]:
+    """Command lines of processes that know the demo's directory by their environment."""
+    needle, found = f"ROS_LOG_DIR={out}/log".encode(), []
+    for entry in os.scandir("/proc"):
+        if not entry.name.isdigit():
+            continue
+        try:
+            with open(f"{entry.path}/environ", "rb") as environment:
+                if needle not in environment.read():
+                    continue
+            with open(f"{entry.path}/cmdline", "rb") as command:
+                found.append(command.read().replace(b"\0", b" ").decode())
+        except OSError:
+            continue
+    return [line for line in found if line]
+
+
+@pytest.mark.parametrize(
+    ("scheme", "start"), [("moments", "2015"), ("moments", "2016"), ("kernel", "2015")]
+)
+def test_converges_and_reports(tmp_path, scheme, start):
+    out = tmp_path / "out"
+    done = subprocess.run(
+        [*DEMO, "--scheme", scheme, "--start", start, "--out", str(out)],
+        capture_output=True,
+        text=True,
+        timeout=180.0,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "Target reached" in done.stdout
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["converged"] is True
+    assert summary["image_rate_hz"] == pytest.approx(30.0, abs=0.05)
+    assert summary["final_camera_error"]["position_mm"] < 2.0
+    assert summary["final_camera_error"]["rotation_deg"] < 2.0
+    if scheme == "moments":
+        assert summary["settling_time_s"] < 3.0
+        bounds = {"xn": 0.001, "yn": 0.003, "an": 0.005, "alpha": 0.01}
+        for name, bound in bounds.items():
+            assert abs(summary["worst_error_last_2_s"][name]) < bound, name
+    for name in FILES:
+        assert (out / name).stat().st_size > 200, name
+    assert leftovers(out) == []
+
+
+def test_interrupt_leaves_no_process_behind(tmp_path):
+    out = tmp_path / "out"
+    demo = subprocess.Popen(
+        [*DEMO, "--out", str(out)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    )
+    wait_for(lambda: (out / "run.bag.active").exists(), 60.0, "the recorder")
+    time.sleep(1.0)
+    demo.send_signal(signal.SIGINT)
+    output = demo.communicate(timeout=60.0)[0]
+    assert demo.returncode == 130, output
+    assert "Traceback" not in output
+    assert leftovers(out) == []
+
+
+def test_wrong_scheme_ends_with_the_controllers_own_words(tmp_path):
+    done = subprocess.run(
+        [*DEMO, "--scheme", "momments", "--out", str(tmp_path)],
+        capture_output=True,
+        text=True,
+        timeout=120.0,
+    )
+    assert done.returncode == 1
+    assert "scheme 'momments' is unknown" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert leftovers(tmp_path) == []
+
+
+@pytest.mark.parametrize("arguments", [["--start", "2017"], ["--timeout", "-1"], ["--nonsense"]])
+def test_wrong_arguments_are_refused_before_anything_starts(arguments):
+    done = subprocess.run([*DEMO, *arguments], capture_output=True, text=True, timeout=20.0)
+    assert done.returncode == 2
+    assert "usage: demo" in done.stderr
+
+
+def test_rviz_without_a_display_is_refused():
+    environment = {name: value for name, value in os.environ.items() if name != "DISPLAY"}
+    done = subprocess.run(
+        [*DEMO, "--rviz"], capture_output=True, text=True, timeout=20.0, env=environment
+    )
+    assert done.returncode == 2
+    assert "needs a display" in done.stderr

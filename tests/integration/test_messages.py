@@ -1,0 +1,83 @@
+"""upstream_msgs as a running system sees them: generated modules, tools, traffic on the graph."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+
+import pytest
+import rospy
+from gazebo_msgs.msg import LinkState
+from ros_graph import GraphError, wait_for, wait_for_message
+
+MD5_LIST = Path(__file__).parents[1] / "upstream_md5.txt"
+TALKER = """<launch>
+  <arg name="height" default="1.0" />
+  <node name="talker" pkg="rostopic" type="rostopic" args="pub -r 20 link gazebo_msgs/LinkState
+    '{link_name: tip, pose: {position: {z: $(arg height)}}, reference_frame: world}'" ns="arm" />
+</launch>"""
+
+
+def expected() -> list[tuple[str, str]]:
+    lines = MD5_LIST.read_text().splitlines()
+    return [tuple(line.split()) for line in lines if not line.startswith("#")]
+
+
+def test_generated_modules_have_upstreams_md5() -> None:
+    wrong = {}
+    for name, md5 in expected():
+        package, short = name.split("/")
+        found = getattr(importlib.import_module(f"{package}.msg"), short, None)
+        found = found or getattr(importlib.import_module(f"{package}.srv"), short)
+        if found._md5sum != md5:
+            wrong[name] = found._md5sum
+    assert not wrong
+
+
+@pytest.mark.parametrize(("tool", "name"), [
+    ("rosmsg", "control_msgs/JointControllerState"),
+    ("rosmsg", "control_msgs/FollowJointTrajectoryAction"),
+    ("rossrv", "controller_manager_msgs/SwitchController"),
+    ("rossrv", "gazebo_msgs/SpawnModel"),
+])
+def test_ros_tools_agree(tool: str, name: str, ros_master) -> None:
+    assert ros_master.run([tool, "md5", name]).stdout.split()[-1] == dict(expected())[name]
+
+
+def test_message_crosses_the_graph(ros_node, collect) -> None:
+    received = collect("/tests/link_state", LinkState)
+    publisher = rospy.Publisher("/tests/link_state", LinkState, queue_size=1)
+    wait_for(publisher.get_num_connections, 5.0, "the subscriber of /tests/link_state")
+    sent = LinkState(link_name="tip", reference_frame="world")
+    sent.pose.orientation.w = 1.0
+    publisher.publish(sent)
+    assert received.wait() == sent
+    publisher.unregister()
+
+
+def test_launched_node_is_heard(ros_node, launch, tmp_path) -> None:
+    (tmp_path / "talker.launch").write_text(TALKER)
+    launch(str(tmp_path / "talker.launch"), nodes=["/arm/talker"], height=0.5)
+    message = wait_for_message("/arm/link", LinkState, where=lambda m: m.link_name == "tip")
+    assert message.pose.position.z == 0.5
+
+
+def test_private_graph_starts_and_ends_without_a_trace(launch, ros_master, tmp_path) -> None:
+    (tmp_path / "talker.launch").write_text(TALKER)
+    launched = launch(str(tmp_path / "talker.launch"), own_master=True)
+    echo = launched.master.run(["rostopic", "echo", "-n1", "/arm/link/link_name"])
+    assert echo.stdout.splitlines()[0].strip('"') == "tip"
+    assert launched.master.uri != ros_master.uri
+    launched.stop()
+    assert launched.master.nodes() == set()
+
+
+def test_waiting_in_vain_names_what_for(ros_node, launch, tmp_path) -> None:
+    with pytest.raises(GraphError, match=r"/tests/silence \(gazebo_msgs/LinkState\); 0 arrived"):
+        wait_for_message("/tests/silence", LinkState, timeout=0.2)
+    with pytest.raises(GraphError, match=r"(?s)ended with status 1 before /nobody came up.*launch"):
+        launch(str(tmp_path / "missing.launch"), nodes=["/nobody"])
+    with pytest.raises(GraphError, match="status 3\n.*why"):
+        launch_master = launch(str(tmp_path / "missing.launch")).master
+        launch_master.run([sys.executable, "-c", "import sys; print('why'); sys.exit(3)"])

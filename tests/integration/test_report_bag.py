@@ -1,0 +1,133 @@
+"""The report's reader: a bag of real message types back into the run it was made of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import rosbag
+import rospy
+from aras_visual_servo_camera.msg import ImageMoments
+from aras_visual_servo_controller.msg import ServoState
+from geometry_msgs.msg import TransformStamped
+from sensor_msgs.msg import CameraInfo, Image, JointState
+from tf2_msgs.msg import TFMessage
+
+from aras_visual_servo_controller.conversions import fill_state
+from aras_visual_servo_controller.errors import ServoError
+from aras_visual_servo_controller.kinematics import JOINT_NAMES
+from aras_visual_servo_controller.laws import Proportional
+from aras_visual_servo_controller.report import analysis
+from aras_visual_servo_controller.report.run import read_bag
+from aras_visual_servo_controller.resolver import Resolver
+from aras_visual_servo_controller.schemes import create
+from aras_visual_servo_controller.servo import Servo
+from aras_visual_servo_controller.settings import STARTS
+from aras_visual_servo_controller.teach import DESIRED_JOINTS, from_geometry
+from aras_visual_servo_controller.virtual_robot import VirtualRobot
+
+NAMESPACE = "/aras_visual_servo"
+
+
+def transform(parent, child, pose, stamp):
+    """TransformStamped of a (4, 4) whose rotation is no half turn."""
+    message = TransformStamped(child_frame_id=child)
+    message.header.frame_id, message.header.stamp = parent, stamp
+    translation, rotation = message.transform.translation, message.transform.rotation
+    translation.x, translation.y, translation.z = pose[:3, 3]
+    R = pose[:3, :3]
+    w = 0.5 * np.sqrt(max(1.0 + np.trace(R), 1e-12))
+    rotation.w = w
+    rotation.x, rotation.y, rotation.z = (
+        np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / (4.0 * w)
+    )
+    return message
+
+
+def write_run(path, year="2016", optical=True, seconds=4.0):
+    """Record a run of the virtual robot as the recorder would; returns its last camera pose."""
+    desired = from_geometry(DESIRED_JOINTS[year], year)
+    robot = VirtualRobot(np.array(STARTS[year]))
+    servo = Servo(create("moments", desired, Proportional(3.0, 0.1)), Resolver(robot.kinematics))
+    # The camera hangs upside down: split its turn, for a half turn has no unique small quaternion.
+    flip = np.diag([1.0, -1.0, -1.0, 1.0])
+    link_T_optical = np.eye(4)
+    link_T_optical[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
+    seen = []
+
+    def look(stamp):
+        seen.append((stamp, robot.q.copy(), robot.measure(stamp)))
+        return seen[-1][2]
+
+    history = robot.run(servo, seconds, look)
+    with rosbag.Bag(str(path), "w") as bag:
+        half = transform("base_link", "upside_down", np.eye(4), rospy.Time(1))
+        half.transform.rotation.x, half.transform.rotation.w = 1.0, 0.0
+        static = [half]
+        if optical:
+            static.append(
+                transform("camera_link", "camera_optical_frame", link_T_optical, rospy.Time(1))
+            )
+        bag.write("/tf_static", TFMessage(static), rospy.Time(1))
+        for command, (stamp, q, measurement) in zip(history, seen, strict=True):
+            time = rospy.Time.from_sec(1.0 + stamp)
+            later = rospy.Time.from_sec(1.004 + stamp)
+
+            joints = JointState(name=[*JOINT_NAMES[1:], "gantry"], position=[*q[1:], q[0]])
+            joints.header.stamp = time
+            bag.write(f"{NAMESPACE}/joint_states", joints, later)
+
+            pose = flip @ robot.kinematics.pose(q) @ np.linalg.inv(link_T_optical)
+            bag.write(
+                "/tf", TFMessage([transform("upside_down", "camera_link", pose, time)]), later
+            )
+
+            info = CameraInfo(K=[100.0, 0, 160, 0, 100, 120, 0, 0, 1])
+            bag.write("/labrob/camera/camera_info", info, later)
+            image = Image(encoding="rgb8", width=4, height=2, step=12, data=bytes(range(24)))
+            image.header.stamp = time
+            bag.write("/labrob/camera/image_raw", image, later)
+
+            moments = ImageMoments(valid=True, order=3)
+            moments.header.stamp = time
+            moments.m = measurement.moments.m_array.tolist()
+            moments.mu = measurement.moments.mu_array.tolist()
+            bag.write(f"{NAMESPACE}/camera/moments", moments, later)
+
+            state = fill_state(ServoState(), command, "moments")
+            state.header.stamp = time
+            bag.write(f"{NAMESPACE}/controller/state", state, later)
+    return seen[-1][1], desired
+
+
+@pytest.mark.parametrize("optical", [True, False])
+def test_bag_gives_the_run_back(tmp_path, optical):
+    path = tmp_path / "run.bag"
+    last, desired = write_run(path, optical=optical)
+    run = read_bag(path)
+    np.testing.assert_allclose(run.joints[-1], last)
+    np.testing.assert_allclose(
+        run.camera_pose[-1], VirtualRobot(last).kinematics.pose(last), atol=1e-6
+    )
+    assert run.images.first.shape == (2, 4, 3)
+    assert run.images.first[0, 1, 2] == 5
+    np.testing.assert_array_equal(run.images.K[0], [100.0, 0, 160])
+
+    summary = analysis.summarise(run, desired)
+    assert summary["converged"] is True
+    assert summary["final_camera_error"]["position_mm"] < 0.1
+    assert summary["image_rate_hz"] == pytest.approx(30.0, abs=0.01)
+    assert summary["images_late"] == 0
+
+
+def test_bags_that_cannot_be_reported_on_are_named(tmp_path):
+    with pytest.raises(ServoError, match="cannot read the bag"):
+        read_bag(tmp_path / "none.bag")
+    broken = tmp_path / "broken.bag"
+    broken.write_bytes(b"#ROSBAG V2.0\n" + b"\0" * 50)
+    with pytest.raises(ServoError, match="cannot read the bag"):
+        read_bag(broken)
+    empty = tmp_path / "empty.bag"
+    with rosbag.Bag(str(empty), "w") as bag:
+        bag.write("/clock", JointState(), rospy.Time(1))
+    with pytest.raises(ServoError, match="holds no states of a servoing controller"):
+        read_bag(empty)

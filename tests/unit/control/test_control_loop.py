@@ -1,0 +1,111 @@
+"""Order and periods of read, update, write; the same inputs give the same bits."""
+
+import threading
+
+import pytest
+
+from aras_sim_bridge.control_loop import ControlLoop
+from aras_sim_bridge.errors import HardwareError
+
+STEP = 1_000_000
+
+
+class Log:
+    """Hardware and manager in one, that write down what is called."""
+
+    def __init__(self):
+        self.calls = []
+
+    def __getattr__(self, verb):
+        return lambda time_ns, period: self.calls.append((verb, time_ns, period))
+
+
+def loop_of(control_ns=None):
+    log = Log()
+    return ControlLoop(log, log, STEP, control_ns), log.calls
+
+
+def test_read_update_write_each_step_with_the_steps_period():
+    loop, calls = loop_of()
+    loop.step(STEP)
+    loop.step(2 * STEP)
+    assert calls == [
+        ("read", STEP, 0.001), ("update", STEP, 0.001), ("write", STEP, 0.001),
+        ("read", 2 * STEP, 0.001), ("update", 2 * STEP, 0.001), ("write", 2 * STEP, 0.001),
+    ]
+
+
+def test_slower_controllers_get_the_period_that_passed_and_writing_goes_on():
+    loop, calls = loop_of(2_500_000)
+    for k in range(1, 8):
+        loop.step(k * STEP)
+    # 2.5 ms is reached at whole steps only.
+    updates = [(t // STEP, p) for verb, t, p in calls if verb == "update"]
+    assert updates == [(1, 0.001), (4, 0.003), (7, 0.003)]
+    assert len([c for c in calls if c[0] == "write"]) == 7
+
+
+def test_after_a_reset_the_first_period_is_one_step():
+    loop, calls = loop_of()
+    loop.step(5000 * STEP)
+    loop.reset()
+    calls.clear()
+    loop.step(5010 * STEP)
+    assert {period for _, _, period in calls} == {0.001}
+    loop.reset()
+    calls.clear()
+    loop.step(STEP)
+    assert {period for _, _, period in calls} == {0.001}
+
+
+@pytest.mark.parametrize(("step", "control"), [(0, None), (STEP, 0), (-1, STEP)])
+def test_periods_must_be_positive(step, control):
+    with pytest.raises(HardwareError, match="positive"):
+        ControlLoop(None, None, step, control)
+
+
+PID = {"p": 100.0, "i": 10.0, "d": 20.0, "i_clamp": 0.05}
+
+
+def robot(make_rig, make_joint):
+    parameters = {
+        f"{name}_controller": {
+            "type": "effort_controllers/JointPositionController", "joint": name, "pid": PID
+        }
+        for name in ("a", "b", "c")
+    }
+    rig = make_rig([make_joint(name) for name in "abc"], parameters)
+    return rig, rig.run(*parameters)
+
+
+def test_two_runs_are_bit_identical(make_rig, make_joint):
+    def run():
+        rig, controllers = robot(make_rig, make_joint)
+        trace = []
+        for k in range(500):
+            controllers[k % 3].set_command(0.001 * k)
+            rig.step()
+            trace.append((*rig.model.q, *rig.model.v, *rig.model.tau))
+        return trace
+
+    assert run() == run()
+
+
+def test_a_flood_of_commands_from_other_threads_is_followed_to_the_last(make_rig, make_joint):
+    rig, controllers = robot(make_rig, make_joint)
+
+    def flood(controller, last):
+        for k in range(3000):
+            controller.set_command(-1.0 if k % 2 else 1.0)
+        controller.set_command(last)
+
+    threads = [
+        threading.Thread(target=flood, args=(controller, 0.1 * (k + 1)))
+        for k, controller in enumerate(controllers)
+    ]
+    for thread in threads:
+        thread.start()
+    while any(thread.is_alive() for thread in threads):
+        rig.step()
+    rig.step(4000)
+    assert rig.model.q == pytest.approx([0.1, 0.2, 0.3], abs=1e-3)

@@ -1,0 +1,358 @@
+"""controller_manager: states, strictness, conflicts, when a switch happens, faults of users."""
+
+import sys
+import types
+
+import pytest
+
+from aras_sim_bridge.controllers import Controller
+from aras_sim_bridge.errors import ControllerError
+from aras_sim_bridge.switching import BEST_EFFORT, STRICT
+
+EFFORT = "effort_controllers/JointEffortController"
+POSITION = "effort_controllers/JointPositionController"
+PARAMETERS = {
+    "a1": {"type": EFFORT, "joint": "a"},
+    "a2": {"type": POSITION, "joint": "a", "pid": {"p": 1.0}},
+    "b1": {"type": EFFORT, "joint": "b"},
+    "ab": {"type": "effort_controllers/JointGroupEffortController", "joints": ["b", "a"]},
+    "jsc": {"type": "joint_state_controller/JointStateController", "publish_rate": 100},
+}
+
+
+class Recorder(Controller):
+    """Writes down what the manager does to it; raises where told to."""
+
+    interface = "EffortJointInterface"
+
+    def init(self, hardware, parameters, context):
+        # Deliberately without super().init().
+        self.calls = []
+        self.raises = parameters.get("raises")
+        self.joints = tuple(parameters.get("joints", ()))
+        if self.raises == "init":
+            raise RuntimeError("no luck")
+
+    def _note(self, verb):
+        self.calls.append(verb)
+        if self.raises == verb:
+            raise RuntimeError("no luck")
+
+    def starting(self, time_ns):
+        self._note("starting")
+
+    def update(self, time_ns, period):
+        self._note("update")
+
+    def stopping(self, time_ns):
+        self._note("stopping")
+
+
+@pytest.fixture
+def rig(make_rig, make_joint, monkeypatch):
+    module = types.ModuleType("some_users_package")
+    module.Recorder = Recorder
+    module.NotOne = dict
+    monkeypatch.setitem(sys.modules, "some_users_package", module)
+    parameters = dict(PARAMETERS)
+    parameters["r"] = {"type": "some_users_package:Recorder"}
+    for verb in ("init", "starting", "update", "stopping"):
+        parameters[f"r_{verb}"] = {
+            "type": "some_users_package:Recorder", "raises": verb, "joints": ["b"]
+        }
+    return make_rig([make_joint("a"), make_joint("b")], parameters, physics=False)
+
+
+def states(rig):
+    return {info.name: info.state for info in rig.manager.list()}
+
+
+def load(rig, *names):
+    return [rig.manager.load(name) for name in names]
+
+
+def switch(rig, start=(), stop=(), strictness=STRICT, **more):
+    """Ask, step once, return (ok, reason)."""
+    request = rig.manager.request_switch(start, stop, strictness, **more)
+    rig.step()
+    assert request.done
+    return request.ok, request.reason
+
+
+class TestLoading:
+    def test_order_states_and_claims(self, rig):
+        load(rig, "jsc", "ab", "a1")
+        infos = rig.manager.list()
+        assert [(i.name, i.state, i.type) for i in infos] == [
+            ("jsc", "initialized", PARAMETERS["jsc"]["type"]),
+            ("ab", "initialized", PARAMETERS["ab"]["type"]),
+            ("a1", "initialized", EFFORT),
+        ]
+        claims = [(c.hardware_interface, c.resources) for i in infos for c in i.claimed_resources]
+        assert claims == [
+            ("hardware_interface::JointStateInterface", ()),
+            ("hardware_interface::EffortJointInterface", ("a", "b")),
+            ("hardware_interface::EffortJointInterface", ("a",)),
+        ]
+
+    def test_what_cannot_be_loaded_leaves_nothing_behind(self, rig):
+        load(rig, "a1")
+        for name, text in (
+            ("a1", "already loaded"),
+            ("nobody", "/robot/nobody/type is missing"),
+            ("", "type is missing"),
+            ("r_init", "RuntimeError: no luck"),
+        ):
+            with pytest.raises(ControllerError, match=text):
+                rig.manager.load(name)
+        assert list(states(rig)) == ["a1"]
+
+    def test_parameters_may_come_with_the_call(self, rig):
+        rig.manager.load("new", {"new": {"type": EFFORT, "joint": "b"}})
+        assert states(rig) == {"new": "initialized"}
+
+    def test_unload_refuses_running_and_unknown(self, rig):
+        load(rig, "a1")
+        switch(rig, ["a1"])
+        with pytest.raises(ControllerError, match="'a1'.*running"):
+            rig.manager.unload("a1")
+        with pytest.raises(ControllerError, match="'zz'.*not loaded"):
+            rig.manager.unload("zz")
+        switch(rig, (), ["a1"])
+        rig.manager.unload("a1")
+        assert states(rig) == {}
+
+    def test_types_are_sorted_with_their_base_class(self, rig):
+        types = rig.manager.list_types()
+        assert (EFFORT, "controller_interface::ControllerBase") in types
+        assert [t for t, _ in types] == sorted(t for t, _ in types)
+        assert len(types) == 14
+
+    def test_reload_refuses_while_something_is_loaded_unless_forced(self, rig):
+        (recorder,) = load(rig, "r")
+        switch(rig, ["r"])
+        with pytest.raises(ControllerError, match="r are loaded"):
+            rig.manager.reload_libraries()
+        rig.manager.reload_libraries(force_kill=True)
+        assert states(rig) == {}
+        assert recorder.calls[-1] == "stopping"
+        rig.manager.reload_libraries()
+
+    def test_shutdown_stops_unloads_and_refuses_what_is_open(self, rig):
+        (recorder, _) = load(rig, "r", "a1")
+        switch(rig, ["r"])
+        request = rig.manager.request_switch(["a1"], [], STRICT)
+        rig.manager.shutdown()
+        assert recorder.calls[-1] == "stopping"
+        assert states(rig) == {}
+        assert request.done and not request.ok
+
+
+class TestSwitching:
+    def test_it_happens_at_the_end_of_the_next_update(self, rig):
+        (recorder,) = load(rig, "r")
+        request = rig.manager.request_switch(["r"], [], STRICT)
+        assert not request.done and states(rig) == {"r": "initialized"}
+        rig.step()
+        assert request.done and request.ok
+        assert recorder.calls == ["starting"]
+        rig.step(2)
+        assert recorder.calls == ["starting", "update", "update"]
+        request = rig.manager.request_switch([], ["r"], STRICT)
+        rig.step()
+        assert recorder.calls[3:] == ["update", "stopping"]
+        assert states(rig) == {"r": "stopped"}
+
+    def test_it_may_be_carried_out_while_time_stands_still(self, rig):
+        load(rig, "a1")
+        request = rig.manager.request_switch(["a1"], [], STRICT)
+        rig.manager.carry_out(rig.time_ns)
+        assert request.ok and states(rig) == {"a1": "running"}
+
+    def test_nothing_blocks_while_paused(self, rig):
+        load(rig, "a1")
+        request = rig.manager.request_switch(["a1"], [], STRICT)
+        assert not request.done
+        request.cancel("paused")
+        assert (request.done, request.ok, request.reason) == (True, False, "paused")
+        rig.step()
+        assert states(rig) == {"a1": "initialized"}
+
+    def test_listener_is_told(self, rig):
+        load(rig, "a1")
+        request = rig.manager.request_switch(["a1"], [], STRICT)
+        seen = []
+        request.on_done = seen.append
+        rig.step()
+        assert seen == [request]
+
+    @pytest.mark.parametrize(
+        ("start", "stop", "text"),
+        [
+            (["zz"], [], "'zz': it is not loaded"),
+            ([], ["zz"], "'zz': it is not loaded"),
+            ([""], [], "'': it is not loaded"),
+            ([], ["b1"], "'b1': it is initialized, not running"),
+            (["a1"], [], "'a1': it is running already"),
+        ],
+    )
+    def test_strict_refuses_at_once_and_changes_nothing(self, rig, start, stop, text):
+        load(rig, "a1", "b1")
+        switch(rig, ["a1"])
+        request = rig.manager.request_switch(start, stop, STRICT)
+        assert request.done and not request.ok
+        assert text in request.reason
+        rig.step()
+        assert states(rig) == {"a1": "running", "b1": "initialized"}
+
+    def test_best_effort_does_what_it_can(self, rig):
+        load(rig, "a1", "b1")
+        assert switch(rig, ["zz", "a1"], ["b1", "yy"], BEST_EFFORT) == (True, "")
+        assert states(rig) == {"a1": "running", "b1": "initialized"}
+
+    def test_best_effort_starts_a_running_one_again_unless_asap(self, rig):
+        (recorder,) = load(rig, "r")
+        switch(rig, ["r"])
+        assert switch(rig, ["r"], (), BEST_EFFORT) == (True, "")
+        assert recorder.calls == ["starting", "update", "starting"]
+        assert switch(rig, ["r"], (), BEST_EFFORT, start_asap=True) == (True, "")
+        assert recorder.calls == ["starting", "update", "starting", "update"]
+
+    @pytest.mark.parametrize("strictness", [BEST_EFFORT, STRICT])
+    def test_no_restart_in_one_switch(self, rig, strictness):
+        load(rig, "a1")
+        switch(rig, ["a1"])
+        ok, reason = switch(rig, ["a1"], ["a1"], strictness)
+        assert not ok and "both stopped and started" in reason
+        assert states(rig) == {"a1": "running"}
+
+    @pytest.mark.parametrize("strictness", [BEST_EFFORT, STRICT])
+    @pytest.mark.parametrize("start", [["a2"], ["ab"]])
+    def test_conflicts_name_joint_and_controllers(self, rig, strictness, start):
+        load(rig, "a1", "a2", "ab", "jsc")
+        switch(rig, ["a1", "jsc"])
+        ok, reason = switch(rig, start, (), strictness)
+        assert not ok
+        assert "'a' by a1, " in reason and start[0] in reason
+
+    def test_two_new_ones_may_conflict_too(self, rig):
+        load(rig, "a1", "a2")
+        ok, reason = switch(rig, ["a1", "a2"])
+        assert not ok and "'a' by a1, a2" in reason
+
+    def test_conflicts_go_across_interfaces(self, make_rig, make_joint):
+        rig = make_rig([make_joint("a")], PARAMETERS)
+        rig.hardware.interfaces["PositionJointInterface"].add("a")
+        parameters = {**PARAMETERS, "p": {
+            "type": "position_controllers/JointPositionController", "joint": "a"}}
+        rig.manager.load("a1")
+        rig.manager.load("p", parameters)
+        ok, reason = switch(rig, ["a1", "p"])
+        assert not ok and "'a' by a1, p" in reason
+
+    def test_handing_a_joint_over_is_no_conflict(self, rig):
+        load(rig, "a1", "a2")
+        switch(rig, ["a1"])
+        assert switch(rig, ["a2"], ["a1"]) == (True, "")
+        assert states(rig) == {"a1": "stopped", "a2": "running"}
+
+    def test_empty_lists_are_done_after_a_cycle(self, rig):
+        assert switch(rig) == (True, "")
+
+    def test_strictness_zero_is_best_effort_aloud_others_are_refused(self, rig):
+        load(rig, "a1")
+        assert switch(rig, ["a1", "zz"], (), 0) == (True, "")
+        assert any("strictness 0" in line for line in rig.log)
+        ok, reason = switch(rig, ["a1"], (), 7)
+        assert not ok and "strictness" in reason
+
+    def test_requests_wait_their_turn_and_are_checked_then(self, rig):
+        load(rig, "a1", "a2")
+        first = rig.manager.request_switch(["a1"], [], STRICT)
+        second = rig.manager.request_switch(["a2"], ["a1"], STRICT)
+        third = rig.manager.request_switch(["a1"], [], STRICT)
+        rig.step()
+        assert (first.ok, second.ok, third.ok) == (True, True, False)
+        assert "'a' by a1, a2" in third.reason
+        assert states(rig) == {"a1": "stopped", "a2": "running"}
+
+    def test_unloading_what_a_request_waits_for_refuses_it(self, rig):
+        load(rig, "a1")
+        request = rig.manager.request_switch(["a1"], [], STRICT)
+        rig.manager.unload("a1")
+        rig.step()
+        assert request.done and not request.ok
+
+    def test_switch_raises_where_request_switch_answers(self, rig):
+        with pytest.raises(ControllerError, match="'zz'"):
+            rig.manager.switch(["zz"], [], STRICT)
+
+
+class TestFaults:
+    def test_a_controller_that_raises_is_aborted_and_the_others_go_on(self, rig):
+        load(rig, "r_update", "a1")
+        switch(rig, ["r_update", "a1"])
+        rig.hardware.handles["b"].effort_command = 5.0
+        rig.manager.get("a1").set_command(3.0)
+        rig.step(3)
+        assert states(rig) == {"r_update": "aborted", "a1": "running"}
+        assert rig.model.tau == [3.0, 0.0]
+        assert [line for line in rig.log if "no luck" in line] == [
+            "controller 'r_update' raised RuntimeError in update(): no luck; it is aborted and its "
+            "joints b are released"
+        ]
+        rig.manager.unload("r_update")
+
+    def test_one_that_fails_to_start_makes_the_switch_fail(self, rig):
+        load(rig, "r_starting")
+        ok, reason = switch(rig, ["r_starting"])
+        assert not ok and "r_starting" in reason
+        assert states(rig) == {"r_starting": "aborted"}
+
+    def test_one_that_fails_to_stop_is_no_longer_updated(self, rig):
+        (recorder,) = load(rig, "r_stopping")
+        switch(rig, ["r_stopping"])
+        switch(rig, (), ["r_stopping"])
+        assert states(rig) == {"r_stopping": "aborted"}
+        n = len(recorder.calls)
+        rig.step(3)
+        assert len(recorder.calls) == n
+
+    def test_an_aborted_one_may_be_started_again(self, rig):
+        (recorder,) = load(rig, "r_update")
+        switch(rig, ["r_update"])
+        rig.step()
+        recorder.raises = None
+        assert switch(rig, ["r_update"]) == (True, "")
+        assert states(rig) == {"r_update": "running"}
+
+
+class TestEmergencyStop:
+    def test_release_stops_and_starts_what_runs(self, rig):
+        recorder, idle = load(rig, "r", "r_update")
+        switch(rig, ["r"])
+        rig.hardware.e_stop = True
+        rig.step(2)
+        assert recorder.calls == ["starting", "update", "update"]
+        rig.hardware.e_stop = False
+        rig.step(2)
+        assert recorder.calls[3:] == ["stopping", "starting", "update", "update"]
+        assert idle.calls == []
+
+
+class TestStatistics:
+    def test_times_and_overruns_are_counted_while_a_clock_is_given(self, rig):
+        load(rig, "r", "a1")
+        switch(rig, ["r"])
+        assert rig.manager.statistics()[0].max_time == 0.0
+        # Each update takes, by this clock, 1 µs, 3 µs and 2 ms.
+        ticks = iter([0, 1_000, 0, 3_000, 0, 2_000_000])
+        rig.manager.clock_ns = lambda: next(ticks)
+        rig.step(3)
+        statistics, idle = rig.manager.statistics()
+        assert (statistics.name, statistics.running, idle.running) == ("r", True, False)
+        assert statistics.max_time == pytest.approx(2e-3)
+        assert statistics.mean_time == pytest.approx((1e-6 + 3e-6 + 2e-3) / 3)
+        assert statistics.num_control_loop_overruns == 1
+        assert statistics.time_last_control_loop_overrun_ns == rig.time_ns
+        assert statistics.timestamp_ns == rig.time_ns

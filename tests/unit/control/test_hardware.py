@@ -1,0 +1,278 @@
+"""read() and write(): unwrapping, the five ways of driving, emergency stop, bad transmissions."""
+
+from math import inf, nan, pi
+
+import pytest
+
+from aras_sim_bridge.errors import HardwareError
+
+POSITION = "PositionJointInterface"
+VELOCITY = "VelocityJointInterface"
+GAINS = "gazebo_ros_control"
+
+
+def gains(joint, **values):
+    return {GAINS: {"pid_gains": {joint: values}}}
+
+
+def only(rig, n=1):
+    """What the hardware told the model in the last n calls, without the joint's name."""
+    return [(call[0], *call[2:]) for call in rig.model.calls[-n:]]
+
+
+class TestReading:
+    def test_the_first_reading_is_the_true_angle(self, make_rig, make_joint):
+        rig = make_rig([make_joint("J")])
+        rig.model.q[0] = -2.5
+        rig.hardware.read(0, 0.001)
+        assert rig.hardware.handles["J"].position == -2.5
+
+    def test_an_angle_that_wraps_is_unwound_over_turns_without_drift(self, make_rig, make_joint):
+        rig = make_rig([make_joint("J", "continuous")])
+        handle = rig.hardware.handles["J"]
+        for k in range(4001):
+            angle = 0.01 * k
+            rig.model.q[0] = (angle + pi) % (2 * pi) - pi
+            rig.hardware.read(0, 0.001)
+        assert handle.position == pytest.approx(40.0, abs=1e-12)
+
+    def test_a_prismatic_joint_is_never_wrapped(self, make_rig, make_joint):
+        rig = make_rig([make_joint("J", "prismatic")])
+        for position in (0.0, 7.0, -7.0):
+            rig.model.q[0] = position
+            rig.hardware.read(0, 0.001)
+            assert rig.hardware.handles["J"].position == position
+
+    def test_velocity_and_effort_come_through_and_nan_is_held_off(self, make_rig, make_joint):
+        rig = make_rig([make_joint("J")])
+        rig.model.q[0], rig.model.v[0], rig.model.tau[0] = 0.5, 1.5, 2.5
+        rig.hardware.read(0, 0.001)
+        handle = rig.hardware.handles["J"]
+        assert (handle.position, handle.velocity, handle.effort) == (0.5, 1.5, 2.5)
+        rig.model.q[0] = nan
+        rig.hardware.read(1, 0.001)
+        assert handle.position == 0.5
+        assert "'J'" in rig.log[-1]
+
+    def test_reset_with_forget_turns_reads_the_true_angle_again(self, make_rig, make_joint):
+        rig = make_rig([make_joint("J")])
+        for position in (0.0, 3.0, -3.0):
+            rig.model.q[0] = position
+            rig.hardware.read(0, 0.001)
+        assert rig.hardware.handles["J"].position == pytest.approx(2 * pi - 3)
+        rig.hardware.reset()
+        rig.hardware.read(0, 0.001)
+        assert rig.hardware.handles["J"].position == pytest.approx(2 * pi - 3)
+        rig.hardware.reset(forget_turns=True)
+        rig.hardware.read(0, 0.001)
+        assert rig.hardware.handles["J"].position == -3.0
+
+
+class TestWriting:
+    def test_effort_is_limited_and_applied_every_step(self, make_rig, make_joint):
+        rig = make_rig([make_joint("J")])
+        rig.hardware.handles["J"].effort_command = 160.0
+        rig.hardware.write(0, 0.001)
+        rig.hardware.write(1, 0.001)
+        assert only(rig, 2) == [("effort", 100.0), ("effort", 100.0)]
+
+    def test_without_limits_nothing_is_clamped(self, make_rig, make_joint):
+        rig = make_rig([make_joint("J", limits="none")])
+        rig.hardware.handles["J"].effort_command = 1e9
+        rig.hardware.write(0, 0.001)
+        assert only(rig) == [("effort", 1e9)]
+
+    def test_position_joint_is_set_to_zero_until_commanded(self, make_rig, make_joint):
+        rig = make_rig([make_joint("J", interface=POSITION, limits="none")])
+        rig.model.q[0] = 1.0
+        rig.step()
+        assert only(rig) == [("position", 0.0)]
+
+    def test_a_velocity_limited_command_that_nobody_renews_stays(self, make_rig, make_joint):
+        rig = make_rig([make_joint("J", interface=POSITION)])
+        rig.model.q[0] = 1.0
+        rig.hardware.read(0, 0.1)
+        rig.hardware.write(0, 0.1)
+        rig.hardware.write(1, 0.1)
+        # The limit handle stores what it limited: 1.0 - 5 · 0.1, and that is the command now.
+        assert only(rig, 2) == [("position", 0.5), ("position", 0.5)]
+
+    def test_velocity_joint_gets_a_motor_with_the_effort_limit(self, make_rig, make_joint):
+        rig = make_rig([make_joint("J", interface=VELOCITY)])
+        rig.hardware.handles["J"].velocity_command = 9.0
+        rig.hardware.write(0, 0.001)
+        assert only(rig) == [("velocity", 5.0, 100.0)]
+
+    def test_velocity_joint_without_limits_has_an_unbounded_motor(self, make_rig, make_joint):
+        rig = make_rig([make_joint("J", interface=VELOCITY, limits="none")])
+        rig.hardware.write(0, 0.001)
+        assert only(rig) == [("velocity", 0.0, inf)]
+
+    @pytest.mark.parametrize(
+        ("proves", "kind", "lower", "upper", "position", "command", "effort"),
+        [
+            ("revolute: p · error", "revolute", -2.0, 2.0, 0.5, 1.0, 5.0),
+            ("effort clamped", "revolute", -20.0, 20.0, 0.0, 3.0, 25.0),
+            ("prismatic: plain difference", "prismatic", -9.0, 9.0, -2.0, -4.0, -20.0),
+            ("continuous: the short way", "continuous", None, None, 3.0, -3.0, 10 * (2 * pi - 6)),
+            ("revolute between +-3: the long way", "revolute", -3.0, 3.0, 2.9, -2.9, -25.0),
+        ],
+    )
+    def test_position_pid(
+        self, make_rig, make_joint, make_limits, proves, kind, lower, upper, position, command,
+        effort,
+    ):
+        limits = make_limits(lower, upper, 1e6, 25.0)
+        rig = make_rig([make_joint("J", kind, POSITION, limits)], gains("J", p=10.0))
+        rig.model.q[0] = position
+        rig.hardware.read(0, 0.001)
+        rig.hardware.handles["J"].position_command = command
+        rig.hardware.write(0, 0.001)
+        assert only(rig)[0] == ("effort", pytest.approx(effort)), proves
+        assert rig.hardware.pids["J"].gains.p == 10.0
+
+    def test_velocity_pid(self, make_rig, make_joint):
+        rig = make_rig([make_joint("J", interface=VELOCITY)], gains("J", p=10.0))
+        rig.model.v[0] = 1.0
+        rig.hardware.read(0, 0.001)
+        rig.hardware.handles["J"].velocity_command = 4.0
+        rig.hardware.write(0, 0.001)
+        assert only(rig) == [("effort", 30.0)]
+
+    def test_gains_without_p_mean_no_pid_and_a_line(self, make_rig, make_joint):
+        rig = make_rig([make_joint("J", interface=POSITION)], gains("J", i=10.0))
+        rig.hardware.write(0, 0.001)
+        assert only(rig) == [("position", 0.0)]
+        assert "pid_gains/J has no p" in rig.log[0]
+
+    def test_ill_typed_gains_are_a_hardware_error(self, make_rig, make_joint):
+        with pytest.raises(HardwareError, match="/robot/gazebo_ros_control/pid_gains/J/p"):
+            make_rig([make_joint("J", interface=POSITION)], gains("J", p="much"))
+
+    @pytest.mark.parametrize("bad", [nan, inf, -inf])
+    @pytest.mark.parametrize(
+        ("interface", "command", "kind"),
+        [
+            ("EffortJointInterface", "effort_command", "effort"),
+            (POSITION, "position_command", "position"),
+            (VELOCITY, "velocity_command", "velocity"),
+        ],
+    )
+    def test_a_number_that_is_not_finite_never_reaches_the_motor(
+        self, make_rig, make_joint, interface, command, kind, bad
+    ):
+        rig = make_rig([make_joint("J", interface=interface)])
+        handle = rig.hardware.handles["J"]
+        setattr(handle, command, 0.004)
+        rig.hardware.write(0, 0.001)
+        for k in range(5):
+            setattr(handle, command, bad)
+            rig.hardware.write(k, 0.001)
+            assert only(rig)[0][:2] == (kind, 0.004)
+        assert len(rig.log) == 1
+        assert "not finite" in rig.log[0]
+
+
+class TestReporting:
+    def test_a_position_beyond_the_range_is_told_once_an_occurrence(self, make_rig, make_joint):
+        rig = make_rig([make_joint("J", interface=POSITION)])
+        handle = rig.hardware.handles["J"]
+
+        def command(value, start_ns, n):
+            for k in range(n):
+                handle.position_command = value
+                rig.hardware.write(start_ns + k * 1_000_000, 0.001)
+
+        command(9.0, 0, 3000)
+        assert len(rig.log) == 1
+        assert "'J'" in rig.log[0] and "9" in rig.log[0] and "2" in rig.log[0]
+        command(1.0, 3_000_000_000, 2000)
+        command(9.0, 5_000_000_000, 3)
+        assert len(rig.log) == 2
+
+    def test_a_short_saturation_of_effort_is_not_worth_a_line_a_lasting_one_is(
+        self, make_rig, make_joint
+    ):
+        rig = make_rig([make_joint("J")])
+        handle = rig.hardware.handles["J"]
+        for k in range(1000):
+            handle.effort_command = 160.0
+            rig.hardware.write(k * 1_000_000, 0.001)
+            if k == 100:
+                assert not rig.log
+        assert len(rig.log) == 1
+
+
+class TestEmergencyStop:
+    def test_effort_and_velocity_go_to_zero_position_holds_where_it_was(self, make_rig, make_joint):
+        rig = make_rig([
+            make_joint("E"),
+            make_joint("V", interface=VELOCITY),
+            make_joint("P", interface=POSITION),
+        ])
+        handles = rig.hardware.handles
+        rig.model.q[2] = 0.3
+        rig.hardware.read(0, 0.001)
+        rig.hardware.e_stop = True
+        handles["E"].effort_command = 5.0
+        handles["V"].velocity_command = 1.0
+        for _ in range(2):
+            handles["P"].position_command = 1.0
+            rig.hardware.write(0, 0.001)
+            assert only(rig, 3) == [("effort", 0.0), ("velocity", 0.0, 100.0), ("position", 0.3)]
+        rig.hardware.e_stop = False
+        rig.hardware.write(0, 0.001)
+        assert only(rig, 3)[0] == ("effort", 5.0)
+
+    def test_velocity_pid_brakes(self, make_rig, make_joint):
+        rig = make_rig([make_joint("J", interface=VELOCITY)], gains("J", p=10.0))
+        rig.model.v[0] = 2.0
+        rig.hardware.read(0, 0.001)
+        rig.hardware.handles["J"].velocity_command = 4.0
+        rig.hardware.e_stop = True
+        rig.hardware.write(0, 0.001)
+        assert only(rig) == [("effort", -20.0)]
+
+
+class TestTransmissions:
+    def test_all_interfaces_exist_and_every_joint_has_a_state(self, make_rig, make_joint):
+        rig = make_rig([make_joint("A"), make_joint("B", interface=POSITION)])
+        assert rig.hardware.interfaces == {
+            "EffortJointInterface": {"A"}, POSITION: {"B"}, VELOCITY: set(),
+            "JointStateInterface": {"A", "B"},
+        }
+        assert not rig.log
+
+    @pytest.mark.parametrize(
+        "more",
+        [{"has_actuator": False}, {"type": ""}, {"interface": ""}, {"joint": ""},
+         {"joints": ("J", "K")}],
+    )
+    def test_an_incomplete_one_is_skipped_aloud(self, make_rig, make_joint, more):
+        rig = make_rig([make_joint("J", **more)])
+        assert not rig.hardware.handles
+        assert "J_transmission" in rig.log[0]
+
+    def test_of_several_interfaces_the_first_counts(self, make_rig, make_joint):
+        rig = make_rig([make_joint("J", interfaces=("EffortJointInterface", POSITION))])
+        assert rig.hardware.handles["J"].interface == "EffortJointInterface"
+        assert "the first is used" in rig.log[0]
+
+    def test_interface_without_prefix_is_taken_with_one_line_for_all(self, make_rig, make_joint):
+        joints = [make_joint("A"), make_joint("B")]
+        for _, transmission in joints:
+            transmission.interface = "EffortJointInterface"
+        rig = make_rig(joints)
+        assert set(rig.hardware.handles) == {"A", "B"}
+        assert len(rig.log) == 1
+        assert "A, B" in rig.log[0]
+
+    def test_unknown_interface_joint_and_double_drive_are_refused(self, make_rig, make_joint):
+        with pytest.raises(HardwareError, match="PushInterface.*'J'"):
+            make_rig([make_joint("J", interface="PushInterface")])
+        with pytest.raises(HardwareError, match="'K' is not a movable joint"):
+            make_rig([make_joint("J", joint="K")])
+        with pytest.raises(HardwareError, match="'J' is not a movable joint"):
+            make_rig([make_joint("J", "fixed")])
+        with pytest.raises(HardwareError, match="'J' has a transmission already"):
+            make_rig([make_joint("J"), make_joint("J2", joint="J")])

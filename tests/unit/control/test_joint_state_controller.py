@@ -1,0 +1,123 @@
+"""joint_state_controller: order, rate on the simulated clock, extra joints."""
+
+import pytest
+
+from aras_sim_bridge.errors import ControllerError
+
+TYPE = "joint_state_controller/JointStateController"
+
+
+@pytest.fixture
+def make(make_rig, make_joint):
+    def _make(names=("gantry", "J2", "J1"), **parameters):
+        parameters = {"jsc": {"type": TYPE, "publish_rate": 100, **parameters}}
+        return make_rig([make_joint(name) for name in names], parameters)
+
+    return _make
+
+
+def states_of(rig):
+    controller = rig.manager.load("jsc")
+    states = []
+    controller.on_state = states.append
+    rig.manager.switch(["jsc"], [], 2)
+    return states
+
+
+def test_order_is_by_name_in_byte_order(make):
+    rig = make()
+    rig.model.q[:] = [0.1, 0.2, 0.3]
+    states = states_of(rig)
+    rig.step(2)
+    assert states[0].names == ("J1", "J2", "gantry")
+    assert states[0].positions == [0.3, 0.2, 0.1]
+
+
+def test_first_sample_in_the_first_cycle_then_every_ten_ms(make):
+    rig = make()
+    states = states_of(rig)
+    rig.step(100)
+    # Started at the end of step 1, so first updated in step 2; the rhythm counts from the start.
+    assert [s.stamp_ns for s in states] == [2_000_000] + [1_000_000 + 10_000_000 * k
+                                                          for k in range(1, 10)]
+
+
+def test_average_rate_is_exact_where_it_does_not_divide_the_step(make):
+    rig = make(publish_rate=300)
+    states = states_of(rig)
+    rig.step(1000)
+    assert len(states) == 300
+    assert {b.stamp_ns - a.stamp_ns for a, b in zip(states, states[1:], strict=False)} == {
+        3_000_000, 4_000_000
+    }
+
+
+@pytest.mark.parametrize("rate", [0, -5])
+def test_a_rate_of_zero_or_less_never_publishes(make, rate):
+    rig = make(publish_rate=rate)
+    states = states_of(rig)
+    rig.step(50)
+    assert not states
+
+
+def test_restart_keeps_the_rhythm(make):
+    rig = make()
+    states = states_of(rig)
+    rig.step(5)
+    rig.manager.switch([], ["jsc"], 2)
+    rig.step(2)
+    rig.manager.switch(["jsc"], [], 2)
+    rig.step(10)
+    assert [s.stamp_ns for s in states] == [2_000_000, 11_000_000]
+
+
+def test_a_clock_set_back_does_not_silence_it(make):
+    rig = make()
+    states = states_of(rig)
+    rig.step(500)
+    states.clear()
+    rig.time_ns = 0
+    rig.loop.reset()
+    rig.step(11)
+    assert [s.stamp_ns for s in states] == [1_000_000, 11_000_000]
+
+
+def test_joints_gives_subset_and_order_extra_joints_follow(make):
+    rig = make(
+        joints=["gantry", "J1"],
+        extra_joints=[
+            {"name": "tip", "position": 1.5},
+            {"name": "J1", "position": 9.0},
+            {"name": "base", "velocity": 2.5, "effort": 3.5},
+        ],
+    )
+    states = states_of(rig)
+    rig.step(2)
+    assert states[0].names == ("gantry", "J1", "tip", "base")
+    assert states[0].positions == [0.0, 0.0, 1.5, 0.0]
+    assert states[0].velocities == [0.0, 0.0, 0.0, 2.5]
+    assert states[0].efforts == [0.0, 0.0, 0.0, 3.5]
+
+
+def test_it_claims_nothing(make):
+    rig = make()
+    controller = rig.manager.load("jsc")
+    (claim,) = controller.claimed_resources
+    assert claim.hardware_interface == "hardware_interface::JointStateInterface"
+    assert claim.resources == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"publish_rate": "fast"}, "publish_rate must be a number"),
+        ({"joints": ["J9"]}, "no joint 'J9'"),
+        ({"joints": []}, "joints must be a non-empty list"),
+        ({"extra_joints": [{"name": "a", "position": 1}]}, "must be a double.*write 0.0"),
+        ({"extra_joints": [{"position": 1.0}]}, r"extra_joints\[0\]/name"),
+        ({"extra_joints": "a"}, "extra_joints must be a list"),
+    ],
+)
+def test_bad_parameters_are_named(make, change, text):
+    with pytest.raises(ControllerError, match=text):
+        make(**change).manager.load("jsc")

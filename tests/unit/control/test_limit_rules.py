@@ -1,0 +1,217 @@
+"""joint_limits_interface's rules, each line computed by hand from its formula."""
+
+import pytest
+
+from aras_sim_bridge.errors import HardwareError
+from aras_sim_bridge.joints import EFFORT, POSITION, VELOCITY, JointHandle, Limits, resolve_limits
+from aras_sim_bridge.limit_rules import (
+    EffortSaturation,
+    EffortSoft,
+    PositionSaturation,
+    PositionSoft,
+    VelocitySaturation,
+    VelocitySoft,
+    rule_for,
+)
+
+LIMITS = Limits(-2.0, 2.0, 5.0, None, 100.0)
+DT = 0.1
+
+
+def handle(soft=None, position=0.0, velocity=0.0, interface=EFFORT):
+    joint = JointHandle("J", "revolute", None, soft, interface)
+    joint.position, joint.velocity = position, velocity
+    return joint
+
+
+@pytest.mark.parametrize(
+    ("proves", "position", "velocity", "command", "expected"),
+    [
+        ("inside passes", 0, 0, 60, 60),
+        ("clamped to max_effort", 0, 0, 160, 100),
+        ("clamped to -max_effort", 0, 0, -160, -100),
+        ("no push further below the lower limit", -2.1, 0, -60, 0),
+        ("pull back from below the lower limit", -2.1, 0, 60, 60),
+        ("no push further above the upper limit", 2.1, 0, 60, 0),
+        ("pull back from above the upper limit", 2.1, 0, -60, -60),
+        ("no speeding up beyond vmax", 0, 5.1, 60, 0),
+        ("braking beyond vmax", 0, 5.1, -60, -60),
+        ("no speeding up beyond -vmax", 0, -5.1, -60, 0),
+        ("on the limit counts as inside", 2.0, 5.0, 60, 60),
+    ],
+)
+def test_effort_saturation(proves, position, velocity, command, expected):
+    joint = handle(position=position, velocity=velocity)
+    joint.effort_command = command
+    EffortSaturation(LIMITS, joint).enforce(joint, DT)
+    assert joint.effort_command == expected, proves
+
+
+@pytest.mark.parametrize(
+    ("proves", "position", "velocity", "command", "expected"),
+    [
+        # k_position 10, k_velocity 20, soft limits +-1.5, vmax 5, emax 100.
+        ("far inside: only emax", 0.0, 0.0, 160, 100),
+        ("vhi = -10 (1.4 - 1.5) = 1: effort <= -20 (0 - 1) = 20", 1.4, 0.0, 60, 20),
+        ("vhi = 1 and vel 2: must brake with 20", 1.4, 2.0, 60, -20),
+        ("beyond the soft limit: vhi = -1, so effort <= -20", 1.6, 0.0, 60, -20),
+        ("vlo = -10 (-1.4 + 1.5) = -1: effort >= -20", -1.4, 0.0, -60, -20),
+        ("vlo saturates at -vmax: -20 (-4 + 5) = -20", 0.0, -4.0, -60, -20),
+    ],
+)
+def test_effort_soft(make_soft, proves, position, velocity, command, expected):
+    joint = handle(make_soft(), position, velocity)
+    joint.effort_command = command
+    EffortSoft(LIMITS, joint).enforce(joint, DT)
+    assert joint.effort_command == pytest.approx(expected), proves
+
+
+def test_effort_soft_without_position_limits_bounds_velocity_only(make_soft):
+    joint = handle(make_soft(), position=50.0, velocity=4.0)
+    joint.effort_command = 60.0
+    EffortSoft(Limits(None, None, 5.0, None, 100.0), joint).enforce(joint, DT)
+    assert joint.effort_command == pytest.approx(20.0)  # -20 (4 - 5)
+
+
+def test_a_soft_limit_that_is_not_given_does_not_bind(make_soft):
+    joint = handle(make_soft(lower=None, upper=None), position=1.9)
+    joint.effort_command = 60.0
+    EffortSoft(LIMITS, joint).enforce(joint, DT)
+    assert joint.effort_command == 60.0
+
+
+def test_position_saturation_steps_from_the_measured_position_then_from_its_own_command():
+    joint = handle(position=1.0, interface=POSITION)
+    rule = PositionSaturation(LIMITS, joint)
+    given = []
+    for _ in range(4):
+        joint.position_command = 9.0
+        rule.enforce(joint, DT)
+        given.append(joint.position_command)
+    # vmax dt = 0.5 from the measured 1.0, then the range's end; the measured position is forgotten.
+    assert given == [1.5, 2.0, 2.0, 2.0]
+    joint.position_command = -9.0
+    rule.enforce(joint, DT)
+    assert joint.position_command == 1.5
+
+
+def test_position_saturation_without_velocity_limit_jumps():
+    joint = handle(interface=POSITION)
+    joint.position_command = -9.0
+    PositionSaturation(Limits(-2.0, 2.0), joint).enforce(joint, DT)
+    assert joint.position_command == -2.0
+
+
+def test_position_soft_slows_down_towards_the_soft_limit(make_soft):
+    joint = handle(make_soft(k_position=2.0), position=1.0, interface=POSITION)
+    rule = PositionSoft(LIMITS, joint)
+    given = []
+    for _ in range(3):
+        joint.position_command = 9.0
+        rule.enforce(joint, DT)
+        given.append(joint.position_command)
+    # vhi = -2 (x - 1.5): each step goes 0.2 of the way that is left to 1.5.
+    assert given == pytest.approx([1.1, 1.18, 1.244])
+
+
+@pytest.mark.parametrize(
+    ("proves", "acceleration", "commands", "expected"),
+    [
+        ("clamped to +-vmax", None, [9.0, -9.0, 3.0], [5.0, -5.0, 3.0]),
+        ("amax dt = 1 from 0, then from the last command", 10.0, [9.0, 9.0, -9.0], [1.0, 2.0, 1.0]),
+    ],
+)
+def test_velocity_saturation(proves, acceleration, commands, expected):
+    joint = handle(interface=VELOCITY)
+    rule = VelocitySaturation(Limits(-2.0, 2.0, 5.0, acceleration), joint)
+    given = []
+    for command in commands:
+        joint.velocity_command = command
+        rule.enforce(joint, DT)
+        given.append(joint.velocity_command)
+    assert given == pytest.approx(expected), proves
+
+
+@pytest.mark.parametrize(
+    ("proves", "acceleration", "position", "velocity", "command", "expected"),
+    [
+        ("far inside: vmax", None, 0.0, 0.0, 9.0, 5.0),
+        ("vhi = -10 (1.4 - 1.5) = 1", None, 1.4, 0.0, 9.0, 1.0),
+        ("beyond the soft limit it must come back", None, 1.6, 0.0, 9.0, -1.0),
+        ("amax dt = 1 around the measured velocity", 10.0, 0.0, 2.0, 9.0, 3.0),
+    ],
+)
+def test_velocity_soft(make_soft, proves, acceleration, position, velocity, command, expected):
+    joint = handle(make_soft(), position, velocity, VELOCITY)
+    joint.velocity_command = command
+    VelocitySoft(Limits(-2.0, 2.0, 5.0, acceleration), joint).enforce(joint, DT)
+    assert joint.velocity_command == pytest.approx(expected), proves
+
+
+def test_rules_name_the_limit_they_lack(make_soft):
+    for interface, limits, soft, lacking in (
+        (EFFORT, Limits(max_effort=1.0), None, "max_velocity"),
+        (EFFORT, Limits(max_velocity=1.0), None, "max_effort"),
+        (EFFORT, Limits(max_velocity=1.0), make_soft(), "max_effort"),
+        (VELOCITY, Limits(), None, "max_velocity"),
+        (POSITION, Limits(-1.0, 1.0), make_soft(), "max_velocity"),
+    ):
+        with pytest.raises(HardwareError, match=f"'J'.*{lacking}"):
+            rule_for(handle(soft, interface=interface), limits)
+    assert rule_for(handle(), None) is None
+    assert isinstance(rule_for(handle(interface=POSITION), Limits(-1.0, 1.0)), PositionSaturation)
+
+
+class TestResolving:
+    """URDF first, parameters over it."""
+
+    def resolve(self, joint, overrides):
+        said = []
+        return resolve_limits(joint, overrides, "/r/joint_limits/J", said.append), said
+
+    def test_urdf_alone(self, make_joint):
+        limits, _ = self.resolve(make_joint("J")[0], {})
+        assert limits == Limits(-2.0, 2.0, 5.0, None, 100.0, False)
+
+    def test_continuous_has_no_range_but_wraps(self, make_joint):
+        limits, _ = self.resolve(make_joint("J", "continuous")[0], {})
+        assert limits == Limits(None, None, 5.0, None, 100.0, True)
+
+    def test_nothing_known_is_none(self, make_joint):
+        assert self.resolve(make_joint("J", limits="none")[0], {})[0] is None
+
+    def test_parameters_win_and_may_take_away(self, make_joint):
+        limits, _ = self.resolve(
+            make_joint("J")[0],
+            {
+                "has_position_limits": True, "min_position": -1, "max_position": 1,
+                "has_velocity_limits": False, "has_acceleration_limits": True,
+                "max_acceleration": 3.0, "has_effort_limits": True, "max_effort": 7.0,
+            },
+        )
+        assert limits == Limits(-1.0, 1.0, None, 3.0, 7.0, False)
+
+    def test_values_without_their_switch_are_ignored_aloud(self, make_joint):
+        limits, said = self.resolve(make_joint("J")[0], {"max_effort": 7.0})
+        assert limits.max_effort == 100.0
+        assert "has_effort_limits" in said[0]
+
+    def test_switch_without_values_keeps_the_urdf_aloud(self, make_joint):
+        limits, said = self.resolve(
+            make_joint("J")[0], {"has_position_limits": True, "min_position": 0.0}
+        )
+        assert limits.min_position == -2.0
+        assert "max_position" in said[0]
+
+    @pytest.mark.parametrize(
+        "overrides",
+        [
+            {"has_effort_limits": True, "max_effort": -1.0},
+            {"has_effort_limits": True, "max_effort": float("nan")},
+            {"has_effort_limits": "yes"},
+            {"has_position_limits": True, "min_position": 1.0, "max_position": -1.0},
+        ],
+    )
+    def test_impossible_limits_are_refused(self, make_joint, overrides):
+        with pytest.raises(HardwareError, match="/r/joint_limits/J"):
+            self.resolve(make_joint("J")[0], overrides)

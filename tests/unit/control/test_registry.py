@@ -1,0 +1,107 @@
+"""Type strings to classes: the built-in ones, and a user's own package."""
+
+import sys
+
+import pytest
+
+from aras_sim_bridge.controllers import Controller, Registry, register
+from aras_sim_bridge.errors import ControllerError
+
+SOURCE = """
+from aras_sim_bridge.controllers import Controller
+
+class Mine(Controller):
+    interface = "EffortJointInterface"
+    command_kind = "float64"
+    version = {version}
+
+    def set_command(self, value):
+        self.value = value
+
+class NoController:
+    pass
+"""
+
+
+@pytest.fixture
+def users_module(tmp_path, monkeypatch):
+    path = tmp_path / "users_controllers.py"
+    path.write_text(SOURCE.format(version=1))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    yield path
+    sys.modules.pop("users_controllers", None)
+
+
+def test_built_in_types_are_those_of_ros_controllers():
+    assert set(Registry().types()) == {
+        "joint_state_controller/JointStateController",
+        "effort_controllers/JointEffortController",
+        "effort_controllers/JointPositionController",
+        "effort_controllers/JointVelocityController",
+        "effort_controllers/JointGroupEffortController",
+        "effort_controllers/JointGroupPositionController",
+        "effort_controllers/JointTrajectoryController",
+        "position_controllers/JointPositionController",
+        "position_controllers/JointGroupPositionController",
+        "position_controllers/JointTrajectoryController",
+        "velocity_controllers/JointVelocityController",
+        "velocity_controllers/JointPositionController",
+        "velocity_controllers/JointGroupVelocityController",
+        "velocity_controllers/JointTrajectoryController",
+    }
+
+
+def test_a_class_knows_its_type_names():
+    cls = Registry().find("effort_controllers/JointPositionController")
+    assert cls.type_names == ("effort_controllers/JointPositionController",)
+
+
+def test_a_users_class_by_path_or_by_parameter(users_module):
+    registry = Registry()
+    cls = registry.find("users_controllers:Mine")
+    assert cls.version == 1
+    extra = {"mine/Mine": "users_controllers:Mine"}
+    assert registry.find("mine/Mine", extra) is cls
+    assert "mine/Mine" in registry.types(extra)
+
+
+def test_it_loads_and_runs_without_a_line_changed_here(users_module, make_rig, make_joint):
+    rig = make_rig([make_joint("a")], {"mine": {"type": "users_controllers:Mine"}})
+    controller = rig.run("mine")
+    assert (controller.context.where, controller.command_kind) == ("/robot/mine", "float64")
+
+
+def test_reload_takes_the_new_source(users_module):
+    registry = Registry()
+    extra = {"mine/Mine": "users_controllers:Mine"}
+    assert registry.find("mine/Mine", extra).version == 1
+    users_module.write_text(SOURCE.format(version=22))
+    assert registry.find("mine/Mine", extra).version == 1
+    registry.reload(extra)
+    assert registry.find("mine/Mine", extra).version == 22
+
+
+@pytest.mark.parametrize(
+    ("type_name", "text"),
+    [
+        ("effort_controllers/JointPositonController",
+         "did you mean 'effort_controllers/JointPositionController'"),
+        ("xyz", "known are"),
+        ("users_controllers:", "not of the form"),
+        ("users_controllers:Nobody", "cannot import.*AttributeError"),
+        ("no_such_package:Mine", "cannot import.*no_such_package"),
+        ("users_controllers:NoController", "no subclass of"),
+    ],
+)
+def test_what_cannot_be_found_is_explained(users_module, type_name, text):
+    with pytest.raises(ControllerError, match=text):
+        Registry().find(type_name)
+
+
+def test_a_type_name_belongs_to_one_class():
+    with pytest.raises(ControllerError, match="is already"):
+
+        @register("effort_controllers/JointPositionController")
+        class Impostor(Controller):
+            pass

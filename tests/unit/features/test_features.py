@@ -1,0 +1,276 @@
+"""Features: against a really moved camera, invariances, degenerate shapes, and the API's edges."""
+
+from __future__ import annotations
+
+from math import pi
+
+import numpy as np
+import pytest
+from feature_cases import (
+    L_SHAPE,
+    RECTANGLE,
+    SQUARE,
+    TARGET,
+    View,
+    finite_differences,
+    point_moments,
+    polygon_moments,
+    random_view,
+    rotation,
+)
+
+from aras_visual_servo_camera import features
+from aras_visual_servo_camera.definitions import FORMULAS
+from aras_visual_servo_camera.errors import DegenerateFeatureError, FeatureError
+from aras_visual_servo_camera.features import INVARIANTS, PAPER, Reference, compute, required_order
+from aras_visual_servo_camera.formula import Formula
+from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.moments import Moments, exponents
+
+MOMENTS = tuple(f"m{i}{j}" for i, j in exponents(5)) + tuple(f"mu{i}{j}" for i, j in exponents(5))
+COMBINATIONS = ("Sxn", "Syn", "Pyn", "r1", "r2", "c3", "C3 - 0.5 * C4", "sqrt(Px) / an")
+ALL = ("xg", "yg", "area", *PAPER, *INVARIANTS, *MOMENTS, *COMBINATIONS)
+REFERENCE = Reference.from_moments(Moments.from_polygon(L_SHAPE / 0.5), 0.5)
+FRONT = Plane.fronto_parallel(0.5)
+
+
+def gap(L: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Worst difference of each row, relative to the row's largest entry."""
+    size = np.abs(expected).max(axis=1)
+    return np.abs(L - expected).max(axis=1) / np.maximum(size, 1e-9)
+
+
+@pytest.mark.parametrize("make", [polygon_moments, point_moments], ids=["region", "points"])
+def test_every_row_equals_a_really_moved_camera(make) -> None:
+    """200 random shapes, poses and tilts; every feature there is."""
+    worst = dict.fromkeys(ALL, 0.0)
+    for seed in range(200 if make is polygon_moments else 40):
+        view = random_view(seed)
+        result = compute(make(view), ALL, view.plane, REFERENCE)
+        assert result.ok, (seed, result.degenerate)
+
+        def values(moved: View, at=result) -> np.ndarray:
+            s = compute(make(moved), ALL, at.plane, REFERENCE).values
+            k = ALL.index("alpha")
+            s = s.copy()
+            s[k] = at["alpha"] + (s[k] - at["alpha"] + pi / 2) % pi - pi / 2
+            return s
+
+        numeric = finite_differences(values, view)
+        for name, error in zip(ALL, gap(result.L, numeric), strict=True):
+            worst[name] = max(worst[name], error)
+    assert max(worst.values()) <= 1e-5, sorted(worst.items(), key=lambda item: -item[1])[:5]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_invariants_do_not_feel_translation_rotation_and_scale(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    outline = random_view(seed).image
+    turn = rotation([0, 0, random.uniform(-pi, pi)])[:2, :2]
+    moved = random.uniform(0.3, 3.0) * outline @ turn.T + random.uniform(-1, 1, 2)
+    names = tuple(n for n in INVARIANTS if n not in ("Sx", "Sy")) + ("r1", "r2")
+    before = compute(Moments.from_polygon(outline), names, FRONT)
+    after = compute(Moments.from_polygon(moved), names, FRONT)
+    scale = np.maximum(np.abs(before.values), 1.0)
+    np.testing.assert_array_less(np.abs(after.values - before.values), 1e-10 * scale)
+    # of points, with m00 in the place of a
+    names = tuple(n for n in names if n != "Py") + ("Pyn",)
+    before = compute(Moments.from_points(outline), names, FRONT)
+    after = compute(Moments.from_points(moved), names, FRONT)
+    scale = np.maximum(np.abs(before.values), 1.0)
+    np.testing.assert_array_less(np.abs(after.values - before.values), 1e-10 * scale)
+
+
+@pytest.mark.parametrize("make", [Moments.from_polygon, Moments.from_points])
+def test_sx_sy_turn_as_a_vector_and_do_not_feel_the_rest(make) -> None:
+    angle = 0.7
+    turn = rotation([0, 0, angle])[:2, :2]
+    before = compute(make(L_SHAPE), ("Sxn", "Syn"), FRONT).values
+    after = compute(make(2.5 * L_SHAPE @ turn.T + [0.3, -0.1]), ("Sxn", "Syn"), FRONT).values
+    np.testing.assert_allclose(after, turn.T @ before, atol=1e-10)
+
+
+def test_paper_rows_of_a_parallel_target_are_decoupled() -> None:
+    """Chaumette: xn, yn, an react to vx, vy, vz with -1 and to nothing else of the translation."""
+    moments = Moments.from_polygon(L_SHAPE / 0.5)
+    result = compute(moments, PAPER, FRONT, Reference.from_moments(moments, 0.5))
+    np.testing.assert_allclose(result.L[:3, :3], -np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(result.L[3, [0, 1, 2, 5]], [0, 0, 0, -1], atol=1e-12)
+    np.testing.assert_allclose(result.L[:3, 5], [result["yn"], -result["xn"], 0], atol=1e-12)
+
+
+def test_rotation_invariance_shows_in_the_rows() -> None:
+    """ViSP's row of C5 fails this: its last entry is not zero."""
+    view = random_view(11)
+    result = compute(polygon_moments(view), INVARIANTS, view.plane)
+    turning = {name: abs(result.row(name)[5]) for name in INVARIANTS if name not in ("Sx", "Sy")}
+    assert max(turning.values()) < 1e-9, turning
+
+
+def test_xn_row_of_a_tilted_region_has_half_the_tilt() -> None:
+    """ViSP has -an C - A xn - B yn for the reaction to vx; half of A xn is right."""
+    view = View(L_SHAPE, rotation([0.3, 0.4, 0.2]), np.array([0.1, 0.05, 0.5]))
+    result = compute(polygon_moments(view), ("xn", "yn", "an"), view.plane, REFERENCE)
+    A, B, C = view.plane
+    xn, yn, an = result.values
+    assert result.row("xn")[0] == pytest.approx(-an * C - A * xn / 2 - B * yn, rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("make", [polygon_moments, point_moments], ids=["region", "points"])
+def test_full_turn_orientation_under_tilt(seed: int, make) -> None:
+    """The branch is the one nearest to the true turn, whatever the tilt (ViSP: 20 of 96 wrong)."""
+    random = np.random.default_rng(1000 + seed)
+    shape = (L_SHAPE, TARGET * 4)[seed % 2]
+    desired = View(shape - shape.mean(axis=0), np.eye(3), np.array([0, 0, 0.5]))
+    tilt = random.uniform(-1, 1, 2) * np.deg2rad(30)
+    turn = random.uniform(-pi, pi)
+    R = rotation([tilt[0], 0, 0]) @ rotation([0, tilt[1], 0]) @ rotation([0, 0, turn])
+    t = np.array([*random.uniform(-0.1, 0.1, 2), random.uniform(0.4, 0.8)])
+    view = View(desired.shape, R, t)
+    reference = Reference.from_moments(make(desired), 0.5)
+    result = compute(make(view), ("alpha", "alpha_full"), view.plane, reference)
+    truth = reference.orientation.alpha + turn
+    assert abs((result["alpha_full"] - truth + pi) % (2 * pi) - pi) < 1.2
+    assert abs(np.sin(result["alpha_full"] - result["alpha"])) < 1e-12
+    np.testing.assert_array_equal(result.L[0], result.L[1])
+
+
+def test_symmetry_is_judged_free_of_scale() -> None:
+    """Small or far makes no shape symmetric, large makes no rectangle asymmetric."""
+    for scale in (1e-4, 1.0, 1e3):
+        orientation = features.Orientation.of(Moments.from_polygon(TARGET * scale), FRONT)
+        assert not orientation.symmetric
+        orientation = features.Orientation.of(Moments.from_polygon(RECTANGLE * scale), FRONT)
+        assert orientation.symmetric
+    half_turned = Moments.from_polygon(-RECTANGLE)
+    reference = Reference.from_moments(Moments.from_polygon(RECTANGLE), 1.0)
+    assert compute(half_turned, ("alpha_full",), FRONT, reference)["alpha_full"] == pytest.approx(0)
+
+
+@pytest.mark.parametrize(
+    ("shape", "names"),
+    [
+        (SQUARE, ("alpha", "C1", "C2", "C3", "C6", "C9", "C10", "Sx", "Sy", "r1", "C2 + C7")),
+        (RECTANGLE, ("C2", "C3", "C4", "C5", "C6", "C9", "C10", "c4")),
+    ],
+    ids=["square", "rectangle"],
+)
+def test_undefined_features_say_so_and_are_never_nan(shape, names) -> None:
+    result = compute(Moments.from_polygon(shape + 0.2), (*names, "xn"), FRONT, REFERENCE)
+    assert set(result.degenerate) == set(names)
+    assert np.isfinite(result.values).all() and np.isfinite(result.L).all()
+    assert not result.values[:-1].any() and not result.L[:-1].any()
+    assert result.values[-1] != 0.0
+    with pytest.raises(DegenerateFeatureError, match="is undefined here") as caught:
+        result[names[0]]
+    assert caught.value.name == names[0]
+
+
+def test_tolerance_decides_for_a_nearly_square_target() -> None:
+    nearly = Moments.from_polygon(SQUARE * [1.001, 1.0])
+    assert compute(nearly, ("alpha",), FRONT).ok
+    assert not compute(nearly, ("alpha",), FRONT, tolerance=0.01).ok
+
+
+def test_division_by_zero_in_a_combination_is_reported() -> None:
+    result = compute(Moments.from_polygon(SQUARE), ("1 / (m00 - a)",), FRONT)
+    assert "divides by zero" in result.degenerate["1 / (m00 - a)"]
+
+
+@pytest.mark.parametrize(
+    ("names", "order"),
+    [
+        (("area",), 2),
+        (("xg",), 2),
+        (("xn", "yn", "an"), 2),
+        (PAPER, 3),
+        (("Sx",), 4),
+        (("alpha_full",), 4),
+        (("C7",), 5),
+        (("C9",), 6),
+        (("m31",), 5),
+    ],
+)
+def test_only_the_needed_order_is_asked_for(names, order: int) -> None:
+    assert required_order(names) == order
+    view = random_view(1)
+    low = compute(polygon_moments(view, order), names, view.plane, REFERENCE)
+    full = compute(polygon_moments(view, 6), names, view.plane, REFERENCE)
+    np.testing.assert_allclose(low.values, full.values, rtol=1e-12)
+    np.testing.assert_allclose(low.L, full.L, rtol=1e-9, atol=1e-12)
+    if order > 2:
+        with pytest.raises(FeatureError, match=f"up to order {order}"):
+            compute(polygon_moments(view, order - 1), names, view.plane, REFERENCE)
+
+
+def test_points_that_coincide_or_stand_in_line() -> None:
+    names = (*PAPER, *INVARIANTS)
+    point = Moments.from_points([[0.1, 0.2]] * 4)
+    result = compute(point, names, FRONT, REFERENCE)
+    assert np.isfinite(result.values).all() and np.isfinite(result.L).all()
+    assert {"an", "alpha", "Px", "Py", "C1"} <= set(result.degenerate)
+    with pytest.raises(FeatureError, match="coincide"):
+        compute(point, names, reference=REFERENCE)
+    line = compute(Moments.from_points([[0, 0], [1, 1], [3, 3]]), names, FRONT, REFERENCE)
+    assert np.isfinite(line.values).all() and np.isfinite(line.L).all()
+    assert line["alpha"] == pytest.approx(pi / 4)
+
+
+def test_order_of_the_area_of_points() -> None:
+    assert required_order(("area",), "points") == 3
+
+
+def test_without_a_plane_the_depth_comes_from_the_area() -> None:
+    moments = Moments.from_polygon(L_SHAPE / 0.8)
+    result = compute(moments, PAPER, reference=REFERENCE)
+    assert result.plane == pytest.approx((0.0, 0.0, 1 / 0.8))
+    assert result["an"] == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize(
+    ("names", "arguments", "text"),
+    [
+        (("xq",), {"plane": FRONT}, "no feature 'xq'"),
+        (("C1 +",), {"plane": FRONT}, "neither a feature nor a formula"),
+        (("exp(C1)",), {"plane": FRONT}, "no rule to differentiate"),
+        (("xn",), {"plane": FRONT}, "needs a reference"),
+        (("alpha",), {}, "give a plane, or a reference"),
+    ],
+)
+def test_wrong_requests_are_refused(names, arguments, text: str) -> None:
+    with pytest.raises(FeatureError, match=text):
+        compute(Moments.from_polygon(L_SHAPE), names, **arguments)
+    with pytest.raises(FeatureError, match="positive area and depth"):
+        Reference(0.0, 1.0)
+
+
+def test_result_is_immutable_and_in_the_asked_order() -> None:
+    result = compute(Moments.from_polygon(L_SHAPE), ("yg", "xg"), FRONT)
+    assert result.names == ("yg", "xg")
+    with pytest.raises(ValueError, match="read-only"):
+        result.L[0, 0] = 1.0
+    with pytest.raises(TypeError):
+        result.degenerate["xg"] = "no"
+    with pytest.raises(FeatureError, match="was not computed"):
+        result["an"]
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+def test_partial_derivatives_follow_from_the_formula(name: str) -> None:
+    formula = FORMULAS[name]
+    random = np.random.default_rng(5)
+    at = random.uniform(0.5, 2.0, len(formula.names))
+    _, *partials = formula.value_and_partials(at)
+    for k, partial in enumerate(partials):
+        step = np.zeros(len(at))
+        step[k] = 1e-5
+        ahead, behind = formula.value_and_partials(at + step), formula.value_and_partials(at - step)
+        numeric = (ahead[0] - behind[0]) / 2e-5
+        assert partial == pytest.approx(numeric, rel=1e-6, abs=1e-7 * max(1, abs(ahead[0])))
+
+
+def test_formula_refuses_what_it_cannot_differentiate() -> None:
+    with pytest.raises(ValueError, match="no rule"):
+        Formula("a ** b")
+    assert repr(Formula("a + b")) == "Formula('a + b')"

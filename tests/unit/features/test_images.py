@@ -1,0 +1,95 @@
+"""Image messages of every encoding, and broken ones."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_camera.errors import ImageError
+from aras_visual_servo_camera.images import ENCODINGS, decode
+
+RED, GREEN, BLUE = 200, 100, 40
+GREY = round(0.299 * RED + 0.587 * GREEN + 0.114 * BLUE)
+
+
+def message(pixels: np.ndarray, encoding: str, step: int | None = None, big: bool = False):
+    rows, columns = pixels.shape[:2]
+    raw = pixels.tobytes()
+    line = len(raw) // rows
+    if step is not None:
+        raw = b"".join(
+            raw[k * line : (k + 1) * line] + b"\xee" * (step - line) for k in range(rows)
+        )
+    return SimpleNamespace(
+        height=rows, width=columns, encoding=encoding, step=step or line, data=raw, is_bigendian=big
+    )
+
+
+def coloured(encoding: str) -> np.ndarray:
+    """(8, 10) picture of one colour, as the encoding stores it."""
+    channels = {"r": RED, "g": GREEN, "b": BLUE, "a": 255}
+    if encoding.startswith("bayer"):
+        pattern = [channels[c] for c in encoding[6:10]]
+        return np.tile(np.array(pattern, np.uint8).reshape(2, 2), (4, 5))
+    if encoding == "mono8":
+        return np.full((8, 10), GREY, np.uint8)
+    if encoding == "mono16":
+        return np.full((8, 10), GREY * 256 + 77, np.uint16)
+    one = np.array([channels[c] for c in encoding.rstrip("0123456789")])
+    if encoding.endswith("16"):
+        return np.tile(one.astype(np.uint16) * 256 + 77, (8, 10, 1))
+    return np.tile(one.astype(np.uint8), (8, 10, 1))
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+@pytest.mark.parametrize("padding", [0, 6])
+def test_every_encoding_gives_its_grey_and_colour(encoding: str, padding: int) -> None:
+    pixels = coloured(encoding)
+    step = pixels.nbytes // len(pixels) + padding
+    image = decode(message(pixels, encoding, step))
+    assert image.shape == (8, 10)
+    assert image.grey.shape == (8, 10) and image.grey.dtype == np.uint8
+    assert abs(int(image.grey[4, 5]) - GREY) <= 1
+    assert image.rgb.shape == (8, 10, 3)
+    expected = (RED, GREEN, BLUE) if image.has_colour else (GREY,) * 3
+    np.testing.assert_allclose(image.rgb[4, 5], expected, atol=1)
+
+
+@pytest.mark.parametrize("encoding", ["mono16", "rgb16"])
+def test_both_byte_orders(encoding: str) -> None:
+    pixels = coloured(encoding)
+    little = decode(message(pixels, encoding))
+    big = decode(message(pixels.byteswap(), encoding, big=True))
+    np.testing.assert_array_equal(little.grey, big.grey)
+
+
+def test_all_encodings_of_the_original_are_there() -> None:
+    original = {"rgb8", "bgr8", "mono8", "rgba8", "bgra8", "mono16", "rgb16"}
+    assert original | {f"bayer_{p}8" for p in ("rggb", "bggr", "gbrg", "grbg")} == set(ENCODINGS)
+
+
+def broken(**changes):
+    good = message(np.zeros((4, 6, 3), np.uint8), "rgb8")
+    return SimpleNamespace(**{**vars(good), **changes})
+
+
+@pytest.mark.parametrize(
+    ("bad", "text"),
+    [
+        (broken(encoding="8UC3"), "encoding '8UC3' is not supported; send one of mono8"),
+        (broken(encoding="16UC1"), "not supported"),
+        (broken(encoding="32FC1"), "not supported"),
+        (broken(encoding=""), "not supported"),
+        (broken(data=b"\0" * 60), "truncated: 60 bytes for 4 rows of 18"),
+        (broken(data=b""), "truncated"),
+        (broken(step=17), "step 17 is less than the 18 bytes"),
+        (broken(step=0), "step 0"),
+        (broken(width=0), "0 x 4 pixels is empty"),
+        (broken(height=0), "empty"),
+    ],
+)
+def test_broken_messages_are_refused(bad, text: str) -> None:
+    with pytest.raises(ImageError, match=text):
+        decode(bad)

@@ -1,0 +1,162 @@
+"""Moments against exact arithmetic, each other, and shapes whose moments are known."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import cv2
+import numpy as np
+import pytest
+from feature_cases import L_SHAPE, SQUARE, coverage_image, exact_moment, random_view
+
+from aras_visual_servo_camera.errors import MomentsError
+from aras_visual_servo_camera.moments import Moments, Pinhole, exponents
+
+CAMERA = Pinhole(205.3, 204.1, 161.2, 118.7)
+
+
+def scales(moments: Moments) -> tuple[float, float]:
+    """Radius of gyration about the centre and about the optical axis."""
+    rg2 = (moments.mu(2, 0) + moments.mu(0, 2)) / moments.m00
+    return rg2**0.5, (rg2 + moments.xg**2 + moments.yg**2) ** 0.5
+
+
+def assert_same(a: Moments, b: Moments, tolerance: float) -> None:
+    rg, R = scales(b)
+    for i, j in exponents(b.order):
+        assert abs(a.m(i, j) - b.m(i, j)) <= tolerance * b.m00 * R ** (i + j), (i, j)
+        assert abs(a.mu(i, j) - b.mu(i, j)) <= tolerance * b.m00 * rg ** (i + j), (i, j)
+
+
+def test_exchange_order() -> None:
+    assert exponents(3)[:7] == ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0))
+    moments = Moments.from_polygon(L_SHAPE)
+    assert moments.m_array.shape == moments.mu_array.shape == (28,)
+    assert moments.m_array[4] == moments.m(1, 1)
+    assert moments.mu_array[8] == moments.mu(1, 2)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_polygon_equals_exact_arithmetic(seed: int) -> None:
+    outline = random_view(seed).image
+    moments = Moments.from_polygon(outline)
+    exact = [(Fraction(x), Fraction(y)) for x, y in outline.tolist()]
+    m00 = exact_moment(exact, 0, 0)
+    xg, yg = exact_moment(exact, 1, 0) / m00, exact_moment(exact, 0, 1) / m00
+    centred = [(x - xg, y - yg) for x, y in exact]
+    rg, R = scales(moments)
+    assert abs(moments.xg - float(xg)) < 1e-15 and abs(moments.yg - float(yg)) < 1e-15
+    for i, j in exponents(6):
+        size = moments.m00 * R ** (i + j)
+        assert abs(moments.m(i, j) - float(exact_moment(exact, i, j))) < 1e-14 * size
+        size = moments.m00 * rg ** (i + j)
+        assert abs(moments.mu(i, j) - float(exact_moment(centred, i, j))) < 1e-13 * size
+
+
+def test_centred_moments_far_off_the_axis_keep_their_digits() -> None:
+    near = Moments.from_polygon(L_SHAPE)
+    far = Moments.from_polygon(L_SHAPE + [30.0, -20.0])
+    rg, _ = scales(near)
+    for i, j in exponents(6):
+        assert abs(far.mu(i, j) - near.mu(i, j)) < 1e-11 * near.m00 * rg ** (i + j)
+
+
+def test_either_turn_of_the_outline_gives_the_same() -> None:
+    assert_same(Moments.from_polygon(L_SHAPE[::-1]), Moments.from_polygon(L_SHAPE), 1e-14)
+
+
+def test_hole_is_taken_away() -> None:
+    frame = Moments.from_polygon(SQUARE, holes=[SQUARE[::-1] * 0.5])
+    outer, inner = Moments.from_polygon(SQUARE), Moments.from_polygon(SQUARE * 0.5)
+    assert frame.m00 == pytest.approx(outer.m00 - inner.m00, rel=1e-14)
+    assert frame.mu(4, 2) == pytest.approx(outer.mu(4, 2) - inner.mu(4, 2), rel=1e-12)
+
+
+def test_image_equals_sums_over_its_pixels() -> None:
+    random = np.random.default_rng(3)
+    weights = random.uniform(0, 1, (24, 31))
+    v, u = np.mgrid[:24, :31]
+    x, y = (u + 5 - CAMERA.cx) / CAMERA.fx, (v + 7 - CAMERA.cy) / CAMERA.fy
+    moments = Moments.from_image(weights, CAMERA, offset=(5, 7))
+    for i, j in exponents(6):
+        expected = (weights * x**i * y**j).sum() / (CAMERA.fx * CAMERA.fy)
+        assert moments.m(i, j) == pytest.approx(expected, rel=1e-12)
+    again = Moments.from_samples(
+        x.ravel(), y.ravel(), weights.ravel() / (CAMERA.fx * CAMERA.fy)
+    )
+    assert_same(again, moments, 1e-13)
+
+
+def test_binary_image_equals_opencv() -> None:
+    mask = np.zeros((60, 80), np.uint8)
+    cv2.fillPoly(mask, [np.array([[10, 8], [70, 20], [35, 50]])], 255)
+    expected = cv2.moments(mask, binaryImage=True)
+    moments = Moments.from_image(mask, Pinhole(1.0, 1.0, 0.0, 0.0), 3, full_scale=255.0)
+    for i, j in exponents(3):
+        assert moments.m(i, j) == pytest.approx(expected[f"m{i}{j}"], rel=1e-12)
+        if i + j > 1:
+            assert moments.mu(i, j) == pytest.approx(expected[f"mu{i}{j}"], rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_coverage_image_gives_the_polygon(seed: int) -> None:
+    """Taking the pixel's own extent out leaves an error far below the pixel's variance."""
+    outline = random_view(seed).image
+    exact = Moments.from_polygon(outline)
+    weights = coverage_image(outline, CAMERA, (240, 320))
+    moments = Moments.from_image(weights, CAMERA, coverage=True)
+    plain = Moments.from_image(weights, CAMERA)
+    rg, _ = scales(exact)
+    for i, j in exponents(6):
+        size = exact.m00 * rg ** (i + j)
+        assert abs(moments.mu(i, j) - exact.mu(i, j)) < 2e-3 * size, (i, j)
+    pixel = exact.m00 / 12 / CAMERA.fx**2
+    assert plain.mu(2, 0) - exact.mu(2, 0) == pytest.approx(pixel, rel=0.2)
+    assert abs(moments.mu(2, 0) - exact.mu(2, 0)) < 0.2 * pixel
+
+
+def test_arrays_round_trip() -> None:
+    moments = Moments.from_polygon(L_SHAPE + 0.05, order=4)
+    again = Moments.from_arrays(moments.m_array, moments.mu_array, 4)
+    np.testing.assert_array_equal(again.m_array, moments.m_array)
+    np.testing.assert_array_equal(again.mu_array, moments.mu_array)
+    assert again.xg == pytest.approx(moments.xg, rel=1e-15)
+
+
+def test_points_count_themselves() -> None:
+    moments = Moments.from_points(L_SHAPE)
+    assert moments.m00 == len(L_SHAPE)
+    assert moments.area == pytest.approx(moments.mu(2, 0) + moments.mu(0, 2))
+
+
+def test_result_cannot_be_changed() -> None:
+    moments = Moments.from_polygon(L_SHAPE)
+    with pytest.raises(ValueError, match="read-only"):
+        moments.centred[0, 0] = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        moments.raw[0, 0] = 1.0
+    with pytest.raises(AttributeError):
+        moments.order = 2
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda: Moments.from_polygon([[0, 0], [1, 1]]), "at least three"),
+        (lambda: Moments.from_points([[0, 0]]), "at least three"),
+        (lambda: Moments.from_polygon([[0, 0], [1, 1], [1, 0], [0, 1]]), "edges 0 and 2.*cross"),
+        (lambda: Moments.from_polygon([[0, 0], [1, 1], [2, 2]]), "no area"),
+        (lambda: Moments.from_polygon([[0, 0], [1, np.nan], [2, 2]]), "not finite"),
+        (lambda: Moments.from_polygon([0, 1, 2]), "at least three"),
+        (lambda: Moments.from_image(np.zeros((4, 4)), CAMERA), "empty"),
+        (lambda: Moments.from_image(np.ones((4, 4)), Pinhole(0.0, 1.0, 0.0, 0.0)), "focal"),
+        (lambda: Moments.from_samples(np.ones(3), np.ones(3), np.zeros(3)), "no weight"),
+        (lambda: Moments.from_arrays([1, 0], [1, 0], 1), "order 1 needs 3"),
+        (lambda: Moments.from_arrays([np.nan, 0, 0], [1, 0, 0], 1), "finite"),
+        (lambda: Moments.from_arrays([0, 0, 0], [0, 0, 0], 1), "positive"),
+        (lambda: Moments.from_polygon(SQUARE, 2).m(2, 1), "only i \\+ j <= 2"),
+    ],
+)
+def test_bad_shapes_are_refused(make, text: str) -> None:
+    with pytest.raises(MomentsError, match=text):
+        make()

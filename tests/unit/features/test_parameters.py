@@ -1,0 +1,58 @@
+"""Parameters of the node: defaults, and what is refused at start."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from aras_visual_servo_camera.errors import ParameterError
+from aras_visual_servo_camera.parameters import DEFAULTS, NodeParameters
+
+README = Path(__file__).parents[3] / "src" / "aras_visual_servo_camera" / "README.md"
+
+
+def test_defaults_are_accepted() -> None:
+    assert NodeParameters.from_mapping({}) == NodeParameters.from_mapping(DEFAULTS)
+    assert NodeParameters.from_mapping({}).settings.original_threshold == 250.0
+
+
+def test_values_arrive() -> None:
+    parameters = NodeParameters.from_mapping(
+        {"layout": "kernel", "threshold": 90, "desired_outline": [0, 0, 1, 0, 1, 1]}
+    )
+    assert parameters.settings.layout == "kernel"
+    assert parameters.settings.segmentation.threshold == 90.0
+    assert parameters.desired_outline == ((0, 0), (1, 0), (1, 1))
+
+
+@pytest.mark.parametrize(
+    ("given", "text"),
+    [
+        ({"treshold": 3}, "unknown parameter ~treshold; did you mean 'threshold'"),
+        ({"xyz": 3}, "unknown parameter ~xyz"),
+        ({"threshold": "high"}, "~threshold must be a number, got 'high'"),
+        ({"threshold": True}, "~threshold must be a number"),
+        ({"threshold": 256}, "outside 0.0 ... 255.0"),
+        ({"threshold": float("nan")}, "outside"),
+        ({"order": 3.5}, "~order must be a whole number"),
+        ({"order": 9}, "outside 3 ... 6"),
+        ({"dark_target": 1}, "~dark_target must be true or false"),
+        ({"layout": "points"}, "must be one of"),
+        ({"layout": 4}, "~layout must be a text"),
+        ({"component": "mask"}, "~mask_image must name"),
+        ({"colour_low": [1, 2]}, "hue 0-179"),
+        ({"colour_low": "red"}, "a list of numbers"),
+        ({"desired_outline": [0, 0, 1, 1]}, "at least three corners"),
+        ({"desired_outline": [0, 0, 1, 1, 2]}, "at least three corners"),
+        ({"adaptive_block": 10}, "must be odd"),
+    ],
+)
+def test_wrong_parameters_are_refused(given, text: str) -> None:
+    with pytest.raises(ParameterError, match=text):
+        NodeParameters.from_mapping(given)
+
+
+def test_readme_lists_every_parameter() -> None:
+    text = README.read_text()
+    assert [name for name in DEFAULTS if f"`~{name}`" not in text] == []

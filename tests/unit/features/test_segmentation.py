@@ -1,0 +1,196 @@
+"""Thresholds, components, borders, coverage."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from aras_visual_servo_camera.errors import SegmentationError
+from aras_visual_servo_camera.segmentation import (
+    Segmentation,
+    coverage,
+    segment,
+    threshold_image,
+)
+
+
+def scene(*boxes: tuple[int, int, int, int], ground: int = 255, target: int = 5) -> np.ndarray:
+    """White picture (60, 80) with dark boxes (column, row, width, height)."""
+    grey = np.full((60, 80), ground, np.uint8)
+    for column, row, width, height in boxes:
+        grey[row : row + height, column : column + width] = target
+    return grey
+
+
+BIG, SMALL = (40, 20, 20, 15), (5, 40, 8, 6)
+
+
+def test_fixed_threshold_is_the_originals() -> None:
+    grey = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    mask, level, _ = threshold_image(grey, Segmentation(threshold=250))
+    expected = cv2.threshold(grey, 250, 255, cv2.THRESH_BINARY_INV)[1]
+    np.testing.assert_array_equal(mask, expected)
+    assert level == 250 and mask[15, 10] == 255 and mask[15, 11] == 0
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        Segmentation(),
+        Segmentation(method="otsu"),
+        Segmentation(method="adaptive"),
+        Segmentation(method="colour", colour_high=(179, 255, 60)),
+    ],
+    ids=lambda s: s.method,
+)
+def test_every_method_finds_the_target(settings: Segmentation) -> None:
+    grey = scene(BIG)
+    target = segment(grey, settings, np.repeat(grey[..., None], 3, axis=2))
+    assert target.reason == "" and target.box == BIG and target.pixel_count == 300
+    np.testing.assert_array_equal(target.mask != 0, grey < 128)
+    assert target.borders == ()
+
+
+def test_otsu_follows_the_light() -> None:
+    target = segment(scene(BIG, ground=110, target=30), Segmentation(method="otsu"))
+    assert target.box == BIG and 30 <= target.threshold < 110
+
+
+def test_otsu_does_not_split_an_empty_scene() -> None:
+    noise = np.random.default_rng(0).normal(200, 5, (60, 80)).astype(np.uint8)
+    target = segment(noise, Segmentation(method="otsu"))
+    assert target.pixel_count == 0 and "grey levels apart" in target.reason
+
+
+def test_adaptive_ignores_a_slope_of_light() -> None:
+    grey = scene(SMALL, target=0).astype(int)
+    slope = np.linspace(60, 0, 80).astype(int)
+    grey = np.clip(np.where(grey > 100, 200 - 2 * slope, 40), 0, 255).astype(np.uint8)
+    target = segment(grey, Segmentation(method="adaptive", adaptive_block=31, component="largest"))
+    assert target.box == SMALL
+
+
+def test_colour_range_may_run_through_red() -> None:
+    rgb = np.full((60, 80, 3), 255, np.uint8)
+    rgb[10:20, 10:30] = (230, 10, 25)
+    rgb[40:50, 10:30] = (10, 10, 230)
+    settings = Segmentation("colour", colour_low=(170, 100, 50), colour_high=(10, 255, 255))
+    target = segment(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), settings, rgb)
+    assert target.box == (10, 10, 20, 10)
+    with pytest.raises(SegmentationError, match="needs a colour image"):
+        segment(rgb[..., 0], settings)
+
+
+def test_bright_target_on_dark_ground() -> None:
+    grey = 255 - scene(BIG)
+    for method in ("fixed", "otsu", "adaptive"):
+        assert segment(grey, Segmentation(method, dark_target=False)).box == BIG
+
+
+def test_choice_of_the_component() -> None:
+    grey = scene(BIG, SMALL)
+    assert segment(grey, Segmentation(component="largest")).box == BIG
+    assert segment(grey, Segmentation(component="nearest"), previous=(10.0, 45.0)).box == SMALL
+    assert segment(grey, Segmentation(component="nearest")).box == BIG
+    both = segment(grey, Segmentation(component="all"))
+    assert both.pixel_count == 348 and both.box == (5, 20, 55, 26)
+    region = np.zeros_like(grey)
+    region[38:50, :40] = 255
+    assert segment(grey, Segmentation(component="mask"), region=region).box == SMALL
+    region[:] = 0
+    lost = segment(grey, Segmentation(component="mask"), region=region)
+    assert lost.pixel_count == 0 and "inside the mask" in lost.reason
+    with pytest.raises(SegmentationError, match="80 x 60"):
+        segment(grey, Segmentation(component="mask"), region=region[:10])
+
+
+def test_specks_do_not_steal_the_nearest_target() -> None:
+    grey = scene(BIG, (11, 45, 1, 1))
+    assert segment(grey, Segmentation(component="nearest"), previous=(10.0, 45.0)).box == BIG
+
+
+def test_other_components_leave_the_mask() -> None:
+    target = segment(scene(BIG, SMALL), Segmentation())
+    assert cv2.countNonZero(target.mask) == target.pixel_count == 300
+
+
+def test_holes_stay_holes() -> None:
+    grey = scene(BIG)
+    grey[25:28, 45:50] = 255
+    target = segment(grey, Segmentation())
+    assert target.pixel_count == 300 - 15 and target.mask[26, 46] == 0
+
+
+@pytest.mark.parametrize(
+    ("box", "borders"),
+    [
+        ((0, 10, 9, 9), ("left",)),
+        ((71, 10, 9, 9), ("right",)),
+        ((20, 0, 9, 9), ("top",)),
+        ((20, 51, 9, 9), ("bottom",)),
+        ((0, 0, 80, 9), ("left", "right", "top")),
+    ],
+)
+def test_border_contact_is_reported(box, borders) -> None:
+    target = segment(scene(box), Segmentation())
+    assert target.borders == borders and target.reason == ""
+
+
+@pytest.mark.parametrize(
+    ("grey", "text"),
+    [
+        (scene(), "no target in view"),
+        (scene((20, 20, 1, 1)), "1 pixel"),
+        (scene((20, 20, 30, 1)), "a line one pixel wide"),
+        (scene((20, 20, 1, 30)), "a line one pixel wide"),
+        (scene(ground=0), "fills the whole image"),
+    ],
+    ids=["white", "one pixel", "row", "column", "black"],
+)
+def test_unusable_targets_say_why(grey, text: str) -> None:
+    assert text in segment(grey, Segmentation()).reason
+
+
+def test_coverage_of_a_soft_edge() -> None:
+    grey = scene((20, 20, 20, 15), ground=200, target=20)
+    grey[20:35, 40] = 65  # three quarters covered
+    grey[20:35, 19] = 155  # one quarter
+    weights, corner, bg, fg = coverage(grey, segment(grey, Segmentation()))
+    assert (bg, fg) == (200.0, 20.0)
+    assert weights.sum() == pytest.approx(15 * 21)
+    assert weights[20 - corner[1], 40 - corner[0]] == pytest.approx(0.75)
+    assert weights[20 - corner[1], 19 - corner[0]] == pytest.approx(0.25)
+
+
+def test_noise_away_from_the_edge_has_no_say() -> None:
+    random = np.random.default_rng(1)
+    clean = scene(BIG, ground=220, target=30)
+    noisy = np.clip(clean + random.normal(0, 5, clean.shape), 0, 255).astype(np.uint8)
+    weights, _, _, _ = coverage(noisy, segment(noisy, Segmentation()))
+    band = (weights != 0) & (weights != 1)
+    assert band.sum() < 5 * 2 * (20 + 15 + 4)
+    assert weights.sum() == pytest.approx(300, rel=0.003)
+
+
+def test_coverage_needs_contrast() -> None:
+    target = segment(scene(BIG), Segmentation())
+    with pytest.raises(SegmentationError, match="no contrast"):
+        coverage(np.full((60, 80), 90, np.uint8), target)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"method": "watershed"}, "none of"),
+        ({"component": "red"}, "none of"),
+        ({"threshold": 300}, "outside"),
+        ({"adaptive_block": 4}, "must be odd"),
+        ({"min_pixels": 0}, "at least 1"),
+        ({"colour_low": (200, 0, 0)}, "hue 0-179"),
+        ({"colour_high": (1, 2)}, "hue 0-179"),
+    ],
+)
+def test_impossible_settings_are_refused(changes, text: str) -> None:
+    with pytest.raises(SegmentationError, match=text):
+        Segmentation(**changes)

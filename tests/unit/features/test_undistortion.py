@@ -1,0 +1,154 @@
+"""Lens models: there and back, areas, and moments through a lens."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from feature_cases import L_SHAPE, View, rotation
+
+from aras_visual_servo_camera.errors import CalibrationError
+from aras_visual_servo_camera.images import Image
+from aras_visual_servo_camera.moments import Moments, exponents
+from aras_visual_servo_camera.pipeline import Pipeline, Settings
+from aras_visual_servo_camera.undistortion import CameraModel
+
+K = (195.0507, 0.0, 162.4058, 0.0, 195.0992, 127.1973, 0.0, 0.0, 1.0)
+LAB = CameraModel(320, 240, K, (-0.33060, 0.1170, 0.0, 0.0, 0.0))
+TANGENTIAL = CameraModel(320, 240, K, (-0.28, 0.09, 0.002, -0.0015, -0.01))
+RATIONAL = CameraModel(
+    320, 240, K, (0.4, 0.1, 1e-3, -5e-4, 0.01, 0.7, 0.2, 0.02), "rational_polynomial"
+)
+FISHEYE = CameraModel(
+    320, 240, (102.0, 0, 159.5, 0, 102.0, 119.5, 0, 0, 1), (0.02, -0.01, 0.003, 0.0), "equidistant"
+)
+MODELS = [LAB, TANGENTIAL, RATIONAL, FISHEYE]
+IDS = ["lab", "tangential", "rational", "fisheye"]
+
+
+@pytest.mark.parametrize("camera", MODELS, ids=IDS)
+def test_there_and_back(camera: CameraModel) -> None:
+    u, v = (a.ravel() for a in np.meshgrid(np.arange(40, 281, 16.0), np.arange(30, 211, 12.0)))
+    x, y, valid = camera.normalise(u, v)
+    assert valid.all()
+    back = camera.project(x, y)
+    np.testing.assert_allclose(back[0], u, atol=1e-9)
+    np.testing.assert_allclose(back[1], v, atol=1e-9)
+
+
+@pytest.mark.parametrize("camera", MODELS, ids=IDS)
+def test_projection_equals_opencv(camera: CameraModel) -> None:
+    cv2 = pytest.importorskip("cv2")
+    points = np.random.default_rng(0).uniform(-0.6, 0.6, (50, 1, 3))
+    points[..., 2] = 1.0
+    matrix, D = np.array(camera.K).reshape(3, 3), np.array(camera.D)
+    zero = np.zeros(3)
+    if camera is FISHEYE:
+        expected, _ = cv2.fisheye.projectPoints(points, zero, zero, matrix, D)
+    else:
+        expected, _ = cv2.projectPoints(points, zero, zero, matrix, D)
+    ours = np.stack(camera.project(points[:, 0, 0], points[:, 0, 1]), axis=1)
+    np.testing.assert_allclose(ours, expected.reshape(-1, 2), atol=1e-7)
+
+
+@pytest.mark.parametrize("camera", MODELS, ids=IDS)
+def test_pixel_areas_fill_the_plane_without_gap(camera: CameraModel) -> None:
+    """The areas inside a box of pixels add up to the polygon of the box's mapped outline."""
+    area = camera.tables.area[60:180, 80:240].sum()
+    right, down = np.arange(79.5, 239.6), np.arange(59.5, 179.6)
+    u = np.concatenate([right, 0 * down + 239.5, right[::-1], 0 * down + 79.5])
+    v = np.concatenate([0 * right + 59.5, down, 0 * right + 179.5, down[::-1]])
+    x, y, _ = camera.normalise(u, v)
+    outline = 0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)
+    assert area == pytest.approx(outline, rel=1e-12)
+
+
+def through(camera: CameraModel, outline: np.ndarray, finer: int = 8) -> np.ndarray:
+    """Grey picture of a polygon seen through the lens, each pixel averaged over its square."""
+    corners = np.stack(camera.project(*outline.T), axis=1)
+    u0, v0 = np.floor(corners.min(axis=0)).astype(int) - 6  # edges bend: leave some room
+    u1, v1 = np.ceil(corners.max(axis=0)).astype(int) + 7
+    grid = (np.arange(finer) + 0.5) / finer - 0.5
+    u = (np.arange(u0, u1)[:, None] + grid).ravel()
+    v = (np.arange(v0, v1)[:, None] + grid).ravel()
+    x, y, valid = camera.normalise(*(a.ravel() for a in np.meshgrid(u, v)))
+    inside = np.zeros(x.shape, dtype=bool)
+    for (px, py), (qx, qy) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+        crosses = (py > y) != (qy > y)
+        inside ^= crosses & (x < (qx - px) * (y - py) / (qy - py if qy != py else 1.0) + px)
+    part = (inside & valid).reshape(v1 - v0, finer, u1 - u0, finer).mean(axis=(1, 3))
+    grey = np.full((camera.height, camera.width), 255, dtype=np.uint8)
+    grey[v0:v1, u0:u1] = np.round(255 * (1 - part))
+    return grey
+
+
+@pytest.mark.parametrize("camera", [LAB, RATIONAL, FISHEYE], ids=["lab", "rational", "fisheye"])
+def test_moments_through_a_lens_are_those_without(camera: CameraModel) -> None:
+    view = View(L_SHAPE, rotation([0.1, -0.2, 0.5]), np.array([0.09, -0.06, 0.42]))
+    exact = Moments.from_polygon(view.image)
+    pipeline = Pipeline(Settings())
+    pipeline.set_camera(camera)
+    measured = pipeline.measure(Image(through(camera, view.image), "mono8"))
+    assert measured.valid, measured.reason
+    moments = measured.moments
+    rg = ((exact.mu(2, 0) + exact.mu(0, 2)) / exact.m00) ** 0.5
+    assert moments.m00 == pytest.approx(exact.m00, rel=1e-3)
+    assert np.hypot(moments.xg - exact.xg, moments.yg - exact.yg) < 1e-3 * rg
+    for i, j in exponents(6):
+        assert abs(moments.mu(i, j) - exact.mu(i, j)) < 4e-3 * exact.m00 * rg ** (i + j)
+
+
+def test_no_distortion_takes_the_short_way_and_agrees() -> None:
+    plain = CameraModel(320, 240, K, (0.0,) * 5)
+    assert not plain.distorted
+    nearly = CameraModel(320, 240, K, (1e-12, 0, 0, 0, 0))
+    view = View(L_SHAPE, np.eye(3), np.array([0.02, 0.01, 0.5]))
+    picture = Image(through(plain, view.image), "mono8")
+    results = []
+    for camera in (plain, nearly):
+        pipeline = Pipeline(Settings())
+        pipeline.set_camera(camera)
+        results.append(pipeline.measure(picture).moments)
+    assert results[0].m00 == pytest.approx(results[1].m00, rel=1e-9)
+    assert results[0].mu(2, 0) == pytest.approx(results[1].mu(2, 0), rel=1e-6)
+
+
+def test_field_beyond_180_degrees_has_no_coordinates() -> None:
+    wide = CameraModel(320, 240, (60.0, 0, 159.5, 0, 60.0, 119.5, 0, 0, 1), (), "equidistant")
+    assert wide.tables.area[120, 0] == 0.0 and wide.tables.area[120, 160] > 0.0
+    grey = np.full((240, 320), 255, np.uint8)
+    grey[100:130, 4:30] = 0
+    pipeline = Pipeline(Settings())
+    pipeline.set_camera(wide)
+    measured = pipeline.measure(Image(grey, "mono8"))
+    assert not measured.valid and "normalised coordinates" in measured.reason
+
+
+def info(**changes):
+    good = {"width": 320, "height": 240, "K": K, "D": (0.0,) * 5, "distortion_model": "plumb_bob"}
+    return SimpleNamespace(**{**good, **changes})
+
+
+def test_reads_camera_info() -> None:
+    assert CameraModel.from_message(info()).pinhole.fx == K[0]
+    assert CameraModel.from_message(info(D=[], distortion_model="")).distorted is False
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"K": (0.0,) * 9}, "focal lengths fx=0"),
+        ({"K": (-1.0, *K[1:])}, "must be positive"),
+        ({"K": (float("nan"), *K[1:])}, "finite"),
+        ({"K": K[:8]}, "9 finite numbers"),
+        ({"K": (K[0], 0.5, *K[2:])}, "skew"),
+        ({"D": (0.1, 0.2)}, "takes .* coefficients, got 2"),
+        ({"D": (float("inf"),) * 5}, "finite"),
+        ({"distortion_model": "thin_prism"}, "'thin_prism' is not known"),
+        ({"width": 0}, "empty"),
+    ],
+)
+def test_unusable_camera_info_is_refused(changes, text: str) -> None:
+    with pytest.raises(CalibrationError, match=text):
+        CameraModel.from_message(info(**changes))

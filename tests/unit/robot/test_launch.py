@@ -1,0 +1,177 @@
+"""Launch, world, gains, camera presets and rviz configuration: read as their tools read them."""
+
+import re
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+import yaml
+from robot_figures import GAINS, PACKAGE
+
+LAUNCH = sorted((PACKAGE / "launch").glob("*.launch"))
+GAZEBO_ARGUMENTS = {
+    "paused", "use_sim_time", "gui", "headless", "debug", "verbose", "world_name",
+    "extra_gazebo_args", "recording", "physics", "output", "respawn_gazebo",
+    "use_clock_frequency", "pub_clock_frequency", "enable_ros_network", "server_required",
+    "gui_required",
+}  # fmt: skip
+
+
+def root(name: str) -> ElementTree.Element:
+    return ElementTree.parse(PACKAGE / "launch" / name).getroot()
+
+
+def arguments(name: str) -> dict[str, str | None]:
+    """Declared arguments of a launch file and their defaults."""
+    return {arg.get("name"): arg.get("default") for arg in root(name).findall("arg")}
+
+
+def test_the_original_launch_files_are_there():
+    assert {path.name for path in LAUNCH} >= {
+        "aras_visual_servo.launch",
+        "aras_visual_servo_controller.launch",
+        "aras_visual_servo_gazebo.launch",
+        "aras_visual_servo_nodes.launch",
+    }
+
+
+@pytest.mark.parametrize("path", LAUNCH, ids=lambda path: path.name)
+def test_every_argument_is_documented_and_has_a_default(path):
+    for arg in ElementTree.parse(path).getroot().findall("arg"):
+        assert arg.get("doc"), f"argument {arg.get('name')} has no doc="
+        assert arg.get("default") is not None
+
+
+@pytest.mark.parametrize("path", LAUNCH, ids=lambda path: path.name)
+def test_every_argument_used_is_declared_and_every_declared_one_used(path):
+    text = path.read_text()
+    used = set(re.findall(r"\$\(arg (\w+)\)", text)) | set(re.findall(r"arg\('(\w+)'\)", text))
+    declared = set(arguments(path.name))
+    assert used <= declared
+    if "pass_all_args" not in text:
+        assert declared <= used
+
+
+@pytest.mark.parametrize("path", LAUNCH, ids=lambda path: path.name)
+def test_files_of_this_package_exist(path):
+    for name in re.findall(r"\$\(find aras_visual_servo_gazebo\)/([\w./]+)", path.read_text()):
+        assert (PACKAGE / name).exists() or name.endswith("cameras/"), name
+
+
+def test_gazebo_arguments_are_offered_and_passed_on():
+    launch = root("aras_visual_servo_gazebo.launch")
+    assert set(arguments("aras_visual_servo_gazebo.launch")) >= GAZEBO_ARGUMENTS | {"show_rviz"}
+    (world,) = [i for i in launch.findall("include") if "empty_world" in i.get("file")]
+    assert {arg.get("name") for arg in world.findall("arg")} >= GAZEBO_ARGUMENTS
+
+
+def test_both_in_one_offers_what_the_two_offer():
+    both = arguments("aras_visual_servo.launch")
+    assert both == arguments("aras_visual_servo_gazebo.launch")
+
+
+def test_an_earlier_preset_leaves_nothing_behind():
+    (group,) = root("aras_visual_servo_gazebo.launch").findall("group")
+    assert group.get("ns") == "/gazebo/cameras/labrob/camera"
+    assert group.get("clear_params") == "true"
+
+
+def test_spawner_starts_every_configured_controller():
+    controllers = yaml.safe_load((PACKAGE / "config/aras_visual_servo_control.yaml").read_text())
+    (spawner,) = root("aras_visual_servo_controller.launch").findall("node[@type='spawner']")
+    names = [word for word in spawner.get("args").split() if not word.startswith("--")]
+    assert sorted(names) == sorted(controllers["aras_visual_servo"])
+    assert "--namespace=/aras_visual_servo" in spawner.get("args")
+
+
+def test_gains():
+    controllers = yaml.safe_load((PACKAGE / "config/aras_visual_servo_control.yaml").read_text())
+    robot = controllers["aras_visual_servo"]
+    assert robot.pop("joint_state_controller") == {
+        "type": "joint_state_controller/JointStateController",
+        "publish_rate": 100,
+    }
+    assert set(robot) == set(GAINS)
+    for name, (joint, p, i, d, i_clamp) in GAINS.items():
+        assert robot[name] == {
+            "type": "effort_controllers/JointPositionController",
+            "joint": joint,
+            "pid": {"p": p, "i": i, "d": d, "i_clamp": i_clamp},
+        }
+        # control_toolbox reads doubles; an integer on the parameter server is another type.
+        assert all(isinstance(gain, float) for gain in robot[name]["pid"].values())
+
+
+def test_camera_presets():
+    files = (PACKAGE / "config" / "cameras").glob("*.yaml")
+    presets = {path.stem: yaml.safe_load(path.read_text()) for path in files}
+    size = {"width": 320, "height": 240, "update_rate": 30}
+    assert presets["original"] == {"horizontal_fov": 2.0, **size}
+    assert presets["calibrated"] == {
+        "horizontal_fov": 1.41,
+        **size,
+        "camera_matrix": {"fx": 195.0507, "fy": 195.0992, "cx": 162.4058, "cy": 127.1973},
+        "distortion_model": "plumb_bob",
+        "distortion_coefficients": [-0.33060, 0.1170, 0, 0, 0],
+    }
+    assert arguments("aras_visual_servo_gazebo.launch")["camera"] in presets
+
+
+def test_the_recording_holds_what_the_graph_carries():
+    (record,) = root("record.launch").findall("node")
+    topics = {word for word in record.get("args").split() if word.startswith("/")}
+    assert topics >= {f"/aras_visual_servo/{name}/command" for name in GAINS}
+    assert topics >= {"/clock", "/tf", "/tf_static", "/rosout", "/aras_visual_servo/joint_states"}
+    assert topics >= {"/labrob/camera/image_raw", "/labrob/camera/camera_info"}
+    assert topics >= {f"/aras_visual_servo/camera/{t}" for t in ("data", "moments")}
+    assert topics >= {f"/aras_visual_servo/controller/{t}" for t in ("state", "camera_twist")}
+
+
+def test_world_has_floor_and_sun_but_no_shadows():
+    world = ElementTree.parse(PACKAGE / "world" / "aras_visual_servo.world").getroot().find("world")
+    assert world.find("scene/shadows").text == "0"
+    assert world.find("light[@type='directional']/cast_shadows").text == "0"
+    assert world.find("model[@name='ground_plane']/static").text == "1"
+    assert float(world.find("physics/max_step_size").text) == 0.001
+    assert world.find("gravity").text.split() == ["0", "0", "-9.8"]
+
+
+def test_rviz_shows_the_robot_its_frames_the_images_and_the_target():
+    config = yaml.safe_load((PACKAGE / "rviz" / "aras_visual_servo.rviz").read_text())
+    manager = config["Visualization Manager"]
+    assert manager["Global Options"]["Fixed Frame"] == "base_link"
+    shown = [d for d in manager["Displays"] if d["Enabled"]]
+    assert {"rviz/RobotModel", "rviz/TF", "rviz/Grid"} <= {d["Class"] for d in shown}
+    assert {d["Image Topic"] for d in shown if d["Class"] == "rviz/Image"} == {
+        "/labrob/camera/image_raw",
+        "/aras_visual_servo/camera/thresholded_image",
+        "/aras_visual_servo/camera/overlay",
+    }
+    assert "planar_object" in {d.get("Reference Frame") for d in shown}
+
+
+def test_roslaunch_resolves_every_file(monkeypatch):
+    """Only this package's own includes: the bridge's files belong to its own tests."""
+    roslaunch = pytest.importorskip("roslaunch")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{PACKAGE.parent}:/usr/share")
+    for name in ("aras_visual_servo_controller", "aras_visual_servo_nodes", "record"):
+        config = roslaunch.config.load_config_default(
+            [str(PACKAGE / "launch" / f"{name}.launch")], None, assign_machines=False
+        )
+        assert config.nodes
+
+
+@pytest.mark.parametrize(
+    ("scheme", "layout"),
+    [("moments", "moments"), ("kernel", "kernel"), ("my_lab.schemes:Mine", "moments")],
+)
+def test_the_layout_follows_the_scheme(monkeypatch, scheme, layout):
+    roslaunch = pytest.importorskip("roslaunch")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{PACKAGE.parent}:/usr/share")
+    path = str(PACKAGE / "launch" / "aras_visual_servo_nodes.launch")
+    config = roslaunch.config.load_config_default(
+        [(path, [f"scheme:={scheme}"])], None, assign_machines=False
+    )
+    values = {name: parameter.value for name, parameter in config.params.items()}
+    assert values["/aras_visual_servo_camera/layout"] == layout
+    assert values["/aras_visual_servo_controller/scheme"] == scheme
+    assert values["/aras_visual_servo_controller/start"] == 2016

@@ -1,0 +1,63 @@
+"""The shell scripts: their options and what they say, as far as that needs no set-up."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+
+
+def run(*command: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    env = {k: v for k, v in os.environ.items() if k != "DISPLAY"} | environment
+    return subprocess.run(
+        [str(ROOT / command[0]), *command[1:]], env=env, capture_output=True, text=True, timeout=20
+    )
+
+
+@pytest.mark.parametrize("script", ["setup.sh", "demo.sh"])
+def test_help_names_every_option(script: str) -> None:
+    done = run(script, "--help")
+    assert done.returncode == 0
+    options = re.findall(r"^\s+(--\w+)[ |)=]", (ROOT / script).read_text(), re.MULTILINE)
+    assert set(options) <= set(re.findall(r"--\w+", done.stdout))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--scheme", "hand"], "--scheme is moments or kernel, not hand"),
+        (["--start=1999"], "--start is 2015 or 2016, not 1999"),
+        (["--scheme"], "--scheme needs a value"),
+        (["--fast"], "unknown argument --fast"),
+        (["--rviz"], "--rviz needs a display"),
+        (["--out", "/dev/null/x"], "--out: cannot write to /dev/null/x"),
+    ],
+)
+def test_demo_refuses_before_it_starts_anything(arguments: list[str], complaint: str) -> None:
+    done = run("demo.sh", *arguments)
+    assert done.returncode == 2
+    assert complaint in done.stderr
+    assert done.stdout == ""
+
+
+def test_setup_lists_packages_of_the_ros_way() -> None:
+    done = run("setup.sh", "--packages")
+    assert done.returncode == 0
+    assert {"catkin", "ros-base", "rviz", "python3-venv"} <= set(done.stdout.split())
+
+
+def test_setup_refuses_unknown_options() -> None:
+    done = run("setup.sh", "--fast")
+    assert done.returncode == 1
+    assert "unknown option --fast" in done.stderr
+
+
+def test_requirements_are_pinned() -> None:
+    lines = (ROOT / "requirements.txt").read_text().splitlines()
+    for line in lines:
+        assert not line or line.startswith("#") or re.fullmatch(r"[\w-]+==[\w.]+", line), line

@@ -1,0 +1,283 @@
+"""Physics against closed forms: the world must add no force of its own and lose none."""
+
+import math
+
+import numpy as np
+import pytest
+
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.world import Pose, Twist, World
+
+DT = 0.001
+G = 9.8
+
+
+def _quarter_period(amplitude: float) -> float:
+    """Complete elliptic integral K(sin²(amplitude / 2)), by the arithmetic-geometric mean."""
+    a, b = 1.0, math.cos(amplitude / 2)
+    while abs(a - b) > 1e-15:
+        a, b = (a + b) / 2, math.sqrt(a * b)
+    return math.pi / (2 * a)
+
+
+@pytest.fixture
+def world():
+    """An empty world."""
+    with World() as it:
+        yield it
+
+
+def spawn(world, xml, **options):
+    """A model named 'm'."""
+    return world.spawn(parse_urdf(xml), "m", **options)
+
+
+def steps(world, count, model=None, **efforts):
+    """Advance with constant efforts."""
+    for _ in range(count):
+        for joint, effort in efforts.items():
+            model.apply_effort(joint, effort)
+        world.step()
+
+
+def spin_up(model, joint, velocity):
+    """Give a joint a velocity by an effort impulse that the caller's next step carries."""
+    inertia = 0.01
+    model.apply_effort(joint, inertia * velocity / DT)
+
+
+def test_free_fall_matches_the_integrator_exactly(world, make):
+    ball = spawn(world, make.robot(make.link("ball", 2.0, "0.1 0.2 0.3")), pose=Pose((0, 0, 100)))
+    steps(world, 1000)
+    # Semi-implicit Euler: z = z0 - g dt² n (n + 1) / 2, within a millimetre a second of g t²/2.
+    assert ball.pose().xyz[2] == pytest.approx(100 - G * DT**2 * 1000 * 1001 / 2, abs=1e-9)
+    assert ball.twist().linear[2] == pytest.approx(-G, abs=1e-9)
+    assert ball.pose().quat == (0, 0, 0, 1)
+
+
+def test_torque_free_top_keeps_angular_momentum(world, make):
+    world.set_physics(gravity=(0, 0, 0))
+    inertia = np.diag((0.1, 0.2, 0.25))
+    top = spawn(world, make.robot(make.link("top", 1.0, "0 0 0", (0.1, 0.2, 0.25, 0, 0, 0))))
+    top.set_twist(Twist((0, 0, 0), (1.0, 2.0, 0.5)))
+    before = inertia @ (1.0, 2.0, 0.5)
+    steps(world, 500)
+    rows = np.array(top.pose().matrix())[:3, :3]
+    after = rows @ inertia @ rows.T @ top.twist().angular
+    assert np.linalg.norm(after - before) < 2e-3 * np.linalg.norm(before)
+
+
+@pytest.mark.parametrize("amplitude", [0.1, 0.5, 1.5])
+def test_pendulum_period_is_exact_within_a_thousandth(world, make, amplitude):
+    bob = spawn(world, make.pendulum(), joint_positions={"swing": amplitude})
+    inertia = 0.01 + 1.0 * 0.5**2
+    exact = 4 * math.sqrt(inertia / (G * 0.5)) * _quarter_period(amplitude)
+    angles = []
+    for _ in range(round(5.2 * exact / DT)):
+        world.step()
+        angles.append(bob.read_joints()[0][0])
+    angles = np.array(angles)
+    rising = np.where((angles[:-1] < 0) & (angles[1:] >= 0))[0]
+    crossing = rising - angles[rising] / (angles[rising + 1] - angles[rising])
+    assert np.diff(crossing).mean() * DT == pytest.approx(exact, rel=2e-5)
+
+
+def test_pendulum_energy_does_not_drift(world, make):
+    bob = spawn(world, make.pendulum(), joint_positions={"swing": 2.0})
+
+    def energy():
+        (angle,), (rate,), _ = bob.read_joints()
+        return 0.5 * 0.26 * rate**2 - G * 0.5 * math.cos(angle)
+
+    start, swing = energy(), G * 0.5 * (1 - math.cos(2.0))
+    values = []
+    for _ in range(10000):
+        world.step()
+        values.append(energy() - start)
+    first, last = np.mean(values[:2000]), np.mean(values[-2000:])
+    assert abs(last - first) < 1e-4 * swing
+    assert np.max(np.abs(values)) < 5e-3 * swing
+
+
+def test_off_diagonal_inertia_acts(world, make):
+    # A wheel about z whose products of inertia press on nothing else: izz alone counts; about an
+    # oblique axis n the inertia is nᵀ I n.
+    axis = np.array((1.0, 1.0, 1.0)) / math.sqrt(3)
+    tensor = (0.3, 0.4, 0.5, 0.05, -0.04, 0.03)  # ixx iyy izz ixy ixz iyz
+    xml = make.robot('<link name="world"/>', make.link("body", 1.0, "0 0 0", tensor),
+                     make.joint("spin", "world", "body", "continuous", axis="1 1 1"))
+    model = spawn(world, xml)
+    matrix = np.array([[0.3, 0.05, -0.04], [0.05, 0.4, 0.03], [-0.04, 0.03, 0.5]])
+    steps(world, 1, model, spin=1.0)
+    assert model.read_joints()[1][0] == pytest.approx(DT / (axis @ matrix @ axis), rel=1e-9)
+
+
+def test_fast_joints_are_not_cut_at_100_rad_per_s(world, make):
+    model = spawn(world, make.rotor())
+    spin_up(model, "spin", 500.0)
+    steps(world, 1)
+    assert model.read_joints()[1][0] == pytest.approx(500.0)
+    assert model.read_joints()[2][0] == pytest.approx(5000.0)
+
+
+@pytest.mark.parametrize("damping", [0.1, 1.0, 4.0, 6.0, 21.0, 1e3, 1e6])
+def test_damping_is_stable_and_monotone_for_any_size(world, make, damping):
+    model = spawn(world, make.rotor(damping=damping))
+    ratio = damping * DT / 0.01
+    spin_up(model, "spin", 1.0 + (ratio if ratio > 0.5 else 0.0))  # implicit damps this step too
+    rates = []
+    for _ in range(50):
+        world.step()
+        rates.append(model.read_joints()[1][0])
+    assert rates[0] == pytest.approx(1.0, rel=1e-6)
+    assert all(0 <= b <= a for a, b in zip(rates, rates[1:], strict=False))
+    # Off the exact decay by r²/2, and never by more than implicit Euler's worst, 0.204 at r = 2.5.
+    exact = math.exp(-ratio)
+    assert rates[1] == pytest.approx(exact, abs=min(0.21, ratio**2 / 2 + 1e-9))
+
+
+@pytest.mark.parametrize("damping", [0.0, 500.0])
+def test_gravity_acts_along_the_world_s_z_on_a_tilted_robot(world, make, damping):
+    # The same arm, upright in a turned base whose principal axes are turned once more.
+    tilt = Pose.from_rpy((0.0, 0.0, 0.0), (0.4, 0.0, 0.0))
+    back = Pose.from_rpy((0.0, 0.0, 0.0), (-0.4, 0.0, 0.0))
+    base = make.link("base", 5.0, "0.1 0.2 0", (0.3, 0.4, 0.5, 0.05, -0.04, 0.03))
+    models = []
+    for name, pose, rpy in (("upright", Pose(), "0 0 0"), ("tilted", tilt, "-0.4 0 0")):
+        xml = make.robot(base, make.link("arm", 1.0, "0 0 -0.5"),
+                         make.joint("swing", "base", "arm", "continuous", rpy=rpy,
+                                    damping=damping))
+        models.append(world.spawn(parse_urdf(xml), name, pose, {"swing": 0.5}, fixed_base=True))
+    assert (tilt @ back).quat == pytest.approx((0, 0, 0, 1))
+    assert models[1].bias_efforts() == pytest.approx([G * 0.5 * math.sin(0.5)], rel=1e-9)
+    steps(world, 50)
+    assert models[1].read_joints()[0][0] == pytest.approx(models[0].read_joints()[0][0], abs=1e-9)
+    assert models[1].read_joints()[1][0] < 0
+
+
+@pytest.mark.parametrize("damping", [0.1, 4.0, 60.0, 1e4])
+def test_damped_rotor_reaches_the_exact_terminal_speed(world, make, damping):
+    model = spawn(world, make.rotor(damping=damping, friction=0.3))
+    steps(world, 1500, model, spin=1.0)
+    assert model.read_joints()[1][0] == pytest.approx((1.0 - 0.3) / damping, rel=1e-5)
+
+
+def test_overdamped_pendulum_creeps_as_the_exact_solution(world, make):
+    # d >> sqrt(k I): d theta' = -m g l sin(theta), so tan(theta/2) = tan(theta0/2) exp(-m g l t/d)
+    damping = 1000.0
+    model = spawn(world, make.pendulum(damping=damping), joint_positions={"swing": 1.0})
+    steps(world, 2000)
+    exact = 2 * math.atan(math.tan(0.5) * math.exp(-G * 0.5 * 2.0 / damping))
+    assert 1.0 - model.read_joints()[0][0] == pytest.approx(1.0 - exact, rel=2e-3)
+
+
+def test_coupled_heavy_damping_gives_each_joint_its_own_torque(world, make):
+    # Two links in the plane, both overdamped: rates settle at gravity torque over damping.
+    xml = make.robot(
+        '<link name="world"/>', make.link("a", 1.0, "0 0 -0.5"), make.link("b", 1.0, "0 0 -0.5"),
+        make.joint("ja", "world", "a", "continuous", damping=500.0),
+        make.joint("jb", "a", "b", "continuous", xyz="0 0 -1", damping=800.0),
+    )
+    model = spawn(world, xml, joint_positions={"ja": 0.6, "jb": 0.3})
+    steps(world, 100)  # 20 times the time constant I/d
+    (qa, qb), (va, vb), _ = model.read_joints()
+    torque_b = -G * 0.5 * math.sin(qa + qb)
+    torque_a = torque_b - G * 1.5 * math.sin(qa)
+    assert va == pytest.approx(torque_a / 500.0, rel=2e-3)
+    assert vb == pytest.approx(torque_b / 800.0, rel=2e-3)
+
+
+def test_heavy_damping_on_a_free_base_is_stable(world, make):
+    world.set_physics(gravity=(0, 0, 0))
+    xml = make.robot(
+        make.link("hull", 1.0, "0 0 0", (0.1, 0.1, 0.1, 0, 0, 0)),
+        make.link("wheel", 0.1, "0 0 0", (0.001, 0.001, 0.001, 0, 0, 0)),
+        make.joint("spin", "hull", "wheel", "continuous", axis="0 0 1", damping=50.0),
+    )
+    model = spawn(world, xml)
+    model.apply_effort("spin", 20.0)
+    rates = []
+    for _ in range(50):
+        world.step()
+        rates.append(model.read_joints()[1][0])
+    assert all(0 <= b <= a for a, b in zip(rates, rates[1:], strict=False))
+    assert rates[-1] < 1e-6
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.5, 100.0])
+def test_friction_holds_below_and_slips_above(world, make, damping):
+    model = spawn(world, make.rotor(friction=0.3, damping=damping))
+    steps(world, 500, model, spin=0.299)
+    assert abs(model.read_joints()[0][0]) < 1e-9
+    steps(world, 1000, model, spin=0.4)
+    expected = 0.1 / damping if damping else 0.1 * 1.0 / 0.01
+    assert model.read_joints()[1][0] == pytest.approx(expected, rel=1e-3)
+
+
+def test_friction_brings_a_wheel_to_rest_in_exact_time(world, make):
+    model = spawn(world, make.rotor(friction=0.1))
+    spin_up(model, "spin", 2.01)  # friction takes 0.01 rad/s a step, this one included
+    steps(world, 101)
+    assert model.read_joints()[1][0] == pytest.approx(1.0, rel=1e-6)
+    steps(world, 150)
+    assert abs(model.read_joints()[1][0]) < 1e-9
+
+
+def test_prismatic_joint_falls_and_stops_at_its_limit(world, make):
+    xml = make.robot('<link name="world"/>', make.link("car", 2.0),
+                     make.joint("slide", "world", "car", "prismatic", axis="0 0 -1",
+                                lower=0.0, upper=0.3))
+    model = spawn(world, xml)
+    steps(world, 200)
+    assert model.read_joints()[0][0] == pytest.approx(G * DT**2 * 200 * 201 / 2, rel=1e-6)
+    assert model.link_pose("car").xyz[2] == pytest.approx(-model.read_joints()[0][0], abs=1e-12)
+    steps(world, 500)
+    assert model.read_joints()[0][0] == pytest.approx(0.3, abs=1e-4)
+
+
+@pytest.mark.parametrize("effort", [20.0, 500.0, 5000.0])
+def test_limits_hold_in_effort_mode(world, make, effort):
+    model = spawn(world, make.pendulum(kind="revolute", lower=-0.4, upper=0.5))
+    for sign, bound in ((1, 0.5), (-1, -0.4)):
+        overshoot = fastest = 0.0
+        for _ in range(600):
+            fastest = max(fastest, abs(model.read_joints()[1][0]))
+            model.apply_effort("swing", sign * effort)
+            world.step()
+            overshoot = max(overshoot, sign * (model.read_joints()[0][0] - bound))
+        # Nobody can stop before the step in which the stop is met is over.
+        assert overshoot < (fastest + (effort + G * 0.5) / 0.26 * DT) * DT
+        assert model.read_joints()[0][0] == pytest.approx(bound, abs=1e-3)
+
+
+def test_mimic_joint_follows_with_multiplier_and_offset(world, make):
+    world.set_physics(gravity=(0, 0, 0))
+    xml = make.robot(
+        '<link name="world"/>', make.link("a"), make.link("b"),
+        make.joint("leader", "world", "a", axis="0 0 1"),
+        make.joint("follower", "world", "b", axis="0 0 1", xyz="1 0 0",
+                   extra='<mimic joint="leader" multiplier="-2" offset="0.3"/>'),
+    )
+    model = spawn(world, xml, joint_positions={"leader": 0.1})
+    assert model.read_joints()[0] == pytest.approx([0.1, 0.1])
+    for _ in range(500):
+        model.apply_effort("leader", 1.0)
+        world.step()
+        leader, follower = model.read_joints()[0]
+        assert follower == pytest.approx(-2 * leader + 0.3, abs=2e-4)
+    # The gear makes the leader carry both: I + 4 I.
+    assert model.read_joints()[1][0] == pytest.approx(1.0 * 0.5 / (0.1 * 5), rel=1e-2)
+    model.set_position("leader", 0.5)
+    assert model.read_joints()[0] == pytest.approx([0.5, -0.7])
+
+
+def test_velocity_motor_drives_up_to_its_effort(world, make):
+    model = spawn(world, make.rotor(friction=0.1))
+    model.set_velocity_motor("spin", 3.0, 0.5)
+    steps(world, 10)
+    assert model.read_joints()[1][0] == pytest.approx(0.5 * 0.01 / 0.01)
+    steps(world, 100)
+    assert model.read_joints()[1][0] == pytest.approx(3.0)
+    model.release_motor("spin")
+    steps(world, 100)
+    assert model.read_joints()[1][0] == pytest.approx(2.0, rel=1e-6)

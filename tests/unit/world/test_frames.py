@@ -1,0 +1,104 @@
+"""Link frames and twists: URDF frames, not centres of mass; twists agree with the poses."""
+
+import math
+
+import numpy as np
+import pytest
+
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.world import Pose, Twist, World
+
+POSE = Pose.from_rpy((1.0, -2.0, 3.0), (0.3, -0.4, 0.5))
+
+
+def xml(make, base="0.1 0.2 -0.3"):
+    """A free body with an offset, tilted inertia, and an arm on it."""
+    tilted = (0.3, 0.4, 0.5, 0.05, -0.04, 0.03)
+    return make.robot(
+        make.link("hull", 3.0, base, tilted), make.link("arm", 1.0, "0.05 -0.1 0.4", tilted),
+        make.link("tip", 0.2, "0 0 0.01", (0.01,) * 3 + (0, 0, 0)),
+        make.joint("turn", "hull", "arm", "continuous", xyz="0.2 0 0.5", rpy="0.1 0.2 0.3",
+                   axis="1 2 3"),
+        make.joint("fix", "arm", "tip", "fixed", xyz="0 0.3 0.8", rpy="3.14 -1.57 0"),
+    )
+
+
+def transform(xyz, rpy, axis=(0, 0, 1), angle=0.0):
+    """(4, 4) of a joint, written out independently of the code under test."""
+    def about(unit, a):
+        k = np.cross(np.eye(3), unit)
+        return np.eye(3) + math.sin(a) * k + (1 - math.cos(a)) * k @ k
+
+    result = np.eye(4)
+    result[:3, :3] = (about((0, 0, 1), rpy[2]) @ about((0, 1, 0), rpy[1])
+                      @ about((1, 0, 0), rpy[0]) @ about(axis, angle))
+    result[:3, 3] = xyz
+    return result
+
+
+def test_link_frames_are_those_of_the_urdf(make):
+    with World() as world:
+        model = world.spawn(parse_urdf(xml(make)), "m", POSE, {"turn": 0.7})
+        axis = np.array((1, 2, 3)) / math.sqrt(14)
+        hull = transform((1.0, -2.0, 3.0), (0.3, -0.4, 0.5))
+        arm = hull @ transform((0.2, 0, 0.5), (0.1, 0.2, 0.3), axis, 0.7)
+        tip = arm @ transform((0, 0.3, 0.8), (3.14, -1.57, 0))
+        for name, expected in (("hull", hull), ("arm", arm), ("tip", tip)):
+            np.testing.assert_allclose(model.link_pose(name).matrix(), expected, atol=1e-12)
+        assert list(model.link_states()) == ["hull", "arm", "tip"]
+        assert model.pose().xyz == pytest.approx((1, -2, 3), abs=1e-15)
+
+
+def test_twists_agree_with_finite_differences(make):
+    with World(time_step=1e-4) as world:
+        model = world.spawn(parse_urdf(xml(make)), "m", POSE, {"turn": 0.7})
+        model.set_twist(Twist((0.3, -0.2, 1.0), (0.5, 1.0, -2.0)))
+        assert model.twist().linear == pytest.approx((0.3, -0.2, 1.0))
+        assert model.twist().angular == pytest.approx((0.5, 1.0, -2.0))
+        for _ in range(100):
+            model.apply_effort("turn", 5.0)
+            world.step()
+        before = {n: np.array(s[0].matrix()) for n, s in model.link_states().items()}
+        twists = [model.link_states()]
+        world.step()
+        after = {n: np.array(s[0].matrix()) for n, s in model.link_states().items()}
+        twists.append(model.link_states())
+        for name in before:
+            mean = [np.mean([t[name][1][k] for t in twists], axis=0) for k in (0, 1)]
+            linear = (after[name][:3, 3] - before[name][:3, 3]) / 1e-4
+            turn = (after[name][:3, :3] @ before[name][:3, :3].T - np.eye(3)) / 1e-4
+            angular = np.array((turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0],
+                                turn[1, 0] - turn[0, 1])) / 2
+            np.testing.assert_allclose(mean[0], linear, atol=2e-3)
+            np.testing.assert_allclose(mean[1], angular, atol=2e-3)
+
+
+def test_setting_the_pose_moves_the_model_rigidly(make):
+    with World() as world:
+        model = world.spawn(parse_urdf(xml(make)), "m", joint_positions={"turn": 0.4})
+        before = {n: model.link_pose(n) for n in model.link_names}
+        model.set_pose(POSE)
+        for name, pose in before.items():
+            np.testing.assert_allclose(model.link_pose(name).matrix(), (POSE @ pose).matrix(),
+                                       atol=1e-12)
+        assert model.read_joints()[0] == pytest.approx([0.4])
+
+
+def test_poses_compose_and_invert():
+    a = Pose.from_rpy((1, 2, 3), (0.4, -1.2, 2.5))
+    b = Pose.from_rpy((-0.3, 0.1, 0.7), (1.4, 0.2, -0.5))
+    np.testing.assert_allclose((a @ b).matrix(), np.array(a.matrix()) @ b.matrix(), atol=1e-14)
+    np.testing.assert_allclose((a @ a.inverse()).matrix(), np.eye(4), atol=1e-14)
+    assert a.apply((0, 0, 0)) == (1, 2, 3)
+
+
+def test_unknown_names_are_named(make):
+    with World() as world:
+        model = world.spawn(parse_urdf(xml(make)), "m")
+        with pytest.raises(WorldError, match="no link 'nose'.*hull, arm, tip"):
+            model.link_pose("nose")
+        with pytest.raises(WorldError, match="no moving joint 'fix'.*turn"):
+            model.apply_effort("fix", 1.0)
+        with pytest.raises(WorldError, match="'n' does not exist.*m"):
+            world.model("n")

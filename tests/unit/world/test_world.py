@@ -1,0 +1,252 @@
+"""The world as a whole: spawning, resets, determinism, the ARAS robot under its PIDs."""
+
+import math
+import random
+
+import pytest
+
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.world import Pose, Twist, World
+
+
+class Pids:
+    """Six effort PIDs with the original gains; no limits, as small as a test can have it."""
+
+    def __init__(self, model, gains):
+        self.model, self.gains = model, gains
+        self.target = dict.fromkeys(gains, 0.0)
+        self.integral = dict.fromkeys(gains, 0.0)
+        self.last = {}
+
+    def update(self):
+        """One control cycle of 1 ms."""
+        for joint, position in zip(self.model.joint_names, self.model.read_joints()[0],
+                                   strict=True):
+            p, i, d, clamp = self.gains[joint]
+            error = self.target[joint] - position
+            rate = (error - self.last.get(joint, error)) / 1e-3
+            self.last[joint] = error
+            self.integral[joint] += error * 1e-3
+            push = max(-clamp, min(clamp, i * self.integral[joint]))
+            self.model.apply_effort(joint, p * error + push + d * rate)
+
+
+def run(world, pids, count):
+    """Positions after `count` controlled steps."""
+    for _ in range(count):
+        pids.update()
+        world.step()
+    return tuple(pids.model.read_joints()[0])
+
+
+FRICTION = 0.9  # N m, every rotary joint's
+KINEMATIC = '<gazebo reference="base_link"><kinematic>true</kinematic></gazebo>'
+
+
+@pytest.mark.parametrize("tags", [KINEMATIC, ""], ids=["fixed base", "free base on the ground"])
+def test_aras_robot_settles_where_it_is_told(make, tags):
+    """Friction holds a joint up to f/p off its command; the integral has 2 s of some 7 s to take
+    up J2's change of gravity load, 3 N m. See test_step_response.py for the exact statement."""
+    with World() as world:
+        world.spawn_ground_plane()
+        model = world.spawn(parse_urdf(make.aras(tags)), "aras", joint_positions=make.start)
+        assert model.fixed_base is bool(tags)
+        pids = Pids(model, make.gains)
+        pids.target.update(gantry=0.05, J2=-0.09, J3=0.045, J5=0.045)
+        run(world, pids, 2000)
+        for joint, position in zip(model.joint_names, model.read_joints()[0], strict=True):
+            bound = FRICTION / make.gains[joint][0] + (3.0 / 7000 if joint == "J2" else 1e-4)
+            assert abs(position - pids.target[joint]) < bound, joint
+        assert all(abs(v) < 1e-3 for v in model.read_joints()[1])
+        pose = model.pose()
+        # Contacts of 1.8 t creep by millimetres when the arm is jerked; a bolted base doesn't.
+        assert math.dist(pose.xyz, (0, 0, 0)) < (1e-12 if tags else 5e-3)
+        assert abs(pose.quat[3]) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_reset_simulation_makes_runs_bit_identical(make):
+    def scene(world):
+        world.spawn_ground_plane()
+        ball = '<visual><geometry><sphere radius="0.1"/></geometry></visual>'
+        touch = ball.replace("visual", "collision")
+        world.spawn(parse_urdf(make.robot(make.link("ball", 1.0, shapes=ball + touch))), "ball",
+                    Pose((0.3, 0.0, 0.4)))
+        return world.spawn(parse_urdf(make.aras()), "aras", joint_positions=make.start)
+
+    def play(world, model):
+        pids = Pids(model, make.gains)
+        joints = run(world, pids, 300)
+        return joints, world.model("ball").pose(), model.link_states()["camera_link"]
+
+    with World() as first, World() as second:
+        model = scene(first)
+        fresh = play(first, model)
+        first.reset_simulation()
+        again = play(first, model)
+        other = play(second, scene(second))
+    assert fresh == again == other
+
+
+def test_reading_states_does_not_change_the_future(make):
+    results = []
+    for look in (False, True):
+        with World() as world:
+            model = world.spawn(parse_urdf(make.aras()), "aras", joint_positions=make.start)
+            pids = Pids(model, make.gains)
+            for _ in range(200):
+                run(world, pids, 1)
+                if look:
+                    model.link_states()
+                    model.pose()
+            results.append(tuple(model.read_joints()[0]))
+    assert results[0] == results[1]
+
+
+def test_reset_simulation_restores_spawns_and_their_configurations(make):
+    with World() as world:
+        model = world.spawn(parse_urdf(make.aras(KINEMATIC)), "aras", joint_positions=make.start)
+        late = world.spawn(parse_urdf(make.robot(make.link("late"))), "late", Pose((5, 0, 1)))
+        pids = Pids(model, make.gains)
+        run(world, pids, 100)
+        late.set_pose(Pose((0, 9, 9)))
+        world.reset_simulation()
+        assert dict(zip(model.joint_names, model.read_joints()[0], strict=True)) == make.start
+        assert [list(values) for values in model.read_joints()[1:]] == [[0.0] * 6] * 2
+        assert late.pose().xyz == (5, 0, 1)
+        assert list(world.models) == ["aras", "late"]
+
+
+def test_reset_world_keeps_joint_angles_and_stops_everything(make):
+    with World() as world:
+        arm = make.robot(make.link("base"), make.link("arm"),
+                         make.joint("turn", "base", "arm", "continuous"))
+        model = world.spawn(parse_urdf(arm), "m", Pose((1, 2, 3)))
+        model.set_twist(Twist((1, 0, 0), (0, 0, 1)))
+        for _ in range(50):
+            model.apply_effort("turn", 1.0)
+            world.step()
+        angle = model.read_joints()[0][0]
+        assert angle > 0
+        world.reset_world()
+        assert list(model.read_joints()[0]) == [angle]
+        assert list(model.read_joints()[1]) == [0.0]
+        assert model.pose().xyz == pytest.approx((1, 2, 3), abs=1e-12)
+        assert model.twist() == Twist()
+
+
+def test_models_fall_side_by_side_and_can_go(make):
+    box = make.box("0.2 0.2 0.2")
+    with World() as world:
+        world.spawn_ground_plane()
+        for k in range(3):
+            world.spawn(parse_urdf(make.robot(make.link(f"box{k}", shapes=box))), f"box{k}",
+                        Pose((k, 0, 0.11 + 0.02 * k)))
+        for _ in range(400):
+            world.step()
+        for k in range(3):
+            assert world.model(f"box{k}").pose().xyz == pytest.approx((k, 0, 0.1), abs=2e-3)
+        revision = world.revision
+        world.delete("box1")
+        assert list(world.models) == ["ground_plane", "box0", "box2"]
+        assert world.revision == revision + 1
+        world.step()
+        with pytest.raises(WorldError, match="'box1' does not exist"):
+            world.delete("box1")
+
+
+def test_root_rules(make):
+    with World() as world:
+        free = world.spawn(parse_urdf(make.robot(make.link("a"))), "free")
+        bolted = world.spawn(parse_urdf(make.pendulum()), "bolted")
+        massless = world.spawn(parse_urdf(make.robot('<link name="a"/>')), "massless")
+        asked = world.spawn(parse_urdf(make.robot(make.link("a"))), "asked", fixed_base=True)
+        still = world.spawn(parse_urdf(
+            make.pendulum().replace("</robot>", "<gazebo><static>1</static></gazebo></robot>")
+        ), "still")
+        assert (free.fixed_base, bolted.fixed_base, massless.fixed_base, asked.fixed_base,
+                still.fixed_base) == (False, True, True, True, True)
+        assert still.joint_names == ()
+        for _ in range(20):
+            world.step()
+        assert free.pose().xyz[2] < 0
+        assert asked.pose().xyz == (0, 0, 0)
+
+
+def test_links_without_gravity_float(make):
+    tag = '<gazebo reference="a"><gravity>false</gravity></gazebo>'
+    with World() as world:
+        model = world.spawn(parse_urdf(make.robot(make.link("a", 2.0, "0.1 0 0"), tag)), "m")
+        for _ in range(200):
+            world.step()
+        assert model.pose().xyz == pytest.approx((0, 0, 0), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"name": ""}, "not empty"),
+        ({"name": "taken"}, "'taken' exists already"),
+        ({"pose": Pose((math.nan, 0, 0))}, "position.*not finite"),
+        ({"pose": Pose((0, 0, 0), (0, 0, math.inf, 1))}, "orientation.*not finite"),
+        ({"pose": ((0, 0), (0, 0, 0, 1))}, "needs 3 numbers"),
+        ({"joint_positions": {"J9": 0.0}}, "no moving joint 'J9'; it has: swing"),
+        ({"joint_positions": {"swing": math.nan}}, "'swing': position nan is not finite"),
+    ],
+)
+def test_bad_spawns_are_refused_and_leave_the_world_alone(make, arguments, text):
+    with World() as world:
+        description = parse_urdf(make.pendulum())
+        world.spawn(description, "taken")
+        with pytest.raises(WorldError, match=text):
+            world.spawn(description, **{"name": "m", **arguments})
+        assert list(world.models) == ["taken"]
+
+
+def test_what_cannot_move_is_refused(make):
+    floating = make.robot(make.link("a"), make.link("b"),
+                          '<joint name="j" type="floating"><parent link="a"/><child link="b"/>'
+                          "</joint>")
+    hollow = make.robot(make.link("a"), '<link name="b"/>',
+                        make.joint("j", "a", "b", "continuous"))
+    with World() as world:
+        with pytest.raises(WorldError, match="'j': floating joints are not simulated"):
+            world.spawn(parse_urdf(floating), "m")
+        with pytest.raises(WorldError, match="link 'b'.*no mass"):
+            world.spawn(parse_urdf(hollow), "m")
+        assert not world.models
+
+
+@pytest.mark.parametrize("step", [0.0, -1.0, 1e9, math.nan, math.inf])
+def test_impossible_steps_are_refused(step):
+    with pytest.raises(WorldError, match="time step"):
+        World(time_step=step)
+    with World() as world:
+        with pytest.raises(WorldError, match="time step"):
+            world.set_physics(time_step=step, gravity=(0, 0, 0))
+        assert (world.time_step, world.gravity) == (0.001, (0, 0, -9.8))
+
+
+def test_efforts_that_are_no_numbers_never_reach_a_motor(make):
+    with World() as world:
+        model = world.spawn(parse_urdf(make.pendulum()), "m", joint_positions={"swing": 0.5})
+        model.apply_effort("swing", math.nan)
+        with pytest.raises(WorldError, match="'swing'.*effort is not finite"):
+            world.step()
+        world.step()
+        assert math.isfinite(model.read_joints()[0][0])
+
+
+def test_long_chains_load(make):
+    count = 40
+    links = [make.link(f"l{i}", 0.1, inertia=(0.001,) * 3 + (0, 0, 0)) for i in range(count)]
+    joints = [make.joint(f"j{i}", f"l{i}", f"l{i + 1}", "continuous", xyz="0 0 -0.1")
+              for i in range(count - 1)]
+    parts = links + joints
+    random.Random(1).shuffle(parts)
+    with World() as world:
+        model = world.spawn(parse_urdf(make.robot(*parts)), "chain", fixed_base=True)
+        model.set_joint_positions({"j7": 0.7})
+        assert model.read_joints()[0][model.joint_names.index("j7")] == 0.7
+        for _ in range(20):
+            world.step()

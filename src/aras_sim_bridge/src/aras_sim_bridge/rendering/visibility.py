@@ -37,29 +37,16 @@ class Visibility:
         seen = _within(bounds)
         return triangle[seen], bounds[:, seen]
 
-    def on_faces(self, faces: Faces, optical_T_link: np.ndarray
-                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Pairs (triangle, face) of what each of several faces may show, face by face.
-
-        Also the bounds (4, N) of each triangle on that face, as `in_view` gives them.
-        """
+    def on_faces(self, faces: Faces, optical_T_link: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs (triangle, face) of what each of several faces may show, face by face."""
         triangle, _ = self._candidates(faces, optical_T_link)
-        p = self._corners(triangle, optical_T_link)
-        found, bounds = [], []
-        for k, normals in enumerate(faces.normals()):
-            side = (p.reshape(-1, 3) @ normals.T).reshape(-1, 3, 5)
-            high = np.maximum(np.maximum(side[:, 0], side[:, 1]), side[:, 2])
-            seen = np.flatnonzero((high[:, 0] > 0.0) & (high[:, 1] > 0.0) & (high[:, 2] > 0.0)
-                                  & (high[:, 3] > 0.0) & (high[:, 4] > faces.near))
-            q = p[seen]
-            if faces.rotation is not None:
-                q = (q.reshape(-1, 3) @ faces.rotation[k].T).reshape(-1, 3, 3)
-            limits = _projected_bounds(q, faces.near, faces.projection[k])
-            inside = _within(limits)
-            found.append(triangle[seen[inside]])
-            bounds.append(limits[:, inside])
-        face = np.repeat(np.arange(len(found)), [len(f) for f in found])
-        return np.concatenate(found), face, np.concatenate(bounds, axis=1)
+        p = self._corners(triangle, optical_T_link).reshape(-1, 3)
+        side = (faces.normals().reshape(-1, 3) @ p.T).reshape(len(faces), 5, -1, 3)
+        high = np.maximum(np.maximum(side[..., 0], side[..., 1]), side[..., 2])
+        seen = ((high[:, 0] > 0.0) & (high[:, 1] > 0.0) & (high[:, 2] > 0.0)
+                & (high[:, 3] > 0.0) & (high[:, 4] > faces.near))
+        face, index = np.nonzero(seen)
+        return triangle[index], face
 
     def _candidates(self, faces: Faces, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Front triangles in clusters whose boxes touch a face's frustum, ascending.

@@ -141,8 +141,9 @@ if [[ $(cat devel/setup.stamp 2>/dev/null) != "$stamp" ]]; then
     fi
     mkdir -p build
     rm -f devel/setup.stamp src/upstream_msgs/*/CATKIN_IGNORE
+    # Without --force-cmake a package that has come or gone in /usr would not be noticed.
     # Python and C++ messages are enough; the Lisp ones would take a third of the build.
     step "Building the workspace" env ROS_LANG_DISABLE=genlisp \
-        catkin_make -DPYTHON_EXECUTABLE="$root/.venv/bin/python"
+        catkin_make --force-cmake -DPYTHON_EXECUTABLE="$root/.venv/bin/python"
     printf '%s\n' "$stamp" >devel/setup.stamp
 fi

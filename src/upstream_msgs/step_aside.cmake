@@ -4,8 +4,9 @@
 # them. On a system that has them (a ROS built from source, a later Debian) ours would overlay the
 # real ones, so they give way: a CATKIN_IGNORE file (not under version control) hides the package from
 # catkin and from rospack, whatever an earlier build left in the devel space is removed, and the
-# calling CMakeLists.txt ends there. When the installed copy is gone again, delete the CATKIN_IGNORE
-# files; setup.sh does so before every build.
+# calling CMakeLists.txt ends there. Decided whenever CMake runs: when an installed copy comes or goes
+# after the first build, delete the CATKIN_IGNORE files and run `catkin_make --force-cmake`; setup.sh
+# notices and does both.
 #
 # "Installed" means a <package>Config.cmake in an underlay or in /usr, never in our own devel or
 # install space. The answer is left in <package>_STEPS_ASIDE.

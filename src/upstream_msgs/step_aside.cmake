@@ -8,12 +8,12 @@
 # after the first build, delete the CATKIN_IGNORE files and run `catkin_make --force-cmake`; setup.sh
 # notices and does both.
 #
-# "Installed" means a <package>Config.cmake in an underlay or in /usr, never in our own devel or
-# install space. The answer is left in <package>_STEPS_ASIDE.
+# "Installed" means a <package>Config.cmake where rospack looks too: in a sourced underlay or in /usr,
+# never in our own devel or install space. The answer is left in <package>_STEPS_ASIDE.
 function(step_aside package)
   set(${package}_STEPS_ASIDE FALSE PARENT_SCOPE)
   # catkin has turned the environment's path into this list; an isolated build may not have yet.
-  string(REPLACE ":" ";" prefixes "${CMAKE_PREFIX_PATH};$ENV{CMAKE_PREFIX_PATH};/usr/local;/usr")
+  string(REPLACE ":" ";" prefixes "${CMAKE_PREFIX_PATH};$ENV{CMAKE_PREFIX_PATH};/usr")
   foreach(prefix IN LISTS prefixes)
     if(prefix STREQUAL "" OR prefix STREQUAL "${CATKIN_DEVEL_PREFIX}"
        OR prefix STREQUAL "${CMAKE_INSTALL_PREFIX}")

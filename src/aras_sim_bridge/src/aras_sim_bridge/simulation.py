@@ -123,9 +123,7 @@ class Simulation:
                 f"model '{name}' has {len(description.control_plugins)} gazebo_ros_control plugins;"
                 " keep one"
             )
-        # A robot on ros_control stands where it is put: the ARAS frame rests on the floor.
-        fixed = True if description.control_plugins else None
-        model = self.world.spawn(description, name, pose, joint_positions, fixed)
+        model = self.world.spawn(description, name, pose, joint_positions)
         try:
             robot = self._robot(model, namespace.rstrip("/"), parameters or {})
             mounted = [self._camera(model, c, cameras or {}) for c in description.cameras]

@@ -5,6 +5,7 @@ principal inertias, and without what the World does itself (damping, friction, l
 """
 
 import math
+from dataclasses import replace
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -26,12 +27,45 @@ from aras_sim_bridge.world.poses import Pose, multiply, normalised, quaternion_f
 def root_is_fixed(description: RobotDescription) -> bool:
     """Whether the model's root link stays where it is put.
 
-    True for a root named 'world' (ROS's way to bolt a robot down), a root without mass (which no
-    free body has), a root that the file calls kinematic (`<gazebo reference="root"><kinematic>`:
-    never moved by forces, in Gazebo too) and a static model.
+    True for a root named 'world' (ROS's way to bolt a robot down), a root without mass, of its own
+    or of links fixed to it (no free body is without), a root that the file calls kinematic
+    (`<gazebo reference="root"><kinematic>`: never moved by forces, in Gazebo too) and a static
+    model.
+    """
+    root = with_massive_root(description).links[description.root]
+    return description.static or root.name == "world" or root.kinematic or root.inertial is None
+
+
+def with_massive_root(description: RobotDescription) -> RobotDescription:
+    """The same bodies, with mass in the root where that hangs on a fixed joint in the file.
+
+    Many mobile robots have a massless base_link with the chassis fixed to it; Gazebo lumps the two
+    together. Bullet would nail such a root to the world, so the heaviest link that is fixed to it
+    lends it its inertial; as one rigid body the two move as before.
     """
     root = description.links[description.root]
-    return description.static or root.name == "world" or root.kinematic or root.inertial is None
+    if root.inertial is not None or description.static or root.name == "world":
+        return description
+    found: list[tuple[Link, Pose]] = []
+    pending = [(root.name, Pose())]
+    while pending:
+        parent, root_t_parent = pending.pop()
+        for joint in description.joints.values():
+            if joint.parent == parent and joint.kind == "fixed":
+                pose = root_t_parent @ Pose.from_rpy(joint.origin_xyz, joint.origin_rpy)
+                pending.append((joint.child, pose))
+                found.append((description.links[joint.child], pose))
+    found = [(link, pose) for link, pose in found if link.inertial is not None]
+    if not found:
+        return description
+    lender, root_t_lender = max(found, key=lambda pair: pair[0].inertial.mass)
+    own = lender.inertial
+    frame = root_t_lender @ Pose.from_rpy(own.origin_xyz, own.origin_rpy)
+    lent = Inertial(own.mass, frame.xyz, _rpy(frame.quat), own.inertia)
+    links = dict(description.links)
+    links[root.name] = replace(root, inertial=lent, gravity=root.gravity and lender.gravity)
+    links[lender.name] = replace(lender, inertial=None)
+    return replace(description, links=links)
 
 
 def principal_inertial(inertial: Inertial) -> tuple[Pose, tuple[float, float, float]]:

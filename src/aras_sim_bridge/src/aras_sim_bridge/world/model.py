@@ -6,8 +6,7 @@ import tempfile
 from collections.abc import Sequence
 from types import MappingProxyType
 
-import pybullet
-
+from aras_sim_bridge.bullet import pybullet
 from aras_sim_bridge.description.model import RobotDescription
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.world import bullet_file

@@ -204,6 +204,19 @@ def test_only_the_needed_order_is_asked_for(names, order: int) -> None:
             compute(polygon_moments(view, order - 1), names, view.plane, REFERENCE)
 
 
+def test_points_that_coincide_or_stand_in_line() -> None:
+    names = (*PAPER, *INVARIANTS)
+    point = Moments.from_points([[0.1, 0.2]] * 4)
+    result = compute(point, names, FRONT, REFERENCE)
+    assert np.isfinite(result.values).all() and np.isfinite(result.L).all()
+    assert {"an", "alpha", "Px", "Py", "C1"} <= set(result.degenerate)
+    with pytest.raises(FeatureError, match="coincide"):
+        compute(point, names, reference=REFERENCE)
+    line = compute(Moments.from_points([[0, 0], [1, 1], [3, 3]]), names, FRONT, REFERENCE)
+    assert np.isfinite(line.values).all() and np.isfinite(line.L).all()
+    assert line["alpha"] == pytest.approx(pi / 4)
+
+
 def test_order_of_the_area_of_points() -> None:
     assert required_order(("area",), "points") == 3
 

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from aras_sim_bridge.camera import CameraConfig, CameraSensor, Frame
+from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.control_loop import ControlLoop
 from aras_sim_bridge.controller_manager import ControllerManager
 from aras_sim_bridge.description import RobotDescription
-from aras_sim_bridge.errors import DescriptionError, RenderingError, SimError
+from aras_sim_bridge.errors import CameraError, DescriptionError, RenderingError, SimError
 from aras_sim_bridge.hardware import RobotHardware
+from aras_sim_bridge.mounting import MountedCamera, robot_camera, world_camera
 from aras_sim_bridge.rendering import COLOURS, Light, MaterialTable, Renderer, create_renderer
 from aras_sim_bridge.world import Model, Pose, World
 from aras_sim_bridge.world.poses import IDENTITY
@@ -49,33 +48,6 @@ class Robot:
     hardware: RobotHardware
     manager: ControllerManager
     loop: ControlLoop
-
-
-class MountedCamera:
-    """A camera on a link. It draws while `enabled` and hands its frames to `on_frame`."""
-
-    def __init__(self, sensor: CameraSensor, model: Model, link: str) -> None:
-        self.sensor = sensor
-        self.model = model
-        self.link = link
-        self.enabled = False
-        self.on_frame: Callable[[Frame], None] | None = None
-
-    def before_step(self, time_ns: int, after_ns: int) -> None:
-        """Remember the world where an exposure falls between two ticks."""
-        if self.sensor.needs_before(after_ns):
-            self.sensor.before_step(self._pose(), time_ns)
-
-    def after_step(self, time_ns: int) -> None:
-        """Expose if it is time."""
-        if not self.sensor.due(time_ns):
-            return
-        frame = self.sensor.capture(self._pose(), time_ns)
-        if frame is not None and self.on_frame is not None:
-            self.on_frame(frame)
-
-    def _pose(self) -> np.ndarray:
-        return np.array(self.model.link_pose(self.link).matrix())
 
 
 class Simulation:
@@ -113,7 +85,8 @@ class Simulation:
 
         Args:
             namespace: the robot's, without trailing slash; parameters: what ROS has below it.
-            cameras: settings laid over the sensors', nested by the parts of the camera's name.
+            cameras: settings laid over the sensors', nested by the parts of the camera's name. An
+                impossible camera is left out and logged; the model is spawned all the same.
 
         Raises:
             SimError: saying what is wrong; the world is as before then.
@@ -126,14 +99,14 @@ class Simulation:
         model = self.world.spawn(description, name, pose, joint_positions)
         try:
             robot = self._robot(model, namespace.rstrip("/"), parameters or {})
-            mounted = [self._camera(model, c, cameras or {}) for c in description.cameras]
         except SimError:
             self.world.delete(name)
             raise
         self._colour(model)
         if robot is not None:
             self.robots[name] = robot
-        self.cameras.extend(mounted)
+        for camera in description.cameras:
+            self._mount(model, camera, cameras or {})
         return model
 
     def delete(self, name: str) -> None:
@@ -205,11 +178,32 @@ class Simulation:
             return Robot(model.name, namespace, model, hardware, manager, loop)
         return None
 
-    def _camera(self, model: Model, camera: Any, presets: Mapping[str, Any]) -> MountedCamera:
-        name = camera.plugin.camera_name if camera.plugin is not None else camera.name
-        overrides: dict[str, Any] = {"legacy_camera_info": self.config.legacy_camera_info}
-        overrides |= _below(presets, name)
-        settings = CameraConfig.from_description(camera, overrides)
+    def add_camera(self, name: str, settings: Mapping[str, Any]) -> MountedCamera:
+        """Put a camera into the world, fixed; see mounting.world_camera. Raises CameraError."""
+        config, pose = world_camera(name, settings, self._camera_defaults(), self.config.seed)
+        mounted = MountedCamera(self._sensor(config), None, "world", pose)
+        self.cameras.append(mounted)
+        return mounted
+
+    def _mount(self, model: Model, camera: Any, settings: Mapping[str, Any]) -> None:
+        """Mount one camera of a description. One that is impossible must not cost the robot."""
+        try:
+            config = robot_camera(camera, settings, self._camera_defaults(), self.config.seed)
+            mounted = MountedCamera(self._sensor(config), model, camera.link)
+        except (CameraError, RenderingError) as error:
+            log.error("model '%s' goes without a camera: %s", model.name, error)
+            return
+        self.cameras.append(mounted)
+
+    def _camera_defaults(self) -> dict[str, Any]:
+        return {"legacy_camera_info": self.config.legacy_camera_info}
+
+    def _sensor(self, config: CameraConfig) -> CameraSensor:
+        if any(camera.sensor.config.topic_root == config.topic_root for camera in self.cameras):
+            raise CameraError(
+                f"camera '{config.name}': there is a camera {config.topic_root} already; give this "
+                "one another cameraName or robotNamespace"
+            )
         if self._renderer is None:
             self._renderer = create_renderer(
                 self.config.renderer,
@@ -218,10 +212,10 @@ class Simulation:
                 Light(self.config.sun_direction),
             )
             log.info("cameras are drawn by %s", self._renderer.name)
-        sensor = CameraSensor(settings, self._renderer)
+        sensor = CameraSensor(config, self._renderer)
         sensor.check_time_step(self.step_ns)
         sensor.reset(self.time_ns)
-        return MountedCamera(sensor, model, camera.link)
+        return sensor
 
     def _colour(self, model: Model) -> None:
         """Give the renderer Gazebo's colours; links without a material are white."""
@@ -234,11 +228,3 @@ class Simulation:
                 )
             colours[index] = COLOURS[name]
         self._materials.set_body(model.body_id, colours)
-
-
-def _below(tree: Mapping[str, Any], path: str) -> Mapping[str, Any]:
-    """The mapping at 'a/b' of a nested one; empty where there is none."""
-    node: Any = tree
-    for part in path.strip("/").split("/"):
-        node = node.get(part) if isinstance(node, Mapping) else None
-    return node if isinstance(node, Mapping) else {}

@@ -222,6 +222,8 @@ def compute(
     if plane is None:
         if reference is None:
             raise FeatureError("give a plane, or a reference that its depth can be taken from")
+        if not moments.area > 0.0:
+            raise FeatureError("the points coincide: no depth can be taken from them")
         plane = Plane.fronto_parallel(reference.depth * sqrt(reference.area / moments.area))
     plan = _plan(names, moments.kind)
     needed = max(plan.centred_order, plan.raw_order) + 1

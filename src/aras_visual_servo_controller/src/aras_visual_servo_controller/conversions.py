@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.moments import Moments
 

@@ -51,6 +51,7 @@ class ControllerNode:
         self._image_stamp: float | None = None
         self._moments: ImageMoments | None = None
         self._joints_heard = self._images_heard = time.monotonic()
+        self._sent: np.ndarray | None = None
         self._reported = -1.0
         self._said: tuple[str, str] = ("", "")
         self._said_at = 0.0
@@ -120,9 +121,11 @@ class ControllerNode:
                 self._positions = None
                 self._say(servo.WAITING, f"joint_states is malformed: {error}")
                 return
-            if self._loop.approaching:
+            if not self._loop.approaching:
+                self._send(self._loop.streamed(stamp), repeat=False)
+            else:
                 command = self._loop.joints(self._positions, stamp)
-                self._send(command)
+                self._send(command.joint_commands)
                 if not 0.0 <= stamp - self._reported < APPROACH_REPORT_PERIOD:
                     self._report(command, message.header.stamp)
 
@@ -151,7 +154,7 @@ class ControllerNode:
         if self._loop.approaching:
             return
         command = self._loop.step(conversions.measurement(message, kernel), self._positions)
-        self._send(command)
+        self._send(self._loop.streamed(max(stamp, self._joint_stamp or stamp)))
         self._report(command, message.header.stamp)
 
     def _restart(self, stamp: float) -> None:
@@ -161,10 +164,13 @@ class ControllerNode:
         self._positions = self._joint_stamp = self._image_stamp = None
         self._reported = -1.0
 
-    def _send(self, command: ServoCommand) -> None:
-        values = command.joint_commands
+    def _send(self, values: np.ndarray | None, repeat: bool = True) -> None:
+        """Publish the six commands; without `repeat` only when they are new."""
         if values is None or not np.isfinite(values).all():
             return
+        if not repeat and self._sent is not None and np.array_equal(values, self._sent):
+            return
+        self._sent = values
         for publisher, value in zip(self._commands, values, strict=True):
             publisher.publish(Float64(float(value)))
 

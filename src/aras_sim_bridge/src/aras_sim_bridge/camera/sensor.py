@@ -65,12 +65,19 @@ class CameraSensor:
         self._rate = config.update_rate
         self._latency_ns = round(config.latency * 1e9)
         self._warned = False
+        # Whether pictures carry them now; who offers them may switch off what nobody reads.
+        self.depth, self.segmentation = config.depth, config.segmentation
         self.reset()
 
     @property
     def rate(self) -> float:
         """Frames a second of simulated time."""
         return self._rate
+
+    @property
+    def link_T_optical(self) -> np.ndarray:
+        """(4, 4) mounting pose of the optical frame."""
+        return self._link_T_optical.copy()
 
     @property
     def period_ns(self) -> int:
@@ -183,13 +190,13 @@ class CameraSensor:
         if self._effects.dropped():
             return
         depth = segmentation = None
-        if self.config.depth or self.config.segmentation:
+        if self.depth or self.segmentation:
             depth, segmentation = self.renderer.measure(view, blend)
         self._warn_if_blind(image, view)
         image = formats.convert(self._effects.apply(image), self.config.encoding)
         frame = Frame(stamp, image, self.config.encoding,
-                      depth if self.config.depth else None,
-                      segmentation if self.config.segmentation else None)
+                      depth if self.depth else None,
+                      segmentation if self.segmentation else None)
         self._waiting.append((stamp + self._latency_ns, frame))
 
     def _view(self, world_T_link: np.ndarray) -> View:

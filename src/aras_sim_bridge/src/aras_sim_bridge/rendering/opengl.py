@@ -20,6 +20,7 @@ from .faces import Faces, tiles, whole
 from .gl_geometry import Geometry
 from .gl_lens import LensPass
 from .gl_target import Target, create_context
+from .raymap import RayMap
 from .refinement import TILE, EdgeFinder
 from .scene import Scene
 from .view import Light, MaterialTable, View
@@ -29,8 +30,10 @@ MULTISAMPLES = 4
 ATLAS_COLUMNS = 16
 # What clipping one triangle to a tile costs, in drawn samples; measured on the software rasteriser.
 CLIP_COST = 750
+# With more triangles than this in view there are edges nearly everywhere.
+MANY_TRIANGLES = 1500
 # Beyond this many triangles times tiles even finding out what overlaps takes too long.
-MOST_PAIRS = 60_000
+MOST_PAIRS = 200_000
 
 
 class OpenGLRenderer:
@@ -105,21 +108,21 @@ class OpenGLRenderer:
 
     def _shown(self, faces: Faces, optical_T_link: np.ndarray, sun: np.ndarray) -> _Shown:
         """What each face can show."""
-        found = [self._geometry.visibility.of_face(faces, k, optical_T_link)[0]
-                 for k in range(len(faces))]
-        face = np.repeat(np.arange(len(found)), [len(f) for f in found])
-        return _Shown(faces, np.concatenate(found), face, optical_T_link, sun)
+        triangle, face = self._geometry.visibility.on_faces(faces, optical_T_link)
+        return _Shown(faces, triangle, face, optical_T_link, sun)
 
     def _flat(self, view: View, optical_T_link: np.ndarray, sun: np.ndarray) -> np.ndarray:
         """Picture of a pinhole, (height, width, 4)."""
         w, h = view.width, view.height
         faces = whole(view)
-        triangle, bounds = self._geometry.visibility.of_face(faces, 0, optical_T_link)
+        triangle, bounds = self._geometry.visibility.in_view(faces, optical_T_link)
         shown = _Shown(faces, triangle, np.zeros(len(triangle), int), optical_T_link, sun)
         if self.antialiasing == "edges" and min(w, h) < TILE:
             return cv2.resize(self._picture(shown, (4 * w, 4 * h)), (w, h),
                               interpolation=cv2.INTER_AREA)
         if self.antialiasing == "edges":
+            if len(triangle) > MANY_TRIANGLES:
+                return self._doubled(shown, w, h)
             return self._refine(view, self._picture(shown, (w, h)), shown, bounds)
         return self._picture(shown, (w, h), self._samples)
 
@@ -127,33 +130,36 @@ class OpenGLRenderer:
                       ) -> np.ndarray:
         """Picture through a lens, (height, width, 4): its faces drawn, then looked up."""
         lens = self._lens(view)
-        visibility = self._geometry.visibility
         shown = self._shown(lens.faces, optical_T_link, sun)
-        size = view.lens.atlas_size
-        target = self._drawn(shown, size, self._samples, texture=True)
-        target.resolve(self._ctx)
-        rgba = lens.resample(target.texture)
         if self.antialiasing != "edges" or min(view.width, view.height) < TILE:
-            return rgba
-        finder = self._finder(view.width, view.height)
-        corners = finder.find(rgba, without=lens.rim)
+            return lens.resample(self._atlas(shown, view.lens, 1))
+        if len(shown.triangle) > MANY_TRIANGLES:
+            return lens.resample(self._atlas(shown, view.lens, 2))
+        rgba = lens.resample(self._atlas(shown, view.lens, 1))
+        corners = self._finder(view.width, view.height).find(rgba, without=lens.rim)
         if not len(corners):
             return rgba
+        # Tiles with edges again, unless drawing all faces finer costs less.
+        n, (w, h) = TILE * gl_lens.FACTOR, view.lens.atlas_size
         triangle = np.unique(shown.triangle)
-        if len(triangle) * len(corners) <= MOST_PAIRS:
+        left = 3 * w * h - len(corners) * n**2
+        if left > 0 and len(corners) * len(triangle) < MOST_PAIRS:
             rows = _atlas_rows(len(corners))
             faces, number = lens.tiles(corners, ATLAS_COLUMNS, rows)
-            triangle, tile = visibility.of_rotated(triangle, faces, optical_T_link)
-            cost = CLIP_COST * len(triangle) + len(corners) * (TILE * gl_lens.FACTOR) ** 2
-            if cost <= 3 * size[0] * size[1]:
-                n = TILE * gl_lens.FACTOR
-                atlas = self._picture(_Shown(faces, triangle, tile, optical_T_link, sun),
-                                      (ATLAS_COLUMNS * n, rows * n))
+            triangle, tile = self._geometry.visibility.overlaps(triangle, faces, optical_T_link)
+            if CLIP_COST * len(triangle) < left:
+                fine = _Shown(faces, triangle, tile, optical_T_link, sun)
+                atlas = self._picture(fine, (ATLAS_COLUMNS * n, rows * n))
                 lens.paste(rgba, atlas, corners, number, ATLAS_COLUMNS)
                 return rgba
-        double = self._drawn(shown, (2 * size[0], 2 * size[1])).read(self._ctx)
-        target.texture.write(cv2.resize(double, size, interpolation=cv2.INTER_AREA))
-        return lens.resample(target.texture)
+        return lens.resample(self._atlas(shown, view.lens, 2))
+
+    def _atlas(self, shown: _Shown, lens: RayMap, factor: int) -> moderngl.Texture:
+        """All faces of a lens drawn, `factor` times as large as its atlas."""
+        w, h = lens.atlas_size
+        target = self._drawn(shown, (factor * w, factor * h), self._samples, texture=True)
+        target.resolve(self._ctx)
+        return target.texture
 
     def _lens(self, view: View) -> LensPass:
         key = (id(view.lens), view.near, view.far)
@@ -214,14 +220,19 @@ class OpenGLRenderer:
         # As fine as costs no more than drawing everything with 2 x 2 samples, or else just that.
         factor = next((f for f in (8, 4) if len(corners) * (TILE * f) ** 2 <= left), 2)
         if factor == 2:
-            return cv2.resize(self._picture(shown, (2 * w, 2 * h)), (w, h),
-                              interpolation=cv2.INTER_AREA)
+            # Four samples in a square, and the first one in their middle.
+            return cv2.addWeighted(self._doubled(shown, w, h), 0.8, rgba.copy(), 0.2, 0.0)
         rows = _atlas_rows(len(corners))
         fine = _Shown(tiles(view, corners, TILE, ATLAS_COLUMNS, rows), triangle, tile,
                       shown.optical_T_link, shown.sun)
         atlas = self._picture(fine, (ATLAS_COLUMNS * TILE * factor, rows * TILE * factor))
         refinement.paste(rgba, atlas, corners, factor)
         return rgba
+
+    def _doubled(self, shown: _Shown, width: int, height: int) -> np.ndarray:
+        """Picture with 2 x 2 samples for every pixel."""
+        return cv2.resize(self._picture(shown, (2 * width, 2 * height)), (width, height),
+                          interpolation=cv2.INTER_AREA)
 
     def _program(self, tiled: bool, measure: bool = False) -> moderngl.Program:
         textured = self._geometry.textures is not None and not measure
@@ -253,4 +264,6 @@ class _Shown:
 
 def _atlas_rows(count: int) -> int:
     """Rows for `count` tiles; powers of two, so that few sizes of framebuffer are made."""
+    if not count:
+        return 1
     return 1 << (-(-count // ATLAS_COLUMNS) - 1).bit_length()

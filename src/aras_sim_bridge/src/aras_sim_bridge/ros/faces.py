@@ -37,7 +37,7 @@ class Faces:
             known = [camera for camera, _ in self._cameras]
             for camera in cameras:
                 if not any(camera is other for other in known):
-                    self._cameras.append((camera, CameraTopics(camera)))
+                    self._cameras.append((camera, CameraTopics(camera, self._thread)))
 
     def _close_gone(self, robots: dict[str, Any], cameras: list[Any]) -> None:
         for name, (robot, face) in list(self._robots.items()):

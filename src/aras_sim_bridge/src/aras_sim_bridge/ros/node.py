@@ -13,6 +13,7 @@ import rospy
 from aras_sim_bridge import world_file
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.pacing import Pacer
+from aras_sim_bridge.ros.camera_settings import mount_world_cameras
 from aras_sim_bridge.ros.clock import ClockPublisher
 from aras_sim_bridge.ros.faces import Faces
 from aras_sim_bridge.ros.gazebo_api import GazeboApi
@@ -53,6 +54,7 @@ class GazeboNode:
         self.faces = Faces(self.thread)
         if parameters.enable_ros_network:
             self.api = GazeboApi(self)
+            mount_world_cameras(self.thread)
             self.faces.sync()
         if not parameters.paused:
             self.thread.unpause()

@@ -484,6 +484,11 @@ class Model:
         pybullet.changeDynamics(self.body_id, index, physicsClientId=self.client, **settings)
 
     @property
+    def link_indices(self) -> MappingProxyType:
+        """Bullet's index of each link by name; -1 is the root."""
+        return MappingProxyType(self._links)
+
+    @property
     def materials(self) -> MappingProxyType:
         """Gazebo material by Bullet link index, for the renderer's table."""
         return MappingProxyType({

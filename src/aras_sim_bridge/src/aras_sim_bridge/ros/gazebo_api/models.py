@@ -23,7 +23,7 @@ from gazebo_msgs.srv import (
 
 from aras_sim_bridge import packages
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.ros import conversions
+from aras_sim_bridge.ros import camera_settings, conversions
 from aras_sim_bridge.ros.controller_services import robot_parameters
 from aras_sim_bridge.ros.gazebo_api import descriptions, entities
 from aras_sim_bridge.ros.services import ServiceTable
@@ -98,7 +98,7 @@ class ModelServices:
             rospy.logwarn("model '%s': %s", name, warning)
         namespace = descriptions.robot_namespace(description, request.robot_namespace)
         parameters = robot_parameters(namespace)
-        presets = rospy.get_param("~cameras", {})
+        presets = camera_settings.read()
 
         def job() -> None:
             simulation = self._thread.simulation
@@ -113,6 +113,7 @@ class ModelServices:
             )
 
         self._thread.call(job, SPAWN_TIMEOUT)
+        camera_settings.warn_of_unused(presets, self._thread, description)
         self._node.faces.sync()
         return SpawnModelResponse(True, f"SpawnModel: Successfully spawned entity '{name}'")
 

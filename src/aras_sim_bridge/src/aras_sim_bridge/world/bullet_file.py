@@ -4,7 +4,6 @@ Bullet never sees the user's file: only what was checked reaches it, with absolu
 principal inertias, and without what the World does itself (damping, friction, limits in effort).
 """
 
-import math
 from dataclasses import replace
 from xml.sax.saxutils import quoteattr
 
@@ -21,7 +20,13 @@ from aras_sim_bridge.description.model import (
     RobotDescription,
     Visual,
 )
-from aras_sim_bridge.world.poses import Pose, multiply, normalised, quaternion_from_rpy
+from aras_sim_bridge.world.poses import (
+    Pose,
+    multiply,
+    normalised,
+    quaternion_from_rpy,
+    rpy_from_quaternion,
+)
 
 
 def root_is_fixed(description: RobotDescription) -> bool:
@@ -61,7 +66,7 @@ def with_massive_root(description: RobotDescription) -> RobotDescription:
     lender, root_t_lender = max(found, key=lambda pair: pair[0].inertial.mass)
     own = lender.inertial
     frame = root_t_lender @ Pose.from_rpy(own.origin_xyz, own.origin_rpy)
-    lent = Inertial(own.mass, frame.xyz, _rpy(frame.quat), own.inertia)
+    lent = Inertial(own.mass, frame.xyz, rpy_from_quaternion(frame.quat), own.inertia)
     links = dict(description.links)
     links[root.name] = replace(root, inertial=lent, gravity=root.gravity and lender.gravity)
     links[lender.name] = replace(lender, inertial=None)
@@ -103,7 +108,7 @@ def _link(link: Link, concave: bool) -> str:
         mass = link.inertial.mass
     ixx, iyy, izz = moments
     body = (
-        f"<inertial>{_origin(pose.xyz, _rpy(pose.quat))}<mass value=\"{mass!r}\"/>"
+        f"<inertial>{_origin(pose.xyz, rpy_from_quaternion(pose.quat))}<mass value=\"{mass!r}\"/>"
         f'<inertia ixx="{ixx!r}" ixy="0" ixz="0" iyy="{iyy!r}" iyz="0" izz="{izz!r}"/></inertial>'
     )
     body += "".join(_visual(v) for v in link.visuals)
@@ -132,7 +137,8 @@ def _slab(visual: Visual) -> Visual:
     tilt = Pose((0.0, 0.0, 0.0), normalised((*axis.tolist(), 1.0 + float(normal[2])))) \
         if normal[2] > -1.0 else Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
     pose = Pose.from_rpy(visual.origin_xyz, visual.origin_rpy) @ tilt @ Pose((0.0, 0.0, -0.01))
-    return Visual(visual.name, pose.xyz, _rpy(pose.quat), Geometry("box", size=size), visual.rgba)
+    return Visual(visual.name, pose.xyz, rpy_from_quaternion(pose.quat),
+                  Geometry("box", size=size), visual.rgba)
 
 
 def _collision(collision: Collision, concave: bool) -> str:
@@ -189,15 +195,3 @@ def _quaternion(rotation: np.ndarray) -> tuple[float, float, float, float]:
         (r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], squares[3]),
     )
     return normalised(tuple(float(v) for v in rows[int(np.argmax(squares))]))
-
-
-def _rpy(quat: tuple) -> tuple[float, float, float]:
-    """Fixed-axis roll, pitch, yaw of a unit quaternion."""
-    x, y, z, w = quat
-    sine = max(-1.0, min(1.0, 2.0 * (w * y - z * x)))
-    pitch = math.asin(sine)
-    if abs(sine) > 1.0 - 1e-12:
-        return 0.0, pitch, -2.0 * math.copysign(1.0, sine) * math.atan2(x, w)
-    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return roll, pitch, yaw

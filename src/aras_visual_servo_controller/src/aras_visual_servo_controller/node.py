@@ -121,13 +121,15 @@ class ControllerNode:
                 self._positions = None
                 self._say(servo.WAITING, f"joint_states is malformed: {error}")
                 return
-            if not self._loop.approaching:
-                self._send(self._loop.streamed(stamp), repeat=False)
-            else:
+            if self._settings.lockstep:
+                return  # there every command answers an image
+            if self._loop.approaching:
                 command = self._loop.joints(self._positions, stamp)
                 self._send(command.joint_commands)
                 if not 0.0 <= stamp - self._reported < APPROACH_REPORT_PERIOD:
                     self._report(command, message.header.stamp)
+            else:
+                self._send(self._loop.streamed(stamp), repeat=False)
 
     def _on_moments(self, message: ImageMoments) -> None:
         with self._lock:
@@ -151,10 +153,13 @@ class ControllerNode:
             return
         self._image_stamp = stamp
         self._images_heard = time.monotonic()
-        if self._loop.approaching:
+        if self._loop.approaching and not self._settings.lockstep:
             return
         command = self._loop.step(conversions.measurement(message, kernel), self._positions)
-        self._send(self._loop.streamed(max(stamp, self._joint_stamp or stamp)))
+        if self._settings.lockstep:
+            self._send(command.joint_commands)
+        else:
+            self._send(self._loop.streamed(max(stamp, self._joint_stamp or stamp)))
         self._report(command, message.header.stamp)
 
     def _restart(self, stamp: float) -> None:
@@ -221,7 +226,9 @@ def main() -> int:
     rospy.init_node("aras_visual_servo_controller")
     package = Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
     try:
-        settings = Settings.from_mapping(rospy.get_param("~", {}), package)
+        given = rospy.get_param("~", {})
+        given.setdefault("lockstep", rospy.get_param("/gazebo/speed_mode", "") == "lockstep")
+        settings = Settings.from_mapping(given, package)
         loop = settings.build()
     except ConfigurationError as error:
         rospy.logfatal("%s", error)

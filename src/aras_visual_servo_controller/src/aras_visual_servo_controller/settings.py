@@ -49,6 +49,8 @@ class Settings:
         posture_gain: 1/s with which J1 is drawn to 0 by the redundancy.
         singularity_avoidance: add the laboratory's manipulability gradient to the redundancy.
         elbow: side of the elbow, +1 or -1, when the arm is straight.
+        lockstep: approach at the camera's pace too, so that every image has exactly one answer;
+            taken from the simulator's speed_mode unless given.
         image_timeout, joint_timeout: silence after which the node says what it waits for, s.
     """
 
@@ -73,6 +75,7 @@ class Settings:
     elbow: int = -1
     image_timeout: float = 1.0
     joint_timeout: float = 1.0
+    lockstep: bool = False
     package: Path = field(default=Path("."), metadata={"internal": True})
 
     @classmethod

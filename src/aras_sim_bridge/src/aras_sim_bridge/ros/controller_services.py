@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from typing import Any
 
 import rospy
@@ -26,7 +27,7 @@ from std_msgs.msg import Bool
 from aras_sim_bridge.errors import ControllerError
 from aras_sim_bridge.ros.controller_topics import ControllerTopics, PidTopics
 from aras_sim_bridge.ros.services import ServiceTable
-from aras_sim_bridge.ros.simulation_thread import SimulationThread
+from aras_sim_bridge.ros.simulation_thread import SHUTTING_DOWN, SimulationThread
 
 SWITCH_TIMEOUT = 10.0  # seconds of wall time, where the request sets no limit (timeout 0)
 
@@ -148,7 +149,7 @@ class ControllerServices:
                 request.start_asap,
             )
             switch.on_done = lambda _switch: done.set()
-            if self._thread.paused:
+            if self._thread.held:
                 # No update will come to carry it out; nothing moves, so it can be done here.
                 now = self._thread.simulation.time_ns
                 self._robot.hardware.read(now, 0.0)
@@ -159,15 +160,25 @@ class ControllerServices:
 
         switch = self._thread.call(ask)
         limit = request.timeout + 1.0 if request.timeout > 0.0 else SWITCH_TIMEOUT
-        if not done.wait(limit):
+        if not self._wait(done, limit):
             reason = (
                 f"not carried out within {limit:g} s of wall time; does simulated time run "
-                "(is the simulation paused, or waiting in lockstep)?"
+                "(is the simulation paused, or the machine overloaded)?"
             )
             self._thread.call(lambda: switch.cancel(reason))
         if not switch.ok:
             raise ControllerError(switch.reason)
         return SwitchControllerResponse(True)
+
+    def _wait(self, done: threading.Event, limit: float) -> bool:
+        """Return whether done was set within limit [s of wall time]; ends with the simulation."""
+        deadline = time.monotonic() + limit
+        while not done.wait(0.1):
+            if self._thread.stopping:
+                raise ControllerError(SHUTTING_DOWN)
+            if time.monotonic() > deadline:
+                return False
+        return True
 
     def _refresh(self) -> dict[str, Any]:
         """Read the robot's parameters anew; returns them."""

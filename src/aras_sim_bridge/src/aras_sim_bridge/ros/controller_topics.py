@@ -23,6 +23,7 @@ from aras_sim_bridge.controllers import Controller
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.pid import Gains, Pid
 from aras_sim_bridge.ros.conversions import to_duration, to_time
+from aras_sim_bridge.ros.lockstep import COUNT
 from aras_sim_bridge.ros.reconfigure import PID_FIELDS, ReconfigureServer
 from aras_sim_bridge.ros.trajectory_topics import TrajectoryAction, from_trajectory, to_state
 
@@ -58,6 +59,7 @@ class CommandTopic:
         self._last = 0.0
         self._complained = -COMPLAINT_PERIOD
         self._refused = 0
+        COUNT.claim(topic)
         self._subscriber = rospy.Subscriber(
             topic,
             message,
@@ -72,6 +74,7 @@ class CommandTopic:
             self._take(self._decode(message))
         except SimError as error:
             self._complain(error)
+        COUNT.note(self._topic)
         now = time.monotonic()
         if now - self._last < FLOOD_PERIOD:
             time.sleep(FLOOD_PERIOD)
@@ -89,6 +92,7 @@ class CommandTopic:
     def shutdown(self) -> None:
         """Unsubscribe."""
         self._subscriber.unregister()
+        COUNT.release(self._topic)
 
 
 class PidTopics:

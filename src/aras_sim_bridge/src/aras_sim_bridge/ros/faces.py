@@ -7,15 +7,17 @@ from typing import Any
 
 from aras_sim_bridge.ros.camera_topics import CameraTopics
 from aras_sim_bridge.ros.controller_services import ControllerServices
+from aras_sim_bridge.ros.lockstep import Lockstep
 from aras_sim_bridge.ros.simulation_thread import SimulationThread
 
 
 class Faces:
     """The ROS faces of what is in the simulation now."""
 
-    def __init__(self, thread: SimulationThread) -> None:
-        """Make no face yet; see `sync`."""
+    def __init__(self, thread: SimulationThread, lockstep: Lockstep | None = None) -> None:
+        """Make no face yet; see `sync`. With `lockstep` time waits after each camera frame."""
         self._thread = thread
+        self._lockstep = lockstep
         self._lock = threading.Lock()
         self._robots: dict[str, tuple[Any, ControllerServices]] = {}
         self._cameras: list[tuple[Any, CameraTopics]] = []
@@ -38,6 +40,8 @@ class Faces:
             for camera in cameras:
                 if not any(camera is other for other in known):
                     self._cameras.append((camera, CameraTopics(camera, self._thread)))
+                    if self._lockstep is not None:
+                        camera.on_frame = self._lockstep.wrap(camera.on_frame)
 
     def _close_gone(self, robots: dict[str, Any], cameras: list[Any]) -> None:
         for name, (robot, face) in list(self._robots.items()):

@@ -17,6 +17,7 @@ from aras_sim_bridge.ros.camera_settings import mount_world_cameras
 from aras_sim_bridge.ros.clock import ClockPublisher
 from aras_sim_bridge.ros.faces import Faces
 from aras_sim_bridge.ros.gazebo_api import GazeboApi
+from aras_sim_bridge.ros.lockstep import Lockstep
 from aras_sim_bridge.ros.master_watch import MasterWatch
 from aras_sim_bridge.ros.parameters import NodeParameters
 from aras_sim_bridge.ros.simulation_thread import SimulationThread
@@ -45,13 +46,21 @@ class GazeboNode:
         self.thread = SimulationThread(
             self._build,
             make_pacer(parameters, self.world_file),
-            after_step=self.clock.update,
+            after_step=self._after_step,
             after_batch=self._after_batch,
             on_fault=self._on_fault,
             paused=True,  # until everything is advertised
         )
+        self.lockstep: Lockstep | None = None
+        if parameters.speed_mode == "lockstep":
+            self.lockstep = self.thread.gate = Lockstep(
+                parameters.lockstep_topics,
+                parameters.lockstep_timeout,
+                self.thread.wake,
+                parameters.lockstep_period,
+            )
         self.thread.start()
-        self.faces = Faces(self.thread)
+        self.faces = Faces(self.thread, self.lockstep)
         if parameters.enable_ros_network:
             self.api = GazeboApi(self)
             mount_world_cameras(self.thread)
@@ -62,11 +71,13 @@ class GazeboNode:
     @property
     def real_time_factor(self) -> float:
         """Simulated over wall time of the last seconds; 0 while paused."""
-        return self.thread.pacer.real_time_factor
+        return 0.0 if self.thread.paused else self.thread.pacer.real_time_factor
 
     def on_time_reset(self) -> None:
         """Simulated time went back to zero; called in the simulation's thread."""
         self.clock.restart()
+        if self.lockstep is not None:
+            self.lockstep.clear()
 
     def stop(self) -> None:
         """End the simulation; services and topics are rospy's to close."""
@@ -74,6 +85,11 @@ class GazeboNode:
 
     def _build(self) -> Any:
         return build_simulation(self.parameters, self.world_file)
+
+    def _after_step(self, time_ns: int) -> None:
+        self.clock.update(time_ns)
+        if self.lockstep is not None:
+            self.lockstep.after_step(time_ns)
 
     def _after_batch(self, _time_ns: int) -> None:
         if self.api is not None:
@@ -120,7 +136,7 @@ def _end_for(why: str) -> None:
 def make_pacer(parameters: NodeParameters, world: WorldFile) -> Pacer:
     """Return the pacer of a speed mode; the world file's own pace counts as in Gazebo."""
     factor = parameters.real_time_factor * world.update_rate * world.time_step
-    return Pacer(0.0 if parameters.speed_mode == "max" else factor)
+    return Pacer(factor if parameters.speed_mode == "real_time" else 0.0)
 
 
 def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation:

@@ -12,7 +12,7 @@ from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.reconfigure import PHYSICS_FIELDS
 
 LOG_LEVELS = ("debug", "info", "warn", "error")
-SPEED_MODES = ("real_time", "max")
+SPEED_MODES = ("real_time", "max", "lockstep")
 RENDERERS = ("auto", "opengl", "tiny")
 # Written by the node itself, or by others who share the namespace with Gazebo.
 FOREIGN = {field.name for field in PHYSICS_FIELDS} | {"cameras", "robot_description"}
@@ -39,6 +39,9 @@ class NodeParameters:
     pub_clock_frequency: float = -1.0
     master_check_period: float = 2.0
     log_level: str = "info"
+    lockstep_topics: tuple[str, ...] = ()
+    lockstep_period: float = 0.0
+    lockstep_timeout: float = 5.0
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any], namespace: str) -> NodeParameters:

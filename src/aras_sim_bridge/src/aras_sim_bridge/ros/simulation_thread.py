@@ -22,9 +22,25 @@ from aras_sim_bridge.pacing import Pacer
 T = TypeVar("T")
 log = logging.getLogger("rosout.simulation")  # rospy shows children of rosout on its console
 
+SHUTTING_DOWN = "the simulator is shutting down"
+JOBS_BUDGET = 0.002  # seconds of wall time for jobs before time goes on: a flood must not stop it
+STALL = 0.05  # seconds of wall time of one job (a spawn) that simulated time does not make good
+
 
 class SimulationBusyError(SimError):
     """The simulation did not come round to a job in time, or has ended."""
+
+
+class Gate(Protocol):
+    """What may hold simulated time back: see lockstep."""
+
+    closed: bool
+
+    def remaining(self) -> float | None:
+        """Seconds of wall time for which to wait on; None: go on."""
+
+    def clear(self) -> None:
+        """Forget what is being waited for."""
 
 
 class Steppable(Protocol):
@@ -75,6 +91,8 @@ class SimulationThread:
         self.simulation: Any = None
         # Called with the time that the coming step ends at; to be set in the simulation's thread.
         self.before_step: Callable[[int], None] | None = None
+        # Holds simulated time back while it runs; to be set before `start`. step() ignores it.
+        self.gate: Gate | None = None
 
     def start(self, timeout: float = 60.0) -> None:
         """Build the simulation in the thread and begin.
@@ -89,6 +107,20 @@ class SimulationThread:
     def paused(self) -> bool:
         """Whether simulated time stands still."""
         return self._paused
+
+    @property
+    def held(self) -> bool:
+        """Whether no step will come by itself: paused, or a gate is closed."""
+        return self._paused or (self.gate is not None and self.gate.closed)
+
+    @property
+    def stopping(self) -> bool:
+        """Whether the thread is told to end."""
+        return self._stopping
+
+    def wake(self) -> None:
+        """Let the thread look again whether there is something to do; from any thread."""
+        self._wake.set()
 
     def now_ns(self) -> int:
         """Simulated time [ns] at this moment, without waiting for a pause between steps."""
@@ -142,6 +174,8 @@ class SimulationThread:
         def job() -> None:
             if self._paused:
                 self._paused = False
+                if self.gate is not None:
+                    self.gate.clear()  # what step() closed holds for step() only
                 self._pacer.restart(self.simulation.time_ns)
 
         self.call(job)
@@ -174,6 +208,8 @@ class SimulationThread:
 
     def _advance(self, count: int) -> None:
         for _ in range(count):
+            if self._stopping:
+                raise SimulationBusyError(SHUTTING_DOWN)
             self._step()
         self._after_batch(self.simulation.time_ns)
 
@@ -203,24 +239,43 @@ class SimulationThread:
 
     def _loop(self) -> None:
         wake, jobs, pacer, simulation = self._wake, self._jobs, self._pacer, self.simulation
-        step = self._step
+        step, gate = self._step, self.gate
         while True:
             wake.clear()
             if self._stopping:  # looked at after the clear, or a stop in between would be lost
                 return
-            while jobs:
-                self._run_job(*jobs.popleft())
+            if jobs:
+                self._run_jobs()
             if self._paused:
-                wake.wait()
+                if not jobs:
+                    wake.wait()
+                continue
+            if gate is not None and (left := gate.remaining()) is not None:
+                if not jobs:
+                    wake.wait(left)
                 continue
             end = pacer.due_until(simulation.time_ns)
             if simulation.time_ns < end:
-                while simulation.time_ns < end and not jobs:
+                while simulation.time_ns < end and not (gate is not None and gate.closed):
                     step()
+                    if jobs:
+                        break
                 self._after_batch(simulation.time_ns)
             delay = pacer.wait(simulation.time_ns)
             if delay > 0.0 and not jobs:
                 wake.wait(delay)
+
+    def _run_jobs(self) -> None:
+        """Run what has been asked for, for a while; at least one job, so that none is left."""
+        jobs = self._jobs
+        begin = time.monotonic()
+        while jobs and not self._stopping:
+            self._run_job(*jobs.popleft())
+            now = time.monotonic()
+            if now - begin > STALL:
+                self._pacer.restart(self.simulation.time_ns)
+            if now - begin > JOBS_BUDGET:
+                return
 
     @staticmethod
     def _run_job(job: Callable[[], Any], future: Future) -> None:
@@ -237,7 +292,7 @@ class SimulationThread:
         while self._jobs:
             _, future = self._jobs.popleft()
             if future.set_running_or_notify_cancel():
-                future.set_exception(SimulationBusyError("the simulator is shutting down"))
+                future.set_exception(SimulationBusyError(SHUTTING_DOWN))
 
 
 def _log_fault(future: Future) -> None:

@@ -1,0 +1,195 @@
+"""Lockstep: simulated time waits until named topics have answered the last camera frame.
+
+A round begins just before a frame is published (or when a period of simulated time is over). From
+then on every one of the topics must deliver a message; until the last has, no step is made. So a
+command that answers a frame acts from the step after that frame on, in every run, however slow
+the node behind it is. Messages of different topics come over different connections, in any order:
+name all topics that act on the simulation, not only the last one that a node publishes.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import rosgraph
+import rospy
+
+from aras_sim_bridge.errors import SimError
+
+_WAITED_FOR = (
+    "lockstep: simulated time waited %g s of wall time in vain for %s; it goes on without, until "
+    "heard again"
+)
+
+
+class MessageCount:
+    """How many messages this process has taken from each topic it cares for; thread-safe.
+
+    A topic that the node itself subscribes to (a controller's command) is counted by that
+    subscriber, after it has handed the message on: so a counted command is a taken command.
+    """
+
+    def __init__(self) -> None:
+        self.on_message: Callable[[str], None] | None = None
+        self._lock = threading.Lock()
+        self._claims: dict[str, int] = {}
+        self._listeners: dict[str, rospy.Subscriber] = {}
+
+    def claim(self, topic: str) -> None:
+        """Somebody in this process subscribes to `topic` and will call `note` for it."""
+        with self._lock:
+            self._claims[topic] = self._claims.get(topic, 0) + 1
+            listener = self._listeners.pop(topic, None)
+        if listener is not None:
+            listener.unregister()
+
+    def release(self, topic: str) -> None:
+        """The subscriber that claimed `topic` is gone."""
+        with self._lock:
+            self._claims[topic] -= 1
+            if not self._claims[topic]:
+                del self._claims[topic]
+
+    def note(self, topic: str) -> None:
+        """Count a message of a claimed topic."""
+        if self.on_message is not None:
+            self.on_message(topic)
+
+    def listen(self, topic: str) -> None:
+        """Have the messages of `topic` counted, whoever takes them."""
+        with self._lock:
+            # One process has one subscription a topic, of one type: never a second, of any type.
+            if topic in self._claims or topic in self._listeners:
+                return
+            self._listeners[topic] = rospy.Subscriber(
+                topic, rospy.AnyMsg, lambda _message: self.note(topic), tcp_nodelay=True
+            )
+
+
+COUNT = MessageCount()  # subscriptions are the process's, so is their count
+
+
+class Lockstep:
+    """Says when simulated time may go on. `begin` and `remaining` are the simulation's thread's."""
+
+    def __init__(
+        self,
+        topics: Sequence[str],
+        timeout: float,
+        wake: Callable[[], None],
+        period: float = 0.0,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Wait for a message on each of `topics` a round.
+
+        Args:
+            timeout: s of wall time after which a round is given up.
+            wake: called from any thread when a round may be over.
+            period: s of simulated time between two rounds; 0: after each camera frame.
+
+        Raises:
+            SimError: when there is no topic, or a number is out of range.
+        """
+        if not topics:
+            raise SimError(
+                "speed_mode is lockstep, but lockstep_topics is empty; name the topics that "
+                "simulated time shall wait for, e.g. the command topics of the controllers"
+            )
+        if timeout <= 0.0:
+            raise SimError(f"lockstep_timeout is {timeout:g}; give seconds above 0")
+        if period < 0.0:
+            raise SimError(f"lockstep_period is {period:g}; give seconds, or 0: camera frames")
+        self.topics = tuple(dict.fromkeys(rospy.resolve_name(topic) for topic in topics))
+        self._timeout = timeout
+        self._wake = wake
+        self._clock = clock
+        self._period_ns = round(period * 1e9)
+        self._next_ns = self._period_ns
+        self._lock = threading.Lock()
+        self._missing: set[str] = set()
+        self._silent: set[str] = set()
+        self._deadline = 0.0
+        COUNT.on_message = self._on_message
+
+    @property
+    def closed(self) -> bool:
+        """Whether a round is open, so that no step may be made."""
+        return bool(self._missing)
+
+    def after_step(self, time_ns: int) -> None:
+        """Begin a round when a period of simulated time is over."""
+        if self._period_ns and time_ns >= self._next_ns:
+            self._next_ns = (time_ns // self._period_ns + 1) * self._period_ns
+            self.begin()
+
+    def wrap(self, publish: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return a frame listener that begins a round and then publishes."""
+        if self._period_ns:
+            return publish
+
+        def on_frame(frame: Any) -> None:
+            self.begin()
+            publish(frame)
+
+        return on_frame
+
+    def begin(self) -> None:
+        """Begin a round: messages that came before do not count."""
+        for topic in self.topics:
+            COUNT.listen(topic)
+        with self._lock:
+            self._missing = set(self.topics) - self._silent
+            self._deadline = self._clock() + self._timeout
+
+    def clear(self) -> None:
+        """End the round: simulated time was set back."""
+        with self._lock:
+            self._missing.clear()
+            self._next_ns = self._period_ns
+
+    def remaining(self) -> float | None:
+        """Seconds of wall time for which to wait on; None: go on. Complains when time is up."""
+        with self._lock:
+            if not self._missing:
+                return None
+            left = self._deadline - self._clock()
+            if left > 0.0:
+                return left
+            late = sorted(self._missing)
+            self._missing.clear()
+            self._silent.update(late)
+        # Asking the master who they are takes its time: not in the simulation's thread.
+        threading.Thread(target=self._complain, args=(late,), daemon=True).start()
+        return None
+
+    def _on_message(self, topic: str) -> None:
+        with self._lock:
+            self._silent.discard(topic)
+            if topic not in self._missing:
+                return
+            self._missing.discard(topic)
+            if self._missing:
+                return
+        self._wake()
+
+    def _complain(self, topics: list[str]) -> None:
+        who = publishers(topics)
+        named = [
+            f"{topic} (published by {', '.join(who[topic])})"
+            if who.get(topic)
+            else f"{topic} (nobody publishes it)"
+            for topic in topics
+        ]
+        rospy.logwarn(_WAITED_FOR, self._timeout, ", ".join(named))
+
+
+def publishers(topics: Sequence[str]) -> dict[str, list[str]]:
+    """Return the names of the nodes that publish each topic; empty when the master is gone."""
+    try:
+        published, _, _ = rosgraph.Master(rospy.get_name()).getSystemState()
+    except (OSError, rosgraph.MasterException):
+        return {}
+    return {topic: sorted(nodes) for topic, nodes in published if topic in topics}

@@ -10,8 +10,15 @@ from typing import Any
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.control_loop import ControlLoop
 from aras_sim_bridge.controller_manager import ControllerManager
+from aras_sim_bridge.description import Light as LightDescription
 from aras_sim_bridge.description import RobotDescription
-from aras_sim_bridge.errors import CameraError, DescriptionError, RenderingError, SimError
+from aras_sim_bridge.errors import (
+    CameraError,
+    DescriptionError,
+    RenderingError,
+    SimError,
+    WorldError,
+)
 from aras_sim_bridge.hardware import RobotHardware
 from aras_sim_bridge.mounting import MountedCamera, robot_camera, world_camera
 from aras_sim_bridge.rendering import COLOURS, Light, MaterialTable, Renderer, create_renderer
@@ -54,7 +61,7 @@ class Simulation:
     """Models, robots and cameras of one world; simulated time only.
 
     Attributes:
-        world: physics. robots: by model name. cameras: in spawn order.
+        world: physics. robots: by model name. cameras: in spawn order. lights: by name.
         time_ns: simulated time. step_ns: the physics step.
     """
 
@@ -68,6 +75,8 @@ class Simulation:
         self.cameras: list[MountedCamera] = []
         self._materials = MaterialTable()
         self._renderer: Renderer | None = None
+        sun = LightDescription("sun", direction=self.config.sun_direction)
+        self.lights: dict[str, LightDescription] = {"sun": sun}
         if self.config.ground_plane:
             self._colour(self.world.spawn_ground_plane())
 
@@ -118,6 +127,40 @@ class Simulation:
         self.cameras = [camera for camera in self.cameras if camera.model is not model]
         self._materials.forget(model.body_id)
         self.world.delete(name)
+
+    def set_light(self, light: LightDescription) -> None:
+        """Add a light or change the one of its name; the first directional one lights cameras."""
+        self.lights[light.name] = light
+        if self._renderer is not None:
+            self._renderer.light = self._sunlight()
+
+    def delete_light(self, name: str) -> None:
+        """Take a light away; WorldError naming those that exist."""
+        if name not in self.lights:
+            known = ", ".join(self.lights) or "none"
+            raise WorldError(f"light '{name}' does not exist; there are: {known}")
+        del self.lights[name]
+        if self._renderer is not None:
+            self._renderer.light = self._sunlight()
+
+    def _sunlight(self) -> Light:
+        """What the renderers know of light: one sun, with the strength of its diffuse colour."""
+        for light in self.lights.values():
+            if light.kind == "directional":
+                return Light(light.direction, diffuse=max(light.diffuse[:3]))
+        return Light(diffuse=0.0)
+
+    def change(self, name: str, description: RobotDescription) -> None:
+        """Give a model other masses, damping or limits (see world/changes.py); its state goes on.
+
+        Raises:
+            WorldError: no such model, or numbers that cannot be simulated; nothing is changed then.
+        """
+        model = self.world.model(name)
+        old = model.body_id
+        self.world.change(name, description)
+        self._materials.forget(old)
+        self._colour(model)
 
     def step(self) -> None:
         """One tick in Gazebo's order: time, controllers, physics, sensors."""
@@ -209,7 +252,7 @@ class Simulation:
                 self.config.renderer,
                 self.world.client,
                 self._materials,
-                Light(self.config.sun_direction),
+                self._sunlight(),
             )
             log.info("cameras are drawn by %s", self._renderer.name)
         sensor = CameraSensor(config, self._renderer)

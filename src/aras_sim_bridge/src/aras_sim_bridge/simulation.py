@@ -10,11 +10,12 @@ from typing import Any
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.control_loop import ControlLoop
 from aras_sim_bridge.controller_manager import ControllerManager
-from aras_sim_bridge.description import RobotDescription
+from aras_sim_bridge.description import Light, RobotDescription
 from aras_sim_bridge.errors import CameraError, DescriptionError, RenderingError, SimError
 from aras_sim_bridge.hardware import RobotHardware
+from aras_sim_bridge.lights import SUN, Lights
 from aras_sim_bridge.mounting import MountedCamera, robot_camera, world_camera
-from aras_sim_bridge.rendering import COLOURS, Light, MaterialTable, Renderer, create_renderer
+from aras_sim_bridge.rendering import COLOURS, MaterialTable, Renderer, create_renderer
 from aras_sim_bridge.world import Model, Pose, World
 from aras_sim_bridge.world.poses import IDENTITY
 
@@ -25,7 +26,7 @@ log = logging.getLogger(__name__)
 class SimulationConfig:
     """time_step: s. gravity: m/s². seed: of the sensors' noise.
 
-    sun_direction: from the sun to the ground, world frame.
+    lights: of the world; the first directional one is the sun that cameras see by.
     """
 
     time_step: float = 0.001
@@ -35,7 +36,7 @@ class SimulationConfig:
     seed: int = 0
     legacy_camera_info: bool = False
     ground_plane: bool = True
-    sun_direction: tuple[float, float, float] = (-0.5, 0.1, -0.9)
+    lights: tuple[Light, ...] = (SUN,)
 
 
 @dataclass(frozen=True)
@@ -66,6 +67,7 @@ class Simulation:
         self.step_ns = round(self.config.time_step * 1e9)
         self.robots: dict[str, Robot] = {}
         self.cameras: list[MountedCamera] = []
+        self.lights = Lights(self.config.lights)
         self._materials = MaterialTable()
         self._renderer: Renderer | None = None
         if self.config.ground_plane:
@@ -99,10 +101,10 @@ class Simulation:
         model = self.world.spawn(description, name, pose, joint_positions)
         try:
             robot = self._robot(model, namespace.rstrip("/"), parameters or {})
+            self._colour(model)
         except SimError:
             self.world.delete(name)
             raise
-        self._colour(model)
         if robot is not None:
             self.robots[name] = robot
         for camera in description.cameras:
@@ -159,6 +161,11 @@ class Simulation:
         self.world.set_physics(time_step, gravity, solver_iterations)
         self.step_ns = round(time_step * 1e9)
 
+    def relight(self) -> None:
+        """Draw with `lights` as they are now; to be called when they changed."""
+        if self._renderer is not None:
+            self._renderer.light = self.lights.for_renderer()
+
     def close(self) -> None:
         """Give everything back; safe to call twice."""
         if self._renderer is not None:
@@ -209,7 +216,7 @@ class Simulation:
                 self.config.renderer,
                 self.world.client,
                 self._materials,
-                Light(self.config.sun_direction),
+                self.lights.for_renderer(),
             )
             log.info("cameras are drawn by %s", self._renderer.name)
         sensor = CameraSensor(config, self._renderer)

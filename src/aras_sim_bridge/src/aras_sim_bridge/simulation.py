@@ -226,7 +226,8 @@ class Simulation:
 
     def _colour(self, model: Model) -> None:
         """Give the renderer Gazebo's colours; links without a material are white."""
-        colours = {}
+        colours = {model.link_index(link): rgba
+                   for link, rgba in model.description.colours.items()}
         for index, name in model.materials.items():
             if name not in COLOURS:
                 raise RenderingError(

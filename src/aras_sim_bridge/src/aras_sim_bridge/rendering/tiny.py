@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import pybullet
+
+from aras_sim_bridge.bullet import pybullet
 
 from ..errors import RenderingError
 from .scene import Part, Scene

@@ -6,8 +6,7 @@ import tempfile
 from collections.abc import Sequence
 from types import MappingProxyType
 
-import pybullet
-
+from aras_sim_bridge.bullet import pybullet
 from aras_sim_bridge.description.model import RobotDescription
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.world import bullet_file
@@ -58,13 +57,14 @@ class Model:
             (j.limits.lower, j.limits.upper)
             if j.limits is not None and j.limits.lower is not None else None for j in joints
         ]
+        self._bodies = bullet_file.with_massive_root(description)
         self._inertial_poses = {
             link.name: IDENTITY if link.inertial is None
             else bullet_file.principal_inertial(link.inertial)[0]
-            for link in description.links.values()
+            for link in self._bodies.links.values()
         }
         self._weightless = {
-            link.name: link.inertial.mass for link in description.links.values()
+            link.name: link.inertial.mass for link in self._bodies.links.values()
             if not link.gravity and link.inertial is not None
         }
         self._overrides: dict[str, tuple] = {}
@@ -75,7 +75,7 @@ class Model:
 
     def _load(self) -> None:
         """Bring the model into Bullet at its spawn pose and configuration, at rest."""
-        text = bullet_file.to_urdf(self.description, self.fixed_base)
+        text = bullet_file.to_urdf(self._bodies, self.fixed_base)
         handle, path = tempfile.mkstemp(prefix="aras_sim_bridge_", suffix=".urdf")
         try:
             with os.fdopen(handle, "w", encoding="utf-8") as file:
@@ -128,7 +128,7 @@ class Model:
         """No hidden forces: Bullet's motors, damping and velocity bound off, ours on."""
         client, body = self.client, self.body_id
         for name, index in self._links.items():
-            link = self.description.links[name]
+            link = self._bodies.links[name]
             settings = {
                 "linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0,
                 "maxJointVelocity": _UNBOUNDED_VELOCITY,
@@ -212,8 +212,14 @@ class Model:
         self._dirty = True
 
     def set_position(self, joint: str, position: float) -> None:
-        """Put `joint` there at rest, kinematically, as Gazebo's Joint::SetPosition does."""
-        self.set_joint_positions({joint: position})
+        """Put `joint` there at rest, kinematically, as Gazebo's Joint::SetPosition does.
+
+        For drives that do so every step.
+
+        Raises:
+            WorldError: unknown joint or a number that is not finite; nothing is changed then.
+        """
+        self._place({joint: position})
 
     def set_joint_positions(self, positions: dict[str, float]) -> None:
         """Put joints at `positions` (rad or m), at rest; the others stay.
@@ -223,6 +229,10 @@ class Model:
         Raises:
             WorldError: unknown joint or a number that is not finite; nothing is changed then.
         """
+        self._place(positions)
+        self._damping.changed()
+
+    def _place(self, positions: dict[str, float]) -> None:
         slots = {}
         for joint, position in positions.items():
             slots[self._require(joint)] = float(position)
@@ -234,9 +244,10 @@ class Model:
             pybullet.resetJointState(self.body_id, self._bullet_joint[slot], value, 0.0,
                                      physicsClientId=self.client)
         self._joint_cache = None
-        self._damping.changed()
 
     def _with_followers(self, slots: dict[int, float]) -> dict[int, float]:
+        if not self._gears:
+            return slots
         result = dict(slots)
         for _ in self._gears:
             for i, name in enumerate(self.joint_names):

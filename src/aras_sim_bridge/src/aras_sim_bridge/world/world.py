@@ -4,8 +4,7 @@ import logging
 import math
 from collections.abc import Mapping
 
-import pybullet
-
+from aras_sim_bridge.bullet import pybullet
 from aras_sim_bridge.description.model import (
     Collision,
     Geometry,

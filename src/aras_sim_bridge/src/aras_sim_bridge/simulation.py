@@ -226,8 +226,7 @@ class Simulation:
 
     def _colour(self, model: Model) -> None:
         """Give the renderer Gazebo's colours; links without a material are white."""
-        colours = {model.link_index(link): rgba
-                   for link, rgba in model.description.colours.items()}
+        colours = {}
         for index, name in model.materials.items():
             if name not in COLOURS:
                 raise RenderingError(

@@ -5,12 +5,10 @@ from __future__ import annotations
 import hashlib
 import xmlrpc.client
 
-import pytest
 import rospy
 from controller_manager_msgs.srv import ListControllers
 from ros_graph import wait_for
 from sensor_msgs.msg import Image, JointState
-from std_msgs.msg import Float64
 from std_srvs.srv import Empty
 
 ROBOT = "/aras_visual_servo"

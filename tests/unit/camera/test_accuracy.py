@@ -54,12 +54,12 @@ def well_inside(points, pixels):
             & (pixels < np.array(SIZE) - 11).all(axis=1))
 
 
-def poses(config, count, seed=1):
+def poses(config, count, seed=1, aside=0.5):
     """Poses from which a board of 0.28 m fills much of the picture."""
     rng = np.random.default_rng(seed)
     away = 0.42 * config.K[0, 0] / config.width
     for _ in range(count):
-        eye = [*rng.uniform(-0.5, 0.5, 2) * away, away * rng.uniform(0.9, 1.3)]
+        eye = [*rng.uniform(-aside, aside, 2) * away, away * rng.uniform(0.9, 1.3)]
         turn = rng.uniform(0, 2 * np.pi)
         yield looking(eye, [*rng.uniform(-0.2, 0.2, 2) * away, 0.0],
                       (np.cos(turn), np.sin(turn), 0))
@@ -167,7 +167,7 @@ def test_target_by_tiny(bench):
 
 def calibration_views(sensor, board, count):
     object_points, image_points = [], []
-    for T in poses(sensor.config, 20 * count, seed=5):
+    for T in poses(sensor.config, 20 * count, seed=5, aside=1.0):
         points = to_camera(T, board)
         expected = opencv_projection(sensor.info, points)
         if not well_inside(points, expected).all():
@@ -184,7 +184,7 @@ def calibration_views(sensor, board, count):
 
 @pytest.mark.parametrize("lens", ["pinhole", "plumb_bob", "kannala_brandt"])
 def test_calibration_returns_what_is_published(bench, lens):
-    board = chessboard(bench)
+    board = chessboard(bench, 10, 8, 0.03)
     config = CameraConfig.from_mapping({"width": SIZE[0], "height": SIZE[1], **LENSES[lens]})
     sensor = CameraSensor(config, create_renderer("opengl", bench.client, bench.materials))
     seen, found = calibration_views(sensor, board, 20)
@@ -192,8 +192,10 @@ def test_calibration_returns_what_is_published(bench, lens):
         names = ("CALIB_RECOMPUTE_EXTRINSIC", "CALIB_FIX_SKEW", "CALIB_USE_INTRINSIC_GUESS")
         flags = sum(getattr(cv2.fisheye, "fisheye_" + n, getattr(cv2, n, 0)) for n in names)
         guess = np.array([[140.0, 0, 240], [0, 140, 180], [0, 0, 1]])
-        K = cv2.fisheye.calibrate([s[:, None] for s in seen], [f[:, None] for f in found], SIZE,
-                                  guess, np.zeros((4, 1)), flags=flags)[1]
+        K = cv2.fisheye.calibrate(
+            [s.reshape(1, -1, 3).astype(float) for s in seen],
+            [f.reshape(1, -1, 2).astype(float) for f in found], SIZE, guess, np.zeros((4, 1)),
+            flags=flags)[1]
     else:
         K = cv2.calibrateCamera(seen, found, SIZE, None, None)[1]
     truth = sensor.info.K

@@ -164,8 +164,19 @@ class World:
     def delete(self, name: str) -> None:
         """Take a model out; WorldError when there is none of that name."""
         model = self.model(name)
-        pybullet.removeBody(model.body_id, physicsClientId=self.client)
+        model.remove()
         del self.models[name]
+        self._count_active()
+
+    def change(self, name: str, description: RobotDescription) -> None:
+        """Give a model other masses, damping or limits (see changes.py); its state goes on.
+
+        Raises:
+            WorldError: no such model, or a joint that moves no mass; nothing is changed then.
+        """
+        model = self.model(name)
+        _check_simulable(description, name)
+        model.rebuild(description)
         self._count_active()
 
     def _count_active(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from gazebo_msgs.srv import (
@@ -38,7 +39,7 @@ class LightServices:
             )
 
     def _get(self, request: GetLightProperties) -> GetLightPropertiesResponse:
-        light = self._thread.call(lambda: self._thread.simulation.lights.get(request.light_name))
+        light = self._thread.call(lambda: self._thread.simulation.light(request.light_name))
         return GetLightPropertiesResponse(
             diffuse=ColorRGBA(*light.diffuse),
             attenuation_constant=light.attenuation_constant,
@@ -70,19 +71,13 @@ class LightServices:
 
         def job() -> None:
             simulation = self._thread.simulation
-            simulation.lights.change(request.light_name, **values)
-            simulation.relight()
+            simulation.set_light(replace(simulation.light(request.light_name), **values))
 
         self._thread.call(job)
         return SetLightPropertiesResponse(True, f"SetLightProperties: {note}")
 
     def _delete(self, request: DeleteLight) -> DeleteLightResponse:
-        def job() -> None:
-            simulation = self._thread.simulation
-            simulation.lights.delete(request.light_name)
-            simulation.relight()
-
-        self._thread.call(job)
+        self._thread.call(lambda: self._thread.simulation.delete_light(request.light_name))
         return DeleteLightResponse(True, f"DeleteLight: deleted '{request.light_name}'")
 
 

@@ -106,7 +106,7 @@ class ModelServices:
             raise SimError("model_name is empty; give the model a name")
         if "::" in name or len(name) > LONGEST_NAME:
             raise SimError(
-                f"model_name '{name[:60]}' is not possible: no '::', at most {LONGEST_NAME} characters"
+                f"model_name '{name[:60]}' cannot be: no '::', at most {LONGEST_NAME} characters"
             )
         pose = conversions.from_pose(request.initial_pose, f"initial_pose of '{name}'")
         description = descriptions.parse(text)
@@ -137,20 +137,20 @@ class ModelServices:
         return SpawnModelResponse(True, f"SpawnModel: Successfully spawned entity '{name}'")
 
     def _spawn_light(self, request: SpawnModel, light: Light, pose: Pose) -> SpawnModelResponse:
+        name = request.model_name
         placed = pose @ Pose.from_rpy(light.origin_xyz, light.origin_rpy)
 
         def job() -> None:
             simulation = self._thread.simulation
             frame, _ = entities.frame(simulation, request.reference_frame)
             at = frame @ placed
+            if name in simulation.lights:
+                raise SimError(f"a light named '{name}' exists already; delete it first")
             rpy = rpy_from_quaternion(at.quat)
-            simulation.lights.add(
-                replace(light, name=request.model_name, origin_xyz=at.xyz, origin_rpy=rpy)
-            )
-            simulation.relight()
+            simulation.set_light(replace(light, name=name, origin_xyz=at.xyz, origin_rpy=rpy))
 
         self._thread.call(job)
-        text = f"SpawnModel: Successfully spawned entity '{request.model_name}'"
+        text = f"SpawnModel: Successfully spawned entity '{name}'"
         if light.kind != "directional":
             text += f"; a {light.kind} light is kept, but pictures are drawn by the sun alone"
         return SpawnModelResponse(True, text)

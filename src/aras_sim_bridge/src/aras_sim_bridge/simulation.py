@@ -12,7 +12,13 @@ from aras_sim_bridge.control_loop import ControlLoop
 from aras_sim_bridge.controller_manager import ControllerManager
 from aras_sim_bridge.description import Light as LightDescription
 from aras_sim_bridge.description import RobotDescription
-from aras_sim_bridge.errors import DescriptionError, RenderingError, SimError, WorldError
+from aras_sim_bridge.errors import (
+    CameraError,
+    DescriptionError,
+    RenderingError,
+    SimError,
+    WorldError,
+)
 from aras_sim_bridge.hardware import RobotHardware
 from aras_sim_bridge.lights import SUN, checked_light
 from aras_sim_bridge.mounting import MountedCamera, robot_camera, world_camera

@@ -20,6 +20,7 @@ from aras_sim_bridge.errors import (
     WorldError,
 )
 from aras_sim_bridge.hardware import RobotHardware
+from aras_sim_bridge.lights import SUN, checked_light
 from aras_sim_bridge.mounting import MountedCamera, robot_camera, world_camera
 from aras_sim_bridge.rendering import COLOURS, Light, MaterialTable, Renderer, create_renderer
 from aras_sim_bridge.world import Model, Pose, World
@@ -32,7 +33,7 @@ log = logging.getLogger(__name__)
 class SimulationConfig:
     """time_step: s. gravity: m/s². seed: of the sensors' noise.
 
-    sun_direction: from the sun to the ground, world frame.
+    lights: of the world; the first directional one is the sun that cameras see by.
     """
 
     time_step: float = 0.001
@@ -42,7 +43,7 @@ class SimulationConfig:
     seed: int = 0
     legacy_camera_info: bool = False
     ground_plane: bool = True
-    sun_direction: tuple[float, float, float] = (-0.5, 0.1, -0.9)
+    lights: tuple[LightDescription, ...] = (SUN,)
 
 
 @dataclass(frozen=True)
@@ -75,8 +76,7 @@ class Simulation:
         self.cameras: list[MountedCamera] = []
         self._materials = MaterialTable()
         self._renderer: Renderer | None = None
-        sun = LightDescription("sun", direction=self.config.sun_direction)
-        self.lights: dict[str, LightDescription] = {"sun": sun}
+        self.lights = {light.name: checked_light(light) for light in self.config.lights}
         if self.config.ground_plane:
             self._colour(self.world.spawn_ground_plane())
 
@@ -108,10 +108,10 @@ class Simulation:
         model = self.world.spawn(description, name, pose, joint_positions)
         try:
             robot = self._robot(model, namespace.rstrip("/"), parameters or {})
+            self._colour(model)
         except SimError:
             self.world.delete(name)
             raise
-        self._colour(model)
         if robot is not None:
             self.robots[name] = robot
         for camera in description.cameras:
@@ -128,18 +128,26 @@ class Simulation:
         self._materials.forget(model.body_id)
         self.world.delete(name)
 
+    def light(self, name: str) -> LightDescription:
+        """The light called `name`; WorldError naming those that exist."""
+        if name not in self.lights:
+            known = ", ".join(self.lights) or "none"
+            raise WorldError(f"light '{name}' does not exist; there are: {known}")
+        return self.lights[name]
+
     def set_light(self, light: LightDescription) -> None:
-        """Add a light or change the one of its name; the first directional one lights cameras."""
-        self.lights[light.name] = light
+        """Add a light or change the one of its name; the first directional one lights cameras.
+
+        Raises:
+            WorldError: a number that no light has; nothing is changed then.
+        """
+        self.lights[light.name] = checked_light(light)
         if self._renderer is not None:
             self._renderer.light = self._sunlight()
 
     def delete_light(self, name: str) -> None:
         """Take a light away; WorldError naming those that exist."""
-        if name not in self.lights:
-            known = ", ".join(self.lights) or "none"
-            raise WorldError(f"light '{name}' does not exist; there are: {known}")
-        del self.lights[name]
+        del self.lights[self.light(name).name]
         if self._renderer is not None:
             self._renderer.light = self._sunlight()
 

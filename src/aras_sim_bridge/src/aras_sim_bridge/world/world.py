@@ -19,6 +19,7 @@ from aras_sim_bridge.world.poses import IDENTITY, Pose, Twist, checked_pose, che
 
 logger = logging.getLogger(__name__)
 
+SMALLEST_STEP = 1e-6  # s; simulated time is counted in nanoseconds
 LARGEST_STEP = 0.1  # s; beyond it no PID of ours and no contact is stable
 GRAVITY_BOUND = 100.0  # m/s², dynamic_reconfigure's range
 # Bullet stops iterating when the squared impulse change of a sweep falls below this; its default
@@ -234,8 +235,10 @@ class World:
 
 
 def _checked_step(value: float) -> float:
-    if not (isinstance(value, (int, float)) and 0.0 < value <= LARGEST_STEP):
-        raise WorldError(f"time step {value} s is not in (0, {LARGEST_STEP}]; 0.001 is usual")
+    if not (isinstance(value, (int, float)) and SMALLEST_STEP <= value <= LARGEST_STEP):
+        raise WorldError(
+            f"time step {value} s is not in [{SMALLEST_STEP}, {LARGEST_STEP}]; 0.001 is usual"
+        )
     return float(value)
 
 

@@ -227,7 +227,7 @@ def _publish(publisher: rospy.Publisher, message: Any) -> None:
     try:
         publisher.publish(message)
     except rospy.ROSException:
-        if not rospy.is_shutdown():
+        if not rospy.core.is_shutdown_requested():
             raise
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.description import parse_sdf, read_sdf
-from aras_sim_bridge.errors import DescriptionError
+from aras_sim_bridge.errors import DescriptionError, WorldError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world import Pose, World
 
@@ -147,3 +147,16 @@ def test_included_ground_and_sun_are_known_others_are_not():
 def test_what_is_not_supported_is_named(text, reason):
     with pytest.raises(DescriptionError, match=reason):
         parse_sdf(text)
+
+
+def test_lights_come_change_and_go():
+    simulation = Simulation(SimulationConfig(renderer="tiny"))
+    (sun,) = read_sdf((ROBOT / "world/aras_visual_servo.world").read_text()).lights
+    simulation.set_light(sun)
+    assert simulation.lights == {"sun": sun}
+    with pytest.raises(WorldError, match="light 'lamp' does not exist; there are: sun"):
+        simulation.delete_light("lamp")
+    simulation.delete_light("sun")
+    assert simulation.lights == {}
+    assert simulation._sunlight().diffuse == 0.0
+    simulation.close()

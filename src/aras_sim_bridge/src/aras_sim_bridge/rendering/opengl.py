@@ -77,14 +77,25 @@ class OpenGLRenderer:
             self._ctx = None
 
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
-        optical_T_link, sun = self._prepare(view, blend)
-        if view.lens is not None:
-            rgba = self._through_lens(view, optical_T_link, sun)
-        else:
-            rgba = self._flat(view, optical_T_link, sun)
-        return cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB)
+        with self._current():
+            optical_T_link, sun = self._prepare(view, blend)
+            if view.lens is not None:
+                rgba = self._through_lens(view, optical_T_link, sun)
+            else:
+                rgba = self._flat(view, optical_T_link, sun)
+            return cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB)
+
+    def _current(self) -> moderngl.Context:
+        """Context manager in which OpenGL means this renderer: there may be others."""
+        if self._ctx is None:
+            raise RenderingError("the renderer is closed")
+        return self._ctx
 
     def measure(self, view: View, blend: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        with self._current():
+            return self._measure(view, blend)
+
+    def _measure(self, view: View, blend: float) -> tuple[np.ndarray, np.ndarray]:
         optical_T_link, sun = self._prepare(view, blend)
         lens = view.lens
         faces = whole(view) if lens is None else self._lens(view).faces
@@ -176,8 +187,6 @@ class OpenGLRenderer:
 
     def _prepare(self, view: View, blend: float) -> tuple[np.ndarray, np.ndarray]:
         """Upload what changed; link poses in the optical frame and the sun in link frames."""
-        if self._ctx is None:
-            raise RenderingError("the renderer is closed")
         if self.scene.refresh() or self._geometry is None:
             if self._geometry is not None:
                 self._geometry.release()

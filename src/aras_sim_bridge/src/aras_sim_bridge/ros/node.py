@@ -145,9 +145,9 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
     if gui and not os.environ.get("DISPLAY"):
         rospy.logwarn("gui is true but DISPLAY is not set; going on without a window")
         gui = False
-    if world.ignored:
-        rospy.logwarn("not built from the world file: %s; spawn them", ", ".join(world.ignored))
-    return Simulation(
+    for warning in world.warnings:
+        rospy.logwarn("world file: %s", warning)
+    simulation = Simulation(
         SimulationConfig(
             time_step=world.time_step,
             gravity=world.gravity,
@@ -156,9 +156,15 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
             seed=parameters.seed,
             legacy_camera_info=parameters.legacy_camera_info,
             ground_plane=world.ground_plane,
-            sun_direction=world.sun_direction,
+            lights=world.lights,
         )
     )
+    try:
+        world_file.populate(simulation, world)
+    except SimError:
+        simulation.close()
+        raise
+    return simulation
 
 
 def _private_parameters() -> dict[str, Any]:

@@ -45,6 +45,13 @@ class Model:
         self.spawn_pose = pose
         self.spawn_positions = joint_positions
         self.fixed_base = fixed_base
+        self._describe(description)
+        self.body_id = -1
+        self._load()
+
+    def _describe(self, description: RobotDescription) -> None:
+        """Note what the description says about joints and masses."""
+        self.description = description
         self.joint_names: tuple[str, ...] = (
             () if description.static else description.moving_joints()
         )
@@ -67,9 +74,6 @@ class Model:
             link.name: link.inertial.mass for link in self._bodies.links.values()
             if not link.gravity and link.inertial is not None
         }
-        self._overrides: dict[str, tuple] = {}
-        self.body_id = -1
-        self._load()
 
     # ------------------------------------------------------------------ loading
 
@@ -104,8 +108,31 @@ class Model:
     def reload(self) -> None:
         """As `_load`, into a Bullet that was emptied; for `World.reset_simulation`."""
         self._load()
-        for override in self._overrides.values():
-            self._change_dynamics(*override)
+
+    def rebuild(self, description: RobotDescription) -> None:
+        """Go on from the present state as `description`: the same links and joints, other numbers.
+
+        Bullet cannot move a centre of mass; so the body is loaded anew, with a new body id.
+        """
+        states = [pybullet.getJointState(self.body_id, i, self.client)[:2]
+                  for i in self._bullet_joint]
+        pose, twist = self.link_state(self.description.root)
+        self.remove()
+        self._describe(description)
+        self._load()
+        self.set_pose(pose)
+        if not self.fixed_base:
+            self.set_twist(twist)
+        for index, (position, velocity) in zip(self._bullet_joint, states, strict=True):
+            pybullet.resetJointState(self.body_id, index, position, velocity,
+                                     physicsClientId=self.client)
+        self._joint_cache = None
+
+    def remove(self) -> None:
+        """Take the body and its constraints out of Bullet."""
+        for gear in self._gears:
+            pybullet.removeConstraint(gear, physicsClientId=self.client)
+        pybullet.removeBody(self.body_id, physicsClientId=self.client)
 
     def _index_links(self) -> None:
         links: dict[str, int] = {self.description.root: -1}
@@ -479,14 +506,6 @@ class Model:
                                          physicsClientId=self.client)
 
     # ------------------------------------------------------------------ properties
-
-    def _change_dynamics(self, index: int, settings: dict) -> None:
-        pybullet.changeDynamics(self.body_id, index, physicsClientId=self.client, **settings)
-
-    @property
-    def link_indices(self) -> MappingProxyType:
-        """Bullet's index of each link by name; -1 is the root."""
-        return MappingProxyType(self._links)
 
     @property
     def materials(self) -> MappingProxyType:

@@ -19,6 +19,7 @@ from aras_sim_bridge.world.poses import IDENTITY, Pose, Twist, checked_pose, che
 
 logger = logging.getLogger(__name__)
 
+SMALLEST_STEP = 1e-6  # s; simulated time is counted in nanoseconds
 LARGEST_STEP = 0.1  # s; beyond it no PID of ours and no contact is stable
 GRAVITY_BOUND = 100.0  # m/s², dynamic_reconfigure's range
 # Bullet stops iterating when the squared impulse change of a sweep falls below this; its default
@@ -164,8 +165,19 @@ class World:
     def delete(self, name: str) -> None:
         """Take a model out; WorldError when there is none of that name."""
         model = self.model(name)
-        pybullet.removeBody(model.body_id, physicsClientId=self.client)
+        model.remove()
         del self.models[name]
+        self._count_active()
+
+    def change(self, name: str, description: RobotDescription) -> None:
+        """Give a model other masses, damping or limits (see changes.py); its state goes on.
+
+        Raises:
+            WorldError: no such model, or a joint that moves no mass; nothing is changed then.
+        """
+        model = self.model(name)
+        _check_simulable(description, name)
+        model.rebuild(description)
         self._count_active()
 
     def _count_active(self) -> None:
@@ -223,8 +235,10 @@ class World:
 
 
 def _checked_step(value: float) -> float:
-    if not (isinstance(value, (int, float)) and 0.0 < value <= LARGEST_STEP):
-        raise WorldError(f"time step {value} s is not in (0, {LARGEST_STEP}]; 0.001 is usual")
+    if not (isinstance(value, (int, float)) and SMALLEST_STEP <= value <= LARGEST_STEP):
+        raise WorldError(
+            f"time step {value} s is not in [{SMALLEST_STEP}, {LARGEST_STEP}]; 0.001 is usual"
+        )
     return float(value)
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.description import Light, RobotDescription, parse_sdf, parse_urdf, read_sdf
 from aras_sim_bridge.description.safe_xml import LARGEST_TEXT
-from aras_sim_bridge.errors import DescriptionError, SimError
+from aras_sim_bridge.errors import DescriptionError
 
 
 def without_prolog(xml: str) -> str:
@@ -33,20 +33,19 @@ def named_packages(text: str) -> list[str]:
     return sorted(set(re.findall(r"package://([^/\"'<\s]*)", text)))
 
 
-def parse(text: str) -> Any:
-    """Return the RobotDescription of a URDF or SDF text.
+def parse(text: str) -> RobotDescription | Light:
+    """Return what one model of URDF, or one model or light of SDF, describes.
 
     Raises:
-        SimError: when it is neither, or wrong.
+        SimError: when it is neither, or wrong, or more than one.
     """
     root = root_tag(text)
     if root == "robot":
         return parse_urdf(text)
     if root in ("sdf", "gazebo"):
-        try:
-            from aras_sim_bridge.description import parse_sdf
-        except ImportError:
-            raise SimError("SDF models are not supported yet; give URDF") from None
+        content = read_sdf(text)
+        if len(content.lights) == 1 and not content.models:
+            return content.lights[0]
         return parse_sdf(text)
     found = f"<{root}>" if root else "no element"
     raise DescriptionError(f"the model's root is {found}; give URDF (<robot>) or SDF (<sdf>)")

@@ -128,13 +128,15 @@ class OpenGLRenderer:
         """Picture of a pinhole, (height, width, 4)."""
         w, h = view.width, view.height
         faces = whole(view)
-        triangle, bounds = self._geometry.visibility.in_view(faces, optical_T_link)
+        triangle, bounds = self._geometry.visibility.in_view(
+            faces, optical_T_link, MANY_TRIANGLES
+        )
         shown = _Shown(faces, triangle, np.zeros(len(triangle), int), optical_T_link, sun)
         if self.antialiasing == "edges" and min(w, h) < TILE:
             return cv2.resize(self._picture(shown, (4 * w, 4 * h)), (w, h),
                               interpolation=cv2.INTER_AREA)
         if self.antialiasing == "edges":
-            if len(triangle) > MANY_TRIANGLES:
+            if bounds is None:
                 return self._denser(shown, w, h, 2)
             return self._refine(view, self._picture(shown, (w, h)), shown, bounds)
         return self._picture(shown, (w, h), self._samples)

@@ -82,7 +82,10 @@ def views(count: int) -> tuple[CameraInfo, list[np.ndarray]]:
     """Images of the topic, one a pose, and what CameraInfo says."""
     info = wait_for_message("/calib/camera_info", CameraInfo, timeout=30.0)
     rospy.wait_for_service("/gazebo/spawn_urdf_model", 30.0)
-    rospy.ServiceProxy("/gazebo/spawn_urdf_model", SpawnModel)("board", board(), "", Pose(), "")
+    spawn = rospy.ServiceProxy("/gazebo/spawn_urdf_model", SpawnModel)
+    reply = spawn("board", board(), "", Pose(), "")
+    if not reply.success:
+        raise RuntimeError(reply.status_message)
     move = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState)
     random = np.random.default_rng(1)
     images = []

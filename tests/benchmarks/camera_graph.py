@@ -73,9 +73,9 @@ class Listener:
         span = stamps[-1] - stamps[0]
         return {
             "images": len(stamps),
-            "rate_hz": round((len(stamps) - 1) / span, 2),
-            "lost": round(span * rate) + 1 - len(stamps),
-            "real_time_factor": round((ticks[-1] - ticks[0]) / (heard[-1] - heard[0]), 4),
+            "rate_hz": round(float((len(stamps) - 1) / span), 2),
+            "lost": round(float(span * rate)) + 1 - len(stamps),
+            "real_time_factor": round(float((ticks[-1] - ticks[0]) / (heard[-1] - heard[0])), 4),
             "delay_median_ms": round(1e3 * float(np.median(delays)), 2),
             "delay_95_percent_ms": round(1e3 * float(np.quantile(delays, 0.95)), 2),
         }

@@ -14,17 +14,22 @@ def without_prolog(xml: str) -> str:
     """Return the text without XML declaration and comments, as Gazebo's plugin strips them.
 
     Raises:
-        DescriptionError: when it is too long to be a model.
+        DescriptionError: when it is too long to be a model, or declares a document type.
     """
     if len(xml) > LARGEST_TEXT:
         raise DescriptionError(f"the model has {len(xml)} characters; the limit is {LARGEST_TEXT}")
     text = re.sub(r"<!--.*?-->", "", xml, flags=re.DOTALL)
-    return re.sub(r"^\s*<\?xml.*?\?>", "", text, flags=re.DOTALL).strip()
+    text = re.sub(r"^\s*<\?xml.*?\?>", "", text, flags=re.DOTALL).strip()
+    if text.startswith("<!"):
+        raise DescriptionError(
+            "document type and entity declarations are refused; remove <!DOCTYPE ...>"
+        )
+    return text
 
 
 def root_tag(text: str) -> str:
     """Return the name of the first element; '' when there is none."""
-    match = re.match(r"(?:<!DOCTYPE[^>]*>\s*)?<\s*([\w:.-]+)", text)
+    match = re.match(r"<\s*([\w:.-]+)", text)
     return match.group(1) if match else ""
 
 

@@ -182,6 +182,7 @@ class LinkServices:
     def _set_link_properties(self, request: SetLinkProperties) -> SetLinkPropertiesResponse:
         com = conversions.from_vector(request.com.position, f"com of '{request.link_name}'")
         inertia = tuple(getattr(request, name) for name in INERTIA)
+        conversions.bounded((request.mass, *inertia), f"mass and inertia of '{request.link_name}'")
 
         def job() -> None:
             simulation = self._thread.simulation

@@ -234,6 +234,7 @@ class ModelServices:
             raise SimError(
                 f"{len(names)} joint_names but {len(positions)} joint_positions; give as many"
             )
+        conversions.bounded(tuple(positions), "joint_positions")
         plain = [name.rpartition("::")[2] for name in names]
 
         def job() -> None:

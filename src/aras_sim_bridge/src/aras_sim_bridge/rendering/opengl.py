@@ -64,6 +64,7 @@ class OpenGLRenderer:
         self._finders: dict[tuple[int, int], EdgeFinder] = {}
         self._lenses: dict[tuple, LensPass] = {}
         self._geometry: Geometry | None = None
+        self._drawn_version = -1
 
     def snapshot(self) -> None:
         self.scene.snapshot()
@@ -189,7 +190,10 @@ class OpenGLRenderer:
 
     def _prepare(self, view: View, blend: float) -> tuple[np.ndarray, np.ndarray]:
         """Upload what changed; link poses in the optical frame and the sun in link frames."""
-        if self.scene.refresh() or self._geometry is None:
+        self.scene.refresh()
+        # By number, not by what refresh says: a snapshot may have been the one to see the change.
+        if self.scene.version != self._drawn_version or self._geometry is None:
+            self._drawn_version = self.scene.version
             if self._geometry is not None:
                 self._geometry.release()
             self._geometry = Geometry(self._ctx, self.scene)

@@ -73,7 +73,8 @@ export PATH=/usr/local/sbin:/usr/sbin:/sbin:/usr/bin:/bin
 unset CMAKE_PREFIX_PATH ROS_PACKAGE_PATH ROS_ROOT ROS_ETC_DIR PYTHONPATH PYTHONHOME VIRTUAL_ENV
 
 [[ $root != *[[:space:]]* ]] ||
-    fail "catkin cannot build below a folder with a space in its name: $root"
+    fail "the interpreter's path stands in the first line of every node, which cannot carry a space:" \
+        "  $root" "Move the workspace to a folder without spaces in its path."
 system=$(. /etc/os-release && printf '%s %s' "${ID:-unknown}" "${VERSION_ID:-}")
 [[ $system == "debian 12" ]] ||
     fail "this workspace is made for Debian 12 (bookworm), which ships ROS 1; this is '$system'." \
@@ -131,7 +132,7 @@ mapfile -d '' sources < <(find src -type f \( -name package.xml -o -name CMakeLi
     -o -name setup.py -o -path '*/msg/*.msg' -o -path '*/srv/*.srv' -o -path '*/action/*.action' \) -print0 |
     sort -z)
 # Our upstream_msgs step aside for installed ones, so their coming and going is a change too.
-others=$(ls -d {/usr,/usr/local}/share/{control_msgs,controller_manager_msgs,gazebo_msgs}/cmake/*Config.cmake 2>/dev/null || true)
+others=$(ls -d /usr/share/{control_msgs,controller_manager_msgs,gazebo_msgs}/cmake/*Config.cmake 2>/dev/null || true)
 stamp=$(printf '%s\n' "$root" "$others" | digest "${sources[@]}")
 if [[ $(cat devel/setup.stamp 2>/dev/null) != "$stamp" ]]; then
     # CMake refuses a build folder that was configured elsewhere.
@@ -140,8 +141,9 @@ if [[ $(cat devel/setup.stamp 2>/dev/null) != "$stamp" ]]; then
     fi
     mkdir -p build
     rm -f devel/setup.stamp src/upstream_msgs/*/CATKIN_IGNORE
+    # Without --force-cmake a package that has come or gone in /usr would not be noticed.
     # Python and C++ messages are enough; the Lisp ones would take a third of the build.
     step "Building the workspace" env ROS_LANG_DISABLE=genlisp \
-        catkin_make -DPYTHON_EXECUTABLE="$root/.venv/bin/python"
+        catkin_make --force-cmake -DPYTHON_EXECUTABLE="$root/.venv/bin/python"
     printf '%s\n' "$stamp" >devel/setup.stamp
 fi

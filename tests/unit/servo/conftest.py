@@ -21,11 +21,13 @@ class Loops:
     def desired(self, year):
         return from_geometry(DESIRED_JOINTS[year], year)
 
-    def servo(self, year, scheme="moments", law=None, desired=None, **settings):
+    def servo(self, year, scheme="moments", law=None, desired=None, smoothing=0.1, **settings):
         law = law if law is not None else laws.Proportional(3.0, 0.1)
         desired = desired if desired is not None else self.desired(year)
+        scheme = schemes.create(scheme, desired, law)
+        scheme.smoothing = smoothing
         return Servo(
-            schemes.create(scheme, desired, law),
+            scheme,
             Resolver(self.kinematics),
             ServoSettings(**settings),
         )

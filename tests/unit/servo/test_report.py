@@ -26,7 +26,7 @@ def run(loops):
         moments.append(measurement.moments)
         return measurement
 
-    history = robot.run(loops.servo("2016"), SECONDS, look)
+    history = robot.run(loops.servo("2016", smoothing=0.0), SECONDS, look)
     stamp = np.array([c.stamp for c in history])
     results = [c.scheme_result for c in history]
     states = States(

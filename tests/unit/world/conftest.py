@@ -1,8 +1,14 @@
 """Robots for the tests of the world: the ARAS figures as boxes, and small mechanisms."""
 
 import math
+import sys
+from pathlib import Path
 
 import pytest
+
+HERE = str(Path(__file__).resolve().parent)
+if HERE not in sys.path:
+    sys.path.insert(0, HERE)
 
 # name: kind, parent, child, xyz, rpy, axis, lower, upper, effort, damping, friction
 ARAS_JOINTS = (

@@ -40,11 +40,14 @@ def run(world, pids, count):
     return tuple(pids.model.read_joints()[0])
 
 
+FRICTION = 0.9  # N m, every rotary joint's
 KINEMATIC = '<gazebo reference="base_link"><kinematic>true</kinematic></gazebo>'
 
 
 @pytest.mark.parametrize("tags", [KINEMATIC, ""], ids=["fixed base", "free base on the ground"])
 def test_aras_robot_settles_where_it_is_told(make, tags):
+    """Friction holds a joint up to f/p off its command; the integral has 2 s of some 7 s to take
+    up J2's change of gravity load, 3 N m. See test_step_response.py for the exact statement."""
     with World() as world:
         world.spawn_ground_plane()
         model = world.spawn(parse_urdf(make.aras(tags)), "aras", joint_positions=make.start)
@@ -53,15 +56,13 @@ def test_aras_robot_settles_where_it_is_told(make, tags):
         pids.target.update(gantry=0.05, J2=-0.09, J3=0.045, J5=0.045)
         run(world, pids, 2000)
         for joint, position in zip(model.joint_names, model.read_joints()[0], strict=True):
-            # Friction holds a joint anywhere its p term cannot move it. J2 moves by 0.26 rad: its
-            # integral of 6 N m leaves slowly (p / i = 7 s).
-            friction = model.description.joints[joint].friction
-            bound = 1e-3 if joint == "J2" else 1.02 * friction / make.gains[joint][0]
+            bound = FRICTION / make.gains[joint][0] + (3.0 / 7000 if joint == "J2" else 1e-4)
             assert abs(position - pids.target[joint]) < bound, joint
         assert all(abs(v) < 1e-3 for v in model.read_joints()[1])
         pose = model.pose()
-        assert math.dist(pose.xyz, (0, 0, 0)) < 1e-4
-        assert abs(pose.quat[3]) == pytest.approx(1.0, abs=1e-9)
+        # Contacts of 1.8 t creep by millimetres when the arm is jerked; a bolted base doesn't.
+        assert math.dist(pose.xyz, (0, 0, 0)) < (1e-12 if tags else 5e-3)
+        assert abs(pose.quat[3]) == pytest.approx(1.0, abs=1e-5)
 
 
 def test_reset_simulation_makes_runs_bit_identical(make):
@@ -111,7 +112,7 @@ def test_reset_simulation_restores_spawns_and_their_configurations(make):
         late.set_pose(Pose((0, 9, 9)))
         world.reset_simulation()
         assert dict(zip(model.joint_names, model.read_joints()[0], strict=True)) == make.start
-        assert model.read_joints()[1:] == ([0.0] * 6, [0.0] * 6)
+        assert [list(values) for values in model.read_joints()[1:]] == [[0.0] * 6] * 2
         assert late.pose().xyz == (5, 0, 1)
         assert list(world.models) == ["aras", "late"]
 
@@ -128,8 +129,8 @@ def test_reset_world_keeps_joint_angles_and_stops_everything(make):
         angle = model.read_joints()[0][0]
         assert angle > 0
         world.reset_world()
-        assert model.read_joints()[0] == [angle]
-        assert model.read_joints()[1] == [0.0]
+        assert list(model.read_joints()[0]) == [angle]
+        assert list(model.read_joints()[1]) == [0.0]
         assert model.pose().xyz == pytest.approx((1, 2, 3), abs=1e-12)
         assert model.twist() == Twist()
 

@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from aras_sim_bridge.camera import CameraConfig, CameraSensor, Frame
+from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.control_loop import ControlLoop
 from aras_sim_bridge.controller_manager import ControllerManager
+from aras_sim_bridge.description import Light as LightDescription
 from aras_sim_bridge.description import RobotDescription
-from aras_sim_bridge.errors import DescriptionError, RenderingError, SimError
+from aras_sim_bridge.errors import (
+    CameraError,
+    DescriptionError,
+    RenderingError,
+    SimError,
+    WorldError,
+)
 from aras_sim_bridge.hardware import RobotHardware
+from aras_sim_bridge.lights import SUN, checked_light
+from aras_sim_bridge.mounting import MountedCamera, robot_camera, world_camera
 from aras_sim_bridge.rendering import COLOURS, Light, MaterialTable, Renderer, create_renderer
 from aras_sim_bridge.world import Model, Pose, World
 from aras_sim_bridge.world.poses import IDENTITY
@@ -26,7 +33,7 @@ log = logging.getLogger(__name__)
 class SimulationConfig:
     """time_step: s. gravity: m/s². seed: of the sensors' noise.
 
-    sun_direction: from the sun to the ground, world frame.
+    lights: of the world; the first directional one is the sun that cameras see by.
     """
 
     time_step: float = 0.001
@@ -36,7 +43,7 @@ class SimulationConfig:
     seed: int = 0
     legacy_camera_info: bool = False
     ground_plane: bool = True
-    sun_direction: tuple[float, float, float] = (-0.5, 0.1, -0.9)
+    lights: tuple[LightDescription, ...] = (SUN,)
 
 
 @dataclass(frozen=True)
@@ -51,38 +58,11 @@ class Robot:
     loop: ControlLoop
 
 
-class MountedCamera:
-    """A camera on a link. It draws while `enabled` and hands its frames to `on_frame`."""
-
-    def __init__(self, sensor: CameraSensor, model: Model, link: str) -> None:
-        self.sensor = sensor
-        self.model = model
-        self.link = link
-        self.enabled = False
-        self.on_frame: Callable[[Frame], None] | None = None
-
-    def before_step(self, time_ns: int, after_ns: int) -> None:
-        """Remember the world where an exposure falls between two ticks."""
-        if self.sensor.needs_before(after_ns):
-            self.sensor.before_step(self._pose(), time_ns)
-
-    def after_step(self, time_ns: int) -> None:
-        """Expose if it is time."""
-        if not self.sensor.due(time_ns):
-            return
-        frame = self.sensor.capture(self._pose(), time_ns)
-        if frame is not None and self.on_frame is not None:
-            self.on_frame(frame)
-
-    def _pose(self) -> np.ndarray:
-        return np.array(self.model.link_pose(self.link).matrix())
-
-
 class Simulation:
     """Models, robots and cameras of one world; simulated time only.
 
     Attributes:
-        world: physics. robots: by model name. cameras: in spawn order.
+        world: physics. robots: by model name. cameras: in spawn order. lights: by name.
         time_ns: simulated time. step_ns: the physics step.
     """
 
@@ -96,6 +76,7 @@ class Simulation:
         self.cameras: list[MountedCamera] = []
         self._materials = MaterialTable()
         self._renderer: Renderer | None = None
+        self.lights = {light.name: checked_light(light) for light in self.config.lights}
         if self.config.ground_plane:
             self._colour(self.world.spawn_ground_plane())
 
@@ -113,7 +94,8 @@ class Simulation:
 
         Args:
             namespace: the robot's, without trailing slash; parameters: what ROS has below it.
-            cameras: settings laid over the sensors', nested by the parts of the camera's name.
+            cameras: settings laid over the sensors', nested by the parts of the camera's name. An
+                impossible camera is left out and logged; the model is spawned all the same.
 
         Raises:
             SimError: saying what is wrong; the world is as before then.
@@ -123,19 +105,17 @@ class Simulation:
                 f"model '{name}' has {len(description.control_plugins)} gazebo_ros_control plugins;"
                 " keep one"
             )
-        # A robot on ros_control stands where it is put: the ARAS frame rests on the floor.
-        fixed = True if description.control_plugins else None
-        model = self.world.spawn(description, name, pose, joint_positions, fixed)
+        model = self.world.spawn(description, name, pose, joint_positions)
         try:
             robot = self._robot(model, namespace.rstrip("/"), parameters or {})
-            mounted = [self._camera(model, c, cameras or {}) for c in description.cameras]
+            self._colour(model)
         except SimError:
             self.world.delete(name)
             raise
-        self._colour(model)
         if robot is not None:
             self.robots[name] = robot
-        self.cameras.extend(mounted)
+        for camera in description.cameras:
+            self._mount(model, camera, cameras or {})
         return model
 
     def delete(self, name: str) -> None:
@@ -147,6 +127,48 @@ class Simulation:
         self.cameras = [camera for camera in self.cameras if camera.model is not model]
         self._materials.forget(model.body_id)
         self.world.delete(name)
+
+    def light(self, name: str) -> LightDescription:
+        """The light called `name`; WorldError naming those that exist."""
+        if name not in self.lights:
+            known = ", ".join(self.lights) or "none"
+            raise WorldError(f"light '{name}' does not exist; there are: {known}")
+        return self.lights[name]
+
+    def set_light(self, light: LightDescription) -> None:
+        """Add a light or change the one of its name; the first directional one lights cameras.
+
+        Raises:
+            WorldError: a number that no light has; nothing is changed then.
+        """
+        self.lights[light.name] = checked_light(light)
+        if self._renderer is not None:
+            self._renderer.light = self._sunlight()
+
+    def delete_light(self, name: str) -> None:
+        """Take a light away; WorldError naming those that exist."""
+        del self.lights[self.light(name).name]
+        if self._renderer is not None:
+            self._renderer.light = self._sunlight()
+
+    def _sunlight(self) -> Light:
+        """What the renderers know of light: one sun, with the strength of its diffuse colour."""
+        for light in self.lights.values():
+            if light.kind == "directional":
+                return Light(light.direction, diffuse=max(light.diffuse[:3]))
+        return Light(diffuse=0.0)
+
+    def change(self, name: str, description: RobotDescription) -> None:
+        """Give a model other masses, damping or limits (see world/changes.py); its state goes on.
+
+        Raises:
+            WorldError: no such model, or numbers that cannot be simulated; nothing is changed then.
+        """
+        model = self.world.model(name)
+        old = model.body_id
+        self.world.change(name, description)
+        self._materials.forget(old)
+        self._colour(model)
 
     def step(self) -> None:
         """One tick in Gazebo's order: time, controllers, physics, sensors."""
@@ -207,27 +229,49 @@ class Simulation:
             return Robot(model.name, namespace, model, hardware, manager, loop)
         return None
 
-    def _camera(self, model: Model, camera: Any, presets: Mapping[str, Any]) -> MountedCamera:
-        name = camera.plugin.camera_name if camera.plugin is not None else camera.name
-        overrides: dict[str, Any] = {"legacy_camera_info": self.config.legacy_camera_info}
-        overrides |= _below(presets, name)
-        settings = CameraConfig.from_description(camera, overrides)
+    def add_camera(self, name: str, settings: Mapping[str, Any]) -> MountedCamera:
+        """Put a camera into the world, fixed; see mounting.world_camera. Raises CameraError."""
+        config, pose = world_camera(name, settings, self._camera_defaults(), self.config.seed)
+        mounted = MountedCamera(self._sensor(config), None, "world", pose)
+        self.cameras.append(mounted)
+        return mounted
+
+    def _mount(self, model: Model, camera: Any, settings: Mapping[str, Any]) -> None:
+        """Mount one camera of a description. One that is impossible must not cost the robot."""
+        try:
+            config = robot_camera(camera, settings, self._camera_defaults(), self.config.seed)
+            mounted = MountedCamera(self._sensor(config), model, camera.link)
+        except (CameraError, RenderingError) as error:
+            log.error("model '%s' goes without a camera: %s", model.name, error)
+            return
+        self.cameras.append(mounted)
+
+    def _camera_defaults(self) -> dict[str, Any]:
+        return {"legacy_camera_info": self.config.legacy_camera_info}
+
+    def _sensor(self, config: CameraConfig) -> CameraSensor:
+        if any(camera.sensor.config.topic_root == config.topic_root for camera in self.cameras):
+            raise CameraError(
+                f"camera '{config.name}': there is a camera {config.topic_root} already; give this "
+                "one another cameraName or robotNamespace"
+            )
         if self._renderer is None:
             self._renderer = create_renderer(
                 self.config.renderer,
                 self.world.client,
                 self._materials,
-                Light(self.config.sun_direction),
+                self._sunlight(),
             )
             log.info("cameras are drawn by %s", self._renderer.name)
-        sensor = CameraSensor(settings, self._renderer)
+        sensor = CameraSensor(config, self._renderer)
         sensor.check_time_step(self.step_ns)
         sensor.reset(self.time_ns)
-        return MountedCamera(sensor, model, camera.link)
+        return sensor
 
     def _colour(self, model: Model) -> None:
         """Give the renderer Gazebo's colours; links without a material are white."""
-        colours = {}
+        colours = {model.link_index(link): rgba
+                   for link, rgba in model.description.colours.items()}
         for index, name in model.materials.items():
             if name not in COLOURS:
                 raise RenderingError(
@@ -236,11 +280,3 @@ class Simulation:
                 )
             colours[index] = COLOURS[name]
         self._materials.set_body(model.body_id, colours)
-
-
-def _below(tree: Mapping[str, Any], path: str) -> Mapping[str, Any]:
-    """The mapping at 'a/b' of a nested one; empty where there is none."""
-    node: Any = tree
-    for part in path.strip("/").split("/"):
-        node = node.get(part) if isinstance(node, Mapping) else None
-    return node if isinstance(node, Mapping) else {}

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rospkg
@@ -51,6 +52,7 @@ class ControllerNode:
         self._image_stamp: float | None = None
         self._moments: ImageMoments | None = None
         self._joints_heard = self._images_heard = time.monotonic()
+        self._sent: np.ndarray | None = None
         self._reported = -1.0
         self._said: tuple[str, str] = ("", "")
         self._said_at = 0.0
@@ -120,11 +122,15 @@ class ControllerNode:
                 self._positions = None
                 self._say(servo.WAITING, f"joint_states is malformed: {error}")
                 return
-            if self._loop.approaching and not self._settings.lockstep:
+            if self._settings.lockstep:
+                return  # there every command answers an image
+            if self._loop.approaching:
                 command = self._loop.joints(self._positions, stamp)
-                self._send(command)
+                self._send(command.joint_commands)
                 if not 0.0 <= stamp - self._reported < APPROACH_REPORT_PERIOD:
                     self._report(command, message.header.stamp)
+            else:
+                self._send(self._loop.streamed(stamp), repeat=False)
 
     def _on_moments(self, message: ImageMoments) -> None:
         with self._lock:
@@ -151,7 +157,10 @@ class ControllerNode:
         if self._loop.approaching and not self._settings.lockstep:
             return
         command = self._loop.step(conversions.measurement(message, kernel), self._positions)
-        self._send(command)
+        if self._settings.lockstep:
+            self._send(command.joint_commands)
+        else:
+            self._send(self._loop.streamed(max(stamp, self._joint_stamp or stamp)))
         self._report(command, message.header.stamp)
 
     def _restart(self, stamp: float) -> None:
@@ -161,21 +170,24 @@ class ControllerNode:
         self._positions = self._joint_stamp = self._image_stamp = None
         self._reported = -1.0
 
-    def _send(self, command: ServoCommand) -> None:
-        values = command.joint_commands
+    def _send(self, values: np.ndarray | None, repeat: bool = True) -> None:
+        """Publish the six commands; without `repeat` only when they are new."""
         if values is None or not np.isfinite(values).all():
             return
+        if not repeat and self._sent is not None and np.array_equal(values, self._sent):
+            return
+        self._sent = values
         for publisher, value in zip(self._commands, values, strict=True):
-            publisher.publish(Float64(float(value)))
+            _publish(publisher, Float64(float(value)))
 
     def _report(self, command: ServoCommand, stamp: rospy.Time) -> None:
         self._reported = command.stamp
         message = conversions.fill_state(ServoState(), command, self._settings.scheme)
         message.header.stamp = stamp
-        self._state.publish(message)
+        _publish(self._state, message)
         twist = TwistStamped(header=message.header)
         conversions.fill_twist(twist.twist, command.twist)
-        self._twist.publish(twist)
+        _publish(self._twist, twist)
         self._say(command.phase, command.reason)
 
     def _say(self, phase: str, reason: str) -> None:
@@ -208,6 +220,15 @@ class ControllerNode:
         if missing and now - self._said_at >= 1.0:
             command = self._loop.stalled(rospy.get_time(), "no " + " and no ".join(missing))
             self._report(command, rospy.Time.now())
+
+
+def _publish(publisher: rospy.Publisher, message: Any) -> None:
+    """Publish, but not into topics that the shutdown has closed while we were computing."""
+    try:
+        publisher.publish(message)
+    except rospy.ROSException:
+        if not rospy.core.is_shutdown_requested():
+            raise
 
 
 def main() -> int:

@@ -7,7 +7,8 @@ eyes shut), `servoing`, `converged` (every error below its threshold for `hold` 
 stays closed), `holding` (no safe command can be computed: the last one stands).
 
 The commands are integrated from the last command, not from the measured positions: a joint held
-back by friction is pushed until it moves. How far they may run ahead is bounded.
+back by friction is pushed until it moves. How far they may run ahead is bounded. Between images
+they are streamed (`Servo.streamed`), so that the joints follow a velocity and not steps.
 """
 
 from dataclasses import dataclass
@@ -104,6 +105,8 @@ class Servo:
         """Begin anew, as if just constructed: for a simulation that was reset or restarted."""
         self.phase = WAITING
         self._command: np.ndarray | None = None
+        self._previous: np.ndarray | None = None
+        self._span = 0.0
         self._approach: _Approach | None = None
         self._at_start = self.settings.start is None
         self._began: float | None = None
@@ -184,6 +187,9 @@ class Servo:
             return self.joints(positions, stamp)
         if self._command is None:
             self._command = positions.copy()
+        # Until this image is answered, the last command stands.
+        before = self.streamed(stamp)
+        self._previous, self._span = before, 0.0
         previous, self._last_stamp = self._last_stamp, stamp
         if not measurement.valid:
             return self._hold(stamp, positions, measurement.reason or "the target is not visible")
@@ -209,6 +215,19 @@ class Servo:
             joint_positions=positions,
             joint_commands=self._command.copy(),
         )
+
+    def streamed(self, stamp: float) -> np.ndarray | None:
+        """The command (6,) for a moment between two images, None when nothing may be sent.
+
+        It travels from the last but one command to the last within one image period, so that the
+        joints are asked for a velocity and not for a step thirty times a second.
+        """
+        if self._command is None or self.approaching:
+            return None
+        if self._previous is None or self._span <= 0.0 or self._last_stamp is None:
+            return self._command.copy()
+        part = float(np.clip((stamp - self._last_stamp) / self._span, 0.0, 1.0))
+        return self._previous + part * (self._command - self._previous)
 
     def stalled(self, stamp: float, reason: str) -> ServoCommand:
         """Data stopped coming: say so; the last command stands with the joints' controllers."""
@@ -240,7 +259,7 @@ class Servo:
             return resolution, "not advancing: " + ", ".join(
                 f"{JOINT_NAMES[i]} is {ahead[i]:.3f} behind its command" for i in late
             )
-        self._command = command
+        self._command, self._span = command, dt
         return resolution, "; ".join(resolution.reasons)
 
     def _judge(self, error: np.ndarray, stamp: float) -> None:

@@ -40,6 +40,7 @@ class Settings:
         gain: of the proportional law, 1/s.
         gain_zero, gain_infinity, gain_slope: of the adaptive law, 1/s, 1/s, 1/(s unit).
         ramp: time constant with which the gain rises at the start, s; 0 for none.
+        smoothing: time constant of the low-pass on the features' errors, s; 0 for none.
         hold: time that every error must stay below its threshold, s.
         max_velocity: of the six joints, m/s and rad/s.
         lower, upper: position limits of the six joints, m and rad.
@@ -62,6 +63,7 @@ class Settings:
     gain_infinity: float = 2.0
     gain_slope: float = 30.0
     ramp: float = 0.1
+    smoothing: float = 0.1
     hold: float = 2.0
     max_velocity: tuple[float, ...] = JointLimits.velocity
     lower: tuple[float, ...] = JointLimits.lower
@@ -103,7 +105,7 @@ class Settings:
         for name in ("gain", "gain_zero", "gain_infinity", "gain_slope", "hold"):
             if getattr(self, name) <= 0.0:
                 raise ConfigurationError(f"parameter ~{name} is {getattr(self, name)}, must be > 0")
-        for name in ("ramp", "pitch_gain", "posture_gain"):
+        for name in ("ramp", "smoothing", "pitch_gain", "posture_gain"):
             if getattr(self, name) < 0.0:
                 raise ConfigurationError(
                     f"parameter ~{name} is {getattr(self, name)}, must be >= 0"
@@ -167,8 +169,10 @@ class Settings:
         tasks: list[Task] = [Posture(J1, 0.0, self.posture_gain), JointLimitAvoidance(limits)]
         if self.singularity_avoidance:
             tasks.append(SingularityAvoidance(kinematics))
+        scheme = create(self.scheme, desired, self._law())
+        scheme.smoothing = self.smoothing
         return Servo(
-            create(self.scheme, desired, self._law()),
+            scheme,
             Resolver(kinematics, limits, tasks, ResolverSettings(elbow=self.elbow)),
             ServoSettings(
                 start=self.start_joints(),

@@ -10,8 +10,10 @@ import sys
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 
+from aras_visual_servo_camera.kernel import kernel_features
 from aras_visual_servo_camera.moments import Moments
 
 from .desired import Desired, DesiredKernel
@@ -24,15 +26,37 @@ DESIRED_JOINTS = {
     "2015": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     "2016": (0.05, 0.0, -0.09, 0.045, 0.045, 0.0),
 }
+ORIGINAL_SIZE, ORIGINAL_FOV = (320, 240), 2.0  # pixels, rad: the camera of 2015
 ORDER = 3  # the paper's features with their interaction matrix need no more
 
 
 def from_geometry(joints: np.ndarray, name: str, kinematics: Kinematics | None = None) -> Desired:
-    """What a perfect camera sees of the demo's target at these joints (6,)."""
+    """What a perfect camera sees of the demo's target at these joints (6,).
+
+    The kernel features are those of the original camera, 320 x 240 pixels.
+    """
     joints = np.asarray(joints, float)
     view, depth = desired_view(joints, kinematics)
     moments = Moments.from_polygon(view, ORDER)
-    return Desired(name, joints, depth, ORDER, moments.m_array, moments.mu_array)
+    kernel = _kernel_of(view)
+    return Desired(name, joints, depth, ORDER, moments.m_array, moments.mu_array, kernel)
+
+
+def _kernel_of(view: np.ndarray) -> DesiredKernel:
+    """Kernel features of an outline (n, 2) as the original's threshold of 250 makes it black.
+
+    A white pixel that the target covers by more than 2 % is darker than 250.
+    """
+    width, height = ORIGINAL_SIZE
+    focal = 0.5 * width / np.tan(0.5 * ORIGINAL_FOV)
+    K = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
+    finer = 16
+    pixels = ((view * focal + K[:2, 2] + 0.5) * finer - 0.5) * 256.0
+    fine = np.zeros((height * finer, width * finer), np.uint8)
+    cv2.fillPoly(fine, [np.round(pixels).astype(np.int32)], 255, shift=8)
+    coverage = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
+    mask = (coverage > 0.02 * 255).astype(np.uint8) * 255
+    return DesiredKernel(width, height, K, kernel_features(mask).values)
 
 
 def from_samples(
@@ -116,6 +140,7 @@ def _live(arguments: argparse.Namespace) -> Desired:
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns its exit status."""
     parser = argparse.ArgumentParser(prog="teach", description=__doc__.splitlines()[0])
+    given = [a for a in (sys.argv[1:] if argv is None else argv) if ":=" not in a]
     parser.add_argument("file", type=Path, help="YAML file to write")
     source = parser.add_mutually_exclusive_group()
     source.add_argument("--geometry", choices=DESIRED_JOINTS, help="compute it, without ROS")
@@ -123,7 +148,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--images", type=int, default=30, help="to average over (default 30)")
     parser.add_argument("--depth", type=float, help="of the target's plane, m (default: robot's)")
     parser.add_argument("--timeout", type=float, default=30.0, help="s to wait for images")
-    arguments = parser.parse_args([a for a in argv or sys.argv[1:] if not a.startswith("__")])
+    arguments = parser.parse_args(given)
     try:
         if arguments.geometry:
             desired = from_geometry(DESIRED_JOINTS[arguments.geometry], arguments.file.name)
@@ -131,7 +156,7 @@ def main(argv: list[str] | None = None) -> int:
         else:
             desired = _live(arguments)
             heading = f"Taught from {arguments.images} images."
-        heading += f"\nMade by: teach {' '.join(argv or sys.argv[1:])}"
+        heading += f"\nMade by: teach {' '.join(given[:-1])} {arguments.file.name}"
         arguments.file.write_text(desired.to_yaml(heading), encoding="utf-8")
     except (ServoError, OSError) as error:
         print(f"teach: {error}", file=sys.stderr)

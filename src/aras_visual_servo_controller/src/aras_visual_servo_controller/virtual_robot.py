@@ -27,13 +27,15 @@ class VirtualRobot:
         lag: time constant of every joint, s.
         step: of the simulation, s.
         image_period: s between exposures.
-        latency: s from exposure to the command that answers it.
+        stream_period: s between commands.
+        latency: s by which commands are late.
     """
 
     q: np.ndarray
     lag: float = 0.04
     step: float = 1.0 / 600.0
     image_period: float = 1.0 / 30.0
+    stream_period: float = 0.01
     latency: float = 0.01
     order: int = 3
     kinematics: Kinematics = field(default_factory=Kinematics)
@@ -53,25 +55,23 @@ class VirtualRobot:
         """Close the loop for duration (s) and return every command, one an image.
 
         Args:
-            servo: the loop; its commands are applied `latency` after the exposure.
+            servo: the loop; its commands are streamed to the joints.
             duration: s to simulate, beginning at stamp 0.
             measure: replaces `self.measure`, to lose the target or to add noise.
             positions: what the joint sensors report, from the stamp and the true joints.
         """
         measure = measure if measure is not None else self.measure
         target = np.array(self.q, float)
-        pending: list[tuple[float, np.ndarray]] = []
         history: list[ServoCommand] = []
         decay = 1.0 - np.exp(-self.step / self.lag)
         every = max(1, round(self.image_period / self.step))
+        stream = max(1, round(self.stream_period / self.step))
         for tick in range(round(duration / self.step)):
             now = tick * self.step
-            while pending and pending[0][0] <= now + 1e-9:
-                target = pending.pop(0)[1]
+            if tick % stream == 0 and (streamed := servo.streamed(now - self.latency)) is not None:
+                target = streamed
             if tick % every == 0:
                 command = servo.step(measure(now), positions(now, self.q.copy()))
                 history.append(command)
-                if command.joint_commands is not None:
-                    pending.append((now + self.latency, command.joint_commands))
             self.q = self.q + decay * (target - self.q)
         return history

@@ -204,15 +204,19 @@ class CameraConfig:
         """
         name = str(values.get("name", "camera"))
         values = _checked(values, name)
-        try:
-            return cls(**{key: _converted(key, value) for key, value in values.items()})
-        except (TypeError, ValueError, KeyError) as error:
-            raise CameraError(f"camera '{name}': a setting has the wrong type ({error})") from error
+        return cls(**_all_converted(values, name))
 
     def overridden(self, overrides: Mapping[str, Any]) -> CameraConfig:
         """A copy with the keys of a preset laid over it."""
         values = _checked(overrides, self.name)
-        return replace(self, **{key: _converted(key, value) for key, value in values.items()})
+        return replace(self, **_all_converted(values, self.name))
+
+    @property
+    def topic_root(self) -> str:
+        """Absolute name below which ROS finds this camera: /robotNamespace/cameraName."""
+        parts = [part for name in (self.robot_namespace, self.camera_name)
+                 for part in name.split("/") if part]
+        return "/" + "/".join(parts)
 
 
 def _checked(values: Mapping[str, Any], name: str) -> dict[str, Any]:
@@ -226,24 +230,59 @@ def _checked(values: Mapping[str, Any], name: str) -> dict[str, Any]:
 
 _NUMBERS = {"horizontal_fov", "update_rate", "near", "far", "cutoff_angle", "hack_baseline",
             "latency"}
+_WHOLE = {"width", "height", "seed"}
+_TRUTHS = {"legacy_camera_info", "depth", "segmentation"}
+_LISTS = {"xyz": 3, "rpy": 3, "camera_matrix": 4, "distortion_coefficients": None}
+
+
+def _all_converted(values: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Settings as YAML gives them, in the types the config wants. Raises CameraError."""
+    try:
+        return {key: _converted(key, value) for key, value in values.items()}
+    except (TypeError, ValueError, CameraError) as error:
+        raise CameraError(f"camera '{name}': {error}") from None
 
 
 def _converted(key: str, value: Any) -> Any:
-    """A setting as YAML gives it, in the type the config wants."""
-    if key == "camera_matrix" and value is not None:
-        if isinstance(value, Mapping):
-            value = [value[k] for k in ("fx", "fy", "cx", "cy")]
-        fx, fy, cx, cy = map(float, value)
-        return (fx, fy, cx, cy)
-    if key == "effects" and not isinstance(value, Effects):
+    if key == "effects":
+        if isinstance(value, Effects):
+            return value
+        if not isinstance(value, Mapping):
+            raise TypeError(f"effects {value!r}: give keys with values, as noise_stddev: 5.0")
         return Effects.from_mapping(value)
-    if key in ("xyz", "rpy"):
-        x, y, z = map(float, value)
-        return (x, y, z)
-    if key == "distortion_coefficients":
-        return tuple(map(float, value))
-    if key in _NUMBERS and value is not None:
-        if isinstance(value, bool | str):
-            raise TypeError(f"{key}: {value!r} is not a number")
+    if key in ("camera_matrix", "cutoff_angle") and value is None:
+        return None
+    if key == "camera_matrix" and isinstance(value, Mapping):
+        if set(value) != {"fx", "fy", "cx", "cy"}:
+            raise TypeError(f"camera_matrix has the keys {sorted(value)}; give fx, fy, cx, cy")
+        value = [value[k] for k in ("fx", "fy", "cx", "cy")]
+    if key in _LISTS:
+        return _numbers(key, value, _LISTS[key])
+    if key in _NUMBERS:
+        if not _is_number(value):
+            raise TypeError(f"{key} {value!r} is not a number")
         return float(value)
+    if key in _WHOLE and (not isinstance(value, int) or isinstance(value, bool)):
+        raise TypeError(f"{key} {value!r} is not a whole number")
+    if key in _TRUTHS and not isinstance(value, bool):
+        raise TypeError(f"{key} {value!r} is neither true nor false")
+    if key not in _WHOLE | _TRUTHS and not isinstance(value, str):
+        raise TypeError(f"{key} {value!r} is not a text")
     return value
+
+
+def _numbers(key: str, value: Any, count: int | None) -> tuple[float, ...]:
+    """A list, or a text such as '0 0 0.05' from a launch argument, as finite numbers."""
+    items = value.split() if isinstance(value, str) else value
+    wanted = "numbers" if count is None else f"{count} numbers"
+    try:
+        numbers = tuple(float(item) for item in items)
+    except (TypeError, ValueError):
+        numbers = (math.nan,)
+    if not all(map(math.isfinite, numbers)) or (count is not None and len(numbers) != count):
+        raise TypeError(f"{key} {value!r}: give {wanted}")
+    return numbers
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

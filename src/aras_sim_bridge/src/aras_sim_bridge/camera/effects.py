@@ -114,12 +114,12 @@ class EffectChain:
             light = cv2.multiply(image, self._shade, dtype=cv2.CV_32F)
         else:
             light = image.astype(np.float32) * np.float32(e.exposure)
-        light = cv2.min(light, 255.0)
+        light = np.minimum(light, np.float32(255.0))
         spread = cv2.sqrt(light * np.float32(e.shot_noise * e.gain**2)
                           + np.float32(e.noise_stddev**2))
         noise = self._cut(self._unit, image.size).reshape(image.shape)
         out = light * np.float32(e.gain) + cv2.multiply(spread, noise)
-        return cv2.convertScaleAbs(cv2.max(out, 0.0))
+        return cv2.convertScaleAbs(np.maximum(out, np.float32(0.0)))
 
     def _cut(self, table: np.ndarray, size: int) -> np.ndarray:
         if size > len(table):

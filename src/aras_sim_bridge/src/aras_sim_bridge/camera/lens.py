@@ -56,12 +56,13 @@ class BrownLens:
         if not flat:
             # Following the solution as the target moves outwards keeps Newton on the branch.
             x = np.zeros_like(x)
-            for share in (0.25, 0.5, 0.75, 1.0, 1.0):
-                target = share * points
-                x = x + (points * 0.25 if share < 1.0 and share > 0.25 else 0.0)
-                for _ in range(6):
+            for share, most in ((0.25, 2), (0.5, 2), (0.75, 2), (1.0, 20)):
+                x = x + 0.25 * points
+                for _ in range(most):
                     value, a, b, d = self._distort(x)
-                    error = value - target
+                    error = value - share * points
+                    if np.abs(error).max(initial=0.0) < 1e-13:
+                        break
                     det = a * d - b * b
                     det = np.where(np.abs(det) > 1e-9, det, 1e-9)
                     step = np.stack([d * error[:, 0] - b * error[:, 1],

@@ -60,7 +60,7 @@ def create_renderer(
 
     'opengl' draws with moderngl on EGL, 'tiny' with PyBullet's software renderer; 'auto' takes
     the first that works and says in `.reason` why not the others. `antialiasing`: 'edges',
-    'multisample' or 'none'; 'tiny' knows 'edges' (4 samples a pixel) and 'none'.
+    'multisample' or 'none'; 'tiny' knows 'edges' (9 samples a pixel) and 'none'.
 
     Raises RenderingError for an unknown name, and when a renderer asked for by name does not work.
     """

@@ -30,11 +30,17 @@ class Faces:
     def __len__(self) -> int:
         return len(self.projection)
 
-    def normals(self, number: int) -> np.ndarray:
-        """(5, 3) of one face, in its frame: inward unit normals of the sides, and the axis."""
-        a, b, c, d = self.projection[number]
-        n = np.array([[a, 0, 1 + b], [-a, 0, 1 - b], [0, c, 1 + d], [0, -c, 1 - d], [0, 0, 1]])
-        return n / np.sqrt((n * n).sum(axis=1))[:, None]
+    def normals(self) -> np.ndarray:
+        """(F, 5, 3) in the optical frame: inward unit normals of the sides, and the axis."""
+        a, b, c, d = self.projection.T
+        n = np.zeros((len(a), 5, 3))
+        n[:, 0, 0], n[:, 0, 2] = a, 1 + b
+        n[:, 1, 0], n[:, 1, 2] = -a, 1 - b
+        n[:, 2, 1], n[:, 2, 2] = c, 1 + d
+        n[:, 3, 1], n[:, 3, 2] = -c, 1 - d
+        n[:, 4, 2] = 1.0
+        n /= np.sqrt((n * n).sum(axis=2, keepdims=True))
+        return n if self.rotation is None else n @ self.rotation
 
 
 WHOLE = np.array([[1.0, 0.0, 1.0, 0.0]])

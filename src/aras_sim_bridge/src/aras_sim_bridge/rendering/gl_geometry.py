@@ -26,7 +26,7 @@ class Geometry:
         self._ctx = ctx
         files = sorted({p.mesh.texture for p in scene.parts if p.mesh.texture})
         self.clusters = c = clustering.build(scene.parts, files)
-        self.visibility = Visibility(c, len(scene.poses()))
+        self.visibility = Visibility(c)
         self.textures = _texture_array(ctx, files) if files else None
         transparent = np.array([p.rgba[3] < 1.0 for p in scene.parts], bool)
         self._transparent = transparent[c.part] if transparent.any() else None

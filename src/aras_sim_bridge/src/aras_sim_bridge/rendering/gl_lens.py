@@ -9,7 +9,7 @@ import numpy as np
 from . import refinement, shaders
 from .faces import Faces, around, looking
 from .gl_target import Target
-from .raymap import RayMap
+from .raymap import RayMap, tile_samples
 from .refinement import TILE
 
 # Samples along the side of a pixel where a tile is drawn again.
@@ -24,16 +24,13 @@ class LensPass:
         self.faces = around(lens, near, far)
         self._ctx = ctx
         self._near, self._far = near, far
-        self._program = ctx.program(vertex_shader=shaders.SCREEN_VERTEX,
-                                    fragment_shader=shaders.LENS_FRAGMENT)
-        self._program["atlas"], self._program["lookup"] = 0, 1
         # A texel's centre is half a texel from its edge.
         lookup = (lens.lookup + 0.5) / np.array(lens.atlas_size, np.float32)
         self._lookup = ctx.texture((lens.width, lens.height), 2,
                                    np.ascontiguousarray(lookup, np.float32).tobytes(), dtype="f4")
         corners = np.array([[-1, -1], [3, -1], [-1, 3]], "f4")
-        self._array = ctx.vertex_array(self._program, [(ctx.buffer(corners.tobytes()), "2f4",
-                                                        "corner")])
+        self._screen = ctx.buffer(corners.tobytes())
+        self._arrays = [self._array(), self._array("FOUR")]
         self._out = Target(ctx, lens.width, lens.height)
         self.rim = self._rim()
         self._tiles: dict[tuple[int, int], int] = {}
@@ -41,13 +38,25 @@ class LensPass:
         self._half = np.zeros((0, 2))
         self._samples = np.zeros((0, TILE * FACTOR, TILE * FACTOR, 2), np.float32)
 
+    def _array(self, *names: str) -> moderngl.VertexArray:
+        program = self._ctx.program(
+            vertex_shader=shaders.SCREEN_VERTEX,
+            fragment_shader=shaders.defined(shaders.LENS_FRAGMENT, *names),
+        )
+        program["atlas"], program["lookup"] = 0, 1
+        return self._ctx.vertex_array(program, [(self._screen, "2f4", "corner")])
+
     def resample(self, atlas: moderngl.Texture) -> np.ndarray:
-        """The picture (height, width, 4), in a buffer that the next call overwrites."""
+        """The picture (height, width, 4), in a buffer that the next call overwrites.
+
+        atlas: all faces, at the size of the lens's atlas or, with more samples a pixel, larger.
+        """
         self._out.draw.use()
         atlas.use(0)
         self._lookup.use(1)
         self._ctx.enable_only(self._ctx.NOTHING)
-        self._array.render(self._ctx.TRIANGLES)
+        larger = atlas.size[0] > self.lens.atlas_size[0]
+        self._arrays[larger].render(self._ctx.TRIANGLES)
         return self._out.read(self._ctx)
 
     def _rim(self) -> np.ndarray:
@@ -73,8 +82,8 @@ class LensPass:
 
     def _add(self, keys: list[tuple[int, int]]) -> None:
         corners = np.array(keys, float)
-        rotation, half = self.lens.tile_faces(corners, TILE)
-        samples = self.lens.tile_lookup(corners, TILE, FACTOR, rotation, half)
+        rotation, half, nodes = self.lens.tile_faces(corners, TILE)
+        samples = tile_samples(nodes, TILE * FACTOR)
         for key in keys:
             self._tiles[key] = len(self._tiles)
         self._rotation = np.concatenate([self._rotation, rotation])
@@ -99,5 +108,6 @@ class LensPass:
 
     def release(self) -> None:
         self._lookup.release()
-        self._array.release()
+        for thing in (*self._arrays, self._screen):
+            thing.release()
         self._out.release()

@@ -20,6 +20,7 @@ from .faces import Faces, tiles, whole
 from .gl_geometry import Geometry
 from .gl_lens import LensPass
 from .gl_target import Target, create_context
+from .raymap import RayMap
 from .refinement import TILE, EdgeFinder
 from .scene import Scene
 from .view import Light, MaterialTable, View
@@ -29,8 +30,12 @@ MULTISAMPLES = 4
 ATLAS_COLUMNS = 16
 # What clipping one triangle to a tile costs, in drawn samples; measured on the software rasteriser.
 CLIP_COST = 750
+# Samples along a pixel's side in pictures that are full of edges.
+DENSE = 3
+# With more triangles than this in view there are edges nearly everywhere, and 2 x 2 samples do.
+MANY_TRIANGLES = 1500
 # Beyond this many triangles times tiles even finding out what overlaps takes too long.
-MOST_PAIRS = 60_000
+MOST_PAIRS = 200_000
 
 
 class OpenGLRenderer:
@@ -72,14 +77,25 @@ class OpenGLRenderer:
             self._ctx = None
 
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
-        optical_T_link, sun = self._prepare(view, blend)
-        if view.lens is not None:
-            rgba = self._through_lens(view, optical_T_link, sun)
-        else:
-            rgba = self._flat(view, optical_T_link, sun)
-        return cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB)
+        with self._current():
+            optical_T_link, sun = self._prepare(view, blend)
+            if view.lens is not None:
+                rgba = self._through_lens(view, optical_T_link, sun)
+            else:
+                rgba = self._flat(view, optical_T_link, sun)
+            return cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB)
+
+    def _current(self) -> moderngl.Context:
+        """Context manager in which OpenGL means this renderer: there may be others."""
+        if self._ctx is None:
+            raise RenderingError("the renderer is closed")
+        return self._ctx
 
     def measure(self, view: View, blend: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        with self._current():
+            return self._measure(view, blend)
+
+    def _measure(self, view: View, blend: float) -> tuple[np.ndarray, np.ndarray]:
         optical_T_link, sun = self._prepare(view, blend)
         lens = view.lens
         faces = whole(view) if lens is None else self._lens(view).faces
@@ -105,21 +121,23 @@ class OpenGLRenderer:
 
     def _shown(self, faces: Faces, optical_T_link: np.ndarray, sun: np.ndarray) -> _Shown:
         """What each face can show."""
-        found = [self._geometry.visibility.of_face(faces, k, optical_T_link)[0]
-                 for k in range(len(faces))]
-        face = np.repeat(np.arange(len(found)), [len(f) for f in found])
-        return _Shown(faces, np.concatenate(found), face, optical_T_link, sun)
+        triangle, face = self._geometry.visibility.on_faces(faces, optical_T_link)
+        return _Shown(faces, triangle, face, optical_T_link, sun)
 
     def _flat(self, view: View, optical_T_link: np.ndarray, sun: np.ndarray) -> np.ndarray:
         """Picture of a pinhole, (height, width, 4)."""
         w, h = view.width, view.height
         faces = whole(view)
-        triangle, bounds = self._geometry.visibility.of_face(faces, 0, optical_T_link)
+        triangle, bounds = self._geometry.visibility.in_view(
+            faces, optical_T_link, MANY_TRIANGLES
+        )
         shown = _Shown(faces, triangle, np.zeros(len(triangle), int), optical_T_link, sun)
         if self.antialiasing == "edges" and min(w, h) < TILE:
             return cv2.resize(self._picture(shown, (4 * w, 4 * h)), (w, h),
                               interpolation=cv2.INTER_AREA)
         if self.antialiasing == "edges":
+            if bounds is None:
+                return self._denser(shown, w, h, 2)
             return self._refine(view, self._picture(shown, (w, h)), shown, bounds)
         return self._picture(shown, (w, h), self._samples)
 
@@ -127,33 +145,36 @@ class OpenGLRenderer:
                       ) -> np.ndarray:
         """Picture through a lens, (height, width, 4): its faces drawn, then looked up."""
         lens = self._lens(view)
-        visibility = self._geometry.visibility
         shown = self._shown(lens.faces, optical_T_link, sun)
-        size = view.lens.atlas_size
-        target = self._drawn(shown, size, self._samples, texture=True)
-        target.resolve(self._ctx)
-        rgba = lens.resample(target.texture)
         if self.antialiasing != "edges" or min(view.width, view.height) < TILE:
-            return rgba
-        finder = self._finder(view.width, view.height)
-        corners = finder.find(rgba, without=lens.rim)
+            return lens.resample(self._atlas(shown, view.lens, 1))
+        if len(shown.triangle) > MANY_TRIANGLES:
+            return lens.resample(self._atlas(shown, view.lens, 2))
+        rgba = lens.resample(self._atlas(shown, view.lens, 1))
+        corners = self._finder(view.width, view.height).find(rgba, without=lens.rim)
         if not len(corners):
             return rgba
+        # Tiles with edges again, unless drawing all faces finer costs less.
+        n, (w, h) = TILE * gl_lens.FACTOR, view.lens.atlas_size
         triangle = np.unique(shown.triangle)
-        if len(triangle) * len(corners) <= MOST_PAIRS:
+        left = 4 * w * h - len(corners) * n**2
+        if left > 0 and len(corners) * len(triangle) < MOST_PAIRS:
             rows = _atlas_rows(len(corners))
             faces, number = lens.tiles(corners, ATLAS_COLUMNS, rows)
-            triangle, tile = visibility.of_rotated(triangle, faces, optical_T_link)
-            cost = CLIP_COST * len(triangle) + len(corners) * (TILE * gl_lens.FACTOR) ** 2
-            if cost <= 3 * size[0] * size[1]:
-                n = TILE * gl_lens.FACTOR
-                atlas = self._picture(_Shown(faces, triangle, tile, optical_T_link, sun),
-                                      (ATLAS_COLUMNS * n, rows * n))
+            triangle, tile = self._geometry.visibility.overlaps(triangle, faces, optical_T_link)
+            if CLIP_COST * len(triangle) < left:
+                fine = _Shown(faces, triangle, tile, optical_T_link, sun)
+                atlas = self._picture(fine, (ATLAS_COLUMNS * n, rows * n))
                 lens.paste(rgba, atlas, corners, number, ATLAS_COLUMNS)
                 return rgba
-        double = self._drawn(shown, (2 * size[0], 2 * size[1])).read(self._ctx)
-        target.texture.write(cv2.resize(double, size, interpolation=cv2.INTER_AREA))
-        return lens.resample(target.texture)
+        return lens.resample(self._atlas(shown, view.lens, 2))
+
+    def _atlas(self, shown: _Shown, lens: RayMap, factor: int) -> moderngl.Texture:
+        """All faces of a lens drawn, `factor` times as large as its atlas."""
+        w, h = lens.atlas_size
+        target = self._drawn(shown, (factor * w, factor * h), self._samples, texture=True)
+        target.resolve(self._ctx)
+        return target.texture
 
     def _lens(self, view: View) -> LensPass:
         key = (id(view.lens), view.near, view.far)
@@ -168,8 +189,6 @@ class OpenGLRenderer:
 
     def _prepare(self, view: View, blend: float) -> tuple[np.ndarray, np.ndarray]:
         """Upload what changed; link poses in the optical frame and the sun in link frames."""
-        if self._ctx is None:
-            raise RenderingError("the renderer is closed")
         if self.scene.refresh() or self._geometry is None:
             if self._geometry is not None:
                 self._geometry.release()
@@ -178,20 +197,25 @@ class OpenGLRenderer:
         optical_T_link = np.linalg.inv(view.world_T_optical) @ world_T_link
         return optical_T_link, self.light.to_sun @ world_T_link[:, :3, :3]
 
-    def _picture(self, shown: _Shown, size: tuple[int, int], samples: int = 1) -> np.ndarray:
+    def _picture(self, shown: _Shown, size: tuple[int, int], samples: int = 1,
+                 lattice: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
         """Draw into a framebuffer of `size`; its pixels, (height, width, 4)."""
-        return self._drawn(shown, size, samples).read(self._ctx)
+        return self._drawn(shown, size, samples, lattice=lattice).read(self._ctx)
 
     def _drawn(self, shown: _Shown, size: tuple[int, int], samples: int = 1,
-               texture: bool = False) -> Target:
+               texture: bool = False, lattice: tuple[float, float] = (0.0, 0.0)) -> Target:
         key = (*size, samples, texture)
         if key not in self._targets:
             self._targets[key] = Target(self._ctx, *size, samples, texture)
         target = self._targets[key]
         target.draw.use()
         target.draw.clear(*self.light.background)
-        self._geometry.draw(self._program(len(shown.faces) > 1), shown.faces, shown.triangle,
-                            shown.face, shown.optical_T_link, shown.sun)
+        tiled = len(shown.faces) > 1 or lattice[0] > 0.0
+        program = self._program(tiled)
+        if tiled:
+            program["lattice"] = lattice
+        self._geometry.draw(program, shown.faces, shown.triangle, shown.face,
+                            shown.optical_T_link, shown.sun)
         return target
 
     def _refine(self, view: View, rgba: np.ndarray, shown: _Shown, bounds: np.ndarray
@@ -202,7 +226,7 @@ class OpenGLRenderer:
         if not len(corners):
             return rgba
         triangle, tile = np.zeros(0, int), np.zeros(0, int)
-        left = 4 * w * h
+        left = DENSE**2 * w * h
         if len(shown.triangle) * len(corners) > MOST_PAIRS:
             left = 0
         else:
@@ -211,17 +235,25 @@ class OpenGLRenderer:
                 shown.triangle, bounds, first, first + 2.0 * TILE / np.array([w, h])
             )
             left -= CLIP_COST * len(triangle)
-        # As fine as costs no more than drawing everything with 2 x 2 samples, or else just that.
-        factor = next((f for f in (8, 4) if len(corners) * (TILE * f) ** 2 <= left), 2)
-        if factor == 2:
-            return cv2.resize(self._picture(shown, (2 * w, 2 * h)), (w, h),
-                              interpolation=cv2.INTER_AREA)
+        # As fine as costs no more than drawing everything denser, or else just that.
+        factor = next((f for f in (8, 4) if len(corners) * (TILE * f) ** 2 <= left), None)
+        if factor is None:
+            return self._denser(shown, w, h, DENSE)
         rows = _atlas_rows(len(corners))
         fine = _Shown(tiles(view, corners, TILE, ATLAS_COLUMNS, rows), triangle, tile,
                       shown.optical_T_link, shown.sun)
-        atlas = self._picture(fine, (ATLAS_COLUMNS * TILE * factor, rows * TILE * factor))
-        refinement.paste(rgba, atlas, corners, factor)
+        size = TILE * (factor + 1)
+        atlas = self._picture(fine, (ATLAS_COLUMNS * size, rows * size),
+                              lattice=refinement.lattice(factor))
+        refinement.paste_sheared(rgba, atlas, corners, factor)
         return rgba
+
+    def _denser(self, shown: _Shown, width: int, height: int, factor: int) -> np.ndarray:
+        """Picture with factor x factor samples for every pixel; 2 or 3."""
+        large = self._picture(shown, (factor * width, factor * height))
+        if factor == 3:  # far faster than resizing by three
+            return np.ascontiguousarray(cv2.blur(large, (3, 3))[1::3, 1::3])
+        return cv2.resize(large, (width, height), interpolation=cv2.INTER_AREA)
 
     def _program(self, tiled: bool, measure: bool = False) -> moderngl.Program:
         textured = self._geometry.textures is not None and not measure
@@ -253,4 +285,6 @@ class _Shown:
 
 def _atlas_rows(count: int) -> int:
     """Rows for `count` tiles; powers of two, so that few sizes of framebuffer are made."""
+    if not count:
+        return 1
     return 1 << (-(-count // ATLAS_COLUMNS) - 1).bit_length()

@@ -19,6 +19,9 @@ out float v_depth;
 flat out float v_label;
 #endif
 uniform vec2 light;        // ambient, diffuse
+#ifdef TILED
+uniform vec2 lattice;
+#endif
 out float v_light;         // shading is smooth between vertices
 flat out vec4 v_rgba;
 #ifdef TEXTURED
@@ -33,6 +36,8 @@ void main() {
     v_rgba = rgba;
     vec2 xy = projection.xz * q.xy + projection.yw * q.z;
 #ifdef TILED
+    // Sheared into refinement's lattice: x = 1 / (factor + 1), y = x / TILE, or 0 for none.
+    xy = (1.0 - lattice.x) * xy + lattice.x * xy.yx - lattice.y * q.z;
     gl_ClipDistance[0] = q.z + xy.x;
     gl_ClipDistance[1] = q.z - xy.x;
     gl_ClipDistance[2] = q.z + xy.y;
@@ -87,7 +92,7 @@ in vec2 corner;
 void main() { gl_Position = vec4(corner, 0.0, 1.0); }
 """
 
-# Looks every pixel of the picture up in the atlas of faces.
+# Looks every pixel of the picture up in the atlas of faces; FOUR takes four places of the pixel.
 LENS_FRAGMENT = """
 #version 330
 uniform sampler2D atlas;
@@ -95,7 +100,20 @@ uniform sampler2D lookup;  // atlas coordinates 0..1, negative where the lens sh
 out vec4 colour;
 void main() {
     vec2 at = texelFetch(lookup, ivec2(gl_FragCoord.xy), 0).xy;
-    colour = at.x < 0.0 ? vec4(0.0, 0.0, 0.0, 1.0) : texture(atlas, at);
+    if (at.x < 0.0) {
+        colour = vec4(0.0, 0.0, 0.0, 1.0);
+        return;
+    }
+#ifdef FOUR
+    // A jump between faces says nothing about the size of the pixel.
+    vec2 x = dFdx(at), y = dFdy(at), limit = 8.0 / vec2(textureSize(atlas, 0));
+    x = any(greaterThan(abs(x), limit)) ? vec2(0.0) : 0.25 * x;
+    y = any(greaterThan(abs(y), limit)) ? vec2(0.0) : 0.25 * y;
+    colour = 0.25 * (textureLod(atlas, at + x + y, 0.0) + textureLod(atlas, at + x - y, 0.0)
+                     + textureLod(atlas, at - x + y, 0.0) + textureLod(atlas, at - x - y, 0.0));
+#else
+    colour = textureLod(atlas, at, 0.0);
+#endif
 }
 """
 

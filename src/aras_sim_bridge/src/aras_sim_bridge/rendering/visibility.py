@@ -15,63 +15,94 @@ from .faces import Faces
 class Visibility:
     """The visible triangles of one scene."""
 
-    def __init__(self, clusters: Clusters, rows: int) -> None:
-        self._c = c = clusters
-        low, high = np.full((rows, 3), np.inf), np.full((rows, 3), -np.inf)
-        np.minimum.at(low, c.row, c.centre - c.half)
-        np.maximum.at(high, c.row, c.centre + c.half)
-        used = np.isfinite(low).all(axis=1)
-        self._rows = np.flatnonzero(used)
-        self._centre, self._half = (low + high)[used] / 2, (high - low)[used] / 2
-        order = np.argsort(c.row, kind="stable")
-        ends = np.searchsorted(c.row[order], np.arange(rows + 1))
-        self._clusters_of = [order[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    def __init__(self, clusters: Clusters) -> None:
+        self._c = clusters
 
-    def of_face(self, faces: Faces, number: int, optical_T_link: np.ndarray
-                ) -> tuple[np.ndarray, np.ndarray]:
-        """Triangles (N,) that face `number` may show and that turn their front to the eye.
+    def in_view(self, faces: Faces, optical_T_link: np.ndarray, most: int
+                ) -> tuple[np.ndarray, np.ndarray | None]:
+        """Triangles (N,) that a single face may show and that turn their front to the eye.
 
-        Also their bounds in the face, (4, N): low x, low y, high x, high y, within -1..1.
+        Also their bounds in the face, (4, N): low x, low y, high x, high y, within -1..1; or
+        None when there are more than `most` triangles, which are then only looked at one by
+        one where their cluster reaches over the border.
         """
-        T = optical_T_link
-        if faces.rotation is not None:
-            T = T.copy()
-            T[:, :3] = faces.rotation[number] @ T[:, :3]
-        normals = faces.normals(number)
-        rows = self._rows
-        centre = (T[rows, :3, :3] @ self._centre[:, :, None])[..., 0] + T[rows, :3, 3]
-        spans = np.abs(normals @ T[rows, :3, :3])  # (rows, 5, 3)
-        reach = (spans @ self._half[:, :, None])[..., 0]
-        found = []
-        for k in np.flatnonzero(_touches(centre @ normals.T, reach, faces)):
-            found.append(self._of_row(rows[k], T[rows[k]], normals, spans[k], faces))
-        if not found:
-            return np.zeros(0, int), np.zeros((4, 0))
-        triangle = np.concatenate(found)
-        bounds = self._bounds(triangle, T, faces, number)
-        seen = (bounds[0] < 1.0) & (bounds[1] < 1.0) & (bounds[2] > -1.0) & (bounds[3] > -1.0)
+        triangle, crossing = self._candidates(faces, optical_T_link)
+        if len(triangle) > most:
+            test = np.flatnonzero(crossing)
+            out = ~_within(self._bounds(triangle[test], optical_T_link, faces))
+            keep = np.ones(len(triangle), bool)
+            keep[test[out]] = False
+            return triangle[keep], None
+        bounds = self._bounds(triangle, optical_T_link, faces)
+        seen = _within(bounds)
         return triangle[seen], bounds[:, seen]
 
-    def _of_row(self, row: int, T: np.ndarray, normals: np.ndarray, spans: np.ndarray,
-                faces: Faces) -> np.ndarray:
-        """Triangles of one link in clusters that touch the frustum, fronts only."""
-        c, chosen = self._c, self._clusters_of[row]
-        centre = c.centre[chosen] @ T[:3, :3].T + T[:3, 3]
-        chosen = chosen[_touches(centre @ normals.T, c.half[chosen] @ spans.T, faces)]
+    def on_faces(self, faces: Faces, optical_T_link: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs (triangle, face) of what each of several faces may show, face by face."""
+        return self.overlaps(self._candidates(faces, optical_T_link)[0], faces, optical_T_link)
+
+    def overlaps(self, triangle: np.ndarray, faces: Faces, optical_T_link: np.ndarray
+                 ) -> tuple[np.ndarray, np.ndarray]:
+        """Those pairs of the given triangles with each of the faces that may overlap."""
+        p = self._corners(triangle, optical_T_link)
+        normals = faces.normals()
+        side = p.reshape(-1, 3) @ normals[:, :4].reshape(-1, 3).T
+        outside = (side.reshape(len(triangle), 3, len(faces), 4) < 0.0).all(axis=1).any(axis=2)
+        face, index = np.nonzero(~outside.T)
+        return triangle[index], face
+
+    def _candidates(self, faces: Faces, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Front triangles in clusters whose boxes touch a face's frustum, ascending.
+
+        And for each, whether its box reaches over the border of the first face.
+        """
+        c = self._c
+        R, t = T[:, :3, :3], T[:, :3, 3]
+        eye = -np.einsum("ri,rij->rj", t, R)
+        normals = faces.normals().reshape(-1, 3) @ R  # link frames, (rows, 5 F, 3)
+        away = -np.einsum("rki,ri->rk", normals, eye)
+        spans = np.abs(normals)[c.row]
+        offset = np.einsum("cki,ci->ck", normals[c.row], c.centre) + away[c.row]
+        reach = np.einsum("cki,ci->ck", spans, c.half)
+        high = (offset + reach).T
+        near, far = faces.near, faces.far
+        seen = np.zeros(len(c.row), bool)
+        for k in range(0, len(high), 5):
+            seen |= ((high[k] > 0.0) & (high[k + 1] > 0.0) & (high[k + 2] > 0.0)
+                     & (high[k + 3] > 0.0) & (high[k + 4] > near)
+                     & (offset[:, k + 4] - reach[:, k + 4] < far))
+        chosen = np.flatnonzero(seen)
         count = c.count[chosen]
         ends = np.cumsum(count)
         if not len(ends):
-            return np.zeros(0, int)
+            return np.zeros(0, int), np.zeros(0, bool)
+        low = (offset[chosen, :5] - reach[chosen, :5]).T
+        crossing = ((low[0] < 0.0) | (low[1] < 0.0) | (low[2] < 0.0) | (low[3] < 0.0)
+                    | (low[4] < near) | (high[4, chosen] > far))
         triangle = np.arange(ends[-1]) + np.repeat(c.first[chosen] - ends + count, count)
-        eye = -T[:3, 3] @ T[:3, :3]
-        return triangle[c.normal[triangle] @ eye > c.offset[triangle]]
+        front = np.einsum("ni,ni->n", c.normal[triangle], eye[c.tri_row[triangle]])
+        front = front > c.offset[triangle]
+        return triangle[front], np.repeat(crossing, count)[front]
 
-    def _bounds(self, triangle: np.ndarray, T: np.ndarray, faces: Faces, number: int
-                ) -> np.ndarray:
-        """(4, N) bounds of triangles in a face; of the part beyond the near plane."""
+    def _corners(self, triangle: np.ndarray, T: np.ndarray) -> np.ndarray:
+        """(N, 3, 3) corners in the optical frame."""
         c = self._c
-        T = T[c.tri_row[triangle]]
-        p = c.corners[triangle] @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
+        if not len(triangle):
+            return np.zeros((0, 3, 3))
+        row = c.tri_row[triangle]
+        # Triangles of a link stand together; one product for each.
+        edges = np.flatnonzero(np.diff(row)) + 1
+        p = c.corners[triangle]
+        out = np.empty_like(p)
+        for a, b in zip([0, *edges], [*edges, len(row)], strict=True):
+            pose = T[row[a]]
+            np.matmul(p[a:b].reshape(-1, 3), pose[:3, :3].T, out=out[a:b].reshape(-1, 3))
+            out[a:b] += pose[:3, 3]
+        return out
+
+    def _bounds(self, triangle: np.ndarray, T: np.ndarray, faces: Faces) -> np.ndarray:
+        """(4, N) bounds of triangles in a single face; of the part beyond the near plane."""
+        p = self._corners(triangle, T)
         x, y, z = p[..., 0], p[..., 1], p[..., 2]
         near = faces.near
         front = z > near
@@ -81,8 +112,8 @@ class Visibility:
         _extremes(x / safe, y / safe, bounds)
         if len(cut):
             bounds[:, cut] = _cut_bounds(p[cut], near)
-        a, b, c_, d = faces.projection[number]
-        bounds *= np.array([[a], [c_], [a], [c_]])
+        a, b, c, d = faces.projection[0]
+        bounds *= np.array([[a], [c], [a], [c]])
         bounds += np.array([[b], [d], [b], [d]])
         return bounds
 
@@ -99,28 +130,9 @@ class Visibility:
         return triangle[index], tile
 
 
-    def of_rotated(self, triangle: np.ndarray, faces: Faces, optical_T_link: np.ndarray
-                   ) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs (triangle, face) that may overlap, face by face, for faces with own axes."""
-        c = self._c
-        T = optical_T_link[c.tri_row[triangle]]
-        p = c.corners[triangle] @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
-        a, _, d, _ = faces.projection.T
-        one, zero = np.ones_like(a), np.zeros_like(a)
-        normals = np.stack([np.stack([a, zero, one], -1), np.stack([-a, zero, one], -1),
-                            np.stack([zero, d, one], -1), np.stack([zero, -d, one], -1)], axis=1)
-        normals = (normals @ faces.rotation).reshape(-1, 3)
-        side = (p.reshape(-1, 3) @ normals.T).reshape(len(triangle), 3, len(a), 4)
-        outside = (side < 0.0).all(axis=1).any(axis=2)
-        face, index = np.nonzero(~outside.T)
-        return triangle[index], face
-
-
-def _touches(offset: np.ndarray, reach: np.ndarray, faces: Faces) -> np.ndarray:
-    """Whether boxes touch the frustum: distances (N, 5) of centres to the planes, and reaches."""
-    high = offset + reach
-    return ((high[:, 0] > 0.0) & (high[:, 1] > 0.0) & (high[:, 2] > 0.0) & (high[:, 3] > 0.0)
-            & (high[:, 4] > faces.near) & (offset[:, 4] - reach[:, 4] < faces.far))
+def _within(bounds: np.ndarray) -> np.ndarray:
+    """Which of the bounds (4, N) touch the face."""
+    return (bounds[0] < 1.0) & (bounds[1] < 1.0) & (bounds[2] > -1.0) & (bounds[3] > -1.0)
 
 
 def _extremes(u: np.ndarray, v: np.ndarray, out: np.ndarray) -> None:

@@ -1,18 +1,25 @@
-"""image_raw, camera_info and set_camera_info of one simulated camera."""
+"""The ROS face of one simulated camera: gazebo_ros_camera's topics, service and settings."""
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
+import threading
 from typing import Any
 
+import numpy as np
 import rospy
-import yaml
+from genpy import Time
 from sensor_msgs.msg import CameraInfo, Image
 from sensor_msgs.srv import SetCameraInfo, SetCameraInfoResponse
 
+from aras_sim_bridge.errors import CameraError
+from aras_sim_bridge.ros import camera_frames
+from aras_sim_bridge.ros.camera_info import prefixed, save_calibration, to_camera_info
+from aras_sim_bridge.ros.camera_labels import LabelTopic
+from aras_sim_bridge.ros.compressed import CompressedTopic
 from aras_sim_bridge.ros.conversions import to_time
+from aras_sim_bridge.ros.reconfigure import Field, ReconfigureServer
 from aras_sim_bridge.ros.services import ServiceTable
+from aras_sim_bridge.ros.simulation_thread import SimulationThread
 
 
 class _Watcher(rospy.SubscribeListener):
@@ -32,40 +39,49 @@ class _Watcher(rospy.SubscribeListener):
 class CameraTopics:
     """The ROS face of one mounted camera; it renders only while somebody listens."""
 
-    def __init__(self, mounted: Any) -> None:
-        """Advertise the topics of `mounted` (simulation.MountedCamera) and take its frames."""
+    def __init__(self, mounted: Any, thread: SimulationThread) -> None:
+        """Advertise the topics of `mounted` (mounting.MountedCamera) and take its frames."""
         self._mounted = mounted
+        self._thread = thread
         config = mounted.sensor.config
-        self.namespace = namespace_of(config.robot_namespace, config.camera_name)
-        self._camera_name = config.camera_name
-        self._frame_id = _prefixed(config.frame_name, self.namespace)
+        self.namespace = config.topic_root
+        self._camera_name = config.camera_name or config.name
+        frame = config.optical_frame_name or config.frame_name or mounted.link
+        self._frame_id = prefixed(frame, self.namespace)
         self._info_message = to_camera_info(mounted.sensor.info)
         self._info_message.header.frame_id = self._frame_id
-        watcher = _Watcher(self._on_subscribers)
-        self._image: rospy.Publisher | None = None
-        self._info: rospy.Publisher | None = None
         mounted.enabled = False
-        self._info = rospy.Publisher(
-            f"{self.namespace}/{config.info_topic}",
-            CameraInfo,
-            queue_size=2,
-            subscriber_listener=watcher,
-        )
-        self._image = rospy.Publisher(
-            f"{self.namespace}/{config.image_topic}",
-            Image,
-            latch=True,
-            queue_size=2,
-            subscriber_listener=watcher,
-            tcp_nodelay=True,
-        )
-        self._services = ServiceTable(self.namespace)
-        self._services.add(
+        self._lock = threading.Lock()
+        self._closing: list[Any] = []
+        self._publishers: list[rospy.Publisher] = []
+        self._watcher = _Watcher(self._on_subscribers)
+        self._compressed: CompressedTopic | None = None
+        self._labels: LabelTopic | None = None
+        self._depth = self._depth_info = self._segmentation = None
+
+        root = self.namespace.rstrip("/")
+        self._info = self._advertise(f"{root}/{config.info_topic}", CameraInfo)
+        self._image = self._advertise(f"{root}/{config.image_topic}", Image)
+        self._compressed = CompressedTopic(f"{root}/{config.image_topic}", self._watcher)
+        self._closing.append(self._compressed)
+        if config.depth:
+            self._depth = self._advertise(f"{root}/depth/image_raw", Image)
+            self._depth_info = self._advertise(f"{root}/depth/camera_info", CameraInfo)
+        if config.segmentation:
+            self._segmentation = self._advertise(f"{root}/segmentation/image_raw", Image)
+            self._labels = LabelTopic(f"{root}/segmentation/labels")
+            self._closing.append(self._labels)
+        services = ServiceTable(self.namespace)
+        services.add(
             "set_camera_info",
             SetCameraInfo,
             self._on_set_camera_info,
             lambda text: SetCameraInfoResponse(False, text),
         )
+        self._closing.append(services)
+        if config.camera_name:  # as upstream: none without a name of its own
+            self._closing.append(self._rate_server())
+        self._announced = camera_frames.announce(mounted, self._frame_id, self.namespace)
         mounted.on_frame = self._on_frame
         self._on_subscribers()
 
@@ -73,93 +89,103 @@ class CameraTopics:
         """Take the camera off the graph."""
         self._mounted.enabled = False
         self._mounted.on_frame = None
-        self._services.shutdown()
-        self._image.unregister()
-        self._info.unregister()
+        if self._announced:
+            camera_frames.withdraw(self._frame_id)
+        for part in self._closing:
+            part.shutdown()
+        for publisher in self._publishers:
+            publisher.unregister()
+
+    def _advertise(self, topic: str, kind: type) -> rospy.Publisher:
+        publisher = rospy.Publisher(
+            topic,
+            kind,
+            latch=kind is Image,
+            queue_size=2,
+            subscriber_listener=self._watcher,
+            tcp_nodelay=True,
+        )
+        self._publishers.append(publisher)
+        return publisher
+
+    def _rate_server(self) -> ReconfigureServer:
+        """imager_rate, told truly; upstream's limits of 1 to 50 Hz, or wider."""
+        rate = self._mounted.sensor.rate
+        text = "Frames per second of simulated time"
+        field = Field("imager_rate", "double", 2.0, min(1.0, rate), max(50.0, rate), text, level=3)
+
+        def apply(values: dict[str, Any]) -> None:
+            wanted = float(values["imager_rate"])
+
+            def job() -> None:
+                if wanted != self._mounted.sensor.rate:
+                    self._check_rate(wanted)
+                    self._mounted.sensor.set_rate(wanted, self._thread.simulation.time_ns)
+
+            self._thread.call(job)
+
+        return ReconfigureServer(self.namespace, [field], {"imager_rate": rate}, apply)
+
+    def _check_rate(self, rate: float) -> None:
+        step_ns = self._thread.simulation.step_ns
+        if rate * step_ns > 1e9:
+            raise CameraError(
+                f"imager_rate {rate:g} Hz is above the physics rate of {1e9 / step_ns:g} Hz"
+            )
+        exposure = self._mounted.sensor.config.effects.exposure_time
+        if rate * exposure >= 1.0:
+            raise CameraError(
+                f"imager_rate {rate:g} Hz leaves no time for an exposure_time of {exposure:g} s"
+            )
 
     def _on_subscribers(self) -> None:
-        publishers = [p for p in (self._image, self._info) if p is not None]
-        self._mounted.enabled = any(p.get_num_connections() > 0 for p in publishers)
+        with self._lock:
+            wanted = any(map(_heard, self._publishers))
+            if self._compressed is not None:
+                wanted = wanted or self._compressed.wanted
+            sensor = self._mounted.sensor
+            sensor.depth = _heard(self._depth)
+            sensor.segmentation = _heard(self._segmentation)
+            self._mounted.enabled = wanted
 
     def _on_frame(self, frame: Any) -> None:
         """Publish one frame; runs in the simulation's thread."""
         stamp = to_time(frame.stamp_ns)
-        # A new message each time: a latched publisher keeps the last one.
+        self._image.publish(self._message(stamp, frame.image, frame.encoding))
+        for publisher in (self._info, self._depth_info):
+            if _heard(publisher):
+                self._info_message.header.stamp = stamp
+                publisher.publish(self._info_message)
+        if self._compressed.wanted:
+            self._compressed.publish(stamp, self._frame_id, frame)
+        if frame.depth is not None and self._depth is not None:
+            self._depth.publish(self._message(stamp, frame.depth, "32FC1"))
+        if frame.segmentation is not None and self._segmentation is not None:
+            self._labels.update(self._thread.simulation)
+            self._segmentation.publish(self._message(stamp, frame.segmentation, "32SC1"))
+
+    def _message(self, stamp: Time, pixels: np.ndarray, encoding: str) -> Image:
+        """A new message each time: a latched publisher keeps the last one."""
         message = Image()
         message.header.stamp = stamp
         message.header.frame_id = self._frame_id
-        message.height, message.width = frame.image.shape[:2]
-        message.encoding = frame.encoding
-        message.data = frame.image.tobytes()
+        message.height, message.width = pixels.shape[:2]
+        message.encoding = encoding
+        message.is_bigendian = 0
+        message.data = pixels.tobytes()
         message.step = len(message.data) // message.height
-        self._image.publish(message)
-        if self._info.get_num_connections():
-            self._info_message.header.stamp = stamp
-            self._info.publish(self._info_message)
+        return message
 
     def _on_set_camera_info(self, request: SetCameraInfo) -> SetCameraInfoResponse:
+        # As camera_info_manager: taken over even where the file cannot be written.
         self._info_message = request.camera_info
-        home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
-        path = home / "camera_info" / f"{self._camera_name.replace('/', '_')}.yaml"
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(_calibration_yaml(request.camera_info, self._camera_name))
-        except OSError as error:
+            path = save_calibration(request.camera_info, self._camera_name)
+        except (CameraError, OSError) as error:
             return SetCameraInfoResponse(False, f"Error storing camera calibration: {error}")
+        rospy.loginfo("%s: calibration written to %s", self.namespace, path)
         return SetCameraInfoResponse(True, "")
 
 
-def namespace_of(robot_namespace: str, camera_name: str) -> str:
-    """Return the absolute namespace of a camera's topics."""
-    return "/" + "/".join(part for part in (robot_namespace.strip("/"), camera_name) if part)
-
-
-def to_camera_info(info: Any) -> CameraInfo:
-    """Return the message of a CameraIntrinsics (width, height, model, D, K, R, P); no stamp."""
-    return CameraInfo(
-        height=info.height,
-        width=info.width,
-        distortion_model=info.model,
-        D=_flat(info.D),
-        K=_flat(info.K),
-        R=_flat(info.R),
-        P=_flat(info.P),
-    )
-
-
-def _flat(values: Any) -> list[float]:
-    rows = values.ravel() if hasattr(values, "ravel") else values
-    return [float(value) for value in rows]
-
-
-def _prefixed(frame_id: str, namespace: str) -> str:
-    """Return frame_id under the parameter tf_prefix, which is searched upward from namespace."""
-    frame_id = frame_id.lstrip("/")
-    parts = namespace.strip("/").split("/")
-    for count in range(len(parts), -1, -1):
-        prefix = rospy.get_param("/" + "/".join([*parts[:count], "tf_prefix"]), "")
-        if prefix:
-            return f"{prefix.strip('/')}/{frame_id}"
-    return frame_id
-
-
-def _calibration_yaml(info: CameraInfo, name: str) -> str:
-    """Return the text that camera_calibration_parsers reads."""
-
-    def matrix(rows: int, values: list[float]) -> dict[str, Any]:
-        data = [float(value) for value in values]
-        return {"rows": rows, "cols": len(data) // rows, "data": data}
-
-    return yaml.safe_dump(
-        {
-            "image_width": info.width,
-            "image_height": info.height,
-            "camera_name": name,
-            "camera_matrix": matrix(3, info.K),
-            "distortion_model": info.distortion_model,
-            "distortion_coefficients": matrix(1, info.D),
-            "rectification_matrix": matrix(3, info.R),
-            "projection_matrix": matrix(3, info.P),
-        },
-        sort_keys=False,
-    )
+def _heard(publisher: rospy.Publisher | None) -> bool:
+    return publisher is not None and publisher.get_num_connections() > 0

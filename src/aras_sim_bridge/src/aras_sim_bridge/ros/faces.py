@@ -39,7 +39,7 @@ class Faces:
             known = [camera for camera, _ in self._cameras]
             for camera in cameras:
                 if not any(camera is other for other in known):
-                    self._cameras.append((camera, CameraTopics(camera)))
+                    self._cameras.append((camera, CameraTopics(camera, self._thread)))
                     if self._lockstep is not None:
                         camera.on_frame = self._lockstep.wrap(camera.on_frame)
 

@@ -20,17 +20,21 @@ from dynamic_reconfigure.msg import (
     GroupState,
     IntParameter,
     ParamDescription,
+    StrParameter,
 )
 from dynamic_reconfigure.srv import Reconfigure, ReconfigureResponse
 
 from aras_sim_bridge.errors import SimError
 
-Value = float | int | bool
+Value = float | int | bool | str
 
 
 @dataclass(frozen=True)
 class Field:
-    """One reconfigurable parameter: type is 'double', 'int' or 'bool'; limits are inclusive."""
+    """One reconfigurable parameter: type is 'double', 'int', 'bool' or 'str'.
+
+    Limits are inclusive; texts have none.
+    """
 
     name: str
     type: str
@@ -48,6 +52,8 @@ class Field:
         """
         if self.type == "bool":
             return bool(value)
+        if self.type == "str":
+            return str(value)
         if value != value:
             raise SimError(f"{self.name} is NaN; give a number")
         limited = min(max(value, self.minimum), self.maximum)
@@ -121,7 +127,7 @@ class ReconfigureServer:
         with self._lock:
             wanted = dict(self._values)
             try:
-                for item in [*config.bools, *config.ints, *config.doubles]:
+                for item in [*config.bools, *config.ints, *config.strs, *config.doubles]:
                     if item.name in self._fields:
                         wanted[item.name] = self._fields[item.name].coerce(item.value)
                 result = self._apply(wanted)
@@ -144,6 +150,8 @@ class ReconfigureServer:
                 message.bools.append(BoolParameter(name, bool(values[name])))
             elif field.type == "int":
                 message.ints.append(IntParameter(name, int(values[name])))
+            elif field.type == "str":
+                message.strs.append(StrParameter(name, str(values[name])))
             else:
                 message.doubles.append(DoubleParameter(name, float(values[name])))
         return message
@@ -188,8 +196,4 @@ PHYSICS_FIELDS = (
     Field("contact_surface_layer", "double", 0.001, 0.0, 10.0, "Contact layer [m]"),
     Field("contact_max_correcting_vel", "double", 100.0, 0.0, 1e7, "Contact correction [m/s]"),
     Field("max_contacts", "int", 100, 0, 10000000, "Contacts per body pair"),
-)
-
-CAMERA_FIELDS = (
-    Field("imager_rate", "double", 2.0, 1.0, 50.0, "Frames per second of simulated time", level=3),
 )

@@ -16,7 +16,8 @@ Bullet applies URDF damping explicitly, tau = -d v, which rings past d dt / I = 
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pybullet
+
+from aras_sim_bridge.bullet import pybullet
 
 if TYPE_CHECKING:
     from aras_sim_bridge.world.model import Model
@@ -85,16 +86,9 @@ class ViscousDamping:
 
     def _implicit_torques(self, dt: float) -> np.ndarray:
         model = self._model
-        positions, velocities, _ = model.read_joints()
-        order = model.dof_order
-        bullet_velocities = [0.0] * len(order)
-        for index, joint in zip(order, velocities, strict=True):
-            bullet_velocities[index] = joint
-        bias = pybullet.calculateInverseDynamics(
-            model.body_id, model.bullet_positions(), bullet_velocities, [0.0] * len(order),
-            physicsClientId=model.client)
+        velocities = model.read_joints()[1]
         inertia = self._mass_matrix()
-        forces = np.array(model.pending_efforts) - np.array([bias[i] for i in order])
+        forces = np.array(model.pending_efforts) - np.array(model.bias_efforts())
         momentum = inertia @ np.array(velocities) + dt * forces
         held = dt * np.array(model.active_friction)
         momentum = np.sign(momentum) * np.maximum(np.abs(momentum) - held, 0.0)

@@ -6,8 +6,7 @@ import tempfile
 from collections.abc import Sequence
 from types import MappingProxyType
 
-import pybullet
-
+from aras_sim_bridge.bullet import pybullet
 from aras_sim_bridge.description.model import RobotDescription
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.world import bullet_file
@@ -17,6 +16,7 @@ from aras_sim_bridge.world.poses import (
     Pose,
     Twist,
     add,
+    conjugate,
     cross,
     rotate,
     subtract,
@@ -36,13 +36,22 @@ class Model:
     """
 
     def __init__(self, client: int, description: RobotDescription, name: str, pose: Pose,
-                 joint_positions: dict[str, float], fixed_base: bool) -> None:
+                 joint_positions: dict[str, float], fixed_base: bool,
+                 gravity: tuple[float, float, float] = (0.0, 0.0, -9.8)) -> None:
         self.client = client
+        self.gravity = gravity
         self.name = name
         self.description = description
         self.spawn_pose = pose
         self.spawn_positions = joint_positions
         self.fixed_base = fixed_base
+        self._describe(description)
+        self.body_id = -1
+        self._load()
+
+    def _describe(self, description: RobotDescription) -> None:
+        """Note what the description says about joints and masses."""
+        self.description = description
         self.joint_names: tuple[str, ...] = (
             () if description.static else description.moving_joints()
         )
@@ -55,24 +64,22 @@ class Model:
             (j.limits.lower, j.limits.upper)
             if j.limits is not None and j.limits.lower is not None else None for j in joints
         ]
+        self._bodies = bullet_file.with_massive_root(description)
         self._inertial_poses = {
             link.name: IDENTITY if link.inertial is None
             else bullet_file.principal_inertial(link.inertial)[0]
-            for link in description.links.values()
+            for link in self._bodies.links.values()
         }
         self._weightless = {
-            link.name: link.inertial.mass for link in description.links.values()
+            link.name: link.inertial.mass for link in self._bodies.links.values()
             if not link.gravity and link.inertial is not None
         }
-        self._overrides: dict[str, tuple] = {}
-        self.body_id = -1
-        self._load()
 
     # ------------------------------------------------------------------ loading
 
     def _load(self) -> None:
         """Bring the model into Bullet at its spawn pose and configuration, at rest."""
-        text = bullet_file.to_urdf(self.description, self.fixed_base)
+        text = bullet_file.to_urdf(self._bodies, self.fixed_base)
         handle, path = tempfile.mkstemp(prefix="aras_sim_bridge_", suffix=".urdf")
         try:
             with os.fdopen(handle, "w", encoding="utf-8") as file:
@@ -95,14 +102,37 @@ class Model:
         self.pending_efforts = [0.0] * len(self.joint_names)
         self._applied = [0.0] * len(self.joint_names)
         self._dirty = False
-        self._joint_cache: tuple[list[float], list[float]] | None = None
+        self._joint_cache: tuple[Sequence[float], Sequence[float]] | None = None
         self._damping = ViscousDamping(self)
 
     def reload(self) -> None:
         """As `_load`, into a Bullet that was emptied; for `World.reset_simulation`."""
         self._load()
-        for override in self._overrides.values():
-            self._change_dynamics(*override)
+
+    def rebuild(self, description: RobotDescription) -> None:
+        """Go on from the present state as `description`: the same links and joints, other numbers.
+
+        Bullet cannot move a centre of mass; so the body is loaded anew, with a new body id.
+        """
+        states = [pybullet.getJointState(self.body_id, i, self.client)[:2]
+                  for i in self._bullet_joint]
+        pose, twist = self.link_state(self.description.root)
+        self.remove()
+        self._describe(description)
+        self._load()
+        self.set_pose(pose)
+        if not self.fixed_base:
+            self.set_twist(twist)
+        for index, (position, velocity) in zip(self._bullet_joint, states, strict=True):
+            pybullet.resetJointState(self.body_id, index, position, velocity,
+                                     physicsClientId=self.client)
+        self._joint_cache = None
+
+    def remove(self) -> None:
+        """Take the body and its constraints out of Bullet."""
+        for gear in self._gears:
+            pybullet.removeConstraint(gear, physicsClientId=self.client)
+        pybullet.removeBody(self.body_id, physicsClientId=self.client)
 
     def _index_links(self) -> None:
         links: dict[str, int] = {self.description.root: -1}
@@ -125,7 +155,7 @@ class Model:
         """No hidden forces: Bullet's motors, damping and velocity bound off, ours on."""
         client, body = self.client, self.body_id
         for name, index in self._links.items():
-            link = self.description.links[name]
+            link = self._bodies.links[name]
             settings = {
                 "linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0,
                 "maxJointVelocity": _UNBOUNDED_VELOCITY,
@@ -161,10 +191,10 @@ class Model:
 
     # ------------------------------------------------------------------ joints
 
-    def read_joints(self) -> tuple[list[float], list[float], list[float]]:
+    def read_joints(self) -> tuple[Sequence[float], Sequence[float], Sequence[float]]:
         """(positions, velocities, efforts) in `joint_names` order: rad or m, per s, N m or N.
 
-        Efforts are those applied in the last step. The lists belong to the model: read, don't
+        Efforts are those applied in the last step. The sequences belong to the model: read, don't
         write.
 
         Raises:
@@ -175,13 +205,12 @@ class Model:
             cache = self._refresh()
         return cache[0], cache[1], self._applied
 
-    def _refresh(self) -> tuple[list[float], list[float]]:
+    def _refresh(self) -> tuple[Sequence[float], Sequence[float]]:
         if not self.joint_names:
-            self._joint_cache = ([], [])
+            self._joint_cache = ((), ())
             return self._joint_cache
         states = pybullet.getJointStates(self.body_id, self._bullet_joint, self.client)
-        positions = [s[0] for s in states]
-        velocities = [s[1] for s in states]
+        positions, velocities, _, _ = zip(*states, strict=True)
         if not math.isfinite(sum(positions) + sum(velocities)):
             bad = next((n for n, p, v in zip(self.joint_names, positions, velocities, strict=True)
                         if not math.isfinite(p + v)), "?")
@@ -198,7 +227,8 @@ class Model:
         Raises:
             WorldError: unknown joint.
         """
-        self.pending_efforts[self._require(joint)] += effort
+        slot = self._slot.get(joint)
+        self.pending_efforts[self._require(joint) if slot is None else slot] += effort
         self._dirty = True
 
     def apply_efforts(self, efforts: Sequence[float]) -> None:
@@ -209,8 +239,14 @@ class Model:
         self._dirty = True
 
     def set_position(self, joint: str, position: float) -> None:
-        """Put `joint` there at rest, kinematically, as Gazebo's Joint::SetPosition does."""
-        self.set_joint_positions({joint: position})
+        """Put `joint` there at rest, kinematically, as Gazebo's Joint::SetPosition does.
+
+        For drives that do so every step.
+
+        Raises:
+            WorldError: unknown joint or a number that is not finite; nothing is changed then.
+        """
+        self._place({joint: position})
 
     def set_joint_positions(self, positions: dict[str, float]) -> None:
         """Put joints at `positions` (rad or m), at rest; the others stay.
@@ -220,6 +256,10 @@ class Model:
         Raises:
             WorldError: unknown joint or a number that is not finite; nothing is changed then.
         """
+        self._place(positions)
+        self._damping.changed()
+
+    def _place(self, positions: dict[str, float]) -> None:
         slots = {}
         for joint, position in positions.items():
             slots[self._require(joint)] = float(position)
@@ -231,9 +271,10 @@ class Model:
             pybullet.resetJointState(self.body_id, self._bullet_joint[slot], value, 0.0,
                                      physicsClientId=self.client)
         self._joint_cache = None
-        self._damping.changed()
 
     def _with_followers(self, slots: dict[int, float]) -> dict[int, float]:
+        if not self._gears:
+            return slots
         result = dict(slots)
         for _ in self._gears:
             for i, name in enumerate(self.joint_names):
@@ -295,52 +336,72 @@ class Model:
             ordered[index] = value
         return ordered
 
+    def bias_efforts(self) -> list[float]:
+        """Efforts that gravity, Coriolis and centrifugal forces ask of each joint, N m or N.
+
+        In `joint_names` order: what would keep the joint velocities as they are without friction
+        and damping. For models with a fixed base.
+        """
+        positions, velocities, _ = self.read_joints()
+        count = len(positions)
+        q, v = [0.0] * count, [0.0] * count
+        for index, position, velocity in zip(self.dof_order, positions, velocities, strict=True):
+            q[index], v[index] = position, velocity
+        # Bullet's inverse dynamics takes the base's principal frame for the world's: gravity has
+        # to be turned into it for the length of the call.
+        base = pybullet.getBasePositionAndOrientation(self.body_id, self.client)[1]
+        pybullet.setGravity(*rotate(conjugate(base), self.gravity), physicsClientId=self.client)
+        try:
+            bias = pybullet.calculateInverseDynamics(self.body_id, q, v, [0.0] * count,
+                                                     physicsClientId=self.client)
+        finally:
+            pybullet.setGravity(*self.gravity, physicsClientId=self.client)
+        return [bias[i] for i in self.dof_order]
+
     # ------------------------------------------------------------------ the step
 
-    def before_step(self, dt: float) -> None:
-        """Hand the pending efforts to Bullet; called by `World.step`.
+    def check_efforts(self) -> None:
+        """WorldError when a pending effort is not finite; all of this model's are dropped then."""
+        if not math.isfinite(sum(self.pending_efforts)):
+            bad = [n for n, e in zip(self.joint_names, self.pending_efforts, strict=True)
+                   if not math.isfinite(e)]
+            self.pending_efforts = [0.0] * len(self.joint_names)
+            raise WorldError(f"model '{self.name}', joint {bad}: the effort is not finite")
 
-        Raises:
-            WorldError: an effort is not finite; all efforts of this model are dropped then.
-        """
-        if not self.joint_names:
-            self._carry_weightless()
-            return
-        efforts = self.pending_efforts
-        torques = self._damping.before_step(dt)
-        if self._dirty or torques is not None:
-            if not math.isfinite(sum(efforts)):
-                bad = [n for n, e in zip(self.joint_names, efforts, strict=True)
-                       if not math.isfinite(e)]
-                self._clear_efforts()
-                raise WorldError(f"model '{self.name}', joint {bad}: the effort is not finite")
-            total = efforts if torques is None else [
-                e + t for e, t in zip(efforts, torques.tolist(), strict=True)
-            ]
-            pybullet.setJointMotorControlArray(
-                self.body_id, self._bullet_joint, pybullet.TORQUE_CONTROL, forces=total,
-                physicsClientId=self.client)
-        self._clear_efforts()
+    def before_step(self, dt: float) -> None:
+        """Hand the pending efforts, which are finite, to Bullet; called by `World.step`."""
+        if self.joint_names:
+            efforts = self.pending_efforts
+            torques = self._damping.before_step(dt)
+            if self._dirty or torques is not None:
+                total = efforts if torques is None else [
+                    e + t for e, t in zip(efforts, torques.tolist(), strict=True)
+                ]
+                pybullet.setJointMotorControlArray(
+                    self.body_id, self._bullet_joint, pybullet.TORQUE_CONTROL, forces=total,
+                    physicsClientId=self.client)
+            self._applied, self.pending_efforts = efforts, [0.0] * len(efforts)
+            self._dirty = False
         if self._weightless:
             self._carry_weightless()
 
-    def _clear_efforts(self) -> None:
-        self._applied, self.pending_efforts = self.pending_efforts, [0.0] * len(self.joint_names)
-        self._dirty = False
+    @property
+    def needs_steps(self) -> bool:
+        """Whether `before_step` has anything to do, ever."""
+        return bool(self.joint_names or self._weightless)
+
+    def physics_changed(self) -> None:
+        """Time step or gravity was changed; called by `World.set_physics`."""
+        self._damping.changed()
 
     def after_step(self) -> None:
         """Forget what was read before the step; called by `World.step`."""
         self._joint_cache = None
 
     def _carry_weightless(self) -> None:
-        if not self._weightless:
-            return
-        gravity = pybullet.getPhysicsEngineParameters(self.client)
-        down = (gravity["gravityAccelerationX"], gravity["gravityAccelerationY"],
-                gravity["gravityAccelerationZ"])
         for name, mass in self._weightless.items():
             centre = self.link_pose(name).apply(self._inertial_poses[name].xyz)
-            self.apply_force(name, tuple(-mass * g for g in down), centre)
+            self.apply_force(name, tuple(-mass * g for g in self.gravity), centre)
 
     # ------------------------------------------------------------------ frames
 
@@ -446,8 +507,10 @@ class Model:
 
     # ------------------------------------------------------------------ properties
 
-    def _change_dynamics(self, index: int, settings: dict) -> None:
-        pybullet.changeDynamics(self.body_id, index, physicsClientId=self.client, **settings)
+    @property
+    def link_indices(self) -> MappingProxyType:
+        """Bullet's index of each link by name; -1 is the root."""
+        return MappingProxyType(self._links)
 
     @property
     def materials(self) -> MappingProxyType:

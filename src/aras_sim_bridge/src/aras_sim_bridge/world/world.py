@@ -4,8 +4,7 @@ import logging
 import math
 from collections.abc import Mapping
 
-import pybullet
-
+from aras_sim_bridge.bullet import pybullet
 from aras_sim_bridge.description.model import (
     Collision,
     Geometry,
@@ -20,6 +19,7 @@ from aras_sim_bridge.world.poses import IDENTITY, Pose, Twist, checked_pose, che
 
 logger = logging.getLogger(__name__)
 
+SMALLEST_STEP = 1e-6  # s; simulated time is counted in nanoseconds
 LARGEST_STEP = 0.1  # s; beyond it no PID of ours and no contact is stable
 GRAVITY_BOUND = 100.0  # m/s², dynamic_reconfigure's range
 # Bullet stops iterating when the squared impulse change of a sweep falls below this; its default
@@ -52,6 +52,7 @@ class World:
         self._gravity = _checked_gravity(gravity)
         self._iterations = _checked_iterations(solver_iterations)
         self.models: dict[str, Model] = {}
+        self._active: list[Model] = []
         self.revision = 0
         try:
             self.client = pybullet.connect(pybullet.GUI if gui else pybullet.DIRECT)
@@ -98,6 +99,9 @@ class World:
                   else _checked_iterations(solver_iterations))
         self._time_step, self._gravity, self._iterations = step, down, sweeps
         self._configure()
+        for model in self.models.values():
+            model.gravity = down
+            model.physics_changed()
 
     # ------------------------------------------------------------------ models
 
@@ -128,14 +132,15 @@ class World:
         fixed = bullet_file.root_is_fixed(description) if fixed_base is None else fixed_base
         bodies = pybullet.getNumBodies(physicsClientId=self.client)
         try:
-            model = Model(self.client, description, name, pose, start, fixed)
+            model = Model(self.client, description, name, pose, start, fixed,
+                          self._gravity)
         except WorldError:
             for i in range(pybullet.getNumBodies(physicsClientId=self.client) - 1, bodies - 1, -1):
                 pybullet.removeBody(pybullet.getBodyUniqueId(i, physicsClientId=self.client),
                                     physicsClientId=self.client)
             raise
         self.models[name] = model
-        self.revision += 1
+        self._count_active()
         logger.debug("spawned '%s': %d links, %d joints, %s base", name, len(model.link_names),
                      len(model.joint_names), "fixed" if fixed else "free")
         return model
@@ -160,8 +165,24 @@ class World:
     def delete(self, name: str) -> None:
         """Take a model out; WorldError when there is none of that name."""
         model = self.model(name)
-        pybullet.removeBody(model.body_id, physicsClientId=self.client)
+        model.remove()
         del self.models[name]
+        self._count_active()
+
+    def change(self, name: str, description: RobotDescription) -> None:
+        """Give a model other masses, damping or limits (see changes.py); its state goes on.
+
+        Raises:
+            WorldError: no such model, or a joint that moves no mass; nothing is changed then.
+        """
+        model = self.model(name)
+        _check_simulable(description, name)
+        model.rebuild(description)
+        self._count_active()
+
+    def _count_active(self) -> None:
+        """Models came or went: note which of them have work in a step."""
+        self._active = [model for model in self.models.values() if model.needs_steps]
         self.revision += 1
 
     # ------------------------------------------------------------------ time
@@ -172,8 +193,10 @@ class World:
         Raises:
             WorldError: an effort is not finite; no model has moved then.
         """
-        models = self.models.values()
+        models = self._active
         dt = self._time_step
+        for model in models:
+            model.check_efforts()
         for model in models:
             model.before_step(dt)
         pybullet.stepSimulation(self.client)
@@ -212,8 +235,10 @@ class World:
 
 
 def _checked_step(value: float) -> float:
-    if not (isinstance(value, (int, float)) and 0.0 < value <= LARGEST_STEP):
-        raise WorldError(f"time step {value} s is not in (0, {LARGEST_STEP}]; 0.001 is usual")
+    if not (isinstance(value, (int, float)) and SMALLEST_STEP <= value <= LARGEST_STEP):
+        raise WorldError(
+            f"time step {value} s is not in [{SMALLEST_STEP}, {LARGEST_STEP}]; 0.001 is usual"
+        )
     return float(value)
 
 

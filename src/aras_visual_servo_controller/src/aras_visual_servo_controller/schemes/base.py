@@ -9,6 +9,9 @@ import numpy as np
 from ..desired import Desired
 from ..laws import Law
 
+LONGEST_GAP = 0.3  # s
+LONGEST_JUMP = 1.0  # m or rad: an angle that wrapped round
+
 
 @dataclass(frozen=True)
 class Measurement:
@@ -57,6 +60,10 @@ class Scheme(ABC):
     a short name or 'package.module:Class'. It may not keep state between images other than what
     `reset` clears.
 
+    Attributes:
+        desired, law: as given.
+        smoothing: time constant of `smoothed`, s; set by the node after construction.
+
     Class attributes:
         source: 'moments' (ImageMoments) or 'kernel' (the 20 numbers of camera/data).
         feature_names: of the features, in order.
@@ -70,6 +77,8 @@ class Scheme(ABC):
     def __init__(self, desired: Desired, law: Law) -> None:
         self.desired = desired
         self.law = law
+        self.smoothing = 0.0
+        self._smooth: tuple[float, np.ndarray] | None = None
 
     @abstractmethod
     def compute(self, measurement: Measurement, elapsed: float) -> SchemeResult:
@@ -83,8 +92,26 @@ class Scheme(ABC):
             MeasurementError: these features cannot be had from this measurement.
         """
 
-    def reset(self) -> None:  # noqa: B027  (most schemes have nothing to forget)
+    def reset(self) -> None:
         """Forget what was kept of earlier images."""
+        self._smooth = None
+
+    def smoothed(self, error: np.ndarray, stamp: float) -> np.ndarray:
+        """The error (k,) behind a first-order low-pass of time constant `smoothing` (s).
+
+        Edges of an image have finitely many grey levels: the angle of a near-square jumps by some
+        mrad from one image to the next, and a joint with friction turns that into a tremor. After
+        a gap, or a jump that no camera makes, it begins anew.
+        """
+        if self.smoothing <= 0.0:
+            return error
+        if self._smooth is not None:
+            before, value = self._smooth
+            dt = stamp - before
+            if 0.0 <= dt <= LONGEST_GAP and np.abs(error - value).max() < LONGEST_JUMP:
+                error = value + (1.0 - np.exp(-dt / self.smoothing)) * (error - value)
+        self._smooth = (stamp, error)
+        return error
 
 
 def wrap(angle: float, period: float = 2.0 * np.pi) -> float:

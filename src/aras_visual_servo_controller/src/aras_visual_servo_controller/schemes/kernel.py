@@ -86,11 +86,12 @@ class KernelScheme(Scheme):
         e[3] = wrap(e[3], np.pi)
         J_metric = self._metric_jacobian(J, measurement.K, k)
         weights = np.append(kernel.features[:3], 1.0)
-        calmed = e / weights * (1.0, 1.0, 1.0, self.angle_gain)
+        error = self.smoothed(e / weights, measurement.stamp)
+        calmed = error * (1.0, 1.0, 1.0, self.angle_gain)
         v = self.law.velocity(J_metric / weights[:, None], calmed, elapsed)
         # Along the rows is the optical y, along the columns x; rows to columns turns against z.
         twist = np.array([v[1], v[0], v[2], 0.0, 0.0, -v[3]])
-        return SchemeResult(self.feature_names, k, kernel.features, e / weights, twist)
+        return SchemeResult(self.feature_names, k, kernel.features, error, twist)
 
     def _metric_jacobian(self, J: np.ndarray, K: np.ndarray, k: np.ndarray) -> np.ndarray:
         """dk/dt per m/s along rows, columns and axis, and rad/s from rows to columns, (4, 4)."""

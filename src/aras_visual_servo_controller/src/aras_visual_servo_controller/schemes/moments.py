@@ -52,6 +52,7 @@ class MomentsScheme(Scheme):
         found = self._features(measurement.moments)
         error = found.values - self._target
         error[3] = wrap(error[3], np.pi)
+        error = self.smoothed(error, measurement.stamp)
         twist = np.zeros(6)
         twist[LEVEL_CAMERA] = self._velocity(found.L[:, LEVEL_CAMERA], found.values, error, elapsed)
         return SchemeResult(self.feature_names, found.values, self._target, error, twist)

@@ -47,7 +47,7 @@ class StateTopics:
                 SensorPerformanceMetric(
                     name=config.name,
                     sim_update_rate=config.update_rate,
-                    real_update_rate=config.update_rate * message.real_time_factor,
+                    real_update_rate=mounted.sensor.rate * message.real_time_factor,
                     fps=config.update_rate * message.real_time_factor if mounted.enabled else 0.0,
                 )
             )

@@ -1,0 +1,185 @@
+"""Where cameras sit: on a link of a model or fixed in the world, and the settings laid over them.
+
+Settings come as a nested mapping, as /gazebo/cameras on the parameter server gives it: the parts of
+a camera's name lead to its settings, whose keys are CameraConfig's. A mapping with the key `parent`
+is a camera of its own, fixed in the world.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from aras_sim_bridge.camera import CameraConfig, CameraSensor, Frame
+from aras_sim_bridge.errors import CameraError
+from aras_sim_bridge.world import Model, Pose
+from aras_sim_bridge.world.poses import quaternion_from_rpy
+
+WORLD = "world"
+
+
+class MountedCamera:
+    """A camera in its place. It draws while `enabled` and hands its frames to `on_frame`.
+
+    model, link: what it sits on; None and 'world' for one that is fixed in the world.
+    """
+
+    def __init__(
+        self, sensor: CameraSensor, model: Model | None, link: str, pose: Pose | None = None
+    ) -> None:
+        """`pose` is that of a camera fixed in the world; the others follow their link."""
+        self.sensor = sensor
+        self.model = model
+        self.link = link
+        self.on_frame: Callable[[Frame], None] | None = None
+        self._fixed = None if pose is None else np.array(pose.matrix())
+        self._enabled = False
+        self._fresh = False
+
+    @property
+    def enabled(self) -> bool:
+        """Whether pictures are wanted; may be set from any thread."""
+        return self._enabled
+
+    @enabled.setter
+    def enabled(self, wanted: bool) -> None:
+        # Instants that passed while nobody looked are not made up for: that picture would show a
+        # later world than its stamp says.
+        if wanted and not self._enabled:
+            self._fresh = True
+        self._enabled = wanted
+
+    @property
+    def parent_T_optical(self) -> np.ndarray:
+        """(4, 4) pose of the optical frame in the link, or in the world."""
+        mounting = self.sensor.link_T_optical
+        return mounting if self._fixed is None else self._fixed @ mounting
+
+    def before_step(self, time_ns: int, after_ns: int) -> None:
+        """Remember the world where an exposure falls between two ticks."""
+        if self._fresh:
+            self._fresh = False
+            self.sensor.reset(time_ns)
+        if self.sensor.needs_before(after_ns):
+            self.sensor.before_step(self._pose(), time_ns)
+
+    def after_step(self, time_ns: int) -> None:
+        """Expose if it is time."""
+        if not self.sensor.due(time_ns):
+            return
+        frame = self.sensor.capture(self._pose(), time_ns)
+        if frame is not None and self.on_frame is not None:
+            self.on_frame(frame)
+
+    def _pose(self) -> np.ndarray:
+        if self.model is None:
+            return self._fixed
+        return np.array(self.model.link_pose(self.link).matrix())
+
+
+def robot_camera(camera: Any, settings: Mapping[str, Any], defaults: Mapping[str, Any],
+                 seed: int) -> CameraConfig:
+    """Config of a description.CameraDescription with the settings of its name laid over it.
+
+    Raises CameraError naming the key that is wrong.
+    """
+    name = camera.plugin.camera_name if camera.plugin is not None else ""
+    name = name or camera.name
+    own = below(settings, name)
+    if "pose" in own:
+        raise CameraError(
+            f"camera '{name}': 'pose' is for cameras with 'parent: world'; one on a robot is moved "
+            "in its link by 'xyz' and 'rpy'"
+        )
+    return CameraConfig.from_description(
+        camera, {"seed": seed_of(seed, name), **defaults, **own}
+    )
+
+
+def world_camera(name: str, settings: Mapping[str, Any], defaults: Mapping[str, Any],
+                 seed: int) -> tuple[CameraConfig, Pose]:
+    """Config and pose of a camera fixed in the world; the sensor looks along the pose's +x, z up.
+
+    pose: [x, y, z, roll, pitch, yaw] or {xyz: [...], rpy: [...]}, m and rad.
+
+    Raises CameraError naming the key that is wrong.
+    """
+    own = {key: value for key, value in settings.items() if key not in ("parent", "pose")}
+    if settings.get("parent") != WORLD:
+        raise CameraError(
+            f"camera '{name}': parent {settings.get('parent')!r} is not known; 'world' is the one "
+            "there is, cameras on robots belong into their URDF"
+        )
+    pose = _pose_of(settings.get("pose"), name)
+    frame = name.replace("/", "_") + "_optical_frame"
+    values = {"name": name, "camera_name": name, "link": WORLD, "optical_frame_name": frame}
+    values |= {"seed": seed_of(seed, name), **defaults, **own}
+    return CameraConfig.from_mapping(values), pose
+
+
+def world_cameras(settings: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Name and settings of every camera that is no robot's."""
+    for name, node in _mappings(settings, ""):
+        if "parent" in node:
+            yield name, node
+
+
+def below(settings: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+    """The settings at 'a/b' of a nested mapping; empty where there are none.
+
+    Raises CameraError where something else than settings stands there.
+    """
+    node: Any = settings
+    for part in name.strip("/").split("/"):
+        if part not in node:
+            return {}
+        node = node[part]
+        if not isinstance(node, Mapping):
+            raise CameraError(
+                f"camera '{name}': its settings are {node!r} instead of keys with values"
+            )
+    return node
+
+
+def unused(settings: Mapping[str, Any], names: set[str]) -> list[str]:
+    """Names in the settings that hold keys but belong to none of the cameras `names`."""
+    return [
+        name
+        for name, node in _mappings(settings, "")
+        if name not in names
+        and "parent" not in node
+        and any(not isinstance(value, Mapping) for value in node.values())
+    ]
+
+
+def seed_of(seed: int, name: str) -> int:
+    """A seed for one camera: two cameras of one run must not share their noise."""
+    return (int(seed) & 0xFFFFFFFF) ^ zlib.crc32(name.encode())
+
+
+def _mappings(node: Any, path: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Every mapping that can be a camera's settings, from the outside in; not those inside one."""
+    if not isinstance(node, Mapping):
+        return
+    if path and ("parent" in node or any(not isinstance(v, Mapping) for v in node.values())):
+        yield path, node
+        return
+    for key, child in node.items():
+        yield from _mappings(child, f"{path}/{key}".lstrip("/"))
+
+
+def _pose_of(value: Any, name: str) -> Pose:
+    if isinstance(value, Mapping) and set(value) <= {"xyz", "rpy"}:
+        value = [*value.get("xyz", (0.0,) * 3), *value.get("rpy", (0.0,) * 3)]
+    try:
+        numbers = [float(number) for number in value]
+    except (TypeError, ValueError):
+        numbers = []
+    if len(numbers) != 6 or not np.isfinite(numbers).all():
+        raise CameraError(
+            f"camera '{name}': pose {value!r}; give [x, y, z, roll, pitch, yaw] in m and rad"
+        )
+    return Pose(tuple(numbers[:3]), quaternion_from_rpy(*numbers[3:]))

@@ -1,0 +1,92 @@
+"""CameraInfo: the message, its frame, and the calibration file that set_camera_info writes."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import rospy
+import yaml
+from sensor_msgs.msg import CameraInfo
+
+from aras_sim_bridge.errors import CameraError
+
+
+def to_camera_info(info: Any) -> CameraInfo:
+    """Return the message of a CameraIntrinsics (width, height, model, D, K, R, P); no stamp."""
+    return CameraInfo(
+        height=info.height,
+        width=info.width,
+        distortion_model=info.model,
+        D=_flat(info.D),
+        K=_flat(info.K),
+        R=_flat(info.R),
+        P=_flat(info.P),
+    )
+
+
+def prefixed(frame_id: str, namespace: str) -> str:
+    """Return frame_id under the parameter tf_prefix, which is searched upward from namespace."""
+    frame_id = frame_id.lstrip("/")
+    parts = [part for part in namespace.split("/") if part]
+    for count in range(len(parts), -1, -1):
+        prefix = str(rospy.get_param("/" + "/".join([*parts[:count], "tf_prefix"]), "")).strip("/")
+        if prefix:
+            return f"{prefix}/{frame_id}"
+    return frame_id
+
+
+def calibration_path(camera_name: str) -> Path:
+    """Return where camera_info_manager keeps a camera's calibration.
+
+    Raises:
+        CameraError: for a name that would lead out of that folder.
+    """
+    parts = [part for part in camera_name.split("/") if part]
+    if not parts or any(part.startswith(".") for part in parts):
+        raise CameraError(f"cameraName '{camera_name}' gives no file name; rename the camera")
+    home = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
+    return home.joinpath("camera_info", *parts[:-1], parts[-1] + ".yaml")
+
+
+def save_calibration(info: CameraInfo, camera_name: str) -> Path:
+    """Write info in the format of camera_calibration_parsers; return the file.
+
+    Raises:
+        CameraError, OSError: when that is not possible.
+    """
+    path = calibration_path(camera_name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # Another reader never sees half a file.
+    draft = path.with_name(path.name + ".new")
+    draft.write_text(_calibration_yaml(info, camera_name), encoding="utf-8")
+    draft.replace(path)
+    return path
+
+
+def _flat(values: Any) -> list[float]:
+    rows = values.ravel() if hasattr(values, "ravel") else values
+    return [float(value) for value in rows]
+
+
+def _calibration_yaml(info: CameraInfo, name: str) -> str:
+    """Return the text that camera_calibration_parsers reads."""
+
+    def matrix(rows: int, values: list[float]) -> dict[str, Any]:
+        data = [float(value) for value in values]
+        return {"rows": rows, "cols": len(data) // rows, "data": data}
+
+    return yaml.safe_dump(
+        {
+            "image_width": info.width,
+            "image_height": info.height,
+            "camera_name": name,
+            "camera_matrix": matrix(3, info.K),
+            "distortion_model": info.distortion_model,
+            "distortion_coefficients": matrix(1, info.D),
+            "rectification_matrix": matrix(3, info.R),
+            "projection_matrix": matrix(3, info.P),
+        },
+        sort_keys=False,
+    )

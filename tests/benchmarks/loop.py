@@ -1,0 +1,105 @@
+#!/usr/bin/env python3
+"""How fast the bridge's loop runs without ROS: physics and six effort PIDs, no camera.
+
+    python3 tests/benchmarks/loop.py [--seconds 20] [--hours 0.05]
+
+Prints a table and, as its last line, JSON: `real_time_multiple` (simulated over processor seconds
+of this process, best of the seconds run), microseconds a step for each part, and the resident
+memory before and after `--hours` of simulated time at full speed. To show: 20 times real time and
+flat memory.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+TESTS = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(TESTS / "unit" / "world"))
+sys.path.insert(0, str(TESTS.parent / "src" / "aras_sim_bridge" / "src"))
+
+from aras_robot import ArasRobot  # noqa: E402
+
+POSES = ((0.1, 0.0, 0.17, -0.09, -0.09, 0.0), (-0.1, 0.2, 0.35, -0.26, -0.09, 0.17))
+
+
+def resident_mb() -> float:
+    """Resident memory of this process, MB."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def run(robot: ArasRobot, seconds: float) -> float:
+    """Simulate, with a new pose every second; returns the best second's processor seconds.
+
+    The best one counts because other load on the machine, which shares its caches, disturbs it
+    least.
+    """
+    best = float("inf")
+    for k in range(max(round(seconds), 2)):
+        robot.command(POSES[k % 2])
+        began = time.process_time()
+        robot.steps(1000)
+        best = min(best, time.process_time() - began)
+    return best
+
+
+def parts(robot: ArasRobot, count: int) -> dict[str, float]:
+    """Processor microseconds a step of each part of the loop, timed one by one."""
+    simulation = robot.simulation
+    loop = simulation.robots["aras_visual_servo"].loop
+    period = simulation.config.time_step
+    spent = dict.fromkeys(("read", "controllers", "write", "physics"), 0)
+    clock = time.perf_counter_ns
+    for _ in range(count):
+        simulation.time_ns += simulation.step_ns
+        stamp = simulation.time_ns
+        marks = [clock()]
+        loop.hardware.read(stamp, period)
+        marks.append(clock())
+        loop.manager.update(stamp, period)
+        marks.append(clock())
+        loop.hardware.write(stamp, period)
+        marks.append(clock())
+        simulation.world.step()
+        marks.append(clock())
+        for name, a, b in zip(spent, marks, marks[1:], strict=False):
+            spent[name] += b - a
+    return {name: round(ns / count / 1e3, 2) for name, ns in spent.items()}
+
+
+def main() -> int:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seconds", type=float, default=20.0, help="simulated, for the speed")
+    parser.add_argument("--hours", type=float, default=0.02, help="simulated, for the memory")
+    options = parser.parse_args()
+    robot = ArasRobot()
+    run(robot, 3.0)
+    spent = run(robot, options.seconds)
+    before = resident_mb()
+    run(robot, options.hours * 3600.0)
+    after = resident_mb()
+    result = {
+        "real_time_multiple": round(1.0 / spent, 1),
+        "step_us": round(spent * 1e3, 2),
+        "parts_us": parts(robot, 5000),
+        "simulated_hours": options.hours,
+        "memory_before_mb": round(before, 2),
+        "memory_after_mb": round(after, 2),
+    }
+    robot.close()
+    print(f"{result['step_us']:8.1f} us a step: {result['real_time_multiple']} times real time")
+    for name, value in result["parts_us"].items():
+        print(f"{value:8.1f} us {name}")
+    print(f"{after - before:+8.2f} MB of memory in {options.hours} h simulated")
+    print(json.dumps(result))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,103 @@
+"""Camera settings: what they give, and what is refused and how."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+
+from aras_sim_bridge.camera import CameraConfig
+from aras_sim_bridge.errors import CameraError
+
+PRESETS = Path(__file__).parents[3] / "src/aras_visual_servo_gazebo/config/cameras"
+
+
+def description(**changes):
+    plugin = SimpleNamespace(
+        robot_namespace="", camera_name="labrob/camera", image_topic="image_raw",
+        info_topic="camera_info", frame_name="camera_link", update_rate=0.0, hack_baseline=0.07,
+        cx=0.0, cy=0.0, focal_length=0.0, distortion=(0.0,) * 5, auto_distortion=False,
+        border_crop=True,
+    )
+    values = dict(
+        name="camera1", link="camera_link", pose=((0, 0, 0), (0, 0, 0)), kind="camera",
+        update_rate=30.0, horizontal_fov=2.0, width=320, height=240, format="R8G8B8", near=0.02,
+        far=300.0, noise=SimpleNamespace(kind="none", mean=0.0, stddev=0.0), distortion=None,
+        lens=None, plugin=plugin,
+    )
+    return SimpleNamespace(**{**values, **changes})
+
+
+def test_the_laboratory_camera_of_2015():
+    config = CameraConfig.from_description(description())
+    info = config.intrinsics()
+    assert info.K[0, 0] == info.K[1, 1] == pytest.approx(160 / np.tan(1.0))
+    assert (info.K[0, 2], info.K[1, 2]) == (159.5, 119.5)
+    assert info.model == "plumb_bob"
+    assert info.D == (0.0,) * 5
+    assert info.P[0, 3] == pytest.approx(-info.K[0, 0] * 0.07)
+    assert config.encoding == "rgb8"
+    assert (config.frame_name, config.camera_name) == ("camera_link", "labrob/camera")
+
+
+def test_legacy_camera_info_is_gazebos():
+    info = CameraConfig.from_description(description(), {"legacy_camera_info": True}).intrinsics()
+    assert (info.K[0, 2], info.K[1, 2]) == (160.5, 120.5)
+
+
+def test_sensor_tags_are_rendered():
+    config = CameraConfig.from_description(description(
+        distortion=(-0.1, 0.02, 0.0, 0.001, -0.002),
+        noise=SimpleNamespace(kind="gaussian", mean=0.0, stddev=0.01),
+    ))
+    assert config.distortion_coefficients == (-0.1, 0.02, 0.001, -0.002, 0.0)
+    assert config.effects.noise_stddev == pytest.approx(2.55)
+
+
+def test_wide_angle_camera():
+    lens = SimpleNamespace(kind="stereographic", cutoff_angle=1.5)
+    config = CameraConfig.from_description(
+        description(kind="wideanglecamera", horizontal_fov=3.0, lens=lens)
+    )
+    assert config.lens == "stereographic"
+    assert config.cutoff_angle == 1.5
+    assert config.intrinsics().model == "equidistant"
+
+
+@pytest.mark.parametrize("preset", sorted(PRESETS.glob("*.yaml")), ids=lambda p: p.stem)
+def test_every_shipped_preset_is_valid(preset):
+    overrides = yaml.safe_load(preset.read_text())
+    config = CameraConfig.from_description(description(), overrides)
+    corners = np.array([[0, 0], [config.width - 1, 0], [0, config.height - 1],
+                        [config.width - 1, config.height - 1]])
+    assert np.isfinite(config.model.unproject(corners)).all(), "a corner would be black"
+
+
+@pytest.mark.parametrize("bad, says", [
+    ({"horizontal_fov": 0.0}, "horizontal_fov 0.0"),
+    ({"horizontal_fov": 3.2}, "take a fisheye lens"),
+    ({"lens": "equidistant", "horizontal_fov": 4.0}, "reaches above 0 and below 3.84"),
+    ({"width": 0}, "0 x 240"),
+    ({"height": 2.5}, "not a whole number"),
+    ({"format": "RGB888"}, "format 'RGB888' is not known; the nearest is 'R8G8B8'"),
+    ({"lens": "fishy"}, "there is no lens 'fishy'"),
+    ({"distortion_model": "brown"}, "there is no distortion_model 'brown'"),
+    ({"distortion_coefficients": [1.0, 2.0]}, "takes 4 or 5"),
+    ({"distortion_coefficients": [-0.8, 0.0, 0.0, 0.0, 0.0]}, "fold the picture over"),
+    ({"distortion_model": "equidistant", "distortion_coefficients": [-0.5, 0, 0, 0],
+      "horizontal_fov": 3.0}, "fold the picture over at"),
+    ({"update_rate": 0.0}, "update_rate"),
+    ({"near": 1.0, "far": 0.5}, "0 < near < far"),
+    ({"camera_matrix": {"fx": -1, "fy": 1, "cx": 0, "cy": 0}}, "focal lengths above 0"),
+    ({"camera_matrix": {"fx": 100, "fy": 100}}, "give fx, fy, cx, cy"),
+    ({"witdh": 320}, "unknown setting 'witdh'; the nearest is 'width'"),
+    ({"effects": {"noise": 5}}, "unknown key 'noise'"),
+    ({"effects": {"noise_stddev": -1}}, "noise_stddev"),
+    ({"effects": {"exposure_time": 0.1}}, "shorter than the period"),
+    ({"update_rate": "fast"}, "not a number"),
+])
+def test_impossible_settings_are_refused_by_name(bad, says):
+    with pytest.raises(CameraError, match="camera|effects") as caught:
+        CameraConfig.from_description(description(), bad)
+    assert says in str(caught.value)

@@ -1,0 +1,74 @@
+"""Lenses against OpenCV, against their own inverse, and at their limits."""
+
+import cv2
+import numpy as np
+import pytest
+
+from aras_sim_bridge.camera.lens import (
+    RADIUS,
+    REACH,
+    BrownLens,
+    FisheyeLens,
+    fisheye_coefficients,
+)
+
+BROWN = [
+    (-0.3306, 0.117, 0.0, 0.0, 0.0),
+    (0.1, 0.02, 0.01, -0.02, 0.005),
+    (0.5, 0.1, 0.001, 0.002, 0.01, 0.6, 0.05, 0.001),
+]
+NOTHING = np.zeros(3)
+
+
+def rays(n=500):
+    points = np.random.default_rng(3).uniform(-0.9, 0.9, (n, 2))
+    return np.concatenate([points, np.ones((n, 1))], axis=1)
+
+
+@pytest.mark.parametrize("D", BROWN)
+def test_brown_projection_is_opencvs(D):
+    expected = cv2.projectPoints(rays(), NOTHING, NOTHING, np.eye(3), np.array(D))[0][:, 0]
+    np.testing.assert_allclose(BrownLens(D).project(rays()), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("D", BROWN)
+def test_brown_unprojection_inverts_projection(D):
+    lens = BrownLens(D)
+    back = lens.unproject(lens.project(rays()))
+    np.testing.assert_allclose(back[:, :2] / back[:, 2:], rays()[:, :2], atol=1e-9)
+
+
+def test_brown_has_no_ray_beyond_the_fold():
+    lens = BrownLens((-0.3, 0.0, 0.0, 0.0, 0.0))
+    fold = lens.fold_radius()
+    assert fold == pytest.approx(np.sqrt(1 / 0.9))
+    largest = fold * (1 - 0.3 * fold**2)
+    inside, outside = lens.unproject(np.array([[0.99 * largest, 0.0], [1.01 * largest, 0.0]]))
+    assert np.isfinite(inside).all()
+    assert np.isnan(outside).all()
+
+
+def test_fisheye_projection_is_opencvs():
+    lens = FisheyeLens((0.1, -0.02, 0.003, 0.0001), 1.9)
+    expected = cv2.fisheye.projectPoints(
+        rays()[:, None], NOTHING, NOTHING, np.eye(3), np.array(lens.D)
+    )[0][:, 0]
+    np.testing.assert_allclose(lens.project(rays()), expected, atol=1e-12)
+
+
+def test_fisheye_unprojection_inverts_projection_behind_the_camera_too():
+    lens = FisheyeLens((0.02, -0.01, 0.003, -0.0005), np.radians(110))
+    theta = np.linspace(0.0, np.radians(109.9), 200)
+    turn = np.linspace(0.0, 20.0, 200)
+    expected = np.stack([np.sin(theta) * np.cos(turn), np.sin(theta) * np.sin(turn),
+                         np.cos(theta)], axis=1)
+    np.testing.assert_allclose(lens.unproject(lens.project(expected)), expected, atol=1e-9)
+    edge = float(lens.radius(np.radians(110)))
+    assert np.isnan(lens.unproject(np.array([[edge * 1.001, 0.0]]))).all()
+
+
+@pytest.mark.parametrize("name", [n for n in RADIUS if n != "pinhole"])
+def test_published_coefficients_describe_the_ideal_projection(name):
+    theta = np.linspace(0.0, REACH[name], 500)
+    lens = FisheyeLens(fisheye_coefficients(name, REACH[name]), REACH[name])
+    assert np.abs(lens.radius(theta) - RADIUS[name](theta)).max() < 1e-4

@@ -1,0 +1,221 @@
+"""When a camera exposes, what its frames show then, and what the effects do."""
+
+import logging
+
+import numpy as np
+import pybullet
+import pytest
+from scenes import link_pose, looking, table_and_target
+
+from aras_sim_bridge.camera import CameraConfig, CameraSensor
+from aras_sim_bridge.camera.effects import EffectChain, Effects
+from aras_sim_bridge.camera.formats import convert
+from aras_sim_bridge.errors import CameraError
+from aras_sim_bridge.rendering import create_renderer
+
+MS = 1_000_000
+DOWN = link_pose(looking([0.0, 0.0, 0.782], [0.0, 0.0, 0.59], (1, 0, 0)))
+
+
+class Nothing:
+    """A renderer of one grey."""
+
+    def __init__(self, level=100):
+        self.level = level
+        self.blends = []
+
+    def render(self, view, blend=1.0):
+        self.blends.append(blend)
+        return np.full((view.height, view.width, 3), self.level, np.uint8)
+
+    def snapshot(self):
+        pass
+
+    def bodies_around(self, point):
+        return ["robot::link6"]
+
+
+def frames(sensor, ticks, step=MS, start=0):
+    out = []
+    for k in range(1, ticks + 1):
+        after = start + k * step
+        if sensor.needs_before(after):
+            sensor.before_step(np.eye(4), after - step)
+        if sensor.due(after):
+            frame = sensor.capture(np.eye(4), after)
+            if frame is not None:
+                out.append((after, frame))
+    return out
+
+
+def camera(renderer=None, **settings):
+    settings = {"width": 16, "height": 8, **settings}
+    return CameraSensor(CameraConfig.from_mapping(settings), renderer or Nothing())
+
+
+def test_stamps_are_exact_multiples_of_the_period():
+    got = frames(camera(update_rate=30.0), 10_000)
+    assert [f.stamp_ns for _, f in got] == [round(k * 1e9 / 30) for k in range(1, 301)][:len(got)]
+    assert len(got) == 300
+    assert all(0 <= tick - f.stamp_ns < MS for tick, f in got)
+
+
+def test_pictures_show_the_instant_between_ticks():
+    renderer = Nothing()
+    frames(camera(renderer, update_rate=30.0), 100)
+    np.testing.assert_allclose(renderer.blends, [1 / 3, 2 / 3, 1.0], atol=1e-5)
+
+
+def test_moving_body_is_drawn_where_it_was_at_the_stamp(bench):
+    bench.box([0.5, 0.5, 0.01], [0, 0, -0.01])
+    body = bench.box([0.02, 0.02, 0.001], [0, 0, 0], "Gazebo/Black")
+    sensor = CameraSensor(
+        CameraConfig.from_mapping({"horizontal_fov": 0.5, "update_rate": 30.0, "near": 0.01}),
+        create_renderer("opengl", bench.client, bench.materials),
+    )
+    pose = link_pose(looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0)))
+    centre = None
+    for k in range(1, 35):
+        if sensor.needs_before(k * MS):
+            sensor.before_step(pose, (k - 1) * MS)
+        # 1 m/s along x: 0.63 px a tick, so that a tick's delay would be seen
+        pybullet.resetBasePositionAndOrientation(
+            body, [k * 1e-3, 0, 0], [0, 0, 0, 1], physicsClientId=bench.client
+        )
+        if sensor.due(k * MS):
+            frame = sensor.capture(pose, k * MS)
+            dark = 255.0 - frame.image[..., 0]
+            centre = (dark * np.arange(320)).sum() / dark.sum()
+    f, x = sensor.info.K[0, 0], frame.stamp_ns * 1e-9
+    assert centre == pytest.approx(159.5 + f * x / 0.999, abs=0.07)
+
+
+def test_camera_faster_than_physics_is_refused():
+    with pytest.raises(CameraError, match="2000 Hz is above the physics rate of 1000 Hz"):
+        camera(update_rate=2000.0).check_time_step(MS)
+    camera(update_rate=1000.0).check_time_step(MS)
+
+
+def test_reset_and_rate_change():
+    sensor = camera(update_rate=10.0)
+    frames(sensor, 250)
+    sensor.reset(0)
+    assert frames(sensor, 100)[0][1].stamp_ns == 100 * MS
+    sensor.set_rate(20.0, 120 * MS)
+    assert sensor.next_exposure_ns == 150 * MS
+    with pytest.raises(CameraError, match="above 0"):
+        sensor.set_rate(0.0, 0)
+    blurred = camera(update_rate=10.0, effects={"exposure_time": 0.02})
+    with pytest.raises(CameraError, match="shorten it first"):
+        blurred.set_rate(60.0, 0)
+
+
+def test_after_a_pause_only_the_newest_picture_is_taken():
+    sensor = camera(update_rate=10.0)
+    frame = sensor.capture(np.eye(4), 1_234 * MS)
+    assert frame.stamp_ns == 1200 * MS
+    assert sensor.next_exposure_ns == 1300 * MS
+
+
+def test_latency_delays_publication_not_the_stamp():
+    got = frames(camera(update_rate=10.0, latency=0.035), 400)
+    assert [(tick // MS, f.stamp_ns // MS) for tick, f in got] == [(135, 100), (235, 200),
+                                                                    (335, 300)]
+
+
+def test_dropped_frames_are_seeded_and_keep_the_grid():
+    def run(seed):
+        sensor = camera(update_rate=100.0, seed=seed, effects={"drop_probability": 0.3})
+        return [f.stamp_ns // MS for _, f in frames(sensor, 3000)]
+
+    first = run(1)
+    assert first == run(1) != run(2)
+    assert 180 < len(first) < 240
+    assert all(stamp % 10 == 0 for stamp in first)
+
+
+def test_motion_blur_is_centred_on_the_stamp():
+    renderer = Nothing()
+    sensor = camera(renderer, update_rate=10.0,
+                    effects={"exposure_time": 0.02, "exposure_samples": 5})
+    got = frames(sensor, 150)
+    assert len(renderer.blends) == 5
+    (tick, frame), = got
+    assert frame.stamp_ns == 100 * MS
+    assert tick == 108 * MS
+    assert (frame.image == 100).all()
+
+
+def test_noise_has_the_asked_statistics_and_a_seed():
+    grey = np.full((240, 320, 3), 128, np.uint8)
+    chain = EffectChain(Effects(noise_stddev=5.0), 320, 240, seed=4)
+    first, second = chain.apply(grey), chain.apply(grey)
+    assert first.std() == pytest.approx(5.0, rel=0.02)
+    assert first.mean() == pytest.approx(128.0, abs=0.1)
+    assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 0.02
+    chain.reset()
+    assert (chain.apply(grey) == first).all()
+    assert (EffectChain(Effects(noise_stddev=5.0), 320, 240, 5).apply(grey) != first).any()
+
+
+def test_shot_noise_grows_with_the_light():
+    chain = EffectChain(Effects(shot_noise=0.25), 320, 240, seed=0)
+    for level in (16, 64, 144):
+        out = chain.apply(np.full((240, 320, 3), level, np.uint8))
+        assert out.std() == pytest.approx(np.sqrt(0.25 * level + 1 / 12), rel=0.03)
+    assert (chain.apply(np.zeros((240, 320, 3), np.uint8)) == 0).all()
+
+
+def test_exposure_gain_and_vignetting():
+    grey = np.full((240, 320, 3), 100, np.uint8)
+    out = EffectChain(Effects(exposure=0.5, gain=3.0), 320, 240, 0).apply(grey)
+    assert (out == 150).all()
+    out = EffectChain(Effects(vignetting=0.4), 320, 240, 0).apply(grey)
+    assert out[120, 160, 0] == 100
+    assert out[0, 0, 0] == pytest.approx(60, abs=1)
+    assert EffectChain(Effects(), 320, 240, 0).apply(grey) is grey
+
+
+def test_formats():
+    rgb = np.zeros((4, 6, 3), np.uint8)
+    rgb[:] = (10, 20, 30)
+    assert convert(rgb, "bgr8")[0, 0].tolist() == [30, 20, 10]
+    assert convert(rgb, "mono8").shape == (4, 6)
+    assert convert(rgb, "mono16").dtype == np.uint16
+    assert convert(np.full_like(rgb, 255), "mono16").max() == 65535
+    assert convert(rgb, "bayer_rggb8")[:2, :2].tolist() == [[10, 20], [20, 30]]
+    assert convert(rgb, "bayer_grbg8")[:2, :2].tolist() == [[20, 10], [30, 20]]
+    assert convert(rgb, "bayer_gbrg8")[:2, :2].tolist() == [[20, 30], [10, 20]]
+    assert convert(rgb, "bayer_bggr8")[:2, :2].tolist() == [[30, 20], [20, 10]]
+
+
+def test_a_black_picture_is_explained_once(caplog):
+    sensor = camera(Nothing(level=0), update_rate=10.0)
+    with caplog.at_level(logging.WARNING):
+        frames(sensor, 500)
+    assert len(caplog.records) == 1
+    assert "inside robot::link6" in caplog.text
+
+
+def test_a_camera_inside_a_body_says_so_unless_it_is_its_own(caplog):
+    frames(camera(Nothing(), update_rate=10.0), 300)
+    assert len(caplog.records) == 1
+    assert "inside robot::link6, whose faces are not drawn" in caplog.text
+    caplog.clear()
+    frames(camera(Nothing(), update_rate=10.0, link="link6"), 300)
+    assert not caplog.records
+
+
+def test_depth_and_segmentation_come_with_the_frame(bench):
+    table_and_target(bench)
+    sensor = CameraSensor(
+        CameraConfig.from_mapping({"horizontal_fov": 2.0, "near": 0.02, "depth": True,
+                                   "segmentation": True, "format": "mono8"}),
+        create_renderer("opengl", bench.client, bench.materials),
+    )
+    frame = sensor.capture(DOWN, 40 * MS)
+    assert frame.image.shape == (240, 320)
+    assert frame.depth[120, 160] == pytest.approx(0.782 - 0.5905, abs=1e-5)
+    assert frame.depth[10, 10] == pytest.approx(0.782 - 0.59, abs=1e-5)
+    assert frame.segmentation[120, 160] == 1
+    assert frame.segmentation[10, 10] == 0

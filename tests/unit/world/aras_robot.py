@@ -1,0 +1,70 @@
+"""The shipped ARAS robot under its shipped controllers, without ROS."""
+
+from pathlib import Path
+
+import yaml
+
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+
+SOURCES = Path(__file__).parents[3] / "src"
+ROBOT = SOURCES / "aras_visual_servo_gazebo"
+CONTROLLERS = {  # joint -> controller, in the order of the poses below
+    "gantry": "gantry_position_controller",
+    "J1": "joint1_position_controller",
+    "J2": "joint2_position_controller",
+    "J3": "joint3_position_controller",
+    "J5": "joint5_position_controller",
+    "J6": "joint6_position_controller",
+}
+
+
+def description():
+    """The URDF, with meshes found in the source tree."""
+    text = (ROBOT / "robots/aras_visual_servo.urdf").read_text()
+    return parse_urdf(text, lambda package: str(SOURCES / package))
+
+
+def parameters():
+    """What rosparam holds below /aras_visual_servo."""
+    tree = yaml.safe_load((ROBOT / "config/aras_visual_servo_control.yaml").read_text())
+    return tree.get("aras_visual_servo", tree)
+
+
+class ArasRobot:
+    """A Simulation with the robot and its controllers running; cameras stay disabled."""
+
+    def __init__(self, simulation=None):
+        self.simulation = simulation or Simulation(SimulationConfig(renderer="tiny"))
+        self.settings = parameters()
+        self.model = self.simulation.spawn(
+            description(), "aras_visual_servo", namespace="/aras_visual_servo",
+            parameters=self.settings)
+        robot = self.simulation.robots["aras_visual_servo"]
+        self.manager, self.hardware = robot.manager, robot.hardware
+        names = ["joint_state_controller", *CONTROLLERS.values()]
+        for name in names:
+            self.manager.load(name)
+        self.manager.request_switch(names, [], 2)
+
+    def command(self, pose):
+        """Position commands, rad or m, in the order of CONTROLLERS."""
+        for controller, position in zip(CONTROLLERS.values(), pose, strict=True):
+            self.manager.get(controller).set_command(position)
+
+    def steps(self, count):
+        """Advance."""
+        for _ in range(count):
+            self.simulation.step()
+
+    def positions(self):
+        """Joint positions by name."""
+        return dict(zip(self.model.joint_names, self.model.read_joints()[0], strict=True))
+
+    def velocities(self):
+        """Joint velocities by name."""
+        return dict(zip(self.model.joint_names, self.model.read_joints()[1], strict=True))
+
+    def close(self):
+        """End the simulation."""
+        self.simulation.close()

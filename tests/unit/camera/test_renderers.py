@@ -1,9 +1,11 @@
 """Both renderers draw what Bullet holds, and say what they cannot do."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pybullet
 import pytest
-from scenes import looking, table_and_target
+from scenes import Bench, looking, table_and_target
 
 from aras_sim_bridge.errors import RenderingError
 from aras_sim_bridge.rendering import COLOURS, MaterialTable, View, create_renderer, opengl
@@ -168,6 +170,25 @@ def test_without_egl_auto_takes_tiny_with_one_reason(bench, monkeypatch, caplog)
     assert len(caplog.records) == 1
     with pytest.raises(RenderingError, match="EGL"):
         create_renderer("opengl", bench.client, bench.materials)
+
+
+def test_several_renderers_and_threads_do_not_mix(bench):
+    other = Bench()
+    furnish(bench)
+    other.box([0.3, 0.3, 0.3], [0, 0, 0.3], "Gazebo/Green")
+    renderers = [create_renderer("opengl", b.client, b.materials) for b in (bench, other)]
+    alone = [renderer.render(view()) for renderer in renderers]
+    assert (alone[0] != alone[1]).any()
+    for _ in range(3):
+        for renderer, picture in zip(renderers, alone, strict=True):
+            assert (renderer.render(view()) == picture).all()
+    with ThreadPoolExecutor(1) as pool:
+        for renderer, picture in zip(renderers, alone, strict=True):
+            assert (pool.submit(renderer.render, view()).result() == picture).all()
+            assert (renderer.render(view()) == picture).all()
+    renderers[1].close()
+    assert (renderers[0].render(view()) == alone[0]).all()
+    other.close()
 
 
 def test_a_closed_renderer_says_so(bench):

@@ -105,6 +105,9 @@ def test_reset_and_rate_change():
     assert sensor.next_exposure_ns == 150 * MS
     with pytest.raises(CameraError, match="above 0"):
         sensor.set_rate(0.0, 0)
+    blurred = camera(update_rate=10.0, effects={"exposure_time": 0.02})
+    with pytest.raises(CameraError, match="shorten it first"):
+        blurred.set_rate(60.0, 0)
 
 
 def test_after_a_pause_only_the_newest_picture_is_taken():
@@ -192,6 +195,15 @@ def test_a_black_picture_is_explained_once(caplog):
         frames(sensor, 500)
     assert len(caplog.records) == 1
     assert "inside robot::link6" in caplog.text
+
+
+def test_a_camera_inside_a_body_says_so_unless_it_is_its_own(caplog):
+    frames(camera(Nothing(), update_rate=10.0), 300)
+    assert len(caplog.records) == 1
+    assert "inside robot::link6, whose faces are not drawn" in caplog.text
+    caplog.clear()
+    frames(camera(Nothing(), update_rate=10.0, link="link6"), 300)
+    assert not caplog.records
 
 
 def test_depth_and_segmentation_come_with_the_frame(bench):

@@ -64,7 +64,7 @@ class CameraSensor:
         self._effects = EffectChain(config.effects, config.width, config.height, config.seed)
         self._rate = config.update_rate
         self._latency_ns = round(config.latency * 1e9)
-        self._warned = False
+        self._first, self._told_black = True, False
         # Whether pictures carry them now; who offers them may switch off what nobody reads.
         self.depth, self.segmentation = config.depth, config.segmentation
         self.reset()
@@ -104,6 +104,12 @@ class CameraSensor:
         """
         if not (np.isfinite(rate) and rate > 0.0):
             raise CameraError(f"camera '{self.config.name}': rate {rate} Hz: give one above 0")
+        exposure = self.config.effects.exposure_time
+        if exposure * rate >= 1.0:
+            raise CameraError(
+                f"camera '{self.config.name}': rate {rate:g} Hz leaves {1e3 / rate:g} ms a frame, "
+                f"and exposure_time is {1e3 * exposure:g} ms; shorten it first"
+            )
         self._rate = float(rate)
         self.reset(time_ns)
 
@@ -212,14 +218,24 @@ class CameraSensor:
         return share, blend_poses(before, pose, share)
 
     def _warn_if_blind(self, image: np.ndarray, view: View) -> None:
-        """Say once when there is nothing to see, and why, instead of sending black in silence."""
-        if self._warned or image[::8, ::8].max() > 0:
+        """Say once when the camera stands inside something, or when nothing but black is seen.
+
+        The camera's own link may well hold the lens: Gazebo too draws no faces from behind.
+        """
+        first, self._first = self._first, False
+        black = not self._told_black and image[::8, ::8].max() == 0
+        if not first and not black:
             return
-        self._warned = True
-        around = self.renderer.bodies_around(view.world_T_optical[:3, 3])
-        where = f"the camera is inside {', '.join(around)}" if around else "only black is in view"
-        _log.warning("camera '%s' sends a black picture: %s; check its mounting pose and near clip",
-                     self.config.name, where)
+        around = [name for name in self.renderer.bodies_around(view.world_T_optical[:3, 3])
+                  if name.split("::")[-1] != self.config.link]
+        where = f"it is inside {', '.join(around)}" if around else "only black things are in view"
+        if black:
+            self._told_black = True
+            _log.warning("camera '%s' sends a black picture: %s; check its mounting pose and near "
+                         "clip", self.config.name, where)
+        elif around:
+            _log.warning("camera '%s': %s, whose faces are not drawn from inside; check its "
+                         "mounting pose", self.config.name, where)
 
 
 def mounting(xyz: tuple[float, float, float], rpy: tuple[float, float, float]) -> np.ndarray:

@@ -77,14 +77,25 @@ class OpenGLRenderer:
             self._ctx = None
 
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
-        optical_T_link, sun = self._prepare(view, blend)
-        if view.lens is not None:
-            rgba = self._through_lens(view, optical_T_link, sun)
-        else:
-            rgba = self._flat(view, optical_T_link, sun)
-        return cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB)
+        with self._current():
+            optical_T_link, sun = self._prepare(view, blend)
+            if view.lens is not None:
+                rgba = self._through_lens(view, optical_T_link, sun)
+            else:
+                rgba = self._flat(view, optical_T_link, sun)
+            return cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB)
+
+    def _current(self) -> moderngl.Context:
+        """Context manager in which OpenGL means this renderer: there may be others."""
+        if self._ctx is None:
+            raise RenderingError("the renderer is closed")
+        return self._ctx
 
     def measure(self, view: View, blend: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        with self._current():
+            return self._measure(view, blend)
+
+    def _measure(self, view: View, blend: float) -> tuple[np.ndarray, np.ndarray]:
         optical_T_link, sun = self._prepare(view, blend)
         lens = view.lens
         faces = whole(view) if lens is None else self._lens(view).faces
@@ -117,13 +128,15 @@ class OpenGLRenderer:
         """Picture of a pinhole, (height, width, 4)."""
         w, h = view.width, view.height
         faces = whole(view)
-        triangle, bounds = self._geometry.visibility.in_view(faces, optical_T_link)
+        triangle, bounds = self._geometry.visibility.in_view(
+            faces, optical_T_link, MANY_TRIANGLES
+        )
         shown = _Shown(faces, triangle, np.zeros(len(triangle), int), optical_T_link, sun)
         if self.antialiasing == "edges" and min(w, h) < TILE:
             return cv2.resize(self._picture(shown, (4 * w, 4 * h)), (w, h),
                               interpolation=cv2.INTER_AREA)
         if self.antialiasing == "edges":
-            if len(triangle) > MANY_TRIANGLES:
+            if bounds is None:
                 return self._denser(shown, w, h, 2)
             return self._refine(view, self._picture(shown, (w, h)), shown, bounds)
         return self._picture(shown, (w, h), self._samples)
@@ -176,8 +189,6 @@ class OpenGLRenderer:
 
     def _prepare(self, view: View, blend: float) -> tuple[np.ndarray, np.ndarray]:
         """Upload what changed; link poses in the optical frame and the sun in link frames."""
-        if self._ctx is None:
-            raise RenderingError("the renderer is closed")
         if self.scene.refresh() or self._geometry is None:
             if self._geometry is not None:
                 self._geometry.release()
@@ -186,20 +197,25 @@ class OpenGLRenderer:
         optical_T_link = np.linalg.inv(view.world_T_optical) @ world_T_link
         return optical_T_link, self.light.to_sun @ world_T_link[:, :3, :3]
 
-    def _picture(self, shown: _Shown, size: tuple[int, int], samples: int = 1) -> np.ndarray:
+    def _picture(self, shown: _Shown, size: tuple[int, int], samples: int = 1,
+                 lattice: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
         """Draw into a framebuffer of `size`; its pixels, (height, width, 4)."""
-        return self._drawn(shown, size, samples).read(self._ctx)
+        return self._drawn(shown, size, samples, lattice=lattice).read(self._ctx)
 
     def _drawn(self, shown: _Shown, size: tuple[int, int], samples: int = 1,
-               texture: bool = False) -> Target:
+               texture: bool = False, lattice: tuple[float, float] = (0.0, 0.0)) -> Target:
         key = (*size, samples, texture)
         if key not in self._targets:
             self._targets[key] = Target(self._ctx, *size, samples, texture)
         target = self._targets[key]
         target.draw.use()
         target.draw.clear(*self.light.background)
-        self._geometry.draw(self._program(len(shown.faces) > 1), shown.faces, shown.triangle,
-                            shown.face, shown.optical_T_link, shown.sun)
+        tiled = len(shown.faces) > 1 or lattice[0] > 0.0
+        program = self._program(tiled)
+        if tiled:
+            program["lattice"] = lattice
+        self._geometry.draw(program, shown.faces, shown.triangle, shown.face,
+                            shown.optical_T_link, shown.sun)
         return target
 
     def _refine(self, view: View, rgba: np.ndarray, shown: _Shown, bounds: np.ndarray
@@ -226,8 +242,10 @@ class OpenGLRenderer:
         rows = _atlas_rows(len(corners))
         fine = _Shown(tiles(view, corners, TILE, ATLAS_COLUMNS, rows), triangle, tile,
                       shown.optical_T_link, shown.sun)
-        atlas = self._picture(fine, (ATLAS_COLUMNS * TILE * factor, rows * TILE * factor))
-        refinement.paste(rgba, atlas, corners, factor)
+        size = TILE * (factor + 1)
+        atlas = self._picture(fine, (ATLAS_COLUMNS * size, rows * size),
+                              lattice=refinement.lattice(factor))
+        refinement.paste_sheared(rgba, atlas, corners, factor)
         return rgba
 
     def _denser(self, shown: _Shown, width: int, height: int, factor: int) -> np.ndarray:

@@ -18,19 +18,28 @@ class Visibility:
     def __init__(self, clusters: Clusters) -> None:
         self._c = clusters
 
-    def in_view(self, faces: Faces, optical_T_link: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def in_view(self, faces: Faces, optical_T_link: np.ndarray, most: int
+                ) -> tuple[np.ndarray, np.ndarray | None]:
         """Triangles (N,) that a single face may show and that turn their front to the eye.
 
-        Also their bounds in the face, (4, N): low x, low y, high x, high y, within -1..1.
+        Also their bounds in the face, (4, N): low x, low y, high x, high y, within -1..1; or
+        None when there are more than `most` triangles, which are then only looked at one by
+        one where their cluster reaches over the border.
         """
-        triangle = self._candidates(faces, optical_T_link)
+        triangle, crossing = self._candidates(faces, optical_T_link)
+        if len(triangle) > most:
+            test = np.flatnonzero(crossing)
+            out = ~_within(self._bounds(triangle[test], optical_T_link, faces))
+            keep = np.ones(len(triangle), bool)
+            keep[test[out]] = False
+            return triangle[keep], None
         bounds = self._bounds(triangle, optical_T_link, faces)
-        seen = (bounds[0] < 1.0) & (bounds[1] < 1.0) & (bounds[2] > -1.0) & (bounds[3] > -1.0)
+        seen = _within(bounds)
         return triangle[seen], bounds[:, seen]
 
     def on_faces(self, faces: Faces, optical_T_link: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pairs (triangle, face) of what each of several faces may show, face by face."""
-        return self.overlaps(self._candidates(faces, optical_T_link), faces, optical_T_link)
+        return self.overlaps(self._candidates(faces, optical_T_link)[0], faces, optical_T_link)
 
     def overlaps(self, triangle: np.ndarray, faces: Faces, optical_T_link: np.ndarray
                  ) -> tuple[np.ndarray, np.ndarray]:
@@ -42,35 +51,54 @@ class Visibility:
         face, index = np.nonzero(~outside.T)
         return triangle[index], face
 
-    def _candidates(self, faces: Faces, T: np.ndarray) -> np.ndarray:
-        """Front triangles in clusters whose boxes touch a face's frustum, ascending."""
+    def _candidates(self, faces: Faces, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Front triangles in clusters whose boxes touch a face's frustum, ascending.
+
+        And for each, whether its box reaches over the border of the first face.
+        """
         c = self._c
         R, t = T[:, :3, :3], T[:, :3, 3]
-        eye = -(t[:, None, :] @ R)[:, 0, :]
+        eye = -np.einsum("ri,rij->rj", t, R)
         normals = faces.normals().reshape(-1, 3) @ R  # link frames, (rows, 5 F, 3)
-        away = -(normals @ eye[:, :, None])[..., 0]
-        normals, away = normals[c.row], away[c.row]
-        offset = (normals @ c.centre[:, :, None])[..., 0] + away
-        reach = (np.abs(normals) @ c.half[:, :, None])[..., 0]
-        high = offset + reach
+        away = -np.einsum("rki,ri->rk", normals, eye)
+        spans = np.abs(normals)[c.row]
+        offset = np.einsum("cki,ci->ck", normals[c.row], c.centre) + away[c.row]
+        reach = np.einsum("cki,ci->ck", spans, c.half)
+        high = (offset + reach).T
+        near, far = faces.near, faces.far
         seen = np.zeros(len(c.row), bool)
-        for k in range(0, high.shape[1], 5):
-            seen |= ((high[:, k] > 0.0) & (high[:, k + 1] > 0.0) & (high[:, k + 2] > 0.0)
-                     & (high[:, k + 3] > 0.0) & (high[:, k + 4] > faces.near)
-                     & (offset[:, k + 4] - reach[:, k + 4] < faces.far))
+        for k in range(0, len(high), 5):
+            seen |= ((high[k] > 0.0) & (high[k + 1] > 0.0) & (high[k + 2] > 0.0)
+                     & (high[k + 3] > 0.0) & (high[k + 4] > near)
+                     & (offset[:, k + 4] - reach[:, k + 4] < far))
         chosen = np.flatnonzero(seen)
         count = c.count[chosen]
         ends = np.cumsum(count)
         if not len(ends):
-            return np.zeros(0, int)
+            return np.zeros(0, int), np.zeros(0, bool)
+        low = (offset[chosen, :5] - reach[chosen, :5]).T
+        crossing = ((low[0] < 0.0) | (low[1] < 0.0) | (low[2] < 0.0) | (low[3] < 0.0)
+                    | (low[4] < near) | (high[4, chosen] > far))
         triangle = np.arange(ends[-1]) + np.repeat(c.first[chosen] - ends + count, count)
         front = np.einsum("ni,ni->n", c.normal[triangle], eye[c.tri_row[triangle]])
-        return triangle[front > c.offset[triangle]]
+        front = front > c.offset[triangle]
+        return triangle[front], np.repeat(crossing, count)[front]
 
     def _corners(self, triangle: np.ndarray, T: np.ndarray) -> np.ndarray:
         """(N, 3, 3) corners in the optical frame."""
-        T = T[self._c.tri_row[triangle]]
-        return self._c.corners[triangle] @ T[:, :3, :3].transpose(0, 2, 1) + T[:, None, :3, 3]
+        c = self._c
+        if not len(triangle):
+            return np.zeros((0, 3, 3))
+        row = c.tri_row[triangle]
+        # Triangles of a link stand together; one product for each.
+        edges = np.flatnonzero(np.diff(row)) + 1
+        p = c.corners[triangle]
+        out = np.empty_like(p)
+        for a, b in zip([0, *edges], [*edges, len(row)], strict=True):
+            pose = T[row[a]]
+            np.matmul(p[a:b].reshape(-1, 3), pose[:3, :3].T, out=out[a:b].reshape(-1, 3))
+            out[a:b] += pose[:3, 3]
+        return out
 
     def _bounds(self, triangle: np.ndarray, T: np.ndarray, faces: Faces) -> np.ndarray:
         """(4, N) bounds of triangles in a single face; of the part beyond the near plane."""
@@ -100,6 +128,11 @@ class Visibility:
         overlap &= (high_y > first[:, 1:]) & (low_y < last[:, 1:])
         tile, index = np.nonzero(overlap)
         return triangle[index], tile
+
+
+def _within(bounds: np.ndarray) -> np.ndarray:
+    """Which of the bounds (4, N) touch the face."""
+    return (bounds[0] < 1.0) & (bounds[1] < 1.0) & (bounds[2] > -1.0) & (bounds[3] > -1.0)
 
 
 def _extremes(u: np.ndarray, v: np.ndarray, out: np.ndarray) -> None:

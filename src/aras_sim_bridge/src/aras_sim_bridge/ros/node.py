@@ -20,6 +20,7 @@ from aras_sim_bridge.ros.gazebo_api import GazeboApi
 from aras_sim_bridge.ros.lockstep import Lockstep
 from aras_sim_bridge.ros.master_watch import MasterWatch
 from aras_sim_bridge.ros.parameters import NodeParameters
+from aras_sim_bridge.ros.real_time_factor import RealTimeFactor
 from aras_sim_bridge.ros.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world_file import WorldFile
@@ -64,6 +65,7 @@ class GazeboNode:
         if parameters.enable_ros_network:
             self.api = GazeboApi(self)
             mount_world_cameras(self.thread)
+            RealTimeFactor(lambda: self.real_time_factor)
             self.faces.sync()
         if not parameters.paused:
             self.thread.unpause()

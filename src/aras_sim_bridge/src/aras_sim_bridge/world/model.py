@@ -508,6 +508,11 @@ class Model:
     # ------------------------------------------------------------------ properties
 
     @property
+    def link_indices(self) -> MappingProxyType:
+        """Bullet's index of each link by name; -1 is the root."""
+        return MappingProxyType(self._links)
+
+    @property
     def materials(self) -> MappingProxyType:
         """Gazebo material by Bullet link index, for the renderer's table."""
         return MappingProxyType({

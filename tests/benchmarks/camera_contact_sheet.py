@@ -1,0 +1,107 @@
+#!/usr/bin/env python3
+"""Draw docs/images/camera_contact_sheet.png: the lenses and effects side by side.
+
+    python3 tests/benchmarks/camera_contact_sheet.py [--out docs/images/camera_contact_sheet.png]
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import cv2
+import numpy as np
+from render import NEAR, REPOSITORY, robot_scene
+from scenes import link_pose, looking
+
+from aras_sim_bridge.camera import CameraConfig, CameraSensor
+from aras_sim_bridge.rendering import create_renderer
+
+COLUMNS, WIDTH, HEIGHT, TITLE = 5, 264, 198, 22
+EYE = looking([1.0, -0.9, 1.5], [0.1, 0.0, 0.8])
+
+LAB = dict(camera_matrix=dict(fx=195.05, fy=195.1, cx=162.41, cy=127.2),
+           distortion_coefficients=[-0.3306, 0.117, 0, 0, 0])
+PANELS = {
+    "pinhole 80 deg": dict(horizontal_fov=1.4),
+    "pinhole, centre at (200, 60)": dict(camera_matrix=dict(fx=190, fy=190, cx=200, cy=60)),
+    "plumb_bob, the lab's of 2016": LAB,
+    "rational_polynomial": dict(
+        horizontal_fov=1.6, distortion_model="rational_polynomial",
+        distortion_coefficients=[0.2, 0.05, 0.001, -0.002, 0.01, 0.3, 0.02, 0.0]),
+    "preset wide, 128 deg": dict(
+        camera_matrix=dict(fx=110, fy=110, cx=159.5, cy=119.5),
+        distortion_coefficients=[-0.12, 0.012, 0, 0, 0]),
+    "equidistant 180 deg": dict(lens="equidistant", horizontal_fov=np.pi),
+    "equidistant 220 deg": dict(lens="equidistant", horizontal_fov=np.radians(220)),
+    "stereographic 180 deg": dict(lens="stereographic", horizontal_fov=np.pi),
+    "equisolid 180 deg": dict(lens="equisolid", horizontal_fov=np.pi),
+    "orthographic 172 deg": dict(lens="orthographic", horizontal_fov=3.0),
+    "gaussian noise, sigma 5": dict(effects=dict(noise_stddev=5.0)),
+    "shot noise, full well 500": dict(effects=dict(shot_noise=0.51)),
+    "motion blur, 20 ms, 2 rad/s": dict(
+        effects=dict(exposure_time=0.02, exposure_samples=20)),
+    "exposure 0.5": dict(effects=dict(exposure=0.5)),
+    "gain 1.6": dict(effects=dict(gain=1.6)),
+    "vignetting 0.7": dict(effects=dict(vignetting=0.7)),
+    "mono8": dict(format="mono8"),
+    "bayer_rggb8": dict(format="bayer_rggb8"),
+    "depth 0.8 .. 4 m": dict(depth=True),
+    "segmentation": dict(segmentation=True),
+}
+
+
+def turned(pose: np.ndarray, angle: float) -> np.ndarray:
+    """A pose panned about the vertical through itself."""
+    c, s = np.cos(angle), np.sin(angle)
+    out = pose.copy()
+    out[:3, :3] = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ pose[:3, :3]
+    return out
+
+
+def panel(renderer, title: str, settings: dict) -> np.ndarray:
+    """One picture with its title, (HEIGHT + TITLE, WIDTH, 3) rgb."""
+    config = CameraConfig.from_mapping({"near": NEAR, "horizontal_fov": 1.4, **settings})
+    sensor = CameraSensor(config, renderer)
+    frame, time_ns = None, 0
+    while frame is None:
+        time_ns += 1_000_000
+        if sensor.due(time_ns):
+            eye = turned(EYE, 2e-9 * time_ns) if config.effects.exposure_time else EYE
+            frame = sensor.capture(link_pose(eye), time_ns)
+    image = frame.image
+    if frame.depth is not None:
+        grey = np.clip((frame.depth - 0.8) / 3.2, 0, 1)
+        image = cv2.applyColorMap((255 * (1 - grey)).astype(np.uint8), cv2.COLORMAP_VIRIDIS)
+        image = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+    if frame.segmentation is not None:
+        label = frame.segmentation
+        key = (label & 0xFFFFFF) * 31 + (label >> 24) * 57 + 1
+        image = np.stack([key * 71 % 256, key * 113 % 256, key * 197 % 256], -1).astype(np.uint8)
+        image[label < 0] = 0
+    if image.ndim == 2:
+        image = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
+    small = cv2.resize(image, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+    out = np.full((HEIGHT + TITLE, WIDTH, 3), 255, np.uint8)
+    out[TITLE:] = small
+    cv2.putText(out, title, (4, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
+    return out
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path,
+                        default=REPOSITORY / "docs/images/camera_contact_sheet.png")
+    out = parser.parse_args().out
+    bench, _ = robot_scene()
+    renderer = create_renderer("opengl", bench.client, bench.materials)
+    panels = [panel(renderer, *item) for item in PANELS.items()]
+    rows = [np.hstack(panels[i:i + COLUMNS]) for i in range(0, len(panels), COLUMNS)]
+    sheet = np.vstack(rows)[..., ::-1]
+    out.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(out), sheet, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    print(f"{out}: {sheet.shape[1]} x {sheet.shape[0]}, {out.stat().st_size // 1000} kB")
+
+
+if __name__ == "__main__":
+    main()

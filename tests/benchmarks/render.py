@@ -1,0 +1,277 @@
+#!/usr/bin/env python3
+"""How long the renderers take for a picture of the robot, and of a scene of 40 000 triangles.
+
+    python3 tests/benchmarks/render.py [--repeat 60] [--rounds 5]
+
+Everything is measured in one run, renderer after renderer in rounds, and the best round's median
+counts, so that other load on the machine falls on all alike. Views: `servo`, the demo's camera
+that looks down on the target, and `room`, the whole robot. Compared with PyBullet's TinyRenderer
+and EGL plugin (which draw Bullet's own copy of the robot) and, if `pip install mujoco` was done,
+with MuJoCo's offscreen renderer on the same meshes. The accuracy of the target's centroid comes
+along.
+Prints a table and, as its last line, JSON with milliseconds and ratios.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pybullet
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(REPOSITORY / "src/aras_sim_bridge/src"))
+sys.path.insert(0, str(REPOSITORY / "tests/unit/camera"))
+
+from scenes import Bench, link_pose, looking, table_and_target  # noqa: E402
+
+from aras_sim_bridge.camera import CameraConfig, CameraSensor  # noqa: E402
+from aras_sim_bridge.camera.effects import EffectChain, Effects  # noqa: E402
+from aras_sim_bridge.rendering import COLOURS, View, create_renderer  # noqa: E402
+
+ROBOT = REPOSITORY / "src/aras_visual_servo_gazebo"
+NEAR, FAR = 0.02, 100.0
+ROOM = looking([2.8, -2.0, 1.9], [0.0, 0.0, 0.9])
+ROOM_FOV = 1.14
+
+
+def robot_scene() -> tuple[Bench, np.ndarray]:
+    """The shipped robot in the demo's first pose, on the ground; and its camera's optical frame."""
+    bench = Bench()
+    text = (ROBOT / "robots/aras_visual_servo.urdf").read_text()
+    with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file:
+        file.write(text.replace("package://aras_visual_servo_gazebo", str(ROBOT)))
+        file.flush()
+        body = pybullet.loadURDF(file.name, useFixedBase=True, physicsClientId=bench.client)
+    joints, links = {}, {}
+    for i in range(pybullet.getNumJoints(body, physicsClientId=bench.client)):
+        info = pybullet.getJointInfo(body, i, physicsClientId=bench.client)
+        joints[info[1].decode()] = links[info[12].decode()] = i
+    for name, angle in {"gantry": 0.1, "J2": 0.1745, "J3": -0.0873, "J5": -0.0873}.items():
+        pybullet.resetJointState(body, joints[name], angle, physicsClientId=bench.client)
+    black = COLOURS["Gazebo/Black"]
+    bench.materials.set_body(
+        body, {links[n]: black for n in ("planar_object", "planar_object_2")}
+    )
+    plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=bench.client)
+    pybullet.createMultiBody(0, plane, physicsClientId=bench.client)
+    state = pybullet.getLinkState(body, links["camera_link"], 0, 1, physicsClientId=bench.client)
+    T = np.eye(4)
+    R = np.array(pybullet.getMatrixFromQuaternion(state[5])).reshape(3, 3)
+    T[:3, :3] = R @ np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+    T[:3, 3] = state[4]
+    return bench, T
+
+
+def large_scene(folder: Path) -> tuple[Bench, np.ndarray]:
+    """40 000 triangles: twenty balls of 2 000 each over the target; and an eye above them."""
+    rings, sectors = 26, 40
+    theta, phi = np.linspace(0, np.pi, rings), np.linspace(0, 2 * np.pi, sectors + 1)
+    grid = np.stack([np.outer(np.sin(theta), np.cos(phi)), np.outer(np.sin(theta), np.sin(phi)),
+                     np.outer(np.cos(theta), np.ones_like(phi))], axis=-1)
+    a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
+    corners = np.concatenate([np.stack([a, b, c], 2), np.stack([a, c, d], 2)]).reshape(-1, 3, 3)
+    record = np.zeros(len(corners), [("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
+    record["v"] = corners
+    path = folder / "ball.stl"
+    path.write_bytes(bytes(80) + len(record).to_bytes(4, "little") + record.tobytes())
+    bench = Bench()
+    table_and_target(bench)
+    for n in range(20):
+        shape = pybullet.createVisualShape(
+            pybullet.GEOM_MESH, fileName=str(path), meshScale=[0.05] * 3,
+            physicsClientId=bench.client,
+        )
+        pybullet.createMultiBody(
+            0, -1, shape, [0.13 * (n % 5) - 0.26, 0.13 * (n // 5) - 0.2, 0.66],
+            physicsClientId=bench.client,
+        )
+    return bench, looking([0.1, -0.2, 1.2], [0.0, 0.0, 0.6])
+
+
+def flat_view(pose: np.ndarray, width: int, height: int, fov: float) -> View:
+    return View(width, height, pose, CameraConfig(width=width, height=height,
+                                                  horizontal_fov=fov).K, NEAR, FAR)
+
+
+def bullet_picture(client: int, view: View, renderer: int) -> Callable[[], object]:
+    """A call of Bullet's own renderer for the same view."""
+    K, w, h = view.K, view.width, view.height
+    eye = np.diag([1.0, -1.0, -1.0, 1.0]) @ np.linalg.inv(view.world_T_optical)
+    side = 2 * K[0, 0] / w, 2 * K[1, 1] / h
+    projection = np.diag([*side, -(FAR + NEAR) / (FAR - NEAR), 0.0])
+    projection[2, 3], projection[3, 2] = -2 * FAR * NEAR / (FAR - NEAR), -1.0
+    arguments = (w, h, eye.T.reshape(-1).tolist(), projection.T.reshape(-1).tolist())
+    return lambda: pybullet.getCameraImage(
+        *arguments, shadow=0, renderer=renderer, physicsClientId=client
+    )
+
+
+def mujoco_picture(bench: Bench, view: View) -> Callable[[], object]:
+    """MuJoCo's offscreen renderer on the triangles that ours draws."""
+    os.environ.setdefault("MUJOCO_GL", "egl")
+    import mujoco
+
+    scene = create_renderer("tiny", bench.client, bench.materials, antialiasing="none").scene
+    scene.refresh()
+    poses = scene.poses()
+    assets, bodies = [], []
+    for n, part in enumerate(scene.parts):
+        mesh = part.mesh.transformed(poses[part.row])
+        if np.ptp(mesh.positions, axis=0).min() < 1e-9:
+            continue  # MuJoCo takes no flat meshes; the ground is its own plane below
+        vertices = " ".join(f"{x:.7g}" for x in mesh.positions.reshape(-1))
+        faces = " ".join(map(str, mesh.triangles.reshape(-1)))
+        assets.append(f'<mesh name="m{n}" inertia="shell" vertex="{vertices}" face="{faces}"/>')
+        rgba = " ".join(map(str, part.rgba))
+        bodies.append(f'<geom type="mesh" mesh="m{n}" rgba="{rgba}"/>')
+    w, h = view.width, view.height
+    T = view.world_T_optical
+    axes = " ".join(f"{x:.9g}" for x in [*T[:3, 0], *(-T[:3, 1])])
+    fovy = np.degrees(2 * np.arctan(h / 2 / view.K[1, 1]))
+    model = mujoco.MjModel.from_xml_string(f"""<mujoco><visual>
+        <global offwidth="{w}" offheight="{h}"/><quality offsamples="4" shadowsize="0"/></visual>
+        <asset>{"".join(assets)}</asset><worldbody><light directional="true" castshadow="false"
+        dir="-.5 .1 -.9"/><geom type="plane" size="50 50 1"/>{"".join(bodies)}
+        <camera name="c" pos="{T[0, 3]} {T[1, 3]} {T[2, 3]}" xyaxes="{axes}" fovy="{fovy}"/>
+        </worldbody></mujoco>""")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    renderer = mujoco.Renderer(model, h, w)
+
+    def draw():
+        renderer.update_scene(data, camera="c")
+        return renderer.render()
+
+    return draw
+
+
+def measure(pictures: dict[str, Callable[[], object]], repeat: int, rounds: int
+            ) -> dict[str, float]:
+    """Milliseconds of each: the lowest over the rounds of a round's median."""
+    best = dict.fromkeys(pictures, np.inf)
+    for draw in pictures.values():
+        draw()
+        draw()
+    for _ in range(rounds):
+        for name, draw in pictures.items():
+            times, until = [], time.perf_counter() + 0.6
+            while len(times) < 5 or (len(times) < repeat and time.perf_counter() < until):
+                start = time.perf_counter()
+                draw()
+                times.append(time.perf_counter() - start)
+            best[name] = min(best[name], 1e3 * float(np.median(times)))
+    return {name: round(value, 3) for name, value in best.items()}
+
+
+def pictures_of(bench: Bench, view: View, egl: bool) -> dict[str, Callable[[], object]]:
+    renderers = {"opengl": "edges", "opengl_multisample_4x": "multisample",
+                 "opengl_no_antialiasing": "none"}
+    pictures: dict[str, Callable[[], object]] = {}
+    for name, antialiasing in renderers.items():
+        renderer = create_renderer("opengl", bench.client, bench.materials,
+                                   antialiasing=antialiasing)
+        pictures[name] = lambda renderer=renderer: renderer.render(view)
+    pictures["pybullet_tiny"] = bullet_picture(bench.client, view, pybullet.ER_TINY_RENDERER)
+    if egl:
+        pictures["pybullet_egl"] = bullet_picture(
+            bench.client, view, pybullet.ER_BULLET_HARDWARE_OPENGL
+        )
+    if importlib.util.find_spec("mujoco"):
+        pictures["mujoco"] = mujoco_picture(bench, view)
+    return pictures
+
+
+def load_egl(client: int) -> bool:
+    """Load PyBullet's EGL plugin; False where it is not there."""
+    spec = importlib.util.find_spec("eglRenderer")
+    if spec is None:
+        return False
+    return pybullet.loadPlugin(spec.origin, "_eglRendererPlugin", physicsClientId=client) >= 0
+
+
+def lens_pictures(bench: Bench, pose: np.ndarray) -> dict[str, Callable[[], object]]:
+    """The presets and a 180 degree fisheye from the robot's camera, with the sensor's share."""
+    renderer = create_renderer("opengl", bench.client, bench.materials)
+    presets = {
+        "pinhole": dict(horizontal_fov=2.0),
+        "pinhole_640x480": dict(horizontal_fov=2.0, width=640, height=480),
+        "plumb_bob": dict(camera_matrix=(195.05, 195.1, 162.41, 127.2),
+                          distortion_coefficients=(-0.3306, 0.117, 0, 0, 0)),
+        "fisheye": dict(lens="equidistant", horizontal_fov=3.0),
+        "fisheye_180": dict(lens="equidistant", horizontal_fov=np.pi),
+    }
+    pictures = {}
+    for name, settings in presets.items():
+        sensor = CameraSensor(CameraConfig.from_mapping({"near": NEAR, **settings}), renderer)
+        view = sensor._view(link_pose(pose))
+        pictures[name] = lambda view=view: renderer.render(view)
+    image = renderer.render(sensor._view(link_pose(pose)))
+    noise = EffectChain(Effects(noise_stddev=5.0), 320, 240, seed=0)
+    pictures["noise_alone"] = lambda: noise.apply(image)
+    return pictures
+
+
+def accuracy() -> dict[str, float]:
+    """Centroid and area of the target over 150 poses, against exact geometry."""
+    from test_accuracy import rms, target_errors
+
+    bench = Bench()
+    table_and_target(bench)
+    centroid, area = target_errors(create_renderer("opengl", bench.client, bench.materials), 150)
+    bench.close()
+    return {"centroid_rms_px": round(float(rms(centroid)), 5),
+            "area_rms_percent": round(100 * float(np.sqrt((area**2).mean())), 4)}
+
+
+def report(title: str, times: dict[str, float]) -> None:
+    print(f"\n{title}")
+    for name, value in times.items():
+        print(f"  {name:26s} {value:9.3f} ms")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--repeat", type=int, default=60, help="pictures a round, at most")
+    parser.add_argument("--rounds", type=int, default=5)
+    arguments = parser.parse_args()
+    result: dict[str, object] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        robot, camera = robot_scene()
+        balls, above = large_scene(Path(folder))
+        cases = {
+            "servo": (robot, flat_view(camera, 320, 240, 2.0)),
+            "servo_640x480": (robot, flat_view(camera, 640, 480, 2.0)),
+            "room": (robot, flat_view(ROOM, 320, 240, ROOM_FOV)),
+            "triangles_40000": (balls, flat_view(above, 320, 240, 1.0)),
+        }
+        egl = {id(bench): load_egl(bench.client) for bench in (robot, balls)}
+        for name, (bench, view) in cases.items():
+            times = measure(pictures_of(bench, view, egl[id(bench)]), arguments.repeat,
+                            arguments.rounds)
+            report(f"{name}, {view.width} x {view.height}", times)
+            result[name] = {"ms": times, "opengl_to": {
+                other: round(times["opengl"] / times[other], 4)
+                for other in ("pybullet_tiny", "pybullet_egl", "mujoco") if other in times
+            }}
+        lenses = measure(lens_pictures(robot, camera), arguments.repeat, arguments.rounds)
+    report("lenses and noise, opengl, the robot's camera", lenses)
+    result["lenses_ms"] = lenses
+    result["large_to_small"] = round(lenses["pinhole_640x480"] / lenses["pinhole"], 3)
+    result["fisheye_to_pinhole"] = round(lenses["fisheye"] / lenses["pinhole"], 3)
+    result["noise_ms"] = lenses["noise_alone"]
+    result["accuracy"] = accuracy()
+    print(f"\ntarget over 150 poses: {result['accuracy']}")
+    print(json.dumps(result))
+
+
+if __name__ == "__main__":
+    main()

@@ -152,7 +152,7 @@ def test_sdf_pose_is_composed_with_the_initial_pose_and_the_reference(mesh):
     assert properties.is_static
     assert properties.body_names == ["top", "leg"]
     assert properties.geom_names == ["c", "knob"]
-    assert properties.canonical_model_name == ""
+    assert properties.canonical_body_name == ""
     delete("second")
     names = call("get_world_properties", GetWorldProperties).model_names
     assert names == ["ground_plane", "table"]
@@ -413,7 +413,8 @@ def test_resets_with_controllers_and_images(collect):
     step(30)
     for topic in topics:
         stamps = [topic.wait(i + 1).header.stamp.to_nsec() for i in range(3)]
-        assert stamps == [10_000_000, 20_000_000, 30_000_000], topic.topic
+        first = 1_000_000 if topic is topics[0] else 10_000_000  # joint_states: at the first step
+        assert stamps == [first, first + 10_000_000, first + 20_000_000], topic.topic
     infos = call("/arm/controller_manager/list_controllers", ListControllers).controller
     assert {c.name: c.state for c in infos} == dict.fromkeys(controllers, "running")
     step(1500)
@@ -456,9 +457,10 @@ def test_spawn_model_script_with_all_its_options(world, tmp_path):
     file = tmp_path / "arm.urdf"
     file.write_text(ARM)
     script = ["rosrun", "aras_sim_bridge", "spawn_model", "-urdf", "-file", str(file)]
-    spawn("stand", BRICK, "sdf", initial_pose=at(0, 6, 5, math.pi / 2))
+    plate = SHAPES.partition('<link name="leg"')[0] + "</model></sdf>"
+    spawn("stand", plate, "sdf", initial_pose=at(0, 6, 5, math.pi / 2))
     bound = subprocess.Popen(
-        [*script, "-model", "arm", "-wait", "late", "-reference_frame", "stand::brick", "-x", "1",
+        [*script, "-model", "arm", "-wait", "late", "-reference_frame", "stand::top", "-x", "1",
          "-z", "2", "-Y", "0.5", "-J", "swing", "0.25", "-package_to_model", "-b"],
         env=world.master.environment,
     )  # fmt: skip

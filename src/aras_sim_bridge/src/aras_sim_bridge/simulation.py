@@ -23,6 +23,7 @@ from aras_sim_bridge.hardware import RobotHardware
 from aras_sim_bridge.lights import SUN, checked_light
 from aras_sim_bridge.mounting import MountedCamera, robot_camera, world_camera
 from aras_sim_bridge.rendering import COLOURS, Light, MaterialTable, Renderer, create_renderer
+from aras_sim_bridge.rendering.gazebo_materials import WHITE
 from aras_sim_bridge.world import Model, Pose, World
 from aras_sim_bridge.world.poses import IDENTITY
 
@@ -280,3 +281,5 @@ class Simulation:
                 )
             colours[index] = COLOURS[name]
         self._materials.set_body(model.body_id, colours)
+        if self.config.gui:
+            model.paint(colours, WHITE)

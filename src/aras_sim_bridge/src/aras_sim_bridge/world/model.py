@@ -512,6 +512,13 @@ class Model:
         """Bullet's index of each link by name; -1 is the root."""
         return MappingProxyType(self._links)
 
+    def paint(self, colours: dict[int, tuple], default: tuple) -> None:
+        """Colours (rgba) in PyBullet's window by Bullet link index; the others get `default`."""
+        shapes = pybullet.getVisualShapeData(self.body_id, physicsClientId=self.client)
+        for index in {shape[1] for shape in shapes}:
+            pybullet.changeVisualShape(self.body_id, index, rgbaColor=colours.get(index, default),
+                                       physicsClientId=self.client)
+
     @property
     def materials(self) -> MappingProxyType:
         """Gazebo material by Bullet link index, for the renderer's table."""

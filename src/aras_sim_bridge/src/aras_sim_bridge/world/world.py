@@ -61,7 +61,16 @@ class World:
                 from None
         if self.client < 0:
             raise WorldError("Bullet does not start: no free client, or no display for gui:=true")
+        self._gui = gui
+        if gui:
+            self._show(pybullet.COV_ENABLE_GUI, False)  # panels of sliders and empty previews
+            self._show(pybullet.COV_ENABLE_SHADOWS, False)  # half of what a picture costs
         self._configure()
+
+    def _show(self, what: int, on: bool) -> None:
+        """Switch a part of PyBullet's window."""
+        if self._gui:
+            pybullet.configureDebugVisualizer(what, int(on), physicsClientId=self.client)
 
     def _configure(self) -> None:
         pybullet.setPhysicsEngineParameter(
@@ -131,6 +140,7 @@ class World:
         start = _start_positions(description, name, joint_positions or {})
         fixed = bullet_file.root_is_fixed(description) if fixed_base is None else fixed_base
         bodies = pybullet.getNumBodies(physicsClientId=self.client)
+        self._show(pybullet.COV_ENABLE_RENDERING, False)  # else a frame for each shape
         try:
             model = Model(self.client, description, name, pose, start, fixed,
                           self._gravity)
@@ -139,6 +149,8 @@ class World:
                 pybullet.removeBody(pybullet.getBodyUniqueId(i, physicsClientId=self.client),
                                     physicsClientId=self.client)
             raise
+        finally:
+            self._show(pybullet.COV_ENABLE_RENDERING, True)
         self.models[name] = model
         self._count_active()
         logger.debug("spawned '%s': %d links, %d joints, %s base", name, len(model.link_names),

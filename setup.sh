@@ -132,7 +132,7 @@ mapfile -d '' sources < <(find src -type f \( -name package.xml -o -name CMakeLi
     -o -name setup.py -o -path '*/msg/*.msg' -o -path '*/srv/*.srv' -o -path '*/action/*.action' \) -print0 |
     sort -z)
 # Our upstream_msgs step aside for installed ones, so their coming and going is a change too.
-others=$(ls -d {/usr,/usr/local}/share/{control_msgs,controller_manager_msgs,gazebo_msgs}/cmake/*Config.cmake 2>/dev/null || true)
+others=$(ls -d /usr/share/{control_msgs,controller_manager_msgs,gazebo_msgs}/cmake/*Config.cmake 2>/dev/null || true)
 stamp=$(printf '%s\n' "$root" "$others" | digest "${sources[@]}")
 if [[ $(cat devel/setup.stamp 2>/dev/null) != "$stamp" ]]; then
     # CMake refuses a build folder that was configured elsewhere.
@@ -141,8 +141,9 @@ if [[ $(cat devel/setup.stamp 2>/dev/null) != "$stamp" ]]; then
     fi
     mkdir -p build
     rm -f devel/setup.stamp src/upstream_msgs/*/CATKIN_IGNORE
+    # Without --force-cmake a package that has come or gone in /usr would not be noticed.
     # Python and C++ messages are enough; the Lisp ones would take a third of the build.
     step "Building the workspace" env ROS_LANG_DISABLE=genlisp \
-        catkin_make -DPYTHON_EXECUTABLE="$root/.venv/bin/python"
+        catkin_make --force-cmake -DPYTHON_EXECUTABLE="$root/.venv/bin/python"
     printf '%s\n' "$stamp" >devel/setup.stamp
 fi

@@ -4,15 +4,16 @@
 # them. On a system that has them (a ROS built from source, a later Debian) ours would overlay the
 # real ones, so they give way: a CATKIN_IGNORE file (not under version control) hides the package from
 # catkin and from rospack, whatever an earlier build left in the devel space is removed, and the
-# calling CMakeLists.txt ends there. When the installed copy is gone again, delete the CATKIN_IGNORE
-# files; setup.sh does so before every build.
+# calling CMakeLists.txt ends there. Decided whenever CMake runs: when an installed copy comes or goes
+# after the first build, delete the CATKIN_IGNORE files and run `catkin_make --force-cmake`; setup.sh
+# notices and does both.
 #
-# "Installed" means a <package>Config.cmake in an underlay or in /usr, never in our own devel or
-# install space. The answer is left in <package>_STEPS_ASIDE.
+# "Installed" means a <package>Config.cmake where rospack looks too: in a sourced underlay or in /usr,
+# never in our own devel or install space. The answer is left in <package>_STEPS_ASIDE.
 function(step_aside package)
   set(${package}_STEPS_ASIDE FALSE PARENT_SCOPE)
   # catkin has turned the environment's path into this list; an isolated build may not have yet.
-  string(REPLACE ":" ";" prefixes "${CMAKE_PREFIX_PATH};$ENV{CMAKE_PREFIX_PATH};/usr/local;/usr")
+  string(REPLACE ":" ";" prefixes "${CMAKE_PREFIX_PATH};$ENV{CMAKE_PREFIX_PATH};/usr")
   foreach(prefix IN LISTS prefixes)
     if(prefix STREQUAL "" OR prefix STREQUAL "${CATKIN_DEVEL_PREFIX}"
        OR prefix STREQUAL "${CMAKE_INSTALL_PREFIX}")

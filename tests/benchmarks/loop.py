@@ -4,8 +4,9 @@
     python3 tests/benchmarks/loop.py [--seconds 20] [--hours 0.05]
 
 Prints a table and, as its last line, JSON: `real_time_multiple` (simulated over processor seconds
-of this process, best of the seconds run), microseconds a step for each part, and the resident memory before and after
-`--hours` of simulated time at full speed. The issue asks for 20 times real time and flat memory.
+of this process, best of the seconds run), microseconds a step for each part, and the resident
+memory before and after `--hours` of simulated time at full speed. To show: 20 times real time and
+flat memory.
 """
 
 from __future__ import annotations

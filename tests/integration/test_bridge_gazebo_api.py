@@ -14,7 +14,6 @@ from gazebo_msgs.srv import (
     ApplyBodyWrench,
     ApplyJointEffort,
     BodyRequest,
-    DeleteLight,
     DeleteModel,
     GetJointProperties,
     GetLinkProperties,
@@ -201,24 +200,6 @@ def test_set_link_state_topic_moves_a_ball(ball):
         return abs(seen.pose.position.x - 3.0) < 1e-9
 
     wait_for(there, timeout=5.0, what="the ball at its new place")
-
-
-@pytest.mark.parametrize(
-    ("name", "service", "fields"),
-    [
-        ("get_link_state", GetLinkState, {"link_name": "ground_plane::x"}),
-        ("get_joint_properties", GetJointProperties, {"joint_name": ""}),
-        ("apply_body_wrench", ApplyBodyWrench, {"body_name": "nobody"}),
-        ("apply_joint_effort", ApplyJointEffort, {"joint_name": "none", "effort": 1.0}),
-        ("apply_joint_effort", ApplyJointEffort, {"joint_name": "none", "effort": math.inf}),
-        ("delete_light", DeleteLight, {"light_name": "lamp"}),
-        ("delete_model", DeleteModel, {"model_name": ""}),
-    ],
-)
-def test_faults_are_answered_by_name(name, service, fields):
-    answer = call(name, service, **fields)
-    assert not answer.success
-    assert answer.status_message.startswith(service._type.rpartition("/")[2] + ": ")
 
 
 def test_log_holds_no_traceback(world):

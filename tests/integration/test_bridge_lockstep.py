@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import threading
 import xmlrpc.client
 
-import pytest
 import rospy
+from aras_sim_bridge.srv import StepWorld
 from controller_manager_msgs.srv import ListControllers
 from ros_graph import wait_for
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Float64
 from std_srvs.srv import Empty
@@ -96,3 +98,51 @@ def test_two_runs_in_lockstep_are_bit_identical(launch, collect, ros_node, ros_m
     assert first[1] == second[1]
     # 100 Hz, none lost
     assert len(first[1]) >= 100 * FRAMES / 30 - 2
+
+
+def test_silence_is_named_once_and_time_goes_on(launch, collect, ros_node):
+    rospy.set_param("/gazebo/lockstep_topics", ["/answers", "/nobody/answers"])
+    rospy.set_param("/gazebo/lockstep_period", 0.05)
+    rospy.set_param("/gazebo/lockstep_timeout", 0.3)
+    answers = rospy.Publisher("/answers", Float64, queue_size=1)
+    world = launch(
+        "aras_sim_bridge", "empty_world.launch", nodes=["/gazebo"], speed_mode="lockstep"
+    )
+    wait_for(lambda: "in vain" in world.output(), 10.0, "the line about who is silent")
+    line = next(line for line in world.output().splitlines() if "in vain" in line)
+    assert f"/answers (published by {rospy.get_name()})" in line
+    assert "/nobody/answers (nobody publishes it)" in line
+    clock = collect("/clock", Clock)
+    clock.wait(100, 10.0)  # it goes on without them
+    answers.publish(0.0)  # heard again: time waits for the next message, and a pause gets through
+    wait_for(lambda: world.output().count("in vain") == 2, 10.0, "the next silence")
+    assert "/nobody" not in world.output().split("in vain")[2]
+    call("/gazebo/pause_physics", Empty)
+    answers.unregister()
+    world.stop()  # its parameters go with it
+
+
+def test_lockstep_without_topics_does_not_start(launch, ros_node, ros_master):
+    world = launch("aras_sim_bridge", "empty_world.launch", speed_mode="lockstep")
+    wait_for(lambda: "lockstep_topics is empty" in world.output(), 20.0, "the reason")
+
+
+def test_interrupt_answers_who_is_waiting(launch, collect, ros_node):
+    world = launch("aras_sim_bridge", "empty_world.launch", nodes=["/gazebo"], paused=True)
+    answers: list[object] = []
+
+    def ask() -> None:
+        try:
+            answers.append(call("/gazebo/step_world", StepWorld, 1_000_000))
+        except rospy.ServiceException as error:
+            answers.append(error)
+
+    asking = threading.Thread(target=ask)
+    clock = collect("/clock", Clock)
+    asking.start()
+    clock.wait(10, 10.0)  # it is at it
+    world.stop()  # fails when the node does not end by itself
+    asking.join(5.0)
+    assert len(answers) == 1
+    assert not answers[0].success
+    assert "shutting down" in answers[0].status_message

@@ -10,11 +10,20 @@ from typing import Any
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.control_loop import ControlLoop
 from aras_sim_bridge.controller_manager import ControllerManager
+from aras_sim_bridge.description import Light as LightDescription
 from aras_sim_bridge.description import RobotDescription
-from aras_sim_bridge.errors import CameraError, DescriptionError, RenderingError, SimError
+from aras_sim_bridge.errors import (
+    CameraError,
+    DescriptionError,
+    RenderingError,
+    SimError,
+    WorldError,
+)
 from aras_sim_bridge.hardware import RobotHardware
+from aras_sim_bridge.lights import SUN, checked_light
 from aras_sim_bridge.mounting import MountedCamera, robot_camera, world_camera
 from aras_sim_bridge.rendering import COLOURS, Light, MaterialTable, Renderer, create_renderer
+from aras_sim_bridge.rendering.gazebo_materials import WHITE
 from aras_sim_bridge.world import Model, Pose, World
 from aras_sim_bridge.world.poses import IDENTITY
 
@@ -25,7 +34,7 @@ log = logging.getLogger(__name__)
 class SimulationConfig:
     """time_step: s. gravity: m/s². seed: of the sensors' noise.
 
-    sun_direction: from the sun to the ground, world frame.
+    lights: of the world; the first directional one is the sun that cameras see by.
     """
 
     time_step: float = 0.001
@@ -35,7 +44,7 @@ class SimulationConfig:
     seed: int = 0
     legacy_camera_info: bool = False
     ground_plane: bool = True
-    sun_direction: tuple[float, float, float] = (-0.5, 0.1, -0.9)
+    lights: tuple[LightDescription, ...] = (SUN,)
 
 
 @dataclass(frozen=True)
@@ -54,7 +63,7 @@ class Simulation:
     """Models, robots and cameras of one world; simulated time only.
 
     Attributes:
-        world: physics. robots: by model name. cameras: in spawn order.
+        world: physics. robots: by model name. cameras: in spawn order. lights: by name.
         time_ns: simulated time. step_ns: the physics step.
     """
 
@@ -68,6 +77,7 @@ class Simulation:
         self.cameras: list[MountedCamera] = []
         self._materials = MaterialTable()
         self._renderer: Renderer | None = None
+        self.lights = {light.name: checked_light(light) for light in self.config.lights}
         if self.config.ground_plane:
             self._colour(self.world.spawn_ground_plane())
 
@@ -99,10 +109,10 @@ class Simulation:
         model = self.world.spawn(description, name, pose, joint_positions)
         try:
             robot = self._robot(model, namespace.rstrip("/"), parameters or {})
+            self._colour(model)
         except SimError:
             self.world.delete(name)
             raise
-        self._colour(model)
         if robot is not None:
             self.robots[name] = robot
         for camera in description.cameras:
@@ -118,6 +128,48 @@ class Simulation:
         self.cameras = [camera for camera in self.cameras if camera.model is not model]
         self._materials.forget(model.body_id)
         self.world.delete(name)
+
+    def light(self, name: str) -> LightDescription:
+        """The light called `name`; WorldError naming those that exist."""
+        if name not in self.lights:
+            known = ", ".join(self.lights) or "none"
+            raise WorldError(f"light '{name}' does not exist; there are: {known}")
+        return self.lights[name]
+
+    def set_light(self, light: LightDescription) -> None:
+        """Add a light or change the one of its name; the first directional one lights cameras.
+
+        Raises:
+            WorldError: a number that no light has; nothing is changed then.
+        """
+        self.lights[light.name] = checked_light(light)
+        if self._renderer is not None:
+            self._renderer.light = self._sunlight()
+
+    def delete_light(self, name: str) -> None:
+        """Take a light away; WorldError naming those that exist."""
+        del self.lights[self.light(name).name]
+        if self._renderer is not None:
+            self._renderer.light = self._sunlight()
+
+    def _sunlight(self) -> Light:
+        """What the renderers know of light: one sun, with the strength of its diffuse colour."""
+        for light in self.lights.values():
+            if light.kind == "directional":
+                return Light(light.direction, diffuse=max(light.diffuse[:3]))
+        return Light(diffuse=0.0)
+
+    def change(self, name: str, description: RobotDescription) -> None:
+        """Give a model other masses, damping or limits (see world/changes.py); its state goes on.
+
+        Raises:
+            WorldError: no such model, or numbers that cannot be simulated; nothing is changed then.
+        """
+        model = self.world.model(name)
+        old = model.body_id
+        self.world.change(name, description)
+        self._materials.forget(old)
+        self._colour(model)
 
     def step(self) -> None:
         """One tick in Gazebo's order: time, controllers, physics, sensors."""
@@ -209,7 +261,7 @@ class Simulation:
                 self.config.renderer,
                 self.world.client,
                 self._materials,
-                Light(self.config.sun_direction),
+                self._sunlight(),
             )
             log.info("cameras are drawn by %s", self._renderer.name)
         sensor = CameraSensor(config, self._renderer)
@@ -219,7 +271,8 @@ class Simulation:
 
     def _colour(self, model: Model) -> None:
         """Give the renderer Gazebo's colours; links without a material are white."""
-        colours = {}
+        colours = {model.link_index(link): rgba
+                   for link, rgba in model.description.colours.items()}
         for index, name in model.materials.items():
             if name not in COLOURS:
                 raise RenderingError(
@@ -228,3 +281,5 @@ class Simulation:
                 )
             colours[index] = COLOURS[name]
         self._materials.set_body(model.body_id, colours)
+        if self.config.gui:
+            model.paint(colours, WHITE)

@@ -80,9 +80,11 @@ class Pipeline:
         colour = None
         if self.settings.segmentation.method == "colour":
             colour = image.rgb if image.has_colour else None
-        target = segment(
-            image.grey, self.settings.segmentation, colour, self._previous, self.region
-        )
+        seen = self._seen(image.grey)
+        options = (self.settings.segmentation, colour, self._previous, self.region)
+        target = segment(seen, *options)
+        if target.reason and seen is not image.grey:
+            target = segment(image.grey, *options)  # to say what is wrong with what is there
         reason = target.reason
         if not reason and camera is None:
             reason = self.camera_fault
@@ -101,6 +103,19 @@ class Pipeline:
             return Measurement(False, str(error), target, None, camera)
         reason = _unfit(target, moments)
         return Measurement(not reason, reason, target, moments, camera)
+
+    def _seen(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """The image with ground where the lens gives no normalised coordinates.
+
+        At the rim of a fisheye's picture stand things that no pinhole can see; the largest dark
+        one of them must not pass for the target. A target that reaches there is still refused:
+        its moments are taken from the image as it is.
+        """
+        camera = self.camera
+        if camera is None or camera.blind is None or camera.blind.shape != grey.shape:
+            return grey
+        ground = 255 if self.settings.segmentation.dark_target else 0
+        return np.where(camera.blind, np.uint8(ground), grey)
 
     def original(self, image: Image) -> list[float]:
         """The numbers of camera/data, from the fixed threshold of the original.

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .errors import CalibrationError
 from .moments import Array, Pinhole
@@ -120,6 +121,14 @@ class CameraModel:
         return PixelTables(
             np.where(valid, x, 0.0), np.where(valid, y, 0.0), np.where(valid, area, 0.0)
         )
+
+    @cached_property
+    def blind(self) -> NDArray[np.bool_] | None:
+        """(rows, columns), True where pixels have no normalised coordinates; None: nowhere."""
+        if not self.distorted:
+            return None
+        blind = self.tables.area <= 0.0
+        return blind if blind.any() else None
 
     def normalise(self, u: Array, v: Array) -> tuple[Array, Array, Array]:
         """Undistorted x, y (n,) of pixel places u (column), v (row), and where that worked."""

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rospkg
@@ -177,16 +178,16 @@ class ControllerNode:
             return
         self._sent = values
         for publisher, value in zip(self._commands, values, strict=True):
-            publisher.publish(Float64(float(value)))
+            _publish(publisher, Float64(float(value)))
 
     def _report(self, command: ServoCommand, stamp: rospy.Time) -> None:
         self._reported = command.stamp
         message = conversions.fill_state(ServoState(), command, self._settings.scheme)
         message.header.stamp = stamp
-        self._state.publish(message)
+        _publish(self._state, message)
         twist = TwistStamped(header=message.header)
         conversions.fill_twist(twist.twist, command.twist)
-        self._twist.publish(twist)
+        _publish(self._twist, twist)
         self._say(command.phase, command.reason)
 
     def _say(self, phase: str, reason: str) -> None:
@@ -219,6 +220,15 @@ class ControllerNode:
         if missing and now - self._said_at >= 1.0:
             command = self._loop.stalled(rospy.get_time(), "no " + " and no ".join(missing))
             self._report(command, rospy.Time.now())
+
+
+def _publish(publisher: rospy.Publisher, message: Any) -> None:
+    """Publish, but not into topics that the shutdown has closed while we were computing."""
+    try:
+        publisher.publish(message)
+    except rospy.ROSException:
+        if not rospy.core.is_shutdown_requested():
+            raise
 
 
 def main() -> int:

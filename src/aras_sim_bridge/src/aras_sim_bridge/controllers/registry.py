@@ -42,6 +42,7 @@ class Registry:
     """Known controller types: the built-in ones and those named by parameter."""
 
     def __init__(self) -> None:
+        self._imported: set[str] = set()
         self._reload: set[str] = set()
 
     def types(self, extra: Mapping | None = None) -> list[str]:
@@ -81,6 +82,7 @@ class Registry:
             else:
                 module = importlib.import_module(module_name)
             self._reload.discard(module_name)
+            self._imported.add(module_name)
             cls = getattr(module, class_name)
         # A user's module may fail in any way while it is imported.
         except Exception as error:
@@ -97,4 +99,5 @@ class Registry:
 
     def reload(self, extra: Mapping | None = None) -> None:
         """Import the users' modules anew when they are next asked for."""
-        self._reload = {str(path).partition(":")[0] for path in (extra or {}).values()}
+        named = {str(path).partition(":")[0] for path in (extra or {}).values()}
+        self._reload = named | self._imported

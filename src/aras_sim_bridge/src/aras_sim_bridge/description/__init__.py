@@ -1,4 +1,6 @@
-"""What a robot is: URDF and its <gazebo> tags as frozen dataclasses. Knows neither ROS nor Bullet.
+"""What a model is: URDF with its <gazebo> tags, or SDF, as frozen dataclasses.
+
+Knows neither ROS nor Bullet.
 
     robot = parse_urdf(xml)
     robot.joints["J1"].limits.effort
@@ -14,6 +16,7 @@ from aras_sim_bridge.description.model import (
     Joint,
     JointLimits,
     LensDescription,
+    Light,
     Link,
     Mimic,
     Noise,
@@ -22,6 +25,7 @@ from aras_sim_bridge.description.model import (
     Transmission,
     Visual,
 )
+from aras_sim_bridge.description.sdf import SdfContent, parse_sdf, read_sdf
 from aras_sim_bridge.description.urdf import parse_urdf
 
 __all__ = [
@@ -34,12 +38,16 @@ __all__ = [
     "Joint",
     "JointLimits",
     "LensDescription",
+    "Light",
     "Link",
     "Mimic",
     "Noise",
     "RobotDescription",
+    "SdfContent",
     "SoftLimits",
     "Transmission",
     "Visual",
+    "parse_sdf",
     "parse_urdf",
+    "read_sdf",
 ]

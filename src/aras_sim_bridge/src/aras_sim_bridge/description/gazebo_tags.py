@@ -80,22 +80,30 @@ def parse(root: Element, links: dict[str, Link], joints: dict[str, Joint],
     return tags
 
 
+def _setting(block: Element, tag: str) -> str | None:
+    """Text of a child, or its attribute `value`, as old URDF files have it."""
+    child = block.find(tag)
+    if child is not None and child.get("value") is not None:
+        return child.get("value")
+    return text_of(block, tag)
+
+
 def _link_flags(block: Element, name: str, tags: GazeboTags) -> None:
     where = f"<gazebo reference='{name}'>"
     link = tags.links[name]
-    material = text_of(block, "material")
+    material = _setting(block, "material")
     if material:
         tags.materials[name] = material
-    gravity = truth(text_of(block, "gravity"), f"{where}: gravity", link.gravity)
-    if truth(text_of(block, "turnGravityOff"), f"{where}: turnGravityOff", False):
+    gravity = truth(_setting(block, "gravity"), f"{where}: gravity", link.gravity)
+    if truth(_setting(block, "turnGravityOff"), f"{where}: turnGravityOff", False):
         gravity = False
-    mu = text_of(block, "mu1")
+    mu = _setting(block, "mu1")
     friction = link.mu if mu is None else number(mu, f"{where}: mu1")
     if friction is not None and friction < 0.0:
         raise DescriptionError(f"{where}: mu1 is {friction}; it must not be negative")
     tags.links[name] = replace(
         link, gravity=gravity, mu=friction,
-        kinematic=truth(text_of(block, "kinematic"), f"{where}: kinematic", link.kinematic),
+        kinematic=truth(_setting(block, "kinematic"), f"{where}: kinematic", link.kinematic),
     )
 
 

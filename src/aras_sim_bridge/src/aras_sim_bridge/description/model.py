@@ -231,10 +231,29 @@ class CameraDescription:
 
 
 @dataclass(frozen=True)
+class Light:
+    """A light of an SDF world. kind: directional, point or spot. direction: from the light,
+    in the world; attenuation: Gazebo's, cameras here do not fade."""
+
+    name: str
+    kind: str = "directional"
+    origin_xyz: Vector3 = (0.0, 0.0, 10.0)
+    origin_rpy: Vector3 = ZERO
+    diffuse: Rgba = (0.8, 0.8, 0.8, 1.0)
+    specular: Rgba = (0.2, 0.2, 0.2, 1.0)
+    direction: Vector3 = (-0.4834, 0.0967, -0.8701)
+    attenuation_constant: float = 0.9
+    attenuation_linear: float = 0.01
+    attenuation_quadratic: float = 0.001
+    cast_shadows: bool = False
+
+
+@dataclass(frozen=True)
 class RobotDescription:
     """A whole model. Mappings keep file order and are read-only.
 
     materials: link -> Gazebo material name ('Gazebo/Black'); a link without one is drawn white.
+    colours: link -> rgba that cameras see, for links without a material name (SDF only).
     static: the model never moves (`<gazebo><static>true`). warnings: what was repaired or ignored
     while reading, one sentence each, for the caller to log.
     initial_pose: (xyz, rpy) written in the file (SDF only). xml: as resolved, for `robotParam`.
@@ -248,6 +267,7 @@ class RobotDescription:
     control_plugins: tuple[ControlPlugin, ...] = ()
     cameras: tuple[CameraDescription, ...] = ()
     materials: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    colours: Mapping[str, Rgba] = field(default_factory=lambda: MappingProxyType({}))
     static: bool = False
     warnings: tuple[str, ...] = ()
     initial_pose: tuple[Vector3, Vector3] = (ZERO, ZERO)

@@ -64,6 +64,7 @@ class OpenGLRenderer:
         self._finders: dict[tuple[int, int], EdgeFinder] = {}
         self._lenses: dict[tuple, LensPass] = {}
         self._geometry: Geometry | None = None
+        self._drawn_version = -1
 
     def snapshot(self) -> None:
         self.scene.snapshot()
@@ -165,7 +166,10 @@ class OpenGLRenderer:
 
     def _prepare(self, view: View, blend: float) -> tuple[np.ndarray, np.ndarray]:
         """Upload what changed; link poses in the optical frame and the sun in link frames."""
-        if self.scene.refresh() or self._geometry is None:
+        self.scene.refresh()
+        # By number, not by what refresh says: a snapshot may have been the one to see the change.
+        if self.scene.version != self._drawn_version or self._geometry is None:
+            self._drawn_version = self.scene.version
             if self._geometry is not None:
                 self._geometry.release()
             self._geometry = Geometry(self._ctx, self.scene)
@@ -173,20 +177,25 @@ class OpenGLRenderer:
         optical_T_link = np.linalg.inv(view.world_T_optical) @ world_T_link
         return optical_T_link, self.light.to_sun @ world_T_link[:, :3, :3]
 
-    def _picture(self, shown: _Shown, size: tuple[int, int], samples: int = 1) -> np.ndarray:
+    def _picture(self, shown: _Shown, size: tuple[int, int], samples: int = 1,
+                 lattice: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
         """Draw into a framebuffer of `size`; its pixels, (height, width, 4)."""
-        return self._drawn(shown, size, samples).read(self._ctx)
+        return self._drawn(shown, size, samples, lattice=lattice).read(self._ctx)
 
     def _drawn(self, shown: _Shown, size: tuple[int, int], samples: int = 1,
-               texture: bool = False) -> Target:
+               texture: bool = False, lattice: tuple[float, float] = (0.0, 0.0)) -> Target:
         key = (*size, samples, texture)
         if key not in self._targets:
             self._targets[key] = Target(self._ctx, *size, samples, texture)
         target = self._targets[key]
         target.draw.use()
         target.draw.clear(*self.light.background)
-        self._geometry.draw(self._program(len(shown.faces) > 1), shown.faces, shown.triangle,
-                            shown.face, shown.optical_T_link, shown.sun)
+        tiled = len(shown.faces) > 1 or lattice[0] > 0.0
+        program = self._program(tiled)
+        if tiled:
+            program["lattice"] = lattice
+        self._geometry.draw(program, shown.faces, shown.triangle, shown.face,
+                            shown.optical_T_link, shown.sun)
         return target
 
     def _refine(self, view: View, rgba: np.ndarray, shown: _Shown, bounds: np.ndarray
@@ -213,8 +222,10 @@ class OpenGLRenderer:
         rows = _atlas_rows(len(corners))
         fine = _Shown(tiles(view, corners, TILE, ATLAS_COLUMNS, rows), triangle, tile,
                       shown.optical_T_link, shown.sun)
-        atlas = self._picture(fine, (ATLAS_COLUMNS * TILE * factor, rows * TILE * factor))
-        refinement.paste(rgba, atlas, corners, factor)
+        size = TILE * (factor + 1)
+        atlas = self._picture(fine, (ATLAS_COLUMNS * size, rows * size),
+                              lattice=refinement.lattice(factor))
+        refinement.paste_sheared(rgba, atlas, corners, factor)
         return rgba
 
     def _denser(self, shown: _Shown, width: int, height: int, factor: int) -> np.ndarray:

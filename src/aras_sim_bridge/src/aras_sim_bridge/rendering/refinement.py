@@ -67,3 +67,28 @@ def paste(image: np.ndarray, atlas: np.ndarray, corners: np.ndarray, factor: int
         row, column = divmod(n, columns)
         image[v:v + TILE, u:u + TILE] = atlas[row * TILE:(row + 1) * TILE,
                                               column * TILE:(column + 1) * TILE]
+
+
+def lattice(factor: int) -> tuple[float, float]:
+    """The shader's shear that puts the samples of a tile on a lattice.
+
+    factor x factor samples in a square grid tell an upright edge only factor places in a pixel.
+    Sheared by one sample a pixel along both axes, X' = X + Y / factor - 1/2 and likewise Y', all
+    of them stand in different columns and rows: factor^2 places, for the same price. A pixel is
+    still a square block of samples, moved by one sample for every pixel across.
+    """
+    x = 1.0 / (factor + 1)
+    return x, x / TILE
+
+
+def paste_sheared(image: np.ndarray, atlas: np.ndarray, corners: np.ndarray, factor: int) -> None:
+    """Mean of every pixel's samples from the sheared atlas into image (height, width, 4)."""
+    mean = cv2.boxFilter(atlas, -1, (factor, factor), anchor=(0, 0),
+                         borderType=cv2.BORDER_REPLICATE)
+    size = TILE * (factor + 1)
+    columns = atlas.shape[1] // size
+    across = np.arange(TILE)
+    rows = factor * across[:, None] + across[None, :]
+    for n, (u, v) in enumerate(corners.tolist()):
+        row, column = divmod(n, columns)
+        image[v:v + TILE, u:u + TILE] = mean[row * size + rows, column * size + rows.T]

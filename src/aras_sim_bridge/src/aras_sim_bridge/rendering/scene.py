@@ -7,7 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import pybullet
+
+from aras_sim_bridge.bullet import pybullet
 
 from . import meshes
 from .gazebo_materials import COLOURS, Rgba

@@ -19,6 +19,9 @@ out float v_depth;
 flat out float v_label;
 #endif
 uniform vec2 light;        // ambient, diffuse
+#ifdef TILED
+uniform vec2 lattice;
+#endif
 out float v_light;         // shading is smooth between vertices
 flat out vec4 v_rgba;
 #ifdef TEXTURED
@@ -33,6 +36,8 @@ void main() {
     v_rgba = rgba;
     vec2 xy = projection.xz * q.xy + projection.yw * q.z;
 #ifdef TILED
+    // Sheared into refinement's lattice: x = 1 / (factor + 1), y = x / TILE, or 0 for none.
+    xy = (1.0 - lattice.x) * xy + lattice.x * xy.yx - lattice.y * q.z;
     gl_ClipDistance[0] = q.z + xy.x;
     gl_ClipDistance[1] = q.z - xy.x;
     gl_ClipDistance[2] = q.z + xy.y;

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-import rospy
+import struct
+
 from rosgraph_msgs.msg import Clock
 
-from aras_sim_bridge.ros.conversions import to_time
+from aras_sim_bridge.ros.quick_publisher import QuickPublisher
+
+_TIME = struct.Struct("<II")  # a serialised Clock: secs, nsecs
 
 
 class ClockPublisher:
@@ -15,8 +18,7 @@ class ClockPublisher:
         """Advertise /clock; rate in Hz of simulated time, 0 publishes every step."""
         self._period_ns = round(1e9 / rate) if rate > 0 else 0
         self._next_ns = 0
-        self._publisher = rospy.Publisher("/clock", Clock, queue_size=10, tcp_nodelay=True)
-        self._message = Clock()
+        self._publisher = QuickPublisher("/clock", Clock, queue_size=10)
 
     def update(self, time_ns: int) -> None:
         """Publish when the period since the last multiple of it is over."""
@@ -28,8 +30,7 @@ class ClockPublisher:
 
     def publish(self, time_ns: int) -> None:
         """Publish now, whatever the period says."""
-        self._message.clock = to_time(time_ns)
-        self._publisher.publish(self._message)
+        self._publisher.publish_bytes(_TIME.pack(*divmod(time_ns, 1_000_000_000)))
 
     def restart(self) -> None:
         """Go on at once after simulated time was set back to zero."""

@@ -24,12 +24,13 @@ from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.pid import Gains, Pid
 from aras_sim_bridge.ros.conversions import to_duration, to_time
 from aras_sim_bridge.ros.lockstep import COUNT
+from aras_sim_bridge.ros.quick_publisher import QuickPublisher
 from aras_sim_bridge.ros.reconfigure import PID_FIELDS, ReconfigureServer
 from aras_sim_bridge.ros.trajectory_topics import TrajectoryAction, from_trajectory, to_state
 
 log = logging.getLogger("rosout.controllers")
 
-FLOOD_PERIOD = 0.002  # seconds of wall time between two decoded commands of a flood
+FLOOD_PERIOD = 0.004  # seconds of wall time between two decoded commands: a batch of steps
 BUFFER_SIZE = 1 << 20  # bytes taken from the socket in one go
 COMPLAINT_PERIOD = 5.0  # seconds of wall time between two lines about the same fault
 
@@ -116,9 +117,9 @@ class PidTopics:
             },
             self._apply,
         )
-        self._publisher: rospy.Publisher | None = None
+        self._publisher: QuickPublisher | None = None
         if pid.publish_state:
-            self._publisher = rospy.Publisher(
+            self._publisher = QuickPublisher(
                 f"{namespace}/state",
                 PidState,
                 queue_size=1,
@@ -167,7 +168,7 @@ class ControllerTopics:
         self._namespace = controller.context.where
         self._robot_namespace = robot_namespace.rstrip("/")
         self._parts: list[Any] = []
-        self._state: rospy.Publisher | None = None
+        self._state: QuickPublisher | None = None
         self._open_command()
         self._open_state()
         for name, pid in controller.pids.items():
@@ -225,12 +226,8 @@ class ControllerTopics:
             self.controller.on_state = on_state if on else None
 
         self._state_message = message()
-        self._state = rospy.Publisher(
-            topic,
-            message,
-            queue_size=queue_size,
-            subscriber_listener=_Toggle(switch),
-            tcp_nodelay=True,
+        self._state = QuickPublisher(
+            topic, message, queue_size, subscriber_listener=_Toggle(switch)
         )
 
     def _on_controller_state(self, state: Any) -> None:

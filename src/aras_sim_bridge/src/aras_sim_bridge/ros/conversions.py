@@ -10,7 +10,10 @@ from geometry_msgs.msg import Point, Quaternion, Vector3
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import Twist as TwistMessage
 
+from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.world.poses import Pose, Twist, checked_pose, checked_vector
+
+LARGEST = 1e9  # m, m/s, rad/s, N: what a client may ask for; squares of more leave the floats
 
 
 def to_time(time_ns: int) -> genpy.Time:
@@ -42,15 +45,23 @@ def from_pose(message: PoseMessage, what: str) -> Pose:
     """Return a pose; the zero quaternion is identity, as Gazebo takes it.
 
     Raises:
-        WorldError: naming `what` when a number is not finite.
+        WorldError: naming `what` when a number is not finite or beyond LARGEST.
     """
     p, q = message.position, message.orientation
+    from_vector(p, f"{what}: position")
     return checked_pose(((p.x, p.y, p.z), (q.x, q.y, q.z, q.w)), what, zero_is_identity=True)
 
 
 def from_vector(message: Vector3 | Point, what: str) -> tuple[float, float, float]:
-    """Return (x, y, z); raises WorldError naming `what` when one is not finite."""
-    return checked_vector((message.x, message.y, message.z), what)
+    """Return (x, y, z); raises WorldError naming `what`: one is not finite or beyond LARGEST."""
+    return bounded(checked_vector((message.x, message.y, message.z), what), what)
+
+
+def bounded(values: tuple[float, ...], what: str) -> tuple[float, ...]:
+    """Return the values; raises WorldError naming `what` when one is beyond LARGEST or NaN."""
+    if not all(abs(value) <= LARGEST for value in values):
+        raise WorldError(f"{what}: {values} is not finite or beyond ±{LARGEST:g}")
+    return values
 
 
 def from_twist(message: TwistMessage, what: str) -> Twist:

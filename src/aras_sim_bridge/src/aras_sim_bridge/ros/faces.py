@@ -10,6 +10,8 @@ from aras_sim_bridge.ros.controller_services import ControllerServices
 from aras_sim_bridge.ros.lockstep import Lockstep
 from aras_sim_bridge.ros.simulation_thread import SimulationThread
 
+SYNC_TIMEOUT = 60.0  # seconds of wall time: a spawn may be under way, and takes its time
+
 
 class Faces:
     """The ROS faces of what is in the simulation now."""
@@ -31,7 +33,7 @@ class Faces:
             return dict(simulation.robots), list(simulation.cameras)
 
         with self._lock:
-            robots, cameras = self._thread.call(look)
+            robots, cameras = self._thread.call(look, SYNC_TIMEOUT)
             self._close_gone(robots, cameras)
             for name, robot in robots.items():
                 if name not in self._robots:

@@ -20,6 +20,7 @@ from aras_sim_bridge.ros.gazebo_api import GazeboApi
 from aras_sim_bridge.ros.lockstep import Lockstep
 from aras_sim_bridge.ros.master_watch import MasterWatch
 from aras_sim_bridge.ros.parameters import NodeParameters
+from aras_sim_bridge.ros.real_time_factor import RealTimeFactor
 from aras_sim_bridge.ros.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world_file import WorldFile
@@ -64,6 +65,7 @@ class GazeboNode:
         if parameters.enable_ros_network:
             self.api = GazeboApi(self)
             mount_world_cameras(self.thread)
+            RealTimeFactor(lambda: self.real_time_factor)
             self.faces.sync()
         if not parameters.paused:
             self.thread.unpause()
@@ -145,9 +147,9 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
     if gui and not os.environ.get("DISPLAY"):
         rospy.logwarn("gui is true but DISPLAY is not set; going on without a window")
         gui = False
-    if world.ignored:
-        rospy.logwarn("not built from the world file: %s; spawn them", ", ".join(world.ignored))
-    return Simulation(
+    for warning in world.warnings:
+        rospy.logwarn("world file: %s", warning)
+    simulation = Simulation(
         SimulationConfig(
             time_step=world.time_step,
             gravity=world.gravity,
@@ -156,9 +158,15 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
             seed=parameters.seed,
             legacy_camera_info=parameters.legacy_camera_info,
             ground_plane=world.ground_plane,
-            sun_direction=world.sun_direction,
+            lights=world.lights,
         )
     )
+    try:
+        world_file.populate(simulation, world)
+    except SimError:
+        simulation.close()
+        raise
+    return simulation
 
 
 def _private_parameters() -> dict[str, Any]:

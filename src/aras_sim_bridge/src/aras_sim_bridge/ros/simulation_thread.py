@@ -257,8 +257,12 @@ class SimulationThread:
             end = pacer.due_until(simulation.time_ns)
             if simulation.time_ns < end:
                 while simulation.time_ns < end and not (gate is not None and gate.closed):
-                    step()
-                    if jobs:
+                    try:
+                        step()
+                    except SimError as error:  # it diverged: whoever is there may reset it
+                        self._paused = True
+                        log.error("simulated time stands still: %s", error)
+                    if jobs or self._paused:
                         break
                 self._after_batch(simulation.time_ns)
             delay = pacer.wait(simulation.time_ns)

@@ -4,7 +4,7 @@ Bullet never sees the user's file: only what was checked reaches it, with absolu
 principal inertias, and without what the World does itself (damping, friction, limits in effort).
 """
 
-import math
+from dataclasses import replace
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -20,18 +20,57 @@ from aras_sim_bridge.description.model import (
     RobotDescription,
     Visual,
 )
-from aras_sim_bridge.world.poses import Pose, multiply, normalised, quaternion_from_rpy
+from aras_sim_bridge.world.poses import (
+    Pose,
+    multiply,
+    normalised,
+    quaternion_from_rpy,
+    rpy_from_quaternion,
+)
 
 
 def root_is_fixed(description: RobotDescription) -> bool:
     """Whether the model's root link stays where it is put.
 
-    True for a root named 'world' (ROS's way to bolt a robot down), a root without mass (which no
-    free body has), a root that the file calls kinematic (`<gazebo reference="root"><kinematic>`:
-    never moved by forces, in Gazebo too) and a static model.
+    True for a root named 'world' (ROS's way to bolt a robot down), a root without mass, of its own
+    or of links fixed to it (no free body is without), a root that the file calls kinematic
+    (`<gazebo reference="root"><kinematic>`: never moved by forces, in Gazebo too) and a static
+    model.
+    """
+    root = with_massive_root(description).links[description.root]
+    return description.static or root.name == "world" or root.kinematic or root.inertial is None
+
+
+def with_massive_root(description: RobotDescription) -> RobotDescription:
+    """The same bodies, with mass in the root where that hangs on a fixed joint in the file.
+
+    Many mobile robots have a massless base_link with the chassis fixed to it; Gazebo lumps the two
+    together. Bullet would nail such a root to the world, so the heaviest link that is fixed to it
+    lends it its inertial; as one rigid body the two move as before.
     """
     root = description.links[description.root]
-    return description.static or root.name == "world" or root.kinematic or root.inertial is None
+    if root.inertial is not None or description.static or root.name == "world":
+        return description
+    found: list[tuple[Link, Pose]] = []
+    pending = [(root.name, Pose())]
+    while pending:
+        parent, root_t_parent = pending.pop()
+        for joint in description.joints.values():
+            if joint.parent == parent and joint.kind == "fixed":
+                pose = root_t_parent @ Pose.from_rpy(joint.origin_xyz, joint.origin_rpy)
+                pending.append((joint.child, pose))
+                found.append((description.links[joint.child], pose))
+    found = [(link, pose) for link, pose in found if link.inertial is not None]
+    if not found:
+        return description
+    lender, root_t_lender = max(found, key=lambda pair: pair[0].inertial.mass)
+    own = lender.inertial
+    frame = root_t_lender @ Pose.from_rpy(own.origin_xyz, own.origin_rpy)
+    lent = Inertial(own.mass, frame.xyz, rpy_from_quaternion(frame.quat), own.inertia)
+    links = dict(description.links)
+    links[root.name] = replace(root, inertial=lent, gravity=root.gravity and lender.gravity)
+    links[lender.name] = replace(lender, inertial=None)
+    return replace(description, links=links)
 
 
 def principal_inertial(inertial: Inertial) -> tuple[Pose, tuple[float, float, float]]:
@@ -69,7 +108,7 @@ def _link(link: Link, concave: bool) -> str:
         mass = link.inertial.mass
     ixx, iyy, izz = moments
     body = (
-        f"<inertial>{_origin(pose.xyz, _rpy(pose.quat))}<mass value=\"{mass!r}\"/>"
+        f"<inertial>{_origin(pose.xyz, rpy_from_quaternion(pose.quat))}<mass value=\"{mass!r}\"/>"
         f'<inertia ixx="{ixx!r}" ixy="0" ixz="0" iyy="{iyy!r}" iyz="0" izz="{izz!r}"/></inertial>'
     )
     body += "".join(_visual(v) for v in link.visuals)
@@ -98,7 +137,8 @@ def _slab(visual: Visual) -> Visual:
     tilt = Pose((0.0, 0.0, 0.0), normalised((*axis.tolist(), 1.0 + float(normal[2])))) \
         if normal[2] > -1.0 else Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
     pose = Pose.from_rpy(visual.origin_xyz, visual.origin_rpy) @ tilt @ Pose((0.0, 0.0, -0.01))
-    return Visual(visual.name, pose.xyz, _rpy(pose.quat), Geometry("box", size=size), visual.rgba)
+    return Visual(visual.name, pose.xyz, rpy_from_quaternion(pose.quat),
+                  Geometry("box", size=size), visual.rgba)
 
 
 def _collision(collision: Collision, concave: bool) -> str:
@@ -155,15 +195,3 @@ def _quaternion(rotation: np.ndarray) -> tuple[float, float, float, float]:
         (r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], squares[3]),
     )
     return normalised(tuple(float(v) for v in rows[int(np.argmax(squares))]))
-
-
-def _rpy(quat: tuple) -> tuple[float, float, float]:
-    """Fixed-axis roll, pitch, yaw of a unit quaternion."""
-    x, y, z, w = quat
-    sine = max(-1.0, min(1.0, 2.0 * (w * y - z * x)))
-    pitch = math.asin(sine)
-    if abs(sine) > 1.0 - 1e-12:
-        return 0.0, pitch, -2.0 * math.copysign(1.0, sine) * math.atan2(x, w)
-    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return roll, pitch, yaw

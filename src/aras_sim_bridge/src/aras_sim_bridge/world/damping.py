@@ -16,7 +16,8 @@ Bullet applies URDF damping explicitly, tau = -d v, which rings past d dt / I = 
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pybullet
+
+from aras_sim_bridge.bullet import pybullet
 
 if TYPE_CHECKING:
     from aras_sim_bridge.world.model import Model

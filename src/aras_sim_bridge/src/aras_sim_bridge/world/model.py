@@ -6,8 +6,7 @@ import tempfile
 from collections.abc import Sequence
 from types import MappingProxyType
 
-import pybullet
-
+from aras_sim_bridge.bullet import pybullet
 from aras_sim_bridge.description.model import RobotDescription
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.world import bullet_file
@@ -46,6 +45,13 @@ class Model:
         self.spawn_pose = pose
         self.spawn_positions = joint_positions
         self.fixed_base = fixed_base
+        self._describe(description)
+        self.body_id = -1
+        self._load()
+
+    def _describe(self, description: RobotDescription) -> None:
+        """Note what the description says about joints and masses."""
+        self.description = description
         self.joint_names: tuple[str, ...] = (
             () if description.static else description.moving_joints()
         )
@@ -58,24 +64,22 @@ class Model:
             (j.limits.lower, j.limits.upper)
             if j.limits is not None and j.limits.lower is not None else None for j in joints
         ]
+        self._bodies = bullet_file.with_massive_root(description)
         self._inertial_poses = {
             link.name: IDENTITY if link.inertial is None
             else bullet_file.principal_inertial(link.inertial)[0]
-            for link in description.links.values()
+            for link in self._bodies.links.values()
         }
         self._weightless = {
-            link.name: link.inertial.mass for link in description.links.values()
+            link.name: link.inertial.mass for link in self._bodies.links.values()
             if not link.gravity and link.inertial is not None
         }
-        self._overrides: dict[str, tuple] = {}
-        self.body_id = -1
-        self._load()
 
     # ------------------------------------------------------------------ loading
 
     def _load(self) -> None:
         """Bring the model into Bullet at its spawn pose and configuration, at rest."""
-        text = bullet_file.to_urdf(self.description, self.fixed_base)
+        text = bullet_file.to_urdf(self._bodies, self.fixed_base)
         handle, path = tempfile.mkstemp(prefix="aras_sim_bridge_", suffix=".urdf")
         try:
             with os.fdopen(handle, "w", encoding="utf-8") as file:
@@ -104,8 +108,31 @@ class Model:
     def reload(self) -> None:
         """As `_load`, into a Bullet that was emptied; for `World.reset_simulation`."""
         self._load()
-        for override in self._overrides.values():
-            self._change_dynamics(*override)
+
+    def rebuild(self, description: RobotDescription) -> None:
+        """Go on from the present state as `description`: the same links and joints, other numbers.
+
+        Bullet cannot move a centre of mass; so the body is loaded anew, with a new body id.
+        """
+        states = [pybullet.getJointState(self.body_id, i, self.client)[:2]
+                  for i in self._bullet_joint]
+        pose, twist = self.link_state(self.description.root)
+        self.remove()
+        self._describe(description)
+        self._load()
+        self.set_pose(pose)
+        if not self.fixed_base:
+            self.set_twist(twist)
+        for index, (position, velocity) in zip(self._bullet_joint, states, strict=True):
+            pybullet.resetJointState(self.body_id, index, position, velocity,
+                                     physicsClientId=self.client)
+        self._joint_cache = None
+
+    def remove(self) -> None:
+        """Take the body and its constraints out of Bullet."""
+        for gear in self._gears:
+            pybullet.removeConstraint(gear, physicsClientId=self.client)
+        pybullet.removeBody(self.body_id, physicsClientId=self.client)
 
     def _index_links(self) -> None:
         links: dict[str, int] = {self.description.root: -1}
@@ -128,7 +155,7 @@ class Model:
         """No hidden forces: Bullet's motors, damping and velocity bound off, ours on."""
         client, body = self.client, self.body_id
         for name, index in self._links.items():
-            link = self.description.links[name]
+            link = self._bodies.links[name]
             settings = {
                 "linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0,
                 "maxJointVelocity": _UNBOUNDED_VELOCITY,
@@ -212,8 +239,14 @@ class Model:
         self._dirty = True
 
     def set_position(self, joint: str, position: float) -> None:
-        """Put `joint` there at rest, kinematically, as Gazebo's Joint::SetPosition does."""
-        self.set_joint_positions({joint: position})
+        """Put `joint` there at rest, kinematically, as Gazebo's Joint::SetPosition does.
+
+        For drives that do so every step.
+
+        Raises:
+            WorldError: unknown joint or a number that is not finite; nothing is changed then.
+        """
+        self._place({joint: position})
 
     def set_joint_positions(self, positions: dict[str, float]) -> None:
         """Put joints at `positions` (rad or m), at rest; the others stay.
@@ -223,6 +256,10 @@ class Model:
         Raises:
             WorldError: unknown joint or a number that is not finite; nothing is changed then.
         """
+        self._place(positions)
+        self._damping.changed()
+
+    def _place(self, positions: dict[str, float]) -> None:
         slots = {}
         for joint, position in positions.items():
             slots[self._require(joint)] = float(position)
@@ -234,9 +271,10 @@ class Model:
             pybullet.resetJointState(self.body_id, self._bullet_joint[slot], value, 0.0,
                                      physicsClientId=self.client)
         self._joint_cache = None
-        self._damping.changed()
 
     def _with_followers(self, slots: dict[int, float]) -> dict[int, float]:
+        if not self._gears:
+            return slots
         result = dict(slots)
         for _ in self._gears:
             for i, name in enumerate(self.joint_names):
@@ -469,13 +507,17 @@ class Model:
 
     # ------------------------------------------------------------------ properties
 
-    def _change_dynamics(self, index: int, settings: dict) -> None:
-        pybullet.changeDynamics(self.body_id, index, physicsClientId=self.client, **settings)
-
     @property
     def link_indices(self) -> MappingProxyType:
         """Bullet's index of each link by name; -1 is the root."""
         return MappingProxyType(self._links)
+
+    def paint(self, colours: dict[int, tuple], default: tuple) -> None:
+        """Colours (rgba) in PyBullet's window by Bullet link index; the others get `default`."""
+        shapes = pybullet.getVisualShapeData(self.body_id, physicsClientId=self.client)
+        for index in {shape[1] for shape in shapes}:
+            pybullet.changeVisualShape(self.body_id, index, rgbaColor=colours.get(index, default),
+                                       physicsClientId=self.client)
 
     @property
     def materials(self) -> MappingProxyType:

@@ -4,8 +4,7 @@ import logging
 import math
 from collections.abc import Mapping
 
-import pybullet
-
+from aras_sim_bridge.bullet import pybullet
 from aras_sim_bridge.description.model import (
     Collision,
     Geometry,
@@ -20,6 +19,7 @@ from aras_sim_bridge.world.poses import IDENTITY, Pose, Twist, checked_pose, che
 
 logger = logging.getLogger(__name__)
 
+SMALLEST_STEP = 1e-6  # s; simulated time is counted in nanoseconds
 LARGEST_STEP = 0.1  # s; beyond it no PID of ours and no contact is stable
 GRAVITY_BOUND = 100.0  # m/s², dynamic_reconfigure's range
 # Bullet stops iterating when the squared impulse change of a sweep falls below this; its default
@@ -61,7 +61,16 @@ class World:
                 from None
         if self.client < 0:
             raise WorldError("Bullet does not start: no free client, or no display for gui:=true")
+        self._gui = gui
+        if gui:
+            self._show(pybullet.COV_ENABLE_GUI, False)  # panels of sliders and empty previews
+            self._show(pybullet.COV_ENABLE_SHADOWS, False)  # half of what a picture costs
         self._configure()
+
+    def _show(self, what: int, on: bool) -> None:
+        """Switch a part of PyBullet's window."""
+        if self._gui:
+            pybullet.configureDebugVisualizer(what, int(on), physicsClientId=self.client)
 
     def _configure(self) -> None:
         pybullet.setPhysicsEngineParameter(
@@ -131,6 +140,7 @@ class World:
         start = _start_positions(description, name, joint_positions or {})
         fixed = bullet_file.root_is_fixed(description) if fixed_base is None else fixed_base
         bodies = pybullet.getNumBodies(physicsClientId=self.client)
+        self._show(pybullet.COV_ENABLE_RENDERING, False)  # else a frame for each shape
         try:
             model = Model(self.client, description, name, pose, start, fixed,
                           self._gravity)
@@ -139,6 +149,8 @@ class World:
                 pybullet.removeBody(pybullet.getBodyUniqueId(i, physicsClientId=self.client),
                                     physicsClientId=self.client)
             raise
+        finally:
+            self._show(pybullet.COV_ENABLE_RENDERING, True)
         self.models[name] = model
         self._count_active()
         logger.debug("spawned '%s': %d links, %d joints, %s base", name, len(model.link_names),
@@ -165,8 +177,19 @@ class World:
     def delete(self, name: str) -> None:
         """Take a model out; WorldError when there is none of that name."""
         model = self.model(name)
-        pybullet.removeBody(model.body_id, physicsClientId=self.client)
+        model.remove()
         del self.models[name]
+        self._count_active()
+
+    def change(self, name: str, description: RobotDescription) -> None:
+        """Give a model other masses, damping or limits (see changes.py); its state goes on.
+
+        Raises:
+            WorldError: no such model, or a joint that moves no mass; nothing is changed then.
+        """
+        model = self.model(name)
+        _check_simulable(description, name)
+        model.rebuild(description)
         self._count_active()
 
     def _count_active(self) -> None:
@@ -224,8 +247,10 @@ class World:
 
 
 def _checked_step(value: float) -> float:
-    if not (isinstance(value, (int, float)) and 0.0 < value <= LARGEST_STEP):
-        raise WorldError(f"time step {value} s is not in (0, {LARGEST_STEP}]; 0.001 is usual")
+    if not (isinstance(value, (int, float)) and SMALLEST_STEP <= value <= LARGEST_STEP):
+        raise WorldError(
+            f"time step {value} s is not in [{SMALLEST_STEP}, {LARGEST_STEP}]; 0.001 is usual"
+        )
     return float(value)
 
 

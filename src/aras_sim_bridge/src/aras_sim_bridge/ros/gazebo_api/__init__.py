@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from aras_sim_bridge.ros.gazebo_api.forces import ForceServices
+from aras_sim_bridge.ros.gazebo_api.lights import LightServices
 from aras_sim_bridge.ros.gazebo_api.links import LinkServices
 from aras_sim_bridge.ros.gazebo_api.models import ModelServices
 from aras_sim_bridge.ros.gazebo_api.physics import PhysicsServices
@@ -25,5 +26,6 @@ class GazeboApi:
         self.forces = ForceServices(self.table, node)
         self.models = ModelServices(self.table, node)
         self.links = LinkServices(self.table, NAMESPACE, node, self.models)
+        self.lights = LightServices(self.table, node)
         self.physics = PhysicsServices(self.table, NAMESPACE, node)
         self.world = WorldServices(self.table, node)

@@ -5,26 +5,31 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.description import Light, RobotDescription, parse_sdf, parse_urdf, read_sdf
 from aras_sim_bridge.description.safe_xml import LARGEST_TEXT
-from aras_sim_bridge.errors import DescriptionError, SimError
+from aras_sim_bridge.errors import DescriptionError
 
 
 def without_prolog(xml: str) -> str:
     """Return the text without XML declaration and comments, as Gazebo's plugin strips them.
 
     Raises:
-        DescriptionError: when it is too long to be a model.
+        DescriptionError: when it is too long to be a model, or declares a document type.
     """
     if len(xml) > LARGEST_TEXT:
         raise DescriptionError(f"the model has {len(xml)} characters; the limit is {LARGEST_TEXT}")
     text = re.sub(r"<!--.*?-->", "", xml, flags=re.DOTALL)
-    return re.sub(r"^\s*<\?xml.*?\?>", "", text, flags=re.DOTALL).strip()
+    text = re.sub(r"^\s*<\?xml.*?\?>", "", text, flags=re.DOTALL).strip()
+    if text.startswith("<!"):
+        raise DescriptionError(
+            "document type and entity declarations are refused; remove <!DOCTYPE ...>"
+        )
+    return text
 
 
 def root_tag(text: str) -> str:
     """Return the name of the first element; '' when there is none."""
-    match = re.match(r"(?:<!DOCTYPE[^>]*>\s*)?<\s*([\w:.-]+)", text)
+    match = re.match(r"<\s*([\w:.-]+)", text)
     return match.group(1) if match else ""
 
 
@@ -33,20 +38,19 @@ def named_packages(text: str) -> list[str]:
     return sorted(set(re.findall(r"package://([^/\"'<\s]*)", text)))
 
 
-def parse(text: str) -> Any:
-    """Return the RobotDescription of a URDF or SDF text.
+def parse(text: str) -> RobotDescription | Light:
+    """Return what one model of URDF, or one model or light of SDF, describes.
 
     Raises:
-        SimError: when it is neither, or wrong.
+        SimError: when it is neither, or wrong, or more than one.
     """
     root = root_tag(text)
     if root == "robot":
         return parse_urdf(text)
     if root in ("sdf", "gazebo"):
-        try:
-            from aras_sim_bridge.description import parse_sdf
-        except ImportError:
-            raise SimError("SDF models are not supported yet; give URDF") from None
+        content = read_sdf(text)
+        if len(content.lights) == 1 and not content.models:
+            return content.lights[0]
         return parse_sdf(text)
     found = f"<{root}>" if root else "no element"
     raise DescriptionError(f"the model's root is {found}; give URDF (<robot>) or SDF (<sdf>)")

@@ -53,11 +53,11 @@ def frame(simulation: Any, name: str) -> tuple[Pose, Twist]:
         entity = simulation.world.models[name]
         root = entity.description.root
         return entity.link_pose(root), entity.link_twist(root)
+    if name in WORLD_ALIASES:  # also where a robot's root link is called 'world', as in Gazebo
+        return IDENTITY, Twist()
     try:
         entity, plain = link(simulation, name)
     except WorldError:
-        if name in WORLD_ALIASES:
-            return IDENTITY, Twist()
         raise WorldError(
             f"reference frame '{name}' does not exist; give a model, model::link, or world"
         ) from None

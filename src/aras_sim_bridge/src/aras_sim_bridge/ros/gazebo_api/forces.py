@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +17,7 @@ from gazebo_msgs.srv import (
 )
 
 from aras_sim_bridge.errors import WorldError
-from aras_sim_bridge.ros.conversions import from_time, from_vector
+from aras_sim_bridge.ros.conversions import bounded, from_time, from_vector
 from aras_sim_bridge.ros.gazebo_api import entities
 from aras_sim_bridge.ros.services import ServiceTable
 from aras_sim_bridge.world.poses import add, cross, rotate, subtract
@@ -119,8 +118,7 @@ class ForceServices:
         return ApplyBodyWrenchResponse(True, "")
 
     def _apply_effort(self, request: ApplyJointEffort) -> ApplyJointEffortResponse:
-        if not math.isfinite(request.effort):
-            raise WorldError(f"effort {request.effort} is not finite")
+        bounded((request.effort,), f"effort on '{request.joint_name}'")
 
         def job() -> None:
             model, joint = entities.joint(self._thread.simulation, request.joint_name)

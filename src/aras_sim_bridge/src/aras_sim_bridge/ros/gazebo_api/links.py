@@ -1,4 +1,4 @@
-"""Link, joint and light services."""
+"""Link and joint services, and the topics that set states."""
 
 from __future__ import annotations
 
@@ -7,20 +7,14 @@ from typing import Any
 import rospy
 from gazebo_msgs.msg import LinkState, ModelState
 from gazebo_msgs.srv import (
-    DeleteLight,
-    DeleteLightResponse,
     GetJointProperties,
     GetJointPropertiesResponse,
-    GetLightProperties,
-    GetLightPropertiesResponse,
     GetLinkProperties,
     GetLinkPropertiesResponse,
     GetLinkState,
     GetLinkStateResponse,
     SetJointProperties,
     SetJointPropertiesResponse,
-    SetLightProperties,
-    SetLightPropertiesResponse,
     SetLinkProperties,
     SetLinkPropertiesResponse,
     SetLinkState,
@@ -32,6 +26,7 @@ from aras_sim_bridge.errors import SimError, WorldError
 from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.gazebo_api import entities
 from aras_sim_bridge.ros.services import ServiceTable
+from aras_sim_bridge.world.changes import with_joint, with_link
 from aras_sim_bridge.world.poses import Twist, conjugate, rotate, subtract
 
 JOINT_TYPES = {
@@ -40,6 +35,9 @@ JOINT_TYPES = {
     "prismatic": GetJointPropertiesResponse.PRISMATIC,
     "fixed": GetJointPropertiesResponse.FIXED,
 }
+INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+# ODE's names of what Bullet's joints have; its motor at rest is Coulomb friction.
+JOINT_FIELDS = {"damping": "damping", "hiStop": "upper", "loStop": "lower", "fmax": "friction"}
 
 
 class LinkServices:
@@ -61,7 +59,7 @@ class LinkServices:
             (
                 "set_link_properties",
                 SetLinkProperties,
-                self._refuse_link,
+                self._set_link_properties,
                 SetLinkPropertiesResponse,
             ),
             (
@@ -73,12 +71,9 @@ class LinkServices:
             (
                 "set_joint_properties",
                 SetJointProperties,
-                self._refuse_joint,
+                self._set_joint_properties,
                 SetJointPropertiesResponse,
             ),
-            ("delete_light", DeleteLight, _no_light, DeleteLightResponse),
-            ("get_light_properties", GetLightProperties, _no_light, GetLightPropertiesResponse),
-            ("set_light_properties", SetLightProperties, _no_light, SetLightPropertiesResponse),
         ):
             table.add(
                 name,
@@ -159,8 +154,7 @@ class LinkServices:
             inertial = link.inertial
             response.com.position = Point(*inertial.origin_xyz)
             response.mass = inertial.mass
-            names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-            for name, value in zip(names, inertial.inertia, strict=True):
+            for name, value in zip(INERTIA, inertial.inertia, strict=True):
                 setattr(response, name, value)
         return response
 
@@ -185,17 +179,52 @@ class LinkServices:
             status_message="GetJointProperties: got properties",
         )
 
-    def _refuse_link(self, request: SetLinkProperties) -> None:
-        self._thread.call(lambda: entities.link(self._thread.simulation, request.link_name))
-        raise SimError("changing a link's inertia at run time is not supported; spawn it anew")
+    def _set_link_properties(self, request: SetLinkProperties) -> SetLinkPropertiesResponse:
+        com = conversions.from_vector(request.com.position, f"com of '{request.link_name}'")
+        inertia = tuple(getattr(request, name) for name in INERTIA)
+        conversions.bounded((request.mass, *inertia), f"mass and inertia of '{request.link_name}'")
 
-    def _refuse_joint(self, request: SetJointProperties) -> None:
-        self._thread.call(lambda: entities.joint(self._thread.simulation, request.joint_name))
-        raise SimError("changing a joint at run time is not supported; spawn the model anew")
+        def job() -> None:
+            simulation = self._thread.simulation
+            model, link = entities.link(simulation, request.link_name)
+            simulation.change(
+                model.name,
+                with_link(
+                    model.description, link, request.mass, com, inertia, request.gravity_mode
+                ),
+            )
 
+        self._thread.call(job)
+        return SetLinkPropertiesResponse(True, "SetLinkProperties: properties set")
 
-def _no_light(request: Any) -> None:
-    raise SimError(f"light '{request.light_name}' does not exist")
+    def _set_joint_properties(self, request: SetJointProperties) -> SetJointPropertiesResponse:
+        config = request.ode_joint_config
+        given: dict[str, float] = {}
+        for name in config.__slots__:
+            values = getattr(config, name)
+            if len(values) > 1:
+                raise SimError(
+                    f"{name} has {len(values)} numbers; joint '{request.joint_name}' has one axis"
+                )
+            if values:
+                given[name] = values[0]
+        if given.get("vel", 0.0) != 0.0:
+            raise SimError(f"vel is {given['vel']}; a joint is driven by a controller, give 0")
+        values = {JOINT_FIELDS[name]: given[name] for name in given if name in JOINT_FIELDS}
+
+        def job() -> None:
+            simulation = self._thread.simulation
+            model, joint = entities.joint(simulation, request.joint_name)
+            changed = with_joint(model.description, joint, **values)
+            if values:
+                simulation.change(model.name, changed)
+
+        self._thread.call(job)
+        text = "SetJointProperties: properties set"
+        idle = [name for name in given if name not in JOINT_FIELDS and name != "vel"]
+        if idle:
+            text += f"; {', '.join(idle)} of ODE have no counterpart and do nothing"
+        return SetJointPropertiesResponse(True, text)
 
 
 def _quietly(topic: str, handler: Any) -> Any:

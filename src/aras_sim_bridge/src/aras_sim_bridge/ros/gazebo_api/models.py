@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import rospy
@@ -22,14 +23,25 @@ from gazebo_msgs.srv import (
 )
 
 from aras_sim_bridge import packages
+from aras_sim_bridge.description import Light
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros import camera_settings, conversions
 from aras_sim_bridge.ros.controller_services import robot_parameters
 from aras_sim_bridge.ros.gazebo_api import descriptions, entities
 from aras_sim_bridge.ros.services import ServiceTable
-from aras_sim_bridge.world.poses import Twist, conjugate, rotate, subtract
+from aras_sim_bridge.world.poses import (
+    Pose,
+    Twist,
+    conjugate,
+    rotate,
+    rpy_from_quaternion,
+    subtract,
+)
 
 SPAWN_TIMEOUT = 60.0  # seconds of wall time: a large mesh takes its time
+
+LONGEST_NAME = 256  # characters
+
 
 
 class ModelServices:
@@ -92,8 +104,15 @@ class ModelServices:
         name = request.model_name
         if not name:
             raise SimError("model_name is empty; give the model a name")
+        if "::" in name or len(name) > LONGEST_NAME:
+            raise SimError(
+                f"model_name '{name[:60]}' cannot be: no '::', at most {LONGEST_NAME} characters"
+            )
         pose = conversions.from_pose(request.initial_pose, f"initial_pose of '{name}'")
         description = descriptions.parse(text)
+        if isinstance(description, Light):
+            return self._spawn_light(request, description, pose)
+        pose = pose @ Pose.from_rpy(*description.initial_pose)
         for warning in description.warnings:
             rospy.logwarn("model '%s': %s", name, warning)
         namespace = descriptions.robot_namespace(description, request.robot_namespace)
@@ -116,6 +135,25 @@ class ModelServices:
         camera_settings.warn_of_unused(presets, self._thread, description)
         self._node.faces.sync()
         return SpawnModelResponse(True, f"SpawnModel: Successfully spawned entity '{name}'")
+
+    def _spawn_light(self, request: SpawnModel, light: Light, pose: Pose) -> SpawnModelResponse:
+        name = request.model_name
+        placed = pose @ Pose.from_rpy(light.origin_xyz, light.origin_rpy)
+
+        def job() -> None:
+            simulation = self._thread.simulation
+            frame, _ = entities.frame(simulation, request.reference_frame)
+            at = frame @ placed
+            if name in simulation.lights:
+                raise SimError(f"a light named '{name}' exists already; delete it first")
+            rpy = rpy_from_quaternion(at.quat)
+            simulation.set_light(replace(light, name=name, origin_xyz=at.xyz, origin_rpy=rpy))
+
+        self._thread.call(job)
+        text = f"SpawnModel: Successfully spawned entity '{name}'"
+        if light.kind != "directional":
+            text += f"; a {light.kind} light is kept, but pictures are drawn by the sun alone"
+        return SpawnModelResponse(True, text)
 
     def _delete(self, request: DeleteModel) -> DeleteModelResponse:
         def job() -> None:
@@ -196,6 +234,7 @@ class ModelServices:
             raise SimError(
                 f"{len(names)} joint_names but {len(positions)} joint_positions; give as many"
             )
+        conversions.bounded(tuple(positions), "joint_positions")
         plain = [name.rpartition("::")[2] for name in names]
 
         def job() -> None:

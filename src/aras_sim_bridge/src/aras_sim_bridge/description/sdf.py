@@ -1,0 +1,394 @@
+"""SDF text -> models and lights.
+
+Of SDF this takes what stands still or hangs on simple joints: boxes, cylinders, spheres, capsules,
+planes and meshes, with colours, several links with fixed, revolute and prismatic joints, cameras,
+and lights. Everything else that would change what is simulated is refused by name, never skipped.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+from aras_sim_bridge import packages
+from aras_sim_bridge.description import gazebo_tags, safe_xml
+from aras_sim_bridge.description.inertia import checked_inertial
+from aras_sim_bridge.description.model import (
+    ZERO,
+    CameraDescription,
+    Collision,
+    Joint,
+    JointLimits,
+    Light,
+    Link,
+    Rgba,
+    RobotDescription,
+    Visual,
+)
+from aras_sim_bridge.description.safe_xml import number, numbers, shorten, text_of, truth
+from aras_sim_bridge.description.sdf_shapes import colour, geometry, material_name
+from aras_sim_bridge.description.urdf import unit
+from aras_sim_bridge.errors import DescriptionError
+from aras_sim_bridge.poses import Pose, rpy_from_quaternion
+
+Resolve = Callable[[str, str], str]
+
+_MODEL_TAGS = {"static", "pose", "link", "joint", "plugin", "self_collide", "allow_auto_disable",
+               "enable_wind"}
+_LINK_TAGS = {"pose", "inertial", "visual", "collision", "gravity", "kinematic", "sensor",
+              "self_collide", "velocity_decay", "enable_wind", "must_be_base_link"}
+_WORLD_TAGS = {"model", "light", "gravity", "physics", "scene", "include", "plugin", "gui", "wind",
+               "atmosphere", "magnetic_field", "spherical_coordinates", "audio"}
+_JOINT_KINDS = ("revolute", "prismatic", "fixed")
+_ENDLESS = 1e16  # SDF's way to say that a joint has no limit
+
+
+@dataclass(frozen=True)
+class SdfContent:
+    """models: in file order. lights: in file order. warnings: what was passed over, a sentence
+    each."""
+
+    models: tuple[RobotDescription, ...] = ()
+    lights: tuple[Light, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def parse_sdf(
+    xml: str,
+    resolve_package: Callable[[str], str] = packages.find,
+    base_directory: str | None = None,
+) -> RobotDescription:
+    """The one model of an SDF text; arguments as `parse_urdf`'s.
+
+    The model's own pose is in `initial_pose`; its root link's pose is worked into that link.
+
+    Raises:
+        DescriptionError: naming the element, what is wrong with it and how to mend it.
+    """
+    content = read_sdf(xml, resolve_package, base_directory)
+    if len(content.models) != 1 or content.lights:
+        raise DescriptionError(f"SDF: {len(content.models)} models and {len(content.lights)} "
+                               "lights; give one model at a time")
+    model = content.models[0]
+    return replace(model, warnings=(*content.warnings, *model.warnings))
+
+
+def read_sdf(
+    xml: str,
+    resolve_package: Callable[[str], str] = packages.find,
+    base_directory: str | None = None,
+) -> SdfContent:
+    """All models and lights of an SDF text, a `<world>` around them or not.
+
+    `<include>`s of model://ground_plane and model://sun, which every world has, are known.
+
+    Raises:
+        DescriptionError: as `parse_sdf`.
+    """
+    root = safe_xml.parse(xml, "SDF")
+    if root.tag not in ("sdf", "gazebo"):
+        raise DescriptionError(f"SDF: the root element is <{shorten(root.tag)}>, not <sdf>")
+    worlds = root.findall("world")
+    if len(worlds) > 1:
+        raise DescriptionError(f"SDF: {len(worlds)} worlds; one is simulated")
+    scope = worlds[0] if worlds else root
+    _refuse_unknown(scope, _WORLD_TAGS, "SDF")
+
+    def resolve(uri: str, where: str) -> str:
+        return packages.resolve_uri(uri, where, resolve_package, base_directory)
+
+    models, lights = [], []
+    warnings = [f"world plugin '{shorten(p.get('filename') or '')}' is not known; ignored"
+                for p in scope.findall("plugin")]
+    for element in scope:
+        if element.tag == "model":
+            models.append(_model(element, resolve))
+        elif element.tag == "light":
+            lights.append(_light(element))
+        elif element.tag == "include":
+            uri = text_of(element, "uri") or ""
+            if uri == "model://sun":
+                lights.append(Light("sun"))
+            elif uri == "model://ground_plane":
+                models.append(_model(ElementTree.fromstring(_GROUND_PLANE), resolve))
+            else:
+                raise DescriptionError(
+                    f"SDF: <include> of '{shorten(uri)}' is not supported: Gazebo's model "
+                    "database is not there; write the <model> into the file"
+                )
+    for kind, things in (("model", models), ("light", lights)):
+        names = [thing.name for thing in things]
+        for name in names:
+            if names.count(name) > 1:
+                raise DescriptionError(f"SDF: two {kind}s are named '{shorten(name)}'; rename one")
+    if not models and not lights and not worlds:
+        raise DescriptionError("SDF: there is no <model> and no <light> in it")
+    return SdfContent(tuple(models), tuple(lights), tuple(warnings))
+
+
+_GROUND_PLANE = """<model name="ground_plane"><static>1</static><link name="link">
+<collision name="collision"><geometry><plane><normal>0 0 1</normal><size>100 100</size></plane>
+</geometry></collision><visual name="visual"><geometry><plane><normal>0 0 1</normal>
+<size>100 100</size></plane></geometry><material><script><name>Gazebo/Grey</name></script>
+</material></visual></link></model>"""
+
+
+def _refuse_unknown(element: Element, known: set[str], where: str) -> None:
+    for child in element:
+        if child.tag not in known and ":" not in child.tag:
+            raise DescriptionError(
+                f"{where}: <{shorten(child.tag)}> is not supported; there may be "
+                f"{', '.join(sorted(known))}"
+            )
+
+
+def _name(element: Element, where: str) -> str:
+    name = element.get("name")
+    if not name or len(name) > 256:
+        raise DescriptionError(f"{where}: a <{element.tag}> needs a name of 1 to 256 characters")
+    return name
+
+
+def _pose(element: Element, where: str) -> Pose:
+    node = element.find("pose")
+    if node is None:
+        return Pose()
+    frame = node.get("relative_to") or node.get("frame")
+    if frame and frame not in ("world", "__model__"):
+        raise DescriptionError(
+            f"{where}: <pose relative_to='{shorten(frame)}'> is not supported; give it in the "
+            "frame of the element around it"
+        )
+    values = numbers(node.text or "0 0 0 0 0 0", 6, f"{where}: pose")
+    return Pose.from_rpy(values[:3], values[3:])
+
+
+def _model(element: Element, resolve: Resolve) -> RobotDescription:
+    name = _name(element, "SDF")
+    where = f"model '{name}'"
+    _refuse_unknown(element, _MODEL_TAGS, where)
+    warnings = [f"plugin '{shorten(p.get('filename') or '')}' is not known in SDF; ignored"
+                for p in element.findall("plugin")]
+    static = truth(text_of(element, "static"), f"{where}: static", False)
+    links: dict[str, Link] = {}
+    poses: dict[str, Pose] = {}
+    materials: dict[str, str] = {}
+    colours: dict[str, Rgba] = {}
+    cameras: list[CameraDescription] = []
+    for node in element.findall("link"):
+        link = _link(node, where, resolve, warnings)
+        if link.name in links:
+            raise DescriptionError(f"{where}: two links are named '{link.name}'; rename one")
+        links[link.name] = link
+        poses[link.name] = _pose(node, f"{where}, link '{link.name}'")
+        _paint(node, link.name, materials, colours, warnings)
+        cameras += _cameras(node, link.name, warnings)
+    if not links:
+        raise DescriptionError(f"{where}: has no <link>")
+    joints = {}
+    for node in element.findall("joint"):
+        joint = _joint(node, where, poses)
+        if joint.name in joints:
+            raise DescriptionError(f"{where}: two joints are named '{joint.name}'; rename one")
+        joints[joint.name] = joint
+    if any(joint.parent == "world" for joint in joints.values()):
+        links = {"world": Link("world", None), **links}
+        poses["world"] = Pose()
+    root, joints = _tree(where, links, joints, poses, static)
+    links[root] = _shifted(links[root], poses[root])
+    cameras = [_shifted_camera(c, poses[root]) if c.link == root else c for c in cameras]
+    pose = _pose(element, where)
+    return RobotDescription(
+        name=name, root=root, links=MappingProxyType(links), joints=MappingProxyType(joints),
+        cameras=tuple(cameras), materials=MappingProxyType(materials),
+        colours=MappingProxyType(colours), static=static, warnings=tuple(warnings),
+        initial_pose=(pose.xyz, rpy_from_quaternion(pose.quat)),
+    )
+
+
+def _link(element: Element, model: str, resolve: Resolve, warnings: list[str]) -> Link:
+    name = _name(element, model)
+    where = f"{model}, link '{name}'"
+    _refuse_unknown(element, _LINK_TAGS, where)
+    inertial = None
+    node = element.find("inertial")
+    mass = number(text_of(node, "mass"), f"{where}: mass", 1.0)  # SDF's defaults: 1 kg, unit tensor
+    pose = Pose() if node is None else _pose(node, f"{where}: inertial")
+    tensor = None if node is None else node.find("inertia")
+    defaults = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0}
+    inertial = checked_inertial(
+        where, mass, pose.xyz, rpy_from_quaternion(pose.quat),
+        tuple(number(text_of(tensor, key), f"{where}: {key}", defaults.get(key, 0.0))
+              for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")), warnings)
+    visuals, collisions, mu = [], [], None
+    for kind in ("visual", "collision"):
+        for part in element.findall(kind):
+            inside = f"{where}, {kind} '{shorten(_name(part, where))}'"
+            at = _pose(part, inside)
+            shape = geometry(part, inside, resolve)
+            rpy = rpy_from_quaternion(at.quat)
+            if kind == "visual":
+                visuals.append(Visual(part.get("name"), at.xyz, rpy, shape, colour(part, inside)))
+            else:
+                collisions.append(Collision(part.get("name"), at.xyz, rpy, shape))
+                friction = part.find("surface/friction/ode")
+                if text_of(friction, "mu") is not None:
+                    mu = number(text_of(friction, "mu"), f"{inside}: mu")
+                    if mu < 0.0:
+                        raise DescriptionError(f"{inside}: mu is {mu}; it must not be negative")
+    return Link(name, inertial, tuple(visuals), tuple(collisions),
+                truth(text_of(element, "gravity"), f"{where}: gravity", True),
+                truth(text_of(element, "kinematic"), f"{where}: kinematic", False), mu)
+
+
+def _paint(element: Element, link: str, materials: dict[str, str], colours: dict[str, Rgba],
+           warnings: list[str]) -> None:
+    """The link's colour: that of its first visual that has one, for all of them."""
+    found = []
+    for visual in element.findall("visual"):
+        name = material_name(visual)
+        found.append(name if name is not None else colour(visual, f"link '{link}'"))
+    found = [paint for paint in found if paint is not None]
+    if not found:
+        return
+    if any(paint != found[0] for paint in found):
+        warnings.append(f"link '{link}': its visuals have several colours; all get the first")
+    if isinstance(found[0], str):
+        materials[link] = found[0]
+    else:
+        colours[link] = found[0]
+
+
+def _cameras(element: Element, link: str, warnings: list[str]) -> list[CameraDescription]:
+    cameras = []
+    for sensor in element.findall("sensor"):
+        kind = sensor.get("type") or ""
+        if kind in gazebo_tags.CAMERA_KINDS:
+            cameras.append(gazebo_tags.camera(sensor, link))
+        else:
+            warnings.append(f"link '{link}': sensor type '{shorten(kind)}' is not known; ignored")
+    return cameras
+
+
+def _joint(element: Element, model: str, poses: Mapping[str, Pose]) -> Joint:
+    name = _name(element, model)
+    where = f"{model}, joint '{name}'"
+    kind = element.get("type") or ""
+    if kind not in _JOINT_KINDS:
+        raise DescriptionError(f"{where}: joint type '{shorten(kind)}' is not supported; use "
+                               f"{', '.join(_JOINT_KINDS)}")
+    parent, child = text_of(element, "parent") or "", text_of(element, "child") or ""
+    for end in (parent, child):
+        if end not in poses and not (end == "world" and end == parent):
+            raise DescriptionError(f"{where}: link '{shorten(end)}' does not exist")
+    if kind != "fixed" and _pose(element, where) != Pose():
+        raise DescriptionError(f"{where}: a <pose> of its own is not supported; put the origin of "
+                               f"the child link '{child}' on the joint")
+    axis = element.find("axis")
+    if kind == "fixed":
+        return Joint(name, kind, parent, child)
+    if truth(text_of(axis, "use_parent_model_frame"), f"{where}: use_parent_model_frame", False):
+        raise DescriptionError(f"{where}: <use_parent_model_frame> is not supported; give <xyz> in "
+                               "the child link's frame")
+    direction = numbers(text_of(axis, "xyz"), 3, f"{where}: axis xyz", (0.0, 0.0, 1.0))
+    limit = None if axis is None else axis.find("limit")
+    dynamics = None if axis is None else axis.find("dynamics")
+    lower = number(text_of(limit, "lower"), f"{where}: lower", -_ENDLESS)
+    upper = number(text_of(limit, "upper"), f"{where}: upper", _ENDLESS)
+    if lower > upper:
+        raise DescriptionError(f"{where}: lower {lower} is above upper {upper}")
+    free = kind == "revolute" and lower <= -1e15 and upper >= 1e15
+    effort = number(text_of(limit, "effort"), f"{where}: effort", -1.0)
+    velocity = number(text_of(limit, "velocity"), f"{where}: velocity", -1.0)
+    limits = JointLimits(None if free else lower, None if free else upper,
+                         effort if effort >= 0.0 else _ENDLESS,  # SDF: -1 is no limit
+                         velocity if velocity >= 0.0 else _ENDLESS)
+    damping = number(text_of(dynamics, "damping"), f"{where}: damping", 0.0)
+    friction = number(text_of(dynamics, "friction"), f"{where}: friction", 0.0)
+    if damping < 0.0 or friction < 0.0:
+        raise DescriptionError(f"{where}: damping {damping} and friction {friction} must be ≥ 0")
+    return Joint(name, "continuous" if free else kind, parent, child,
+                 axis=unit(direction, f"{where}: axis"), limits=limits, damping=damping,
+                 friction=friction)
+
+
+def _tree(where: str, links: dict[str, Link], joints: dict[str, Joint], poses: Mapping[str, Pose],
+          static: bool) -> tuple[str, dict[str, Joint]]:
+    """(root link, joints placed in their parents), from links placed in the model."""
+    children = [joint.child for joint in joints.values()]
+    for child in children:
+        if children.count(child) > 1:
+            raise DescriptionError(f"{where}: link '{child}' has two parents; trees only")
+    roots = [name for name in links if name not in children]
+    if not roots:
+        raise DescriptionError(f"{where}: the joints form a loop")
+    root = roots[0]
+    joined = dict(joints)
+    for extra in roots[1:]:
+        if not static:
+            raise DescriptionError(
+                f"{where}: links '{root}' and '{extra}' are not joined; make them models of their "
+                "own, join them, or make the model static"
+            )
+        joined[f"{extra}_stands"] = Joint(f"{extra}_stands", "fixed", root, extra)
+    placed = {}
+    for name, joint in joined.items():
+        # The root link's frame becomes the model's, so its children are placed in the model.
+        parent = Pose() if joint.parent == root else poses[joint.parent]
+        at = parent.inverse() @ poses[joint.child]
+        placed[name] = replace(joint, origin_xyz=at.xyz, origin_rpy=rpy_from_quaternion(at.quat))
+    reached, pending = set(), [root]
+    while pending:
+        link = pending.pop()
+        reached.add(link)
+        pending += [j.child for j in placed.values() if j.parent == link]
+    if len(reached) != len(links):
+        raise DescriptionError(f"{where}: the joints form a loop")
+    return root, placed
+
+
+def _shifted(link: Link, pose: Pose) -> Link:
+    """The link in the model's frame instead of its own."""
+    def moved(part: object) -> object:
+        at = pose @ Pose.from_rpy(part.origin_xyz, part.origin_rpy)
+        return replace(part, origin_xyz=at.xyz, origin_rpy=rpy_from_quaternion(at.quat))
+
+    if pose == Pose():
+        return link
+    return replace(
+        link, inertial=None if link.inertial is None else moved(link.inertial),
+        visuals=tuple(moved(v) for v in link.visuals),
+        collisions=tuple(moved(c) for c in link.collisions))
+
+
+def _shifted_camera(camera: CameraDescription, pose: Pose) -> CameraDescription:
+    at = pose @ Pose.from_rpy(*camera.pose)
+    return replace(camera, pose=(at.xyz, rpy_from_quaternion(at.quat)))
+
+
+def _light(element: Element) -> Light:
+    name = _name(element, "SDF")
+    where = f"light '{name}'"
+    kind = element.get("type") or "point"
+    if kind not in ("directional", "point", "spot"):
+        raise DescriptionError(f"{where}: type '{shorten(kind)}' is unknown; use directional, "
+                               "point or spot")
+    pose = _pose(element, where)
+    fade = element.find("attenuation")
+
+    def rgba(tag: str, default: Rgba) -> Rgba:
+        text = text_of(element, tag)
+        if text is None:
+            return default
+        return numbers(text if len(text.split()) != 3 else f"{text} 1", 4, f"{where}: {tag}")
+
+    direction = numbers(text_of(element, "direction"), 3, f"{where}: direction", (0.0, 0.0, -1.0))
+    return Light(
+        name, kind, pose.xyz, rpy_from_quaternion(pose.quat) if pose.quat != Pose().quat else ZERO,
+        rgba("diffuse", (1.0, 1.0, 1.0, 1.0)), rgba("specular", (0.1, 0.1, 0.1, 1.0)),
+        unit(direction, f"{where}: direction"),
+        number(text_of(fade, "constant"), f"{where}: attenuation constant", 1.0),
+        number(text_of(fade, "linear"), f"{where}: attenuation linear", 1.0),
+        number(text_of(fade, "quadratic"), f"{where}: attenuation quadratic", 0.0),
+        truth(text_of(element, "cast_shadows"), f"{where}: cast_shadows", False))

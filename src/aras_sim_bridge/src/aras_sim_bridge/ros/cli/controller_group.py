@@ -1,0 +1,86 @@
+"""controller_group: switch between groups of controllers (parameter controller_groups)."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+import rospy
+from controller_manager_msgs.srv import ListControllers, SwitchController
+
+from aras_sim_bridge.ros.cli.controller_manager import STRICT, load, start
+
+WAIT = 5.0  # seconds of wall time for the controller manager
+
+
+def read_groups() -> dict[str, list[str]]:
+    """Return the groups of this namespace: lists of controller names."""
+    groups = rospy.get_param("controller_groups", {})
+    return groups if isinstance(groups, dict) else {}
+
+
+def list_groups(groups: dict[str, list[str]]) -> bool:
+    """Print the groups and what is in them."""
+    print(f"Number of groups: {len(groups)}")
+    for name in sorted(groups):
+        print(f"  {name}")
+        for controller in groups[name]:
+            print(f"      {controller}")
+    return True
+
+
+def spawn(wanted: list[str]) -> bool:
+    """Load and start a group's controllers."""
+    return all([load(name) for name in wanted]) and all([start(name) for name in wanted])
+
+
+def switch(wanted: list[str], others: set[str]) -> bool:
+    """Start a group's controllers and stop those of the other groups, in one switch."""
+    service = "controller_manager/list_controllers"
+    rospy.wait_for_service(service, WAIT)
+    controllers = rospy.ServiceProxy(service, ListControllers)().controller
+    running = {c.name: c.state == "running" for c in controllers}
+    for name in wanted:
+        if name not in running and not load(name):
+            print("Cancel group switching")
+            return False
+    to_start = [name for name in wanted if not running.get(name)]
+    to_stop = [name for name, runs in running.items() if runs and name in others]
+    proxy = rospy.ServiceProxy("controller_manager/switch_controller", SwitchController)
+    ok = proxy(to_start, to_stop, STRICT, False, 0.0).ok
+    done = f"started {to_start}, stopped {to_stop}"
+    print(f"Switched: {done}" if ok else f"Error when switching: would have {done}")
+    return ok
+
+
+def main() -> int:
+    """Entry point; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="controller_group", description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    commands.add_parser("list", help="print the groups")
+    for name in ("spawn", "switch"):
+        commands.add_parser(name).add_argument("group", help="name of the group")
+    args = parser.parse_args(rospy.myargv(sys.argv)[1:])
+    rospy.init_node("controller_group", anonymous=True)
+    groups = read_groups()
+    if args.command == "list":
+        return 0 if list_groups(groups) else 1
+    wanted = list(dict.fromkeys(groups.get(args.group) or ()))
+    if not wanted:
+        known = ", ".join(sorted(groups)) or "none"
+        print(
+            f"There is no controller defined in group {args.group}; "
+            f"{rospy.resolve_name('controller_groups')} has {known}",
+            file=sys.stderr,
+        )
+        return 1
+    try:
+        if args.command == "spawn":
+            return 0 if spawn(wanted) else 1
+        others = {name for names in groups.values() for name in names} - set(wanted)
+        return 0 if switch(wanted, others) else 1
+    except rospy.ROSInterruptException:
+        return 1
+    except (rospy.ServiceException, rospy.ROSException) as error:
+        print(f"The controller manager did not answer: {error}", file=sys.stderr)
+        return 1

@@ -1,0 +1,105 @@
+"""What the benchmarks of the running node share: a graph of their own, and what a process uses."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "tests" / "integration"))
+
+ROBOT = "/aras_visual_servo"
+COMMANDS = tuple(
+    f"{ROBOT}/{name}_position_controller/command"
+    for name in ("gantry", "joint1", "joint2", "joint3", "joint5", "joint6")
+)
+JOINTS = ("gantry", "J1", "J2", "J3", "J5", "J6")
+TICK = os.sysconf("SC_CLK_TCK")
+PAGE = os.sysconf("SC_PAGE_SIZE")
+
+
+@contextmanager
+def robot(**arguments: object) -> Iterator[int]:
+    """The ARAS robot under its controllers, in a graph of its own; gives the node's process id.
+
+    This process becomes a node of that graph.
+    """
+    from ros_graph import Launch, RosMaster, wait_for
+
+    with tempfile.TemporaryDirectory() as directory:
+        master = RosMaster(Path(directory))
+        names = ("ROS_MASTER_URI", "ROS_IP", "ROS_HOME", "ROS_LOG_DIR")
+        os.environ.update({name: master.environment[name] for name in names})
+        launched = Launch(
+            master, ("aras_visual_servo_gazebo", "aras_visual_servo.launch"), arguments
+        )
+        try:
+            launched.wait_for_nodes(["/gazebo"])
+            import rospy
+
+            rospy.init_node("benchmark", disable_rostime=True, disable_signals=True)
+            wait_for(_all_running, 60.0, "the seven controllers")
+            yield _process_of("/gazebo", master)
+            rospy.signal_shutdown("measured")
+        finally:
+            launched.stop()
+            master.stop()
+
+
+def _all_running() -> bool:
+    import rospy
+    from controller_manager_msgs.srv import ListControllers
+
+    name = f"{ROBOT}/controller_manager/list_controllers"
+    rospy.wait_for_service(name, 60.0)
+    states = [c.state for c in rospy.ServiceProxy(name, ListControllers)().controller]
+    return states == ["running"] * 7
+
+
+def _process_of(node: str, master: object) -> int:
+    import xmlrpc.client
+
+    return xmlrpc.client.ServerProxy(master.api.lookupNode(node)).getPid("/benchmark")[2]
+
+
+def cpu_seconds(pid: int) -> float:
+    """Processor time that a process has used so far [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICK
+
+
+def memory_mb(pid: int) -> float:
+    """Resident memory of a process [MB]."""
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * PAGE / 1e6
+
+
+class Use:
+    """Processor share [%], memory and real-time factor of the node since its making."""
+
+    def __init__(self, pid: int) -> None:
+        self._pid = pid
+        self._wall, self._cpu, self._time = time.monotonic(), cpu_seconds(pid), simulated()
+
+    def figures(self) -> dict[str, float]:
+        """Return them, rounded."""
+        time_s = simulated()
+        wall = time.monotonic() - self._wall
+        return {
+            "seconds": round(wall, 1),
+            "cpu_percent": round(100.0 * (cpu_seconds(self._pid) - self._cpu) / wall, 2),
+            "real_time_factor": round((time_s - self._time) / wall, 4),
+            "memory_mb": round(memory_mb(self._pid), 1),
+        }
+
+
+def simulated() -> float:
+    """Simulated time now [s]."""
+    import rospy
+    from gazebo_msgs.srv import GetWorldProperties
+
+    return rospy.ServiceProxy("/gazebo/get_world_properties", GetWorldProperties)().sim_time

@@ -1,0 +1,803 @@
+"""Every controller type on the graph, against numbers worked out by hand from ros_control's rules.
+
+Two robots of rails and turntables without gravity's influence stand in one paused world that the
+tests step: a force F on the 2 kg cart gives it F/2 per second, and so on. Each robot has its own
+namespace and controller manager.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+from itertools import pairwise
+
+import actionlib
+import pytest
+import rospy
+from actionlib_msgs.msg import GoalStatus
+from aras_sim_bridge.srv import StepWorld
+from control_msgs.msg import (
+    FollowJointTrajectoryAction,
+    FollowJointTrajectoryGoal,
+    FollowJointTrajectoryResult,
+    JointControllerState,
+    JointTolerance,
+    JointTrajectoryControllerState,
+    PidState,
+)
+from control_msgs.srv import QueryTrajectoryState
+from controller_manager_msgs.srv import (
+    ListControllers,
+    ListControllerTypes,
+    LoadController,
+    ReloadControllerLibraries,
+    SwitchController,
+    UnloadController,
+)
+from dynamic_reconfigure.msg import Config, DoubleParameter
+from dynamic_reconfigure.srv import Reconfigure
+from gazebo_msgs.srv import DeleteModel, SpawnModel
+from geometry_msgs.msg import Pose
+from ros_graph import wait_for
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Float64, Float64MultiArray
+from std_srvs.srv import Empty
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+STRICT, BEST_EFFORT = 2, 1
+DT = 0.001
+MASS, INERTIA = 2.0, 0.5
+USER_CLASS = '''
+from aras_sim_bridge.controllers import Controller
+
+
+class Constant(Controller):
+    """Pushes with a constant effort."""
+
+    interface = "EffortJointInterface"
+    EFFORT = {effort}
+
+    def init(self, hardware, parameters, context):
+        super().init(hardware, parameters, context)
+        self.joints = (parameters["joint"],)
+        self._handle = self.take_handle(hardware, parameters["joint"])
+
+    def update(self, time_ns, period):
+        self._handle.effort_command = self.EFFORT
+'''
+
+
+def joint(name: str, kind: str, interface: str, limit: str = "") -> str:
+    """One rail or turntable on the base, without gravity along its motion."""
+    axis = "1 0 0" if kind == "prismatic" else "0 0 1"
+    return f"""
+  <joint name="{name}" type="{kind}"><parent link="base"/><child link="{name}_link"/>
+    <origin xyz="0 0 1"/><axis xyz="{axis}"/>
+    <limit {limit} effort="100" velocity="20"/></joint>
+  <link name="{name}_link"><inertial><mass value="{MASS}"/>
+    <inertia ixx="1" iyy="1" izz="{INERTIA}" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <transmission name="{name}_transmission"><type>transmission_interface/SimpleTransmission</type>
+    <joint name="{name}"><hardwareInterface>hardware_interface/{interface}</hardwareInterface>
+    </joint><actuator name="{name}_motor"/></transmission>"""
+
+
+def robot_xml(namespace: str) -> str:
+    """The test robot; its control plugin lives in `namespace`."""
+    rail = 'lower="-1" upper="1"'
+    return (
+        '<robot name="rig"><link name="world"/><link name="base"/><joint name="stand" type="fixed">'
+        '<parent link="world"/><child link="base"/></joint>'
+        + joint("cart", "prismatic", "EffortJointInterface", rail)
+        + joint("table", "continuous", "EffortJointInterface")
+        + joint("slide", "prismatic", "PositionJointInterface", rail)
+        + joint("wheel", "continuous", "VelocityJointInterface")
+        + joint("servo", "revolute", "PositionJointInterface", 'lower="-2" upper="2"')
+        + joint("motor", "continuous", "VelocityJointInterface")
+        + '<gazebo><plugin name="control" filename="libgazebo_ros_control.so">'
+        f"<robotNamespace>{namespace}</robotNamespace><eStopTopic>e_stop</eStopTopic>"
+        "</plugin></gazebo></robot>"
+    )
+
+
+PARAMETERS = {
+    "joint_limits": {"slide": {"has_velocity_limits": True, "max_velocity": 2.0}},
+    "gazebo_ros_control": {
+        "pid_gains": {
+            "servo": {"p": 40.0, "d": 8.0, "publish_state": True},
+            "motor": {"p": 6.0},
+        }
+    },
+    "joint_state_controller": {
+        "type": "joint_state_controller/JointStateController",
+        "publish_rate": 1000.0,
+        "extra_joints": [{"name": "dummy", "position": 0.5, "velocity": 0.0, "effort": 0.0}],
+    },
+    "push": {"type": "effort_controllers/JointEffortController", "joint": "cart"},
+    "spin": {
+        "type": "effort_controllers/JointVelocityController",
+        "joint": "table",
+        "pid": {"p": 2.0},
+    },
+    "turn": {
+        "type": "effort_controllers/JointPositionController",
+        "joint": "table",
+        "pid": {"p": 20.0, "d": 4.0, "publish_state": True},
+    },
+    "slide_to": {"type": "position_controllers/JointPositionController", "joint": "slide"},
+    "servo_to": {"type": "position_controllers/JointPositionController", "joint": "servo"},
+    "roll": {"type": "velocity_controllers/JointVelocityController", "joint": "wheel"},
+    "roll_to": {
+        "type": "velocity_controllers/JointPositionController",
+        "joint": "wheel",
+        "pid": {"p": 5.0},
+    },
+    "motor_roll": {"type": "velocity_controllers/JointVelocityController", "joint": "motor"},
+    "efforts": {
+        "type": "effort_controllers/JointGroupEffortController",
+        "joints": ["table", "cart"],
+    },
+    "positions": {
+        "type": "position_controllers/JointGroupPositionController",
+        "joints": ["slide", "servo"],
+    },
+    "velocities": {
+        "type": "velocity_controllers/JointGroupVelocityController",
+        "joints": ["wheel", "motor"],
+    },
+    "effort_positions": {
+        "type": "effort_controllers/JointGroupPositionController",
+        "joints": ["cart", "table"],
+        "cart": {"pid": {"p": 80.0, "d": 20.0}},
+        "table": {"pid": {"p": 20.0, "d": 5.0}},
+    },
+    "path": {
+        "type": "position_controllers/JointTrajectoryController",
+        "joints": ["slide", "servo"],
+        "constraints": {"goal_time": 0.5, "servo": {"goal": 0.05}},
+    },
+    "effort_path": {
+        "type": "effort_controllers/JointTrajectoryController",
+        "joints": ["cart"],
+        "gains": {"cart": {"p": 800.0, "d": 80.0}},
+        "constraints": {"goal_time": 0.5, "cart": {"trajectory": 0.05}},
+    },
+    "velocity_path": {
+        "type": "velocity_controllers/JointTrajectoryController",
+        "joints": ["wheel"],
+        "gains": {"wheel": {"p": 20.0}},
+        "velocity_ff": {"wheel": 1.0},
+        "constraints": {"goal_time": 0.5},
+    },
+    "mine": {"type": "my_robot/Constant", "joint": "cart"},
+    "mine_too": {"type": "my_controllers:Constant", "joint": "cart"},
+    "controller_classes": {"my_robot/Constant": "my_controllers:Constant"},
+}
+WRONG_TYPE = """
+import sys, time, rospy
+from std_msgs.msg import String
+
+rospy.init_node("wrong", anonymous=True)
+publisher = rospy.Publisher(sys.argv[1], String, queue_size=1, latch=True)
+publisher.publish("5.0")
+time.sleep(0.5)
+print(publisher.get_num_connections(), "connections")
+"""
+NAMES = ["cart", "motor", "servo", "slide", "table", "wheel", "dummy"]  # as joint_states has them
+
+
+def call(name: str, service: type, *args: object, **fields: object) -> object:
+    """Call a service that is waited for."""
+    rospy.wait_for_service(name, 20.0)
+    return rospy.ServiceProxy(name, service)(*args, **fields)
+
+
+def step(count: int) -> int:
+    """Make steps; returns the simulated time after them in ns."""
+    answer = call("/gazebo/step_world", StepWorld, count)
+    assert answer.success, answer.status_message
+    return answer.sim_time.to_nsec()
+
+
+class Rig:
+    """One of the robots, with what the tests ask of it."""
+
+    def __init__(self, namespace: str, collect) -> None:
+        self.namespace = namespace
+        self.manager = f"{namespace}/controller_manager"
+        self._states = collect(f"{namespace}/joint_states", JointState)
+        self._publishers: dict[str, rospy.Publisher] = {}
+
+    def load(self, *names: str) -> None:
+        for name in names:
+            assert call(f"{self.manager}/load_controller", LoadController, name).ok, name
+
+    def switch(self, start=(), stop=(), strictness: int = STRICT) -> bool:
+        request = [list(start), list(stop), strictness, False, 0.0]
+        return call(f"{self.manager}/switch_controller", SwitchController, *request).ok
+
+    def start(self, *names: str) -> None:
+        self.load(*names)
+        assert self.switch(names)
+
+    def states(self) -> dict[str, str]:
+        infos = call(f"{self.manager}/list_controllers", ListControllers).controller
+        return {info.name: info.state for info in infos}
+
+    def clear(self) -> None:
+        """Stop and unload everything but the joint states."""
+        names = [n for n in self.states() if n != "joint_state_controller"]
+        self.switch([], names, BEST_EFFORT)
+        for name in names:
+            assert call(f"{self.manager}/unload_controller", UnloadController, name).ok
+        for publisher in self._publishers.values():
+            publisher.unregister()
+        self._publishers.clear()
+
+    def publisher(self, topic: str, message: type) -> rospy.Publisher:
+        name = f"{self.namespace}/{topic}"
+        if name not in self._publishers:
+            self._publishers[name] = rospy.Publisher(name, message, queue_size=10)
+            wait_for(self._publishers[name].get_num_connections, 5.0, f"subscriber of {name}")
+        return self._publishers[name]
+
+    def send(self, controller: str, value: object) -> None:
+        message = Float64MultiArray if isinstance(value, list) else Float64
+        publisher = self.publisher(f"{controller}/command", message)
+        publisher.publish(message(data=value))
+
+    def at(self, time_ns: int) -> JointState:
+        """The joint states of that time."""
+        return self._states.wait(1, 5.0, where=lambda m: m.header.stamp.to_nsec() == time_ns)
+
+    def hear(self) -> None:
+        """Return when joint states arrive, after their publisher was made anew."""
+
+        def heard() -> bool:
+            time_ns = step(1)
+            return any(m.header.stamp.to_nsec() == time_ns for m in self._states.messages)
+
+        wait_for(heard, 5.0, "joint states", interval=0.1)
+
+    def see(self, name: str, field: str = "position", steps: int = 1) -> float:
+        """A joint's state after so many steps: as read before the last of them."""
+        message = self.at(step(steps))
+        return getattr(message, field)[message.name.index(name)]
+
+    def until(self, name: str, field: str, fits) -> float:
+        """Step until a joint's state fits; returns it."""
+        return wait_for(lambda: [v for v in [self.see(name, field)] if fits(v)], 5.0, name)[0]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def world(launch, ros_master, ros_node, tmp_path_factory):
+    """An empty paused world with the two robots; a user's module is on Python's path."""
+    modules = tmp_path_factory.mktemp("modules")
+    (modules / "my_controllers.py").write_text(USER_CLASS.format(effort=4.0))
+    before = ros_master.environment.get("PYTHONPATH", "")
+    ros_master.environment["PYTHONPATH"] = f"{modules}{os.pathsep}{before}"
+    launched = launch("aras_sim_bridge", "empty_world.launch", nodes=["/gazebo"], paused=True)
+    ros_master.environment["PYTHONPATH"] = before
+    rospy.set_param("/robot_description", robot_xml("/rig"))
+    for name, x in (("rig", 0.0), ("other", 10.0)):
+        rospy.set_param(f"/{name}", PARAMETERS)
+        pose = Pose()
+        pose.position.x = x
+        answer = call(
+            "/gazebo/spawn_urdf_model", SpawnModel, name, robot_xml(f"/{name}"), "/", pose, ""
+        )
+        assert answer.success, answer.status_message
+        manager = f"/{name}/controller_manager"
+        assert call(f"{manager}/load_controller", LoadController, "joint_state_controller").ok
+        request = [["joint_state_controller"], [], STRICT, False, 0.0]
+        assert call(f"{manager}/switch_controller", SwitchController, *request).ok
+    launched.modules = modules
+    return launched
+
+
+@pytest.fixture
+def rig(collect):
+    """The first robot with nothing but its joint states; at rest at zero."""
+    call("/gazebo/reset_simulation", Empty)
+    robot = Rig("/rig", collect)
+    wait_for(robot._states._subscriber.get_num_connections, 5.0, "joint states")
+    yield robot
+    robot.clear()
+
+
+@pytest.fixture
+def other(collect):
+    """The second robot."""
+    robot = Rig("/other", collect)
+    wait_for(robot._states._subscriber.get_num_connections, 5.0, "joint states")
+    yield robot
+    robot.clear()
+
+
+def test_joint_states_are_alphabetical_with_extra_joints(rig):
+    message = rig.at(step(1))
+    assert message.name == NAMES
+    assert message.position[-1] == 0.5
+    assert message.header.frame_id == ""
+
+
+def test_effort_controller_pushes_with_its_force(rig):
+    rig.start("push")
+    rig.send("push", 3.0)
+    rig.until("cart", "effort", lambda f: f == 3.0)
+    before = rig.see("cart", "velocity")
+    assert rig.see("cart", "velocity", 100) - before == pytest.approx(3.0 / MASS * 0.1, rel=1e-6)
+    rig.send("push", 500.0)  # beyond the limit of 100 N
+    rig.until("cart", "effort", lambda f: f == 100.0)
+    rig.send("push", 0.0)
+    rig.until("cart", "effort", lambda f: f == 0.0)
+
+
+def test_stopping_an_effort_controller_leaves_its_effort(rig):
+    rig.start("push")
+    rig.send("push", 1.0)
+    rig.until("cart", "effort", lambda f: f == 1.0)
+    assert rig.switch([], ["push"])
+    assert rig.see("cart", "effort", 5) == 1.0
+    assert rig.switch(["push"])  # starting() commands 0
+    assert rig.see("cart", "effort", 3) == 0.0
+
+
+def test_effort_velocity_controller_is_a_pid_on_velocity(rig, collect):
+    rig.start("spin")
+    states = collect("/rig/spin/state", JointControllerState)
+    wait_for(states._subscriber.get_num_connections, 5.0, "state topic")
+    rig.send("spin", 1.0)
+    rig.until("table", "effort", lambda f: f > 0.5)
+    step(50)
+    state = states.wait(4, 5.0, where=lambda m: m.set_point == 1.0)
+    assert state.command == pytest.approx(2.0 * (1.0 - state.process_value))
+    assert state.error == pytest.approx(1.0 - state.process_value)
+    assert state.process_value_dot == 0.0
+    assert (state.p, state.i, state.d, state.time_step) == (2.0, 0.0, 0.0, DT)
+    # v' = p (1 - v) / I: the gap shrinks by (1 - p dt / I) a step, and states come every tenth.
+    gaps = [m.error for m in states.messages if m.set_point == 1.0][1:]
+    shrink = (1.0 - 2.0 * DT / INERTIA) ** 10
+    assert [b / a for a, b in pairwise(gaps)] == pytest.approx([shrink] * (len(gaps) - 1))
+
+
+def test_effort_position_controller_and_its_pid(rig, collect):
+    rig.start("turn")
+    states = collect("/rig/turn/state", JointControllerState)
+    terms = collect("/rig/turn/pid/state", PidState)
+    for topic in (states, terms):
+        wait_for(topic._subscriber.get_num_connections, 5.0, topic.topic)
+    rig.send("turn", 3.5)  # the short way round is -2.78
+    step(1)
+    state = wait_for(
+        lambda: step(10) and [m for m in states.messages if m.set_point == 3.5], 5.0, "state"
+    )[-1]
+    short = 3.5 - 2.0 * math.pi
+    assert state.error == pytest.approx(short - state.process_value, abs=1e-9)
+    step(1)
+    term = terms.wait(1, 5.0, where=lambda m: m.error < -0.5)
+    assert term.p_term == pytest.approx(20.0 * term.error)
+    assert term.d_term == pytest.approx(4.0 * term.error_dot)
+    assert term.output == pytest.approx(term.p_term + term.i_term + term.d_term)
+    assert term.timestep.to_sec() == pytest.approx(DT)
+    request = Config(doubles=[DoubleParameter("p", 30.0)])
+    call("/rig/turn/pid/set_parameters", Reconfigure, request)
+    assert rospy.get_param("/rig/turn/pid/p") == 30.0
+    states.clear()
+    step(20)
+    assert states.wait(1, 5.0, where=lambda m: m.p == 30.0).d == 4.0
+    assert rig.see("table", steps=4000) == pytest.approx(short, abs=1e-3)
+
+
+def test_position_controller_sets_positions_within_the_limits(rig):
+    rig.start("slide_to")
+    rig.send("slide_to", 0.5)
+    begin = rig.until("slide", "position", lambda x: x > 0.0)
+    assert rig.see("slide", steps=10) - begin == pytest.approx(10 * 2.0 * DT)  # max_velocity 2
+    assert rig.see("slide", steps=400) == pytest.approx(0.5, abs=1e-9)
+    rig.send("slide_to", 5.0)
+    rig.until("slide", "position", lambda x: x > 0.5)
+    assert rig.see("slide", steps=600) == pytest.approx(1.0, abs=1e-9)
+    assert rig.switch([], ["slide_to"])
+    assert rig.see("slide", steps=10) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_position_joint_with_gains_is_driven_by_their_pid(rig, collect):
+    gains = "/rig/gazebo_ros_control/pid_gains/servo"
+    rig.start("servo_to")
+    terms = collect(f"{gains}/state", PidState)
+    wait_for(terms._subscriber.get_num_connections, 5.0, "pid state")
+    rig.send("servo_to", 1.0)
+    rig.until("servo", "effort", lambda f: f > 1.0)
+    step(2)
+    term = terms.wait(1, 5.0, where=lambda m: m.error > 0.01)
+    assert term.output == pytest.approx(40.0 * term.error + 8.0 * term.error_dot)
+    assert rig.see("servo", steps=3000) == pytest.approx(1.0, abs=1e-3)
+    call(f"{gains}/set_parameters", Reconfigure, Config(doubles=[DoubleParameter("p", 50.0)]))
+    assert rospy.get_param(f"{gains}/p") == 50.0
+    terms.clear()
+    rig.send("servo_to", 1.5)
+    rig.until("servo", "effort", lambda f: f > 1.0)
+    step(2)
+    term = terms.wait(1, 5.0, where=lambda m: m.error > 0.01)
+    assert term.p_term == pytest.approx(50.0 * term.error)
+    call(f"{gains}/set_parameters", Reconfigure, Config(doubles=[DoubleParameter("p", 40.0)]))
+
+
+def test_velocity_controllers_with_and_without_gains(rig):
+    rig.start("roll", "motor_roll")
+    rig.send("roll", 1.5)
+    rig.send("motor_roll", -2.0)
+    rig.until("wheel", "velocity", lambda v: v > 1.0)
+    rig.until("motor", "effort", lambda f: f < -1.0)
+    begin = rig.see("wheel", steps=10)
+    assert rig.see("wheel", steps=100) - begin == pytest.approx(0.15, rel=1e-6)
+    assert rig.see("motor", "velocity", 3000) == pytest.approx(-2.0, abs=1e-3)
+    rig.send("roll", 50.0)  # the limit is 20 rad/s
+    rig.until("wheel", "velocity", lambda v: v > 2.0)
+    assert rig.see("wheel", "velocity", 200) == pytest.approx(20.0)
+
+
+def test_velocity_position_controller_commands_a_velocity(rig, collect):
+    rig.start("roll_to")
+    states = collect("/rig/roll_to/state", JointControllerState)
+    wait_for(states._subscriber.get_num_connections, 5.0, "state topic")
+    rig.send("roll_to", 0.8)
+    rig.until("wheel", "velocity", lambda v: v > 0.1)
+    step(11)
+    state = states.wait(1, 5.0, where=lambda m: m.set_point == 0.8)
+    assert state.command == pytest.approx(5.0 * state.error)
+    assert rig.see("wheel", steps=3000) == pytest.approx(0.8, abs=1e-3)
+
+
+def test_group_controllers_forward_to_each_joint(rig, world):
+    rig.start("efforts", "positions", "velocities")
+    rig.send("efforts", [2.0, 3.0])
+    rig.until("cart", "effort", lambda f: f == 3.0)
+    assert rig.see("table", "effort") == 2.0
+    rig.send("efforts", [1.0])
+    rig.send("efforts", [1.0, math.nan])
+    wait_for(lambda: "efforts" in world.output().split("length")[0], 5.0, "the complaint")
+    assert rig.see("cart", "effort", 5) == 3.0
+    rig.send("efforts", [0.0, 0.0])
+    rig.until("cart", "effort", lambda f: f == 0.0)
+    rig.send("positions", [0.2, -0.3])
+    rig.until("slide", "position", lambda x: x > 0.0)
+    rig.send("velocities", [1.0, -1.0])
+    rig.until("wheel", "velocity", lambda v: v > 0.5)
+    message = rig.at(step(3000))
+    values = dict(zip(message.name, message.position, strict=True))
+    assert (values["slide"], values["servo"]) == pytest.approx((0.2, -0.3), abs=1e-3)
+    assert dict(zip(message.name, message.velocity, strict=True))["motor"] == pytest.approx(
+        -1.0, abs=1e-3
+    )
+
+
+def test_effort_group_position_controller(rig):
+    rig.start("effort_positions")
+    rig.send("effort_positions", [0.3, -0.4])
+    rig.until("cart", "effort", lambda f: f > 1.0)
+    message = rig.at(step(3000))
+    values = dict(zip(message.name, message.position, strict=True))
+    assert (values["cart"], values["table"]) == pytest.approx((0.3, -0.4), abs=1e-3)
+    request = Config(doubles=[DoubleParameter("p", 90.0)])
+    call("/rig/effort_positions/cart/pid/set_parameters", Reconfigure, request)
+    assert rospy.get_param("/rig/effort_positions/cart/pid/p") == 90.0
+
+
+def test_wrong_type_and_nan_on_a_command_topic(rig, world, ros_master):
+    rig.start("push")
+    # In a process of its own: rospy has one type a topic and process.
+    seen = ros_master.run([sys.executable, "-c", WRONG_TYPE, "/rig/push/command"])
+    assert seen.stdout.strip() == "0 connections"
+    assert rig.see("cart", "effort", 5) == 0.0
+    rig.send("push", 2.0)
+    rig.until("cart", "effort", lambda f: f == 2.0)
+    for value in (math.nan, math.inf):
+        rig.send("push", value)
+    wait_for(lambda: "is not finite" in world.output(), 5.0, "the complaint")
+    assert rig.see("cart", "effort", 3) == 2.0
+
+
+def goal_for(names, points, **fields) -> FollowJointTrajectoryGoal:
+    """A goal of (time [s], positions) pairs."""
+    trajectory = JointTrajectory(joint_names=names)
+    for time, positions in points:
+        point = JointTrajectoryPoint(positions=positions)
+        point.time_from_start = rospy.Duration.from_sec(time)
+        trajectory.points.append(point)
+    return FollowJointTrajectoryGoal(trajectory=trajectory, **fields)
+
+
+def client_of(controller: str) -> actionlib.SimpleActionClient:
+    client = actionlib.SimpleActionClient(
+        f"{controller}/follow_joint_trajectory", FollowJointTrajectoryAction
+    )
+    assert client.wait_for_server(rospy.Duration(10.0))
+    return client
+
+
+def finish(client: actionlib.SimpleActionClient, steps: int = 20) -> FollowJointTrajectoryResult:
+    """Step until the goal has ended."""
+    ended = (GoalStatus.PENDING, GoalStatus.ACTIVE)
+    wait_for(lambda: step(steps) and client.get_state() not in ended, 10.0, "the goal's end")
+    client.wait_for_result(rospy.Duration(2.0))
+    return client.get_result()
+
+
+def test_trajectory_goal_is_followed_and_can_be_queried(rig, collect):
+    rig.start("path")
+    states = collect("/rig/path/state", JointTrajectoryControllerState)
+    wait_for(states._subscriber.get_num_connections, 5.0, "state topic")
+    feedback = []
+    step(1)  # it has a next update only after the first
+    client = client_of("/rig/path")
+    # The order of the joints is the goal's own.
+    goal = goal_for(["servo", "slide"], [(0.4, [0.4, 0.2]), (0.8, [0.0, 0.4])])
+    client.send_goal(goal, feedback_cb=feedback.append)
+    wait_for(lambda: client.get_state() == GoalStatus.ACTIVE, 5.0, "the goal's acceptance")
+    begin = step(1)
+    step(200)
+    at = rospy.Time.from_sec(begin / 1e9 + 0.2)
+    seen = call("/rig/path/query_state", QueryTrajectoryState, at)
+    assert seen.name == ["slide", "servo"]
+    assert seen.position == pytest.approx([0.1, 0.2], abs=1e-9)
+    assert seen.velocity == pytest.approx([0.5, 1.0], abs=1e-9)
+    state = states.wait(1, 5.0, where=lambda m: m.header.stamp.to_nsec() >= begin + 100_000_000)
+    assert state.joint_names == ["slide", "servo"]
+    elapsed = (state.header.stamp.to_nsec() - begin) / 1e9
+    assert state.desired.positions == pytest.approx([0.5 * elapsed, elapsed], abs=1e-9)
+    assert state.error.positions[0] == pytest.approx(
+        state.desired.positions[0] - state.actual.positions[0]
+    )
+    result = finish(client)
+    assert client.get_state() == GoalStatus.SUCCEEDED, result.error_string
+    assert result.error_code == FollowJointTrajectoryResult.SUCCESSFUL
+    assert len(feedback) >= 5
+    assert rig.see("slide") == pytest.approx(0.4, abs=1e-3)
+
+
+def test_bad_goals_are_rejected_with_a_reason(rig):
+    rig.load("path")
+    client = client_of("/rig/path")
+    good = [(0.2, [0.1, 0.1])]
+
+    def ask(goal):
+        client.send_goal_and_wait(goal, rospy.Duration(5.0))
+        return client.get_state(), client.get_result()
+
+    status, result = ask(goal_for(["slide", "servo"], good))
+    assert (status, result.error_code) == (GoalStatus.REJECTED, result.INVALID_GOAL)  # not running
+    assert rig.switch(["path"])
+    for names, points, code in (
+        (["slide"], [(0.2, [0.1])], FollowJointTrajectoryResult.INVALID_JOINTS),
+        (["slide", "nobody"], good, FollowJointTrajectoryResult.INVALID_JOINTS),
+        (["slide", "servo"], [(0.2, [0.1])], FollowJointTrajectoryResult.INVALID_GOAL),
+        (["slide", "servo"], [(0.2, [0.1, math.nan])], FollowJointTrajectoryResult.INVALID_GOAL),
+        (["slide", "servo"], good + good, FollowJointTrajectoryResult.INVALID_GOAL),
+    ):
+        status, result = ask(goal_for(names, points))
+        assert status == GoalStatus.REJECTED, (names, points)
+        assert result.error_code == code, result.error_string
+        assert result.error_string
+
+
+def test_goals_are_preempted_cancelled_and_watched(rig):
+    rig.start("path", "effort_path")
+    client = client_of("/rig/path")
+    client.send_goal(goal_for(["slide", "servo"], [(2.0, [0.5, 0.5])]))
+    wait_for(lambda: client.get_state() == GoalStatus.ACTIVE, 5.0, "the goal's acceptance")
+    step(100)
+    client.cancel_goal()
+    finish(client)
+    assert client.get_state() == GoalStatus.PREEMPTED
+    held = rig.see("slide")
+    assert rig.see("slide", steps=100) == pytest.approx(held, abs=1e-6)
+    client.send_goal(goal_for(["slide", "servo"], [(2.0, [0.5, 0.5])]))
+    wait_for(lambda: client.get_state() == GoalStatus.ACTIVE, 5.0, "the goal's acceptance")
+    step(10)
+    topic = rig.publisher("path/command", JointTrajectory)
+    topic.publish(goal_for(["slide", "servo"], [(0.2, [0.0, 0.0])]).trajectory)
+    finish(client)
+    assert client.get_state() == GoalStatus.PREEMPTED
+    assert rig.see("slide", steps=300) == pytest.approx(0.0, abs=1e-6)
+    cart = client_of("/rig/effort_path")
+    cart.send_goal(goal_for(["cart"], [(0.02, [0.9])]))  # 45 m/s cannot be had
+    result = finish(cart)
+    assert cart.get_state() == GoalStatus.ABORTED
+    assert result.error_code == result.PATH_TOLERANCE_VIOLATED
+    assert "cart" in result.error_string
+    tolerance = JointTolerance(name="servo", position=1e-9, velocity=0.0)
+    goal = goal_for(["slide", "servo"], [(0.1, [0.1, 0.3])], goal_tolerance=[tolerance])
+    goal.goal_time_tolerance = rospy.Duration.from_sec(0.05)
+    client.send_goal(goal)
+    result = finish(client)
+    assert result.error_code == result.GOAL_TOLERANCE_VIOLATED
+
+
+def test_effort_and_velocity_trajectories_track(rig):
+    rig.start("effort_path", "velocity_path")
+    cart, wheel = client_of("/rig/effort_path"), client_of("/rig/velocity_path")
+    cart.send_goal(goal_for(["cart"], [(1.0, [0.3])]))
+    wheel.send_goal(goal_for(["wheel"], [(1.0, [2.0])]))
+    for client in (cart, wheel):
+        wait_for(lambda c=client: c.get_state() == GoalStatus.ACTIVE, 5.0, "acceptance")
+    for client in (cart, wheel):
+        finish(client, 100)
+        assert client.get_state() == GoalStatus.SUCCEEDED, client.get_result().error_string
+    assert rig.see("cart", steps=500) == pytest.approx(0.3, abs=0.01)
+    assert rig.see("wheel") == pytest.approx(2.0, abs=0.01)
+
+
+def test_emergency_stop_and_release(rig):
+    rig.start("push", "roll", "slide_to")
+    rig.send("push", 4.0)
+    rig.send("roll", 1.0)
+    rig.send("slide_to", 0.6)
+    rig.until("cart", "effort", lambda f: f == 4.0)
+    rig.until("wheel", "velocity", lambda v: v > 0.5)
+    rig.until("slide", "position", lambda x: x > 0.1)
+    e_stop = rig.publisher("e_stop", Bool)
+    e_stop.publish(True)
+    rig.until("cart", "effort", lambda f: f == 0.0)
+    held = rig.see("slide", steps=2)
+    assert rig.see("slide", steps=50) == pytest.approx(held)
+    assert rig.see("wheel", "velocity") == pytest.approx(0.0, abs=1e-9)
+    assert set(rig.states().values()) == {"running"}
+    e_stop.publish(False)  # all are started again: set points are those of starting()
+    step(20)
+    assert rig.see("slide", steps=100) == pytest.approx(held)
+    assert rig.see("cart", "effort") == 0.0
+
+
+def test_switch_rules(rig):
+    rig.load("push", "efforts", "spin")
+    assert not rig.switch(["push", "efforts"])  # both claim the cart
+    assert not rig.switch(["nobody"])
+    assert rig.switch(["nobody", "push"], [], BEST_EFFORT)
+    assert not rig.switch(["push"])  # it runs
+    assert not rig.switch([], ["spin"])  # it does not
+    assert not rig.switch(["push"], ["push"], BEST_EFFORT)
+    assert rig.switch([], [])
+    assert rig.switch(["efforts"], ["push"])
+    assert rig.states() == {
+        "joint_state_controller": "running",
+        "push": "stopped",
+        "efforts": "running",
+        "spin": "initialized",
+    }
+
+
+def test_switches_in_the_middle_of_resets(rig):
+    rig.load("push")
+    call("/gazebo/unpause_physics", Empty)
+    resets = [
+        threading.Thread(target=lambda: call("/gazebo/reset_simulation", Empty)) for _ in range(5)
+    ]
+    try:
+        for reset in resets:
+            reset.start()
+            assert rig.switch(["push"])
+            assert rig.switch([], ["push"])
+            reset.join()
+    finally:
+        call("/gazebo/pause_physics", Empty)
+    assert rig.states()["push"] == "stopped"
+
+
+def test_controller_classes_of_a_user(rig, world):
+    types = call("/rig/controller_manager/list_controller_types", ListControllerTypes).types
+    assert "my_robot/Constant" in types
+    rig.start("mine")
+    assert rig.see("cart", "effort", 4) == 4.0
+    rig.clear()
+    rig.start("mine_too")
+    assert rig.see("cart", "effort", 4) == 4.0
+    reload_libraries = "/rig/controller_manager/reload_controller_libraries"
+    assert not call(reload_libraries, ReloadControllerLibraries, False).ok
+    module = world.modules / "my_controllers.py"
+    module.write_text(USER_CLASS.format(effort=7.25))
+    assert call(reload_libraries, ReloadControllerLibraries, True).ok
+    assert rig.states() == {}
+    rig.start("joint_state_controller", "mine_too")
+    rig.hear()
+    assert rig.see("cart", "effort", 4) == 7.25
+    module.write_text("def broken(:\n")
+    rig.clear()
+    assert call(reload_libraries, ReloadControllerLibraries, True).ok
+    assert not call("/rig/controller_manager/load_controller", LoadController, "mine").ok
+    module.write_text(USER_CLASS.format(effort=4.0))
+    rig.start("joint_state_controller")
+
+
+def test_two_robots_do_not_touch_each_other(rig, other):
+    rig.start("push")
+    other.start("push")
+    other.send("push", 5.0)
+    other.until("cart", "effort", lambda f: f == 5.0)
+    assert rig.see("cart", "effort") == 0.0
+    rig.send("push", 1.0)
+    rig.until("cart", "effort", lambda f: f == 1.0)
+    assert other.see("cart", "effort") == 5.0
+    assert call("/gazebo/delete_model", DeleteModel, "nobody").success is False
+
+
+def test_command_line_tools(rig, ros_master, tmp_path):
+    tool = ["rosrun", "aras_sim_bridge"]
+    done = ros_master.run([*tool, "controller_manager", "spawn", "push", "__ns:=/rig"])
+    assert "Loaded push" in done.stdout
+    done = ros_master.run([*tool, "controller_manager", "list", "__ns:=/rig"])
+    assert "'push' - 'effort_controllers/JointEffortController' ( running )" in done.stdout
+    ros_master.run([*tool, "controller_manager", "kill", "push", "__ns:=/rig"])
+    assert "push" not in rig.states()
+    failed = ros_master.run(
+        [*tool, "controller_manager", "load", "nobody", "__ns:=/rig"], check=False
+    )
+    assert failed.returncode == 1
+
+
+class Tool:
+    """A command-line tool that stays until it is interrupted."""
+
+    def __init__(self, master, *arguments: str) -> None:
+        self._process = subprocess.Popen(
+            ["rosrun", "aras_sim_bridge", *arguments],
+            env=master.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+
+    def interrupt(self) -> str:
+        """End it as Ctrl-C does; returns what it printed."""
+        self._process.send_signal(signal.SIGINT)
+        return self.end()
+
+    def end(self) -> str:
+        """Wait for its end; returns what it printed."""
+        return self._process.communicate(timeout=20.0)[0]
+
+
+def test_spawners_files_waits_and_ends(rig, ros_master, tmp_path):
+    file = tmp_path / "more.yaml"
+    file.write_text("from_file: {type: effort_controllers/JointEffortController, joint: table}\n")
+    rospy.set_param("/rig/controller_groups", {"one": ["push"], "two": ["roll"]})
+    gate = rospy.Publisher("/rig/go", Bool, queue_size=1, latch=True)
+    gate.publish(False)
+    call("/gazebo/unpause_physics", Empty)
+    try:
+        flags = ["--namespace", "/rig", "--wait-for", "/rig/go"]
+        waiting = Tool(ros_master, "spawner", *flags, "push")
+        loading = Tool(ros_master, "spawner", "--stopped", str(file), "slide_to", "__ns:=/rig")
+        late = Tool(ros_master, "spawner", "--namespace", "/nowhere", "--timeout", "0.2", "x")
+        wait_for(lambda: rig.states().get("slide_to"), 15.0, "the stopped controllers")
+        assert rig.states()["from_file"] == "initialized"
+        assert "couldn't find the expected controller_manager" in late.end()
+        assert "push" not in rig.states()
+        wait_for(gate.get_num_connections, 15.0, "the waiting spawner")
+        gate.publish(True)
+        wait_for(lambda: rig.states().get("push") == "running", 15.0, "push")
+        unspawner = Tool(ros_master, "unspawner", "push", "__ns:=/rig")
+        wait_for(lambda: rig.states()["push"] == "stopped", 15.0, "the unspawner")
+        unspawner.interrupt()
+        wait_for(lambda: rig.states()["push"] == "running", 5.0, "the restart")
+        loading.interrupt()
+        assert set(rig.states()) == {"joint_state_controller", "push"}
+        group = ["rosrun", "aras_sim_bridge", "controller_group", "__ns:=/rig"]
+        ros_master.run([*group, "switch", "two"])
+        assert (rig.states()["push"], rig.states()["roll"]) == ("stopped", "running")
+        ros_master.run([*group, "switch", "one"])
+        assert (rig.states()["push"], rig.states()["roll"]) == ("running", "stopped")
+        assert ros_master.run([*group, "switch", "three"], check=False).returncode == 1
+        waiting.interrupt()
+        assert "push" not in rig.states()
+    finally:
+        call("/gazebo/pause_physics", Empty)
+        gate.unregister()
+
+
+def test_log_holds_no_traceback(world):
+    assert "Traceback" not in world.output()

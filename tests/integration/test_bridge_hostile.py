@@ -1,0 +1,358 @@
+"""Bad input to the bridge: answered by name, the state before unchanged, the simulation goes on."""
+
+from __future__ import annotations
+
+import math
+import threading
+
+import pytest
+import rospy
+from aras_sim_bridge.srv import StepWorld
+from controller_manager_msgs.srv import ListControllers, LoadController, SwitchController
+from dynamic_reconfigure.msg import Config, DoubleParameter
+from dynamic_reconfigure.srv import Reconfigure
+from gazebo_msgs.msg import ModelState, ODEJointProperties
+from gazebo_msgs.srv import (
+    ApplyBodyWrench,
+    ApplyJointEffort,
+    DeleteLight,
+    DeleteModel,
+    GetJointProperties,
+    GetLightProperties,
+    GetLinkProperties,
+    GetLinkState,
+    GetModelProperties,
+    GetModelState,
+    GetPhysicsProperties,
+    GetWorldProperties,
+    SetJointProperties,
+    SetLightProperties,
+    SetLinkProperties,
+    SetLinkState,
+    SetModelConfiguration,
+    SetModelState,
+    SetPhysicsProperties,
+    SpawnModel,
+)
+from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3, Wrench
+from ros_graph import wait_for
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import ColorRGBA
+from std_srvs.srv import Empty
+
+ARM = """<robot name="arm">
+  <link name="world"/>
+  <joint name="fix" type="fixed"><parent link="world"/><child link="base"/></joint>
+  <link name="base"/>
+  <joint name="swing" type="revolute">
+    <parent link="base"/><child link="rod"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="50" velocity="10"/></joint>
+  <link name="rod"><inertial><mass value="1"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <transmission name="t"><type>transmission_interface/SimpleTransmission</type>
+    <joint name="swing"><hardwareInterface>hardware_interface/EffortJointInterface
+    </hardwareInterface></joint>
+    <actuator name="m"><mechanicalReduction>1</mechanicalReduction></actuator></transmission>
+  <gazebo><plugin name="c" filename="libgazebo_ros_control.so">
+    <robotNamespace>/arm</robotNamespace></plugin></gazebo>
+</robot>"""
+BALL = """<robot name="ball"><link name="ball"><inertial><mass value="{mass}"/>
+  <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>{more}</link></robot>"""
+SDF_JOINT = """<sdf version="1.6"><model name="m"><link name="a"/><link name="b"/>
+  <joint name="j" type="screw"><parent>a</parent><child>b</child></joint></model></sdf>"""
+MESH = '<visual><geometry><mesh filename="{}"/></geometry></visual>'
+BOMB = """<!DOCTYPE robot [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">
+  <!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;">]><robot name="&c;"><link name="a"/></robot>"""
+FILE = """<!DOCTYPE robot [<!ENTITY f SYSTEM "file:///etc/passwd">]>
+  <robot name="r"><link name="&f;"/></robot>"""
+NAN, INF = math.nan, math.inf
+
+
+def call(name: str, service: type, *args: object, **fields: object) -> object:
+    """Call a service, below /gazebo unless absolute."""
+    name = name if name.startswith("/") else f"/gazebo/{name}"
+    rospy.wait_for_service(name, 20.0)
+    return rospy.ServiceProxy(name, service)(*args, **fields)
+
+
+def spawn(name: str, xml: str, kind: str = "urdf", **fields: object) -> object:
+    request = {"model_name": name, "model_xml": xml, **fields}
+    return call(f"spawn_{kind}_model", SpawnModel, **request)
+
+
+def state() -> tuple:
+    """Everything that a refused request must leave as it was."""
+    world = call("get_world_properties", GetWorldProperties)
+    physics = call("get_physics_properties", GetPhysicsProperties)
+    arm = call("get_joint_properties", GetJointProperties, "arm::swing")
+    ball = call("get_model_state", GetModelState, "ball", "")
+    rod = call("get_link_properties", GetLinkProperties, "arm::rod")
+    light = call("get_light_properties", GetLightProperties, "sun")
+    controllers = call("/arm/controller_manager/list_controllers", ListControllers).controller
+    return (
+        world.sim_time, tuple(world.model_names), str(physics), str(arm), str(ball.pose),
+        str(ball.twist), str(rod), str(light), [(c.name, c.state) for c in controllers],
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module", autouse=True)
+def bridge(launch, ros_node):
+    """A ball in the air and an arm under two controllers; simulated time stands still."""
+    launched = launch(
+        "aras_sim_bridge", "empty_world.launch", nodes=["/gazebo"], paused=True, speed_mode="max"
+    )
+    for name, kind in (
+        ("hold", {"type": "effort_controllers/JointPositionController", "joint": "swing",
+                  "pid": {"p": 20.0, "i": 0.0, "d": 5.0}}),
+        ("joint_states", {"type": "joint_state_controller/JointStateController",
+                          "publish_rate": 100}),
+    ):  # fmt: skip
+        rospy.set_param(f"/arm/{name}", kind)
+    assert spawn("arm", ARM).success
+    pose = Pose(position=Point(5.0, 0.0, 100.0))
+    assert spawn("ball", BALL.format(mass=2, more=""), initial_pose=pose).success
+    for name in ("hold", "joint_states"):
+        assert call("/arm/controller_manager/load_controller", LoadController, name).ok
+    call("/arm/controller_manager/switch_controller", SwitchController,
+         ["hold", "joint_states"], [], 2, False, 0.0)  # fmt: skip
+    return launched
+
+
+@pytest.fixture
+def unchanged(bridge):
+    """The state after the test is the one before, and the simulation still steps."""
+    before = state()
+    yield
+    assert state() == before
+    time = before[0]
+    assert call("step_world", StepWorld, 2).success
+    after = call("get_world_properties", GetWorldProperties).sim_time
+    assert after == pytest.approx(time + 0.002, abs=1e-9)
+
+
+def pose_of(x: float, quat: tuple = (0.0, 0.0, 0.0, 1.0)) -> Pose:
+    return Pose(Point(x, 0.0, 0.0), Quaternion(*quat))
+
+
+def wrench(x: float) -> Wrench:
+    return Wrench(force=Vector3(x, 0.0, 0.0))
+
+
+def link_properties(**values: float) -> dict:
+    return {"link_name": "arm::rod", "mass": 1.0, "ixx": 1.0, "iyy": 1.0, "izz": 1.0, **values}
+
+
+BAD_CALLS = [
+    # (service, type, fields, a word that the reason holds)
+    ("get_model_state", GetModelState, {"model_name": "ghost"}, "ghost"),
+    ("get_model_state", GetModelState, {"model_name": ""}, "''"),
+    ("get_model_state", GetModelState,
+     {"model_name": "ball", "relative_entity_name": "ghost"}, "ghost"),
+    ("get_model_properties", GetModelProperties, {"model_name": "ghost"}, "ghost"),
+    ("get_link_state", GetLinkState, {"link_name": "ball::ghost"}, "ghost"),
+    ("get_link_state", GetLinkState, {"link_name": "ball", "reference_frame": "ghost"}, "ghost"),
+    ("get_link_state", GetLinkState, {"link_name": "::"}, "::"),
+    ("get_link_properties", GetLinkProperties, {"link_name": ""}, "''"),
+    ("get_joint_properties", GetJointProperties, {"joint_name": "arm::ghost"}, "ghost"),
+    ("get_light_properties", GetLightProperties, {"light_name": "ghost"}, "ghost"),
+    ("set_model_state", SetModelState, {"model_state": ModelState(model_name="ghost")}, "ghost"),
+    ("set_model_state", SetModelState,
+     {"model_state": ModelState(model_name="ball", reference_frame="ghost")}, "ghost"),
+    ("set_model_state", SetModelState,
+     {"model_state": ModelState(model_name="ball", pose=pose_of(NAN))}, "ball"),
+    ("set_model_state", SetModelState,
+     {"model_state": ModelState(model_name="ball", pose=pose_of(1e300))}, "ball"),
+    ("set_model_state", SetModelState,
+     {"model_state": ModelState(model_name="ball", pose=pose_of(0.0, (NAN, 0, 0, 1)))}, "ball"),
+    ("set_model_state", SetModelState,
+     {"model_state": ModelState(model_name="ball", twist=Twist(linear=Vector3(INF, 0, 0)))},
+     "linear"),
+    ("set_link_state", SetLinkState, {}, "''"),
+    ("set_model_configuration", SetModelConfiguration, {"model_name": "ghost"}, "ghost"),
+    ("set_model_configuration", SetModelConfiguration,
+     {"model_name": "arm", "joint_names": ["swing"], "joint_positions": []}, "joint_positions"),
+    ("set_model_configuration", SetModelConfiguration,
+     {"model_name": "arm", "joint_names": ["swing"], "joint_positions": [INF]}, "inf"),
+    ("set_link_properties", SetLinkProperties, link_properties(link_name="ghost"), "ghost"),
+    ("set_link_properties", SetLinkProperties, link_properties(mass=-1.0), "mass"),
+    ("set_link_properties", SetLinkProperties, link_properties(mass=NAN), "mass"),
+    ("set_link_properties", SetLinkProperties, link_properties(mass=0.0), "mass"),
+    ("set_link_properties", SetLinkProperties, link_properties(ixx=-1.0), "inertia"),
+    ("set_joint_properties", SetJointProperties, {"joint_name": "ghost"}, "ghost"),
+    ("set_joint_properties", SetJointProperties,
+     {"joint_name": "swing", "ode_joint_config": ODEJointProperties(damping=[-1.0])}, "damping"),
+    ("set_joint_properties", SetJointProperties,
+     {"joint_name": "swing", "ode_joint_config": ODEJointProperties(damping=[1.0, 2.0])},
+     "2 numbers"),
+    ("set_joint_properties", SetJointProperties,
+     {"joint_name": "swing", "ode_joint_config": ODEJointProperties(hiStop=[-2.0])}, "stop"),
+    ("set_light_properties", SetLightProperties, {"light_name": "ghost"}, "ghost"),
+    ("set_light_properties", SetLightProperties,
+     {"light_name": "sun", "diffuse": ColorRGBA(-1, 0, 0, 1)}, "diffuse"),
+    ("set_light_properties", SetLightProperties,
+     {"light_name": "sun", "attenuation_constant": NAN}, "attenuation_constant"),
+    ("delete_light", DeleteLight, {"light_name": "ghost"}, "ghost"),
+    ("delete_model", DeleteModel, {"model_name": "ghost"}, "ghost"),
+    ("apply_body_wrench", ApplyBodyWrench, {"body_name": "ghost"}, "ghost"),
+    ("apply_body_wrench", ApplyBodyWrench, {"body_name": "ball", "wrench": wrench(NAN)}, "force"),
+    ("apply_body_wrench", ApplyBodyWrench,
+     {"body_name": "ball", "reference_frame": "ghost"}, "ghost"),
+    ("apply_joint_effort", ApplyJointEffort, {"joint_name": "fix"}, "fix"),
+    ("apply_joint_effort", ApplyJointEffort, {"joint_name": "swing", "effort": 1e300}, "effort"),
+    ("step_world", StepWorld, {"steps": 0}, "steps"),
+    ("step_world", StepWorld, {"steps": 4_000_000_000}, "steps"),
+]  # fmt: skip
+
+
+def test_bad_requests_are_refused_by_name(unchanged):
+    for name, service, fields, word in BAD_CALLS:
+        answer = call(name, service, **fields)
+        assert not answer.success, (name, fields)
+        assert word in answer.status_message, (name, fields, answer.status_message)
+
+
+@pytest.mark.parametrize("bad", [0.0, -0.001, 1e-12, 1e9, NAN, INF])
+def test_impossible_steps_are_refused(unchanged, bad):
+    physics = call("get_physics_properties", GetPhysicsProperties)
+    answer = call("set_physics_properties", SetPhysicsProperties, bad, 1000.0, physics.gravity,
+                  physics.ode_config)  # fmt: skip
+    assert not answer.success
+    assert "step" in answer.status_message
+    doubles = [DoubleParameter("time_step", bad)]
+    call("set_parameters", Reconfigure, Config(doubles=doubles))
+    assert call("get_physics_properties", GetPhysicsProperties).time_step in (0.001, 10.0)
+
+
+def test_gravity_and_rate_that_cannot_be_are_refused(unchanged):
+    physics = call("get_physics_properties", GetPhysicsProperties)
+    for rate, gravity in ((1000.0, Vector3(0, 0, NAN)), (1000.0, Vector3(0, 0, -1e9)),
+                          (-1.0, physics.gravity), (INF, physics.gravity)):  # fmt: skip
+        assert not call("set_physics_properties", SetPhysicsProperties, 0.001, rate, gravity,
+                        physics.ode_config).success  # fmt: skip
+
+
+BAD_MODELS = [
+    # (name, text, kind, fields, a word that the reason holds)
+    ("", BALL.format(mass=1, more=""), "urdf", {}, "model_name"),
+    ("a::b", BALL.format(mass=1, more=""), "urdf", {}, "::"),
+    ("ball", BALL.format(mass=1, more=""), "urdf", {}, "exists"),
+    ("x", BALL.format(mass=-1, more=""), "urdf", {}, "mass"),
+    ("x", BALL.format(mass="nan", more=""), "urdf", {}, "mass"),
+    ("x", BALL.format(mass=1, more=""), "urdf", {"initial_pose": pose_of(NAN)}, "initial_pose"),
+    ("x", BALL.format(mass=1, more=""), "urdf", {"reference_frame": "ghost"}, "ghost"),
+    ("x", "<robot name='r'><link name='a'></robot>", "urdf", {}, "line"),
+    ("x", "<robot name='r'/>", "urdf", {}, "no link"),
+    ("x", BOMB, "urdf", {}, "DOCTYPE"),
+    ("x", FILE, "urdf", {}, "DOCTYPE"),
+    ("x", BOMB.replace("robot", "sdf"), "sdf", {}, "DOCTYPE"),
+    ("x", "", "sdf", {}, "no element"),
+    ("x", "hello", "sdf", {}, "no element"),
+    ("x", "<html/>", "sdf", {}, "html"),
+    ("x", "<sdf version='1.6'/>", "sdf", {}, "no <model>"),
+    ("x", SDF_JOINT, "sdf", {}, "screw"),
+    ("x", BALL.format(mass=1, more=MESH.format("package://aras_sim_bridge/../../../etc/passwd")),
+     "urdf", {}, "climbs out"),
+    ("x", BALL.format(mass=1, more=MESH.format("package://aras_sim_bridge/no.stl")), "urdf", {},
+     "no.stl"),
+    ("x", BALL.format(mass=1, more=MESH.format("http://a/b.stl")), "urdf", {}, "http"),
+    ("x", "<robot name='r'>" + "<a>" * 500 + "</a>" * 500 + "</robot>", "urdf", {}, "deep"),
+    ("x", "<robot name='r'>" + " " * 50_000_000 + "</robot>", "urdf", {}, "limit"),
+]  # fmt: skip
+
+
+def test_hostile_models_are_refused(unchanged):
+    for name, text, kind, fields, word in BAD_MODELS:
+        answer = spawn(name, text, kind, **fields)
+        assert not answer.success, text[:200]
+        assert word in answer.status_message, (text[:200], answer.status_message)
+        assert len(answer.status_message) < 500
+
+
+def test_calls_that_fail_as_upstream_says(unchanged):
+    for text, word in (
+        ("<sdf/>", "robot"),
+        ("", "robot"),
+        (BALL.format(mass=1, more=MESH.format("package://no_such_package/a.stl")), "no_such"),
+    ):
+        with pytest.raises(rospy.ServiceException, match=word):
+            spawn("x", text)
+
+
+def test_topics_with_nonsense_change_nothing(unchanged):
+    topic = rospy.Publisher("/gazebo/set_model_state", ModelState, queue_size=4)
+    wait_for(topic.get_num_connections, timeout=5.0, what="the subscriber")
+    topic.publish(ModelState(model_name="ghost"))
+    topic.publish(ModelState(model_name="ball", pose=pose_of(NAN)))
+    call("get_world_properties", GetWorldProperties)
+
+
+def test_zero_quaternion_is_identity():
+    answer = spawn("flat", BALL.format(mass=1, more=""), initial_pose=pose_of(9.0, (0, 0, 0, 0)))
+    assert answer.success, answer.status_message
+    pose = call("get_model_state", GetModelState, "flat", "").pose
+    assert (pose.orientation.w, pose.position.x) == (1.0, 9.0)
+    assert call("delete_model", DeleteModel, "flat").success
+
+
+def test_delete_while_controllers_run_and_resets_between(collect):
+    """Eight clients at once, time running: nobody is left without an answer."""
+    clock = collect("/clock", Clock)
+    states = collect("/arm/joint_states", JointState)
+    call("unpause_physics", Empty)
+    faults: list[str] = []
+
+    def client(index: int) -> None:
+        try:
+            for i in range(6):
+                if index == 0:
+                    call("reset_world", Empty)
+                elif index == 1:
+                    call("reset_simulation", Empty)
+                elif index == 2:
+                    name = f"visitor{i}"
+                    assert spawn(name, BALL.format(mass=1, more="")).success
+                    assert call("delete_model", DeleteModel, name).success
+                elif index == 3:
+                    switch = (["hold"], []) if i % 2 else ([], ["hold"])
+                    call("/arm/controller_manager/switch_controller", SwitchController,
+                         *switch, 1, False, 1.0)  # fmt: skip
+                else:
+                    assert call("get_model_state", GetModelState, "ball", "arm").success
+        except Exception as error:
+            faults.append(f"client {index}: {error!r}")
+
+    threads = [threading.Thread(target=client, args=(i,)) for i in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(30.0)
+    assert not faults
+    states.clear()
+    states.wait(3, timeout=5.0)
+    assert call("delete_model", DeleteModel, "arm").success
+    answer = call("get_joint_properties", GetJointProperties, "swing")
+    assert not answer.success
+    clock.clear()
+    clock.wait(5, timeout=5.0)
+    call("pause_physics", Empty)
+
+
+def test_absurd_efforts_do_not_end_the_simulator():
+    """1e9 N m on 1 kg m² for thousands of steps."""
+    assert spawn("arm", ARM).success
+    call("unpause_physics", Empty)
+    huge = {"joint_name": "swing", "effort": 1e9, "duration": rospy.Duration(-1)}
+    assert call("apply_joint_effort", ApplyJointEffort, **huge).success
+    call("get_world_properties", GetWorldProperties)
+    call("reset_simulation", Empty)
+    assert call("delete_model", DeleteModel, "arm").success  # drops the effort, too
+    call("pause_physics", Empty)
+    call("reset_simulation", Empty)
+    assert call("step_world", StepWorld, 3).success
+    assert call("get_world_properties", GetWorldProperties).sim_time == pytest.approx(0.003)
+
+
+def test_log_holds_no_traceback(bridge):
+    assert "Traceback" not in bridge.output()
+    assert "internal error" not in bridge.output()

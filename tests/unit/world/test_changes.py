@@ -1,0 +1,97 @@
+"""Masses, damping and stops changed at run time; the state goes on."""
+
+import math
+
+import pytest
+
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.world import Pose, Twist, World
+from aras_sim_bridge.world.changes import with_joint, with_link
+
+G = 9.8
+
+
+def test_another_mass_and_centre_change_the_load_and_nothing_else(make):
+    with World() as world:
+        bob = world.spawn(parse_urdf(make.pendulum()), "m", joint_positions={"swing": 0.5})
+        for _ in range(50):
+            world.step()
+        before = [list(v) for v in bob.read_joints()[:2]]
+        world.change("m", with_link(bob.description, "bob", 2.0, (0.0, 0.0, -0.25),
+                                    (0.02, 0, 0, 0.02, 0, 0.02), True))
+        assert [list(v) for v in bob.read_joints()[:2]] == before
+        assert bob.description.links["bob"].inertial.mass == 2.0
+        load = 2.0 * G * 0.25 * math.sin(before[0][0])
+        assert bob.bias_efforts() == pytest.approx([load])
+        world.step()
+        inertia = 0.02 + 2.0 * 0.25**2
+        assert bob.read_joints()[1][0] == pytest.approx(before[1][0] - load / inertia * 1e-3)
+        world.reset_simulation()
+        assert bob.bias_efforts() == pytest.approx([2.0 * G * 0.25 * math.sin(0.5)])
+
+
+def test_a_flying_body_flies_on(make):
+    with World() as world:
+        body = world.spawn(parse_urdf(make.robot(make.link("a"))), "m", Pose((1, 2, 30)))
+        body.set_twist(Twist((1, 0, 0), (0, 0, 2)))
+        world.change("m", with_link(body.description, "a", 3.0, (0.1, 0, 0),
+                                    (0.1, 0, 0, 0.1, 0, 0.1), False))
+        assert body.pose().xyz == pytest.approx((1, 2, 30))
+        assert body.twist().linear == pytest.approx((1, 0, 0))
+        assert body.twist().angular == pytest.approx((0, 0, 2))
+        for _ in range(100):
+            world.step()
+        assert body.pose().xyz[2] == pytest.approx(30, abs=1e-9)  # gravity is off
+
+
+def test_damping_friction_and_stops(make):
+    with World() as world:
+        rotor = world.spawn(parse_urdf(make.rotor()), "m")
+        world.change("m", with_joint(rotor.description, "spin", damping=2.0, friction=0.3))
+        for _ in range(1000):
+            rotor.apply_effort("spin", 1.0)
+            world.step()
+        assert rotor.read_joints()[1][0] == pytest.approx((1.0 - 0.3) / 2.0, rel=1e-5)
+        rotor.set_position("spin", 0.0)
+        world.change("m", with_joint(rotor.description, "spin", lower=-0.1, upper=0.2))
+        for _ in range(1500):
+            rotor.apply_effort("spin", 1.0)
+            world.step()
+        assert rotor.read_joints()[0][0] == pytest.approx(0.2, abs=1e-3)
+
+
+def test_a_model_with_mimic_joints_can_be_changed_and_deleted(make):
+    xml = make.robot('<link name="world"/>', make.link("a"), make.link("b"),
+                     make.joint("leader", "world", "a", axis="0 0 1"),
+                     make.joint("follower", "world", "b", axis="0 0 1", xyz="1 0 0",
+                                extra='<mimic joint="leader" multiplier="-2"/>'))
+    simulation = Simulation(SimulationConfig(renderer="tiny"))
+    model = simulation.spawn(parse_urdf(xml), "m")
+    simulation.change("m", with_joint(model.description, "leader", damping=1.0))
+    for _ in range(200):
+        model.apply_effort("leader", 1.0)
+        simulation.step()
+    leader, follower = model.read_joints()[0]
+    assert leader > 1e-3
+    assert follower == pytest.approx(-2 * leader, abs=1e-4)
+    simulation.delete("m")
+    simulation.step()
+    simulation.close()
+
+
+@pytest.mark.parametrize(("change", "reason"), [
+    (lambda d: with_link(d, "nose", 1.0, (0, 0, 0), (1, 0, 0, 1, 0, 1), True), "'nose'"),
+    (lambda d: with_link(d, "bob", -1.0, (0, 0, 0), (1, 0, 0, 1, 0, 1), True), "positive"),
+    (lambda d: with_link(d, "bob", math.nan, (0, 0, 0), (1, 0, 0, 1, 0, 1), True), "not finite"),
+    (lambda d: with_link(d, "bob", 1.0, (0, 0, math.inf), (1, 0, 0, 1, 0, 1), True), "com"),
+    (lambda d: with_link(d, "bob", 1.0, (0, 0, 0), (1, 0, 0, -1, 0, 1), True), "negative"),
+    (lambda d: with_joint(d, "nose", damping=1.0), "'nose'"),
+    (lambda d: with_joint(d, "swing", damping=-1.0), "damping -1.0 must not be negative"),
+    (lambda d: with_joint(d, "swing", friction=math.nan), "not finite"),
+    (lambda d: with_joint(d, "swing", lower=1.0, upper=-1.0), "above the upper"),
+])
+def test_impossible_changes_are_refused(make, change, reason):
+    with pytest.raises(SimError, match=reason):
+        change(parse_urdf(make.pendulum()))

@@ -1,0 +1,162 @@
+"""SDF: shapes, colours, links and joints, lights; what is not supported is named."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aras_sim_bridge.description import parse_sdf, read_sdf
+from aras_sim_bridge.errors import DescriptionError, WorldError
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.world import Pose, World
+
+ROBOT = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
+BOX = "<box><size>0.2 0.4 0.6</size></box>"
+
+
+def part(kind, shape, extra=""):
+    """A <visual> or <collision>."""
+    return f'<{kind} name="{kind}"><geometry>{shape}</geometry>{extra}</{kind}>'
+
+
+def model(links, extra="<static>1</static>", name="m"):
+    """An SDF text of one model."""
+    return f'<?xml version="1.0"?><sdf version="1.6"><model name="{name}">{extra}{links}' \
+           "</model></sdf>"
+
+
+def link(body, name="link", extra=""):
+    """A <link>."""
+    return f'<link name="{name}">{extra}{body}</link>'
+
+
+def solid(shape, **options):
+    """A link that is seen and touched."""
+    return link(part("visual", shape) + part("collision", shape), **options)
+
+
+@pytest.mark.parametrize(("shape", "height"), [
+    (BOX, 0.3), ("<sphere><radius>0.3</radius></sphere>", 0.3),
+    ("<cylinder><radius>0.1</radius><length>0.6</length></cylinder>", 0.3),
+    ("<plane><normal>0 0 1</normal><size>5 5</size></plane>", 0.0),
+    (f"<mesh><uri>file://{ROBOT}/meshes/link1.stl</uri></mesh>", 0.1945),
+])
+def test_shapes_carry_what_falls_on_them(make, shape, height):
+    with World() as world:
+        world.spawn(parse_sdf(model(solid(shape))), "m", Pose((1, 2, 0)))
+        ball = parse_sdf(model(solid("<sphere><radius>0.05</radius></sphere>"), ""))
+        world.spawn(ball, "ball", Pose((1, 2, height + 0.08)))
+        for _ in range(300):
+            world.step()
+        assert world.models["ball"].pose().xyz[2] == pytest.approx(height + 0.05, abs=3e-3)
+        assert world.models["m"].fixed_base
+
+
+def test_poses_of_model_and_links_are_kept():
+    text = model(
+        solid(BOX, name="a", extra="<pose>0 0 0.5 0 0 0</pose>")
+        + solid(BOX, name="b", extra="<pose>1 0 0.5 0 0 1.5707963267948966</pose>"),
+        "<static>1</static><pose>3 4 0 0 0 0.5</pose>")
+    description = parse_sdf(text)
+    assert description.initial_pose[0] == (3, 4, 0)
+    assert description.initial_pose[1] == pytest.approx((0, 0, 0.5))
+    assert description.links["a"].visuals[0].origin_xyz == (0, 0, 0.5)
+    with World() as world:
+        placed = world.spawn(description, "m", Pose.from_rpy(*description.initial_pose))
+        expected = Pose.from_rpy((3, 4, 0), (0, 0, 0.5)) @ Pose.from_rpy((1, 0, 0.5),
+                                                                          (0, 0, math.pi / 2))
+        np.testing.assert_allclose(placed.link_pose("b").matrix(), expected.matrix(), atol=1e-12)
+
+
+def test_joints_move_about_the_child_s_origin():
+    text = model(
+        link("", "post", "<inertial><mass>5</mass></inertial>")
+        + link("", "arm", "<pose>0.5 0 1 0 0 0</pose><inertial><pose>0 0 -0.5 0 0 0</pose>"
+               "<mass>1</mass><inertia><ixx>0.01</ixx><iyy>0.01</iyy><izz>0.01</izz></inertia>"
+               "</inertial>")
+        + '<joint name="bolt" type="fixed"><parent>world</parent><child>post</child></joint>'
+        '<joint name="swing" type="revolute"><parent>post</parent><child>arm</child>'
+        "<axis><xyz>0 1 0</xyz><dynamics><damping>0.1</damping></dynamics></axis></joint>", "")
+    description = parse_sdf(text)
+    assert description.joints["swing"].kind == "continuous"
+    with World() as world:
+        made = world.spawn(description, "m", joint_positions={"swing": 0.1})
+        assert made.fixed_base
+        assert made.link_pose("arm").xyz == pytest.approx((0.5, 0, 1))
+        assert made.bias_efforts() == pytest.approx([9.8 * 0.5 * math.sin(0.1)])
+
+
+def test_colours_reach_the_camera_s_table():
+    script = "<material><script><name>Gazebo/Red</name></script></material>"
+    diffuse = "<material><diffuse>0.1 0.2 0.3 1</diffuse></material>"
+    text = model(link(part("visual", BOX, script), "a") + link(part("visual", BOX, diffuse), "b")
+                 + link(part("visual", BOX), "c"))
+    description = parse_sdf(text)
+    assert description.materials == {"a": "Gazebo/Red"}
+    assert description.colours == {"b": (0.1, 0.2, 0.3, 1.0)}
+    simulation = Simulation(SimulationConfig(renderer="tiny"))
+    made = simulation.spawn(description, "m")
+    table = simulation._materials
+    assert table[(made.body_id, made.link_index("b"))] == (0.1, 0.2, 0.3, 1.0)
+    simulation.close()
+
+
+def test_the_shipped_world_is_read():
+    content = read_sdf((ROBOT / "world/aras_visual_servo.world").read_text())
+    assert [m.name for m in content.models] == ["ground_plane"]
+    assert content.models[0].materials == {"link": "Gazebo/Grey"}
+    (sun,) = content.lights
+    assert (sun.name, sun.kind, sun.diffuse) == ("sun", "directional", (0.8, 0.8, 0.8, 1.0))
+    assert sun.direction == pytest.approx(np.array((-0.5, 0.1, -0.9)) / math.sqrt(1.07))
+    assert (sun.attenuation_constant, sun.attenuation_linear) == (0.9, 0.01)
+
+
+def test_included_ground_and_sun_are_known_others_are_not():
+    text = ('<sdf version="1.6"><world name="default"><include><uri>model://{}</uri></include>'
+            "</world></sdf>")
+    assert read_sdf(text.format("ground_plane")).models[0].name == "ground_plane"
+    assert read_sdf(text.format("sun")).lights[0].name == "sun"
+    with pytest.raises(DescriptionError, match="<include> of 'model://table' is not supported"):
+        read_sdf(text.format("table"))
+
+
+@pytest.mark.parametrize(("text", "reason"), [
+    (model(link(part("visual", "<heightmap/>"))), "shape <heightmap> is not supported; use box"),
+    (model(link(part("visual", "<box><size>1 1 -1</size></box>"))), "must be positive"),
+    (model(link(part("visual", "<box><size>1 nan 1</size></box>"))), "not finite"),
+    (model(link(part("visual", "<sphere/>"))), "sphere radius is missing"),
+    (model(link("<battery/>")), "link 'link': <battery> is not supported"),
+    (model('<model name="inner"/>'), "model 'm': <model> is not supported"),
+    (model("<actor/>"), "<actor> is not supported"),
+    (model(""), "has no <link>"),
+    (model(solid(BOX, name="a") + solid(BOX, name="b"), ""), "'a' and 'b' are not joined"),
+    (model(solid(BOX) + solid(BOX)), "two links are named 'link'"),
+    (model(solid(BOX, name="a") + solid(BOX, name="b")
+           + '<joint name="j" type="screw"><parent>a</parent><child>b</child></joint>', ""),
+     "joint type 'screw' is not supported"),
+    (model(solid(BOX) + '<joint name="j" type="fixed"><parent>x</parent><child>link</child>'
+           "</joint>"), "link 'x' does not exist"),
+    (model(link(part("visual", "<mesh><uri>model://nope/a.stl</uri></mesh>"))), "package 'nope'"),
+    (model(solid(BOX, extra="<pose relative_to='q'>0 0 0 0 0 0</pose>")), "relative_to='q'"),
+    ('<sdf version="1.6"/>', "no <model> and no <light>"),
+    ("<robot name='r'/>", "not <sdf>"),
+    ("<!DOCTYPE x [<!ENTITY a 'b'>]><sdf/>", "document type"),
+    (model(solid(BOX, extra="<inertial><mass>-1</mass></inertial>")), "must not be negative"),
+])
+def test_what_is_not_supported_is_named(text, reason):
+    with pytest.raises(DescriptionError, match=reason):
+        parse_sdf(text)
+
+
+def test_lights_come_change_and_go():
+    simulation = Simulation(SimulationConfig(renderer="tiny"))
+    (sun,) = read_sdf((ROBOT / "world/aras_visual_servo.world").read_text()).lights
+    simulation.set_light(sun)
+    assert simulation.lights == {"sun": sun}
+    with pytest.raises(WorldError, match="light 'lamp' does not exist; there are: sun"):
+        simulation.delete_light("lamp")
+    simulation.delete_light("sun")
+    assert simulation.lights == {}
+    assert simulation._sunlight().diffuse == 0.0
+    simulation.close()

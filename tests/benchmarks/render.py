@@ -126,8 +126,8 @@ def bullet_picture(client: int, view: View, renderer: int) -> Callable[[], objec
     )
 
 
-def mujoco_picture(bench: Bench, view: View) -> Callable[[], object]:
-    """MuJoCo's offscreen renderer on the triangles that ours draws."""
+def mujoco_picture(bench: Bench, view: View, shadows: bool = True) -> Callable[[], object]:
+    """MuJoCo's offscreen renderer on the triangles that ours draws, as it comes or unshadowed."""
     os.environ.setdefault("MUJOCO_GL", "egl")
     import mujoco
 
@@ -149,9 +149,9 @@ def mujoco_picture(bench: Bench, view: View) -> Callable[[], object]:
     axes = " ".join(f"{x:.9g}" for x in [*T[:3, 0], *(-T[:3, 1])])
     fovy = np.degrees(2 * np.arctan(h / 2 / view.K[1, 1]))
     model = mujoco.MjModel.from_xml_string(f"""<mujoco><visual>
-        <global offwidth="{w}" offheight="{h}"/><quality offsamples="4" shadowsize="0"/></visual>
-        <asset>{"".join(assets)}</asset><worldbody><light directional="true" castshadow="false"
-        dir="-.5 .1 -.9"/><geom type="plane" size="50 50 1"/>{"".join(bodies)}
+        <global offwidth="{w}" offheight="{h}"/></visual>
+        <asset>{"".join(assets)}</asset><worldbody><light directional="true"
+        castshadow="{str(shadows).lower()}" dir="-.5 .1 -.9"/><geom type="plane" size="50 50 1"/>{"".join(bodies)}
         <camera name="c" pos="{T[0, 3]} {T[1, 3]} {T[2, 3]}" xyaxes="{axes}" fovy="{fovy}"/>
         </worldbody></mujoco>""")
     data = mujoco.MjData(model)
@@ -186,8 +186,8 @@ def picture_of(case: str, what: str, folder: Path) -> Callable[[], object]:
         plugin = importlib.util.find_spec("eglRenderer").origin
         pybullet.loadPlugin(plugin, "_eglRendererPlugin", physicsClientId=bench.client)
         return bullet_picture(bench.client, view, pybullet.ER_BULLET_HARDWARE_OPENGL)
-    if what == "mujoco":
-        return mujoco_picture(bench, view)
+    if what.startswith("mujoco"):
+        return mujoco_picture(bench, view, shadows=what == "mujoco")
     renderer = create_renderer("opengl", bench.client, bench.materials,
                                antialiasing=ANTIALIASING.get(what, "edges"))
     if what in LENSES:
@@ -265,7 +265,8 @@ def main() -> None:
     arguments = parser.parse_args()
     result: dict[str, object] = {}
     names = [*ANTIALIASING, "pybullet_tiny"]
-    for module, name in (("eglRenderer", "pybullet_egl"), ("mujoco", "mujoco")):
+    for module, name in (("eglRenderer", "pybullet_egl"), ("mujoco", "mujoco"),
+                         ("mujoco", "mujoco_without_shadows")):
         if importlib.util.find_spec(module):
             names.append(name)
     with tempfile.TemporaryDirectory() as folder:
@@ -274,7 +275,7 @@ def main() -> None:
             report(case, times)
             result[case] = {"ms": times, "opengl_to": {
                 other: round(times["opengl"] / times[other], 4)
-                for other in ("pybullet_tiny", "pybullet_egl", "mujoco") if other in times
+                for other in names if not other.startswith("opengl")
             }}
         lenses = measure("servo", [*LENSES, "noise_alone"], Path(folder), arguments.repeat,
                          arguments.rounds)

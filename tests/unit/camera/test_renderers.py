@@ -10,6 +10,7 @@ from scenes import Bench, looking, table_and_target
 from aras_sim_bridge.errors import RenderingError
 from aras_sim_bridge.rendering import COLOURS, MaterialTable, View, create_renderer, opengl
 from aras_sim_bridge.rendering import meshes as mesh_files
+from aras_sim_bridge.rendering.faces import whole
 from aras_sim_bridge.rendering.gazebo_materials import colour
 
 K = np.array([[150.0, 0, 80.3], [0, 155.0, 55.8], [0, 0, 1]])
@@ -170,6 +171,28 @@ def test_without_egl_auto_takes_tiny_with_one_reason(bench, monkeypatch, caplog)
     assert len(caplog.records) == 1
     with pytest.raises(RenderingError, match="EGL"):
         create_renderer("opengl", bench.client, bench.materials)
+
+
+def test_what_a_table_hides_is_left_out_and_nothing_else(bench):
+    bench.box([1.0, 1.0, 0.05], [0, 0, 0.5])
+    bench.box([0.1, 0.1, 0.1], [0, 0, 0.2], "Gazebo/Red")
+    bench.box([0.05, 0.05, 0.3], [0.1, 0.1, 0.5], "Gazebo/Blue")  # through the table
+    renderer = create_renderer("opengl", bench.client, bench.materials)
+    rng = np.random.default_rng(0)
+    visibility = None
+    hidden = 0
+    for _ in range(30):
+        eye = [*rng.uniform(-0.9, 0.9, 2), rng.uniform(0.6, 1.5)]
+        at = [*(eye[:2] + rng.uniform(-0.4, 0.4, 2)), 0.55]
+        turn = rng.uniform(0, 6)
+        picture = View(160, 120, looking(eye, at, (np.cos(turn), np.sin(turn), 0)), K, 0.02)
+        with_it = renderer.render(picture)
+        visibility = renderer._geometry.visibility
+        filling, visibility._occluders.filling = visibility._occluders.filling, lambda *_: None
+        assert (renderer.render(picture) == with_it).all()
+        visibility._occluders.filling = filling
+        hidden += filling(whole(picture), renderer._prepare(picture, 1.0)[0]) is not None
+    assert 5 < hidden < 30
 
 
 def test_several_renderers_and_threads_do_not_mix(bench):

@@ -26,9 +26,9 @@ class Geometry:
         self._ctx = ctx
         files = sorted({p.mesh.texture for p in scene.parts if p.mesh.texture})
         self.clusters = c = clustering.build(scene.parts, files)
-        self.visibility = Visibility(c)
-        self.textures = _texture_array(ctx, files) if files else None
         transparent = np.array([p.rgba[3] < 1.0 for p in scene.parts], bool)
+        self.visibility = Visibility(c, transparent)
+        self.textures = _texture_array(ctx, files) if files else None
         self._transparent = transparent[c.part] if transparent.any() else None
         self._vertices = ctx.buffer(c.vertices.tobytes() or bytes(clustering.VERTEX.itemsize))
         self._indices = ctx.buffer(reserve=max(12, c.indices.nbytes), dynamic=True)

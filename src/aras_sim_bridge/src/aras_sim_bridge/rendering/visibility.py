@@ -10,13 +10,18 @@ import numpy as np
 
 from .clusters import Clusters
 from .faces import Faces
+from .occluders import Occluders
+
+# Distance behind a plane up to which things count as lying in it, m.
+TOUCHING = 1e-6
 
 
 class Visibility:
-    """The visible triangles of one scene."""
+    """The visible triangles of one scene; transparent: (parts,) bool."""
 
-    def __init__(self, clusters: Clusters) -> None:
+    def __init__(self, clusters: Clusters, transparent: np.ndarray) -> None:
         self._c = c = clusters
+        self._occluders = Occluders(clusters, transparent)
         # Clusters stand link by link; a box around each link's.
         self._rows = rows = np.unique(c.row)
         ends = np.searchsorted(c.row, [rows, rows + 1]).T.tolist()
@@ -33,14 +38,21 @@ class Visibility:
         None when there are more than `most` triangles, which are then only looked at one by
         one where their cluster reaches over the border.
         """
-        triangle, crossing = self._candidates(faces, optical_T_link)
+        front = self._occluders.filling(faces, optical_T_link)
+        triangle, crossing = self._candidates(faces, optical_T_link, front)
         if len(triangle) > most:
             test = np.flatnonzero(crossing)
-            out = ~_within(self._bounds(triangle[test], optical_T_link, faces))
+            p = self._corners(triangle[test], optical_T_link)
+            out = ~_within(_projected_bounds(p, faces.near, faces.projection[0]))
             keep = np.ones(len(triangle), bool)
             keep[test[out]] = False
             return triangle[keep], None
-        bounds = self._bounds(triangle, optical_T_link, faces)
+        p = self._corners(triangle, optical_T_link)
+        if front is not None:
+            side = p.reshape(-1, 3) @ front[:3]
+            ahead = np.flatnonzero(side.reshape(-1, 3).max(axis=1) > front[3] - TOUCHING)
+            triangle, p = triangle[ahead], p[ahead]
+        bounds = _projected_bounds(p, faces.near, faces.projection[0])
         seen = _within(bounds)
         return triangle[seen], bounds[:, seen]
 
@@ -55,18 +67,22 @@ class Visibility:
         face, index = np.nonzero(seen)
         return triangle[index], face
 
-    def _candidates(self, faces: Faces, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _candidates(self, faces: Faces, T: np.ndarray, front: np.ndarray | None = None
+                    ) -> tuple[np.ndarray, np.ndarray]:
         """Front triangles in clusters whose boxes touch a face's frustum, ascending.
 
-        And for each, whether its box reaches over the border of the first face.
+        And for each, whether its box reaches over the border of the first face. front: plane (4,)
+        in the optical frame behind which nothing is seen.
         """
         rows = self._rows
         R, t = T[rows, :3, :3], T[rows, :3, 3]
         normals = faces.normals().reshape(-1, 3)
         spans = np.abs(normals @ R)  # (rows, 5 F, 3)
-        offset = np.einsum("rij,rj->ri", R, self._centre)
-        offset += t
-        touched, _ = _boxes(offset @ normals.T, np.einsum("rki,ri->rk", spans, self._half), faces)
+        centre = np.einsum("rij,rj->ri", R, self._centre) + t
+        touched, _ = _boxes(centre @ normals.T, np.einsum("rki,ri->rk", spans, self._half), faces)
+        if front is not None:
+            reach = np.einsum("ri,ri->r", np.abs(front[:3] @ R), self._half)
+            touched &= centre @ front[:3] + reach > front[3] - TOUCHING
         found, over = [], []
         for k in np.flatnonzero(touched):
             triangle, crossing = self._in_row(rows[k], R[k], t[k], normals, spans[k], faces)
@@ -107,10 +123,6 @@ class Visibility:
             np.matmul(p[a:b].reshape(-1, 3), pose[:3, :3].T, out=out[a:b].reshape(-1, 3))
             out[a:b] += pose[:3, 3]
         return out
-
-    def _bounds(self, triangle: np.ndarray, T: np.ndarray, faces: Faces) -> np.ndarray:
-        """(4, N) bounds of triangles in a single face that looks along the optical axis."""
-        return _projected_bounds(self._corners(triangle, T), faces.near, faces.projection[0])
 
     def of_tiles(self, triangle: np.ndarray, bounds: np.ndarray, first: np.ndarray,
                  last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

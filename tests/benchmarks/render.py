@@ -151,7 +151,8 @@ def mujoco_picture(bench: Bench, view: View, shadows: bool = True) -> Callable[[
     model = mujoco.MjModel.from_xml_string(f"""<mujoco><visual>
         <global offwidth="{w}" offheight="{h}"/></visual>
         <asset>{"".join(assets)}</asset><worldbody><light directional="true"
-        castshadow="{str(shadows).lower()}" dir="-.5 .1 -.9"/><geom type="plane" size="50 50 1"/>{"".join(bodies)}
+        castshadow="{str(shadows).lower()}" dir="-.5 .1 -.9"/>
+        <geom type="plane" size="50 50 1"/>{"".join(bodies)}
         <camera name="c" pos="{T[0, 3]} {T[1, 3]} {T[2, 3]}" xyaxes="{axes}" fovy="{fovy}"/>
         </worldbody></mujoco>""")
     data = mujoco.MjData(model)

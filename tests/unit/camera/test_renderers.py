@@ -174,12 +174,11 @@ def test_without_egl_auto_takes_tiny_with_one_reason(bench, monkeypatch, caplog)
 
 
 def test_what_a_table_hides_is_left_out_and_nothing_else(bench):
-    bench.box([1.0, 1.0, 0.05], [0, 0, 0.5])
+    bench.box([1.5, 1.5, 0.05], [0, 0, 0.5])
     bench.box([0.1, 0.1, 0.1], [0, 0, 0.2], "Gazebo/Red")
     bench.box([0.05, 0.05, 0.3], [0.1, 0.1, 0.5], "Gazebo/Blue")  # through the table
     renderer = create_renderer("opengl", bench.client, bench.materials)
     rng = np.random.default_rng(0)
-    visibility = None
     hidden = 0
     for _ in range(30):
         eye = [*rng.uniform(-0.9, 0.9, 2), rng.uniform(0.6, 1.5)]

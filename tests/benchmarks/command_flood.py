@@ -89,6 +89,7 @@ def main() -> int:
     """Print one JSON line; status 1 when a bound is missed."""
     seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 60.0
     with tempfile.TemporaryDirectory() as directory, robot() as pid:
+        from control_msgs.msg import JointControllerState
         from sensor_msgs.msg import JointState
 
         program = build(Path(directory))
@@ -113,12 +114,16 @@ def main() -> int:
             name: round(position - TARGET[name], 5)
             for name, position in zip(state.name, state.position, strict=True)
         }
+        last = {}
+        for topic, name in zip(COMMANDS, JOINTS, strict=True):
+            state = topic.replace("command", "state")
+            last[name] = rospy.wait_for_message(state, JointControllerState, 10.0).set_point
     figures |= {
         "messages_per_second_and_topic": round(sent / took),
         "memory_growth_mb": round(figures["memory_mb"] - before, 1),
         "errors": errors,
     }
-    followed = all(abs(error) <= HANG[name] for name, error in errors.items())
+    followed = last == TARGET and all(abs(error) <= HANG[name] for name, error in errors.items())
     ok = (
         figures["real_time_factor"] >= 0.95 and followed and figures["memory_growth_mb"] < 10.0
     )

@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import json
+import multiprocessing
 import os
 import sys
 import tempfile
@@ -39,6 +40,16 @@ from aras_sim_bridge.rendering import COLOURS, View, create_renderer  # noqa: E4
 
 ROBOT = REPOSITORY / "src/aras_visual_servo_gazebo"
 NEAR, FAR = 0.02, 100.0
+ANTIALIASING = {"opengl": "edges", "opengl_multisample_4x": "multisample",
+                "opengl_no_antialiasing": "none"}
+LENSES = {
+    "pinhole": dict(horizontal_fov=2.0),
+    "pinhole_640x480": dict(horizontal_fov=2.0, width=640, height=480),
+    "plumb_bob": dict(camera_matrix=(195.05, 195.1, 162.41, 127.2),
+                      distortion_coefficients=(-0.3306, 0.117, 0, 0, 0)),
+    "fisheye": dict(lens="equidistant", horizontal_fov=3.0),
+    "fisheye_180": dict(lens="equidistant", horizontal_fov=np.pi),
+}
 ROOM = looking([2.8, -2.0, 1.9], [0.0, 0.0, 0.9])
 ROOM_FOV = 1.14
 
@@ -154,70 +165,79 @@ def mujoco_picture(bench: Bench, view: View) -> Callable[[], object]:
     return draw
 
 
-def measure(pictures: dict[str, Callable[[], object]], repeat: int, rounds: int
+def scene_and_view(case: str, folder: Path) -> tuple[Bench, View]:
+    """The world and the view of a case."""
+    if case == "triangles_40000":
+        bench, above = large_scene(folder)
+        return bench, flat_view(above, 320, 240, 1.0)
+    bench, camera = robot_scene()
+    if case == "room":
+        return bench, flat_view(ROOM, 320, 240, ROOM_FOV)
+    size = (640, 480) if case.endswith("640x480") else (320, 240)
+    return bench, flat_view(camera, *size, 2.0)
+
+
+def picture_of(case: str, what: str, folder: Path) -> Callable[[], object]:
+    """A call that draws one picture of a case."""
+    bench, view = scene_and_view(case, folder)
+    if what == "pybullet_tiny":
+        return bullet_picture(bench.client, view, pybullet.ER_TINY_RENDERER)
+    if what == "pybullet_egl":
+        plugin = importlib.util.find_spec("eglRenderer").origin
+        pybullet.loadPlugin(plugin, "_eglRendererPlugin", physicsClientId=bench.client)
+        return bullet_picture(bench.client, view, pybullet.ER_BULLET_HARDWARE_OPENGL)
+    if what == "mujoco":
+        return mujoco_picture(bench, view)
+    renderer = create_renderer("opengl", bench.client, bench.materials,
+                               antialiasing=ANTIALIASING.get(what, "edges"))
+    if what in LENSES:
+        sensor = CameraSensor(CameraConfig.from_mapping({"near": NEAR, **LENSES[what]}), renderer)
+        T = view.world_T_optical
+        view = sensor._view(link_pose(T))
+    if what == "noise_alone":
+        image = renderer.render(view)
+        noise = EffectChain(Effects(noise_stddev=5.0), 320, 240, seed=0)
+        return lambda: noise.apply(image)
+    return lambda: renderer.render(view)
+
+
+def worker(case: str, what: str, folder: Path, repeat: int, pipe) -> None:
+    """Measure a round each time the parent asks; every renderer has a process to itself, because
+    several of them in one disturb each other's OpenGL."""
+    silence = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silence, 1)  # PyBullet prints a great deal
+    draw = picture_of(case, what, folder)
+    for _ in range(5):
+        draw()
+    pipe.send(None)
+    while pipe.recv():
+        times, until = [], time.perf_counter() + 1.0
+        while len(times) < 5 or (len(times) < repeat and time.perf_counter() < until):
+            start = time.perf_counter()
+            draw()
+            times.append(time.perf_counter() - start)
+        pipe.send(1e3 * float(np.median(times)))
+
+
+def measure(case: str, names: list[str], folder: Path, repeat: int, rounds: int
             ) -> dict[str, float]:
     """Milliseconds of each: the lowest over the rounds of a round's median."""
-    best = dict.fromkeys(pictures, np.inf)
-    for draw in pictures.values():
-        draw()
-        draw()
+    context = multiprocessing.get_context("spawn")
+    pipes = {}
+    for name in names:
+        pipes[name], theirs = context.Pipe()
+        context.Process(target=worker, args=(case, name, folder, repeat, theirs),
+                        daemon=True).start()
+        theirs.close()
+        pipes[name].recv()
+    best = dict.fromkeys(names, np.inf)
     for _ in range(rounds):
-        for name, draw in pictures.items():
-            times, until = [], time.perf_counter() + 0.6
-            while len(times) < 5 or (len(times) < repeat and time.perf_counter() < until):
-                start = time.perf_counter()
-                draw()
-                times.append(time.perf_counter() - start)
-            best[name] = min(best[name], 1e3 * float(np.median(times)))
+        for name, pipe in pipes.items():
+            pipe.send(True)
+            best[name] = min(best[name], pipe.recv())
+    for pipe in pipes.values():
+        pipe.send(False)
     return {name: round(value, 3) for name, value in best.items()}
-
-
-def pictures_of(bench: Bench, view: View, egl: bool) -> dict[str, Callable[[], object]]:
-    renderers = {"opengl": "edges", "opengl_multisample_4x": "multisample",
-                 "opengl_no_antialiasing": "none"}
-    pictures: dict[str, Callable[[], object]] = {}
-    for name, antialiasing in renderers.items():
-        renderer = create_renderer("opengl", bench.client, bench.materials,
-                                   antialiasing=antialiasing)
-        pictures[name] = lambda renderer=renderer: renderer.render(view)
-    pictures["pybullet_tiny"] = bullet_picture(bench.client, view, pybullet.ER_TINY_RENDERER)
-    if egl:
-        pictures["pybullet_egl"] = bullet_picture(
-            bench.client, view, pybullet.ER_BULLET_HARDWARE_OPENGL
-        )
-    if importlib.util.find_spec("mujoco"):
-        pictures["mujoco"] = mujoco_picture(bench, view)
-    return pictures
-
-
-def load_egl(client: int) -> bool:
-    """Load PyBullet's EGL plugin; False where it is not there."""
-    spec = importlib.util.find_spec("eglRenderer")
-    if spec is None:
-        return False
-    return pybullet.loadPlugin(spec.origin, "_eglRendererPlugin", physicsClientId=client) >= 0
-
-
-def lens_pictures(bench: Bench, pose: np.ndarray) -> dict[str, Callable[[], object]]:
-    """The presets and a 180 degree fisheye from the robot's camera, with the sensor's share."""
-    renderer = create_renderer("opengl", bench.client, bench.materials)
-    presets = {
-        "pinhole": dict(horizontal_fov=2.0),
-        "pinhole_640x480": dict(horizontal_fov=2.0, width=640, height=480),
-        "plumb_bob": dict(camera_matrix=(195.05, 195.1, 162.41, 127.2),
-                          distortion_coefficients=(-0.3306, 0.117, 0, 0, 0)),
-        "fisheye": dict(lens="equidistant", horizontal_fov=3.0),
-        "fisheye_180": dict(lens="equidistant", horizontal_fov=np.pi),
-    }
-    pictures = {}
-    for name, settings in presets.items():
-        sensor = CameraSensor(CameraConfig.from_mapping({"near": NEAR, **settings}), renderer)
-        view = sensor._view(link_pose(pose))
-        pictures[name] = lambda view=view: renderer.render(view)
-    image = renderer.render(sensor._view(link_pose(pose)))
-    noise = EffectChain(Effects(noise_stddev=5.0), 320, 240, seed=0)
-    pictures["noise_alone"] = lambda: noise.apply(image)
-    return pictures
 
 
 def accuracy() -> dict[str, float]:
@@ -244,25 +264,20 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     arguments = parser.parse_args()
     result: dict[str, object] = {}
+    names = [*ANTIALIASING, "pybullet_tiny"]
+    for module, name in (("eglRenderer", "pybullet_egl"), ("mujoco", "mujoco")):
+        if importlib.util.find_spec(module):
+            names.append(name)
     with tempfile.TemporaryDirectory() as folder:
-        robot, camera = robot_scene()
-        balls, above = large_scene(Path(folder))
-        cases = {
-            "servo": (robot, flat_view(camera, 320, 240, 2.0)),
-            "servo_640x480": (robot, flat_view(camera, 640, 480, 2.0)),
-            "room": (robot, flat_view(ROOM, 320, 240, ROOM_FOV)),
-            "triangles_40000": (balls, flat_view(above, 320, 240, 1.0)),
-        }
-        egl = {id(bench): load_egl(bench.client) for bench in (robot, balls)}
-        for name, (bench, view) in cases.items():
-            times = measure(pictures_of(bench, view, egl[id(bench)]), arguments.repeat,
-                            arguments.rounds)
-            report(f"{name}, {view.width} x {view.height}", times)
-            result[name] = {"ms": times, "opengl_to": {
+        for case in ("servo", "servo_640x480", "room", "triangles_40000"):
+            times = measure(case, names, Path(folder), arguments.repeat, arguments.rounds)
+            report(case, times)
+            result[case] = {"ms": times, "opengl_to": {
                 other: round(times["opengl"] / times[other], 4)
                 for other in ("pybullet_tiny", "pybullet_egl", "mujoco") if other in times
             }}
-        lenses = measure(lens_pictures(robot, camera), arguments.repeat, arguments.rounds)
+        lenses = measure("servo", [*LENSES, "noise_alone"], Path(folder), arguments.repeat,
+                         arguments.rounds)
     report("lenses and noise, opengl, the robot's camera", lenses)
     result["lenses_ms"] = lenses
     result["large_to_small"] = round(lenses["pinhole_640x480"] / lenses["pinhole"], 3)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import threading
 import xmlrpc.client
 
 import rospy
+from aras_sim_bridge.srv import StepWorld
 from controller_manager_msgs.srv import ListControllers
 from ros_graph import wait_for
 from rosgraph_msgs.msg import Clock
@@ -117,8 +119,30 @@ def test_silence_is_named_once_and_time_goes_on(launch, collect, ros_node):
     assert "/nobody" not in world.output().split("in vain")[2]
     call("/gazebo/pause_physics", Empty)
     answers.unregister()
+    world.stop()  # its parameters go with it
 
 
 def test_lockstep_without_topics_does_not_start(launch, ros_node, ros_master):
     world = launch("aras_sim_bridge", "empty_world.launch", speed_mode="lockstep")
     wait_for(lambda: "lockstep_topics is empty" in world.output(), 20.0, "the reason")
+
+
+def test_interrupt_answers_who_is_waiting(launch, collect, ros_node):
+    world = launch("aras_sim_bridge", "empty_world.launch", nodes=["/gazebo"], paused=True)
+    answers: list[object] = []
+
+    def ask() -> None:
+        try:
+            answers.append(call("/gazebo/step_world", StepWorld, 1_000_000))
+        except rospy.ServiceException as error:
+            answers.append(error)
+
+    asking = threading.Thread(target=ask)
+    clock = collect("/clock", Clock)
+    asking.start()
+    clock.wait(10, 10.0)  # it is at it
+    world.stop()  # fails when the node does not end by itself
+    asking.join(5.0)
+    assert len(answers) == 1
+    assert not answers[0].success
+    assert "shutting down" in answers[0].status_message

@@ -33,6 +33,7 @@ class LensPass:
         self._arrays = [self._array(), self._array("FOUR")]
         self._out = Target(ctx, lens.width, lens.height)
         self.rim = self._rim()
+        self._reach = self._tile_reach()
         self._tiles: dict[tuple[int, int], int] = {}
         self._rotation = np.zeros((0, 3, 3))
         self._half = np.zeros((0, 2))
@@ -79,6 +80,52 @@ class LensPass:
         number = np.array([self._tiles[key] for key in keys])
         return looking(self._rotation[number], self._half[number], columns, rows, self._near,
                        self._far), number
+
+    def seen_in_tiles(self, corners: np.ndarray, triangle: np.ndarray, face: np.ndarray,
+                      bounds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs (triangle, tile) that overlap, tile by tile; arguments as `on_faces` gives them."""
+        column, row = -(-corners // TILE).T
+        pairs = []
+        for k in range(len(self.lens.faces)):
+            first, last = self._reach[k, :, row, column].transpose(1, 0, 2)
+            mine = np.flatnonzero(face == k)
+            low_x, low_y, high_x, high_y = bounds[:, mine]
+            overlap = (high_x > first[:, :1]) & (low_x < last[:, :1])
+            overlap &= (high_y > first[:, 1:]) & (low_y < last[:, 1:])
+            tile, index = np.nonzero(overlap)
+            pairs.append(np.stack([tile, triangle[mine[index]]], axis=1))
+        # A triangle can reach a tile on two faces, and must be drawn once.
+        tile, triangle = np.unique(np.concatenate(pairs), axis=0).T
+        return triangle, tile
+
+    def _tile_reach(self) -> np.ndarray:
+        """(faces, 2, rows, columns, 2) lowest and highest face coordinates of each tile.
+
+        Tiles that a face has no pixel of reach from inf to -inf. Widened by the distance between
+        pixels, since samples lie around the pixels' centres, and by one more for tiles that
+        are moved inwards at the border of the picture.
+        """
+        h, w = self.lens.valid.shape
+        rows, columns = -(-h // TILE), -(-w // TILE)
+        v, u = np.mgrid[:h, :w]
+        out = np.empty((len(self.lens.faces), 2, rows, columns, 2))
+        out[:, 0], out[:, 1] = np.inf, -np.inf
+        for k, f in enumerate(self.lens.faces):
+            x, y, fw, fh = f.rectangle
+            at = (self.lens.lookup - (x, y) + 0.5) * (2.0 / fw, 2.0 / fh) - 1.0
+            mine = self.lens.face_of == k
+            tile = (v[mine] // TILE, u[mine] // TILE)
+            np.minimum.at(out[k, 0], tile, at[mine])
+            np.maximum.at(out[k, 1], tile, at[mine])
+            size = np.where(np.isfinite(out[k, 1]), out[k, 1] - out[k, 0], 0.0)
+            slack = np.maximum(size / (TILE - 1) * 1.5, 4.0 / fw)
+            moved = np.zeros((rows, columns, 1))
+            moved[-1] += h % TILE > 0
+            moved[:, -1] += w % TILE > 0
+            slack = slack + np.minimum(moved, 1.0) * size.max()
+            out[k, 0] -= slack
+            out[k, 1] += slack
+        return out
 
     def _add(self, keys: list[tuple[int, int]]) -> None:
         corners = np.array(keys, float)

@@ -64,6 +64,7 @@ class OpenGLRenderer:
         self._finders: dict[tuple[int, int], EdgeFinder] = {}
         self._lenses: dict[tuple, LensPass] = {}
         self._geometry: Geometry | None = None
+        self._drawn_version = -1
 
     def snapshot(self) -> None:
         self.scene.snapshot()
@@ -100,7 +101,7 @@ class OpenGLRenderer:
         lens = view.lens
         faces = whole(view) if lens is None else self._lens(view).faces
         size = (view.width, view.height) if lens is None else lens.atlas_size
-        shown = self._shown(faces, optical_T_link, sun)
+        shown, _ = self._shown(faces, optical_T_link, sun)
         key = (*size, "measure")
         if key not in self._targets:
             self._targets[key] = Target(self._ctx, *size, texture=True, components=2, dtype="f4")
@@ -119,10 +120,11 @@ class OpenGLRenderer:
     def bodies_around(self, point: np.ndarray) -> list[str]:
         return self.scene.bodies_around(point)
 
-    def _shown(self, faces: Faces, optical_T_link: np.ndarray, sun: np.ndarray) -> _Shown:
-        """What each face can show."""
-        triangle, face = self._geometry.visibility.on_faces(faces, optical_T_link)
-        return _Shown(faces, triangle, face, optical_T_link, sun)
+    def _shown(self, faces: Faces, optical_T_link: np.ndarray, sun: np.ndarray
+               ) -> tuple[_Shown, np.ndarray]:
+        """What each face can show, and the triangles' bounds on the faces, (4, N)."""
+        triangle, face, bounds = self._geometry.visibility.on_faces(faces, optical_T_link)
+        return _Shown(faces, triangle, face, optical_T_link, sun), bounds
 
     def _flat(self, view: View, optical_T_link: np.ndarray, sun: np.ndarray) -> np.ndarray:
         """Picture of a pinhole, (height, width, 4)."""
@@ -145,7 +147,7 @@ class OpenGLRenderer:
                       ) -> np.ndarray:
         """Picture through a lens, (height, width, 4): its faces drawn, then looked up."""
         lens = self._lens(view)
-        shown = self._shown(lens.faces, optical_T_link, sun)
+        shown, bounds = self._shown(lens.faces, optical_T_link, sun)
         if self.antialiasing != "edges" or min(view.width, view.height) < TILE:
             return lens.resample(self._atlas(shown, view.lens, 1))
         if len(shown.triangle) > MANY_TRIANGLES:
@@ -156,13 +158,12 @@ class OpenGLRenderer:
             return rgba
         # Tiles with edges again, unless drawing all faces finer costs less.
         n, (w, h) = TILE * gl_lens.FACTOR, view.lens.atlas_size
-        triangle = np.unique(shown.triangle)
         left = 4 * w * h - len(corners) * n**2
-        if left > 0 and len(corners) * len(triangle) < MOST_PAIRS:
-            rows = _atlas_rows(len(corners))
-            faces, number = lens.tiles(corners, ATLAS_COLUMNS, rows)
-            triangle, tile = self._geometry.visibility.overlaps(triangle, faces, optical_T_link)
+        if left > 0 and len(corners) * len(shown.triangle) < MOST_PAIRS:
+            triangle, tile = lens.seen_in_tiles(corners, shown.triangle, shown.face, bounds)
             if CLIP_COST * len(triangle) < left:
+                rows = _atlas_rows(len(corners))
+                faces, number = lens.tiles(corners, ATLAS_COLUMNS, rows)
                 fine = _Shown(faces, triangle, tile, optical_T_link, sun)
                 atlas = self._picture(fine, (ATLAS_COLUMNS * n, rows * n))
                 lens.paste(rgba, atlas, corners, number, ATLAS_COLUMNS)
@@ -189,7 +190,10 @@ class OpenGLRenderer:
 
     def _prepare(self, view: View, blend: float) -> tuple[np.ndarray, np.ndarray]:
         """Upload what changed; link poses in the optical frame and the sun in link frames."""
-        if self.scene.refresh() or self._geometry is None:
+        self.scene.refresh()
+        # By number, not by what refresh says: a snapshot may have been the one to see the change.
+        if self.scene.version != self._drawn_version or self._geometry is None:
+            self._drawn_version = self.scene.version
             if self._geometry is not None:
                 self._geometry.release()
             self._geometry = Geometry(self._ctx, self.scene)

@@ -48,7 +48,8 @@ class RayMap:
     """The lens of a picture, as rays.
 
     unproject: (N, 2) pixels -> (N, 3) unit rays in the optical frame, NaN outside the lens.
-    valid: (height, width) bool. lookup: (height, width, 2) float32, atlas pixels, -1e6 outside.
+    valid: (height, width) bool. face_of: (height, width), number of the pixel's face, -1 outside.
+    lookup: (height, width, 2) float32, atlas pixels, -1e6 outside.
     """
 
     def __init__(self, unproject: Callable[[np.ndarray], np.ndarray], width: int, height: int,
@@ -62,6 +63,7 @@ class RayMap:
             raise RenderingError("the lens shows nothing on any pixel of the image")
         self.rays = rays.reshape(height, width, 3)
         self.faces, self.atlas_size, face_of = self._lay_out(density)
+        self.face_of = face_of
         self.lookup = self._lookup(face_of)
         # Distance along the ray for a depth of 1 along the face's axis.
         self._range: np.ndarray | None = None

@@ -35,6 +35,7 @@ class TinyRenderer:
         self._client: int | None = pybullet.connect(pybullet.DIRECT)
         self._copies: list[tuple[int, Part]] = []
         self._row_of = np.zeros(1, np.float32)
+        self._drawn_version = -1
 
     def snapshot(self) -> None:
         self.scene.snapshot()
@@ -89,7 +90,9 @@ class TinyRenderer:
     def _prepare(self, blend: float) -> None:
         if self._client is None:
             raise RenderingError("the renderer is closed")
-        if self.scene.refresh():
+        self.scene.refresh()
+        if self.scene.version != self._drawn_version:
+            self._drawn_version = self.scene.version
             self._copy()
         self._place(self.scene.poses_at(blend))
 

@@ -37,19 +37,29 @@ class Visibility:
         seen = _within(bounds)
         return triangle[seen], bounds[:, seen]
 
-    def on_faces(self, faces: Faces, optical_T_link: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs (triangle, face) of what each of several faces may show, face by face."""
-        return self.overlaps(self._candidates(faces, optical_T_link)[0], faces, optical_T_link)
+    def on_faces(self, faces: Faces, optical_T_link: np.ndarray
+                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Pairs (triangle, face) of what each of several faces may show, face by face.
 
-    def overlaps(self, triangle: np.ndarray, faces: Faces, optical_T_link: np.ndarray
-                 ) -> tuple[np.ndarray, np.ndarray]:
-        """Those pairs of the given triangles with each of the faces that may overlap."""
+        Also the bounds (4, N) of each triangle on that face, as `in_view` gives them.
+        """
+        triangle, _ = self._candidates(faces, optical_T_link)
         p = self._corners(triangle, optical_T_link)
-        normals = faces.normals()
-        side = p.reshape(-1, 3) @ normals[:, :4].reshape(-1, 3).T
-        outside = (side.reshape(len(triangle), 3, len(faces), 4) < 0.0).all(axis=1).any(axis=2)
-        face, index = np.nonzero(~outside.T)
-        return triangle[index], face
+        found, bounds = [], []
+        for k, normals in enumerate(faces.normals()):
+            side = (p.reshape(-1, 3) @ normals.T).reshape(-1, 3, 5)
+            high = np.maximum(np.maximum(side[:, 0], side[:, 1]), side[:, 2])
+            seen = np.flatnonzero((high[:, 0] > 0.0) & (high[:, 1] > 0.0) & (high[:, 2] > 0.0)
+                                  & (high[:, 3] > 0.0) & (high[:, 4] > faces.near))
+            q = p[seen]
+            if faces.rotation is not None:
+                q = (q.reshape(-1, 3) @ faces.rotation[k].T).reshape(-1, 3, 3)
+            limits = _projected_bounds(q, faces.near, faces.projection[k])
+            inside = _within(limits)
+            found.append(triangle[seen[inside]])
+            bounds.append(limits[:, inside])
+        face = np.repeat(np.arange(len(found)), [len(f) for f in found])
+        return np.concatenate(found), face, np.concatenate(bounds, axis=1)
 
     def _candidates(self, faces: Faces, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Front triangles in clusters whose boxes touch a face's frustum, ascending.
@@ -101,21 +111,8 @@ class Visibility:
         return out
 
     def _bounds(self, triangle: np.ndarray, T: np.ndarray, faces: Faces) -> np.ndarray:
-        """(4, N) bounds of triangles in a single face; of the part beyond the near plane."""
-        p = self._corners(triangle, T)
-        x, y, z = p[..., 0], p[..., 1], p[..., 2]
-        near = faces.near
-        front = z > near
-        bounds = np.empty((4, len(triangle)))
-        cut = np.flatnonzero(~(front[:, 0] & front[:, 1] & front[:, 2]))
-        safe = np.maximum(z, near)
-        _extremes(x / safe, y / safe, bounds)
-        if len(cut):
-            bounds[:, cut] = _cut_bounds(p[cut], near)
-        a, b, c, d = faces.projection[0]
-        bounds *= np.array([[a], [c], [a], [c]])
-        bounds += np.array([[b], [d], [b], [d]])
-        return bounds
+        """(4, N) bounds of triangles in a single face that looks along the optical axis."""
+        return _projected_bounds(self._corners(triangle, T), faces.near, faces.projection[0])
 
     def of_tiles(self, triangle: np.ndarray, bounds: np.ndarray, first: np.ndarray,
                  last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -128,6 +125,22 @@ class Visibility:
         overlap &= (high_y > first[:, 1:]) & (low_y < last[:, 1:])
         tile, index = np.nonzero(overlap)
         return triangle[index], tile
+
+
+def _projected_bounds(p: np.ndarray, near: float, projection: np.ndarray) -> np.ndarray:
+    """(4, N) bounds on a face of triangles (N, 3, 3) in its frame; of the part beyond near."""
+    x, y, z = p[..., 0], p[..., 1], p[..., 2]
+    front = z > near
+    bounds = np.empty((4, len(p)))
+    cut = np.flatnonzero(~(front[:, 0] & front[:, 1] & front[:, 2]))
+    safe = np.maximum(z, near)
+    _extremes(x / safe, y / safe, bounds)
+    if len(cut):
+        bounds[:, cut] = _cut_bounds(p[cut], near)
+    a, b, c, d = projection
+    bounds *= np.array([[a], [c], [a], [c]])
+    bounds += np.array([[b], [d], [b], [d]])
+    return bounds
 
 
 def _within(bounds: np.ndarray) -> np.ndarray:

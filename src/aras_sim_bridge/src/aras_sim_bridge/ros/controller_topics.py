@@ -30,7 +30,7 @@ from aras_sim_bridge.ros.trajectory_topics import TrajectoryAction, from_traject
 
 log = logging.getLogger("rosout.controllers")
 
-FLOOD_PERIOD = 0.002  # seconds of wall time between two decoded commands of a flood
+FLOOD_PERIOD = 0.004  # seconds of wall time between two decoded commands: a batch of steps
 BUFFER_SIZE = 1 << 20  # bytes taken from the socket in one go
 COMPLAINT_PERIOD = 5.0  # seconds of wall time between two lines about the same fault
 

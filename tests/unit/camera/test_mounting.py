@@ -1,0 +1,63 @@
+"""Cameras of a whole simulation: models that come later, settings, what is refused."""
+
+import pytest
+
+from aras_sim_bridge import mounting
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.errors import CameraError
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.world import Pose
+
+BOX = """<robot name="box"><link name="box">
+  <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+  <visual><geometry><box size="0.1 0.4 0.4"/></geometry></visual></link>
+  <gazebo reference="box"><turnGravityOff>true</turnGravityOff><material>Gazebo/Black</material>
+  </gazebo></robot>"""
+PLACE = {"parent": "world", "pose": [0, 0, 1, 0, 0, 0], "width": 32, "height": 24}
+
+
+@pytest.mark.parametrize("renderer", ["opengl", "tiny"])
+def test_a_model_spawned_while_the_camera_runs_is_seen(renderer):
+    """At 30 Hz pictures fall between two steps, so the renderer is asked before and after one."""
+    simulation = Simulation(SimulationConfig(renderer=renderer))
+    camera = simulation.add_camera("c", PLACE)
+    frames = []
+    camera.on_frame, camera.enabled = frames.append, True
+    for _ in range(70):
+        simulation.step()
+    assert frames[-1].image.min() > 100
+    simulation.spawn(parse_urdf(BOX), "box", pose=Pose((0.5, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0)))
+    for _ in range(70):
+        simulation.step()
+    assert frames[-1].image.min() == 0
+    simulation.close()
+
+
+def test_settings_are_found_by_name_and_the_rest_is_told():
+    settings = {"a": {"b": {"width": 10}}, "c": {"parent": "world"}, "d": {"height": 3}}
+    assert mounting.below(settings, "a/b") == {"width": 10}
+    assert mounting.below(settings, "x/y") == {}
+    assert [name for name, _ in mounting.world_cameras(settings)] == ["c"]
+    assert mounting.unused(settings, {"a/b"}) == ["d"]
+    with pytest.raises(CameraError, match="width"):
+        mounting.below({"a": "width"}, "a")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("widht", 3, "width"), ("width", "3", "whole number"), ("depth", 1, "true nor false"),
+        ("xyz", [1, 2], "3 numbers"), ("effects", 5, "noise_stddev"), ("format", 8, "text"),
+        ("camera_matrix", {"fx": 1}, "fx, fy, cx, cy"), ("pose", "here", "m and rad"),
+        ("parent", "moon", "world"), ("seed", 1.5, "whole number"),
+    ],
+)  # fmt: skip
+def test_a_wrong_setting_is_named(key, value, words):
+    with pytest.raises(CameraError, match=words) as error:
+        mounting.world_camera("cam", {**PLACE, key: value}, {}, 0)
+    assert "cam" in str(error.value)
+    assert key in str(error.value)
+
+
+def test_cameras_differ_in_their_noise():
+    assert mounting.seed_of(0, "left") != mounting.seed_of(0, "right")

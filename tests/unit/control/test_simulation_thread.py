@@ -1,0 +1,138 @@
+"""The thread that owns the simulation: gates, stalls, floods of jobs, the end."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+
+import pytest
+
+from aras_sim_bridge.pacing import Pacer
+from aras_sim_bridge.ros.simulation_thread import SimulationBusyError, SimulationThread
+
+
+class Counter:
+    """A simulation that only counts."""
+
+    def __init__(self) -> None:
+        self.time_ns = 0
+        self.step_ns = 1_000_000
+
+    def step(self) -> None:
+        self.time_ns += self.step_ns
+        time.sleep(0.0001)
+
+    def close(self) -> None:
+        pass
+
+
+class Gate:
+    """Closes at a simulated time until it is opened."""
+
+    def __init__(self) -> None:
+        self.closed = False
+
+    def remaining(self) -> float | None:
+        return 1.0 if self.closed else None
+
+    def clear(self) -> None:
+        self.closed = False
+
+
+@pytest.fixture
+def started():
+    """Factory of running threads at a pace; they are ended afterwards."""
+    threads = []
+
+    def start(factor: float, gate: Gate | None = None, **options) -> SimulationThread:
+        thread = SimulationThread(Counter, Pacer(factor), **options)
+        thread.gate = gate
+        threads.append(thread)
+        thread.start()
+        return thread
+
+    yield start
+    for thread in threads:
+        thread.stop()
+
+
+def until(predicate) -> None:
+    end = time.monotonic() + 10.0
+    while not predicate():
+        assert time.monotonic() < end
+        time.sleep(0.001)
+
+
+def test_no_step_is_made_behind_a_closed_gate_but_jobs_are_run(started):
+    gate = Gate()
+
+    def close(time_ns: int) -> None:
+        if time_ns == 10_000_000:
+            gate.closed = True
+
+    thread = started(0.0, gate, after_step=close)
+    until(lambda: thread.held)
+    assert thread.call(lambda: thread.simulation.time_ns) == 10_000_000
+    time.sleep(0.02)
+    assert thread.call(lambda: thread.simulation.time_ns) == 10_000_000
+    gate.closed = False
+    thread.wake()
+    until(lambda: thread.now_ns() > 20_000_000)
+
+
+def test_unpausing_clears_the_gate_that_steps_closed(started):
+    gate = Gate()
+    thread = started(0.0, gate, paused=True, after_step=lambda _: setattr(gate, "closed", True))
+    assert thread.step(5, 5.0) == 5_000_000  # steps asked for are made
+    thread.unpause()
+    until(lambda: thread.now_ns() == 6_000_000)
+
+
+def test_a_stall_is_not_made_good_and_not_complained_of(started, caplog):
+    thread = started(1.0)
+    with caplog.at_level(logging.WARNING):
+        before = thread.call(lambda: thread.simulation.time_ns)
+        thread.call(lambda: time.sleep(2.1))  # a spawn with large meshes
+        after = thread.call(lambda: thread.simulation.time_ns)
+        until(lambda: thread.now_ns() > after + 50_000_000)
+    assert after - before < 200_000_000
+    assert "cannot keep up" not in caplog.text
+
+
+def test_a_flood_of_jobs_does_not_stop_time(started):
+    thread = started(1.0)
+    end = threading.Event()
+
+    def flood() -> None:
+        while not end.is_set():
+            for _ in range(50):
+                thread.post(lambda: time.sleep(0.0002))
+            time.sleep(0.01)
+
+    flooding = threading.Thread(target=flood)
+    flooding.start()
+    try:
+        begin = thread.now_ns()
+        until(lambda: thread.now_ns() > begin + 100_000_000)
+    finally:
+        end.set()
+        flooding.join()
+
+
+def test_the_end_interrupts_steps_and_answers_who_waits(started):
+    thread = started(0.0, paused=True)
+    faults: list[BaseException] = []
+
+    def ask() -> None:
+        try:
+            thread.step(1_000_000, 600.0)
+        except SimulationBusyError as error:
+            faults.append(error)
+
+    asking = threading.Thread(target=ask)
+    asking.start()
+    until(lambda: thread.now_ns() > 0)
+    thread.stop()
+    asking.join(5.0)
+    assert "shutting down" in str(faults[0])

@@ -85,11 +85,3 @@ def around(lens: RayMap, near: float, far: float) -> Faces:
     x, y, fw, fh = np.array([face.rectangle for face in lens.faces], float).T
     placement = np.stack([fw / w, (2 * x + fw) / w - 1, fh / h, (2 * y + fh) / h - 1], axis=1)
     return Faces(np.array([f.rotation for f in lens.faces]), projection, placement, near, far)
-
-
-def looking(rotation: np.ndarray, half: np.ndarray, columns: int, rows: int, near: float,
-            far: float) -> Faces:
-    """Faces with own axes, rotation (F, 3, 3), -half..half wide, in a columns x rows atlas."""
-    zero = np.zeros(len(half))
-    projection = np.stack([1 / half[:, 0], zero, 1 / half[:, 1], zero], axis=1)
-    return Faces(rotation, projection, _grid(len(half), columns, rows), near, far)

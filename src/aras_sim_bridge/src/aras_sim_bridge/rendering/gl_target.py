@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import moderngl
 import numpy as np
 
@@ -64,6 +66,11 @@ def create_context() -> moderngl.Context:
 
     Raises RenderingError that says what is missing.
     """
+    # Mesa's software rasteriser starts a thread for each core. On two cores, which physics and
+    # nodes want as well, handing work over costs more than it gains: without threads a picture
+    # took 15 % less processor time and half the time in the worst case.
+    if (os.cpu_count() or 1) <= 2:
+        os.environ.setdefault("LP_NUM_THREADS", "0")
     try:
         return moderngl.create_context(standalone=True, backend="egl", require=330)
     except Exception as error:  # glcontext raises bare Exception for every cause

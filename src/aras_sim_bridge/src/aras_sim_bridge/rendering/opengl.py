@@ -2,8 +2,9 @@
 
 Anti-aliasing ('edges', the default): the picture is drawn with one sample a pixel, then the tiles
 in which neighbouring pixels differ are drawn again with 64 samples a pixel (16 where many tiles
-have edges, 4 where most have). That costs less than hardware multisampling of the whole picture
-and measures several times finer. 'multisample' asks the hardware instead.
+have edges, 9 or 4 where most have). That costs less than hardware multisampling of the whole
+picture and measures several times finer. Lenses take 4 samples or more of every pixel.
+'multisample' asks the hardware instead.
 """
 
 from __future__ import annotations
@@ -15,12 +16,11 @@ import moderngl
 import numpy as np
 
 from ..errors import RenderingError
-from . import gl_lens, refinement, shaders
+from . import refinement, shaders
 from .faces import Faces, tiles, whole
 from .gl_geometry import Geometry
 from .gl_lens import LensPass
 from .gl_target import Target, create_context
-from .raymap import RayMap
 from .refinement import TILE, EdgeFinder
 from .scene import Scene
 from .view import Light, MaterialTable, View
@@ -101,7 +101,7 @@ class OpenGLRenderer:
         lens = view.lens
         faces = whole(view) if lens is None else self._lens(view).faces
         size = (view.width, view.height) if lens is None else lens.atlas_size
-        shown, _ = self._shown(faces, optical_T_link, sun)
+        shown = self._shown(faces, optical_T_link, sun)
         key = (*size, "measure")
         if key not in self._targets:
             self._targets[key] = Target(self._ctx, *size, texture=True, components=2, dtype="f4")
@@ -120,11 +120,10 @@ class OpenGLRenderer:
     def bodies_around(self, point: np.ndarray) -> list[str]:
         return self.scene.bodies_around(point)
 
-    def _shown(self, faces: Faces, optical_T_link: np.ndarray, sun: np.ndarray
-               ) -> tuple[_Shown, np.ndarray]:
-        """What each face can show, and the triangles' bounds on the faces, (4, N)."""
-        triangle, face, bounds = self._geometry.visibility.on_faces(faces, optical_T_link)
-        return _Shown(faces, triangle, face, optical_T_link, sun), bounds
+    def _shown(self, faces: Faces, optical_T_link: np.ndarray, sun: np.ndarray) -> _Shown:
+        """What each face can show."""
+        triangle, face = self._geometry.visibility.on_faces(faces, optical_T_link)
+        return _Shown(faces, triangle, face, optical_T_link, sun)
 
     def _flat(self, view: View, optical_T_link: np.ndarray, sun: np.ndarray) -> np.ndarray:
         """Picture of a pinhole, (height, width, 4)."""
@@ -147,35 +146,12 @@ class OpenGLRenderer:
                       ) -> np.ndarray:
         """Picture through a lens, (height, width, 4): its faces drawn, then looked up."""
         lens = self._lens(view)
-        shown, bounds = self._shown(lens.faces, optical_T_link, sun)
-        if self.antialiasing != "edges" or min(view.width, view.height) < TILE:
-            return lens.resample(self._atlas(shown, view.lens, 1))
-        if len(shown.triangle) > MANY_TRIANGLES:
-            return lens.resample(self._atlas(shown, view.lens, 2))
-        rgba = lens.resample(self._atlas(shown, view.lens, 1))
-        corners = self._finder(view.width, view.height).find(rgba, without=lens.rim)
-        if not len(corners):
-            return rgba
-        # Tiles with edges again, unless drawing all faces finer costs less.
-        n, (w, h) = TILE * gl_lens.FACTOR, view.lens.atlas_size
-        left = 4 * w * h - len(corners) * n**2
-        if left > 0 and len(corners) * len(shown.triangle) < MOST_PAIRS:
-            triangle, tile = lens.seen_in_tiles(corners, shown.triangle, shown.face, bounds)
-            if CLIP_COST * len(triangle) < left:
-                rows = _atlas_rows(len(corners))
-                faces, number = lens.tiles(corners, ATLAS_COLUMNS, rows)
-                fine = _Shown(faces, triangle, tile, optical_T_link, sun)
-                atlas = self._picture(fine, (ATLAS_COLUMNS * n, rows * n))
-                lens.paste(rgba, atlas, corners, number, ATLAS_COLUMNS)
-                return rgba
-        return lens.resample(self._atlas(shown, view.lens, 2))
-
-    def _atlas(self, shown: _Shown, lens: RayMap, factor: int) -> moderngl.Texture:
-        """All faces of a lens drawn, `factor` times as large as its atlas."""
-        w, h = lens.atlas_size
+        w, h = view.lens.atlas_size
+        factor = 2 if self.antialiasing == "edges" else 1
+        shown = self._shown(lens.faces, optical_T_link, sun)
         target = self._drawn(shown, (factor * w, factor * h), self._samples, texture=True)
         target.resolve(self._ctx)
-        return target.texture
+        return lens.resample(target.texture)
 
     def _lens(self, view: View) -> LensPass:
         key = (id(view.lens), view.near, view.far)

@@ -21,8 +21,10 @@ CUBE = np.array([
 ], dtype=float)
 # Up to this angle from the axis one flat face does, rad.
 FLAT_LIMIT = np.radians(57.0)
-# Face pixels for a picture pixel, where the faces are coarsest.
-DENSITY = 1.1
+# Face pixels for a picture pixel, where the pixels lie closer together than in this share of
+# the face; cube faces are denser towards their edges by nature.
+DENSITY = 1.35
+CLOSEST = 30  # percent
 MARGIN = 2.0  # px around a face, for interpolation
 LARGEST = 8192
 
@@ -48,8 +50,7 @@ class RayMap:
     """The lens of a picture, as rays.
 
     unproject: (N, 2) pixels -> (N, 3) unit rays in the optical frame, NaN outside the lens.
-    valid: (height, width) bool. face_of: (height, width), number of the pixel's face, -1 outside.
-    lookup: (height, width, 2) float32, atlas pixels, -1e6 outside.
+    valid: (height, width) bool. lookup: (height, width, 2) float32, atlas pixels, -1e6 outside.
     """
 
     def __init__(self, unproject: Callable[[np.ndarray], np.ndarray], width: int, height: int,
@@ -63,7 +64,6 @@ class RayMap:
             raise RenderingError("the lens shows nothing on any pixel of the image")
         self.rays = rays.reshape(height, width, 3)
         self.faces, self.atlas_size, face_of = self._lay_out(density)
-        self.face_of = face_of
         self.lookup = self._lookup(face_of)
         # Distance along the ray for a depth of 1 along the face's axis.
         self._range: np.ndarray | None = None
@@ -111,14 +111,14 @@ class RayMap:
         return faces, (wide, y + shelf), face_of
 
     def _spacing(self, rotation: np.ndarray, mine: np.ndarray) -> float:
-        """How far apart neighbouring pixels are on a face at unit focal length: the closest."""
+        """How far apart neighbouring pixels are on a face at unit focal length, where close."""
         p = self.rays @ rotation.T
         with np.errstate(invalid="ignore", divide="ignore"):
             p = p[..., :2] / p[..., 2:]
             across = np.hypot(*np.moveaxis(p[:, 1:] - p[:, :-1], 2, 0))[mine[:, 1:] & mine[:, :-1]]
             down = np.hypot(*np.moveaxis(p[1:] - p[:-1], 2, 0))[mine[1:] & mine[:-1]]
         steps = np.concatenate([across, down])
-        return float(np.percentile(steps, 2)) if len(steps) else 0.01
+        return float(np.percentile(steps, CLOSEST)) if len(steps) else 0.01
 
     def _lookup(self, face_of: np.ndarray) -> np.ndarray:
         lookup = np.full((self.height, self.width, 2), -1e6, np.float32)
@@ -142,36 +142,3 @@ class RayMap:
         if self._range is None:
             return depth
         return depth * self._range
-
-    def tile_faces(self, corners: np.ndarray, size: int) -> tuple[np.ndarray, ...]:
-        """A pinhole face for each square tile, and where the tile lies on it.
-
-        corners: (F, 2) first pixels u, v of tiles all of whose pixels the lens shows. Each face
-        looks at the tile's middle, its x axis along the tile's rows. Returns rotations
-        (F, 3, 3), half widths (F, 2) at unit focal length that cover the tile to its pixels'
-        outer edges, and nodes (F, 3, 3, 2): the face coordinates, -1..1, of the tile's corners,
-        edge middles and middle, row by row.
-        """
-        m = (size - 1) / 2
-        middle = self.unproject(corners + m)
-        right = self.unproject(corners + np.array([m + 1.0, m]))
-        x = right - middle * (right * middle).sum(axis=1, keepdims=True)
-        x /= np.linalg.norm(x, axis=1, keepdims=True)
-        rotation = np.stack([x, np.cross(middle, x), middle], axis=1)
-        at = np.array([-0.5, m, size - 0.5])
-        ring = np.stack(np.meshgrid(at, at), axis=-1).reshape(-1, 2)
-        pixels = (corners[:, None] + ring[None]).reshape(-1, 2)
-        p = self.unproject(pixels).reshape(len(corners), 9, 3) @ rotation.transpose(0, 2, 1)
-        p = p[..., :2] / p[..., 2:]
-        half = np.abs(p).max(axis=1) * 1.02
-        return rotation, half, (p / half[:, None]).reshape(-1, 3, 3, 2)
-
-
-def tile_samples(nodes: np.ndarray, count: int) -> np.ndarray:
-    """Face coordinates (F, count, count, 2) of a tile's samples from its nodes (F, 3, 3, 2).
-
-    Parabolas through the nodes: over eight pixels of any real lens they are exact to 1e-3 px.
-    """
-    t = (np.arange(count) + 0.5) / count * 2 - 1
-    weights = np.stack([t * (t - 1) / 2, 1 - t * t, t * (t + 1) / 2], axis=1)
-    return np.einsum("vi,uj,fijk->fvuk", weights, weights, nodes, optimize=True)

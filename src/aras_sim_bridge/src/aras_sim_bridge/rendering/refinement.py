@@ -25,11 +25,10 @@ class EdgeFinder:
         self._grey = np.zeros(shape, np.uint8)
         self._edge = np.zeros(shape, np.uint8)
 
-    def find(self, rgba: np.ndarray, without: np.ndarray | None = None) -> np.ndarray:
+    def find(self, rgba: np.ndarray) -> np.ndarray:
         """(N, 2) first pixels u, v of the tiles with edges in rgba (height, width, 4) uint8.
 
-        without: (rows, columns) bool, tiles to leave out. Tiles at the far borders are moved
-        inwards where they would stand out of the picture.
+        Tiles at the far borders are moved inwards where they would stand out of the picture.
         """
         w, h = self._size
         grey = self._grey
@@ -53,8 +52,6 @@ class EdgeFinder:
         # A difference noted on the last pixel of a tile concerns the next tile as well.
         hit[:, 1:] |= (column[:, :-1] >> np.uint64(56)) != 0
         hit[1:, :] |= words[:-1, -1] != 0
-        if without is not None:
-            hit &= ~without
         return np.minimum(np.argwhere(hit)[:, ::-1] * TILE, [w - TILE, h - TILE])
 
 

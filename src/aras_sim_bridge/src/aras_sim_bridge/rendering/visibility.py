@@ -16,7 +16,14 @@ class Visibility:
     """The visible triangles of one scene."""
 
     def __init__(self, clusters: Clusters) -> None:
-        self._c = clusters
+        self._c = c = clusters
+        # Clusters stand link by link; a box around each link's.
+        self._rows = rows = np.unique(c.row)
+        ends = np.searchsorted(c.row, [rows, rows + 1]).T.tolist()
+        self._clusters_of = {row: slice(*e) for row, e in zip(rows, ends, strict=True)}
+        low = np.array([(c.centre - c.half)[slice(*e)].min(axis=0) for e in ends]).reshape(-1, 3)
+        high = np.array([(c.centre + c.half)[slice(*e)].max(axis=0) for e in ends]).reshape(-1, 3)
+        self._centre, self._half = (low + high) / 2, (high - low) / 2
 
     def in_view(self, faces: Faces, optical_T_link: np.ndarray, most: int
                 ) -> tuple[np.ndarray, np.ndarray | None]:
@@ -37,61 +44,52 @@ class Visibility:
         seen = _within(bounds)
         return triangle[seen], bounds[:, seen]
 
-    def on_faces(self, faces: Faces, optical_T_link: np.ndarray
-                 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Pairs (triangle, face) of what each of several faces may show, face by face.
-
-        Also the bounds (4, N) of each triangle on that face, as `in_view` gives them.
-        """
+    def on_faces(self, faces: Faces, optical_T_link: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs (triangle, face) of what each of several faces may show, face by face."""
         triangle, _ = self._candidates(faces, optical_T_link)
-        p = self._corners(triangle, optical_T_link)
-        found, bounds = [], []
-        for k, normals in enumerate(faces.normals()):
-            side = (p.reshape(-1, 3) @ normals.T).reshape(-1, 3, 5)
-            high = np.maximum(np.maximum(side[:, 0], side[:, 1]), side[:, 2])
-            seen = np.flatnonzero((high[:, 0] > 0.0) & (high[:, 1] > 0.0) & (high[:, 2] > 0.0)
-                                  & (high[:, 3] > 0.0) & (high[:, 4] > faces.near))
-            q = p[seen]
-            if faces.rotation is not None:
-                q = (q.reshape(-1, 3) @ faces.rotation[k].T).reshape(-1, 3, 3)
-            limits = _projected_bounds(q, faces.near, faces.projection[k])
-            inside = _within(limits)
-            found.append(triangle[seen[inside]])
-            bounds.append(limits[:, inside])
-        face = np.repeat(np.arange(len(found)), [len(f) for f in found])
-        return np.concatenate(found), face, np.concatenate(bounds, axis=1)
+        p = self._corners(triangle, optical_T_link).reshape(-1, 3)
+        side = (faces.normals().reshape(-1, 3) @ p.T).reshape(len(faces), 5, -1, 3)
+        high = np.maximum(np.maximum(side[..., 0], side[..., 1]), side[..., 2])
+        seen = ((high[:, 0] > 0.0) & (high[:, 1] > 0.0) & (high[:, 2] > 0.0)
+                & (high[:, 3] > 0.0) & (high[:, 4] > faces.near))
+        face, index = np.nonzero(seen)
+        return triangle[index], face
 
     def _candidates(self, faces: Faces, T: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Front triangles in clusters whose boxes touch a face's frustum, ascending.
 
         And for each, whether its box reaches over the border of the first face.
         """
-        c = self._c
-        R, t = T[:, :3, :3], T[:, :3, 3]
-        eye = -np.einsum("ri,rij->rj", t, R)
-        normals = faces.normals().reshape(-1, 3) @ R  # link frames, (rows, 5 F, 3)
-        away = -np.einsum("rki,ri->rk", normals, eye)
-        spans = np.abs(normals)[c.row]
-        offset = np.einsum("cki,ci->ck", normals[c.row], c.centre) + away[c.row]
-        reach = np.einsum("cki,ci->ck", spans, c.half)
-        high = (offset + reach).T
-        near, far = faces.near, faces.far
-        seen = np.zeros(len(c.row), bool)
-        for k in range(0, len(high), 5):
-            seen |= ((high[k] > 0.0) & (high[k + 1] > 0.0) & (high[k + 2] > 0.0)
-                     & (high[k + 3] > 0.0) & (high[k + 4] > near)
-                     & (offset[:, k + 4] - reach[:, k + 4] < far))
-        chosen = np.flatnonzero(seen)
+        rows = self._rows
+        R, t = T[rows, :3, :3], T[rows, :3, 3]
+        normals = faces.normals().reshape(-1, 3)
+        spans = np.abs(normals @ R)  # (rows, 5 F, 3)
+        offset = np.einsum("rij,rj->ri", R, self._centre)
+        offset += t
+        touched, _ = _boxes(offset @ normals.T, np.einsum("rki,ri->rk", spans, self._half), faces)
+        found, over = [], []
+        for k in np.flatnonzero(touched):
+            triangle, crossing = self._in_row(rows[k], R[k], t[k], normals, spans[k], faces)
+            found.append(triangle)
+            over.append(crossing)
+        if not found:
+            return np.zeros(0, int), np.zeros(0, bool)
+        return np.concatenate(found), np.concatenate(over)
+
+    def _in_row(self, row: int, R: np.ndarray, t: np.ndarray, normals: np.ndarray,
+                spans: np.ndarray, faces: Faces) -> tuple[np.ndarray, np.ndarray]:
+        """The candidates of one link."""
+        c, own = self._c, self._clusters_of[row]
+        offset = c.centre[own] @ (normals @ R).T + normals @ t
+        touched, crossing = _boxes(offset, c.half[own] @ spans.T, faces)
+        chosen = np.flatnonzero(touched)
+        crossing, chosen = crossing[chosen], chosen + own.start
         count = c.count[chosen]
         ends = np.cumsum(count)
         if not len(ends):
             return np.zeros(0, int), np.zeros(0, bool)
-        low = (offset[chosen, :5] - reach[chosen, :5]).T
-        crossing = ((low[0] < 0.0) | (low[1] < 0.0) | (low[2] < 0.0) | (low[3] < 0.0)
-                    | (low[4] < near) | (high[4, chosen] > far))
         triangle = np.arange(ends[-1]) + np.repeat(c.first[chosen] - ends + count, count)
-        front = np.einsum("ni,ni->n", c.normal[triangle], eye[c.tri_row[triangle]])
-        front = front > c.offset[triangle]
+        front = c.normal[triangle] @ (-t @ R) > c.offset[triangle]
         return triangle[front], np.repeat(crossing, count)[front]
 
     def _corners(self, triangle: np.ndarray, T: np.ndarray) -> np.ndarray:
@@ -125,6 +123,22 @@ class Visibility:
         overlap &= (high_y > first[:, 1:]) & (low_y < last[:, 1:])
         tile, index = np.nonzero(overlap)
         return triangle[index], tile
+
+
+def _boxes(offset: np.ndarray, reach: np.ndarray, faces: Faces) -> tuple[np.ndarray, np.ndarray]:
+    """Whether boxes touch any face's frustum, and whether they reach over the first one's border.
+
+    offset, reach: (N, 5 F) distances of the boxes' centres from the planes, and half extents.
+    """
+    high, low = (offset + reach).T, (offset - reach).T
+    near, far = faces.near, faces.far
+    touched = np.zeros(len(offset), bool)
+    for k in range(0, len(high), 5):
+        touched |= ((high[k] > 0.0) & (high[k + 1] > 0.0) & (high[k + 2] > 0.0)
+                    & (high[k + 3] > 0.0) & (high[k + 4] > near) & (low[k + 4] < far))
+    crossing = ((low[0] < 0.0) | (low[1] < 0.0) | (low[2] < 0.0) | (low[3] < 0.0)
+                | (low[4] < near) | (high[4] > far))
+    return touched, crossing
 
 
 def _projected_bounds(p: np.ndarray, near: float, projection: np.ndarray) -> np.ndarray:

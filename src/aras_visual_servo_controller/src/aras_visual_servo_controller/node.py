@@ -18,11 +18,12 @@ from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
+from aras_visual_servo_camera.master_watch import MasterWatch
+
 from . import conversions, servo
 from .errors import ConfigurationError
 from .joint_history import JointHistory
 from .kinematics import JOINT_NAMES
-from .master_watch import MasterWatch
 from .msg import ServoState
 from .servo import Servo, ServoCommand
 from .settings import Settings

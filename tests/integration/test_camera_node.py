@@ -252,7 +252,11 @@ def test_master_gone_ends_the_node(tmp_path):
     node = None
     try:
         node = subprocess.Popen(
-            NODE, env=master.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+            NODE,
+            env=master.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
         )
         wait_for(lambda: "/aras_visual_servo_camera" in master.nodes(), 20.0, "the node")
         time.sleep(2.5)  # it has asked the living master at least once

@@ -60,8 +60,8 @@ class Drive:
         """Say once an occurrence that the limits changed the command."""
         if self._limited.note(time_ns):
             self._warn(
-                f"joint '{self.handle.name}': {self.quantity} command {wanted:g} is beyond what its "
-                f"limits allow at position {self.handle.position:g} and velocity "
+                f"joint '{self.handle.name}': {self.quantity} command {wanted:g} is beyond what "
+                f"its limits allow at position {self.handle.position:g} and velocity "
                 f"{self.handle.velocity:g}; {given:g} is applied"
             )
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import rospy
 from aras_visual_servo_camera.msg import ImageMoments
-from ros_graph import wait_for
+from ros_graph import RosMaster, wait_for
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float64MultiArray
 
@@ -245,3 +245,28 @@ def test_latency(ros_node, collect, start, record_property) -> None:
     median_ms = 1e3 * float(np.median([t - begins[stamp] for stamp, t in arrivals.items()]))
     record_property("median_ms", median_ms)
     sys.stderr.write(f"image to moments: median {median_ms:.1f} ms\n")
+
+
+def test_master_gone_ends_the_node(tmp_path):
+    master = RosMaster(tmp_path)
+    node = None
+    try:
+        node = subprocess.Popen(
+            NODE,
+            env=master.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        wait_for(lambda: "/aras_visual_servo_camera" in master.nodes(), 20.0, "the node")
+        time.sleep(2.5)  # it has asked the living master at least once
+        master._process.terminate()
+        master._process.wait()
+        output, _ = node.communicate(timeout=20.0)
+    finally:
+        if node is not None and node.poll() is None:
+            node.kill()
+        master.stop()
+    assert node.returncode == 0
+    assert "the ROS master does not answer any more: ending" in output
+    assert "Traceback" not in output

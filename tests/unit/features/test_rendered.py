@@ -89,7 +89,7 @@ def test_centroid_below_a_pixel(renderer) -> None:
     assert rms["binary"] >= 3 * rms["coverage"], rms
 
 
-def fitted_slopes(function, at: Pose, reach: float = 0.05, count: int = 31) -> np.ndarray:
+def fitted_slopes(function, at: Pose, reach: float = 0.05, count: int = 91) -> np.ndarray:
     """(k, 6) slopes at zero of polynomials of degree five through `count` pictures each way.
 
     A picture's alpha errs by 2e-4 rad; differences of two neighbours would show mostly that.

@@ -60,8 +60,9 @@ class Drive:
         """Say once an occurrence that the limits changed the command."""
         if self._limited.note(time_ns):
             self._warn(
-                f"joint '{self.handle.name}': {self.quantity} command {wanted:g} is beyond its "
-                f"limits, {given:g} is applied"
+                f"joint '{self.handle.name}': {self.quantity} command {wanted:g} is beyond what "
+                f"its limits allow at position {self.handle.position:g} and velocity "
+                f"{self.handle.velocity:g}; {given:g} is applied"
             )
 
     def _clamp_effort(self, effort: float) -> float:

@@ -15,6 +15,7 @@ from std_msgs.msg import Float64MultiArray
 
 from .errors import CalibrationError, ParameterError, VisionError
 from .images import Image, decode
+from .master_watch import MasterWatch
 from .messages import array_message, image_message, moments_message
 from .overlay import draw
 from .parameters import NodeParameters
@@ -49,9 +50,15 @@ class CameraNode:
         rospy.Subscriber(IMAGE_TOPIC, ImageMessage, self._on_image, buff_size=2**24, **options)
 
     def watch(self) -> None:
-        """Until shutdown: say now and then what the node waits for."""
+        """Until shutdown: say now and then what the node waits for; end when the master is gone."""
         period = self.parameters.log_period
+        master = MasterWatch(rospy.get_name())
         while not rospy.is_shutdown():
+            if reason := master.lost():
+                # Logging goes through rosout, which needs the master: say it directly.
+                print(f"{rospy.get_name()}: {reason}: ending", file=sys.stderr)
+                rospy.signal_shutdown(reason)
+                return
             if time.monotonic() - self._last_image > period:
                 self._say("image", f"waiting for images on {rospy.resolve_name(IMAGE_TOPIC)}")
             time.sleep(0.2)

@@ -18,10 +18,12 @@ from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
+from aras_visual_servo_camera.master_watch import MasterWatch
+
 from . import conversions, servo
 from .errors import ConfigurationError
+from .joint_history import JointHistory
 from .kinematics import JOINT_NAMES
-from .master_watch import MasterWatch
 from .msg import ServoState
 from .servo import Servo, ServoCommand
 from .settings import Settings
@@ -48,6 +50,8 @@ class ControllerNode:
         self._loop = loop
         self._lock = threading.Lock()
         self._positions: np.ndarray | None = None
+        self._history = JointHistory()
+        self._unanswered: tuple[ImageMoments, list[float] | None] | None = None
         self._joint_stamp: float | None = None
         self._image_stamp: float | None = None
         self._moments: ImageMoments | None = None
@@ -74,7 +78,7 @@ class ControllerNode:
             f"{NAMESPACE}/joint_states",
             JointState,
             self._on_joints,
-            queue_size=1,
+            queue_size=10 if settings.lockstep else 1,
             tcp_nodelay=True,
         )
         rospy.Subscriber(
@@ -123,6 +127,9 @@ class ControllerNode:
                 self._say(servo.WAITING, f"joint_states is malformed: {error}")
                 return
             if self._settings.lockstep:
+                self._history.add(stamp, self._positions)
+                if self._unanswered is not None:
+                    self._step(*self._unanswered)
                 return  # there every command answers an image
             if self._loop.approaching:
                 command = self._loop.joints(self._positions, stamp)
@@ -152,11 +159,18 @@ class ControllerNode:
             self._restart(stamp)
         if stamp == self._image_stamp:
             return
+        positions = self._positions
+        self._unanswered = None
+        if self._settings.lockstep:
+            if not self._history.complete_to(stamp):
+                self._unanswered = message, kernel
+                return
+            positions = self._history.at(stamp)
         self._image_stamp = stamp
         self._images_heard = time.monotonic()
         if self._loop.approaching and not self._settings.lockstep:
             return
-        command = self._loop.step(conversions.measurement(message, kernel), self._positions)
+        command = self._loop.step(conversions.measurement(message, kernel), positions)
         if self._settings.lockstep:
             self._send(command.joint_commands)
         else:
@@ -167,7 +181,8 @@ class ControllerNode:
         """The simulated clock went back: the world was reset or the simulator restarted."""
         rospy.loginfo("simulated time went back to %.3f s: beginning anew", stamp)
         self._loop.reset()
-        self._positions = self._joint_stamp = self._image_stamp = None
+        self._positions = self._joint_stamp = self._image_stamp = self._unanswered = None
+        self._history.clear()
         self._reported = -1.0
 
     def _send(self, values: np.ndarray | None, repeat: bool = True) -> None:

@@ -55,20 +55,6 @@ class EdgeFinder:
         return np.minimum(np.argwhere(hit)[:, ::-1] * TILE, [w - TILE, h - TILE])
 
 
-def paste(image: np.ndarray, atlas: np.ndarray, corners: np.ndarray, factor: int) -> None:
-    """Shrink the atlas of tiles by `factor` and write them into image (height, width, 4)."""
-    step = factor
-    while step > 1:  # halving keeps to the fast path of cv2.resize
-        atlas = cv2.resize(atlas, (atlas.shape[1] // 2, atlas.shape[0] // 2),
-                           interpolation=cv2.INTER_AREA)
-        step //= 2
-    columns = atlas.shape[1] // TILE
-    for n, (u, v) in enumerate(corners.tolist()):
-        row, column = divmod(n, columns)
-        image[v:v + TILE, u:u + TILE] = atlas[row * TILE:(row + 1) * TILE,
-                                              column * TILE:(column + 1) * TILE]
-
-
 def lattice(factor: int) -> tuple[float, float]:
     """The shader's shear that puts the samples of a tile on a lattice.
 

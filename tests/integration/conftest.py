@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))  # tests write `from ros_graph import wait_for`
+# Helpers that assert: their failures are explained as those of tests are.
+pytest.register_assert_rewrite("controller_rig", "gazebo_calls")
 
 if TYPE_CHECKING:
     from ros_graph import Collector, Launch, RosMaster

@@ -1,25 +1,18 @@
 """Every controller type on the graph, against numbers worked out by hand from ros_control's rules.
 
-Two robots of rails and turntables without gravity's influence stand in one paused world that the
-tests step: a force F on the 2 kg cart gives it F/2 per second, and so on. Each robot has its own
-namespace and controller manager.
+The robots and the world that they stand in: see controller_rig.py.
 """
 
 from __future__ import annotations
 
 import math
-import os
-import signal
-import subprocess
 import sys
-import threading
 from itertools import pairwise
 
 import actionlib
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from aras_sim_bridge.srv import StepWorld
 from control_msgs.msg import (
     FollowJointTrajectoryAction,
     FollowJointTrajectoryGoal,
@@ -30,152 +23,15 @@ from control_msgs.msg import (
     PidState,
 )
 from control_msgs.srv import QueryTrajectoryState
-from controller_manager_msgs.srv import (
-    ListControllers,
-    ListControllerTypes,
-    LoadController,
-    ReloadControllerLibraries,
-    SwitchController,
-    UnloadController,
-)
+from controller_rig import DT, INERTIA, MASS, call, step
 from dynamic_reconfigure.msg import Config, DoubleParameter
 from dynamic_reconfigure.srv import Reconfigure
-from gazebo_msgs.srv import DeleteModel, SpawnModel
-from geometry_msgs.msg import Pose
 from ros_graph import wait_for
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool, Float64, Float64MultiArray
-from std_srvs.srv import Empty
+from std_msgs.msg import Bool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-STRICT, BEST_EFFORT = 2, 1
-DT = 0.001
-MASS, INERTIA = 2.0, 0.5
-USER_CLASS = '''
-from aras_sim_bridge.controllers import Controller
+pytest_plugins = ["controller_rig"]
 
-
-class Constant(Controller):
-    """Pushes with a constant effort."""
-
-    interface = "EffortJointInterface"
-    EFFORT = {effort}
-
-    def init(self, hardware, parameters, context):
-        super().init(hardware, parameters, context)
-        self.joints = (parameters["joint"],)
-        self._handle = self.take_handle(hardware, parameters["joint"])
-
-    def update(self, time_ns, period):
-        self._handle.effort_command = self.EFFORT
-'''
-
-
-def joint(name: str, kind: str, interface: str, limit: str = "") -> str:
-    """One rail or turntable on the base, without gravity along its motion."""
-    axis = "1 0 0" if kind == "prismatic" else "0 0 1"
-    return f"""
-  <joint name="{name}" type="{kind}"><parent link="base"/><child link="{name}_link"/>
-    <origin xyz="0 0 1"/><axis xyz="{axis}"/>
-    <limit {limit} effort="100" velocity="20"/></joint>
-  <link name="{name}_link"><inertial><mass value="{MASS}"/>
-    <inertia ixx="1" iyy="1" izz="{INERTIA}" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <transmission name="{name}_transmission"><type>transmission_interface/SimpleTransmission</type>
-    <joint name="{name}"><hardwareInterface>hardware_interface/{interface}</hardwareInterface>
-    </joint><actuator name="{name}_motor"/></transmission>"""
-
-
-def robot_xml(namespace: str) -> str:
-    """The test robot; its control plugin lives in `namespace`."""
-    rail = 'lower="-1" upper="1"'
-    return (
-        '<robot name="rig"><link name="world"/><link name="base"/><joint name="stand" type="fixed">'
-        '<parent link="world"/><child link="base"/></joint>'
-        + joint("cart", "prismatic", "EffortJointInterface", rail)
-        + joint("table", "continuous", "EffortJointInterface")
-        + joint("slide", "prismatic", "PositionJointInterface", rail)
-        + joint("wheel", "continuous", "VelocityJointInterface")
-        + joint("servo", "revolute", "PositionJointInterface", 'lower="-2" upper="2"')
-        + joint("motor", "continuous", "VelocityJointInterface")
-        + '<gazebo><plugin name="control" filename="libgazebo_ros_control.so">'
-        f"<robotNamespace>{namespace}</robotNamespace><eStopTopic>e_stop</eStopTopic>"
-        "</plugin></gazebo></robot>"
-    )
-
-
-PARAMETERS = {
-    "joint_limits": {"slide": {"has_velocity_limits": True, "max_velocity": 2.0}},
-    "gazebo_ros_control": {
-        "pid_gains": {
-            "servo": {"p": 40.0, "d": 8.0, "publish_state": True},
-            "motor": {"p": 6.0},
-        }
-    },
-    "joint_state_controller": {
-        "type": "joint_state_controller/JointStateController",
-        "publish_rate": 1000.0,
-        "extra_joints": [{"name": "dummy", "position": 0.5, "velocity": 0.0, "effort": 0.0}],
-    },
-    "push": {"type": "effort_controllers/JointEffortController", "joint": "cart"},
-    "spin": {
-        "type": "effort_controllers/JointVelocityController",
-        "joint": "table",
-        "pid": {"p": 2.0},
-    },
-    "turn": {
-        "type": "effort_controllers/JointPositionController",
-        "joint": "table",
-        "pid": {"p": 20.0, "d": 4.0, "publish_state": True},
-    },
-    "slide_to": {"type": "position_controllers/JointPositionController", "joint": "slide"},
-    "servo_to": {"type": "position_controllers/JointPositionController", "joint": "servo"},
-    "roll": {"type": "velocity_controllers/JointVelocityController", "joint": "wheel"},
-    "roll_to": {
-        "type": "velocity_controllers/JointPositionController",
-        "joint": "wheel",
-        "pid": {"p": 5.0},
-    },
-    "motor_roll": {"type": "velocity_controllers/JointVelocityController", "joint": "motor"},
-    "efforts": {
-        "type": "effort_controllers/JointGroupEffortController",
-        "joints": ["table", "cart"],
-    },
-    "positions": {
-        "type": "position_controllers/JointGroupPositionController",
-        "joints": ["slide", "servo"],
-    },
-    "velocities": {
-        "type": "velocity_controllers/JointGroupVelocityController",
-        "joints": ["wheel", "motor"],
-    },
-    "effort_positions": {
-        "type": "effort_controllers/JointGroupPositionController",
-        "joints": ["cart", "table"],
-        "cart": {"pid": {"p": 80.0, "d": 20.0}},
-        "table": {"pid": {"p": 20.0, "d": 5.0}},
-    },
-    "path": {
-        "type": "position_controllers/JointTrajectoryController",
-        "joints": ["slide", "servo"],
-        "constraints": {"goal_time": 0.5, "servo": {"goal": 0.05}},
-    },
-    "effort_path": {
-        "type": "effort_controllers/JointTrajectoryController",
-        "joints": ["cart"],
-        "gains": {"cart": {"p": 800.0, "d": 80.0}},
-        "constraints": {"goal_time": 0.5, "cart": {"trajectory": 0.05}},
-    },
-    "velocity_path": {
-        "type": "velocity_controllers/JointTrajectoryController",
-        "joints": ["wheel"],
-        "gains": {"wheel": {"p": 20.0}},
-        "velocity_ff": {"wheel": 1.0},
-        "constraints": {"goal_time": 0.5},
-    },
-    "mine": {"type": "my_robot/Constant", "joint": "cart"},
-    "mine_too": {"type": "my_controllers:Constant", "joint": "cart"},
-    "controller_classes": {"my_robot/Constant": "my_controllers:Constant"},
-}
 WRONG_TYPE = """
 import sys, time, rospy
 from std_msgs.msg import String
@@ -187,134 +43,6 @@ time.sleep(0.5)
 print(publisher.get_num_connections(), "connections")
 """
 NAMES = ["cart", "motor", "servo", "slide", "table", "wheel", "dummy"]  # as joint_states has them
-
-
-def call(name: str, service: type, *args: object, **fields: object) -> object:
-    """Call a service that is waited for."""
-    rospy.wait_for_service(name, 20.0)
-    return rospy.ServiceProxy(name, service)(*args, **fields)
-
-
-def step(count: int) -> int:
-    """Make steps; returns the simulated time after them in ns."""
-    answer = call("/gazebo/step_world", StepWorld, count)
-    assert answer.success, answer.status_message
-    return answer.sim_time.to_nsec()
-
-
-class Rig:
-    """One of the robots, with what the tests ask of it."""
-
-    def __init__(self, namespace: str, collect) -> None:
-        self.namespace = namespace
-        self.manager = f"{namespace}/controller_manager"
-        self._states = collect(f"{namespace}/joint_states", JointState)
-        self._publishers: dict[str, rospy.Publisher] = {}
-
-    def load(self, *names: str) -> None:
-        for name in names:
-            assert call(f"{self.manager}/load_controller", LoadController, name).ok, name
-
-    def switch(self, start=(), stop=(), strictness: int = STRICT) -> bool:
-        request = [list(start), list(stop), strictness, False, 0.0]
-        return call(f"{self.manager}/switch_controller", SwitchController, *request).ok
-
-    def start(self, *names: str) -> None:
-        self.load(*names)
-        assert self.switch(names)
-
-    def states(self) -> dict[str, str]:
-        infos = call(f"{self.manager}/list_controllers", ListControllers).controller
-        return {info.name: info.state for info in infos}
-
-    def clear(self) -> None:
-        """Stop and unload everything but the joint states."""
-        names = [n for n in self.states() if n != "joint_state_controller"]
-        self.switch([], names, BEST_EFFORT)
-        for name in names:
-            assert call(f"{self.manager}/unload_controller", UnloadController, name).ok
-        for publisher in self._publishers.values():
-            publisher.unregister()
-        self._publishers.clear()
-
-    def publisher(self, topic: str, message: type) -> rospy.Publisher:
-        name = f"{self.namespace}/{topic}"
-        if name not in self._publishers:
-            self._publishers[name] = rospy.Publisher(name, message, queue_size=10)
-            wait_for(self._publishers[name].get_num_connections, 5.0, f"subscriber of {name}")
-        return self._publishers[name]
-
-    def send(self, controller: str, value: object) -> None:
-        message = Float64MultiArray if isinstance(value, list) else Float64
-        publisher = self.publisher(f"{controller}/command", message)
-        publisher.publish(message(data=value))
-
-    def at(self, time_ns: int) -> JointState:
-        """The joint states of that time."""
-        return self._states.wait(1, 5.0, where=lambda m: m.header.stamp.to_nsec() == time_ns)
-
-    def hear(self) -> None:
-        """Return when joint states arrive, after their publisher was made anew."""
-
-        def heard() -> bool:
-            time_ns = step(1)
-            return any(m.header.stamp.to_nsec() == time_ns for m in self._states.messages)
-
-        wait_for(heard, 5.0, "joint states", interval=0.1)
-
-    def see(self, name: str, field: str = "position", steps: int = 1) -> float:
-        """A joint's state after so many steps: as read before the last of them."""
-        message = self.at(step(steps))
-        return getattr(message, field)[message.name.index(name)]
-
-    def until(self, name: str, field: str, fits) -> float:
-        """Step until a joint's state fits; returns it."""
-        return wait_for(lambda: [v for v in [self.see(name, field)] if fits(v)], 5.0, name)[0]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def world(launch, ros_master, ros_node, tmp_path_factory):
-    """An empty paused world with the two robots; a user's module is on Python's path."""
-    modules = tmp_path_factory.mktemp("modules")
-    (modules / "my_controllers.py").write_text(USER_CLASS.format(effort=4.0))
-    before = ros_master.environment.get("PYTHONPATH", "")
-    ros_master.environment["PYTHONPATH"] = f"{modules}{os.pathsep}{before}"
-    launched = launch("aras_sim_bridge", "empty_world.launch", nodes=["/gazebo"], paused=True)
-    ros_master.environment["PYTHONPATH"] = before
-    rospy.set_param("/robot_description", robot_xml("/rig"))
-    for name, x in (("rig", 0.0), ("other", 10.0)):
-        rospy.set_param(f"/{name}", PARAMETERS)
-        pose = Pose()
-        pose.position.x = x
-        answer = call(
-            "/gazebo/spawn_urdf_model", SpawnModel, name, robot_xml(f"/{name}"), "/", pose, ""
-        )
-        assert answer.success, answer.status_message
-        manager = f"/{name}/controller_manager"
-        assert call(f"{manager}/load_controller", LoadController, "joint_state_controller").ok
-        request = [["joint_state_controller"], [], STRICT, False, 0.0]
-        assert call(f"{manager}/switch_controller", SwitchController, *request).ok
-    launched.modules = modules
-    return launched
-
-
-@pytest.fixture
-def rig(collect):
-    """The first robot with nothing but its joint states; at rest at zero."""
-    call("/gazebo/reset_simulation", Empty)
-    robot = Rig("/rig", collect)
-    wait_for(robot._states._subscriber.get_num_connections, 5.0, "joint states")
-    yield robot
-    robot.clear()
-
-
-@pytest.fixture
-def other(collect):
-    """The second robot."""
-    robot = Rig("/other", collect)
-    wait_for(robot._states._subscriber.get_num_connections, 5.0, "joint states")
-    yield robot
-    robot.clear()
 
 
 def test_joint_states_are_alphabetical_with_extra_joints(rig):
@@ -453,14 +181,14 @@ def test_velocity_position_controller_commands_a_velocity(rig, collect):
     assert rig.see("wheel", steps=3000) == pytest.approx(0.8, abs=1e-3)
 
 
-def test_group_controllers_forward_to_each_joint(rig, world):
+def test_group_controllers_forward_to_each_joint(rig, rig_world):
     rig.start("efforts", "positions", "velocities")
     rig.send("efforts", [2.0, 3.0])
     rig.until("cart", "effort", lambda f: f == 3.0)
     assert rig.see("table", "effort") == 2.0
     rig.send("efforts", [1.0])
     rig.send("efforts", [1.0, math.nan])
-    wait_for(lambda: "efforts" in world.output().split("length")[0], 5.0, "the complaint")
+    wait_for(lambda: "efforts" in rig_world.output().split("length")[0], 5.0, "the complaint")
     assert rig.see("cart", "effort", 5) == 3.0
     rig.send("efforts", [0.0, 0.0])
     rig.until("cart", "effort", lambda f: f == 0.0)
@@ -488,7 +216,7 @@ def test_effort_group_position_controller(rig):
     assert rospy.get_param("/rig/effort_positions/cart/pid/p") == 90.0
 
 
-def test_wrong_type_and_nan_on_a_command_topic(rig, world, ros_master):
+def test_wrong_type_and_nan_on_a_command_topic(rig, rig_world, ros_master):
     rig.start("push")
     # In a process of its own: rospy has one type a topic and process.
     seen = ros_master.run([sys.executable, "-c", WRONG_TYPE, "/rig/push/command"])
@@ -498,7 +226,7 @@ def test_wrong_type_and_nan_on_a_command_topic(rig, world, ros_master):
     rig.until("cart", "effort", lambda f: f == 2.0)
     for value in (math.nan, math.inf):
         rig.send("push", value)
-    wait_for(lambda: "is not finite" in world.output(), 5.0, "the complaint")
+    wait_for(lambda: "is not finite" in rig_world.output(), 5.0, "the complaint")
     assert rig.see("cart", "effort", 3) == 2.0
 
 
@@ -653,151 +381,5 @@ def test_emergency_stop_and_release(rig):
     assert rig.see("cart", "effort") == 0.0
 
 
-def test_switch_rules(rig):
-    rig.load("push", "efforts", "spin")
-    assert not rig.switch(["push", "efforts"])  # both claim the cart
-    assert not rig.switch(["nobody"])
-    assert rig.switch(["nobody", "push"], [], BEST_EFFORT)
-    assert not rig.switch(["push"])  # it runs
-    assert not rig.switch([], ["spin"])  # it does not
-    assert not rig.switch(["push"], ["push"], BEST_EFFORT)
-    assert rig.switch([], [])
-    assert rig.switch(["efforts"], ["push"])
-    assert rig.states() == {
-        "joint_state_controller": "running",
-        "push": "stopped",
-        "efforts": "running",
-        "spin": "initialized",
-    }
-
-
-def test_switches_in_the_middle_of_resets(rig):
-    rig.load("push")
-    call("/gazebo/unpause_physics", Empty)
-    resets = [
-        threading.Thread(target=lambda: call("/gazebo/reset_simulation", Empty)) for _ in range(5)
-    ]
-    try:
-        for reset in resets:
-            reset.start()
-            assert rig.switch(["push"])
-            assert rig.switch([], ["push"])
-            reset.join()
-    finally:
-        call("/gazebo/pause_physics", Empty)
-    assert rig.states()["push"] == "stopped"
-
-
-def test_controller_classes_of_a_user(rig, world):
-    types = call("/rig/controller_manager/list_controller_types", ListControllerTypes).types
-    assert "my_robot/Constant" in types
-    rig.start("mine")
-    assert rig.see("cart", "effort", 4) == 4.0
-    rig.clear()
-    rig.start("mine_too")
-    assert rig.see("cart", "effort", 4) == 4.0
-    reload_libraries = "/rig/controller_manager/reload_controller_libraries"
-    assert not call(reload_libraries, ReloadControllerLibraries, False).ok
-    module = world.modules / "my_controllers.py"
-    module.write_text(USER_CLASS.format(effort=7.25))
-    assert call(reload_libraries, ReloadControllerLibraries, True).ok
-    assert rig.states() == {}
-    rig.start("joint_state_controller", "mine_too")
-    rig.hear()
-    assert rig.see("cart", "effort", 4) == 7.25
-    module.write_text("def broken(:\n")
-    rig.clear()
-    assert call(reload_libraries, ReloadControllerLibraries, True).ok
-    assert not call("/rig/controller_manager/load_controller", LoadController, "mine").ok
-    module.write_text(USER_CLASS.format(effort=4.0))
-    rig.start("joint_state_controller")
-
-
-def test_two_robots_do_not_touch_each_other(rig, other):
-    rig.start("push")
-    other.start("push")
-    other.send("push", 5.0)
-    other.until("cart", "effort", lambda f: f == 5.0)
-    assert rig.see("cart", "effort") == 0.0
-    rig.send("push", 1.0)
-    rig.until("cart", "effort", lambda f: f == 1.0)
-    assert other.see("cart", "effort") == 5.0
-    assert call("/gazebo/delete_model", DeleteModel, "nobody").success is False
-
-
-def test_command_line_tools(rig, ros_master, tmp_path):
-    tool = ["rosrun", "aras_sim_bridge"]
-    done = ros_master.run([*tool, "controller_manager", "spawn", "push", "__ns:=/rig"])
-    assert "Loaded push" in done.stdout
-    done = ros_master.run([*tool, "controller_manager", "list", "__ns:=/rig"])
-    assert "'push' - 'effort_controllers/JointEffortController' ( running )" in done.stdout
-    ros_master.run([*tool, "controller_manager", "kill", "push", "__ns:=/rig"])
-    assert "push" not in rig.states()
-    failed = ros_master.run(
-        [*tool, "controller_manager", "load", "nobody", "__ns:=/rig"], check=False
-    )
-    assert failed.returncode == 1
-
-
-class Tool:
-    """A command-line tool that stays until it is interrupted."""
-
-    def __init__(self, master, *arguments: str) -> None:
-        self._process = subprocess.Popen(
-            ["rosrun", "aras_sim_bridge", *arguments],
-            env=master.environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
-
-    def interrupt(self) -> str:
-        """End it as Ctrl-C does; returns what it printed."""
-        self._process.send_signal(signal.SIGINT)
-        return self.end()
-
-    def end(self) -> str:
-        """Wait for its end; returns what it printed."""
-        return self._process.communicate(timeout=20.0)[0]
-
-
-def test_spawners_files_waits_and_ends(rig, ros_master, tmp_path):
-    file = tmp_path / "more.yaml"
-    file.write_text("from_file: {type: effort_controllers/JointEffortController, joint: table}\n")
-    rospy.set_param("/rig/controller_groups", {"one": ["push"], "two": ["roll"]})
-    gate = rospy.Publisher("/rig/go", Bool, queue_size=1, latch=True)
-    gate.publish(False)
-    call("/gazebo/unpause_physics", Empty)
-    try:
-        flags = ["--namespace", "/rig", "--wait-for", "/rig/go"]
-        waiting = Tool(ros_master, "spawner", *flags, "push")
-        loading = Tool(ros_master, "spawner", "--stopped", str(file), "slide_to", "__ns:=/rig")
-        late = Tool(ros_master, "spawner", "--namespace", "/nowhere", "--timeout", "0.2", "x")
-        wait_for(lambda: rig.states().get("slide_to"), 15.0, "the stopped controllers")
-        assert rig.states()["from_file"] == "initialized"
-        assert "couldn't find the expected controller_manager" in late.end()
-        assert "push" not in rig.states()
-        wait_for(gate.get_num_connections, 15.0, "the waiting spawner")
-        gate.publish(True)
-        wait_for(lambda: rig.states().get("push") == "running", 15.0, "push")
-        unspawner = Tool(ros_master, "unspawner", "push", "__ns:=/rig")
-        wait_for(lambda: rig.states()["push"] == "stopped", 15.0, "the unspawner")
-        unspawner.interrupt()
-        wait_for(lambda: rig.states()["push"] == "running", 5.0, "the restart")
-        loading.interrupt()
-        assert set(rig.states()) == {"joint_state_controller", "push"}
-        group = ["rosrun", "aras_sim_bridge", "controller_group", "__ns:=/rig"]
-        ros_master.run([*group, "switch", "two"])
-        assert (rig.states()["push"], rig.states()["roll"]) == ("stopped", "running")
-        ros_master.run([*group, "switch", "one"])
-        assert (rig.states()["push"], rig.states()["roll"]) == ("running", "stopped")
-        assert ros_master.run([*group, "switch", "three"], check=False).returncode == 1
-        waiting.interrupt()
-        assert "push" not in rig.states()
-    finally:
-        call("/gazebo/pause_physics", Empty)
-        gate.unregister()
-
-
-def test_log_holds_no_traceback(world):
-    assert "Traceback" not in world.output()
+def test_log_holds_no_traceback(rig_world):
+    assert "Traceback" not in rig_world.output()

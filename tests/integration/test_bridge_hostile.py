@@ -11,6 +11,7 @@ from aras_sim_bridge.srv import StepWorld
 from controller_manager_msgs.srv import ListControllers, LoadController, SwitchController
 from dynamic_reconfigure.msg import Config, DoubleParameter
 from dynamic_reconfigure.srv import Reconfigure
+from gazebo_calls import call
 from gazebo_msgs.msg import ModelState, ODEJointProperties
 from gazebo_msgs.srv import (
     ApplyBodyWrench,
@@ -67,13 +68,6 @@ BOMB = """<!DOCTYPE robot [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a
 FILE = """<!DOCTYPE robot [<!ENTITY f SYSTEM "file:///etc/passwd">]>
   <robot name="r"><link name="&f;"/></robot>"""
 NAN, INF = math.nan, math.inf
-
-
-def call(name: str, service: type, *args: object, **fields: object) -> object:
-    """Call a service, below /gazebo unless absolute."""
-    name = name if name.startswith("/") else f"/gazebo/{name}"
-    rospy.wait_for_service(name, 20.0)
-    return rospy.ServiceProxy(name, service)(*args, **fields)
 
 
 def spawn(name: str, xml: str, kind: str = "urdf", **fields: object) -> object:

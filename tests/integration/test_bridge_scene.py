@@ -1,23 +1,32 @@
-"""What stands in the world: SDF models, lights, properties set at run time, states, resets."""
+"""What stands in the world: SDF models, lights, properties set at run time, states, world files."""
 
 from __future__ import annotations
 
 import math
 import subprocess
-from itertools import pairwise
 
 import numpy as np
 import pytest
 import rospy
-from aras_sim_bridge.srv import StepWorld
-from controller_manager_msgs.srv import ListControllers, LoadController, SwitchController
-from dynamic_reconfigure.msg import Config, ConfigDescription
+from gazebo_calls import (
+    ARM,
+    BRICK,
+    EYE,
+    INERTIA,
+    LAMP,
+    SHAPES,
+    at,
+    call,
+    delete,
+    place,
+    spawn,
+    step,
+)
 from gazebo_msgs.msg import LinkStates, ModelStates, ODEJointProperties, PerformanceMetrics
 from gazebo_msgs.srv import (
     ApplyBodyWrench,
     ApplyJointEffort,
     DeleteLight,
-    DeleteModel,
     GetJointProperties,
     GetLightProperties,
     GetLinkProperties,
@@ -31,44 +40,12 @@ from gazebo_msgs.srv import (
     SetModelState,
     SpawnModel,
 )
-from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3, Wrench
+from geometry_msgs.msg import Pose, Twist, Vector3, Wrench
 from ros_graph import wait_for
-from roscpp.srv import GetLoggers, SetLoggerLevel
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CameraInfo, Image, JointState
-from std_msgs.msg import ColorRGBA, Float64
+from sensor_msgs.msg import Image
+from std_msgs.msg import ColorRGBA
 from std_srvs.srv import Empty
 
-INERTIA = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
-SHAPES = """<?xml version="1.0"?><!-- furniture -->
-<sdf version="1.6"><model name="given"><static>true</static><pose>0 0 1 0 0 0</pose>
-  <link name="top">
-    <collision name="c"><geometry><box><size>1 1 0.2</size></box></geometry></collision>
-    <visual name="v"><geometry><box><size>1 1 0.2</size></box></geometry></visual></link>
-  <link name="leg"><pose>0 0 -0.5 0 0 0</pose>
-    <visual name="v"><geometry><cylinder><radius>.1</radius><length>1</length></cylinder></geometry>
-    </visual>
-    <collision name="knob"><geometry><sphere><radius>.1</radius></sphere></geometry></collision>
-    <visual name="m"><geometry><mesh><uri>package://aras_visual_servo_gazebo/meshes/{mesh}</uri>
-    </mesh></geometry></visual></link>
-</model></sdf>"""
-BRICK = """<sdf version="1.6"><model name="brick"><link name="brick">
-  <inertial><mass>2</mass><inertia><ixx>1</ixx><iyy>1</iyy><izz>1</izz></inertia></inertial>
-  <collision name="c"><geometry><box><size>.2 .2 .2</size></box></geometry></collision>
-</link></model></sdf>"""
-LAMP = """<sdf version="1.6"><light name="given" type="point"><pose>0 0 3 0 0 0</pose>
-  <diffuse>0.5 0.25 1 1</diffuse><attenuation><constant>.5</constant><linear>.25</linear>
-  <quadratic>.125</quadratic></attenuation></light></sdf>"""
-# Looks straight down from 3 m at a white plate on a box.
-EYE = f"""<robot name="eye"><link name="world"/>
-  <joint name="j" type="fixed"><parent link="world"/><child link="eye"/>
-    <origin xyz="0 0 3" rpy="0 {math.pi / 2} 0"/></joint><link name="eye"/>
-  <gazebo reference="eye"><sensor type="camera" name="eye"><update_rate>100</update_rate>
-    <camera><horizontal_fov>0.5</horizontal_fov><image><width>32</width><height>24</height>
-    <format>R8G8B8</format></image><clip><near>0.1</near><far>10</far></clip></camera>
-    <plugin name="p" filename="libgazebo_ros_camera.so"><cameraName>eye</cameraName>
-      <imageTopicName>image_raw</imageTopicName><cameraInfoTopicName>camera_info
-      </cameraInfoTopicName><frameName>eye</frameName></plugin></sensor></gazebo></robot>"""
 # Two links that swing in three dimensions on a base that flies.
 SWING = f"""<robot name="swing"><link name="base"><inertial><origin xyz="0.1 0 0.05"/>
     <mass value="3"/>{INERTIA}</inertial></link>
@@ -79,46 +56,6 @@ SWING = f"""<robot name="swing"><link name="base"><inertial><origin xyz="0.1 0 0
     <origin xyz="0 0 -0.5"/><axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="9"
     velocity="9"/></joint>
   <link name="lower"><inertial><mass value="1"/>{INERTIA}</inertial></link></robot>"""
-ARM = f"""<robot name="arm"><link name="world"/>
-  <joint name="swing" type="revolute"><parent link="world"/><child link="rod"/>
-    <axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="50" velocity="10"/></joint>
-  <link name="rod"><inertial><mass value="1"/>{INERTIA}</inertial></link>
-  <transmission name="t"><type>transmission_interface/SimpleTransmission</type>
-    <joint name="swing"><hardwareInterface>hardware_interface/EffortJointInterface
-    </hardwareInterface></joint>
-    <actuator name="m"><mechanicalReduction>1</mechanicalReduction></actuator></transmission>
-  <gazebo><plugin name="c" filename="libgazebo_ros_control.so">
-    <robotNamespace>/arm</robotNamespace></plugin></gazebo></robot>"""
-
-
-def call(name: str, service: type, *args: object, **fields: object) -> object:
-    name = name if name.startswith("/") else f"/gazebo/{name}"
-    rospy.wait_for_service(name, 20.0)
-    return rospy.ServiceProxy(name, service)(*args, **fields)
-
-
-def step(count: int) -> None:
-    assert call("step_world", StepWorld, count).success
-
-
-def at(x: float, y: float, z: float, yaw: float = 0.0) -> Pose:
-    return Pose(Point(x, y, z), Quaternion(0, 0, math.sin(yaw / 2), math.cos(yaw / 2)))
-
-
-def spawn(name: str, xml: str, kind: str = "urdf", **fields: object) -> None:
-    answer = call(f"spawn_{kind}_model", SpawnModel, model_name=name, model_xml=xml, **fields)
-    assert answer.success, answer.status_message
-
-
-def delete(*names: str) -> None:
-    for name in names:
-        assert call("delete_model", DeleteModel, name).success
-
-
-def place(name: str, frame: str = "") -> tuple:
-    state = call("get_model_state", GetModelState, name, frame)
-    p = state.pose.position
-    return (p.x, p.y, p.z)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -341,115 +278,6 @@ def rotation(pose: Pose) -> np.ndarray:
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
-
-
-def test_clock_stands_in_pause_and_goes_back_only_on_reset(collect):
-    clock = collect("/clock", Clock)
-    call("unpause_physics", Empty)
-    clock.wait(20, timeout=10.0)
-    call("reset_world", Empty)
-    clock.wait(40, timeout=10.0)
-    call("pause_physics", Empty)
-    time = call("get_world_properties", GetWorldProperties).sim_time
-    rospy.rostime.wallsleep(0.3)
-    assert call("get_world_properties", GetWorldProperties).sim_time == time
-    ticks = [m.clock.to_nsec() for m in clock.messages]
-    assert all(b > a for a, b in pairwise(ticks))
-    call("reset_simulation", Empty)
-    clock.clear()
-    step(8)
-    assert [m.clock.to_nsec() for m in (clock.wait(1), clock.wait(2))] in (
-        [4_000_000, 8_000_000], [1_000_000, 4_000_000]
-    )  # fmt: skip
-
-
-def test_resets_with_controllers_and_images(collect):
-    controllers = {
-        "hold": {"type": "effort_controllers/JointPositionController", "joint": "swing",
-                 "pid": {"p": 400.0, "i": 0.0, "d": 40.0}},
-        "joint_states": {"type": "joint_state_controller/JointStateController",
-                         "publish_rate": 100},
-    }  # fmt: skip
-    rospy.set_param("/arm", controllers)
-    spawn("arm", ARM, initial_pose=at(3, 0, 0))
-    spawn("eye", EYE)
-    for name in controllers:
-        assert call("/arm/controller_manager/load_controller", LoadController, name).ok
-    call("/arm/controller_manager/switch_controller", SwitchController, list(controllers), [], 2,
-         False, 0.0)  # fmt: skip
-    topics = (
-        collect("/arm/joint_states", JointState),
-        collect("/eye/image_raw", Image),
-        collect("/eye/camera_info", CameraInfo),
-    )
-    command = rospy.Publisher("/arm/hold/command", Float64, queue_size=1)
-    wait_for(command.get_num_connections, timeout=5.0, what="the controller")
-    for topic in topics:
-        wait_for(topic._subscriber.get_num_connections, timeout=5.0, what=topic.topic)
-    command.publish(0.75)
-
-    def angle() -> float:
-        return call("get_joint_properties", GetJointProperties, "swing").position[0]
-
-    wait_for(lambda: step(500) or abs(angle() - 0.75) < 1e-3, timeout=10.0, what="the command")
-    elsewhere = at(4, 1, 1)
-    from gazebo_msgs.msg import ModelState
-
-    assert call("set_model_state", SetModelState, ModelState("arm", elsewhere, Twist(), "")).success
-    time = call("get_world_properties", GetWorldProperties).sim_time
-
-    call("reset_world", Empty)  # the pose goes back; time, angles and set points stay
-    assert place("arm") == pytest.approx((3, 0, 0))
-    assert angle() == pytest.approx(0.75, abs=1e-3)
-    assert call("get_world_properties", GetWorldProperties).sim_time == time
-    step(20)  # upstream's first period would be the whole time: a kick
-    assert angle() == pytest.approx(0.75, abs=1e-3)
-
-    call("reset_simulation", Empty)  # all of it goes back; controllers go on with their set points
-    assert angle() == 0.0
-    assert call("get_world_properties", GetWorldProperties).sim_time == 0.0
-    for topic in topics:
-        topic.clear()
-    step(30)
-    for topic in topics:
-        stamps = [topic.wait(i + 1).header.stamp.to_nsec() for i in range(3)]
-        first = 1_000_000 if topic is topics[0] else 10_000_000  # joint_states: at the first step
-        assert stamps == [first, first + 10_000_000, first + 20_000_000], topic.topic
-    infos = call("/arm/controller_manager/list_controllers", ListControllers).controller
-    assert {c.name: c.state for c in infos} == dict.fromkeys(controllers, "running")
-    step(1500)
-    assert angle() == pytest.approx(0.75, abs=1e-3)
-    delete("arm", "eye")
-    assert call("get_world_properties", GetWorldProperties).model_names == ["ground_plane"]
-
-
-def test_physics_fields_in_upstreams_order(collect):
-    found = collect("/gazebo/parameter_descriptions", ConfigDescription).wait(1)
-    names = [p.name for p in found.groups[0].parameters]
-    assert names == [
-        "time_step", "max_update_rate", "gravity_x", "gravity_y", "gravity_z",
-        "auto_disable_bodies", "sor_pgs_precon_iters", "sor_pgs_iters", "sor_pgs_w",
-        "sor_pgs_rms_error_tol", "cfm", "erp", "contact_surface_layer",
-        "contact_max_correcting_vel", "max_contacts",
-    ]  # fmt: skip
-    assert {p.level for p in found.groups[0].parameters} == {1}
-    limits = {p.name: (p.value, q.value) for p, q in zip(found.min.doubles, found.max.doubles,
-                                                         strict=True)}  # fmt: skip
-    assert limits["time_step"] == (0.0, 10.0)
-    assert limits["contact_max_correcting_vel"] == (0.0, 1e7)
-    defaults = {p.name: p.value for p in found.dflt.doubles}
-    assert (defaults["max_update_rate"], defaults["sor_pgs_rms_error_tol"]) == (60.0, -1.0)
-    present = collect("/gazebo/parameter_updates", Config).wait(1)
-    assert {p.name: p.value for p in present.doubles}["gravity_z"] == -9.8
-
-
-def test_loggers_answer():
-    names = [logger.name for logger in call("get_loggers", GetLoggers).loggers]
-    assert "rosout" in names
-    call("set_logger_level", SetLoggerLevel, "rosout", "WARN")
-    levels = {logger.name: logger.level for logger in call("get_loggers", GetLoggers).loggers}
-    assert levels["rosout"].upper() in ("WARN", "WARNING")
-    call("set_logger_level", SetLoggerLevel, "rosout", "INFO")
 
 
 def test_spawn_model_script_with_all_its_options(world, tmp_path):

@@ -1,87 +1,14 @@
-"""Triangles: the primitive shapes, and STL and OBJ files.
-
-A mesh is indexed: positions (V, 3) and unit normals (V, 3) float32, triangles (T, 3) int32,
-optionally texture coordinates (V, 2).
-"""
+"""Triangles: the primitive shapes, and STL and OBJ files."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import RenderingError
-
-# Faces that meet at less than this angle are shaded as one smooth surface.
-CREASE_ANGLE = np.radians(35.0)
-
-
-@dataclass(frozen=True)
-class Mesh:
-    """positions (V, 3), normals (V, 3), triangles (T, 3) counter-clockwise seen from outside."""
-
-    positions: np.ndarray
-    normals: np.ndarray
-    triangles: np.ndarray
-    uv: np.ndarray | None = None
-    texture: str | None = None
-    rgba: tuple[float, float, float, float] | None = None
-
-    def transformed(self, a_T_b: np.ndarray, scale: np.ndarray | float = 1.0) -> Mesh:
-        """The mesh scaled, then carried from frame b to frame a by (4, 4) a_T_b."""
-        scale = np.broadcast_to(np.asarray(scale, dtype=float), (3,))
-        positions = (self.positions * scale) @ a_T_b[:3, :3].T + a_T_b[:3, 3]
-        normals = (self.normals / scale) @ a_T_b[:3, :3].T
-        normals = _unit(normals)
-        triangles = self.triangles[:, ::-1] if np.prod(scale) < 0 else self.triangles
-        return Mesh(
-            positions.astype(np.float32), normals.astype(np.float32), triangles,
-            self.uv, self.texture, self.rgba,
-        )
-
-
-def _unit(v: np.ndarray) -> np.ndarray:
-    norm = np.linalg.norm(v, axis=-1, keepdims=True)
-    return np.divide(v, norm, out=np.zeros_like(v, dtype=float), where=norm > 1e-20)
-
-
-def from_corners(corners: np.ndarray, crease: float = CREASE_ANGLE) -> Mesh:
-    """Mesh from (T, 3, 3) triangle corners; normals are averaged over faces within `crease` rad."""
-    corners = np.asarray(corners, dtype=float).reshape(-1, 3, 3)
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    keep = np.linalg.norm(cross, axis=1) > 1e-18
-    corners, cross = corners[keep], cross[keep]
-    if not len(corners):
-        raise RenderingError("mesh has no triangle with an area")
-    flat = corners.reshape(-1, 3)
-    size = np.ptp(flat, axis=0).max() or 1.0
-    _, point = np.unique(np.round(flat / (size * 1e-6)).astype(np.int64), axis=0,
-                         return_inverse=True)
-    point = point.reshape(-1)
-    face_normal = _unit(cross)
-    normals = _smooth(point, np.repeat(cross, 3, axis=0), np.repeat(face_normal, 3, axis=0),
-                      np.cos(crease))
-    key = np.concatenate([point[:, None], np.round(normals * 1e4).astype(np.int64)], axis=1)
-    _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    return Mesh(flat[first].astype(np.float32), normals[first].astype(np.float32),
-                inverse.reshape(-1, 3).astype(np.int32))
-
-
-def _smooth(point: np.ndarray, weighted: np.ndarray, unit: np.ndarray, cosine: float) -> np.ndarray:
-    """Corner normals: the area-weighted mean over the faces at a point within the crease angle."""
-    order = np.argsort(point, kind="stable")
-    counts = np.bincount(point)
-    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
-    total = np.zeros_like(weighted)
-    # Corner i of a point meets corner i + k of the same point, for every k there is.
-    for shift in range(int(counts.max())):
-        rank = np.arange(len(order)) - starts[point[order]]
-        other = order[starts[point[order]] + (rank + shift) % counts[point[order]]]
-        near = (unit[order] * unit[other]).sum(axis=1) >= cosine
-        near &= shift < counts[point[order]]
-        total[order] += np.where(near[:, None], weighted[other], 0.0)
-    return _unit(total)
+from .indexed_mesh import Mesh, from_corners, normalised
+from .obj import load_obj
 
 
 def box(extents: np.ndarray) -> Mesh:
@@ -127,8 +54,8 @@ def _revolve(profile: list[tuple[float, float]], sectors: int) -> Mesh:
 
 def plane(normal: np.ndarray, half_size: float = 50.0) -> Mesh:
     """Square through the origin; Bullet's planes are endless, Gazebo's ground is 100 m wide."""
-    n = _unit(np.asarray(normal, dtype=float))
-    u = _unit(np.cross(n, [0.0, 1.0, 0.0] if abs(n[1]) < 0.9 else [1.0, 0.0, 0.0]))
+    n = normalised(np.asarray(normal, dtype=float))
+    u = normalised(np.cross(n, [0.0, 1.0, 0.0] if abs(n[1]) < 0.9 else [1.0, 0.0, 0.0]))
     v = np.cross(n, u)
     p = [half_size * (a * u + b * v) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     return from_corners(np.array([[p[0], p[1], p[2]], [p[0], p[2], p[3]]]))
@@ -160,7 +87,7 @@ def load(path: str | Path) -> list[Mesh]:
     """
     path = Path(path)
     kind = path.suffix.lower()
-    readers = {".stl": _load_stl, ".obj": _load_obj}
+    readers = {".stl": _load_stl, ".obj": load_obj}
     if kind not in readers:
         raise RenderingError(
             f"mesh '{path}': '{kind}' files are not read; convert it to one of "
@@ -197,9 +124,3 @@ def _load_stl(path: Path) -> list[Mesh]:
 
 def _is_ascii_stl(data: bytes, count: int) -> bool:
     return data[:5].lower() == b"solid" and len(data) != 84 + 50 * count and b"vertex" in data
-
-
-def _load_obj(path: Path) -> list[Mesh]:
-    from .obj import load_obj
-
-    return load_obj(path)

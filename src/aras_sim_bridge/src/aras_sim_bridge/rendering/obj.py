@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import RenderingError
-from .meshes import Mesh, from_corners
+from .indexed_mesh import Mesh, from_corners
 
 
 def load_obj(path: Path) -> list[Mesh]:

@@ -12,7 +12,7 @@ from aras_sim_bridge.bullet import pybullet
 
 from . import meshes
 from .gazebo_materials import COLOURS, Rgba
-from .meshes import Mesh
+from .indexed_mesh import Mesh
 from .view import MaterialTable
 
 _log = logging.getLogger(__name__)

@@ -13,23 +13,45 @@ Bullet applies URDF damping explicitly, tau = -d v, which rings past d dt / I = 
   joint has no Coulomb friction of its own.
 """
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 
 from aras_sim_bridge.bullet import pybullet
 
-if TYPE_CHECKING:
-    from aras_sim_bridge.world.model import Model
-
 EXPLICIT_BOUND = 0.5
 CHECK_EVERY = 200  # steps; inertia changes with the configuration, slowly at 1 ms
+
+
+class DampedModel(Protocol):
+    """What the damping needs of a model; joints in `joint_names` order (see `Model`)."""
+
+    client: int
+    body_id: int
+    fixed_base: bool
+    damping: list[float]
+    active_friction: list[float]
+    pending_efforts: list[float]
+    dof_order: list[int]
+
+    def read_joints(self) -> tuple[Sequence[float], Sequence[float], Sequence[float]]: ...
+
+    def bullet_positions(self) -> list[float]: ...
+
+    def bias_efforts(self) -> list[float]: ...
+
+    def restore_friction(self, slot: int) -> None: ...
+
+    def set_damping_motor(self, slot: int, share: float) -> None: ...
+
+    def set_bullet_damping(self, slot: int, value: float) -> None: ...
 
 
 class ViscousDamping:
     """Applies the damping of one model's joints; made anew whenever the model is loaded."""
 
-    def __init__(self, model: "Model") -> None:
+    def __init__(self, model: DampedModel) -> None:
         self._model = model
         self._countdown = 0
         self._implicit = False

@@ -1,0 +1,174 @@
+"""The controller manager on the graph: its switching rules, a user's classes, its tools.
+
+The robots and the world that they stand in: see controller_rig.py.
+"""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import threading
+
+import rospy
+from controller_manager_msgs.srv import (
+    ListControllerTypes,
+    LoadController,
+    ReloadControllerLibraries,
+)
+from controller_rig import BEST_EFFORT, USER_CLASS, call
+from gazebo_msgs.srv import DeleteModel
+from ros_graph import wait_for
+from std_msgs.msg import Bool
+from std_srvs.srv import Empty
+
+pytest_plugins = ["controller_rig"]
+
+
+def test_switch_rules(rig):
+    rig.load("push", "efforts", "spin")
+    assert not rig.switch(["push", "efforts"])  # both claim the cart
+    assert not rig.switch(["nobody"])
+    assert rig.switch(["nobody", "push"], [], BEST_EFFORT)
+    assert not rig.switch(["push"])  # it runs
+    assert not rig.switch([], ["spin"])  # it does not
+    assert not rig.switch(["push"], ["push"], BEST_EFFORT)
+    assert rig.switch([], [])
+    assert rig.switch(["efforts"], ["push"])
+    assert rig.states() == {
+        "joint_state_controller": "running",
+        "push": "stopped",
+        "efforts": "running",
+        "spin": "initialized",
+    }
+
+
+def test_switches_in_the_middle_of_resets(rig):
+    rig.load("push")
+    call("/gazebo/unpause_physics", Empty)
+    resets = [
+        threading.Thread(target=lambda: call("/gazebo/reset_simulation", Empty)) for _ in range(5)
+    ]
+    try:
+        for reset in resets:
+            reset.start()
+            assert rig.switch(["push"])
+            assert rig.switch([], ["push"])
+            reset.join()
+    finally:
+        call("/gazebo/pause_physics", Empty)
+    assert rig.states()["push"] == "stopped"
+
+
+def test_controller_classes_of_a_user(rig, rig_world):
+    types = call("/rig/controller_manager/list_controller_types", ListControllerTypes).types
+    assert "my_robot/Constant" in types
+    rig.start("mine")
+    assert rig.see("cart", "effort", 4) == 4.0
+    rig.clear()
+    rig.start("mine_too")
+    assert rig.see("cart", "effort", 4) == 4.0
+    reload_libraries = "/rig/controller_manager/reload_controller_libraries"
+    assert not call(reload_libraries, ReloadControllerLibraries, False).ok
+    module = rig_world.modules / "my_controllers.py"
+    module.write_text(USER_CLASS.format(effort=7.25))
+    assert call(reload_libraries, ReloadControllerLibraries, True).ok
+    assert rig.states() == {}
+    rig.start("joint_state_controller", "mine_too")
+    rig.hear()
+    assert rig.see("cart", "effort", 4) == 7.25
+    module.write_text("def broken(:\n")
+    rig.clear()
+    assert call(reload_libraries, ReloadControllerLibraries, True).ok
+    assert not call("/rig/controller_manager/load_controller", LoadController, "mine").ok
+    module.write_text(USER_CLASS.format(effort=4.0))
+    rig.start("joint_state_controller")
+
+
+def test_two_robots_do_not_touch_each_other(rig, other):
+    rig.start("push")
+    other.start("push")
+    other.send("push", 5.0)
+    other.until("cart", "effort", lambda f: f == 5.0)
+    assert rig.see("cart", "effort") == 0.0
+    rig.send("push", 1.0)
+    rig.until("cart", "effort", lambda f: f == 1.0)
+    assert other.see("cart", "effort") == 5.0
+    assert call("/gazebo/delete_model", DeleteModel, "nobody").success is False
+
+
+def test_command_line_tools(rig, ros_master, tmp_path):
+    tool = ["rosrun", "aras_sim_bridge"]
+    done = ros_master.run([*tool, "controller_manager", "spawn", "push", "__ns:=/rig"])
+    assert "Loaded push" in done.stdout
+    done = ros_master.run([*tool, "controller_manager", "list", "__ns:=/rig"])
+    assert "'push' - 'effort_controllers/JointEffortController' ( running )" in done.stdout
+    ros_master.run([*tool, "controller_manager", "kill", "push", "__ns:=/rig"])
+    assert "push" not in rig.states()
+    failed = ros_master.run(
+        [*tool, "controller_manager", "load", "nobody", "__ns:=/rig"], check=False
+    )
+    assert failed.returncode == 1
+
+
+class Tool:
+    """A command-line tool that stays until it is interrupted."""
+
+    def __init__(self, master, *arguments: str) -> None:
+        self._process = subprocess.Popen(
+            ["rosrun", "aras_sim_bridge", *arguments],
+            env=master.environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+
+    def interrupt(self) -> str:
+        """End it as Ctrl-C does; returns what it printed."""
+        self._process.send_signal(signal.SIGINT)
+        return self.end()
+
+    def end(self) -> str:
+        """Wait for its end; returns what it printed."""
+        return self._process.communicate(timeout=20.0)[0]
+
+
+def test_spawners_files_waits_and_ends(rig, ros_master, tmp_path):
+    file = tmp_path / "more.yaml"
+    file.write_text("from_file: {type: effort_controllers/JointEffortController, joint: table}\n")
+    rospy.set_param("/rig/controller_groups", {"one": ["push"], "two": ["roll"]})
+    gate = rospy.Publisher("/rig/go", Bool, queue_size=1, latch=True)
+    gate.publish(False)
+    call("/gazebo/unpause_physics", Empty)
+    try:
+        flags = ["--namespace", "/rig", "--wait-for", "/rig/go"]
+        waiting = Tool(ros_master, "spawner", *flags, "push")
+        loading = Tool(ros_master, "spawner", "--stopped", str(file), "slide_to", "__ns:=/rig")
+        late = Tool(ros_master, "spawner", "--namespace", "/nowhere", "--timeout", "0.2", "x")
+        wait_for(lambda: rig.states().get("slide_to"), 15.0, "the stopped controllers")
+        assert rig.states()["from_file"] == "initialized"
+        assert "couldn't find the expected controller_manager" in late.end()
+        assert "push" not in rig.states()
+        wait_for(gate.get_num_connections, 15.0, "the waiting spawner")
+        gate.publish(True)
+        wait_for(lambda: rig.states().get("push") == "running", 15.0, "push")
+        unspawner = Tool(ros_master, "unspawner", "push", "__ns:=/rig")
+        wait_for(lambda: rig.states()["push"] == "stopped", 15.0, "the unspawner")
+        unspawner.interrupt()
+        wait_for(lambda: rig.states()["push"] == "running", 5.0, "the restart")
+        loading.interrupt()
+        assert set(rig.states()) == {"joint_state_controller", "push"}
+        group = ["rosrun", "aras_sim_bridge", "controller_group", "__ns:=/rig"]
+        ros_master.run([*group, "switch", "two"])
+        assert (rig.states()["push"], rig.states()["roll"]) == ("stopped", "running")
+        ros_master.run([*group, "switch", "one"])
+        assert (rig.states()["push"], rig.states()["roll"]) == ("running", "stopped")
+        assert ros_master.run([*group, "switch", "three"], check=False).returncode == 1
+        waiting.interrupt()
+        assert "push" not in rig.states()
+    finally:
+        call("/gazebo/pause_physics", Empty)
+        gate.unregister()
+
+
+def test_log_holds_no_traceback(rig_world):
+    assert "Traceback" not in rig_world.output()

@@ -62,8 +62,8 @@ class Occluders:
         if not fills.any():
             return None
         # The nearest where the middle of the view meets it.
-        depth = np.where(fills, d / (n @ [*view.mean(axis=0), 1.0]), np.inf)
-        k = int(depth.argmin())
+        n, d = n[fills], d[fills]
+        k = int((d / (n @ [*view.mean(axis=0), 1.0])).argmin())
         return np.array([*n[k], d[k]]) / np.linalg.norm(n[k])
 
 

@@ -23,7 +23,7 @@ CUBE = np.array([
 FLAT_LIMIT = np.radians(57.0)
 # Face pixels for a picture pixel, where the pixels lie closer together than in this share of
 # the face; cube faces are denser towards their edges by nature.
-DENSITY = 1.35
+DENSITY = 1.2
 CLOSEST = 30  # percent
 MARGIN = 2.0  # px around a face, for interpolation
 LARGEST = 8192

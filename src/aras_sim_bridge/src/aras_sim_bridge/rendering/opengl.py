@@ -1,7 +1,7 @@
 """Renderer on OpenGL 3.3 through EGL: no display needed, a GPU where there is one.
 
 Anti-aliasing ('edges', the default): the picture is drawn with one sample a pixel, then the tiles
-in which neighbouring pixels differ are drawn again with 25 samples a pixel, or everything with 9
+in which neighbouring pixels differ are drawn again with 64 samples a pixel, or everything with 9
 or 4 where most tiles have edges. That costs less than hardware multisampling of the whole
 picture and measures several times finer. Lenses take 4 samples or more of every pixel.
 'multisample' asks the hardware instead.
@@ -31,8 +31,9 @@ ATLAS_COLUMNS = 16
 # What clipping one triangle to a tile costs, in drawn samples; measured on the software rasteriser.
 CLIP_COST = 750
 # Samples along a pixel's side in tiles with edges. Over 150 poses the target's area is then right
-# to 0.05 % (with 4: 0.09 %; with 8: 0.025 %, at a fifth more time a picture).
-FINE = 5
+# to 0.025 % (with 5: 0.05 %, in four fifths of the time), and the angle of its near square to
+# 1 mrad where its edges follow the pixels (with 5: 2 mrad, which the servo loop feels).
+FINE = 8
 # Samples along a pixel's side in pictures that are full of edges.
 DENSE = 3
 # With more triangles than this in view there are edges nearly everywhere, and 2 x 2 samples do.

@@ -61,13 +61,6 @@ class ModelJoints(LoadedModel):
         self.pending_efforts[self._require(joint) if slot is None else slot] += effort
         self._dirty = True
 
-    def apply_efforts(self, efforts: Sequence[float]) -> None:
-        """Add one effort a joint, in `joint_names` order."""
-        pending = self.pending_efforts
-        for i, effort in enumerate(efforts):
-            pending[i] += effort
-        self._dirty = True
-
     def check_efforts(self) -> None:
         """WorldError when a pending effort is not finite; all of this model's are dropped then."""
         if not math.isfinite(sum(self.pending_efforts)):

@@ -23,24 +23,29 @@ def model(simulation: Any, name: str) -> Any:
 
 def link(simulation: Any, name: str) -> tuple[Any, str]:
     """Return (model, plain link name); raises WorldError naming the link."""
-    model_name, scope, plain = name.rpartition("::")
-    for candidate in simulation.world.models.values():
-        if scope and candidate.name != model_name:
-            continue
-        if plain and plain in candidate.description.links:
-            return candidate, plain
-    raise WorldError(f"link '{name}' does not exist; name it as model::link")
+    found = _part(simulation, name, "links")
+    if found is None:
+        raise WorldError(f"link '{name}' does not exist; name it as model::link")
+    return found
 
 
 def joint(simulation: Any, name: str) -> tuple[Any, str]:
     """Return (model, plain joint name); raises WorldError naming the joint."""
+    found = _part(simulation, name, "joints")
+    if found is None:
+        raise WorldError(f"joint '{name}' does not exist; name it as model::joint or plainly")
+    return found
+
+
+def _part(simulation: Any, name: str, kind: str) -> tuple[Any, str] | None:
+    """(model, plain name) of the first link or joint, in world order, that a name means."""
     model_name, scope, plain = name.rpartition("::")
     for candidate in simulation.world.models.values():
         if scope and candidate.name != model_name:
             continue
-        if plain and plain in candidate.description.joints:
+        if plain and plain in getattr(candidate.description, kind):
             return candidate, plain
-    raise WorldError(f"joint '{name}' does not exist; name it as model::joint or plainly")
+    return None
 
 
 def frame(simulation: Any, name: str) -> tuple[Pose, Twist]:

@@ -39,6 +39,7 @@ CONTROLLERS = {
 }
 # Approaching is driven by the joint states; its report need not be faster than the camera's.
 APPROACH_REPORT_PERIOD = 1.0 / 30.0
+LISTENERS_TIMEOUT = 5.0  # s of wall time
 REPEAT_WARNING = 5.0
 
 
@@ -74,6 +75,7 @@ class ControllerNode:
         self._twist = rospy.Publisher(
             f"{NAMESPACE}/controller/camera_twist", TwistStamped, queue_size=5
         )
+        self._await_listeners()
         rospy.Subscriber(
             f"{NAMESPACE}/joint_states",
             JointState,
@@ -96,6 +98,22 @@ class ControllerNode:
                 queue_size=1,
                 tcp_nodelay=True,
             )
+
+    def _await_listeners(self) -> None:
+        """Give a recorder the time to connect; nothing has been subscribed to or sent yet."""
+        deadline = time.monotonic() + LISTENERS_TIMEOUT
+        while self._state.get_num_connections() < self._settings.listeners:
+            if rospy.is_shutdown():
+                return
+            if time.monotonic() > deadline:
+                rospy.logwarn(
+                    "controller/state has %d of %g listeners after %g s: beginning without them",
+                    self._state.get_num_connections(),
+                    self._settings.listeners,
+                    LISTENERS_TIMEOUT,
+                )
+                return
+            time.sleep(0.02)
 
     def spin(self) -> None:
         """Watch for silence until ROS shuts down. Runs on wall time: simulated time may stop."""

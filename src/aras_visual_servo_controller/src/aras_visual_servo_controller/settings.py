@@ -51,6 +51,8 @@ class Settings:
         elbow: side of the elbow, +1 or -1, when the arm is straight.
         lockstep: approach at the camera's pace too, so that every image has exactly one answer;
             taken from the simulator's speed_mode unless given.
+        listeners: subscribers of controller/state to wait for before moving, 5 s at most, so that
+            a recording has the run from its beginning.
         image_timeout, joint_timeout: silence after which the node says what it waits for, s.
     """
 
@@ -76,6 +78,7 @@ class Settings:
     image_timeout: float = 1.0
     joint_timeout: float = 1.0
     lockstep: bool = False
+    listeners: float = 0.0
     package: Path = field(default=Path("."), metadata={"internal": True})
 
     @classmethod
@@ -105,7 +108,7 @@ class Settings:
         for name in ("gain", "gain_zero", "gain_infinity", "gain_slope", "hold"):
             if getattr(self, name) <= 0.0:
                 raise ConfigurationError(f"parameter ~{name} is {getattr(self, name)}, must be > 0")
-        for name in ("ramp", "smoothing", "pitch_gain", "posture_gain"):
+        for name in ("ramp", "smoothing", "pitch_gain", "posture_gain", "listeners"):
             if getattr(self, name) < 0.0:
                 raise ConfigurationError(
                     f"parameter ~{name} is {getattr(self, name)}, must be >= 0"

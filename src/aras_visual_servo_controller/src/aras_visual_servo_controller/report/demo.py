@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import rospy
 
 from ..desired import Desired
 from ..errors import ServoError
@@ -104,6 +105,8 @@ class Demo:
             STARTUP_TIMEOUT,
             "the simulated robot and the recorder",
         )
+        # The recorder and this process: rosbag takes a second to connect to a new topic.
+        rospy.set_param("/aras_visual_servo_controller/listeners", 2)
         _say("starting the camera and controller nodes")
         self._launch(
             "nodes",

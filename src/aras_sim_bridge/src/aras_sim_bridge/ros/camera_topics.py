@@ -5,10 +5,8 @@ from __future__ import annotations
 import threading
 from typing import Any
 
-import numpy as np
 import rospy
-from genpy import Time
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo
 from sensor_msgs.srv import SetCameraInfo, SetCameraInfoResponse
 
 from aras_sim_bridge.errors import CameraError
@@ -17,6 +15,8 @@ from aras_sim_bridge.ros.camera_info import prefixed, save_calibration, to_camer
 from aras_sim_bridge.ros.camera_labels import LabelTopic
 from aras_sim_bridge.ros.compressed import CompressedTopic
 from aras_sim_bridge.ros.conversions import to_time
+from aras_sim_bridge.ros.image_topic import ImageTopic
+from aras_sim_bridge.ros.quick_publisher import QuickPublisher
 from aras_sim_bridge.ros.reconfigure import Field, ReconfigureServer
 from aras_sim_bridge.ros.services import ServiceTable
 from aras_sim_bridge.ros.simulation_thread import SimulationThread
@@ -53,22 +53,22 @@ class CameraTopics:
         mounted.enabled = False
         self._lock = threading.Lock()
         self._closing: list[Any] = []
-        self._publishers: list[rospy.Publisher] = []
+        self._publishers: list[ImageTopic | QuickPublisher] = []
         self._watcher = _Watcher(self._on_subscribers)
         self._compressed: CompressedTopic | None = None
         self._labels: LabelTopic | None = None
         self._depth = self._depth_info = self._segmentation = None
 
         root = self.namespace.rstrip("/")
-        self._info = self._advertise(f"{root}/{config.info_topic}", CameraInfo)
-        self._image = self._advertise(f"{root}/{config.image_topic}", Image)
+        self._info = self._info_topic(f"{root}/{config.info_topic}")
+        self._image = self._image_topic(f"{root}/{config.image_topic}")
         self._compressed = CompressedTopic(f"{root}/{config.image_topic}", self._watcher)
         self._closing.append(self._compressed)
         if config.depth:
-            self._depth = self._advertise(f"{root}/depth/image_raw", Image)
-            self._depth_info = self._advertise(f"{root}/depth/camera_info", CameraInfo)
+            self._depth = self._image_topic(f"{root}/depth/image_raw")
+            self._depth_info = self._info_topic(f"{root}/depth/camera_info")
         if config.segmentation:
-            self._segmentation = self._advertise(f"{root}/segmentation/image_raw", Image)
+            self._segmentation = self._image_topic(f"{root}/segmentation/image_raw")
             self._labels = LabelTopic(f"{root}/segmentation/labels")
             self._closing.append(self._labels)
         services = ServiceTable(self.namespace)
@@ -96,15 +96,15 @@ class CameraTopics:
         for publisher in self._publishers:
             publisher.unregister()
 
-    def _advertise(self, topic: str, kind: type) -> rospy.Publisher:
-        publisher = rospy.Publisher(
-            topic,
-            kind,
-            latch=kind is Image,
-            queue_size=2,
-            subscriber_listener=self._watcher,
-            tcp_nodelay=True,
+    def _info_topic(self, topic: str) -> QuickPublisher:
+        publisher = QuickPublisher(
+            topic, CameraInfo, queue_size=2, subscriber_listener=self._watcher
         )
+        self._publishers.append(publisher)
+        return publisher
+
+    def _image_topic(self, topic: str) -> ImageTopic:
+        publisher = ImageTopic(topic, self._watcher)
         self._publishers.append(publisher)
         return publisher
 
@@ -151,7 +151,7 @@ class CameraTopics:
     def _on_frame(self, frame: Any) -> None:
         """Publish one frame; runs in the simulation's thread."""
         stamp = to_time(frame.stamp_ns)
-        self._image.publish(self._message(stamp, frame.image, frame.encoding))
+        self._image.publish(stamp, self._frame_id, frame.image, frame.encoding)
         for publisher in (self._info, self._depth_info):
             if _heard(publisher):
                 self._info_message.header.stamp = stamp
@@ -159,22 +159,10 @@ class CameraTopics:
         if self._compressed.wanted:
             self._compressed.publish(stamp, self._frame_id, frame)
         if frame.depth is not None and self._depth is not None:
-            self._depth.publish(self._message(stamp, frame.depth, "32FC1"))
+            self._depth.publish(stamp, self._frame_id, frame.depth, "32FC1")
         if frame.segmentation is not None and self._segmentation is not None:
             self._labels.update(self._thread.simulation)
-            self._segmentation.publish(self._message(stamp, frame.segmentation, "32SC1"))
-
-    def _message(self, stamp: Time, pixels: np.ndarray, encoding: str) -> Image:
-        """A new message each time: a latched publisher keeps the last one."""
-        message = Image()
-        message.header.stamp = stamp
-        message.header.frame_id = self._frame_id
-        message.height, message.width = pixels.shape[:2]
-        message.encoding = encoding
-        message.is_bigendian = 0
-        message.data = pixels.tobytes()
-        message.step = len(message.data) // message.height
-        return message
+            self._segmentation.publish(stamp, self._frame_id, frame.segmentation, "32SC1")
 
     def _on_set_camera_info(self, request: SetCameraInfo) -> SetCameraInfoResponse:
         # As camera_info_manager: taken over even where the file cannot be written.
@@ -187,5 +175,5 @@ class CameraTopics:
         return SetCameraInfoResponse(True, "")
 
 
-def _heard(publisher: rospy.Publisher | None) -> bool:
+def _heard(publisher: ImageTopic | QuickPublisher | None) -> bool:
     return publisher is not None and publisher.get_num_connections() > 0

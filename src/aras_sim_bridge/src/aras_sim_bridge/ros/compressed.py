@@ -14,6 +14,7 @@ from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header
 
 from aras_sim_bridge.errors import CameraError
+from aras_sim_bridge.ros.quick_publisher import listeners
 from aras_sim_bridge.ros.reconfigure import Field, ReconfigureServer
 
 # Names, defaults and limits are compressed_image_transport's.
@@ -85,7 +86,7 @@ class CompressedTopic:
     @property
     def wanted(self) -> bool:
         """Whether somebody subscribes."""
-        return self._publisher.get_num_connections() > 0
+        return listeners(self._publisher) > 0
 
     def publish(self, stamp: Time, frame_id: str, frame: Any) -> None:
         """Hand over one camera Frame; its arrays must not change afterwards."""

@@ -46,9 +46,9 @@ class StateTopics:
             message.sensors.append(
                 SensorPerformanceMetric(
                     name=config.name,
-                    sim_update_rate=config.update_rate,
+                    sim_update_rate=mounted.sensor.rate,
                     real_update_rate=mounted.sensor.rate * message.real_time_factor,
-                    fps=config.update_rate * message.real_time_factor if mounted.enabled else 0.0,
+                    fps=mounted.sensor.rate * message.real_time_factor if mounted.enabled else 0.0,
                 )
             )
         return message

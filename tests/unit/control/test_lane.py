@@ -1,0 +1,88 @@
+"""Messages through sockets that take them at once, later, or never."""
+
+import contextlib
+import socket
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from aras_sim_bridge.ros.lane import Lane
+
+SIZE = 300_000  # of a message: more than the socket below takes at once
+QUEUE = 2
+
+
+@pytest.fixture
+def line():
+    """A lane, its listener's end, and the connections that were reported lost."""
+    server = socket.create_server(("127.0.0.1", 0))
+    ours = socket.socket()
+    ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 32_768)
+    ours.connect(server.getsockname())
+    theirs, _ = server.accept()
+    theirs.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 32_768)
+    theirs.settimeout(5.0)
+    lost = []
+    connection = SimpleNamespace(socket=ours)
+    yield Lane(connection, QUEUE, lost.append), theirs, lost
+    for end in (ours, theirs, server):
+        end.close()
+
+
+def message(n: int) -> tuple[bytes, memoryview]:
+    """In two parts; every byte says which message it belongs to."""
+    return bytes([n]) * 10, memoryview(bytes([n]) * (SIZE - 10))
+
+
+def received(theirs: socket.socket, size: int) -> bytes:
+    data = bytearray()
+    while len(data) < size:
+        data += theirs.recv(65_536)
+    return bytes(data)
+
+
+def test_rest_of_a_message_follows_without_another_one(line):
+    lane, theirs, _ = line
+    lane.send(message(7))
+    assert lane.left  # otherwise this test would show nothing
+    assert received(theirs, SIZE) == bytes([7]) * SIZE
+
+
+def test_slow_listener_gets_whole_messages_and_the_newest(line):
+    lane, theirs, lost = line
+    start = time.monotonic()
+    for n in range(1, 21):
+        lane.send(message(n))
+    assert time.monotonic() - start < 1.0  # the sender never waited
+    data = received(theirs, (1 + QUEUE) * SIZE)
+    got = [data[i] for i in range(0, len(data), SIZE)]
+    assert got == [1, 19, 20]
+    assert data == b"".join(bytes([n]) * SIZE for n in got)
+    theirs.settimeout(0.2)
+    with pytest.raises(TimeoutError):
+        theirs.recv(1)
+    assert not lost
+
+
+def test_next_message_waits_behind_the_rest_of_the_one_before(line):
+    lane, theirs, _ = line
+    for n in (1, 2):
+        lane.send(message(n))
+    assert received(theirs, 2 * SIZE) == bytes([1]) * SIZE + bytes([2]) * SIZE
+    lane.send(message(3))
+    assert received(theirs, SIZE) == bytes([3]) * SIZE
+
+
+def test_lost_listener_is_reported_once(line):
+    lane, theirs, lost = line
+    lane.send(message(1))
+    theirs.close()
+    end = time.monotonic() + 5.0
+    while not lost and time.monotonic() < end:
+        with contextlib.suppress(OSError):
+            lane.send(message(2))
+        time.sleep(0.01)
+    lane.send(message(3))
+    assert len(lost) == 1
+    assert not lane.left

@@ -61,3 +61,22 @@ def test_a_wrong_setting_is_named(key, value, words):
 
 def test_cameras_differ_in_their_noise():
     assert mounting.seed_of(0, "left") != mounting.seed_of(0, "right")
+
+
+def test_next_picture_is_told_by_the_end_of_its_step():
+    simulation = Simulation(SimulationConfig(renderer="tiny"))
+    assert simulation.next_picture_ns() is None
+    slow = simulation.add_camera("slow", {**PLACE, "update_rate": 30.0})
+    fast = simulation.add_camera("fast", {**PLACE, "update_rate": 40.0, "latency": 0.0021})
+    assert simulation.next_picture_ns() is None  # nobody looks
+    slow.enabled = fast.enabled = True
+    told, frames = [], []
+    for camera in (slow, fast):
+        camera.on_frame = lambda frame, name=camera.sensor.config.name: frames.append(name)
+    for _ in range(60):
+        told.append(simulation.next_picture_ns())
+        simulation.step()
+    # The fast one exposes at 25 and 50 ms and sends 2.1 ms later, the slow one at 33 1/3 ms.
+    assert [n // 1_000_000 for n in dict.fromkeys(told)] == [25, 28, 34, 50, 53, 67]
+    assert frames == ["fast", "slow", "fast"]
+    simulation.close()

@@ -23,6 +23,9 @@ class Counter:
         self.time_ns += self.step_ns
         time.sleep(0.0001)
 
+    def next_picture_ns(self) -> None:
+        return None
+
     def close(self) -> None:
         pass
 

@@ -85,8 +85,11 @@ class Pacer:
         self._start_ns = time_ns
         self._meter.restart(time_ns)
 
-    def due_until(self, time_ns: int) -> int:
-        """Simulated time [ns] up to which steps are due now, having reached `time_ns`."""
+    def due_until(self, time_ns: int, event_ns: int | None = None) -> int:
+        """Simulated time [ns] up to which steps are due now, having reached `time_ns`.
+
+        event_ns: when something is to happen that shall not wait for the rest of its group.
+        """
         self._meter.update(time_ns, self._factor)
         if self._factor <= 0.0:
             return (time_ns // BATCH_NS + 1) * BATCH_NS
@@ -95,13 +98,16 @@ class Pacer:
         if lag > LARGEST_LAG_NS:
             self._start_ns -= lag - BATCH_NS
             target = time_ns + BATCH_NS
-        return target // BATCH_NS * BATCH_NS
+        end = target // BATCH_NS * BATCH_NS
+        return end if event_ns is None or event_ns > target else max(end, event_ns)
 
-    def wait(self, time_ns: int) -> float:
-        """Seconds of wall time until the next group of steps is due; may be negative."""
+    def wait(self, time_ns: int, event_ns: int | None = None) -> float:
+        """Seconds of wall time until the next steps are due; may be negative."""
         if self._factor <= 0.0:
             return 0.0
         next_ns = (time_ns // BATCH_NS + 1) * BATCH_NS
+        if event_ns is not None and event_ns > time_ns:
+            next_ns = min(next_ns, event_ns)
         return (next_ns - self._target()) / 1e9 / self._factor
 
     def _target(self) -> int:

@@ -149,11 +149,14 @@ class CameraSensor:
         self.renderer.snapshot()
         self._before = (time_ns, np.array(world_T_link, dtype=float))
 
+    @property
+    def due_ns(self) -> int:
+        """Simulated time from which on `capture` has something to do, ns."""
+        return min(self._next_ns, self._waiting[0][0]) if self._waiting else self._next_ns
+
     def due(self, time_ns: int) -> bool:
         """Whether `capture` has something to do at this tick."""
-        return self._next_ns <= time_ns or (
-            bool(self._waiting) and self._waiting[0][0] <= time_ns
-        )
+        return self.due_ns <= time_ns
 
     def capture(self, world_T_link: np.ndarray, time_ns: int) -> Frame | None:
         """Draw what is due, and give the frame whose time of publication has come, if any.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from typing import Any
 
 from aras_sim_bridge.ros.camera_topics import CameraTopics
@@ -16,9 +17,20 @@ SYNC_TIMEOUT = 60.0  # seconds of wall time: a spawn may be under way, and takes
 class Faces:
     """The ROS faces of what is in the simulation now."""
 
-    def __init__(self, thread: SimulationThread, lockstep: Lockstep | None = None) -> None:
-        """Make no face yet; see `sync`. With `lockstep` time waits after each camera frame."""
+    def __init__(
+        self,
+        thread: SimulationThread,
+        tick: Callable[[int], None],
+        lockstep: Lockstep | None = None,
+    ) -> None:
+        """Make no face yet; see `sync`.
+
+        Args:
+            tick: called with the simulated time [ns] before each camera frame goes out.
+            lockstep: lets time wait after each camera frame.
+        """
         self._thread = thread
+        self._tick = tick
         self._lockstep = lockstep
         self._lock = threading.Lock()
         self._robots: dict[str, tuple[Any, ControllerServices]] = {}
@@ -42,8 +54,16 @@ class Faces:
             for camera in cameras:
                 if not any(camera is other for other in known):
                     self._cameras.append((camera, CameraTopics(camera, self._thread)))
+                    camera.on_frame = self._ticked(camera.on_frame)
                     if self._lockstep is not None:
                         camera.on_frame = self._lockstep.wrap(camera.on_frame)
+
+    def _ticked(self, publish: Callable[[Any], None]) -> Callable[[Any], None]:
+        def on_frame(frame: Any) -> None:
+            self._tick(self._thread.now_ns())
+            publish(frame)
+
+        return on_frame
 
     def _close_gone(self, robots: dict[str, Any], cameras: list[Any]) -> None:
         for name, (robot, face) in list(self._robots.items()):

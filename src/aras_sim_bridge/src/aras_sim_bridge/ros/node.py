@@ -61,7 +61,7 @@ class GazeboNode:
                 parameters.lockstep_period,
             )
         self.thread.start()
-        self.faces = Faces(self.thread, self.lockstep)
+        self.faces = Faces(self.thread, self.clock.publish, self.lockstep)
         if parameters.enable_ros_network:
             self.api = GazeboApi(self)
             mount_world_cameras(self.thread)

@@ -52,6 +52,9 @@ class Steppable(Protocol):
     def step(self) -> None:
         """Advance one physics step."""
 
+    def next_picture_ns(self) -> int | None:
+        """End [ns] of the coming step in which a camera has something to do, if any."""
+
     def close(self) -> None:
         """Release what it holds."""
 
@@ -254,7 +257,7 @@ class SimulationThread:
                 if not jobs:
                     wake.wait(left)
                 continue
-            end = pacer.due_until(simulation.time_ns)
+            end = pacer.due_until(simulation.time_ns, simulation.next_picture_ns())
             if simulation.time_ns < end:
                 while simulation.time_ns < end and not (gate is not None and gate.closed):
                     try:
@@ -265,7 +268,7 @@ class SimulationThread:
                     if jobs or self._paused:
                         break
                 self._after_batch(simulation.time_ns)
-            delay = pacer.wait(simulation.time_ns)
+            delay = pacer.wait(simulation.time_ns, simulation.next_picture_ns())
             if delay > 0.0 and not jobs:
                 wake.wait(delay)
 

@@ -47,7 +47,7 @@ def test_settings_are_found_by_name_and_the_rest_is_told():
     ("key", "value", "words"),
     [
         ("widht", 3, "width"), ("width", "3", "whole number"), ("depth", 1, "true nor false"),
-        ("xyz", [1, 2], "3 numbers"), ("effects", 5, "noise_stddev"), ("format", 8, "text"),
+        ("xyz", [1, 2], "3 finite numbers"), ("effects", 5, "noise_stddev"), ("format", 8, "text"),
         ("camera_matrix", {"fx": 1}, "fx, fy, cx, cy"), ("pose", "here", "m and rad"),
         ("parent", "moon", "world"), ("seed", 1.5, "whole number"),
     ],

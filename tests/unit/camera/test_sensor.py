@@ -110,11 +110,13 @@ def test_reset_and_rate_change():
         blurred.set_rate(60.0, 0)
 
 
-def test_after_a_pause_only_the_newest_picture_is_taken():
-    sensor = camera(update_rate=10.0)
-    frame = sensor.capture(np.eye(4), 1_234 * MS)
-    assert frame.stamp_ns == 1200 * MS
-    assert sensor.next_exposure_ns == 1300 * MS
+def test_with_steps_longer_than_the_period_only_the_newest_picture_is_taken(caplog):
+    sensor = camera(update_rate=30.0)
+    got = frames(sensor, 4, step=100 * MS)
+    assert [f.stamp_ns // MS for _, f in got] == [100, 200, 300, 400]
+    told = [r.getMessage() for r in caplog.records if "leaves out frames" in r.getMessage()]
+    assert len(told) == 1
+    assert "30 Hz are above the physics rate" in told[0]
 
 
 def test_latency_delays_publication_not_the_stamp():

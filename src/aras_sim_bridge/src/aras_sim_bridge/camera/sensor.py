@@ -73,7 +73,7 @@ class CameraSensor:
         self._latency_ns = round(config.latency * 1e9)
         blurred = config.effects.exposure_time > 0.0
         self._samples = config.effects.exposure_samples if blurred else 1
-        self._first, self._told_black = True, False
+        self._first, self._told_black, self._told_missed = True, False, False
         # Whether pictures carry them now; who offers them may switch off what nobody reads.
         self.depth, self.segmentation = config.depth, config.segmentation
         self.reset()
@@ -177,8 +177,12 @@ class CameraSensor:
         return None
 
     def _skip_missed(self, time_ns: int) -> None:
-        """After a jump of the clock only the newest instant is drawn."""
+        """Where one physics step spans several instants, only the newest is drawn."""
         if self._sample == 0 and self._instant(self._index + 1) <= time_ns:
+            if not self._told_missed:
+                self._told_missed = True
+                _log.warning("camera '%s' leaves out frames: its %g Hz are above the physics rate; "
+                             "lower the one or raise the other", self.config.name, self._rate)
             self._index = int(time_ns * self._rate / 1e9)
             if self._instant(self._index + 1) <= time_ns:
                 self._index += 1

@@ -1,5 +1,7 @@
 """Cameras of a whole simulation: models that come later, settings, what is refused."""
 
+import logging
+
 import numpy as np
 import pytest
 
@@ -75,29 +77,32 @@ def test_ways_to_write_a_pose(pose):
     assert placed.quat == pytest.approx((0, 0, np.sin(0.25), np.cos(0.25)))
 
 
-def test_a_camera_that_cannot_be_drawn_is_switched_off(caplog):
-    """The rest of the simulation goes on, and a new subscriber is a new attempt."""
+def test_what_cannot_be_drawn_costs_its_frames_only(caplog):
+    """The simulation and the other cameras go on, the reason is told once, and so is the end."""
     simulation = Simulation(SimulationConfig())
     broken, sound = simulation.add_camera("broken", PLACE), simulation.add_camera("sound", PLACE)
-    frames = []
+    got = {"broken": [], "sound": []}
     for camera in (broken, sound):
-        camera.on_frame, camera.enabled = frames.append, True
+        camera.on_frame, camera.enabled = got[camera.sensor.config.name].append, True
 
     def fail(*_):
-        raise RenderingError("the graphics card is gone")
+        raise RenderingError("mesh 'a.stl' is damaged")
 
-    draw, broken.sensor.capture = broken.sensor.capture, fail
-    for _ in range(100):
-        simulation.step()
-    assert len(frames) == 3
-    assert [r.getMessage() for r in caplog.records] == [
-        "camera 'broken' is switched off: the graphics card is gone"
-    ]
-    broken.sensor.capture, broken.enabled = draw, True
-    for _ in range(100):
-        simulation.step()
-    assert len(frames) == 9
+    def run():
+        for _ in range(100):
+            simulation.step()
+        return [len(frames) for frames in got.values()]
+
+    with caplog.at_level(logging.INFO, "aras_sim_bridge.mounting"):
+        draw, broken.sensor.capture = broken.sensor.capture, fail
+        assert run() == [0, 3]
+        broken.sensor.capture = draw
+        assert run() == [3, 6]
     simulation.close()
+    assert [r.getMessage() for r in caplog.records if "mounting" in r.name] == [
+        "camera 'broken' gives no pictures: mesh 'a.stl' is damaged",
+        "camera 'broken' gives pictures again",
+    ]
 
 
 def test_cameras_differ_in_their_noise():

@@ -40,6 +40,7 @@ class MountedCamera:
         self._fixed = None if pose is None else np.array(pose.matrix())
         self._enabled = False
         self._fresh = False
+        self._trouble = ""
 
     @property
     def enabled(self) -> bool:
@@ -70,23 +71,28 @@ class MountedCamera:
 
     def after_step(self, time_ns: int) -> None:
         """Expose if it is time."""
-        # The step's beginning may have switched the camera off.
-        if not self._enabled or not self.sensor.due(time_ns):
+        if not self.sensor.due(time_ns):
             return
         frame = self._attempt(self.sensor.capture, time_ns)
         if frame is not None and self.on_frame is not None:
             self.on_frame(frame)
 
     def _attempt(self, draw: Callable[[np.ndarray, int], Any], time_ns: int) -> Any:
-        """Draw; a camera that cannot is switched off until it is enabled anew, with a log line, and
-        all else goes on."""
+        """Draw. A frame that cannot be drawn is left out, with a log line for each new reason: one
+        unreadable mesh must not end the simulation."""
         try:
-            return draw(self._pose(), time_ns)
+            drawn = draw(self._pose(), time_ns)
         except (RenderingError, MemoryError) as error:
-            self._enabled = False
-            log.error("camera '%s' is switched off: %s", self.sensor.config.name,
-                      str(error) or "not enough memory; make width and height smaller")
+            self.sensor.reset(time_ns)
+            reason = str(error) or "not enough memory; make width and height smaller"
+            if reason != self._trouble:
+                log.error("camera '%s' gives no pictures: %s", self.sensor.config.name, reason)
+            self._trouble = reason
             return None
+        if self._trouble and drawn is not None:
+            log.info("camera '%s' gives pictures again", self.sensor.config.name)
+            self._trouble = ""
+        return drawn
 
     def _pose(self) -> np.ndarray:
         if self.model is None:

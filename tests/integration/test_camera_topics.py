@@ -34,6 +34,7 @@ FORMATS = {
 WORLD = {
     **{f"as_{name}": {**SMALL, "format": name} for name in FORMATS},
     "lab": {"deep": {**SMALL, "depth": True, "segmentation": True}},
+    "named": {**SMALL, "segmentation": True},
     "late": {**SMALL, "latency": 0.1, "update_rate": 20.0},
     "lossy": {**SMALL, "effects": {"drop_probability": 0.5}},
     "fish": {**SMALL, "lens": "equidistant", "horizontal_fov": 3.5},
@@ -169,6 +170,11 @@ def test_depth_and_segmentation():
     assert {"aras_visual_servo::base_link", "aras_visual_servo::planar_object"} <= seen
 
 
+def test_labels_come_without_the_picture():
+    text = wait_for_message("/named/segmentation/labels", String).data
+    assert "aras_visual_servo::camera_link" in yaml.safe_load(text).values()
+
+
 def test_compressed_transport():
     topic = f"{CAMERA}/image_raw"
     sent = wait_for_message(f"{topic}/compressed", CompressedImage)
@@ -189,7 +195,7 @@ def test_compressed_transport():
     assert [s.value for s in reply.strs] == ["png"]
 
 
-def test_imager_rate(collect):
+def test_imager_rate(machine, collect):
     described = wait_for_message(f"{CAMERA}/parameter_descriptions", ConfigDescription)
     (parameter,) = described.groups[0].parameters
     assert (parameter.name, parameter.type, parameter.level) == ("imager_rate", "double", 3)
@@ -203,6 +209,10 @@ def test_imager_rate(collect):
     stamps = [m.header.stamp.to_nsec() for m in images.messages][2:]
     assert {b - a for a, b in pairwise(stamps)} == {20_000_000}
     assert rospy.get_param(f"{CAMERA}/imager_rate") == 50.0
+    for wrong in ({"strs": [StrParameter("imager_rate", "fast")]},
+                  {"doubles": [DoubleParameter("imager_rate", math.nan)]}):
+        assert reconfigure(CAMERA, **wrong).doubles[0].value == 50.0
+    assert "imager_rate is 'fast'; give a double; nothing was changed" in machine.output()
     reconfigure(CAMERA, doubles=[DoubleParameter("imager_rate", 30.0)])
 
 

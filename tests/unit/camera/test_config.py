@@ -1,32 +1,28 @@
 """Camera settings: what they give, and what is refused and how."""
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
 
 from aras_sim_bridge.camera import CameraConfig
+from aras_sim_bridge.camera.effects import Effects
+from aras_sim_bridge.description import CameraDescription
+from aras_sim_bridge.description.model import CameraPlugin, LensDescription, Noise
 from aras_sim_bridge.errors import CameraError
 
 PRESETS = Path(__file__).parents[3] / "src/aras_visual_servo_gazebo/config/cameras"
 
 
-def description(**changes):
-    plugin = SimpleNamespace(
-        robot_namespace="", camera_name="labrob/camera", image_topic="image_raw",
-        info_topic="camera_info", frame_name="camera_link", update_rate=0.0, hack_baseline=0.07,
-        cx=0.0, cy=0.0, focal_length=0.0, distortion=(0.0,) * 5, auto_distortion=False,
-        border_crop=True,
-    )
-    values = dict(
-        name="camera1", link="camera_link", pose=((0, 0, 0), (0, 0, 0)), kind="camera",
-        update_rate=30.0, horizontal_fov=2.0, width=320, height=240, format="R8G8B8", near=0.02,
-        far=300.0, noise=SimpleNamespace(kind="none", mean=0.0, stddev=0.0), distortion=None,
-        lens=None, plugin=plugin,
-    )
-    return SimpleNamespace(**{**values, **changes})
+def description(plugin=None, **changes):
+    """The laboratory's camera of 2015, as its URDF has it."""
+    plugin = CameraPlugin(**{"camera_name": "labrob/camera", "frame_name": "camera_link",
+                             "hack_baseline": 0.07, **(plugin or {})})
+    values = dict(name="camera1", link="camera_link", pose=((0.0,) * 3, (0.0,) * 3), kind="camera",
+                  update_rate=30.0, horizontal_fov=2.0, width=320, height=240, format="R8G8B8",
+                  near=0.02, far=300.0, plugin=plugin)
+    return CameraDescription(**{**values, **changes})
 
 
 def test_the_laboratory_camera_of_2015():
@@ -44,25 +40,40 @@ def test_the_laboratory_camera_of_2015():
 def test_legacy_camera_info_is_gazebos():
     info = CameraConfig.from_description(description(), {"legacy_camera_info": True}).intrinsics()
     assert (info.K[0, 2], info.K[1, 2]) == (160.5, 120.5)
+    assert info.K[0, 0] == pytest.approx(160 / np.tan(1.0))
+    told = description(dict(focal_length=200.0, cx=150.0, distortion=(0.1, 0.2, 0.3, 0.4, 0.5)))
+    info = CameraConfig.from_description(told, {"legacy_camera_info": True}).intrinsics()
+    assert info.K.ravel().tolist() == [200, 0, 150, 0, 200, 120.5, 0, 0, 1]
+    assert (info.model, info.D) == ("plumb_bob", (0.1, 0.2, 0.4, 0.5, 0.3))
+    auto = description(dict(auto_distortion=True, distortion=(9.0,) * 5),
+                       distortion=(-0.1, 0.02, 0.0, 0.001, -0.002))
+    info = CameraConfig.from_description(auto, {"legacy_camera_info": True}).intrinsics()
+    assert info.D == (-0.1, 0.02, 0.001, -0.002, 0.0)
 
 
 def test_sensor_tags_are_rendered():
     config = CameraConfig.from_description(description(
         distortion=(-0.1, 0.02, 0.0, 0.001, -0.002),
-        noise=SimpleNamespace(kind="gaussian", mean=0.0, stddev=0.01),
+        noise=Noise("gaussian", mean=0.02, stddev=0.01),
     ))
     assert config.distortion_coefficients == (-0.1, 0.02, 0.001, -0.002, 0.0)
     assert config.effects.noise_stddev == pytest.approx(2.55)
+    assert config.effects.noise_mean == pytest.approx(5.1)
+    silent = CameraConfig.from_description(description(noise=Noise("none", 0.1, 0.1)))
+    assert silent.effects == Effects()
 
 
 def test_wide_angle_camera():
-    lens = SimpleNamespace(kind="stereographic", cutoff_angle=1.5)
+    lens = LensDescription("stereographic", cutoff_angle=1.5)
     config = CameraConfig.from_description(
         description(kind="wideanglecamera", horizontal_fov=3.0, lens=lens)
     )
     assert config.lens == "stereographic"
     assert config.cutoff_angle == 1.5
     assert config.intrinsics().model == "equidistant"
+    unscaled = LensDescription("equidistant", scale_to_hfov=False)
+    config = CameraConfig.from_description(description(kind="wideanglecamera", lens=unscaled))
+    assert config.K[0].tolist() == [160.0, 0.0, 159.5]
 
 
 @pytest.mark.parametrize("preset", sorted(PRESETS.glob("*.yaml")), ids=lambda p: p.stem)
@@ -96,6 +107,20 @@ def test_every_shipped_preset_is_valid(preset):
     ({"effects": {"noise_stddev": -1}}, "noise_stddev"),
     ({"effects": {"exposure_time": 0.1}}, "shorter than the period"),
     ({"update_rate": "fast"}, "not a number"),
+    ({"width": 20000, "height": 20000}, "make width and height smaller"),
+    ({"width": 16385, "height": 1}, "16384 a side"),
+    ({"seed": -1}, "seed -1: give a whole number of 0 or more"),
+    ({"hack_baseline": float("nan")}, "hack_baseline nan"),
+    ({"cutoff_angle": 0.5}, "cutoff_angle is for wide-angle lenses"),
+    ({"xyz": [0.0, float("nan"), 0.0]}, "give 3 finite numbers"),
+    ({"camera_name": "my camera"}, "camera_name 'my camera' is no name"),
+    ({"image_topic": ""}, "image_topic ''"),
+    ({"image_topic": "camera_info"}, "two different names"),
+    ({"effects": {"noise_stddev": True}}, "noise_stddev True"),
+    ({"effects": {"exposure_samples": True}}, "exposure_samples True"),
+    ({"effects": {"exposure": 0.0}}, "exposure 0.0 has to be a number above 0"),
+    ({"effects": {"gain": 0.0}}, "gain 0.0 has to be a number above 0"),
+    ({"effects": {"drop_probability": 1.0}}, "no frame would ever come"),
 ])
 def test_impossible_settings_are_refused_by_name(bad, says):
     with pytest.raises(CameraError, match="camera|effects") as caught:

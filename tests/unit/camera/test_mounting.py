@@ -1,10 +1,13 @@
 """Cameras of a whole simulation: models that come later, settings, what is refused."""
 
+import logging
+
+import numpy as np
 import pytest
 
 from aras_sim_bridge import mounting
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.errors import CameraError
+from aras_sim_bridge.errors import CameraError, RenderingError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world import Pose
 
@@ -39,6 +42,10 @@ def test_settings_are_found_by_name_and_the_rest_is_told():
     assert mounting.below(settings, "x/y") == {}
     assert [name for name, _ in mounting.world_cameras(settings)] == ["c"]
     assert mounting.unused(settings, {"a/b"}) == ["d"]
+    only_effects = {"a": {"b": {"effects": {"noise_stddev": 5.0}}}}
+    assert mounting.unused(only_effects, {"a/b"}) == []
+    assert mounting.unused(only_effects, {"a"}) == []
+    assert mounting.unused(only_effects, {"b"}) == ["a/b/effects"]
     with pytest.raises(CameraError, match="width"):
         mounting.below({"a": "width"}, "a")
 
@@ -47,8 +54,10 @@ def test_settings_are_found_by_name_and_the_rest_is_told():
     ("key", "value", "words"),
     [
         ("widht", 3, "width"), ("width", "3", "whole number"), ("depth", 1, "true nor false"),
-        ("xyz", [1, 2], "3 numbers"), ("effects", 5, "noise_stddev"), ("format", 8, "text"),
+        ("xyz", [1, 2], "3 finite numbers"), ("effects", 5, "noise_stddev"), ("format", 8, "text"),
         ("camera_matrix", {"fx": 1}, "fx, fy, cx, cy"), ("pose", "here", "m and rad"),
+        ("pose", {"xyz": 5}, "m and rad"), ("pose", {"xyz": [1, 2, 3, 4], "rpy": [5, 6]}, "m and"),
+        ("pose", {"xyz": [0, 0, float("nan")]}, "m and rad"), ("link", "arm", "leave the key out"),
         ("parent", "moon", "world"), ("seed", 1.5, "whole number"),
     ],
 )  # fmt: skip
@@ -57,6 +66,43 @@ def test_a_wrong_setting_is_named(key, value, words):
         mounting.world_camera("cam", {**PLACE, key: value}, {}, 0)
     assert "cam" in str(error.value)
     assert key in str(error.value)
+
+
+@pytest.mark.parametrize("pose", [
+    [1, 2, 3, 0, 0, 0.5], "1 2 3 0 0 0.5", {"xyz": [1, 2, 3], "rpy": "0 0 0.5"},
+])
+def test_ways_to_write_a_pose(pose):
+    _, placed = mounting.world_camera("cam", {**PLACE, "pose": pose}, {}, 0)
+    assert placed.xyz == (1, 2, 3)
+    assert placed.quat == pytest.approx((0, 0, np.sin(0.25), np.cos(0.25)))
+
+
+def test_what_cannot_be_drawn_costs_its_frames_only(caplog):
+    """The simulation and the other cameras go on, the reason is told once, and so is the end."""
+    simulation = Simulation(SimulationConfig())
+    broken, sound = simulation.add_camera("broken", PLACE), simulation.add_camera("sound", PLACE)
+    got = {"broken": [], "sound": []}
+    for camera in (broken, sound):
+        camera.on_frame, camera.enabled = got[camera.sensor.config.name].append, True
+
+    def fail(*_):
+        raise RenderingError("mesh 'a.stl' is damaged")
+
+    def run():
+        for _ in range(100):
+            simulation.step()
+        return [len(frames) for frames in got.values()]
+
+    with caplog.at_level(logging.INFO, "aras_sim_bridge.mounting"):
+        draw, broken.sensor.capture = broken.sensor.capture, fail
+        assert run() == [0, 3]
+        broken.sensor.capture = draw
+        assert run() == [3, 6]
+    simulation.close()
+    assert [r.getMessage() for r in caplog.records if "mounting" in r.name] == [
+        "camera 'broken' gives no pictures: mesh 'a.stl' is damaged",
+        "camera 'broken' gives pictures again",
+    ]
 
 
 def test_cameras_differ_in_their_noise():

@@ -9,7 +9,7 @@ from scenes import link_pose, looking, table_and_target
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.camera.effects import EffectChain, Effects
-from aras_sim_bridge.camera.formats import convert
+from aras_sim_bridge.camera.formats import read_out, shape_of, widened
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.rendering import create_renderer
 
@@ -110,11 +110,13 @@ def test_reset_and_rate_change():
         blurred.set_rate(60.0, 0)
 
 
-def test_after_a_pause_only_the_newest_picture_is_taken():
-    sensor = camera(update_rate=10.0)
-    frame = sensor.capture(np.eye(4), 1_234 * MS)
-    assert frame.stamp_ns == 1200 * MS
-    assert sensor.next_exposure_ns == 1300 * MS
+def test_with_steps_longer_than_the_period_only_the_newest_picture_is_taken(caplog):
+    sensor = camera(update_rate=30.0)
+    got = frames(sensor, 4, step=100 * MS)
+    assert [f.stamp_ns // MS for _, f in got] == [100, 200, 300, 400]
+    told = [r.getMessage() for r in caplog.records if "leaves out frames" in r.getMessage()]
+    assert len(told) == 1
+    assert "30 Hz are above the physics rate" in told[0]
 
 
 def test_latency_delays_publication_not_the_stamp():
@@ -146,47 +148,109 @@ def test_motion_blur_is_centred_on_the_stamp():
     assert (frame.image == 100).all()
 
 
+def test_motion_blur_begins_with_a_whole_exposure():
+    """Nobody looked before 95 ms; the shutter of the picture at 100 ms opened at 90 ms."""
+    sensor = camera(update_rate=10.0, effects={"exposure_time": 0.02})
+    sensor.reset(95 * MS)
+    assert [f.stamp_ns // MS for _, f in frames(sensor, 200, start=95 * MS)] == [200]
+
+
+def test_depth_is_measured_in_the_middle_of_the_exposure():
+    class Measuring(Nothing):
+        measured = ()
+
+        def measure(self, view, blend=1.0):
+            self.measured = (*self.measured, len(self.blends))
+            return np.zeros((8, 16), np.float32), np.zeros((8, 16), np.int32)
+
+    renderer = Measuring()
+    sensor = camera(renderer, update_rate=10.0, depth=True, effects={"exposure_time": 0.02})
+    (_, frame), = frames(sensor, 150)
+    assert frame.depth is not None
+    assert renderer.measured == (3,)
+
+
 def test_noise_has_the_asked_statistics_and_a_seed():
     grey = np.full((240, 320, 3), 128, np.uint8)
-    chain = EffectChain(Effects(noise_stddev=5.0), 320, 240, seed=4)
-    first, second = chain.apply(grey), chain.apply(grey)
+    chain = EffectChain(Effects(noise_stddev=5.0, noise_mean=2.0), grey.shape, seed=4)
+    first, second = chain.apply(grey, 33), chain.apply(grey, 66)
     assert first.std() == pytest.approx(5.0, rel=0.02)
-    assert first.mean() == pytest.approx(128.0, abs=0.1)
-    assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 0.02
-    chain.reset()
-    assert (chain.apply(grey) == first).all()
-    assert (EffectChain(Effects(noise_stddev=5.0), 320, 240, 5).apply(grey) != first).any()
+    assert first.mean() == pytest.approx(130.0, abs=0.1)
+    for other in (second, EffectChain(chain.effects, grey.shape, 5).apply(grey, 33)):
+        assert abs(np.corrcoef(first.ravel(), other.ravel())[0, 1]) < 0.02
+    again = EffectChain(chain.effects, grey.shape, seed=4)
+    assert (again.apply(grey, 33) == first).all()
+
+
+def test_noise_of_a_large_picture_does_not_repeat_inside_it():
+    """1600 x 1200 in colour has 5.8 million values."""
+    grey = np.full((1200, 1600, 3), 128, np.uint8)
+    noise = EffectChain(Effects(noise_stddev=5.0), grey.shape, 1).apply(grey, 1).ravel() - 128.0
+    spectrum = np.abs(np.fft.rfft(noise)) ** 2
+    correlation = np.fft.irfft(spectrum)
+    assert np.abs(correlation[1:]).max() < 0.01 * correlation[0]
+
+
+@pytest.mark.parametrize("format", ["rgb8", "bgr8", "mono8", "mono16", "bayer_grbg8"])
+def test_noise_is_as_strong_in_every_format(format):
+    sensor = camera(width=320, height=240, format=format, effects={"noise_stddev": 5.0})
+    image = sensor.capture(np.eye(4), 100 * MS).image
+    full = 257.0 if image.dtype == np.uint16 else 1.0
+    assert image.std() / full == pytest.approx(5.0, rel=0.02)
+
+
+def test_a_picture_is_the_same_whoever_looked_before():
+    """Noise and loss hang on the stamp, not on how many pictures were drawn."""
+    def stamps_and_pictures(start):
+        sensor = camera(update_rate=100.0, effects={"noise_stddev": 9.0, "drop_probability": 0.3})
+        sensor.reset(start * MS)
+        got = frames(sensor, 500 - start, start=start * MS)
+        return {frame.stamp_ns: frame.image.tobytes() for _, frame in got}
+
+    all_of_it, late = stamps_and_pictures(0), stamps_and_pictures(247)
+    assert len(late) > 10
+    assert late.items() <= all_of_it.items()
 
 
 def test_shot_noise_grows_with_the_light():
-    chain = EffectChain(Effects(shot_noise=0.25), 320, 240, seed=0)
+    shape = (240, 320, 3)
+    chain = EffectChain(Effects(shot_noise=0.25), shape, seed=0)
     for level in (16, 64, 144):
-        out = chain.apply(np.full((240, 320, 3), level, np.uint8))
+        out = chain.apply(np.full(shape, level, np.uint8), level)
         assert out.std() == pytest.approx(np.sqrt(0.25 * level + 1 / 12), rel=0.03)
-    assert (chain.apply(np.zeros((240, 320, 3), np.uint8)) == 0).all()
+    assert (chain.apply(np.zeros(shape, np.uint8), 0) == 0).all()
 
 
 def test_exposure_gain_and_vignetting():
     grey = np.full((240, 320, 3), 100, np.uint8)
-    out = EffectChain(Effects(exposure=0.5, gain=3.0), 320, 240, 0).apply(grey)
-    assert (out == 150).all()
-    out = EffectChain(Effects(vignetting=0.4), 320, 240, 0).apply(grey)
+
+    def after(image, **effects):
+        return EffectChain(Effects(**effects), image.shape, 0).apply(image, 0)
+
+    assert (after(grey, exposure=0.5, gain=3.0) == 150).all()
+    out = after(grey, vignetting=0.4)
     assert out[120, 160, 0] == 100
     assert out[0, 0, 0] == pytest.approx(60, abs=1)
-    assert EffectChain(Effects(), 320, 240, 0).apply(grey) is grey
+    assert (after(grey[..., 0], vignetting=0.4) == out[..., 0]).all()
+    assert after(grey) is grey
+    # Gain after a full well, and no bands where the exposure is short.
+    assert after(grey, exposure=4.0, gain=0.5, vignetting=0.1)[120, 160, 0] == 128
+    assert len(np.unique(after(grey, exposure=0.1, gain=10.0, vignetting=0.4))) > 35
 
 
 def test_formats():
     rgb = np.zeros((4, 6, 3), np.uint8)
     rgb[:] = (10, 20, 30)
-    assert convert(rgb, "bgr8")[0, 0].tolist() == [30, 20, 10]
-    assert convert(rgb, "mono8").shape == (4, 6)
-    assert convert(rgb, "mono16").dtype == np.uint16
-    assert convert(np.full_like(rgb, 255), "mono16").max() == 65535
-    assert convert(rgb, "bayer_rggb8")[:2, :2].tolist() == [[10, 20], [20, 30]]
-    assert convert(rgb, "bayer_grbg8")[:2, :2].tolist() == [[20, 10], [30, 20]]
-    assert convert(rgb, "bayer_gbrg8")[:2, :2].tolist() == [[20, 30], [10, 20]]
-    assert convert(rgb, "bayer_bggr8")[:2, :2].tolist() == [[30, 20], [20, 10]]
+    assert read_out(rgb, "bgr8")[0, 0].tolist() == [30, 20, 10]
+    assert read_out(rgb, "mono8").shape == shape_of("mono8", 4, 6) == (4, 6)
+    assert read_out(rgb, "rgb16").shape == shape_of("rgb16", 4, 6) == (4, 6, 3)
+    assert widened(rgb, "rgb8") is rgb
+    assert widened(rgb, "mono16").dtype == np.uint16
+    assert widened(np.full_like(rgb, 255), "rgb16").max() == 65535
+    assert read_out(rgb, "bayer_rggb8")[:2, :2].tolist() == [[10, 20], [20, 30]]
+    assert read_out(rgb, "bayer_grbg8")[:2, :2].tolist() == [[20, 10], [30, 20]]
+    assert read_out(rgb, "bayer_gbrg8")[:2, :2].tolist() == [[20, 30], [10, 20]]
+    assert read_out(rgb, "bayer_bggr8")[:2, :2].tolist() == [[30, 20], [20, 10]]
 
 
 def test_a_black_picture_is_explained_once(caplog):

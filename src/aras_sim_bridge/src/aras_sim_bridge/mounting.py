@@ -7,6 +7,7 @@ is a camera of its own, fixed in the world.
 
 from __future__ import annotations
 
+import logging
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -14,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor, Frame
-from aras_sim_bridge.errors import CameraError
+from aras_sim_bridge.errors import CameraError, RenderingError
 from aras_sim_bridge.world import Model, Pose
-from aras_sim_bridge.world.poses import quaternion_from_rpy
+
+log = logging.getLogger(__name__)
 
 WORLD = "world"
 
@@ -38,6 +40,7 @@ class MountedCamera:
         self._fixed = None if pose is None else np.array(pose.matrix())
         self._enabled = False
         self._fresh = False
+        self._trouble = ""
 
     @property
     def enabled(self) -> bool:
@@ -64,15 +67,32 @@ class MountedCamera:
             self._fresh = False
             self.sensor.reset(time_ns)
         if self.sensor.needs_before(after_ns):
-            self.sensor.before_step(self._pose(), time_ns)
+            self._attempt(self.sensor.before_step, time_ns)
 
     def after_step(self, time_ns: int) -> None:
         """Expose if it is time."""
         if not self.sensor.due(time_ns):
             return
-        frame = self.sensor.capture(self._pose(), time_ns)
+        frame = self._attempt(self.sensor.capture, time_ns)
         if frame is not None and self.on_frame is not None:
             self.on_frame(frame)
+
+    def _attempt(self, draw: Callable[[np.ndarray, int], Any], time_ns: int) -> Any:
+        """Draw. A frame that cannot be drawn is left out, with a log line for each new reason: one
+        unreadable mesh must not end the simulation."""
+        try:
+            drawn = draw(self._pose(), time_ns)
+        except (RenderingError, MemoryError) as error:
+            self.sensor.reset(time_ns)
+            reason = str(error) or "not enough memory; make width and height smaller"
+            if reason != self._trouble:
+                log.error("camera '%s' gives no pictures: %s", self.sensor.config.name, reason)
+            self._trouble = reason
+            return None
+        if self._trouble and drawn is not None:
+            log.info("camera '%s' gives pictures again", self.sensor.config.name)
+            self._trouble = ""
+        return drawn
 
     def _pose(self) -> np.ndarray:
         if self.model is None:
@@ -89,11 +109,13 @@ def robot_camera(camera: Any, settings: Mapping[str, Any], defaults: Mapping[str
     name = camera.plugin.camera_name if camera.plugin is not None else ""
     name = name or camera.name
     own = below(settings, name)
-    if "pose" in own:
-        raise CameraError(
-            f"camera '{name}': 'pose' is for cameras with 'parent: world'; one on a robot is moved "
-            "in its link by 'xyz' and 'rpy'"
-        )
+    for key in ("parent", "pose"):
+        if key in own:
+            raise CameraError(
+                f"camera '{name}': '{key}' is for cameras with 'parent: world'; one on a robot is "
+                "moved in its link by 'xyz' and 'rpy'"
+            )
+    _check_link(own, name)
     return CameraConfig.from_description(
         camera, {"seed": seed_of(seed, name), **defaults, **own}
     )
@@ -113,6 +135,7 @@ def world_camera(name: str, settings: Mapping[str, Any], defaults: Mapping[str, 
             f"camera '{name}': parent {settings.get('parent')!r} is not known; 'world' is the one "
             "there is, cameras on robots belong into their URDF"
         )
+    _check_link(own, name)
     pose = _pose_of(settings.get("pose"), name)
     frame = name.replace("/", "_") + "_optical_frame"
     values = {"name": name, "camera_name": name, "link": WORLD, "optical_frame_name": frame}
@@ -147,11 +170,9 @@ def below(settings: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 def unused(settings: Mapping[str, Any], names: set[str]) -> list[str]:
     """Names in the settings that hold keys but belong to none of the cameras `names`."""
     return [
-        name
-        for name, node in _mappings(settings, "")
-        if name not in names
-        and "parent" not in node
-        and any(not isinstance(value, Mapping) for value in node.values())
+        path
+        for path, node in _mappings(settings, "")
+        if "parent" not in node and not any(f"{path}/".startswith(f"{name}/") for name in names)
     ]
 
 
@@ -171,15 +192,28 @@ def _mappings(node: Any, path: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
         yield from _mappings(child, f"{path}/{key}".lstrip("/"))
 
 
+def _check_link(own: Mapping[str, Any], name: str) -> None:
+    if "link" in own:
+        raise CameraError(
+            f"camera '{name}': 'link' {own['link']!r} cannot be set: a camera sits where its URDF "
+            "has it, or with 'parent: world' in the world; leave the key out"
+        )
+
+
 def _pose_of(value: Any, name: str) -> Pose:
+    parts = [value]
     if isinstance(value, Mapping) and set(value) <= {"xyz", "rpy"}:
-        value = [*value.get("xyz", (0.0,) * 3), *value.get("rpy", (0.0,) * 3)]
+        parts = [value.get("xyz", (0.0,) * 3), value.get("rpy", (0.0,) * 3)]
     try:
-        numbers = [float(number) for number in value]
+        # A launch argument gives a text such as '0 0 1 0 0 0'.
+        lists = [part.split() if isinstance(part, str) else part for part in parts]
+        numbers = [[float(number) for number in part] for part in lists]
     except (TypeError, ValueError):
         numbers = []
-    if len(numbers) != 6 or not np.isfinite(numbers).all():
+    together = sum(numbers, [])
+    if len({len(part) for part in numbers}) != 1 or len(together) != 6 \
+            or not np.isfinite(together).all():
         raise CameraError(
             f"camera '{name}': pose {value!r}; give [x, y, z, roll, pitch, yaw] in m and rad"
         )
-    return Pose(tuple(numbers[:3]), quaternion_from_rpy(*numbers[3:]))
+    return Pose.from_rpy(together[:3], together[3:])

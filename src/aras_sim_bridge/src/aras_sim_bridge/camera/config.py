@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
@@ -16,6 +17,10 @@ from .formats import encoding_of
 from .lens import COEFFICIENTS, RADIUS, REACH, BrownLens, FisheyeLens, check_fisheye
 from .lens import fisheye_coefficients as ideal_coefficients
 from .model import CameraIntrinsics, CameraModel, camera_matrix, projection_matrix
+
+LARGEST_SIDE = 16384  # px; what SDF, OpenGL and JPEG allow
+LARGEST_AREA = 1 << 25  # px; a quarter of what 32 GB of memory can draw through a lens
+_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)  # a part of a name in the ROS graph
 
 
 @dataclass(frozen=True)
@@ -30,7 +35,9 @@ class CameraConfig:
     distortion_model, distortion_coefficients: as in CameraInfo (plumb_bob,
         rational_polynomial, equidistant); empty coefficients mean none.
     cutoff_angle: the picture is black beyond it, rad from the axis; None: the lens's reach.
-    hack_baseline: m, only for CameraInfo's P. legacy_camera_info: publish Gazebo's formulas.
+    hack_baseline: m, only for CameraInfo's P. legacy_camera_info: publish Gazebo's formulas,
+        and with them `declared`, the plugin's focalLength, Cx, Cy, distortionK1, K2, T1, T2, K3,
+        of which the first three are computed where they are 0.
     effects: see effects.Effects. latency: s between stamp and publication.
     depth, segmentation: deliver these pictures beside the colour one.
     """
@@ -53,6 +60,7 @@ class CameraConfig:
     cutoff_angle: float | None = None
     hack_baseline: float = 0.0
     legacy_camera_info: bool = False
+    declared: tuple[float, ...] = (0.0,) * 8
     depth: bool = False
     segmentation: bool = False
     effects: Effects = field(default_factory=Effects)
@@ -72,6 +80,14 @@ class CameraConfig:
         check(isinstance(self.width, int) and isinstance(self.height, int)
               and self.width >= 1 and self.height >= 1,
               f"an image of {self.width} x {self.height} pixels: give whole numbers above 0")
+        check(max(self.width, self.height) <= LARGEST_SIDE
+              and self.width * self.height <= LARGEST_AREA,
+              f"an image of {self.width} x {self.height} pixels: {LARGEST_SIDE} a side and "
+              f"{LARGEST_AREA} in all are possible; make width and height smaller")
+        check(self.seed >= 0, f"seed {self.seed}: give a whole number of 0 or more")
+        check(math.isfinite(self.hack_baseline),
+              f"hack_baseline {self.hack_baseline} m: give a finite number")
+        self._check_names()
         check(math.isfinite(self.update_rate) and self.update_rate > 0.0,
               f"update_rate {self.update_rate} Hz: give a rate above 0")
         check(0.0 < self.near < self.far < math.inf,
@@ -130,9 +146,21 @@ class CameraConfig:
                   f"{limit:.4g} rad" + ("; take a fisheye lens for more"
                                         if self.lens == "pinhole" else ""))
         if self.cutoff_angle is not None:
+            check(self.lens != "pinhole", "cutoff_angle is for wide-angle lenses; leave it out")
             check(0.0 < self.cutoff_angle <= reach + 1e-9,
                   f"cutoff_angle {self.cutoff_angle} rad: lens {self.lens} reaches above 0 and up "
                   f"to {reach:.4g} rad")
+
+    def _check_names(self) -> None:
+        for key in ("camera_name", "robot_namespace", "image_topic", "info_topic"):
+            parts = [part for part in getattr(self, key).split("/") if part]
+            self._check(all(map(_NAME.fullmatch, parts)),
+                        f"{key} '{getattr(self, key)}' is no name in a ROS graph; begin with a "
+                        "letter and go on with letters, digits and underscores")
+        self._check(self.image_topic.strip("/") not in ("", self.info_topic.strip("/"))
+                    and bool(self.info_topic.strip("/")),
+                    f"image_topic '{self.image_topic}' and info_topic '{self.info_topic}': give "
+                    "two different names")
 
     def _check_folding(self) -> None:
         """Every pixel needs a ray; beyond a fold there is none."""
@@ -177,9 +205,10 @@ class CameraConfig:
         """What CameraInfo publishes: the rendered camera, or upstream's formulas on request."""
         K, D, name = self.K, tuple(self.model.lens.D), self.distortion_model
         if self.legacy_camera_info:
-            f = self.width / (2.0 * math.tan(min(self.horizontal_fov, 3.14) / 2.0))
-            K = camera_matrix(f, f, (self.width + 1) / 2, (self.height + 1) / 2)
-            D, name = (0.0,) * 5, "plumb_bob"
+            f, cx, cy, *D = self.declared
+            f = f or self.width / (2.0 * math.tan(min(self.horizontal_fov, 3.14) / 2.0))
+            K = camera_matrix(f, f, cx or (self.width + 1) / 2, cy or (self.height + 1) / 2)
+            D, name = tuple(D), "plumb_bob"
         return CameraIntrinsics(self.width, self.height, K, D, name, np.eye(3),
                                 projection_matrix(K, self.hack_baseline))
 
@@ -232,7 +261,8 @@ _NUMBERS = {"horizontal_fov", "update_rate", "near", "far", "cutoff_angle", "hac
             "latency"}
 _WHOLE = {"width", "height", "seed"}
 _TRUTHS = {"legacy_camera_info", "depth", "segmentation"}
-_LISTS = {"xyz": 3, "rpy": 3, "camera_matrix": 4, "distortion_coefficients": None}
+_LISTS = {"xyz": 3, "rpy": 3, "camera_matrix": 4, "distortion_coefficients": None,
+          "declared": 8}
 
 
 def _all_converted(values: Mapping[str, Any], name: str) -> dict[str, Any]:
@@ -274,7 +304,7 @@ def _converted(key: str, value: Any) -> Any:
 def _numbers(key: str, value: Any, count: int | None) -> tuple[float, ...]:
     """A list, or a text such as '0 0 0.05' from a launch argument, as finite numbers."""
     items = value.split() if isinstance(value, str) else value
-    wanted = "numbers" if count is None else f"{count} numbers"
+    wanted = "finite numbers" if count is None else f"{count} finite numbers"
     try:
         numbers = tuple(float(item) for item in items)
     except (TypeError, ValueError):

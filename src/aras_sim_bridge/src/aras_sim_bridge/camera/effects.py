@@ -12,20 +12,43 @@ import numpy as np
 
 from ..errors import CameraError
 
-# Noise is cut out of a table of this many values at a random place. Consecutive frames share
-# no pattern that a vision algorithm could see, and no normal deviate is drawn while running.
+# Noise is cut out of a table at a place drawn for each picture. Pictures share no pattern that a
+# vision algorithm could see, and no normal deviate is drawn while running.
 _TABLE = 1 << 21
+# Two random sequences for each picture: a lost frame changes no other's noise.
+_DROP, _NOISE = 0, 1
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+_NOT_NEGATIVE = (lambda value: value >= 0.0, "a number of 0 or more")
+_POSITIVE = (lambda value: value > 0.0, "a number above 0")  # at 0 all pictures were black
+_LIMITS = {
+    "noise_mean": (lambda value: -255.0 <= value <= 255.0, "a number in -255..255"),
+    "noise_stddev": _NOT_NEGATIVE,
+    "shot_noise": _NOT_NEGATIVE,
+    "exposure": _POSITIVE,
+    "gain": _POSITIVE,
+    "vignetting": (lambda value: 0.0 <= value <= 1.0, "a number in 0..1"),
+    "exposure_time": _NOT_NEGATIVE,
+    "drop_probability": (lambda value: 0.0 <= value < 1.0,
+                         "a number from 0 to below 1; at 1 no frame would ever come"),
+}
 
 
 @dataclass(frozen=True)
 class Effects:
-    """noise_stddev: Gaussian noise, grey levels. shot_noise: variance a grey level; a sensor of
-    full-well capacity N electrons has 255 / N. exposure: factor on the light before the sensor.
+    """noise_mean, noise_stddev: Gaussian noise, grey levels of 255, independent in every channel
+    that the picture has. shot_noise: variance a grey level; a sensor of full-well capacity N
+    electrons has 255 / N. exposure: factor on the light before the sensor.
     gain: factor after the shot noise, which it amplifies. vignetting: light lost in the corner,
     0..1. exposure_time: s; the shutter is open that long around the stamp, with
     exposure_samples pictures averaged. drop_probability: share of frames that are never sent.
     """
 
+    noise_mean: float = 0.0
     noise_stddev: float = 0.0
     shot_noise: float = 0.0
     exposure: float = 1.0
@@ -36,22 +59,20 @@ class Effects:
     drop_probability: float = 0.0
 
     def __post_init__(self) -> None:
-        limits = {"noise_stddev": (0, math.inf), "shot_noise": (0, math.inf),
-                  "exposure": (0, math.inf), "gain": (0, math.inf), "vignetting": (0, 1),
-                  "exposure_time": (0, math.inf), "drop_probability": (0, 1)}
-        for name, (low, high) in limits.items():
+        for name, (accepted, wanted) in _LIMITS.items():
             value = getattr(self, name)
-            if not isinstance(value, int | float) or not low <= value <= high \
-                    or not math.isfinite(value):
-                raise CameraError(f"effects: {name} {value!r} has to be a number in {low}..{high}")
-        if not isinstance(self.exposure_samples, int) or not 1 <= self.exposure_samples <= 64:
-            raise CameraError(
-                f"effects: exposure_samples {self.exposure_samples!r} has to be 1..64, whole"
-            )
+            if not _is_number(value) or not math.isfinite(value) or not accepted(value):
+                raise CameraError(f"effects: {name} {value!r} has to be {wanted}")
+        samples = self.exposure_samples
+        if not isinstance(samples, int) or isinstance(samples, bool) or not 1 <= samples <= 64:
+            raise CameraError(f"effects: exposure_samples {samples!r} has to be 1..64, whole")
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Effects:
-        """Effects from a preset's keys. Raises CameraError for a key that is not there."""
+        """Effects from a preset's keys.
+
+        Raises CameraError for a key that is not there and for a value out of its limits.
+        """
         known = [f.name for f in fields(cls)]
         for key in values:
             if key not in known:
@@ -60,54 +81,48 @@ class Effects:
 
 
 class EffectChain:
-    """Applies the effects to pictures of one size, in the order light meets them."""
+    """Applies the effects to pictures of one shape, in the order light meets them.
 
-    def __init__(self, effects: Effects, width: int, height: int, seed: int) -> None:
-        self.effects = effects
+    What is random depends on the seed and the picture's stamp alone, so that a picture is the
+    same in every run, whoever looked at the ones before.
+    """
+
+    def __init__(self, effects: Effects, shape: tuple[int, ...], seed: int) -> None:
+        """Prepare for pictures of `shape` (H, W) or (H, W, 3); `seed` is at least 0."""
+        self.effects = e = effects
         self._seed = seed
-        self._shade = _vignette(width, height, effects.vignetting, effects.exposure)
-        levels = np.arange(256) * effects.exposure
-        signal = np.clip(levels, 0.0, 255.0)
+        self._shade = _vignette(shape, e.vignetting, e.exposure)
         self._curve = None
-        if effects.exposure != 1.0 or effects.gain != 1.0:
-            self._curve = np.clip(np.round(signal * effects.gain), 0, 255).astype(np.uint8)
+        if e.exposure != 1.0 or e.gain != 1.0:
+            wells = np.clip(np.arange(256) * e.exposure, 0.0, 255.0)
+            self._curve = np.clip(np.round(wells * e.gain), 0, 255).astype(np.uint8)
         self._table: np.ndarray | None = None
-        self.reset()
+        self._places = 0
+        if e.noise_stddev or e.shot_noise or e.noise_mean:
+            self._table, self._places = _noise_table(e, math.prod(shape), seed)
 
-    def reset(self) -> None:
-        """Start the random sequence anew."""
-        self._random = np.random.default_rng(self._seed)
-        e = self.effects
-        if (e.noise_stddev or e.shot_noise) and self._table is None:
-            table = np.random.default_rng([self._seed, 1]).standard_normal(_TABLE, np.float32)
-            self._unit = None
-            if e.shot_noise:
-                self._unit = table
-            else:
-                self._table = np.clip(np.round(e.noise_stddev * table), -255, 255).astype(np.int16)
-
-    def dropped(self) -> bool:
-        """Whether this frame is lost; one draw a frame."""
+    def lost(self, stamp_ns: int) -> bool:
+        """Whether the frame with this stamp, ns of simulated time, never comes."""
         p = self.effects.drop_probability
-        return bool(p) and self._random.random() < p
+        return bool(p) and self._random(stamp_ns, _DROP).random() < p
 
-    def apply(self, image: np.ndarray) -> np.ndarray:
-        """The (H, W, 3) uint8 picture as the sensor reads it out, in a new array or unchanged."""
+    def apply(self, image: np.ndarray, stamp_ns: int) -> np.ndarray:
+        """The uint8 picture as the sensor reads it out, in a new array or unchanged."""
         e = self.effects
         if e.shot_noise:
-            return self._with_shot_noise(image)
+            return self._with_shot_noise(image, stamp_ns)
         if self._shade is not None:
-            image = cv2.multiply(image, self._shade, dtype=cv2.CV_8U)
-            if e.gain != 1.0:
-                image = cv2.convertScaleAbs(image, alpha=e.gain)
+            # Gain in the same product: rounding before it would leave bands.
+            image = cv2.multiply(image, self._shade, scale=e.gain, dtype=cv2.CV_8U)
+            if e.gain < 1.0:  # full wells
+                image = np.minimum(image, np.uint8(round(255.0 * e.gain)))
         elif self._curve is not None:
             image = cv2.LUT(image, self._curve)
         if self._table is not None:
-            noise = self._cut(self._table, image.size).reshape(image.shape)
-            image = cv2.add(image, noise, dtype=cv2.CV_8U)
+            image = cv2.add(image, self._noise(image.shape, stamp_ns), dtype=cv2.CV_8U)
         return image
 
-    def _with_shot_noise(self, image: np.ndarray) -> np.ndarray:
+    def _with_shot_noise(self, image: np.ndarray, stamp_ns: int) -> np.ndarray:
         """Variance = gain^2 (shot_noise * light) + noise_stddev^2; full wells stay full."""
         e = self.effects
         if self._shade is not None:
@@ -117,22 +132,40 @@ class EffectChain:
         light = np.minimum(light, np.float32(255.0))
         spread = cv2.sqrt(light * np.float32(e.shot_noise * e.gain**2)
                           + np.float32(e.noise_stddev**2))
-        noise = self._cut(self._unit, image.size).reshape(image.shape)
-        out = light * np.float32(e.gain) + cv2.multiply(spread, noise)
+        out = light * np.float32(e.gain) + cv2.multiply(spread, self._noise(image.shape, stamp_ns))
+        if e.noise_mean:
+            out += np.float32(e.noise_mean)
         return cv2.convertScaleAbs(np.maximum(out, np.float32(0.0)))
 
-    def _cut(self, table: np.ndarray, size: int) -> np.ndarray:
-        if size > len(table):
-            table = np.resize(table, 2 * size)
-        start = int(self._random.integers(len(table) - size + 1))
-        return table[start:start + size]
+    def _noise(self, shape: tuple[int, ...], stamp_ns: int) -> np.ndarray:
+        start = int(self._random(stamp_ns, _NOISE).integers(self._places))
+        return self._table[start:start + math.prod(shape)].reshape(shape)
+
+    def _random(self, stamp_ns: int, use: int) -> np.random.Generator:
+        return np.random.default_rng([self._seed, stamp_ns, use])
 
 
-def _vignette(width: int, height: int, loss: float, exposure: float) -> np.ndarray | None:
-    """(H, W, 3) float32 factors falling with the square of the distance from the centre."""
+def _noise_table(effects: Effects, size: int, seed: int) -> tuple[np.ndarray, int]:
+    """Noise for pictures of `size` values, and at how many places of it one can be cut out.
+
+    Unit deviates where the light decides how they are spread, else whole grey levels.
+    """
+    places = max(_TABLE - size, min(size, _TABLE))
+    table = np.random.default_rng(seed).standard_normal(places + size, np.float32)
+    if not effects.shot_noise:
+        table *= np.float32(effects.noise_stddev)
+        table += np.float32(effects.noise_mean)
+        table = np.clip(np.round(table), -255, 255).astype(np.int16)
+    return table, places
+
+
+def _vignette(shape: tuple[int, ...], loss: float, exposure: float) -> np.ndarray | None:
+    """float32 factors of `shape`, falling with the square of the distance from the centre."""
     if not loss:
         return None
+    height, width = shape[:2]
     v, u = np.mgrid[:height, :width]
     x, y = u - (width - 1) / 2, v - (height - 1) / 2
     r2 = (x * x + y * y) / max((width / 2) ** 2 + (height / 2) ** 2, 1e-9)
-    return np.repeat(((1.0 - loss * r2) * exposure).astype(np.float32)[..., None], 3, axis=2)
+    shade = ((1.0 - loss * r2) * exposure).astype(np.float32)
+    return shade if len(shape) == 2 else np.repeat(shade[..., None], shape[2], axis=2)

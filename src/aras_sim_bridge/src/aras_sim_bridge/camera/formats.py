@@ -37,24 +37,32 @@ def encoding_of(name: str, camera: str = "") -> str:
     )
 
 
-def convert(rgb: np.ndarray, encoding: str) -> np.ndarray:
-    """An (H, W, 3) uint8 rgb picture in a ROS encoding: (H, W) or (H, W, 3), uint8 or uint16.
+def shape_of(encoding: str, height: int, width: int) -> tuple[int, ...]:
+    """Of a picture's array: (H, W, 3) in colour, (H, W) else."""
+    colour = encoding.startswith(("rgb", "bgr"))
+    return (height, width, 3) if colour else (height, width)
 
-    16-bit formats span their full range: 255 becomes 65535. Bayer takes from each pixel the one
-    channel that its filter passes; a grey pattern is named by its first row's first pixels.
+
+def read_out(rgb: np.ndarray, encoding: str) -> np.ndarray:
+    """What the pixels of a sensor see of an (H, W, 3) uint8 rgb picture: (H, W) or (H, W, 3) uint8.
+
+    Colours in the encoding's order; Bayer takes from each pixel the one channel that its filter
+    passes, and the pattern's four letters are the first row's first two pixels, then the second's.
     """
-    if encoding == "rgb8":
+    if encoding in ("rgb8", "rgb16"):
         return rgb
     if encoding == "bgr8":
         return cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
-    if encoding == "rgb16":
-        return rgb.astype(np.uint16) * 257
     if encoding in ("mono8", "mono16"):
-        grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
-        return grey if encoding == "mono8" else grey.astype(np.uint16) * 257
+        return cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
     pattern = encoding[len("bayer_"):-1]
     out = np.empty(rgb.shape[:2], np.uint8)
     for n, letter in enumerate(pattern):
         row, column = divmod(n, 2)
         out[row::2, column::2] = rgb[row::2, column::2, "rgb".index(letter)]
     return out
+
+
+def widened(image: np.ndarray, encoding: str) -> np.ndarray:
+    """A uint8 picture in the encoding's depth: 16 bits span their full range, 255 is 65535."""
+    return image.astype(np.uint16) * 257 if encoding.endswith("16") else image

@@ -2,92 +2,85 @@
 
 from __future__ import annotations
 
-import math
+import logging
 from typing import Any
 
+from ..description import CameraDescription
 from ..errors import CameraError
+from .lens import REACH
+
+_log = logging.getLogger(__name__)
 
 # SDF's lens types; gnomonical is the pinhole.
 _LENSES = {"gnomonical": "pinhole", "stereographic": "stereographic",
            "equidistant": "equidistant", "equisolid_angle": "equisolid",
-           "equisolid": "equisolid", "orthographic": "orthographic"}
+           "orthographic": "orthographic"}
 
 
-def settings(camera: Any) -> dict[str, Any]:
-    """CameraConfig's keys for a description.CameraDescription; what is None there stays out.
+def settings(camera: CameraDescription) -> dict[str, Any]:
+    """CameraConfig's keys for a camera of a description; what it leaves open stays out.
 
-    As in Gazebo, the plugin's Cx, Cy, focalLength and distortion only describe a picture, so
-    the rendered camera follows the sensor; its <distortion> is rendered. K always follows.
+    As in Gazebo, the plugin's Cx, Cy, focalLength and distortion describe a picture without
+    changing it: they are what legacy_camera_info tells. The sensor's <distortion> is rendered.
+
+    Raises CameraError for a lens that is not drawn.
     """
-    xyz, rpy = _pose(getattr(camera, "pose", None))
+    xyz, rpy = camera.pose
     values: dict[str, Any] = {
         "name": camera.name, "link": camera.link, "xyz": xyz, "rpy": rpy,
         "width": camera.width, "height": camera.height, "horizontal_fov": camera.horizontal_fov,
         "format": camera.format, "near": camera.near, "far": camera.far,
-        "depth": camera.kind == "depth" or None,
     }
+    if camera.kind == "depth":
+        values["depth"] = True
     rates = [camera.update_rate]
-    plugin = getattr(camera, "plugin", None)
+    plugin = camera.plugin
     if plugin is not None:
         rates.append(plugin.update_rate)
+        told = plugin.distortion
+        if plugin.auto_distortion:
+            told = camera.distortion or (0.0,) * 5
         values |= {
             "camera_name": plugin.camera_name, "robot_namespace": plugin.robot_namespace,
             "image_topic": plugin.image_topic, "info_topic": plugin.info_topic,
             "frame_name": plugin.frame_name, "hack_baseline": plugin.hack_baseline,
+            "declared": (plugin.focal_length, plugin.cx, plugin.cy, *_in_ros_order(told)),
         }
-    rates = [rate for rate in rates if rate]
-    if rates:
-        values["update_rate"] = min(rates)
+    if any(rates):
+        values["update_rate"] = min(filter(None, rates))
     if camera.kind == "wideanglecamera":
         values |= _wide(camera)
-    distortion = _numbers(getattr(camera, "distortion", None), ("k1", "k2", "k3", "p1", "p2"))
-    if distortion and any(distortion.values()):
+    if camera.distortion and any(camera.distortion):
         values["distortion_model"] = "plumb_bob"
-        values["distortion_coefficients"] = tuple(
-            distortion[k] for k in ("k1", "k2", "p1", "p2", "k3")
-        )
-    noise = _numbers(getattr(camera, "noise", None), ("mean", "stddev"))
-    if noise and noise["stddev"]:
+        values["distortion_coefficients"] = _in_ros_order(camera.distortion)
+        if camera.distortion_center != (0.5, 0.5):
+            _log.warning("camera '%s': the distortion's center %s is not used; it lies on the "
+                         "optical axis", camera.name, camera.distortion_center)
+    noise = camera.noise
+    if noise.kind.startswith("gaussian") and (noise.mean or noise.stddev):
         # SDF gives noise as a share of full scale.
-        values["effects"] = {"noise_stddev": 255.0 * noise["stddev"]}
-    return {key: value for key, value in values.items() if value is not None}
+        values["effects"] = {"noise_mean": 255.0 * noise.mean, "noise_stddev": 255.0 * noise.stddev}
+    return values
 
 
-def _pose(pose: Any) -> tuple[tuple, tuple]:
-    if pose is None:
-        return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    if hasattr(pose, "xyz"):
-        return tuple(pose.xyz), tuple(pose.rpy)
-    if len(pose) == 6:
-        return tuple(pose[:3]), tuple(pose[3:])
-    return tuple(pose[0]), tuple(pose[1])
+def _in_ros_order(k1_k2_k3_p1_p2: tuple[float, ...]) -> tuple[float, ...]:
+    k1, k2, k3, p1, p2 = k1_k2_k3_p1_p2
+    return k1, k2, p1, p2, k3
 
 
-def _get(thing: Any, key: str) -> Any:
-    return thing.get(key) if isinstance(thing, dict) else getattr(thing, key, None)
-
-
-def _numbers(thing: Any, keys: tuple[str, ...]) -> dict[str, float] | None:
-    """Named numbers of a mapping, a dataclass, or a plain sequence in that order."""
-    if thing is None:
-        return None
-    if isinstance(thing, tuple | list):
-        return {k: float(v) for k, v in zip(keys, [*thing, *[0.0] * len(keys)], strict=False)}
-    return {key: float(_get(thing, key) or 0.0) for key in keys}
-
-
-def _wide(camera: Any) -> dict[str, Any]:
-    lens = getattr(camera, "lens", None)
+def _wide(camera: CameraDescription) -> dict[str, Any]:
+    lens = camera.lens
     if lens is None:
         return {"lens": "equidistant"}
-    kind = lens if isinstance(lens, str) else _get(lens, "kind")
-    if kind not in _LENSES:
+    if lens.kind not in _LENSES:
         raise CameraError(
-            f"camera '{camera.name}': lens type '{kind}' is not drawn; take one of "
+            f"camera '{camera.name}': lens type '{lens.kind}' is not drawn; take one of "
             + ", ".join(sorted(_LENSES))
         )
-    values: dict[str, Any] = {"lens": _LENSES[kind]}
-    cutoff = None if isinstance(lens, str) else _get(lens, "cutoff_angle")
-    if cutoff and cutoff < math.radians(110.0) and values["lens"] != "pinhole":
-        values["cutoff_angle"] = float(cutoff)
+    values: dict[str, Any] = {"lens": _LENSES[lens.kind]}
+    if values["lens"] != "pinhole":
+        values["cutoff_angle"] = min(lens.cutoff_angle, REACH[values["lens"]])
+    if not lens.scale_to_hfov:  # a radius of 1 is half the width, whatever the field of view
+        half = camera.width / 2
+        values["camera_matrix"] = (half, half, half - 0.5, (camera.height - 1) / 2)
     return values

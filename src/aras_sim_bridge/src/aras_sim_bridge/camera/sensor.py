@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import CameraError
+from ..errors import CameraError, RenderingError
 from ..rendering import SENSOR_R_OPTICAL, Renderer, View
 from ..rendering.raymap import RayMap
 from ..rendering.scene import blend_poses
@@ -27,6 +27,7 @@ class Frame:
     stamp_ns: middle of the exposure on the simulated clock; encoding as ROS names it.
     depth: (H, W) float32 m along the optical axis, inf where nothing is, or None.
     segmentation: (H, W) int32, body id + (link index + 1) << 24, -1 where nothing is, or None.
+    Both are of the stamp's instant (with motion blur, of the partial exposure nearest to it).
     """
 
     stamp_ns: int
@@ -52,19 +53,27 @@ class CameraSensor:
     """
 
     def __init__(self, config: CameraConfig, renderer: Renderer) -> None:
+        """Raises CameraError for a lens that this picture cannot be drawn through."""
         self.config = config
         self.renderer = renderer
         self.info: CameraIntrinsics = config.intrinsics()
         model = config.model
         self._K = config.K
-        self._lens = None if model.is_pinhole else RayMap(
-            model.unproject, config.width, config.height
-        )
+        self._lens = None
+        if not model.is_pinhole:
+            try:
+                self._lens = RayMap(model.unproject, config.width, config.height)
+            except (RenderingError, MemoryError) as error:
+                reason = str(error) or "not enough memory"
+                raise CameraError(f"camera '{config.name}': {reason}") from None
         self._link_T_optical = mounting(config.xyz, config.rpy)
-        self._effects = EffectChain(config.effects, config.width, config.height, config.seed)
+        shape = formats.shape_of(config.encoding, config.height, config.width)
+        self._effects = EffectChain(config.effects, shape, config.seed)
         self._rate = config.update_rate
         self._latency_ns = round(config.latency * 1e9)
-        self._first, self._told_black = True, False
+        blurred = config.effects.exposure_time > 0.0
+        self._samples = config.effects.exposure_samples if blurred else 1
+        self._first, self._told_black, self._told_missed = True, False, False
         # Whether pictures carry them now; who offers them may switch off what nobody reads.
         self.depth, self.segmentation = config.depth, config.segmentation
         self.reset()
@@ -114,19 +123,18 @@ class CameraSensor:
         self.reset(time_ns)
 
     def reset(self, time_ns: int = 0) -> None:
-        """Start anew: the next picture is due at the first multiple of the period after time_ns.
+        """Start anew: the next picture is the first whose exposure begins after time_ns.
 
         Call it when the clock jumps back, and when pictures are wanted again after a pause.
         """
         self._index = int(time_ns * self._rate / 1e9)
-        while self._instant(self._index) <= time_ns:
+        while self._instant(self._index) + self._offset_ns(0) <= time_ns:
             self._index += 1
         self._before: tuple[int, np.ndarray] | None = None
         self._waiting: deque[tuple[int, Frame]] = deque()
         self._sum: np.ndarray | None = None
+        self._measured: tuple[np.ndarray, np.ndarray] | None = None
         self._sample = 0
-        if time_ns == 0:
-            self._effects.reset()
         self._plan()
 
     def _instant(self, index: int) -> int:
@@ -134,11 +142,12 @@ class CameraSensor:
 
     def _plan(self) -> None:
         """Set the instant of the next picture: the frame's, or one of its partial exposures."""
+        self._next_ns = self._instant(self._index) + self._offset_ns(self._sample)
+
+    def _offset_ns(self, sample: int) -> int:
+        """From the stamp to a partial exposure, ns."""
         e = self.config.effects
-        self._next_ns = self._instant(self._index)
-        if e.exposure_time > 0.0:
-            n = e.exposure_samples
-            self._next_ns += round(e.exposure_time * 1e9 * ((self._sample + 0.5) / n - 0.5))
+        return round(e.exposure_time * 1e9 * ((sample + 0.5) / self._samples - 0.5))
 
     def needs_before(self, time_after_ns: int) -> bool:
         """Whether a picture falls inside the step that ends at `time_after_ns`."""
@@ -171,39 +180,50 @@ class CameraSensor:
         return None
 
     def _skip_missed(self, time_ns: int) -> None:
-        """After a jump of the clock only the newest instant is drawn."""
+        """Where one physics step spans several instants, only the newest is drawn."""
         if self._sample == 0 and self._instant(self._index + 1) <= time_ns:
+            if not self._told_missed:
+                self._told_missed = True
+                _log.warning("camera '%s' leaves out frames: its %g Hz are above the physics rate; "
+                             "lower the one or raise the other", self.config.name, self._rate)
             self._index = int(time_ns * self._rate / 1e9)
             if self._instant(self._index + 1) <= time_ns:
                 self._index += 1
             self._plan()
 
     def _expose(self, pose: np.ndarray, time_ns: int) -> None:
-        e = self.config.effects
+        """Draw one partial exposure; with the last one, the frame is ready."""
+        stamp = self._instant(self._index)
+        if not self._effects.lost(stamp):
+            self._draw(pose, time_ns)
+            if self._sample + 1 == self._samples:
+                self._finish(stamp)
+        self._sample += 1
+        if self._sample == self._samples:
+            self._index, self._sample = self._index + 1, 0
+        self._plan()
+
+    def _draw(self, pose: np.ndarray, time_ns: int) -> None:
         blend, pose = self._blend(self._next_ns, pose, time_ns)
         view = self._view(pose)
         image = self.renderer.render(view, blend)
-        last = e.exposure_time <= 0.0 or self._sample + 1 == e.exposure_samples
-        if e.exposure_time > 0.0:
-            self._sum = image.astype(np.uint16) if self._sum is None else self._sum + image
-            if last:
-                n = e.exposure_samples
-                image = ((self._sum + n // 2) // n).astype(np.uint8)
-        if not last:
-            self._sample += 1
-            self._plan()
-            return
-        stamp = self._instant(self._index)
-        self._index, self._sample, self._sum = self._index + 1, 0, None
-        self._plan()
-        if self._effects.dropped():
-            return
-        depth = segmentation = None
-        if self.depth or self.segmentation:
-            depth, segmentation = self.renderer.measure(view, blend)
-        self._warn_if_blind(image, view)
-        image = formats.convert(self._effects.apply(image), self.config.encoding)
-        frame = Frame(stamp, image, self.config.encoding,
+        if self._sample == self._samples // 2 and (self.depth or self.segmentation):
+            self._measured = self.renderer.measure(view, blend)
+        if self._sample == 0:
+            self._warn_if_blind(image, view)
+        if self._samples > 1:
+            image = image.astype(np.uint16)
+        self._sum = image if self._sample == 0 else self._sum + image
+
+    def _finish(self, stamp: int) -> None:
+        image, n = self._sum, self._samples
+        if n > 1:
+            image = ((image + n // 2) // n).astype(np.uint8)
+        encoding = self.config.encoding
+        image = self._effects.apply(formats.read_out(image, encoding), stamp)
+        depth, segmentation = self._measured or (None, None)
+        self._sum = self._measured = None
+        frame = Frame(stamp, formats.widened(image, encoding), encoding,
                       depth if self.depth else None,
                       segmentation if self.segmentation else None)
         self._waiting.append((stamp + self._latency_ns, frame))

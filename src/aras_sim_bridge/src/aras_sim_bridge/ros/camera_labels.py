@@ -8,13 +8,23 @@ import rospy
 import yaml
 from std_msgs.msg import String
 
+from aras_sim_bridge.ros.quick_publisher import listeners
+
 
 class LabelTopic:
     """A latched YAML text `number: model::link`, sent anew when models come or go."""
 
-    def __init__(self, topic: str) -> None:
-        self._publisher = rospy.Publisher(topic, String, latch=True, queue_size=2)
+    def __init__(self, topic: str, listener: rospy.SubscribeListener) -> None:
+        """Advertise; `listener` hears subscribers."""
+        self._publisher = rospy.Publisher(
+            topic, String, latch=True, queue_size=2, subscriber_listener=listener
+        )
         self._known: tuple[tuple[str, int], ...] | None = None
+
+    @property
+    def wanted(self) -> bool:
+        """Whether somebody subscribes."""
+        return listeners(self._publisher) > 0
 
     def update(self, simulation: Any) -> None:
         """Look at the models; runs in the simulation's thread."""

@@ -69,7 +69,7 @@ class CameraTopics:
             self._depth_info = self._info_topic(f"{root}/depth/camera_info")
         if config.segmentation:
             self._segmentation = self._image_topic(f"{root}/segmentation/image_raw")
-            self._labels = LabelTopic(f"{root}/segmentation/labels")
+            self._labels = LabelTopic(f"{root}/segmentation/labels", self._watcher)
             self._closing.append(self._labels)
         services = ServiceTable(self.namespace)
         services.add(
@@ -141,8 +141,8 @@ class CameraTopics:
     def _on_subscribers(self) -> None:
         with self._lock:
             wanted = any(map(_heard, self._publishers))
-            if self._compressed is not None:
-                wanted = wanted or self._compressed.wanted
+            for part in (self._compressed, self._labels):
+                wanted = wanted or (part is not None and part.wanted)
             sensor = self._mounted.sensor
             sensor.depth = _heard(self._depth)
             sensor.segmentation = _heard(self._segmentation)
@@ -160,8 +160,9 @@ class CameraTopics:
             self._compressed.publish(stamp, self._frame_id, frame)
         if frame.depth is not None and self._depth is not None:
             self._depth.publish(stamp, self._frame_id, frame.depth, "32FC1")
-        if frame.segmentation is not None and self._segmentation is not None:
+        if self._labels is not None:
             self._labels.update(self._thread.simulation)
+        if frame.segmentation is not None and self._segmentation is not None:
             self._segmentation.publish(stamp, self._frame_id, frame.segmentation, "32SC1")
 
     def _on_set_camera_info(self, request: SetCameraInfo) -> SetCameraInfoResponse:

@@ -13,7 +13,7 @@ from genpy import Time
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header
 
-from aras_sim_bridge.errors import CameraError
+from aras_sim_bridge.errors import CameraError, SimError
 from aras_sim_bridge.ros.quick_publisher import listeners
 from aras_sim_bridge.ros.reconfigure import Field, ReconfigureServer
 
@@ -133,7 +133,7 @@ def _given(topic: str) -> dict[str, Any]:
         try:
             found[field.name] = field.coerce(values[field.name])
             _checked({**found, "format": found.get("format", "jpeg")})
-        except (CameraError, TypeError, ValueError):
+        except (SimError, TypeError):
             rospy.logerr(
                 "%s/%s is %r; going on with %r", topic, field.name, values[field.name],
                 field.default,

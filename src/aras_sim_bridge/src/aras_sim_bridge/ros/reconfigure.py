@@ -48,12 +48,14 @@ class Field:
         """Return value in this field's type, moved into its limits (dynamic_reconfigure's rule).
 
         Raises:
-            SimError: for a number that is not finite, which no limit could mend.
+            SimError: for a value of another kind, and for NaN, which no limit could mend.
         """
-        if self.type == "bool":
-            return bool(value)
         if self.type == "str":
             return str(value)
+        if isinstance(value, str):
+            raise SimError(f"{self.name} is '{value}'; give a {self.type}")
+        if self.type == "bool":
+            return bool(value)
         if value != value:
             raise SimError(f"{self.name} is NaN; give a number")
         limited = min(max(value, self.minimum), self.maximum)

@@ -6,7 +6,7 @@ import difflib
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -140,7 +140,7 @@ class CameraConfig:
         reach = REACH[self.lens]
         fov = self.horizontal_fov
         if self.camera_matrix is None or self.lens == "pinhole":
-            limit = math.pi if self.lens == "pinhole" else 2 * reach + 1e-9
+            limit = 2 * reach + (0.0 if self.lens == "pinhole" else 1e-9)
             check(0.0 < fov < limit,
                   f"horizontal_fov {fov} rad: lens {self.lens} reaches above 0 and below "
                   f"{limit:.4g} rad" + ("; take a fisheye lens for more"
@@ -234,11 +234,6 @@ class CameraConfig:
         name = str(values.get("name", "camera"))
         values = _checked(values, name)
         return cls(**_all_converted(values, name))
-
-    def overridden(self, overrides: Mapping[str, Any]) -> CameraConfig:
-        """A copy with the keys of a preset laid over it."""
-        values = _checked(overrides, self.name)
-        return replace(self, **_all_converted(values, self.name))
 
     @property
     def topic_root(self) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import CameraError, RenderingError
+from ..poses import Pose
 from ..rendering import SENSOR_R_OPTICAL, Renderer, View
 from ..rendering.raymap import RayMap
 from ..rendering.scene import blend_poses
@@ -259,12 +260,7 @@ class CameraSensor:
 
 
 def mounting(xyz: tuple[float, float, float], rpy: tuple[float, float, float]) -> np.ndarray:
-    """link_T_optical (4, 4) of a sensor mounted at xyz, rpy (fixed axes, rad) in its link."""
-    (cr, sr), (cp, sp), (cy, sy) = ((np.cos(a), np.sin(a)) for a in rpy)
-    Rx = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
-    Ry = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-    Rz = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-    T = np.eye(4)
-    T[:3, :3] = Rz @ Ry @ Rx @ SENSOR_R_OPTICAL
-    T[:3, 3] = xyz
+    """link_T_optical (4, 4) of a sensor mounted at xyz (m), rpy (fixed axes, rad) in its link."""
+    T = np.array(Pose.from_rpy(xyz, rpy).matrix())
+    T[:3, :3] = T[:3, :3] @ SENSOR_R_OPTICAL
     return T

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import CameraError
-from .effects import Effects
+from .effects import Effects, hint, is_number
 from .formats import encoding_of
 from .lens import COEFFICIENTS, RADIUS, REACH, BrownLens, FisheyeLens, check_fisheye
 from .lens import fisheye_coefficients as ideal_coefficients
@@ -284,8 +284,8 @@ def _converted(key: str, value: Any) -> Any:
     if key in _LISTS:
         return _numbers(key, value, _LISTS[key])
     if key in _NUMBERS:
-        if not _is_number(value):
-            raise TypeError(f"{key} {value!r} is not a number")
+        if not is_number(value):
+            raise TypeError(f"{key} {value!r} is not a number{hint(value)}")
         return float(value)
     if key in _WHOLE and (not isinstance(value, int) or isinstance(value, bool)):
         raise TypeError(f"{key} {value!r} is not a whole number")
@@ -307,7 +307,3 @@ def _numbers(key: str, value: Any, count: int | None) -> tuple[float, ...]:
     if not all(map(math.isfinite, numbers)) or (count is not None and len(numbers) != count):
         raise TypeError(f"{key} {value!r}: give {wanted}")
     return numbers
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -108,7 +108,8 @@ class CameraSensor:
             )
 
     def set_rate(self, rate: float, time_ns: int) -> None:
-        """Change the rate; instants count on from `time_ns`, which need not be a multiple.
+        """Change the rate, Hz; the next picture is at the first multiple of the new period after
+        `time_ns`. Frames that wait for their publication still come.
 
         Raises CameraError for a rate that is not above 0.
         """
@@ -121,7 +122,9 @@ class CameraSensor:
                 f"and exposure_time is {1e3 * exposure:g} ms; shorten it first"
             )
         self._rate = float(rate)
+        under_way = self._waiting
         self.reset(time_ns)
+        self._waiting = under_way
 
     def reset(self, time_ns: int = 0) -> None:
         """Start anew: the next picture is the first whose exposure begins after time_ns.

@@ -12,18 +12,25 @@ from pathlib import Path
 import cv2
 import numpy as np
 from render import NEAR, REPOSITORY, robot_scene
-from scenes import link_pose, looking
+from scenes import Bench, link_pose, looking
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.rendering import create_renderer
 
-COLUMNS, WIDTH, HEIGHT, TITLE = 5, 264, 198, 22
+COLUMNS, WIDTH, HEIGHT, TITLE, GAP = 5, 264, 198, 22, 8
 EYE = looking([1.0, -0.9, 1.5], [0.1, 0.0, 0.8])
+TABLE = 0.59  # m
+BRICKS = {  # on the table: x, y, m
+    "Red": (0.42, -0.30), "Green": (0.30, -0.22), "Blue": (0.20, -0.42), "Yellow": (0.45, -0.02),
+    "Orange": (0.02, -0.32),
+}
+BRICK_ROW, BRICK_COLUMN = 150, 150  # px, of the piece of a Bayer mosaic that is shown enlarged
 
 LAB = dict(camera_matrix=dict(fx=195.05, fy=195.1, cx=162.41, cy=127.2),
            distortion_coefficients=[-0.3306, 0.117, 0, 0, 0])
 PANELS = {
-    "pinhole 80 deg": dict(horizontal_fov=1.4),
+    "pinhole 80 deg": {},
+    "pinhole 130 deg": dict(horizontal_fov=np.radians(130)),
     "pinhole, centre at (200, 60)": dict(camera_matrix=dict(fx=190, fy=190, cx=200, cy=60)),
     "plumb_bob, the lab's of 2016": LAB,
     "rational_polynomial": dict(
@@ -32,22 +39,30 @@ PANELS = {
     "preset wide, 128 deg": dict(
         camera_matrix=dict(fx=110, fy=110, cx=159.5, cy=119.5),
         distortion_coefficients=[-0.12, 0.012, 0, 0, 0]),
+    "equidistant, k1 = -0.05": dict(lens="equidistant", horizontal_fov=np.pi,
+                                    cutoff_angle=1.8, distortion_coefficients=[-0.05, 0, 0, 0]),
     "equidistant 180 deg": dict(lens="equidistant", horizontal_fov=np.pi),
     "equidistant 220 deg": dict(lens="equidistant", horizontal_fov=np.radians(220)),
+    "equidistant, cutoff 60 deg": dict(lens="equidistant", horizontal_fov=np.pi,
+                                       cutoff_angle=np.radians(60)),
     "stereographic 180 deg": dict(lens="stereographic", horizontal_fov=np.pi),
     "equisolid 180 deg": dict(lens="equisolid", horizontal_fov=np.pi),
     "orthographic 172 deg": dict(lens="orthographic", horizontal_fov=3.0),
-    "gaussian noise, sigma 5": dict(effects=dict(noise_stddev=5.0)),
+    "gaussian noise, sigma 10": dict(effects=dict(noise_stddev=10.0)),
     "shot noise, full well 500": dict(effects=dict(shot_noise=0.51)),
     "motion blur, 20 ms, 2 rad/s": dict(
         effects=dict(exposure_time=0.02, exposure_samples=20)),
     "exposure 0.5": dict(effects=dict(exposure=0.5)),
     "gain 1.6": dict(effects=dict(gain=1.6)),
     "vignetting 0.7": dict(effects=dict(vignetting=0.7)),
+    "all together": dict(effects=dict(
+        noise_stddev=5.0, shot_noise=0.51, exposure=0.4, gain=2.0, vignetting=0.5,
+        exposure_time=0.01, exposure_samples=10)),
     "mono8": dict(format="mono8"),
-    "bayer_rggb8": dict(format="bayer_rggb8"),
+    "bayer_rggb8, 8 times larger": dict(format="bayer_rggb8"),
     "depth 0.8 .. 4 m": dict(depth=True),
     "segmentation": dict(segmentation=True),
+    "pinhole 80 deg, drawn by tiny": {},
 }
 
 
@@ -59,8 +74,14 @@ def turned(pose: np.ndarray, angle: float) -> np.ndarray:
     return out
 
 
+def lay_bricks(bench: Bench) -> None:
+    """Something coloured to look at, on the table."""
+    for colour, (x, y) in BRICKS.items():
+        bench.box([0.05, 0.035, 0.03], [x, y, TABLE + 0.03], f"Gazebo/{colour}")
+
+
 def panel(renderer, title: str, settings: dict) -> np.ndarray:
-    """One picture with its title, (HEIGHT + TITLE, WIDTH, 3) rgb."""
+    """One picture with its title and a margin, (HEIGHT + TITLE + GAP, WIDTH + GAP, 3) rgb."""
     config = CameraConfig.from_mapping({"near": NEAR, "horizontal_fov": 1.4, **settings})
     sensor = CameraSensor(config, renderer)
     frame, time_ns = None, 0
@@ -81,11 +102,15 @@ def panel(renderer, title: str, settings: dict) -> np.ndarray:
         image[label < 0] = 0
     if image.ndim == 2:
         image = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
-    small = cv2.resize(image, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+    if "bayer" in config.encoding:
+        image = image[BRICK_ROW:BRICK_ROW + 30, BRICK_COLUMN:BRICK_COLUMN + 40]
+        small = cv2.resize(image, (WIDTH, HEIGHT), interpolation=cv2.INTER_NEAREST)
+    else:
+        small = cv2.resize(image, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
     out = np.full((HEIGHT + TITLE, WIDTH, 3), 255, np.uint8)
     out[TITLE:] = small
     cv2.putText(out, title, (4, 15), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
-    return out
+    return cv2.copyMakeBorder(out, 0, GAP, 0, GAP, cv2.BORDER_CONSTANT, value=(255, 255, 255))
 
 
 def main() -> None:
@@ -94,10 +119,13 @@ def main() -> None:
                         default=REPOSITORY / "docs/images/camera_contact_sheet.png")
     out = parser.parse_args().out
     bench, _ = robot_scene()
-    renderer = create_renderer("opengl", bench.client, bench.materials)
-    panels = [panel(renderer, *item) for item in PANELS.items()]
+    lay_bricks(bench)
+    opengl, tiny = (create_renderer(name, bench.client, bench.materials)
+                    for name in ("opengl", "tiny"))
+    panels = [panel(tiny if "tiny" in title else opengl, title, settings)
+              for title, settings in PANELS.items()]
     rows = [np.hstack(panels[i:i + COLUMNS]) for i in range(0, len(panels), COLUMNS)]
-    sheet = np.vstack(rows)[..., ::-1]
+    sheet = np.pad(np.vstack(rows)[..., ::-1], ((0, 0), (GAP, 0), (0, 0)), constant_values=255)
     out.parent.mkdir(parents=True, exist_ok=True)
     cv2.imwrite(str(out), sheet, [cv2.IMWRITE_PNG_COMPRESSION, 9])
     print(f"{out}: {sheet.shape[1]} x {sheet.shape[0]}, {out.stat().st_size // 1000} kB")

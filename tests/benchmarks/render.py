@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import itertools
 import json
 import multiprocessing
 import os
@@ -197,8 +198,9 @@ def picture_of(case: str, what: str, folder: Path) -> Callable[[], object]:
         view = sensor._view(link_pose(T))
     if what == "noise_alone":
         image = renderer.render(view)
-        noise = EffectChain(Effects(noise_stddev=5.0), 320, 240, seed=0)
-        return lambda: noise.apply(image)
+        noise = EffectChain(Effects(noise_stddev=5.0), image.shape, seed=0)
+        stamps = itertools.count()
+        return lambda: noise.apply(image, next(stamps))
     return lambda: renderer.render(view)
 
 

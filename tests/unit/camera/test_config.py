@@ -107,6 +107,8 @@ def test_every_shipped_preset_is_valid(preset):
     ({"effects": {"noise_stddev": -1}}, "noise_stddev"),
     ({"effects": {"exposure_time": 0.1}}, "shorter than the period"),
     ({"update_rate": "fast"}, "not a number"),
+    ({"latency": "1e-3"}, "'1e-3' is not a number; write it without quotes, and with a point"),
+    ({"effects": {"exposure_time": "5e-3"}}, "a number of 0 or more; write it without quotes"),
     ({"width": 20000, "height": 20000}, "make width and height smaller"),
     ({"width": 16385, "height": 1}, "16384 a side"),
     ({"seed": -1}, "seed -1: give a whole number of 0 or more"),

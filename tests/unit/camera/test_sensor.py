@@ -125,6 +125,14 @@ def test_latency_delays_publication_not_the_stamp():
                                                                     (335, 300)]
 
 
+def test_frames_under_way_survive_a_change_of_rate():
+    sensor = camera(update_rate=10.0, latency=0.25)
+    assert not frames(sensor, 310)
+    sensor.set_rate(20.0, 310 * MS)
+    stamps = [f.stamp_ns // MS for _, f in frames(sensor, 320, start=310 * MS)]
+    assert stamps == [100, 200, 300, 350]
+
+
 def test_dropped_frames_are_seeded_and_keep_the_grid():
     def run(seed):
         sensor = camera(update_rate=100.0, seed=seed, effects={"drop_probability": 0.3})

@@ -6,20 +6,20 @@ import difflib
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
 
 from ..errors import CameraError
-from .effects import Effects
+from .effects import Effects, hint, is_number
 from .formats import encoding_of
 from .lens import COEFFICIENTS, RADIUS, REACH, BrownLens, FisheyeLens, check_fisheye
 from .lens import fisheye_coefficients as ideal_coefficients
 from .model import CameraIntrinsics, CameraModel, camera_matrix, projection_matrix
 
-LARGEST_SIDE = 16384  # px; what SDF, OpenGL and JPEG allow
-LARGEST_AREA = 1 << 25  # px; a quarter of what 32 GB of memory can draw through a lens
+LARGEST_SIDE = 16384  # px; what OpenGL draws
+LARGEST_AREA = 1 << 25  # px; drawing a frame of this size takes 0.8 GB
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)  # a part of a name in the ROS graph
 
 
@@ -140,7 +140,7 @@ class CameraConfig:
         reach = REACH[self.lens]
         fov = self.horizontal_fov
         if self.camera_matrix is None or self.lens == "pinhole":
-            limit = math.pi if self.lens == "pinhole" else 2 * reach + 1e-9
+            limit = 2 * reach + (0.0 if self.lens == "pinhole" else 1e-9)
             check(0.0 < fov < limit,
                   f"horizontal_fov {fov} rad: lens {self.lens} reaches above 0 and below "
                   f"{limit:.4g} rad" + ("; take a fisheye lens for more"
@@ -235,11 +235,6 @@ class CameraConfig:
         values = _checked(values, name)
         return cls(**_all_converted(values, name))
 
-    def overridden(self, overrides: Mapping[str, Any]) -> CameraConfig:
-        """A copy with the keys of a preset laid over it."""
-        values = _checked(overrides, self.name)
-        return replace(self, **_all_converted(values, self.name))
-
     @property
     def topic_root(self) -> str:
         """Absolute name below which ROS finds this camera: /robotNamespace/cameraName."""
@@ -289,8 +284,8 @@ def _converted(key: str, value: Any) -> Any:
     if key in _LISTS:
         return _numbers(key, value, _LISTS[key])
     if key in _NUMBERS:
-        if not _is_number(value):
-            raise TypeError(f"{key} {value!r} is not a number")
+        if not is_number(value):
+            raise TypeError(f"{key} {value!r} is not a number{hint(value)}")
         return float(value)
     if key in _WHOLE and (not isinstance(value, int) or isinstance(value, bool)):
         raise TypeError(f"{key} {value!r} is not a whole number")
@@ -312,7 +307,3 @@ def _numbers(key: str, value: Any, count: int | None) -> tuple[float, ...]:
     if not all(map(math.isfinite, numbers)) or (count is not None and len(numbers) != count):
         raise TypeError(f"{key} {value!r}: give {wanted}")
     return numbers
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)

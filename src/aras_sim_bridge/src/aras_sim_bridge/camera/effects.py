@@ -19,8 +19,18 @@ _TABLE = 1 << 21
 _DROP, _NOISE = 0, 1
 
 
-def _is_number(value: Any) -> bool:
+def is_number(value: Any) -> bool:
+    """Whether a setting is a number; true and false are none."""
     return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def hint(value: Any) -> str:
+    """How to mend a setting that is a text where a number is wanted: YAML reads 1e-3 as one."""
+    try:
+        float(value if isinstance(value, str) else "")
+    except ValueError:
+        return ""
+    return "; write it without quotes, and with a point before an exponent, as 1.0e-3"
 
 
 _NOT_NEGATIVE = (lambda value: value >= 0.0, "a number of 0 or more")
@@ -61,8 +71,8 @@ class Effects:
     def __post_init__(self) -> None:
         for name, (accepted, wanted) in _LIMITS.items():
             value = getattr(self, name)
-            if not _is_number(value) or not math.isfinite(value) or not accepted(value):
-                raise CameraError(f"effects: {name} {value!r} has to be {wanted}")
+            if not is_number(value) or not math.isfinite(value) or not accepted(value):
+                raise CameraError(f"effects: {name} {value!r} has to be {wanted}{hint(value)}")
         samples = self.exposure_samples
         if not isinstance(samples, int) or isinstance(samples, bool) or not 1 <= samples <= 64:
             raise CameraError(f"effects: exposure_samples {samples!r} has to be 1..64, whole")

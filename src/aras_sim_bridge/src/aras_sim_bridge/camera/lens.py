@@ -14,9 +14,9 @@ import numpy as np
 
 from ..errors import CameraError
 
-# Angle from the optical axis up to which each lens has an image, rad.
+# Angle from the optical axis up to which each lens has an image, rad; the pinhole stays below.
 REACH = {
-    "pinhole": math.radians(89.0),
+    "pinhole": math.radians(90.0),
     "equidistant": math.radians(110.0),
     "stereographic": math.radians(110.0),
     "equisolid": math.radians(110.0),
@@ -119,11 +119,13 @@ class FisheyeLens:
     cutoff: float
 
     def radius(self, theta: np.ndarray) -> np.ndarray:
+        """Distance from the image's centre at unit focal length, of angles from the axis, rad."""
         t = np.asarray(theta) ** 2
         k1, k2, k3, k4 = self.D
         return theta * (1 + t * (k1 + t * (k2 + t * (k3 + t * k4))))
 
     def slope(self, theta: np.ndarray) -> np.ndarray:
+        """Derivative of the radius with the angle, at angles from the axis, rad."""
         t = np.asarray(theta) ** 2
         k1, k2, k3, k4 = self.D
         return 1 + t * (3 * k1 + t * (5 * k2 + t * (7 * k3 + t * 9 * k4)))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import CameraError, RenderingError
+from ..poses import Pose
 from ..rendering import SENSOR_R_OPTICAL, Renderer, View
 from ..rendering.raymap import RayMap
 from ..rendering.scene import blend_poses
@@ -107,7 +108,8 @@ class CameraSensor:
             )
 
     def set_rate(self, rate: float, time_ns: int) -> None:
-        """Change the rate; instants count on from `time_ns`, which need not be a multiple.
+        """Change the rate, Hz; the next picture is at the first multiple of the new period after
+        `time_ns`. Frames that wait for their publication still come.
 
         Raises CameraError for a rate that is not above 0.
         """
@@ -120,7 +122,9 @@ class CameraSensor:
                 f"and exposure_time is {1e3 * exposure:g} ms; shorten it first"
             )
         self._rate = float(rate)
+        under_way = self._waiting
         self.reset(time_ns)
+        self._waiting = under_way
 
     def reset(self, time_ns: int = 0) -> None:
         """Start anew: the next picture is the first whose exposure begins after time_ns.
@@ -262,12 +266,7 @@ class CameraSensor:
 
 
 def mounting(xyz: tuple[float, float, float], rpy: tuple[float, float, float]) -> np.ndarray:
-    """link_T_optical (4, 4) of a sensor mounted at xyz, rpy (fixed axes, rad) in its link."""
-    (cr, sr), (cp, sp), (cy, sy) = ((np.cos(a), np.sin(a)) for a in rpy)
-    Rx = np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
-    Ry = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
-    Rz = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-    T = np.eye(4)
-    T[:3, :3] = Rz @ Ry @ Rx @ SENSOR_R_OPTICAL
-    T[:3, 3] = xyz
+    """link_T_optical (4, 4) of a sensor mounted at xyz (m), rpy (fixed axes, rad) in its link."""
+    T = np.array(Pose.from_rpy(xyz, rpy).matrix())
+    T[:3, :3] = T[:3, :3] @ SENSOR_R_OPTICAL
     return T

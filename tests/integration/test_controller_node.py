@@ -22,11 +22,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.goals import DESIRED_JOINTS
 from aras_visual_servo_controller.kinematics import JOINT_NAMES, pose_difference
 from aras_visual_servo_controller.node import CONTROLLERS, NAMESPACE
 from aras_visual_servo_controller.settings import STARTS
 from aras_visual_servo_controller.target import outline
-from aras_visual_servo_controller.teach import DESIRED_JOINTS
 from aras_visual_servo_controller.virtual_robot import VirtualRobot
 
 SPEED = 2.0  # simulated seconds per second of wall time
@@ -233,7 +233,7 @@ def test_simulator_restarted_mid_run(plant, start, states):
 
 def test_kernel_scheme_wants_its_layout(plant, start, states, tmp_path):
     from aras_visual_servo_controller.desired import Desired, DesiredKernel
-    from aras_visual_servo_controller.teach import from_geometry
+    from aras_visual_servo_controller.goals import from_geometry
 
     exact = from_geometry(DESIRED_JOINTS["2015"], "x")
     K = np.array([[100.0, 0, 160], [0, 100, 120], [0, 0, 1]])

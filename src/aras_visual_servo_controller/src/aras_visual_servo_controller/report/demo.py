@@ -19,10 +19,12 @@ import rospy
 
 from ..errors import ServoError
 from ..kinematics import Kinematics
+from ..servo import HOLDING
 from .processes import Launch, free_port
 
 STARTUP_TIMEOUT = 90.0  # s of wall time until joint states and the recorder are there
 WALL_PER_SIMULATED = 6.0  # patience with a slow machine
+HOLDING_PATIENCE = 10.0  # s of wall time for a controller that holds before it has begun
 AFTERGLOW = 0.5  # s recorded beyond convergence
 
 
@@ -47,7 +49,7 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--camera", default="original", help="camera preset (default original)")
     for part, unit in (("xyz", "m"), ("rpy", "rad")):
         parser.add_argument(
-            f"--camera-{part}", type=_three, default="", metavar="'0 0 0'",
+            f"--camera-{part}", type=_three, metavar="'0 0 0'",
             help=f"where the camera is mounted in camera_link, {unit} (default: not moved)",
         )
     arguments = parser.parse_args(argv)
@@ -81,6 +83,7 @@ class Demo:
         self.progress: Any = None
         self.mounting: np.ndarray | None = None
         self._checked = 0.0
+        self._holds_since: float | None = None
 
     def run(self) -> int:
         """Returns the exit status."""
@@ -242,6 +245,13 @@ class Demo:
         for launch in self.launches:
             if death := launch.death():
                 raise ServoError(f"{death}; its last words:\n{launch.last_lines()}")
+        progress = self.progress
+        if progress is None or progress.began is not None or progress.phase != HOLDING:
+            self._holds_since = None
+        elif self._holds_since is None:
+            self._holds_since = now
+        elif now - self._holds_since > HOLDING_PATIENCE:
+            raise ServoError(f"the controller holds still: {progress.reason}")
 
 
 def _package() -> Path:

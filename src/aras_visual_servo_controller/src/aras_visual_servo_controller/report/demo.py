@@ -24,7 +24,7 @@ from .processes import Launch, free_port
 
 STARTUP_TIMEOUT = 90.0  # s of wall time until joint states and the recorder are there
 WALL_PER_SIMULATED = 6.0  # patience with a slow machine
-HOLDING_PATIENCE = 10.0  # s of wall time for a controller that holds before it has begun
+HOLDING_PATIENCE = 5.0  # s of wall time for a controller that holds before it has begun
 AFTERGLOW = 0.5  # s recorded beyond convergence
 
 

@@ -62,13 +62,15 @@ REFUSED = {
 
 @pytest.fixture(scope="module")
 def machine(launch, ros_node, tmp_path_factory):
-    """The shipped robot with its calibrated camera, moved, and cameras of the world."""
+    """The shipped robot with its calibrated camera, moved in its link, and cameras of the world."""
     path = tmp_path_factory.mktemp("cameras") / "world.yaml"
-    path.write_text(yaml.safe_dump({**WORLD, "typo": {"camera": {"width": 10}}}))
+    moved = {"xyz": [0.02, 0.0, 0.0], "optical_frame_name": "camera_mounted_optical_frame"}
+    others = {"labrob": {"camera": moved}, "typo": {"camera": {"width": 10}}}
+    path.write_text(yaml.safe_dump({**WORLD, **others}))
     rospy.set_param("/lab/deep/tf_prefix", "robot_1")
     launched = launch(
         "aras_visual_servo_gazebo", "aras_visual_servo_gazebo.launch", nodes=["/gazebo"],
-        camera="calibrated", camera_xyz="0.02 0 0", world_cameras=path,
+        camera="calibrated", world_cameras=path,
     )  # fmt: skip
     wait_for(lambda: "belong to no camera" in launched.output(), 20.0, "the robot")
     return launched

@@ -22,11 +22,18 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.kinematics import JOINT_NAMES, pose_difference
+from aras_visual_servo_controller.goals import DESIRED_JOINTS, from_geometry
+from aras_visual_servo_controller.kinematics import (
+    JOINT_NAMES,
+    MOUNTING,
+    Kinematics,
+    pose_difference,
+    transform,
+)
+from aras_visual_servo_controller.mounting import to_xyz_rpy
 from aras_visual_servo_controller.node import CONTROLLERS, NAMESPACE
 from aras_visual_servo_controller.settings import STARTS
 from aras_visual_servo_controller.target import outline
-from aras_visual_servo_controller.teach import DESIRED_JOINTS
 from aras_visual_servo_controller.virtual_robot import VirtualRobot
 
 SPEED = 2.0  # simulated seconds per second of wall time
@@ -143,6 +150,8 @@ def plant(ros_node):
     played = Plant()
     yield played
     played.close()
+    if rospy.has_param("/robot_description"):
+        rospy.delete_param("/robot_description")
 
 
 @pytest.fixture
@@ -231,9 +240,42 @@ def test_simulator_restarted_mid_run(plant, start, states):
     assert np.isfinite(plant.received).all()
 
 
+def test_a_camera_moved_in_a_description_that_comes_later(plant, start, states):
+    """The node goes by the robot_description there is when joint states begin."""
+    mounting = MOUNTING @ transform((-0.03, 0.0, 0.0), (0.0, 0.0, np.pi))
+    plant.joints = plant.images = False
+    plant.robot.kinematics = Kinematics(mounting=mounting)
+    node = start("_start:=2016")
+    wait_for(lambda: "scheme moments" in node.output(), 20.0, "the node")
+    xyz, rpy = (" ".join(map(repr, part)) for part in to_xyz_rpy(mounting))
+    rospy.set_param(
+        "/robot_description",
+        '<robot name="r"><joint name="eye" type="fixed"><parent link="link6"/>'
+        f'<child link="camera_optical_frame"/><origin xyz="{xyz}" rpy="{rpy}"/></joint></robot>',
+    )
+    plant.joints = plant.images = True
+    wait_for(phase_is(states, "converged"), 20.0, "convergence")
+    assert "camera at xyz" in node.output()
+    goal = plant.robot.kinematics.pose(np.array(DESIRED_JOINTS["2016"]))
+    distance, angle = pose_difference(goal, plant.robot.kinematics.pose(plant.robot.q))
+    assert distance < 0.5e-3
+    assert angle < np.radians(0.3)
+
+
+def test_a_goal_of_another_mounting_ends_the_node_in_one_line(ros_node, start, tmp_path):
+    moved = Kinematics(mounting=MOUNTING @ transform((0.03, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    file = tmp_path / "mine.yaml"
+    file.write_text(from_geometry(DESIRED_JOINTS["2016"], "x", moved).to_yaml("for a test"))
+    node = start(f"_desired:={file}")
+    assert node.process.wait(20.0) == 1
+    lines = [line for line in node.output().splitlines() if line.strip()]
+    assert len(lines) == 1
+    assert "mine.yaml were taught with the camera at xyz" in lines[0]
+    assert "teach them anew" in lines[0]
+
+
 def test_kernel_scheme_wants_its_layout(plant, start, states, tmp_path):
     from aras_visual_servo_controller.desired import Desired, DesiredKernel
-    from aras_visual_servo_controller.teach import from_geometry
 
     exact = from_geometry(DESIRED_JOINTS["2015"], "x")
     K = np.array([[100.0, 0, 160], [0, 100, 120], [0, 0, 1]])

@@ -14,6 +14,7 @@ from tf2_msgs.msg import TFMessage
 
 from aras_visual_servo_controller.conversions import fill_state
 from aras_visual_servo_controller.errors import ServoError
+from aras_visual_servo_controller.goals import DESIRED_JOINTS, from_geometry
 from aras_visual_servo_controller.kinematics import JOINT_NAMES
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.report import analysis
@@ -22,7 +23,6 @@ from aras_visual_servo_controller.resolver import Resolver
 from aras_visual_servo_controller.schemes import create
 from aras_visual_servo_controller.servo import Servo
 from aras_visual_servo_controller.settings import STARTS
-from aras_visual_servo_controller.teach import DESIRED_JOINTS, from_geometry
 from aras_visual_servo_controller.virtual_robot import VirtualRobot
 
 NAMESPACE = "/aras_visual_servo"

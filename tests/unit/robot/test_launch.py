@@ -162,6 +162,30 @@ def test_roslaunch_resolves_every_file(monkeypatch):
 
 
 @pytest.mark.parametrize(
+    "moved", [[], ["camera_xyz:=0 -0.03 0"], ["camera_rpy:=-0.1 0 0", "camera_xyz:=0.01 0 0"]]
+)
+def test_a_moved_camera_is_moved_in_the_description(monkeypatch, moved):
+    roslaunch = pytest.importorskip("roslaunch")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{PACKAGE.parent}:/usr/share")
+    path = str(PACKAGE / "launch" / "aras_visual_servo_gazebo.launch")
+    config = roslaunch.config.load_config_default(
+        [(path, moved)], None, assign_machines=False
+    )
+    shipped = (PACKAGE / "robots" / "aras_visual_servo.urdf").read_text()
+    description = config.params["/robot_description"].value
+    if not moved:
+        assert description == shipped
+        return
+    joints = {j.get("name"): j for j in ElementTree.fromstring(description).findall("joint")}
+    assert joints["camera_joint"].find("child").get("link") == "camera_mount"
+    assert joints["camera_mount_joint"].find("child").get("link") == "camera_link"
+    origin = joints["camera_mount_joint"].find("origin")
+    for argument in moved:
+        key, _, value = argument.removeprefix("camera_").partition(":=")
+        assert [float(v) for v in origin.get(key).split()] == [float(v) for v in value.split()]
+
+
+@pytest.mark.parametrize(
     ("scheme", "layout"),
     [("moments", "moments"), ("kernel", "kernel"), ("my_lab.schemes:Mine", "moments")],
 )

@@ -163,6 +163,7 @@ def test_kernel_scheme_refuses_what_it_cannot_use(loops):
         ({"kernel": np.full(20, np.nan)}, "not visible"),
         ({"width": 640}, "another camera"),
         ({"K": 2.0 * good.K}, "another camera"),
+        ({"pixel_count": 300}, "counts 8.. pixels as target, which has 300: .*original_threshold"),
     ):
         with pytest.raises(MeasurementError, match=words):
             scheme.compute(replace(good, **changed), 0.0)

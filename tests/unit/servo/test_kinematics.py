@@ -9,8 +9,9 @@ from aras_visual_servo_controller.kinematics import (
     J3,
     JOINT_NAMES,
     Kinematics,
+    link_mounting,
     pose_difference,
-    rotation_rpy,
+    transform,
 )
 
 # The joint table of the URDF: origin xyz, origin rpy, axis (None: fixed), in chain order.
@@ -24,13 +25,14 @@ CHAIN = (
     ("J6", (0, 0, 0.0718), (0, 0, -3.1416), (0, 0, 1)),
     (None, (0, 0, 0.0334), (3.14, -1.57, 0), None),
 )
-CAMERA_TO_OPTICAL = rotation_rpy(-np.pi / 2, 0.0, -np.pi / 2)
+CAMERA_TO_OPTICAL = (-np.pi / 2, 0.0, -np.pi / 2)
+NOT_MOVED = np.eye(4)
+MOVED = transform((0.01, 0.03, -0.02), (0.3, 0.17, -0.4))  # camera_link in where it was
 
 
-def transform(rotation, translation):
+def turned(rotation):
     matrix = np.eye(4)
     matrix[:3, :3] = rotation
-    matrix[:3, 3] = translation
     return matrix
 
 
@@ -40,21 +42,27 @@ def about(axis, angle):
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
-def urdf_pose(q):
-    """world_T_optical by multiplying the URDF's joints one by one."""
+def urdf_pose(q, moved):
+    """world_T_optical from the URDF's joints one by one, then the camera's move (4, 4)."""
     joints = dict(zip(JOINT_NAMES, q, strict=True))
     pose = np.eye(4)
     for name, xyz, rpy, axis in CHAIN:
-        pose = pose @ transform(rotation_rpy(*rpy), xyz)
+        pose = pose @ transform(xyz, rpy)
         if name == "gantry":
-            pose = pose @ transform(np.eye(3), np.array(axis) * joints[name])
+            pose = pose @ transform(np.array(axis) * joints[name], (0, 0, 0))
         elif name is not None:
-            pose = pose @ transform(about(axis, joints[name]), np.zeros(3))
-    return pose @ transform(CAMERA_TO_OPTICAL, np.zeros(3))
+            pose = pose @ turned(about(axis, joints[name]))
+    return pose @ moved @ transform((0, 0, 0), CAMERA_TO_OPTICAL)
 
 
 def random_joints(seed, count=40):
     return np.random.default_rng(seed).uniform(-1.2, 1.2, (count, 6))
+
+
+def of_camera(moved):
+    """Kinematics of the robot with its camera moved on its mount (4, 4)."""
+    _, xyz, rpy, _ = CHAIN[-1]
+    return Kinematics(mounting=link_mounting(transform(xyz, rpy) @ moved))
 
 
 @pytest.fixture(scope="module")
@@ -62,10 +70,21 @@ def kinematics():
     return Kinematics()
 
 
-def test_pose_equals_the_urdf_chain(kinematics):
+@pytest.fixture(scope="module", params=[NOT_MOVED, MOVED], ids=["stock", "moved"])
+def anywhere(request):
+    return of_camera(request.param)
+
+
+def test_the_robots_own_mounting_is_the_urdfs(kinematics):
+    np.testing.assert_array_equal(kinematics.mounting, of_camera(NOT_MOVED).mounting)
+
+
+@pytest.mark.parametrize("moved", [NOT_MOVED, MOVED], ids=["stock", "moved"])
+def test_pose_equals_the_urdf_chain(moved):
     for q in [np.zeros(6), *random_joints(1)]:
         # The URDF writes right angles with five digits: that alone is worth some 10 um.
-        np.testing.assert_allclose(kinematics.pose(q), urdf_pose(q), atol=3e-5)
+        pose = of_camera(moved).pose(q)
+        np.testing.assert_allclose(pose, urdf_pose(q, moved), atol=3e-5)
 
 
 def test_camera_at_zero_looks_down_from_782_mm(kinematics):
@@ -75,15 +94,15 @@ def test_camera_at_zero_looks_down_from_782_mm(kinematics):
     np.testing.assert_allclose(pose[:3, 0], (1, 0, 0), atol=2e-3)
 
 
-def test_jacobian_equals_finite_differences(kinematics):
+def test_jacobian_equals_finite_differences(anywhere):
     step = 1e-6
     for q in random_joints(2):
-        jacobian = kinematics.jacobian(q)
-        rotation = kinematics.pose(q)[:3, :3]
+        jacobian = anywhere.jacobian(q)
+        rotation = anywhere.pose(q)[:3, :3]
         for joint in range(6):
             delta = np.zeros(6)
             delta[joint] = step
-            after, before = kinematics.pose(q + delta), kinematics.pose(q - delta)
+            after, before = anywhere.pose(q + delta), anywhere.pose(q - delta)
             linear = rotation.T @ (after[:3, 3] - before[:3, 3]) / (2 * step)
             spin = rotation.T @ (after[:3, :3] - before[:3, :3]) / (2 * step)
             angular = np.array([spin[2, 1], spin[0, 2], spin[1, 0]])
@@ -91,18 +110,18 @@ def test_jacobian_equals_finite_differences(kinematics):
             np.testing.assert_allclose(jacobian[3:, joint], angular, atol=1e-8)
 
 
-def test_pitch_axis_is_what_the_pitch_joints_turn_about(kinematics):
+def test_pitch_axis_is_what_the_pitch_joints_turn_about(anywhere):
     for q in random_joints(3):
-        np.testing.assert_allclose(kinematics.jacobian(q)[3:, J3], kinematics.pitch_axis(q))
+        np.testing.assert_allclose(anywhere.jacobian(q)[3:, J3], anywhere.pitch_axis(q))
 
 
-def test_inverse_returns_to_the_same_camera_pose(kinematics):
+def test_inverse_returns_to_the_same_camera_pose(anywhere):
     rng = np.random.default_rng(4)
     for _ in range(40):
         q = rng.uniform(-0.8, 0.8, 6)
         q[J3] = -abs(q[J3])
-        again = kinematics.inverse(
-            kinematics.pose(q)[:3, 3], kinematics.yaw(q), kinematics.pitch(q), q[J1]
+        again = anywhere.inverse(
+            anywhere.pose(q)[:3, 3], anywhere.yaw(q), anywhere.pitch(q), q[J1]
         )
         np.testing.assert_allclose(again, q, atol=1e-7)
 
@@ -127,7 +146,7 @@ def test_zero_pose_has_no_vertical_velocity(kinematics):
 
 
 def test_pose_difference_is_exact_for_small_angles():
-    b = transform(rotation_rpy(0, 0, 1e-7), (3e-4, 0, 4e-4))
+    b = transform((3e-4, 0, 4e-4), (0, 0, 1e-7))
     distance, angle = pose_difference(np.eye(4), b)
     assert distance == pytest.approx(5e-4)
     assert angle == pytest.approx(1e-7)

@@ -8,9 +8,9 @@ import yaml
 
 from aras_visual_servo_controller.desired import Desired
 from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.goals import DESIRED_JOINTS, from_geometry
 from aras_visual_servo_controller.laws import Adaptive
 from aras_visual_servo_controller.settings import STARTS, Settings
-from aras_visual_servo_controller.teach import DESIRED_JOINTS, from_geometry
 from aras_visual_servo_controller.teach import main as teach
 
 PACKAGE = Path(__file__).parents[3] / "src" / "aras_visual_servo_controller"
@@ -113,6 +113,8 @@ def test_teach_says_when_it_cannot_write(capsys):
         (lambda d: d["moments"]["mu"].__setitem__(3, float("nan")), "'moments.mu' must be 10"),
         (lambda d: d.update(dpeth=1.0), "unknown key 'dpeth'"),
         (lambda d: d.update(kernel={"width": 3}), "'kernel' width, height"),
+        (lambda d: d.update(mounting={"xyz": [0, 0, 0]}), "'mounting' must hold xyz and rpy"),
+        (lambda d: d["mounting"].update(rpy=[0.0]), "'mounting.rpy' must be 3 finite number"),
     ],
 )
 def test_wrong_desired_files_are_named(change, words):

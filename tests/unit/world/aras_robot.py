@@ -19,9 +19,11 @@ CONTROLLERS = {  # joint -> controller, in the order of the poses below
 }
 
 
-def description():
+URDF = (ROBOT / "robots/aras_visual_servo.urdf").read_text()
+
+
+def description(text=URDF):
     """The URDF, with meshes found in the source tree."""
-    text = (ROBOT / "robots/aras_visual_servo.urdf").read_text()
     return parse_urdf(text, lambda package: str(SOURCES / package))
 
 
@@ -34,12 +36,13 @@ def parameters():
 class ArasRobot:
     """A Simulation with the robot and its controllers running; cameras stay disabled."""
 
-    def __init__(self, simulation=None):
+    def __init__(self, simulation=None, urdf=URDF, cameras=None):
+        """`cameras`: settings laid over the URDF's, by name, as Simulation.spawn takes them."""
         self.simulation = simulation or Simulation(SimulationConfig(renderer="tiny"))
         self.settings = parameters()
         self.model = self.simulation.spawn(
-            description(), "aras_visual_servo", namespace="/aras_visual_servo",
-            parameters=self.settings)
+            description(urdf), "aras_visual_servo", namespace="/aras_visual_servo",
+            parameters=self.settings, cameras=cameras)
         robot = self.simulation.robots["aras_visual_servo"]
         self.manager, self.hardware = robot.manager, robot.hardware
         names = ["joint_state_controller", *CONTROLLERS.values()]

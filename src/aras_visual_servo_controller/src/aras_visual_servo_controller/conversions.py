@@ -49,6 +49,7 @@ def measurement(message: Any, kernel: Sequence[float] | None = None) -> Measurem
         K=np.asarray(message.K, float).reshape(3, 3),
         width=int(message.width),
         height=int(message.height),
+        pixel_count=int(message.pixel_count),
     )
 
 

@@ -4,13 +4,16 @@
     depth: 0.1917                # of the target along the optical axis there, m
     moments: {order: 3, m: [...], mu: [...]}    # normalised coordinates, as in ImageMoments
     kernel: {width: 320, height: 240, K: [9 numbers], features: [4 numbers]}    # optional
+    mounting: {xyz: [0, 0, 0.0334], rpy: [0.0008, 0.0, 1.5692]}    # optional, m and rad
 
 Moments in normalised metric coordinates do not depend on the lens; the kernel features count
-pixels and hold for one camera only, which is why its intrinsics stand beside them.
+pixels and hold for one camera only, which is why its intrinsics stand beside them. All of them
+depend on where the camera sits on the flange: `mounting` is the pose of its optical frame in link6
+(roll, pitch, yaw about fixed axes); a file without it means the robot's own.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +21,8 @@ import numpy as np
 import yaml
 
 from .errors import ConfigurationError
-from .kinematics import JOINT_NAMES
+from .kinematics import JOINT_NAMES, MOUNTING, Kinematics, transform
+from .mounting import to_xyz_rpy
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,7 @@ class Desired:
         order: highest i + j of the moments.
         m, mu: raw and centred moments in the order of the ImageMoments message.
         kernel: the kernel features, or None when they have not been taught.
+        mounting: `flange_T_optical` (4, 4) of the camera that saw this.
     """
 
     name: str
@@ -51,6 +56,12 @@ class Desired:
     m: np.ndarray
     mu: np.ndarray
     kernel: DesiredKernel | None = None
+    mounting: np.ndarray = field(default_factory=lambda: MOUNTING)
+
+    @property
+    def camera_pose(self) -> np.ndarray:
+        """`world_T_optical` (4, 4) at the goal."""
+        return Kinematics(mounting=self.mounting).pose(self.joints)
 
     @classmethod
     def from_mapping(cls, data: Any, name: str) -> "Desired":
@@ -61,7 +72,7 @@ class Desired:
         """
         if not isinstance(data, Mapping):
             raise ConfigurationError(f"{name}: expected keys 'joints', 'depth' and 'moments'")
-        known = {"joints", "depth", "moments", "kernel"}
+        known = {"joints", "depth", "moments", "kernel", "mounting"}
         for key in data:
             if key not in known:
                 raise ConfigurationError(f"{name}: unknown key '{key}', known are {sorted(known)}")
@@ -86,6 +97,7 @@ class Desired:
             m=m,
             mu=mu,
             kernel=_kernel(data.get("kernel"), name),
+            mounting=_mounting(data.get("mounting"), name),
         )
 
     @classmethod
@@ -123,6 +135,8 @@ class Desired:
                 "K": [float(value) for value in np.ravel(self.kernel.K)],
                 "features": [float(value) for value in self.kernel.features],
             }
+        xyz, rpy = to_xyz_rpy(self.mounting)
+        data["mounting"] = {"xyz": xyz, "rpy": rpy}
         comment = "".join(f"# {line}\n" for line in heading.splitlines())
         return comment + yaml.safe_dump(data, sort_keys=False, width=96)
 
@@ -158,3 +172,12 @@ def _kernel(data: Any, name: str) -> DesiredKernel | None:
         K=_numbers(data.get("K"), 9, f"{name}: 'kernel.K'").reshape(3, 3),
         features=_numbers(data.get("features"), 4, f"{name}: 'kernel.features'"),
     )
+
+
+def _mounting(data: Any, name: str) -> np.ndarray:
+    if data is None:
+        return MOUNTING
+    if not isinstance(data, Mapping) or set(data) != {"xyz", "rpy"}:
+        raise ConfigurationError(f"{name}: 'mounting' must hold xyz and rpy")
+    parts = [_numbers(data[key], 3, f"{name}: 'mounting.{key}'") for key in ("xyz", "rpy")]
+    return transform(*parts)

@@ -3,22 +3,25 @@
 Joint order everywhere in this package: gantry (m), J1, J2, J3, J5, J6 (rad).
 
 Two angles describe the arm's vertical plane: a = J2 and b = J2 + J3, both from the downward
-vertical, and c = J2 + J3 + J5 is the pitch of the camera. With the distances of `Geometry`
+vertical, and c = J2 + J3 + J5 is the pitch of the flange. With the distances of `Geometry`
 
     r     = upper sin a + fore sin b + wrist sin c          (away from the shoulder axis)
     depth = shoulder + upper cos a + fore cos b + wrist cos c       (below the carriage)
 
-and the camera sits, in the world (z up, the gantry runs along x), at
+and the flange sits, in the world (z up, the gantry runs along x), at
 
     (gantry + r sin J1,  r cos J1,  carriage_height - depth).
 
 This is the kinematics of the laboratory's own controller with its axes named as the URDF has
-them: its y is the world's x, its x the world's y, its z points down.
+them: its y is the world's x, its x the world's y, its z points down. The camera's mounting on the
+flange may be any; the laboratory's controller counts its distance to the wrist's.
 
-Frames: `world`; `optical`, the camera's optical frame (x right, y down, z forward, REP 103).
-`world_T_optical` maps optical coordinates to world coordinates.
+Frames: `world`; `flange`, the URDF's link6 (z away from the wrist, downwards at zero joints);
+`optical`, the camera's optical frame (x right, y down, z forward, REP 103). `world_T_optical` maps
+optical coordinates to world coordinates.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +34,7 @@ GANTRY, J1, J2, J3, J5, J6 = range(6)
 # Axes of the arm's base (link0) in the world: x along the world's y, z downwards.
 _WORLD_R_ARM = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 # Gazebo's camera link looks along +x with z up; the optical frame looks along +z with y down.
-_LINK_R_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+LINK_R_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 
 def rotation_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
@@ -48,44 +51,67 @@ def rotation_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
     )
 
 
+def transform(xyz: Sequence[float], rpy: Sequence[float]) -> np.ndarray:
+    """Pose (4, 4) of a URDF `<origin>`: xyz in m, fixed-axis roll, pitch, yaw in rad."""
+    a_T_b = np.eye(4)
+    a_T_b[:3, :3] = rotation_rpy(*rpy)
+    a_T_b[:3, 3] = xyz
+    return a_T_b
+
+
+def link_mounting(flange_T_link: np.ndarray) -> np.ndarray:
+    """`flange_T_optical` (4, 4) of a camera that looks along its link's +x, z up."""
+    flange_T_optical = flange_T_link.copy()
+    flange_T_optical[:3, :3] = flange_T_link[:3, :3] @ LINK_R_OPTICAL
+    return flange_T_optical
+
+
+# `flange_T_optical` of the ARAS robot. Its URDF says 3.14 and -1.57, so the camera really is tilted
+# by 1.8 mrad.
+MOUNTING = link_mounting(transform((0.0, 0.0, 0.0334), (3.14, -1.57, 0.0)))
+MOUNTING.setflags(write=False)
+
+
 @dataclass(frozen=True)
 class Geometry:
-    """Distances of the arm, m, and the mounting of the camera; defaults are the ARAS robot's."""
+    """Distances of the arm, m; defaults are the ARAS robot's. wrist: from J5 to the flange."""
 
     carriage_height: float = 1.6263 - 0.02888
     shoulder: float = 0.168 + 0.132
     upper: float = 0.25
     fore: float = 0.16
-    wrist: float = 0.0718 + 0.0334
-    # Written 3.14 and -1.57 in the robot's URDF, so the camera really is tilted by 1.8 mrad.
-    camera_rpy: tuple[float, float, float] = (3.14, -1.57, 0.0)
+    wrist: float = 0.0718
 
 
 class Kinematics:
     """Pose and Jacobian of the camera as functions of the six joints."""
 
-    def __init__(self, geometry: Geometry | None = None) -> None:
+    def __init__(
+        self, geometry: Geometry | None = None, mounting: np.ndarray | None = None
+    ) -> None:
+        """`mounting`: `flange_T_optical` (4, 4); the robot's own where it is left out."""
         self.geometry = geometry if geometry is not None else Geometry()
-        self._flange_R_optical = rotation_rpy(*self.geometry.camera_rpy) @ _LINK_R_OPTICAL
+        self.mounting = np.array(MOUNTING if mounting is None else mounting, float)
+        self.mounting.setflags(write=False)
 
     def pitch(self, q: np.ndarray) -> float:
-        """Pitch J2 + J3 + J5 of the camera, rad; 0 looks straight down."""
+        """Pitch J2 + J3 + J5 of the flange, rad; at 0 its axis points straight down."""
         return float(q[J2] + q[J3] + q[J5])
 
     def yaw(self, q: np.ndarray) -> float:
-        """Yaw J1 + J6 of a level camera about the downward vertical, rad."""
+        """Yaw J1 + J6 of a level flange about the downward vertical, rad."""
         return float(q[J1] + q[J6])
 
     def pose(self, q: np.ndarray) -> np.ndarray:
         """`world_T_optical` (4, 4) for joints q (6,)."""
         r, depth = self._plane(q)
+        arm_R_flange = self._flange(q)
+        camera = np.array([r * np.cos(q[J1]), r * np.sin(q[J1]), depth])
+        camera += arm_R_flange @ self.mounting[:3, 3]
         world_T_optical = np.eye(4)
-        world_T_optical[:3, :3] = self._rotation(q)
-        world_T_optical[:3, 3] = (
-            q[GANTRY] + r * np.sin(q[J1]),
-            r * np.cos(q[J1]),
-            self.geometry.carriage_height - depth,
-        )
+        world_T_optical[:3, :3] = _WORLD_R_ARM @ arm_R_flange @ self.mounting[:3, :3]
+        world_T_optical[:3, 3] = _WORLD_R_ARM @ camera
+        world_T_optical[:3, 3] += (q[GANTRY], 0.0, self.geometry.carriage_height)
         return world_T_optical
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
@@ -116,14 +142,17 @@ class Kinematics:
         in_arm[:3, J5] = wrist
         in_arm[3:, [J2, J3, J5]] = tangential[:, None]
         in_arm[3:, J6] = np.cos(c) * down + np.sin(c) * radial
+        # That was the flange; what turns it swings the camera about it.
+        arm_R_flange = self._flange(q)
+        in_arm[:3] += np.cross(in_arm[3:].T, arm_R_flange @ self.mounting[:3, 3]).T
 
-        optical_R_arm = self._rotation(q).T @ _WORLD_R_ARM
+        optical_R_arm = (arm_R_flange @ self.mounting[:3, :3]).T
         return np.vstack([optical_R_arm @ in_arm[:3], optical_R_arm @ in_arm[3:]])
 
     def pitch_axis(self, q: np.ndarray) -> np.ndarray:
         """Unit axis (3,) of the pitch joints in the optical frame."""
         in_arm = np.array([-np.sin(q[J1]), np.cos(q[J1]), 0.0])
-        return self._rotation(q).T @ _WORLD_R_ARM @ in_arm
+        return (self._flange(q) @ self.mounting[:3, :3]).T @ in_arm
 
     def inverse(
         self,
@@ -153,7 +182,9 @@ class Kinematics:
                 "choose its y: take a J1 nearer to 0",
                 excess=float("inf"),
             )
-        x, y, z = (float(value) for value in position)
+        joints = np.array([0.0, shoulder_angle, 0.0, 0.0, pitch, yaw - shoulder_angle])
+        swing = _WORLD_R_ARM @ self._flange(joints) @ self.mounting[:3, 3]
+        x, y, z = (float(value) for value in np.asarray(position) - swing)
         r = y / np.cos(shoulder_angle)
         along = r - g.wrist * np.sin(pitch)
         below = g.carriage_height - z - g.shoulder - g.wrist * np.cos(pitch)
@@ -191,14 +222,13 @@ class Kinematics:
         depth = g.shoulder + g.upper * np.cos(a) + g.fore * np.cos(b) + g.wrist * np.cos(c)
         return float(r), float(depth)
 
-    def _rotation(self, q: np.ndarray) -> np.ndarray:
-        """`world_R_optical` (3, 3): yaw J1, pitch, yaw J6, then the mounting."""
-        arm_R_flange = (
+    def _flange(self, q: np.ndarray) -> np.ndarray:
+        """`arm_R_flange` (3, 3): yaw J1, pitch, yaw J6."""
+        return (
             rotation_rpy(0.0, 0.0, q[J1])
             @ rotation_rpy(0.0, self.pitch(q), 0.0)
             @ rotation_rpy(0.0, 0.0, q[J6])
         )
-        return _WORLD_R_ARM @ arm_R_flange @ self._flange_R_optical
 
 
 def pose_difference(a_T_b: np.ndarray, a_T_c: np.ndarray) -> tuple[float, float]:

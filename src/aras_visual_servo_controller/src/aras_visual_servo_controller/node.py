@@ -20,10 +20,10 @@ from std_msgs.msg import Float64, Float64MultiArray
 
 from aras_visual_servo_camera.master_watch import MasterWatch
 
-from . import conversions, servo
+from . import conversions, mounting, servo
 from .errors import ConfigurationError
 from .joint_history import JointHistory
-from .kinematics import JOINT_NAMES
+from .kinematics import JOINT_NAMES, MOUNTING
 from .msg import ServoState
 from .servo import Servo, ServoCommand
 from .settings import Settings
@@ -62,6 +62,7 @@ class ControllerNode:
         self._said: tuple[str, str] = ("", "")
         self._said_at = 0.0
         self._master = MasterWatch(rospy.get_name())
+        self.status = 0
 
         self._commands = [
             rospy.Publisher(
@@ -132,6 +133,8 @@ class ControllerNode:
             stamp = message.header.stamp.to_sec()
             if self._joint_stamp is not None and stamp < self._joint_stamp:
                 self._restart(stamp)
+            if self._joint_stamp is None:
+                self._remount()
             self._joint_stamp = stamp
             self._joints_heard = time.monotonic()
             try:
@@ -203,6 +206,25 @@ class ControllerNode:
         self._history.clear()
         self._reported = -1.0
 
+    def _remount(self) -> None:
+        """The robot may have come after this node, or another one than before: look at its camera.
+
+        Its description is on the parameter server before its joint states are.
+        """
+        try:
+            seen = find_mounting()
+            if mounting.same(seen, self._loop.resolver.kinematics.mounting):
+                return
+            self._loop = self._settings.build(seen)
+        except ConfigurationError as error:
+            rospy.logfatal("%s", error)
+            self.status = 1
+            rospy.signal_shutdown(str(error))
+        except OSError:
+            return  # the master is gone: `spin` will say so
+        else:
+            _tell_mounting(self._loop)
+
     def _send(self, values: np.ndarray | None, repeat: bool = True) -> None:
         """Publish the six commands; without `repeat` only when they are new."""
         if values is None or not np.isfinite(values).all():
@@ -264,6 +286,27 @@ def _publish(publisher: rospy.Publisher, message: Any) -> None:
             raise
 
 
+def find_mounting() -> np.ndarray:
+    """`flange_T_optical` (4, 4) of the robot_description there is; the robot's own where none is.
+
+    Raises:
+        ConfigurationError: the description has no camera on its flange.
+    """
+    urdf = rospy.get_param("robot_description", "")
+    return mounting.from_description(urdf) if urdf else MOUNTING
+
+
+def _tell_mounting(loop: Servo) -> None:
+    flange_T_optical = loop.resolver.kinematics.mounting
+    if not mounting.same(flange_T_optical, MOUNTING):
+        rospy.loginfo(
+            "camera at %s of %s, as robot_description says; desired: %s",
+            mounting.words(flange_T_optical),
+            mounting.FLANGE,
+            loop.scheme.desired.name,
+        )
+
+
 def main() -> int:
     """Run the node; returns its exit status."""
     rospy.init_node("aras_visual_servo_controller")
@@ -272,12 +315,14 @@ def main() -> int:
         given = rospy.get_param("~", {})
         given.setdefault("lockstep", rospy.get_param("/gazebo/speed_mode", "") == "lockstep")
         settings = Settings.from_mapping(given, package)
-        loop = settings.build()
+        loop = settings.build(find_mounting())
     except ConfigurationError as error:
         rospy.logfatal("%s", error)
         return 1
     rospy.loginfo(
         "scheme %s, start %s, desired %s", settings.scheme, settings.start, settings.desired_path()
     )
-    ControllerNode(settings, loop).spin()
-    return 0
+    _tell_mounting(loop)
+    node = ControllerNode(settings, loop)
+    node.spin()
+    return node.status

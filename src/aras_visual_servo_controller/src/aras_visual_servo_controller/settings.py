@@ -11,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from . import mounting
 from .desired import Desired
-from .errors import ConfigurationError
+from .errors import ConfigurationError, ServoError
+from .goals import from_geometry
 from .kinematics import J1, JOINT_NAMES, Kinematics
 from .laws import Adaptive, Law, Proportional
 from .resolver import Resolver, ResolverSettings
@@ -160,14 +162,46 @@ class Settings:
             return self.package / CONFIG / f"desired_{name}.yaml"
         return Path(name).expanduser()
 
-    def build(self) -> Servo:
+    def load_desired(self, kinematics: Kinematics) -> Desired:
+        """The desired features, for the camera as these kinematics have it mounted.
+
+        Those of the laboratory's two goals are worked out anew for a camera that was moved.
+
+        Raises:
+            ConfigurationError: the file cannot be used, or was taught with another mounting.
+        """
+        path = self.desired_path()
+        desired = Desired.load(path)
+        if mounting.same(desired.mounting, kinematics.mounting):
+            return desired
+        places = (
+            f"with the camera at {mounting.words(desired.mounting)} of {mounting.FLANGE}; now it "
+            f"is at {mounting.words(kinematics.mounting)}"
+        )
+        if path.parent != self.package / CONFIG:
+            raise ConfigurationError(
+                f"the desired features {path} were taught {places}: teach them anew (rosrun "
+                f"aras_visual_servo_controller teach {path.name})"
+            )
+        try:
+            return from_geometry(desired.joints, f"{desired.name}, camera moved", kinematics)
+        except ServoError as error:
+            raise ConfigurationError(
+                f"{desired.name} is a view {places}, where there is none ({error}): move it less, "
+                "or teach a goal of your own (rosrun aras_visual_servo_controller teach)"
+            ) from error
+
+    def build(self, flange_T_optical: np.ndarray | None = None) -> Servo:
         """The loop that these parameters describe.
+
+        Args:
+            flange_T_optical: the camera's mounting (4, 4); None: the robot's own.
 
         Raises:
             ConfigurationError: the desired features or the scheme cannot be used.
         """
-        desired = Desired.load(self.desired_path())
-        kinematics = Kinematics()
+        kinematics = Kinematics(mounting=flange_T_optical)
+        desired = self.load_desired(kinematics)
         limits = self._limits()
         tasks: list[Task] = [Posture(J1, 0.0, self.posture_gain), JointLimitAvoidance(limits)]
         if self.singularity_avoidance:

@@ -10,65 +10,32 @@ import sys
 import time
 from pathlib import Path
 
-import cv2
 import numpy as np
-
-from aras_visual_servo_camera.kernel import kernel_features
-from aras_visual_servo_camera.moments import Moments
 
 from .desired import Desired, DesiredKernel
 from .errors import ServoError
+from .goals import DESIRED_JOINTS, ORDER, from_geometry
 from .kinematics import JOINT_NAMES, Kinematics
-from .target import desired_view, target_depth
-
-# The laboratory's two desired poses: gantry (m), J1, J2, J3, J5, J6 (rad).
-DESIRED_JOINTS = {
-    "2015": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    "2016": (0.05, 0.0, -0.09, 0.045, 0.045, 0.0),
-}
-ORIGINAL_SIZE, ORIGINAL_FOV = (320, 240), 2.0  # pixels, rad: the camera of 2015
-ORDER = 3  # the paper's features with their interaction matrix need no more
-
-
-def from_geometry(joints: np.ndarray, name: str, kinematics: Kinematics | None = None) -> Desired:
-    """What a perfect camera sees of the demo's target at these joints (6,).
-
-    The kernel features are those of the original camera, 320 x 240 pixels.
-    """
-    joints = np.asarray(joints, float)
-    view, depth = desired_view(joints, kinematics)
-    moments = Moments.from_polygon(view, ORDER)
-    kernel = _kernel_of(view)
-    return Desired(name, joints, depth, ORDER, moments.m_array, moments.mu_array, kernel)
-
-
-def _kernel_of(view: np.ndarray) -> DesiredKernel:
-    """Kernel features of an outline (n, 2) as the original's threshold of 250 makes it black.
-
-    A white pixel that the target covers by more than 2 % is darker than 250.
-    """
-    width, height = ORIGINAL_SIZE
-    focal = 0.5 * width / np.tan(0.5 * ORIGINAL_FOV)
-    K = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
-    finer = 16
-    pixels = ((view * focal + K[:2, 2] + 0.5) * finer - 0.5) * 256.0
-    fine = np.zeros((height * finer, width * finer), np.uint8)
-    cv2.fillPoly(fine, [np.round(pixels).astype(np.int32)], 255, shift=8)
-    coverage = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
-    mask = (coverage > 0.02 * 255).astype(np.uint8) * 255
-    return DesiredKernel(width, height, K, kernel_features(mask).values)
+from .target import target_depth
 
 
 def from_samples(
-    joints: np.ndarray, depth: float, order: int, m: np.ndarray, mu: np.ndarray, name: str
+    joints: np.ndarray,
+    depth: float,
+    order: int,
+    m: np.ndarray,
+    mu: np.ndarray,
+    name: str,
+    flange_T_optical: np.ndarray | None = None,
 ) -> Desired:
-    """Average of several views: m, mu (images, count), all of one pose."""
+    """Average of several views: m, mu (images, count), all of one pose and one mounting."""
     count = (ORDER + 1) * (ORDER + 2) // 2
     if order < ORDER:
         raise ServoError(
             f"the camera node sends moments up to order {order}, {ORDER} are needed: raise ~order"
         )
-    return Desired(name, joints, depth, ORDER, m[:, :count].mean(0), mu[:, :count].mean(0))
+    return Desired(name, joints, depth, ORDER, m[:, :count].mean(0), mu[:, :count].mean(0),
+                   mounting=flange_T_optical)
 
 
 def _live(arguments: argparse.Namespace) -> Desired:
@@ -79,7 +46,7 @@ def _live(arguments: argparse.Namespace) -> Desired:
     from std_msgs.msg import Float64, Float64MultiArray
 
     from .conversions import joint_positions
-    from .node import CONTROLLERS, NAMESPACE
+    from .node import CONTROLLERS, NAMESPACE, find_mounting
 
     rospy.init_node("teach", anonymous=True)
     images: list[ImageMoments] = []
@@ -120,7 +87,8 @@ def _live(arguments: argparse.Namespace) -> Desired:
 
     good = [image for image in images if image.valid]
     pose = np.array(DESIRED_JOINTS[arguments.go]) if arguments.go else joints[0]
-    depth = arguments.depth or target_depth(Kinematics().pose(pose))
+    kinematics = Kinematics(mounting=find_mounting())
+    depth = arguments.depth or target_depth(kinematics.pose(pose))
     desired = from_samples(
         pose,
         depth,
@@ -128,6 +96,7 @@ def _live(arguments: argparse.Namespace) -> Desired:
         np.array([image.m for image in good]),
         np.array([image.mu for image in good]),
         arguments.file.name,
+        kinematics.mounting,
     )
     if not kernels:
         return desired

@@ -14,7 +14,7 @@ from ..schemes import find
 from ..schemes.base import Measurement
 from ..schemes.moments import MomentsScheme
 from ..servo import CONVERGED
-from .run import Images, MomentsTrack, Run, desired_pose
+from .run import Images, MomentsTrack, Run
 
 SETTLED = 0.02  # part of the initial error norm
 LATE = 1.5  # image periods
@@ -86,7 +86,7 @@ def summarise(run: Run, desired: Desired, **extra: Any) -> dict[str, Any]:
     late = stamp >= stamp[-1] - FINAL_WINDOW
     final = error[late].mean(axis=0)
     worst = np.abs(error[stamp >= stamp[-1] - 2.0]).max(axis=0)
-    distance, angle = pose_difference(desired_pose(desired.joints), run.camera_pose[-1])
+    distance, angle = pose_difference(desired.camera_pose, run.camera_pose[-1])
     names = MomentsScheme.feature_names
     return {
         "converged": states.phase[-1] == CONVERGED,

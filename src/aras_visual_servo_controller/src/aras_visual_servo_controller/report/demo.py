@@ -17,12 +17,14 @@ from typing import Any
 import numpy as np
 import rospy
 
-from ..desired import Desired
 from ..errors import ServoError
+from ..kinematics import Kinematics
+from ..servo import HOLDING
 from .processes import Launch, free_port
 
 STARTUP_TIMEOUT = 90.0  # s of wall time until joint states and the recorder are there
 WALL_PER_SIMULATED = 6.0  # patience with a slow machine
+HOLDING_PATIENCE = 5.0  # s of wall time for a controller that holds before it has begun
 AFTERGLOW = 0.5  # s recorded beyond convergence
 
 
@@ -45,12 +47,28 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
         "--timeout", type=float, default=20.0, help="simulated s to converge in (default 20)"
     )
     parser.add_argument("--camera", default="original", help="camera preset (default original)")
+    for part, unit in (("xyz", "m"), ("rpy", "rad")):
+        parser.add_argument(
+            f"--camera-{part}", type=_three, metavar="'0 0 0'",
+            help=f"where the camera is mounted in camera_link, {unit} (default: not moved)",
+        )
     arguments = parser.parse_args(argv)
     if arguments.rviz and not os.environ.get("DISPLAY"):
         parser.error("--rviz needs a display: DISPLAY is not set")
     if not arguments.timeout > 0.0:
         parser.error(f"--timeout must be above 0, not {arguments.timeout}")
     return arguments
+
+
+def _three(text: str) -> str:
+    """Three finite numbers, as one text for roslaunch."""
+    try:
+        numbers = [float(word) for word in text.split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 3 or not np.isfinite(numbers).all():
+        raise argparse.ArgumentTypeError(f"'{text}' must be three finite numbers, as '0 0.03 0'")
+    return text
 
 
 class Demo:
@@ -63,7 +81,9 @@ class Demo:
         self.uri = f"http://localhost:{free_port()}"
         self.launches: list[Launch] = []
         self.progress: Any = None
+        self.mounting: np.ndarray | None = None
         self._checked = 0.0
+        self._holds_since: float | None = None
 
     def run(self) -> int:
         """Returns the exit status."""
@@ -79,6 +99,7 @@ class Demo:
 
     def _start(self) -> None:
         """Bring up master, simulator, recorder and nodes."""
+        from ..node import find_mounting
         from .watch import Watch, wait_for_master
 
         _say("starting the simulator")
@@ -93,6 +114,7 @@ class Demo:
             record="true",
             bag=str(self.bag),
             camera=self.arguments.camera,
+            **self._moved(),
             show_rviz=str(self.arguments.rviz).lower(),
             server_required="true",
         )
@@ -105,6 +127,7 @@ class Demo:
             STARTUP_TIMEOUT,
             "the simulated robot and the recorder",
         )
+        self.mounting = find_mounting()
         # The recorder and this process: rosbag takes a second to connect to a new topic.
         rospy.set_param("/aras_visual_servo_controller/listeners", 2)
         _say("starting the camera and controller nodes")
@@ -154,12 +177,12 @@ class Demo:
         """Write summary, pictures and plots; print the table."""
         from ..settings import Settings
         from . import analysis, plots
-        from .run import desired_pose, read_bag
+        from .run import read_bag
 
         _say("reading the bag, drawing the plots")
         run = read_bag(self.bag)
         settings = Settings(start=self.arguments.start, package=_package())
-        desired = Desired.load(settings.desired_path())
+        desired = settings.load_desired(Kinematics(mounting=self.mounting))
         scheme = self.arguments.scheme
         factor = self.progress.real_time_factor
         summary = analysis.summarise(
@@ -176,7 +199,7 @@ class Demo:
         thresholds = analysis.thresholds(scheme)
         plots.write_all(
             run,
-            desired_pose(desired.joints),
+            desired.camera_pose,
             np.array(desired.m[1:3]) / desired.m[0],
             self.out,
             thresholds,
@@ -187,6 +210,11 @@ class Demo:
               f"{self.arguments.start}:\n\n{analysis.table(summary)}\n\n"
               f"  Results in {self.out}/\n", flush=True)
         return 0 if summary["converged"] else 1
+
+    def _moved(self) -> dict[str, str]:
+        """Launch arguments of a camera that was moved."""
+        given = vars(self.arguments)
+        return {name: given[name] for name in ("camera_xyz", "camera_rpy") if given[name]}
 
     def _launch(self, name: str, arguments: list[str], **values: str) -> Launch:
         given = [f"{key}:={value}" for key, value in values.items()]
@@ -217,6 +245,13 @@ class Demo:
         for launch in self.launches:
             if death := launch.death():
                 raise ServoError(f"{death}; its last words:\n{launch.last_lines()}")
+        progress = self.progress
+        if progress is None or progress.began is not None or progress.phase != HOLDING:
+            self._holds_since = None
+        elif self._holds_since is None:
+            self._holds_since = now
+        elif now - self._holds_since > HOLDING_PATIENCE:
+            raise ServoError(f"the controller holds still: {progress.reason}")
 
 
 def _package() -> Path:

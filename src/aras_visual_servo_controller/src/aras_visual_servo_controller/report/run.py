@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import ServoError
-from ..kinematics import JOINT_NAMES, Kinematics
+from ..kinematics import JOINT_NAMES
 
 NAMESPACE = "/aras_visual_servo"
 CAMERA_LINK = "camera_link"
@@ -269,8 +269,3 @@ def _rgb(message: Any) -> np.ndarray | None:
     if message.encoding == "bgr8":
         image = image[..., ::-1]
     return np.repeat(image, 3, axis=2) if channels == 1 else image.copy()
-
-
-def desired_pose(joints: np.ndarray) -> np.ndarray:
-    """`base_T_optical` (4, 4) at the desired joints (6,)."""
-    return Kinematics().pose(np.asarray(joints, float))

@@ -24,6 +24,7 @@ class Measurement:
         kernel: (20,) inverse Jacobian row by row and four features, or None.
         K: (3, 3) intrinsics of the image, pixels.
         width, height: of the image, pixels.
+        pixel_count: pixels of the target as the camera node segments it; 0 where it is not known.
     """
 
     stamp: float
@@ -34,6 +35,7 @@ class Measurement:
     K: np.ndarray = field(default_factory=lambda: np.eye(3))
     width: int = 0
     height: int = 0
+    pixel_count: int = 0
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,8 @@ class KernelScheme(Scheme):
     # One row of pixels turns the angle of a near-square by 0.03 rad from one image to the next;
     # at full gain the camera would tremble after it.
     angle_gain: ClassVar[float] = 0.3
+    # The original's threshold of 250 takes a rim of pixels for target, of what is not white all.
+    too_many: ClassVar[float] = 2.0
 
     def __init__(self, desired: Desired, law: Law) -> None:
         super().__init__(desired, law)
@@ -77,6 +79,13 @@ class KernelScheme(Scheme):
         k = data[16:]
         if not np.isfinite(data).all() or k[2] <= 0.0:
             raise MeasurementError("the target is not visible: the kernel features are empty")
+        counted = round(k[2] / (ROW_STEP * COLUMN_STEP))
+        if 0 < self.too_many * measurement.pixel_count < counted:
+            raise MeasurementError(
+                f"camera/data counts {counted} pixels as target, which has "
+                f"{measurement.pixel_count}: the ground is noisy or not white; lower the camera "
+                "node's ~original_threshold"
+            )
         try:
             J = np.linalg.inv(data[:16].reshape(4, 4))
         except np.linalg.LinAlgError as error:

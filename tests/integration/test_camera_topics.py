@@ -18,7 +18,7 @@ from gazebo_msgs.msg import PerformanceMetrics
 from ros_graph import wait_for, wait_for_message
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sensor_msgs.srv import SetCameraInfo
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 from tf2_msgs.msg import TFMessage
 
 CAMERA = "/labrob/camera"
@@ -222,9 +222,11 @@ def test_set_camera_info_writes_its_file(ros_master):
     info = wait_for_message(f"{CAMERA}/camera_info", CameraInfo)
     changed = CameraInfo(**{name: getattr(info, name) for name in info.__slots__})
     changed.K = [100.0, 0, 160, 0, 100, 120, 0, 0, 1]
+    changed.header = Header()  # as camera_calibration sends it
     service = rospy.ServiceProxy(f"{CAMERA}/set_camera_info", SetCameraInfo)
     assert service(changed).success
-    wait_for_message(f"{CAMERA}/camera_info", CameraInfo, where=lambda m: m.K[0] == 100.0)
+    taken = wait_for_message(f"{CAMERA}/camera_info", CameraInfo, where=lambda m: m.K[0] == 100.0)
+    assert taken.header.frame_id == info.header.frame_id != ""
     path = Path(ros_master.environment["ROS_HOME"], "camera_info", "labrob", "camera.yaml")
     written = yaml.safe_load(path.read_text())
     assert written["camera_name"] == "labrob/camera"

@@ -68,6 +68,24 @@ def test_a_wrong_setting_is_named(key, value, words):
     assert key in str(error.value)
 
 
+def test_a_wrong_setting_of_a_robots_camera_says_where_it_was_read():
+    sensor = """<gazebo reference="box"><sensor type="camera" name="eye"><camera/>
+      <plugin name="p" filename="libgazebo_ros_camera.so"><cameraName>lab/eye</cameraName></plugin>
+      </sensor></gazebo></robot>"""
+    (camera,) = parse_urdf(BOX.replace("</robot>", sensor)).cameras
+
+    def refusal(settings):
+        with pytest.raises(CameraError) as error:
+            mounting.robot_camera(camera, {"lab": {"eye": settings}}, {}, 0)
+        return str(error.value)
+
+    assert refusal({"horizontal_fov": 0.0}) == (
+        "camera 'eye': horizontal_fov 0.0 rad: lens pinhole reaches above 0 and below 3.142 rad "
+        "(its settings are those of 'lab/eye')"
+    )
+    assert "'parent' is for cameras with 'parent: world'" in refusal({"parent": "world"})
+
+
 @pytest.mark.parametrize("pose", [
     [1, 2, 3, 0, 0, 0.5], "1 2 3 0 0 0.5", {"xyz": [1, 2, 3], "rpy": "0 0 0.5"},
 ])

@@ -116,9 +116,14 @@ def robot_camera(camera: Any, settings: Mapping[str, Any], defaults: Mapping[str
                 "moved in its link by 'xyz' and 'rpy'"
             )
     _check_link(own, name)
-    return CameraConfig.from_description(
-        camera, {"seed": seed_of(seed, name), **defaults, **own}
-    )
+    try:
+        return CameraConfig.from_description(
+            camera, {"seed": seed_of(seed, name), **defaults, **own}
+        )
+    except CameraError as error:
+        if not own:
+            raise
+        raise CameraError(f"{error} (its settings are those of '{name}')") from None
 
 
 def world_camera(name: str, settings: Mapping[str, Any], defaults: Mapping[str, Any],

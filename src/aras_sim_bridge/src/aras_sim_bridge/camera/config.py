@@ -144,7 +144,7 @@ class CameraConfig:
             check(0.0 < fov < limit,
                   f"horizontal_fov {fov} rad: lens {self.lens} reaches above 0 and below "
                   f"{limit:.4g} rad" + ("; take a fisheye lens for more"
-                                        if self.lens == "pinhole" else ""))
+                                        if self.lens == "pinhole" and fov >= limit else ""))
         if self.cutoff_angle is not None:
             check(self.lens != "pinhole", "cutoff_angle is for wide-angle lenses; leave it out")
             check(0.0 < self.cutoff_angle <= reach + 1e-9,

@@ -26,7 +26,7 @@ class Frame:
     """One picture.
 
     stamp_ns: middle of the exposure on the simulated clock; encoding as ROS names it.
-    depth: (H, W) float32 m along the optical axis, inf where nothing is, or None.
+    depth: (H, W) float32 m as Renderer.measure has it, inf where nothing is, or None.
     segmentation: (H, W) int32, body id + (link index + 1) << 24, -1 where nothing is, or None.
     Both are of the stamp's instant (with motion blur, of the partial exposure nearest to it).
     """

@@ -166,10 +166,13 @@ class CameraTopics:
             self._segmentation.publish(stamp, self._frame_id, frame.segmentation, "32SC1")
 
     def _on_set_camera_info(self, request: SetCameraInfo) -> SetCameraInfoResponse:
-        # As camera_info_manager: taken over even where the file cannot be written.
-        self._info_message = request.camera_info
+        # As camera_info_manager: taken over even where the file cannot be written. Calibrators
+        # leave the frame empty, but an info without the frame of its image is of no use.
+        info = request.camera_info
+        info.header.frame_id = info.header.frame_id or self._frame_id
+        self._info_message = info
         try:
-            path = save_calibration(request.camera_info, self._camera_name)
+            path = save_calibration(info, self._camera_name)
         except (CameraError, OSError) as error:
             return SetCameraInfoResponse(False, f"Error storing camera calibration: {error}")
         rospy.loginfo("%s: calibration written to %s", self.namespace, path)

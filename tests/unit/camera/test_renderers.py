@@ -7,6 +7,7 @@ import pybullet
 import pytest
 from scenes import Bench, looking, table_and_target
 
+from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.errors import RenderingError
 from aras_sim_bridge.rendering import COLOURS, MaterialTable, View, create_renderer, opengl
 from aras_sim_bridge.rendering import meshes as mesh_files
@@ -285,3 +286,33 @@ def test_shapes_are_closed_and_face_outwards():
         assert not mesh_files.contains(mesh, np.array([0.0, 0.0, 1.6]))
         outward = np.einsum("ni,ni->n", mesh.normals, mesh.positions)
         assert (outward > -1e-6).all()
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
+@pytest.mark.parametrize(
+    ("lens", "along_ray"),
+    [
+        (dict(horizontal_fov=2.0), False),
+        (dict(camera_matrix=(45.0, 45.0, 79.5, 59.5),
+              distortion_coefficients=(0.05, 0.0, 0.0, 0.0, 0.0)), False),
+        (dict(lens="equidistant", horizontal_fov=2.2), False),
+        (dict(lens="equidistant", horizontal_fov=np.pi), True),
+    ],
+)  # fmt: skip
+def test_depth_of_a_wall_through_lenses(bench, renderer, lens, along_ray):
+    """All of a wall across the view is at one depth, unless the lens sees beyond all walls."""
+    bench.box([0.01, 50.0, 50.0], [0.51, 0.0, 0.0])
+    settings = {"width": 160, "height": 120, "far": 50.0, **lens}
+    sensor = CameraSensor(
+        CameraConfig.from_mapping(settings),
+        create_renderer(renderer, bench.client, bench.materials),
+    )
+    depth, label = sensor.renderer.measure(sensor._view(np.eye(4)))
+    v, u = np.mgrid[:120, :160]
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
+    rays = sensor.config.model.unproject(pixels).reshape(120, 160, 3)
+    with np.errstate(invalid="ignore"):
+        expected = 0.5 / rays[..., 2] if along_ray else np.full(u.shape, 0.5)
+        seen = (label >= 0) & (rays[..., 2] > 0.3)
+    assert seen.mean() > 0.5
+    assert np.abs(depth[seen] / expected[seen] - 1.0).max() < 0.03

@@ -35,7 +35,7 @@ class Renderer(Protocol):
         """Depth and segmentation of the view, one sample a pixel.
 
         Depth (height, width) float32, m, inf where nothing is: along the optical axis, or
-        along the ray through lenses so wide that they need several faces. Segmentation
+        along the ray through lenses with pixels that look sideways or back. Segmentation
         (height, width) int32: body id + (link index + 1) << 24 as in Bullet, -1 where nothing is.
         """
 

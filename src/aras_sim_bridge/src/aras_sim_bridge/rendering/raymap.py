@@ -65,12 +65,14 @@ class RayMap:
         self.rays = rays.reshape(height, width, 3)
         self.faces, self.atlas_size, face_of = self._lay_out(density)
         self.lookup = self._lookup(face_of)
-        # Distance along the ray for a depth of 1 along the face's axis.
-        self._range: np.ndarray | None = None
+        # Depth of the picture for a depth of 1 along the face's axis.
+        self._depth: np.ndarray | None = None
         if len(self.faces) > 1:
             axes = np.array([f.rotation[2] for f in self.faces])[face_of]
+            forward = self.rays[..., 2]
             with np.errstate(invalid="ignore"):
-                self._range = (1.0 / (self.rays * axes).sum(axis=2)).astype(np.float32)
+                depth = forward if (forward[self.valid] > 0.0).all() else 1.0
+                self._depth = (depth / (self.rays * axes).sum(axis=2)).astype(np.float32)
 
     def _lay_out(self, density: float) -> tuple[list[Face], tuple[int, int], np.ndarray]:
         rays = self.rays[self.valid]
@@ -135,10 +137,10 @@ class RayMap:
     def look_up_depth(self, atlas: np.ndarray) -> np.ndarray:
         """Depth of the picture from depths along the faces' axes, m.
 
-        One face looks along the optical axis and keeps its depths; with several, where an axis
-        means little, depth is the distance along the ray.
+        Along the optical axis (REP 118) through a lens whose pixels all look forwards; where one
+        looks sideways or back, so that this depth means little, the distance along the ray.
         """
         depth = self.look_up(atlas)
-        if self._range is None:
+        if self._depth is None:
             return depth
-        return depth * self._range
+        return depth * self._depth

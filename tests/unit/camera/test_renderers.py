@@ -2,6 +2,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 
+import cv2
 import numpy as np
 import pybullet
 import pytest
@@ -239,8 +240,6 @@ def spawn_mesh(bench, path):
 
 
 def test_obj_materials_and_textures(bench, tmp_path):
-    import cv2
-
     (tmp_path / "cube.mtl").write_text(
         "newmtl plain\nKd 0 0.5 1\nnewmtl picture\nKd 1 1 1\nmap_Kd half.png\n"
     )
@@ -260,10 +259,78 @@ def test_obj_materials_and_textures(bench, tmp_path):
         pybullet.removeBody(body, physicsClientId=bench.client)
 
 
+SQUARE_DAE = """<?xml version="1.0"?>
+<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset><unit name="centimetre" meter="0.01"/><up_axis>Y_UP</up_axis></asset>
+<library_images><image id="half"><init_from>half.png</init_from></image></library_images>
+<library_effects><effect id="e"><profile_COMMON>
+<newparam sid="f"><surface type="2D"><init_from>half</init_from></surface></newparam>
+<newparam sid="s"><sampler2D><source>f</source></sampler2D></newparam>
+<technique sid="t"><lambert><diffuse>{diffuse}</diffuse></lambert></technique>
+</profile_COMMON></effect></library_effects>
+<library_materials><material id="m"><instance_effect url="#e"/></material></library_materials>
+<library_geometries><geometry id="g"><mesh>
+<source id="p"><float_array id="pa" count="12">0 0 0 50 0 0 50 50 0 0 50 0</float_array>
+<technique_common><accessor source="#pa" count="4" stride="3"><param name="X" type="float"/>
+<param name="Y" type="float"/><param name="Z" type="float"/></accessor></technique_common></source>
+<source id="t"><float_array id="ta" count="8">0 0 1 0 1 1 0 1</float_array>
+<technique_common><accessor source="#ta" count="4" stride="2"><param name="S" type="float"/>
+<param name="T" type="float"/></accessor></technique_common></source>
+<vertices id="v"><input semantic="POSITION" source="#p"/></vertices>
+<polylist material="look" count="1"><input semantic="VERTEX" source="#v" offset="0"/>
+<input semantic="TEXCOORD" source="#t" offset="1" set="0"/>
+<vcount>4</vcount><p>0 0 1 1 2 2 3 3</p></polylist></mesh></geometry></library_geometries>
+<library_visual_scenes><visual_scene id="w"><node id="n">
+<matrix>2 0 0 0 0 2 0 0 0 0 2 0 0 0 0 1</matrix><instance_geometry url="#g"><bind_material>
+<technique_common><instance_material symbol="look" target="#m"/></technique_common>
+</bind_material></instance_geometry></node></visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#w"/></scene></COLLADA>"""
+
+
+@pytest.mark.parametrize(
+    ("diffuse", "left", "right"),
+    [
+        ("<color>0 0.5 1 1</color>", [0, 140, 255], [0, 140, 255]),
+        ('<texture texture="s" texcoord="UV"/>', [0, 0, 0], [255, 0, 0]),
+    ],
+)
+def test_collada_units_colours_and_textures(bench, tmp_path, diffuse, left, right):
+    """Half a metre in centimetres, doubled by its node, is the metre that the camera sees."""
+    picture = np.zeros((64, 64, 3), np.uint8)
+    picture[:, 32:] = (0, 0, 255)
+    cv2.imwrite(str(tmp_path / "half.png"), picture)
+    path = tmp_path / "square.dae"
+    path.write_text(SQUARE_DAE.format(diffuse=diffuse))
+    (mesh,) = mesh_files.load(path)
+    assert np.abs(np.ptp(mesh.positions, axis=0) - [1.0, 1.0, 0.0]).max() < 1e-6
+    spawn_mesh(bench, path)
+    renderer = create_renderer("opengl", bench.client, bench.materials)
+    pose = looking([0.5, 0.5, 1.0], [0.5, 0.5, 0], (0, 1, 0))
+    image = renderer.render(View(160, 120, pose, K, 0.02))
+    assert np.abs(image[60, 30].astype(int) - left).max() <= 2
+    assert np.abs(image[60, 130].astype(int) - right).max() <= 2
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_an_unreadable_mesh_leaves_the_rest_in_view(bench, tmp_path, caplog, renderer):
+    path = tmp_path / "cut.stl"
+    path.write_bytes(b"\0" * 80 + (1).to_bytes(4, "little") + b"\0" * 50)
+    bench.box([0.3, 0.3, 0.3], [0.0, 0.0, 0.3], "Gazebo/Red")
+    spawn_mesh(bench, path)
+    drawn = create_renderer(renderer, bench.client, bench.materials)
+    for _ in range(2):
+        image = drawn.render(view())
+    assert (image[..., 0] > image[..., 1].astype(int) + 50).any()
+    assert [str(path) in text for text in caplog.messages] == [True]
+
+
 @pytest.mark.parametrize("name, content", [
     ("cut.stl", b"\0" * 80 + (1000).to_bytes(4, "little") + b"\0" * 100),
     ("empty.obj", b"v 0 0 0\n"),
     ("strange.ply", b"ply"),
+    ("nothing.dae", b"<a/>"),
+    ("torn.dae", SQUARE_DAE[:500].encode()),
+    ("doctype.dae", b"<!DOCTYPE a [<!ENTITY b 'c'>]><a>&b;</a>"),
     ("wrong.obj", b"v 0 0 0\nf 1 2 3\n"),
     ("nan.stl", b"solid x\nvertex nan 0 0\nvertex 1 0 0\nvertex 0 1 0\n"),
 ])

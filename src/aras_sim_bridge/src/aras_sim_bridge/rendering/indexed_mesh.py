@@ -68,6 +68,38 @@ def from_corners(corners: np.ndarray, crease: float = CREASE_ANGLE) -> Mesh:
                 inverse.reshape(-1, 3).astype(np.int32))
 
 
+def from_indices(
+    index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarray,
+    rgba: tuple[float, float, float, float] | None, texture: str | None,
+) -> Mesh:
+    """Mesh of a file that counts positions, texture coordinates and normals apart.
+
+    index: (T, 3 corners, 3) numbers into v (V, 3), vt (., 2) and vn (., 3), -1 where one lacks.
+    Normals are made where a corner has none; a texture without coordinates is left out.
+    """
+    textured = texture is not None and len(vt) and (index[..., 1] >= 0).all()
+    if not textured:
+        texture = None
+    if not (len(vn) and (index[..., 2] >= 0).all()) and not textured:
+        mesh = from_corners(v[index[..., 0]])
+        return Mesh(mesh.positions, mesh.normals, mesh.triangles, rgba=rgba)
+    flat = index.reshape(-1, 3)
+    key, inverse = np.unique(flat, axis=0, return_inverse=True)
+    positions = v[key[:, 0]]
+    triangles = inverse.reshape(-1, 3)
+    if len(vn) and (index[..., 2] >= 0).all():
+        n = vn[key[:, 2]]
+    else:
+        n = np.zeros_like(positions)
+        corners = positions[triangles]
+        face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        np.add.at(n, triangles.reshape(-1), np.repeat(face, 3, axis=0))
+    n = n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-20)
+    uv = vt[key[:, 1]].astype(np.float32) if textured else None
+    return Mesh(positions.astype(np.float32), n.astype(np.float32), triangles.astype(np.int32),
+                uv, texture, rgba)
+
+
 def _smooth(point: np.ndarray, weighted: np.ndarray, unit: np.ndarray, cosine: float) -> np.ndarray:
     """Corner normals: the area-weighted mean over the faces at a point within the crease angle."""
     order = np.argsort(point, kind="stable")

@@ -1,4 +1,4 @@
-"""Triangles: the primitive shapes, and STL and OBJ files."""
+"""Triangles: the primitive shapes, and STL, OBJ and Collada files."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import RenderingError
+from .collada import load_collada
 from .indexed_mesh import Mesh, from_corners, normalised
 from .obj import load_obj
 
@@ -81,13 +82,13 @@ def contains(mesh: Mesh, point: np.ndarray) -> bool:
 
 
 def load(path: str | Path) -> list[Mesh]:
-    """Meshes of an STL or OBJ file, one for each material.
+    """Meshes of a file, one for each material.
 
     Raises RenderingError that names the file.
     """
     path = Path(path)
     kind = path.suffix.lower()
-    readers = {".stl": _load_stl, ".obj": load_obj}
+    readers = {".dae": load_collada, ".obj": load_obj, ".stl": _load_stl}
     if kind not in readers:
         raise RenderingError(
             f"mesh '{path}': '{kind}' files are not read; convert it to one of "

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import RenderingError
-from .indexed_mesh import Mesh, from_corners
+from .indexed_mesh import Mesh, from_indices
 
 
 def load_obj(path: Path) -> list[Mesh]:
@@ -51,7 +51,7 @@ def load_obj(path: Path) -> list[Mesh]:
     for name, triangles in faces.items():
         index = np.array(triangles)  # (T, 3 corners, 3 of v/vt/vn)
         rgba, texture = materials.get(name, (None, None))
-        meshes.append(_mesh(index, v, vt, vn, rgba, texture))
+        meshes.append(from_indices(index, v, vt, vn, rgba, texture))
     return meshes
 
 
@@ -66,30 +66,6 @@ def _corner(word: str, *counts: int) -> tuple[int, int, int]:
             raise RenderingError(f"face refers to element {i} of {count}")
         out.append(index)
     return tuple(out)
-
-
-def _mesh(index, v, vt, vn, rgba, texture) -> Mesh:
-    textured = texture is not None and len(vt) and (index[..., 1] >= 0).all()
-    if not textured:
-        texture = None
-    if not (len(vn) and (index[..., 2] >= 0).all()) and not textured:
-        mesh = from_corners(v[index[..., 0]])
-        return Mesh(mesh.positions, mesh.normals, mesh.triangles, rgba=rgba)
-    flat = index.reshape(-1, 3)
-    key, inverse = np.unique(flat, axis=0, return_inverse=True)
-    positions = v[key[:, 0]]
-    triangles = inverse.reshape(-1, 3)
-    if len(vn) and (index[..., 2] >= 0).all():
-        n = vn[key[:, 2]]
-    else:
-        n = np.zeros_like(positions)
-        corners = positions[triangles]
-        face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        np.add.at(n, triangles.reshape(-1), np.repeat(face, 3, axis=0))
-    n = n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-20)
-    uv = vt[key[:, 1]].astype(np.float32) if textured else None
-    return Mesh(positions.astype(np.float32), n.astype(np.float32), triangles.astype(np.int32),
-                uv, texture, rgba)
 
 
 def _load_mtl(path: Path) -> dict[str, tuple[tuple | None, str | None]]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from aras_sim_bridge.bullet import pybullet
 
+from ..errors import RenderingError
 from . import meshes
 from .gazebo_materials import COLOURS, Rgba
 from .indexed_mesh import Mesh
@@ -79,7 +80,7 @@ class Scene:
     def refresh(self) -> bool:
         """Read the shapes again if models or colours changed; True if they did.
 
-        Raises RenderingError when a mesh file cannot be read.
+        What cannot be drawn is left out, with a log line that names the link and the mend.
         """
         n = pybullet.getNumBodies(physicsClientId=self.client)
         ids = tuple(
@@ -213,7 +214,11 @@ class Scene:
                                        "back; it is not drawn. Load it from a mesh file")
                 return []
             if name not in self._mesh_files:
-                self._mesh_files[name] = meshes.load(name)
+                try:
+                    self._mesh_files[name] = meshes.load(name)
+                except RenderingError as error:  # the rest of the world is still worth seeing
+                    self._warn_once(where, f"is not drawn: {error}")
+                    return []
             return self._mesh_files[name]
         makers: dict[int, Callable[[], Mesh]] = {
             pybullet.GEOM_BOX: lambda: meshes.box(np.array(dims)),

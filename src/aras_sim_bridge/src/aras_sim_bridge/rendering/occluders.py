@@ -6,12 +6,30 @@ rasterised for nothing, and cost more than the rest of the picture.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from .clusters import Clusters
 from .faces import Faces
 
 MOST = 8
+
+
+@dataclass(frozen=True)
+class Backdrop:
+    """A quad of one colour and one normal that fills a face.
+
+    plane: (4,) n, d in the optical frame, with n . x > d on the eye's side.
+    first: the first of its two triangles. row: of its link in `Scene.poses`.
+    normal: (3,), unit, in the link frame. rgba: (4,) albedo, 0..1.
+    """
+
+    plane: np.ndarray
+    first: int
+    row: int
+    normal: np.ndarray
+    rgba: np.ndarray
 
 
 class Occluders:
@@ -27,17 +45,21 @@ class Occluders:
             if transparent[clusters.part[first]]:
                 continue
             corners = _quad(clusters.corners[first:first + 2])
-            if corners is not None:
+            vertex = clusters.vertices[clusters.indices[first:first + 2].reshape(-1)]
+            flat = (vertex["normal"] == vertex["normal"][0]).all() and vertex["uv"][0, 2] < 0
+            if corners is not None and flat:
                 size = np.linalg.norm(np.cross(corners[1] - corners[0], corners[3] - corners[0]))
-                found.append((size, clusters.row[cluster], corners))
+                found.append((size, first, clusters.row[cluster], corners, vertex[0]))
         found.sort(key=lambda item: -item[0])
-        self._row = np.array([row for _, row, _ in found[:MOST]], int)
-        self._corners = np.array([c for _, _, c in found[:MOST]]).reshape(-1, 4, 3)
+        _, first, row, corners, vertex = zip(*found[:MOST], strict=True) if found else [()] * 5
+        self._first, self._vertex = first, vertex
+        self._row = np.array(row, int)
+        self._corners = np.array(corners).reshape(-1, 4, 3)
 
-    def filling(self, faces: Faces, T: np.ndarray) -> np.ndarray | None:
-        """Plane (4,) n, d of a quad that fills the whole of a single face, or None.
+    def filling(self, faces: Faces, T: np.ndarray) -> Backdrop | None:
+        """The quad that fills the whole of a single face, or None.
 
-        In the optical frame, with n . x > d on the eye's side. T: (rows, 4, 4) optical_T_link.
+        T: (rows, 4, 4) optical_T_link.
         """
         if not len(self._row):
             return None
@@ -45,7 +67,8 @@ class Occluders:
         p = self._corners @ pose[:, :3, :3].transpose(0, 2, 1) + pose[:, None, :3, 3]
         z = p[..., 2]
         good = (z.min(axis=1) > faces.near) & (z.max(axis=1) < faces.far)
-        if not good.any():
+        good = np.flatnonzero(good)
+        if not len(good):
             return None
         p = p[good]
         n = np.cross(p[:, 1] - p[:, 0], p[:, 3] - p[:, 0])
@@ -62,9 +85,11 @@ class Occluders:
         if not fills.any():
             return None
         # The nearest where the middle of the view meets it.
-        n, d = n[fills], d[fills]
+        n, d, good = n[fills], d[fills], good[fills]
         k = int((d / (n @ [*view.mean(axis=0), 1.0])).argmin())
-        return np.array([*n[k], d[k]]) / np.linalg.norm(n[k])
+        vertex, number = self._vertex[good[k]], good[k]
+        return Backdrop(np.array([*n[k], d[k]]) / np.linalg.norm(n[k]), int(self._first[number]),
+                        int(self._row[number]), vertex["normal"], vertex["rgba"] / 255.0)
 
 
 def _quad(corners: np.ndarray) -> np.ndarray | None:

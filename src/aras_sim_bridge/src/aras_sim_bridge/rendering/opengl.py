@@ -9,7 +9,7 @@ picture and measures several times finer. Lenses take 4 samples or more of every
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import cv2
 import moderngl
@@ -18,16 +18,17 @@ import numpy as np
 from ..errors import RenderingError
 from . import refinement, shaders
 from .faces import Faces, tiles, whole
-from .gl_geometry import Geometry
+from .gl_geometry import Geometry, Shown
 from .gl_lens import LensPass
 from .gl_target import Target, create_context
 from .refinement import TILE, EdgeFinder
 from .scene import Scene
 from .view import Light, MaterialTable, View
+from .visibility import TOUCHING
 
 ANTIALIASING = ("edges", "multisample", "none")
 MULTISAMPLES = 4
-ATLAS_COLUMNS = 16
+ATLAS_COLUMNS = 4
 # What clipping one triangle to a tile costs, in drawn samples; measured on the software rasteriser.
 CLIP_COST = 750
 # Samples along a pixel's side in tiles with edges. Over 150 poses the target's area is then right
@@ -112,8 +113,7 @@ class OpenGLRenderer:
         target = self._targets[key]
         target.draw.use()
         target.draw.clear(0.0, 0.0, 0.0, 0.0)
-        program = self._program(len(faces) > 1, measure=True)
-        self._geometry.draw(program, shown.faces, shown.triangle, shown.face, optical_T_link, sun)
+        self._geometry.draw(self._program(len(faces) > 1, measure=True), shown)
         measured = target.read(self._ctx)
         depth, row = measured[..., 0], measured[..., 1]
         if lens is not None:
@@ -124,26 +124,26 @@ class OpenGLRenderer:
     def bodies_around(self, point: np.ndarray) -> list[str]:
         return self.scene.bodies_around(point)
 
-    def _shown(self, faces: Faces, optical_T_link: np.ndarray, sun: np.ndarray) -> _Shown:
+    def _shown(self, faces: Faces, optical_T_link: np.ndarray, sun: np.ndarray) -> Shown:
         """What each face can show."""
         triangle, face = self._geometry.visibility.on_faces(faces, optical_T_link)
-        return _Shown(faces, triangle, face, optical_T_link, sun)
+        return Shown(faces, optical_T_link, sun, triangle, face)
 
     def _flat(self, view: View, optical_T_link: np.ndarray, sun: np.ndarray) -> np.ndarray:
         """Picture of a pinhole, (height, width, 4)."""
         w, h = view.width, view.height
         faces = whole(view)
-        triangle, bounds = self._geometry.visibility.in_view(
-            faces, optical_T_link, MANY_TRIANGLES
-        )
-        shown = _Shown(faces, triangle, np.zeros(len(triangle), int), optical_T_link, sun)
+        seen = self._geometry.visibility.in_view(faces, optical_T_link, MANY_TRIANGLES)
+        face = None if seen.triangle is None else np.zeros(len(seen.triangle), int)
+        shown = Shown(faces, optical_T_link, sun, seen.triangle, face, seen.cluster,
+                      seen.backdrop, seen.cut)
         if self.antialiasing == "edges" and min(w, h) < TILE:
             return cv2.resize(self._picture(shown, (4 * w, 4 * h)), (w, h),
                               interpolation=cv2.INTER_AREA)
         if self.antialiasing == "edges":
-            if bounds is None:
+            if seen.triangle is None:
                 return self._denser(shown, w, h, 2)
-            return self._refine(view, self._picture(shown, (w, h)), shown, bounds)
+            return self._refine(view, self._picture(shown, (w, h)), shown, seen.bounds)
         return self._picture(shown, (w, h), self._samples)
 
     def _through_lens(self, view: View, optical_T_link: np.ndarray, sun: np.ndarray
@@ -181,28 +181,39 @@ class OpenGLRenderer:
         optical_T_link = np.linalg.inv(view.world_T_optical) @ world_T_link
         return optical_T_link, self.light.to_sun @ world_T_link[:, :3, :3]
 
-    def _picture(self, shown: _Shown, size: tuple[int, int], samples: int = 1,
+    def _picture(self, shown: Shown, size: tuple[int, int], samples: int = 1,
                  lattice: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
         """Draw into a framebuffer of `size`; its pixels, (height, width, 4)."""
         return self._drawn(shown, size, samples, lattice=lattice).read(self._ctx)
 
-    def _drawn(self, shown: _Shown, size: tuple[int, int], samples: int = 1,
+    def _drawn(self, shown: Shown, size: tuple[int, int], samples: int = 1,
                texture: bool = False, lattice: tuple[float, float] = (0.0, 0.0)) -> Target:
         key = (*size, samples, texture)
         if key not in self._targets:
             self._targets[key] = Target(self._ctx, *size, samples, texture)
         target = self._targets[key]
         target.draw.use()
-        target.draw.clear(*self.light.background)
+        target.draw.clear(*self._behind(shown))
         tiled = len(shown.faces) > 1 or lattice[0] > 0.0
-        program = self._program(tiled)
+        program = self._program(tiled, cut=shown.cut)
         if tiled:
             program["lattice"] = lattice
-        self._geometry.draw(program, shown.faces, shown.triangle, shown.face,
-                            shown.optical_T_link, shown.sun)
+        if shown.cut:
+            plane = shown.backdrop.plane
+            program["backdrop"] = (*plane[:3], plane[3] - TOUCHING)
+        self._geometry.draw(program, shown)
         return target
 
-    def _refine(self, view: View, rgba: np.ndarray, shown: _Shown, bounds: np.ndarray
+    def _behind(self, shown: Shown) -> np.ndarray:
+        """Colour rgba, 0..1, of what shows where nothing is drawn."""
+        backdrop = shown.backdrop
+        if backdrop is None:
+            return np.array(self.light.background)
+        towards = max(float(backdrop.normal @ shown.sun[backdrop.row]), 0.0)
+        shade = self.light.ambient + self.light.diffuse * towards
+        return np.minimum(backdrop.rgba * [shade, shade, shade, 1.0], 1.0)
+
+    def _refine(self, view: View, rgba: np.ndarray, shown: Shown, bounds: np.ndarray
                 ) -> np.ndarray:
         """Draw the tiles with edges again, finer, and put them into rgba."""
         w, h = view.width, view.height
@@ -222,24 +233,25 @@ class OpenGLRenderer:
         if len(corners) * (TILE * FINE) ** 2 > left:  # drawing everything denser costs less
             return self._denser(shown, w, h, DENSE)
         rows = _atlas_rows(len(corners))
-        fine = _Shown(tiles(view, corners, TILE, ATLAS_COLUMNS, rows), triangle, tile,
-                      shown.optical_T_link, shown.sun)
+        faces = tiles(view, corners, TILE, ATLAS_COLUMNS, rows)
+        fine = replace(shown, faces=faces, triangle=triangle, face=tile)
         size = TILE * (FINE + 1)
         atlas = self._picture(fine, (ATLAS_COLUMNS * size, rows * size),
                               lattice=refinement.lattice(FINE))
         refinement.paste_sheared(rgba, atlas, corners, FINE)
         return rgba
 
-    def _denser(self, shown: _Shown, width: int, height: int, factor: int) -> np.ndarray:
+    def _denser(self, shown: Shown, width: int, height: int, factor: int) -> np.ndarray:
         """Picture with factor x factor samples for every pixel; 2 or 3."""
         large = self._picture(shown, (factor * width, factor * height))
         if factor == 3:  # far faster than resizing by three
             return np.ascontiguousarray(cv2.blur(large, (3, 3))[1::3, 1::3])
         return cv2.resize(large, (width, height), interpolation=cv2.INTER_AREA)
 
-    def _program(self, tiled: bool, measure: bool = False) -> moderngl.Program:
+    def _program(self, tiled: bool, measure: bool = False, cut: bool = False
+                 ) -> moderngl.Program:
         textured = self._geometry.textures is not None and not measure
-        switches = {"TILED": tiled, "TEXTURED": textured, "MEASURE": measure}
+        switches = {"TILED": tiled, "TEXTURED": textured, "MEASURE": measure, "CUT": cut}
         key = tuple(switches.values())
         if key not in self._programs:
             names = [name for name, on in switches.items() if on]
@@ -254,19 +266,8 @@ class OpenGLRenderer:
         return program
 
 
-@dataclass(frozen=True)
-class _Shown:
-    """Triangles (N,), the face each is drawn on (N,), link poses and the sun in link frames."""
-
-    faces: Faces
-    triangle: np.ndarray
-    face: np.ndarray
-    optical_T_link: np.ndarray  # noqa: N815 (a_T_b maps b to a)
-    sun: np.ndarray
-
-
 def _atlas_rows(count: int) -> int:
-    """Rows for `count` tiles; powers of two, so that few sizes of framebuffer are made."""
-    if not count:
-        return 1
-    return 1 << (-(-count // ATLAS_COLUMNS) - 1).bit_length()
+    """Rows for `count` tiles; above eight in steps, so that few sizes of framebuffer are made."""
+    rows = max(1, -(-count // ATLAS_COLUMNS))
+    step = max(1, (1 << (rows - 1).bit_length()) // 8)
+    return -(-rows // step) * step

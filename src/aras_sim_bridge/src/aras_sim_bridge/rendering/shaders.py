@@ -22,6 +22,9 @@ uniform vec2 light;        // ambient, diffuse
 #ifdef TILED
 uniform vec2 lattice;
 #endif
+#ifdef CUT
+uniform vec4 backdrop;     // plane n, d in the face frame; nothing behind it is drawn
+#endif
 out float v_light;         // shading is smooth between vertices
 flat out vec4 v_rgba;
 #ifdef TEXTURED
@@ -34,6 +37,9 @@ void main() {
     vec3 q = vec3(dot(row0, p), dot(row1, p), dot(row2, p));
     v_light = light.x + light.y * max(dot(normal, sun), 0.0);
     v_rgba = rgba;
+#ifdef CUT
+    gl_ClipDistance[4] = dot(backdrop.xyz, q) - backdrop.w;
+#endif
     vec2 xy = projection.xz * q.xy + projection.yw * q.z;
 #ifdef TILED
     // Sheared into refinement's lattice: x = 1 / (factor + 1), y = x / TILE, or 0 for none.

@@ -21,7 +21,8 @@ from .faces import Faces, tiles, whole
 from .gl_geometry import Geometry, Shown
 from .gl_lens import LensPass
 from .gl_target import Target, create_context
-from .refinement import TILE, EdgeFinder
+from .outlines import Outlines
+from .refinement import THRESHOLD, TILE, EdgeFinder
 from .scene import Scene
 from .view import Light, MaterialTable, View
 from .visibility import TOUCHING
@@ -35,6 +36,13 @@ CLIP_COST = 750
 # to 0.025 % (with 5: 0.05 %, in four fifths of the time), and the angle of its near square to
 # 1 mrad where its edges follow the pixels (with 5: 2 mrad, which the servo loop feels).
 FINE = 8
+# The same through a lens.
+LENS_FINE = 4
+# With more triangles than this on the faces of a lens, so many tiles have edges that everything is
+# drawn denser by this factor along both sides, and only tiles with strong edges again.
+LENS_MANY = 200
+LENS_DENSE = 4 / 3
+STRONG = 100
 # Samples along a pixel's side in pictures that are full of edges.
 DENSE = 3
 # With more triangles than this in view there are edges nearly everywhere, and 2 x 2 samples do.
@@ -68,6 +76,7 @@ class OpenGLRenderer:
         self._targets: dict[tuple, Target] = {}
         self._finders: dict[tuple[int, int], EdgeFinder] = {}
         self._lenses: dict[tuple, LensPass] = {}
+        self._face: tuple[tuple, Faces] | None = None
         self._geometry: Geometry | None = None
         self._drawn_version = -1
 
@@ -104,7 +113,7 @@ class OpenGLRenderer:
     def _measure(self, view: View, blend: float) -> tuple[np.ndarray, np.ndarray]:
         optical_T_link, sun = self._prepare(view, blend)
         lens = view.lens
-        faces = whole(view) if lens is None else self._lens(view).faces
+        faces = self._whole(view) if lens is None else self._lens(view).faces
         size = (view.width, view.height) if lens is None else lens.atlas_size
         shown = self._shown(faces, optical_T_link, sun)
         key = (*size, "measure")
@@ -132,7 +141,7 @@ class OpenGLRenderer:
     def _flat(self, view: View, optical_T_link: np.ndarray, sun: np.ndarray) -> np.ndarray:
         """Picture of a pinhole, (height, width, 4)."""
         w, h = view.width, view.height
-        faces = whole(view)
+        faces = self._whole(view)
         seen = self._geometry.visibility.in_view(faces, optical_T_link, MANY_TRIANGLES)
         face = None if seen.triangle is None else np.zeros(len(seen.triangle), int)
         shown = Shown(faces, optical_T_link, sun, seen.triangle, face, seen.cluster,
@@ -143,19 +152,61 @@ class OpenGLRenderer:
         if self.antialiasing == "edges":
             if seen.triangle is None:
                 return self._denser(shown, w, h, 2)
-            return self._refine(view, self._picture(shown, (w, h)), shown, seen.bounds)
+            return self._refine(view, self._picture(shown, (w, h)), shown, seen.outlines)
         return self._picture(shown, (w, h), self._samples)
 
     def _through_lens(self, view: View, optical_T_link: np.ndarray, sun: np.ndarray
                       ) -> np.ndarray:
         """Picture through a lens, (height, width, 4): its faces drawn, then looked up."""
         lens = self._lens(view)
-        w, h = view.lens.atlas_size
-        factor = 2 if self.antialiasing == "edges" else 1
-        shown = self._shown(lens.faces, optical_T_link, sun)
-        target = self._drawn(shown, (factor * w, factor * h), self._samples, texture=True)
+        if self.antialiasing != "edges" or lens.tiles is None:
+            shown = self._shown(lens.faces, optical_T_link, sun)
+            return self._looked_up(lens, shown, 2 if self.antialiasing == "edges" else 1)
+        shown = replace(self._shown(lens.tiles.reach, optical_T_link, sun), faces=lens.faces)
+        if len(shown.triangle) > LENS_MANY:
+            rgba, threshold = self._looked_up(lens, shown, LENS_DENSE), STRONG
+        else:
+            rgba, threshold = lens.pick(self._picture(shown, view.lens.atlas_size)), THRESHOLD
+        if not self._refine_through(lens, rgba, shown, threshold):
+            return self._looked_up(lens, shown, 2)
+        lens.blacken(rgba)
+        return rgba
+
+    def _looked_up(self, lens: LensPass, shown: Shown, factor: float) -> np.ndarray:
+        """Picture by looking up in the faces, drawn `factor` times as wide and high."""
+        w, h = lens.lens.atlas_size
+        target = self._drawn(shown, (int(factor * w), int(factor * h)), self._samples,
+                             texture=True)
         target.resolve(self._ctx)
         return lens.resample(target.texture)
+
+    def _refine_through(self, lens: LensPass, rgba: np.ndarray, shown: Shown, threshold: int
+                        ) -> bool:
+        """Draw the tiles with edges above a threshold again, finer, unless they are too many."""
+        tiles, visibility = lens.tiles, self._geometry.visibility
+        finder = self._finder(rgba.shape[1], rgba.shape[0])
+        number = finder.find(rgba, threshold)
+        number = number[tiles.usable[number]]
+        if len(shown.triangle) * len(number) > MOST_PAIRS:
+            return False
+        outlines = visibility.outlines_on(tiles.reach, shown.triangle, shown.face,
+                                          shown.optical_T_link)
+        tile, index = outlines.overlapping(tiles.low[number], tiles.high[number],
+                                           tiles.home[number][:, None] == shown.face)
+        samples = len(number) * (TILE * LENS_FINE) ** 2 + CLIP_COST * len(index)
+        if samples > 3 * lens.lens.atlas_size[0] * lens.lens.atlas_size[1]:
+            return False
+        faces = tiles.faces(number, ATLAS_COLUMNS, _atlas_rows(len(number)))
+        fine = replace(shown, faces=faces, triangle=shown.triangle[index], face=tile)
+        self._redraw(rgba, finder.origins[number], fine, LENS_FINE)
+        return True
+
+    def _whole(self, view: View) -> Faces:
+        """The view as one face; where the eye is does not matter to it."""
+        key = (view.width, view.height, view.K.tobytes(), view.near, view.far)
+        if self._face is None or self._face[0] != key:
+            self._face = key, whole(view)
+        return self._face[1]
 
     def _lens(self, view: View) -> LensPass:
         key = (id(view.lens), view.near, view.far)
@@ -213,33 +264,33 @@ class OpenGLRenderer:
         shade = self.light.ambient + self.light.diffuse * towards
         return np.minimum(backdrop.rgba * [shade, shade, shade, 1.0], 1.0)
 
-    def _refine(self, view: View, rgba: np.ndarray, shown: Shown, bounds: np.ndarray
+    def _refine(self, view: View, rgba: np.ndarray, shown: Shown, outlines: Outlines
                 ) -> np.ndarray:
         """Draw the tiles with edges again, finer, and put them into rgba."""
         w, h = view.width, view.height
-        corners = self._finder(w, h).find(rgba)
-        if not len(corners):
-            return rgba
-        triangle, tile = np.zeros(0, int), np.zeros(0, int)
-        left = DENSE**2 * w * h
+        finder = self._finder(w, h)
+        corners = finder.origins[finder.find(rgba)]
         if len(shown.triangle) * len(corners) > MOST_PAIRS:
-            left = 0
-        else:
-            first = corners * (2.0 / np.array([w, h])) - 1.0
-            triangle, tile = self._geometry.visibility.of_tiles(
-                shown.triangle, bounds, first, first + 2.0 * TILE / np.array([w, h])
-            )
-            left -= CLIP_COST * len(triangle)
+            return self._denser(shown, w, h, DENSE)
+        focal, centre = view.K[[0, 1], [0, 1]], view.K[:2, 2]
+        low = (corners - 0.5 - centre) / focal
+        tile, index = outlines.overlapping(low, low + TILE / focal)
+        left = DENSE**2 * w * h - CLIP_COST * len(index)
         if len(corners) * (TILE * FINE) ** 2 > left:  # drawing everything denser costs less
             return self._denser(shown, w, h, DENSE)
-        rows = _atlas_rows(len(corners))
-        faces = tiles(view, corners, TILE, ATLAS_COLUMNS, rows)
-        fine = replace(shown, faces=faces, triangle=triangle, face=tile)
-        size = TILE * (FINE + 1)
-        atlas = self._picture(fine, (ATLAS_COLUMNS * size, rows * size),
-                              lattice=refinement.lattice(FINE))
-        refinement.paste_sheared(rgba, atlas, corners, FINE)
+        faces = tiles(view, corners, TILE, ATLAS_COLUMNS, _atlas_rows(len(corners)))
+        fine = replace(shown, faces=faces, triangle=shown.triangle[index], face=tile)
+        self._redraw(rgba, corners, fine, FINE)
         return rgba
+
+    def _redraw(self, rgba: np.ndarray, corners: np.ndarray, fine: Shown, factor: int) -> None:
+        """Draw tiles with first pixels (N, 2) with factor^2 samples a pixel, into rgba."""
+        if not len(corners):
+            return
+        size = TILE * (factor + 1)
+        atlas = self._picture(fine, (ATLAS_COLUMNS * size, _atlas_rows(len(corners)) * size),
+                              lattice=refinement.lattice(factor))
+        refinement.paste_sheared(rgba, atlas, corners, factor)
 
     def _denser(self, shown: Shown, width: int, height: int, factor: int) -> np.ndarray:
         """Picture with factor x factor samples for every pixel; 2 or 3."""

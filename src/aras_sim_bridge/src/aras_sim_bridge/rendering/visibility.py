@@ -14,6 +14,7 @@ import numpy as np
 from .clusters import Clusters
 from .faces import Faces
 from .occluders import Backdrop, Occluders
+from .outlines import Outlines
 
 # Distance behind a plane up to which things count as lying in it, m.
 TOUCHING = 1e-6
@@ -23,15 +24,15 @@ TOUCHING = 1e-6
 class Seen:
     """What one face may show.
 
-    triangle: (N,) triangles that turn their front to the eye, ascending, with bounds (4, N) in
-        the face: low x, low y, high x, high y, within -1..1. Or both None where there are many
-        triangles: then cluster (C,) has them, with others that are turned away or out of view.
+    triangle: (N,) triangles that turn their front to the eye, ascending, with their outlines. Or
+        both None where there are many triangles: then cluster (C,) has them, with others that
+        are turned away or out of view.
     backdrop: the quad that fills the face and of which nothing is in `triangle`, or None.
     cut: whether some triangle reaches through the backdrop.
     """
 
     triangle: np.ndarray | None
-    bounds: np.ndarray | None
+    outlines: Outlines | None
     cluster: np.ndarray
     backdrop: Backdrop | None = None
     cut: bool = False
@@ -59,7 +60,7 @@ class Visibility:
             return Seen(None, None, cluster)
         triangle = self._fronts(self._triangles(cluster), optical_T_link)
         p = self._corners(triangle, optical_T_link)
-        normals = faces.normals()[0]
+        normals = faces.normals[0]
         side = (p.reshape(-1, 3) @ normals[:4].T).reshape(-1, 3, 4)
         seen = (side.max(axis=1) > 0.0).all(axis=1)
         cut = False
@@ -68,17 +69,16 @@ class Visibility:
             seen &= ahead.max(axis=1) > -TOUCHING
             seen &= (triangle != backdrop.first) & (triangle != backdrop.first + 1)
             cut = bool((ahead[seen] < -TOUCHING).any())
-        bounds = _projected_bounds(p[seen], faces.near, faces.projection[0])
-        triangle = triangle[seen]
-        within = _within(bounds)
-        return Seen(triangle[within], bounds[:, within], cluster, backdrop, cut)
+        outlines = Outlines.of(p[seen], faces.near)
+        within = outlines.within(*faces.window())
+        return Seen(triangle[seen][within], outlines.of_some(within), cluster, backdrop, cut)
 
     def on_faces(self, faces: Faces, optical_T_link: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pairs (triangle, face) of what each of several faces may show, face by face."""
         cluster = self._touched(faces, optical_T_link)
         triangle = self._fronts(self._triangles(cluster), optical_T_link)
         p = self._corners(triangle, optical_T_link).reshape(-1, 3)
-        side = (faces.normals().reshape(-1, 3) @ p.T).reshape(len(faces), 5, -1, 3)
+        side = (faces.normals.reshape(-1, 3) @ p.T).reshape(len(faces), 5, -1, 3)
         high = np.maximum(np.maximum(side[..., 0], side[..., 1]), side[..., 2])
         seen = ((high[:, 0] > 0.0) & (high[:, 1] > 0.0) & (high[:, 2] > 0.0)
                 & (high[:, 3] > 0.0) & (high[:, 4] > faces.near))
@@ -90,7 +90,7 @@ class Visibility:
         """Clusters (C,) with fronts, whose boxes touch a face's frustum before the backdrop."""
         c = self._c
         R, t = T[self._rows, :3, :3], T[self._rows, :3, 3]
-        planes = faces.normals().reshape(-1, 3)
+        planes = faces.normals.reshape(-1, 3)
         if backdrop is not None:
             planes = np.concatenate([planes, [backdrop.plane[:3]]])
         # All in link frames, so that nothing but planes and the eye need be turned.
@@ -128,17 +128,11 @@ class Visibility:
         pose = T[self._c.tri_row[triangle], :3]
         return self._c.corners[triangle] @ pose[:, :, :3].transpose(0, 2, 1) + pose[:, None, :, 3]
 
-    def of_tiles(self, triangle: np.ndarray, bounds: np.ndarray, first: np.ndarray,
-                 last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs (triangle, tile) that overlap, tile by tile.
-
-        triangle, bounds: from in_view. first, last: (F, 2) corners of the tiles in that face.
-        """
-        low_x, low_y, high_x, high_y = bounds
-        overlap = (high_x > first[:, :1]) & (low_x < last[:, :1])
-        overlap &= (high_y > first[:, 1:]) & (low_y < last[:, 1:])
-        tile, index = np.nonzero(overlap)
-        return triangle[index], tile
+    def outlines_on(self, faces: Faces, triangle: np.ndarray, face: np.ndarray,
+                    optical_T_link: np.ndarray) -> Outlines:
+        """Outlines of pairs from on_faces, each on the plane of its face."""
+        p = self._corners(triangle, optical_T_link) @ faces.rotation[face].transpose(0, 2, 1)
+        return Outlines.of(p, faces.near)
 
 
 def _distance(normal: np.ndarray, base: np.ndarray, centre: np.ndarray, half: np.ndarray
@@ -159,46 +153,3 @@ def _in_front(distance: np.ndarray, faces: Faces, backdrop: Backdrop | None) -> 
     if backdrop is not None:
         touched &= distance[-1] > backdrop.plane[3] - TOUCHING
     return touched
-
-
-def _projected_bounds(p: np.ndarray, near: float, projection: np.ndarray) -> np.ndarray:
-    """(4, N) bounds on a face of triangles (N, 3, 3) in its frame; of the part beyond near."""
-    x, y, z = p[..., 0], p[..., 1], p[..., 2]
-    front = z > near
-    bounds = np.empty((4, len(p)))
-    cut = np.flatnonzero(~(front[:, 0] & front[:, 1] & front[:, 2]))
-    safe = np.maximum(z, near)
-    _extremes(x / safe, y / safe, bounds)
-    if len(cut):
-        bounds[:, cut] = _cut_bounds(p[cut], near)
-    a, b, c, d = projection
-    bounds *= np.array([[a], [c], [a], [c]])
-    bounds += np.array([[b], [d], [b], [d]])
-    return bounds
-
-
-def _within(bounds: np.ndarray) -> np.ndarray:
-    """Which of the bounds (4, N) touch the face."""
-    return (bounds[0] < 1.0) & (bounds[1] < 1.0) & (bounds[2] > -1.0) & (bounds[3] > -1.0)
-
-
-def _extremes(u: np.ndarray, v: np.ndarray, out: np.ndarray) -> None:
-    """Low and high of (N, 3) corner coordinates, written to (4, N)."""
-    for row, (values, pick) in enumerate(((u, np.minimum), (v, np.minimum),
-                                          (u, np.maximum), (v, np.maximum))):
-        pick(pick(values[:, 0], values[:, 1]), values[:, 2], out=out[row])
-
-
-def _cut_bounds(p: np.ndarray, near: float) -> np.ndarray:
-    """(4, N) bounds in x / z, y / z of triangles (N, 3, 3), cut off at z = near."""
-    q = np.roll(p, -1, axis=1)
-    z, w = p[..., 2], q[..., 2]
-    crosses = (z > near) != (w > near)
-    s = np.where(crosses, (near - z) / np.where(crosses, w - z, 1.0), 0.0)
-    on_plane = (p + s[..., None] * (q - p))[..., :2] / near
-    inner = p[..., :2] / np.maximum(z, near)[..., None]
-    points = np.concatenate([inner, on_plane], axis=1)
-    valid = np.concatenate([z > near, crosses], axis=1)[..., None]
-    low = np.where(valid, points, np.inf).min(axis=1)
-    high = np.where(valid, points, -np.inf).max(axis=1)
-    return np.concatenate([low, high], axis=1).T

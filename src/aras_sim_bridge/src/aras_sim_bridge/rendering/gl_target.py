@@ -14,19 +14,15 @@ from ..errors import RenderingError
 class Target:
     """A framebuffer with depth, and the plain one it is resolved to where it is multisampled.
 
-    texture: the plain picture can be sampled as `.texture`. dtype: 'f1' for bytes, 'f4'.
+    dtype: 'f1' for bytes, 'f4'.
     """
 
     def __init__(self, ctx: moderngl.Context, width: int, height: int, samples: int = 1,
-                 texture: bool = False, components: int = 4, dtype: str = "f1") -> None:
+                 components: int = 4, dtype: str = "f1") -> None:
         size = (width, height)
         many = samples if samples > 1 else 0
-        self.texture: moderngl.Texture | None = None
         try:
-            if texture:
-                self.texture = ctx.texture(size, components, dtype=dtype)
-                self.texture.repeat_x = self.texture.repeat_y = False
-            plain = self.texture or ctx.renderbuffer(size, components, dtype=dtype)
+            plain = ctx.renderbuffer(size, components, dtype=dtype)
             depth = ctx.depth_renderbuffer(size, samples=many)
             if many:
                 self.draw = ctx.framebuffer([ctx.renderbuffer(size, 4, samples=many)], depth)
@@ -42,24 +38,12 @@ class Target:
         self._components = components
         self._pixels = np.empty((height, width, components), np.uint8 if dtype == "f1" else "f4")
 
-    def resolve(self, ctx: moderngl.Context) -> None:
-        """Bring the plain picture up to date."""
-        if self.plain is not self.draw:
-            ctx.copy_framebuffer(self.plain, self.draw)
-
     def read(self, ctx: moderngl.Context) -> np.ndarray:
         """Pixels (height, width, components), in a buffer that the next read overwrites."""
-        self.resolve(ctx)
+        if self.plain is not self.draw:
+            ctx.copy_framebuffer(self.plain, self.draw)
         self.plain.read_into(self._pixels, components=self._components, dtype=self._dtype)
         return self._pixels
-
-    def release(self) -> None:
-        """Give the memory back."""
-        for framebuffer in {id(f): f for f in (self.draw, self.plain)}.values():
-            for attachment in (*framebuffer.color_attachments, framebuffer.depth_attachment):
-                if attachment is not None:
-                    attachment.release()
-            framebuffer.release()
 
 
 def create_context() -> moderngl.Context:

@@ -19,8 +19,8 @@ from ..errors import RenderingError
 from . import refinement, shaders
 from .faces import Faces, tiles, whole
 from .gl_geometry import Geometry, Shown
-from .gl_lens import LensPass
 from .gl_target import Target, create_context
+from .lens_view import LensView
 from .outlines import Outlines
 from .refinement import THRESHOLD, TILE, EdgeFinder
 from .scene import Scene
@@ -41,7 +41,7 @@ LENS_FINE = 4
 # With more triangles than this on the faces of a lens, so many tiles have edges that everything is
 # drawn denser by this factor along both sides, and only tiles with strong edges again.
 LENS_MANY = 200
-LENS_DENSE = 4 / 3
+LENS_DENSE = 1.25
 STRONG = 100
 # Samples along a pixel's side in pictures that are full of edges.
 DENSE = 3
@@ -75,7 +75,7 @@ class OpenGLRenderer:
         self._programs: dict[tuple, moderngl.Program] = {}
         self._targets: dict[tuple, Target] = {}
         self._finders: dict[tuple[int, int], EdgeFinder] = {}
-        self._lenses: dict[tuple, LensPass] = {}
+        self._lenses: dict[tuple, LensView] = {}
         self._face: tuple[tuple, Faces] | None = None
         self._geometry: Geometry | None = None
         self._drawn_version = -1
@@ -118,7 +118,7 @@ class OpenGLRenderer:
         shown = self._shown(faces, optical_T_link, sun)
         key = (*size, "measure")
         if key not in self._targets:
-            self._targets[key] = Target(self._ctx, *size, texture=True, components=2, dtype="f4")
+            self._targets[key] = Target(self._ctx, *size, components=2, dtype="f4")
         target = self._targets[key]
         target.draw.use()
         target.draw.clear(0.0, 0.0, 0.0, 0.0)
@@ -159,28 +159,33 @@ class OpenGLRenderer:
                       ) -> np.ndarray:
         """Picture through a lens, (height, width, 4): its faces drawn, then looked up."""
         lens = self._lens(view)
-        if self.antialiasing != "edges" or lens.tiles is None:
-            shown = self._shown(lens.faces, optical_T_link, sun)
-            return self._looked_up(lens, shown, 2 if self.antialiasing == "edges" else 1)
+        rgba = self._lens_picture(lens, optical_T_link, sun)
+        lens.blacken(rgba)
+        return rgba
+
+    def _lens_picture(self, lens: LensView, optical_T_link: np.ndarray, sun: np.ndarray
+                      ) -> np.ndarray:
+        if self.antialiasing != "edges":
+            return self._looked_up(lens, self._shown(lens.faces, optical_T_link, sun), 1)
+        if lens.tiles is None:
+            return self._looked_up(lens, self._shown(lens.faces, optical_T_link, sun), 2)
         shown = replace(self._shown(lens.tiles.reach, optical_T_link, sun), faces=lens.faces)
         if len(shown.triangle) > LENS_MANY:
             rgba, threshold = self._looked_up(lens, shown, LENS_DENSE), STRONG
         else:
-            rgba, threshold = lens.pick(self._picture(shown, view.lens.atlas_size)), THRESHOLD
+            rgba = lens.pick(self._picture(shown, lens.lens.atlas_size))
+            threshold = THRESHOLD
         if not self._refine_through(lens, rgba, shown, threshold):
             return self._looked_up(lens, shown, 2)
-        lens.blacken(rgba)
         return rgba
 
-    def _looked_up(self, lens: LensPass, shown: Shown, factor: float) -> np.ndarray:
+    def _looked_up(self, lens: LensView, shown: Shown, factor: float) -> np.ndarray:
         """Picture by looking up in the faces, drawn `factor` times as wide and high."""
         w, h = lens.lens.atlas_size
-        target = self._drawn(shown, (int(factor * w), int(factor * h)), self._samples,
-                             texture=True)
-        target.resolve(self._ctx)
-        return lens.resample(target.texture)
+        atlas = self._picture(shown, (int(factor * w), int(factor * h)), self._samples)
+        return lens.look_up(atlas, 1 if factor == 1 else 2)
 
-    def _refine_through(self, lens: LensPass, rgba: np.ndarray, shown: Shown, threshold: int
+    def _refine_through(self, lens: LensView, rgba: np.ndarray, shown: Shown, threshold: int
                         ) -> bool:
         """Draw the tiles with edges above a threshold again, finer, unless they are too many."""
         tiles, visibility = lens.tiles, self._geometry.visibility
@@ -208,10 +213,10 @@ class OpenGLRenderer:
             self._face = key, whole(view)
         return self._face[1]
 
-    def _lens(self, view: View) -> LensPass:
+    def _lens(self, view: View) -> LensView:
         key = (id(view.lens), view.near, view.far)
         if key not in self._lenses:
-            self._lenses[key] = LensPass(self._ctx, view.lens, view.near, view.far)
+            self._lenses[key] = LensView(view.lens, view.near, view.far)
         return self._lenses[key]
 
     def _finder(self, width: int, height: int) -> EdgeFinder:
@@ -235,13 +240,9 @@ class OpenGLRenderer:
     def _picture(self, shown: Shown, size: tuple[int, int], samples: int = 1,
                  lattice: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
         """Draw into a framebuffer of `size`; its pixels, (height, width, 4)."""
-        return self._drawn(shown, size, samples, lattice=lattice).read(self._ctx)
-
-    def _drawn(self, shown: Shown, size: tuple[int, int], samples: int = 1,
-               texture: bool = False, lattice: tuple[float, float] = (0.0, 0.0)) -> Target:
-        key = (*size, samples, texture)
+        key = (*size, samples)
         if key not in self._targets:
-            self._targets[key] = Target(self._ctx, *size, samples, texture)
+            self._targets[key] = Target(self._ctx, *size, samples)
         target = self._targets[key]
         target.draw.use()
         target.draw.clear(*self._behind(shown))
@@ -253,7 +254,7 @@ class OpenGLRenderer:
             plane = shown.backdrop.plane
             program["backdrop"] = (*plane[:3], plane[3] - TOUCHING)
         self._geometry.draw(program, shown)
-        return target
+        return target.read(self._ctx)
 
     def _behind(self, shown: Shown) -> np.ndarray:
         """Colour rgba, 0..1, of what shows where nothing is drawn."""

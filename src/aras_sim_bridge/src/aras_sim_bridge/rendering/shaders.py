@@ -92,37 +92,6 @@ out vec2 measured;
 void main() { measured = vec2(v_depth, v_label); }
 """
 
-SCREEN_VERTEX = """
-#version 330
-in vec2 corner;
-void main() { gl_Position = vec4(corner, 0.0, 1.0); }
-"""
-
-# Looks every pixel of the picture up in the atlas of faces; FOUR takes four places of the pixel.
-LENS_FRAGMENT = """
-#version 330
-uniform sampler2D atlas;
-uniform sampler2D lookup;  // atlas coordinates 0..1, negative where the lens shows nothing
-out vec4 colour;
-void main() {
-    vec2 at = texelFetch(lookup, ivec2(gl_FragCoord.xy), 0).xy;
-    if (at.x < 0.0) {
-        colour = vec4(0.0, 0.0, 0.0, 1.0);
-        return;
-    }
-#ifdef FOUR
-    // A jump between faces says nothing about the size of the pixel.
-    vec2 x = dFdx(at), y = dFdy(at), limit = 8.0 / vec2(textureSize(atlas, 0));
-    x = any(greaterThan(abs(x), limit)) ? vec2(0.0) : 0.25 * x;
-    y = any(greaterThan(abs(y), limit)) ? vec2(0.0) : 0.25 * y;
-    colour = 0.25 * (textureLod(atlas, at + x + y, 0.0) + textureLod(atlas, at + x - y, 0.0)
-                     + textureLod(atlas, at - x + y, 0.0) + textureLod(atlas, at - x - y, 0.0));
-#else
-    colour = textureLod(atlas, at, 0.0);
-#endif
-}
-"""
-
 
 def defined(source: str, *names: str) -> str:
     """Shader source with preprocessor names switched on."""

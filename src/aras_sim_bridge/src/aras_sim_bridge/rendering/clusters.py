@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .indexed_mesh import normalised
 from .scene import Part
 
 CLUSTER_TRIANGLES = 64
@@ -28,6 +29,7 @@ class Clusters:
         n . x = offset; tri_row (T,) row of its link in `Scene.poses`; part (T,) its part.
     first, count, row: (C,) triangles and link of each cluster.
     centre, half: (C, 3), bounding boxes in the link frame, with half their side lengths.
+    facing: (C, 7) bounds of what the triangles' planes are seen from the centre, see `_facing`.
     """
 
     vertices: np.ndarray
@@ -42,6 +44,7 @@ class Clusters:
     row: np.ndarray
     centre: np.ndarray
     half: np.ndarray
+    facing: np.ndarray
 
 
 VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("rgba", "u1", 4),
@@ -62,10 +65,14 @@ def build(parts: list[Part], textures: list[str]) -> Clusters:
             triangles.append(mesh.triangles[group] + base)
             corners.append(mesh_corners[group])
             owner += [number] * len(group)
-            clusters.append((first, len(group), part.row, *_box(corners[-1])))
+            centre, half = _box(corners[-1])
+            clusters.append((first, len(group), part.row, centre, half,
+                             _facing(corners[-1], centre)))
             first += len(group)
         base += len(mesh.positions)
-    first, count, row, centre, half = zip(*clusters, strict=True) if clusters else [[]] * 5
+    first, count, row, centre, half, facing = (
+        zip(*clusters, strict=True) if clusters else [[]] * 6
+    )
     all_corners = np.concatenate(corners)
     normal = np.cross(all_corners[:, 1] - all_corners[:, 0], all_corners[:, 2] - all_corners[:, 0])
     part = np.array(owner, int)
@@ -75,6 +82,7 @@ def build(parts: list[Part], textures: list[str]) -> Clusters:
         np.array([p.row for p in parts], int)[part], part,
         np.array(first, int), np.array(count, int), np.array(row, int),
         np.array(centre, float).reshape(-1, 3), np.array(half, float).reshape(-1, 3),
+        np.array(facing, float).reshape(-1, 7),
     )
 
 
@@ -174,3 +182,14 @@ def _pieces(corners: np.ndarray) -> np.ndarray:
 def _box(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     return (low + high) / 2, (high - low) / 2
+
+
+def _facing(corners: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """(7,) low and high of the unit normals n of triangles (T, 3, 3), low of n . (x - centre).
+
+    An eye at e sees the front of none of them if the highest n . (e - centre) that these allow is
+    no more than the low: one test for the whole cluster.
+    """
+    normal = normalised(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    offset = (normal * (corners[:, 0] - centre)).sum(axis=1)
+    return np.array([*normal.min(axis=0), *normal.max(axis=0), offset.min()])

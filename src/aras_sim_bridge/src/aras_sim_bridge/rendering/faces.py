@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -14,7 +15,8 @@ from .view import View
 class Faces:
     """F pinhole views from one eye, each filling a rectangle of one framebuffer.
 
-    rotation: (F, 3, 3), optical frame to face frame, or None where all faces share it.
+    rotation: (F, 3, 3), optical frame to face frame, or None where all faces share it. May be
+        any other matrix whose third row is a unit vector, along which depth is then measured.
     projection: (F, 4) a, b, c, d: a point is at (a x / z + b, c y / z + d) of its face,
         both within -1..1.
     placement: (F, 4) s, o, t, p: the face's point (x, y) is at (s x + o, t y + p) of the
@@ -30,6 +32,7 @@ class Faces:
     def __len__(self) -> int:
         return len(self.projection)
 
+    @cached_property
     def normals(self) -> np.ndarray:
         """(F, 5, 3) in the optical frame: inward unit normals of the sides, and the axis."""
         a, b, c, d = self.projection.T
@@ -41,6 +44,11 @@ class Faces:
         n[:, 4, 2] = 1.0
         n /= np.sqrt((n * n).sum(axis=2, keepdims=True))
         return n if self.rotation is None else n @ self.rotation
+
+    def window(self, face: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Low and high corners (2,) of a face in its plane, x / z and y / z."""
+        a, b, c, d = self.projection[face]
+        return np.array([(-1 - b) / a, (-1 - d) / c]), np.array([(1 - b) / a, (1 - d) / c])
 
 
 WHOLE = np.array([[1.0, 0.0, 1.0, 0.0]])
@@ -55,10 +63,10 @@ def whole(view: View) -> Faces:
 def tiles(view: View, origins: np.ndarray, size: int, columns: int, rows: int) -> Faces:
     """Square tiles of `size` px with corners `origins` (F, 2) u, v, in a columns x rows atlas."""
     return Faces(None, _window(view.K, origins, size, size),
-                 _grid(len(origins), columns, rows), view.near, view.far)
+                 grid(len(origins), columns, rows), view.near, view.far)
 
 
-def _grid(count: int, columns: int, rows: int) -> np.ndarray:
+def grid(count: int, columns: int, rows: int) -> np.ndarray:
     """Placements (count, 4) of equal squares, row by row."""
     n = np.arange(count)
     column, row = n % columns, n // columns

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import moderngl
 import numpy as np
 
 from . import clusters as clustering
 from .faces import Faces
+from .occluders import Backdrop
 from .scene import Scene
 from .visibility import Visibility
 
@@ -17,6 +20,27 @@ COMMAND = np.dtype([("count", "<u4"), ("instances", "<u4"), ("first", "<u4"),
 # face_T_link rows, projection, placement, sun, label
 INSTANCE_FLOATS = 12 + 4 + 4 + 3 + 1
 TEXTURE_SIZE = 512
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What is drawn, and from where.
+
+    triangle: (N,) triangles, each on the face (N,) given for it. Or both None, and everything in
+        cluster (C,) is drawn on the only face.
+    optical_T_link: (rows, 4, 4). sun: (rows, 3), unit vectors to the sun in link frames.
+    backdrop: the quad that fills the picture behind all that, or None. cut: whether something
+        reaches through it and must be cut off there.
+    """
+
+    faces: Faces
+    optical_T_link: np.ndarray  # noqa: N815 (a_T_b maps b to a)
+    sun: np.ndarray
+    triangle: np.ndarray | None = None
+    face: np.ndarray | None = None
+    cluster: np.ndarray | None = None
+    backdrop: Backdrop | None = None
+    cut: bool = False
 
 
 class Geometry:
@@ -31,67 +55,68 @@ class Geometry:
         self.textures = _texture_array(ctx, files) if files else None
         self._transparent = transparent[c.part] if transparent.any() else None
         self._vertices = ctx.buffer(c.vertices.tobytes() or bytes(clustering.VERTEX.itemsize))
-        self._indices = ctx.buffer(reserve=max(12, c.indices.nbytes), dynamic=True)
+        self._all = ctx.buffer(c.indices.tobytes() or bytes(12))
+        self._picked = ctx.buffer(reserve=max(12, c.indices.nbytes), dynamic=True)
         self._commands = ctx.buffer(reserve=64 * COMMAND.itemsize, dynamic=True)
         self._instances = ctx.buffer(reserve=64 * 4 * INSTANCE_FLOATS, dynamic=True)
-        self._arrays: dict[moderngl.Program, moderngl.VertexArray] = {}
+        self._arrays: dict[tuple[moderngl.Program, bool], moderngl.VertexArray] = {}
 
-    def draw(self, program: moderngl.Program, faces: Faces, triangle: np.ndarray,
-             face: np.ndarray, optical_T_link: np.ndarray, sun: np.ndarray) -> None:
-        """Draw triangles (N,), each on the face (N,) given for it.
-
-        optical_T_link: (rows, 4, 4). sun: (rows, 3), unit vectors to the sun in link frames.
-        """
-        if not len(triangle):
-            return
-        n, f = faces.near, faces.far
+    def draw(self, program: moderngl.Program, shown: Shown) -> None:
+        """Draw with the program, into the framebuffer in use."""
+        n, f = shown.faces.near, shown.faces.far
         program["depth_range"] = ((f + n) / (f - n), 2 * f * n / (f - n))
         if self.textures is not None:
             self.textures.use(0)
         self._ctx.front_face = "cw"  # the rows run downwards
         flags = self._ctx.DEPTH_TEST | self._ctx.CULL_FACE
         if self._transparent is None:
-            self._draw(program, flags, faces, triangle, face, optical_T_link, sun)
+            self._draw(program, flags, shown, np.s_[:])
             return
-        see_through = self._transparent[triangle]
+        if shown.triangle is None:
+            see_through = self._transparent[self.clusters.first[shown.cluster]]
+        else:
+            see_through = self._transparent[shown.triangle]
         for some, more in ((~see_through, 0), (see_through, self._ctx.BLEND)):
-            if some.any():
-                self._draw(program, flags | more, faces, triangle[some], face[some],
-                           optical_T_link, sun)
+            self._draw(program, flags | more, shown, some)
 
-    def _draw(self, program, flags, faces, triangle, face, optical_T_link, sun) -> None:
+    def _draw(self, program: moderngl.Program, flags: int, shown: Shown, some) -> None:
+        """Draw some of what is shown, by a mask or slice of its triangles or clusters."""
         c = self.clusters
-        row = c.tri_row[triangle]
+        if shown.triangle is None:
+            cluster = shown.cluster[some]
+            first, count, row = c.first[cluster], c.count[cluster], c.row[cluster]
+            face = np.zeros(len(cluster), int)
+            apart = (row[1:] != row[:-1]) | (first[1:] != first[:-1] + count[:-1])
+        else:
+            triangle, face = shown.triangle[some], shown.face[some]
+            first, count, row = np.arange(len(triangle)), 1, c.tri_row[triangle]
+            apart = (row[1:] != row[:-1]) | (face[1:] != face[:-1])
+            self._write(self._picked, c.indices[triangle])
+        if not len(first):
+            return
         # One command for each stretch of triangles of one link on one face.
-        start = np.empty(len(triangle), bool)
-        start[0] = True
-        start[1:] = (row[1:] != row[:-1]) | (face[1:] != face[:-1])
-        starts = np.flatnonzero(start)
+        starts = np.flatnonzero(np.concatenate([[True], apart]))
+        ends = np.append(starts[1:], len(first)) - 1
+        last = (first + count)[ends]
         commands = np.zeros(len(starts), COMMAND)
-        commands["first"] = 3 * starts
-        commands["count"] = 3 * np.diff(starts, append=len(triangle))
+        commands["first"] = 3 * first[starts]
+        commands["count"] = 3 * (last - first[starts])
         commands["instances"] = 1
         commands["base_instance"] = np.arange(len(starts))
-        link, face = row[starts], face[starts]
-        T = optical_T_link[link, :3]
-        if faces.rotation is not None:
-            T = faces.rotation[face] @ T
-        records = np.empty((len(starts), INSTANCE_FLOATS), np.float32)
-        records[:, :12] = T.reshape(-1, 12)
-        records[:, 12:16] = faces.projection[face]
-        records[:, 16:20] = faces.placement[face]
-        records[:, 20:23] = sun[link]
-        records[:, 23] = link + 1
-        for buffer, data in ((self._indices, c.indices[triangle]), (self._instances, records),
-                             (self._commands, commands)):
-            if data.nbytes > buffer.size:
-                buffer.orphan(2 * data.nbytes)
-            buffer.write(data)
+        self._write(self._commands, commands)
+        self._write(self._instances, _records(shown, row[starts], face[starts]))
         self._ctx.enable_only(flags)
-        self._array(program).render_indirect(self._commands, self._ctx.TRIANGLES, len(commands))
+        self._array(program, shown.triangle is None).render_indirect(
+            self._commands, self._ctx.TRIANGLES, len(commands)
+        )
 
-    def _array(self, program: moderngl.Program) -> moderngl.VertexArray:
-        if program not in self._arrays:
+    def _write(self, buffer: moderngl.Buffer, data: np.ndarray) -> None:
+        if data.nbytes > buffer.size:
+            buffer.orphan(2 * data.nbytes)
+        buffer.write(data)
+
+    def _array(self, program: moderngl.Program, everything: bool) -> moderngl.VertexArray:
+        if (program, everything) not in self._arrays:
             names = [("position", "3f4"), ("normal", "3f4"), ("rgba", "4f1"), ("uv", "3f4")]
             used = {m for m in program}
             layout = " ".join(f if n in used else _padding(f) for n, f in names)
@@ -99,17 +124,32 @@ class Geometry:
                         ("projection", "4f4"), ("placement", "4f4"), ("sun", "3f4"),
                         ("label", "1f4")]
             instance_layout = " ".join(f if n in used else _padding(f) for n, f in instance)
-            self._arrays[program] = self._ctx.vertex_array(program, [
+            self._arrays[program, everything] = self._ctx.vertex_array(program, [
                 (self._vertices, layout, *(n for n, _ in names if n in used)),
                 (self._instances, instance_layout + "/i", *(n for n, _ in instance if n in used)),
-            ], self._indices)
-        return self._arrays[program]
+            ], self._all if everything else self._picked)
+        return self._arrays[program, everything]
 
     def release(self) -> None:
-        for thing in (*self._arrays.values(), self._vertices, self._indices, self._commands,
-                      self._instances, self.textures):
+        for thing in (*self._arrays.values(), self._vertices, self._all, self._picked,
+                      self._commands, self._instances, self.textures):
             if thing is not None:
                 thing.release()
+
+
+def _records(shown: Shown, link: np.ndarray, face: np.ndarray) -> np.ndarray:
+    """(N, INSTANCE_FLOATS) float32, of links on faces."""
+    faces = shown.faces
+    T = shown.optical_T_link[link, :3]
+    if faces.rotation is not None:
+        T = faces.rotation[face] @ T
+    records = np.empty((len(link), INSTANCE_FLOATS), np.float32)
+    records[:, :12] = T.reshape(-1, 12)
+    records[:, 12:16] = faces.projection[face]
+    records[:, 16:20] = faces.placement[face]
+    records[:, 20:23] = shown.sun[link]
+    records[:, 23] = link + 1
+    return records
 
 
 def _padding(layout: str) -> str:

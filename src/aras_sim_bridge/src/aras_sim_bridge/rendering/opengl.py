@@ -9,7 +9,7 @@ picture and measures several times finer. Lenses take 4 samples or more of every
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import cv2
 import moderngl
@@ -18,22 +18,31 @@ import numpy as np
 from ..errors import RenderingError
 from . import refinement, shaders
 from .faces import Faces, tiles, whole
-from .gl_geometry import Geometry
-from .gl_lens import LensPass
+from .gl_geometry import Geometry, Shown
 from .gl_target import Target, create_context
-from .refinement import TILE, EdgeFinder
+from .lens_view import LensView
+from .outlines import Outlines
+from .refinement import THRESHOLD, TILE, EdgeFinder
 from .scene import Scene
 from .view import Light, MaterialTable, View
+from .visibility import TOUCHING
 
 ANTIALIASING = ("edges", "multisample", "none")
 MULTISAMPLES = 4
-ATLAS_COLUMNS = 16
+ATLAS_COLUMNS = 4
 # What clipping one triangle to a tile costs, in drawn samples; measured on the software rasteriser.
 CLIP_COST = 750
 # Samples along a pixel's side in tiles with edges. Over 150 poses the target's area is then right
 # to 0.025 % (with 5: 0.05 %, in four fifths of the time), and the angle of its near square to
 # 1 mrad where its edges follow the pixels (with 5: 2 mrad, which the servo loop feels).
 FINE = 8
+# The same through a lens.
+LENS_FINE = 4
+# With more triangles than this on the faces of a lens, so many tiles have edges that everything is
+# drawn denser by this factor along both sides, and only tiles with strong edges again.
+LENS_MANY = 200
+LENS_DENSE = 1.25
+STRONG = 100
 # Samples along a pixel's side in pictures that are full of edges.
 DENSE = 3
 # With more triangles than this in view there are edges nearly everywhere, and 2 x 2 samples do.
@@ -66,7 +75,8 @@ class OpenGLRenderer:
         self._programs: dict[tuple, moderngl.Program] = {}
         self._targets: dict[tuple, Target] = {}
         self._finders: dict[tuple[int, int], EdgeFinder] = {}
-        self._lenses: dict[tuple, LensPass] = {}
+        self._lenses: dict[tuple, LensView] = {}
+        self._face: tuple[tuple, Faces] | None = None
         self._geometry: Geometry | None = None
         self._drawn_version = -1
 
@@ -103,17 +113,16 @@ class OpenGLRenderer:
     def _measure(self, view: View, blend: float) -> tuple[np.ndarray, np.ndarray]:
         optical_T_link, sun = self._prepare(view, blend)
         lens = view.lens
-        faces = whole(view) if lens is None else self._lens(view).faces
+        faces = self._whole(view) if lens is None else self._lens(view).faces
         size = (view.width, view.height) if lens is None else lens.atlas_size
         shown = self._shown(faces, optical_T_link, sun)
         key = (*size, "measure")
         if key not in self._targets:
-            self._targets[key] = Target(self._ctx, *size, texture=True, components=2, dtype="f4")
+            self._targets[key] = Target(self._ctx, *size, components=2, dtype="f4")
         target = self._targets[key]
         target.draw.use()
         target.draw.clear(0.0, 0.0, 0.0, 0.0)
-        program = self._program(len(faces) > 1, measure=True)
-        self._geometry.draw(program, shown.faces, shown.triangle, shown.face, optical_T_link, sun)
+        self._geometry.draw(self._program(len(faces) > 1, measure=True), shown)
         measured = target.read(self._ctx)
         depth, row = measured[..., 0], measured[..., 1]
         if lens is not None:
@@ -124,43 +133,90 @@ class OpenGLRenderer:
     def bodies_around(self, point: np.ndarray) -> list[str]:
         return self.scene.bodies_around(point)
 
-    def _shown(self, faces: Faces, optical_T_link: np.ndarray, sun: np.ndarray) -> _Shown:
+    def _shown(self, faces: Faces, optical_T_link: np.ndarray, sun: np.ndarray) -> Shown:
         """What each face can show."""
         triangle, face = self._geometry.visibility.on_faces(faces, optical_T_link)
-        return _Shown(faces, triangle, face, optical_T_link, sun)
+        return Shown(faces, optical_T_link, sun, triangle, face)
 
     def _flat(self, view: View, optical_T_link: np.ndarray, sun: np.ndarray) -> np.ndarray:
         """Picture of a pinhole, (height, width, 4)."""
         w, h = view.width, view.height
-        faces = whole(view)
-        triangle, bounds = self._geometry.visibility.in_view(
-            faces, optical_T_link, MANY_TRIANGLES
-        )
-        shown = _Shown(faces, triangle, np.zeros(len(triangle), int), optical_T_link, sun)
+        faces = self._whole(view)
+        seen = self._geometry.visibility.in_view(faces, optical_T_link, MANY_TRIANGLES)
+        face = None if seen.triangle is None else np.zeros(len(seen.triangle), int)
+        shown = Shown(faces, optical_T_link, sun, seen.triangle, face, seen.cluster,
+                      seen.backdrop, seen.cut)
         if self.antialiasing == "edges" and min(w, h) < TILE:
             return cv2.resize(self._picture(shown, (4 * w, 4 * h)), (w, h),
                               interpolation=cv2.INTER_AREA)
         if self.antialiasing == "edges":
-            if bounds is None:
+            if seen.triangle is None:
                 return self._denser(shown, w, h, 2)
-            return self._refine(view, self._picture(shown, (w, h)), shown, bounds)
+            return self._refine(view, self._picture(shown, (w, h)), shown, seen.outlines)
         return self._picture(shown, (w, h), self._samples)
 
     def _through_lens(self, view: View, optical_T_link: np.ndarray, sun: np.ndarray
                       ) -> np.ndarray:
         """Picture through a lens, (height, width, 4): its faces drawn, then looked up."""
         lens = self._lens(view)
-        w, h = view.lens.atlas_size
-        factor = 2 if self.antialiasing == "edges" else 1
-        shown = self._shown(lens.faces, optical_T_link, sun)
-        target = self._drawn(shown, (factor * w, factor * h), self._samples, texture=True)
-        target.resolve(self._ctx)
-        return lens.resample(target.texture)
+        rgba = self._lens_picture(lens, optical_T_link, sun)
+        lens.blacken(rgba)
+        return rgba
 
-    def _lens(self, view: View) -> LensPass:
+    def _lens_picture(self, lens: LensView, optical_T_link: np.ndarray, sun: np.ndarray
+                      ) -> np.ndarray:
+        if self.antialiasing != "edges":
+            return self._looked_up(lens, self._shown(lens.faces, optical_T_link, sun), 1)
+        if lens.tiles is None:
+            return self._looked_up(lens, self._shown(lens.faces, optical_T_link, sun), 2)
+        shown = replace(self._shown(lens.tiles.reach, optical_T_link, sun), faces=lens.faces)
+        if len(shown.triangle) > LENS_MANY:
+            rgba, threshold = self._looked_up(lens, shown, LENS_DENSE), STRONG
+        else:
+            rgba = lens.pick(self._picture(shown, lens.lens.atlas_size))
+            threshold = THRESHOLD
+        if not self._refine_through(lens, rgba, shown, threshold):
+            return self._looked_up(lens, shown, 2)
+        return rgba
+
+    def _looked_up(self, lens: LensView, shown: Shown, factor: float) -> np.ndarray:
+        """Picture by looking up in the faces, drawn `factor` times as wide and high."""
+        w, h = lens.lens.atlas_size
+        atlas = self._picture(shown, (int(factor * w), int(factor * h)), self._samples)
+        return lens.look_up(atlas, 1 if factor == 1 else 2)
+
+    def _refine_through(self, lens: LensView, rgba: np.ndarray, shown: Shown, threshold: int
+                        ) -> bool:
+        """Draw the tiles with edges above a threshold again, finer, unless they are too many."""
+        tiles, visibility = lens.tiles, self._geometry.visibility
+        finder = self._finder(rgba.shape[1], rgba.shape[0])
+        number = finder.find(rgba, threshold)
+        number = number[tiles.usable[number]]
+        if len(shown.triangle) * len(number) > MOST_PAIRS:
+            return False
+        outlines = visibility.outlines_on(tiles.reach, shown.triangle, shown.face,
+                                          shown.optical_T_link)
+        tile, index = outlines.overlapping(tiles.low[number], tiles.high[number],
+                                           tiles.home[number][:, None] == shown.face)
+        samples = len(number) * (TILE * LENS_FINE) ** 2 + CLIP_COST * len(index)
+        if samples > 3 * lens.lens.atlas_size[0] * lens.lens.atlas_size[1]:
+            return False
+        faces = tiles.faces(number, ATLAS_COLUMNS, _atlas_rows(len(number)))
+        fine = replace(shown, faces=faces, triangle=shown.triangle[index], face=tile)
+        self._redraw(rgba, finder.origins[number], fine, LENS_FINE)
+        return True
+
+    def _whole(self, view: View) -> Faces:
+        """The view as one face; where the eye is does not matter to it."""
+        key = (view.width, view.height, view.K.tobytes(), view.near, view.far)
+        if self._face is None or self._face[0] != key:
+            self._face = key, whole(view)
+        return self._face[1]
+
+    def _lens(self, view: View) -> LensView:
         key = (id(view.lens), view.near, view.far)
         if key not in self._lenses:
-            self._lenses[key] = LensPass(self._ctx, view.lens, view.near, view.far)
+            self._lenses[key] = LensView(view.lens, view.near, view.far)
         return self._lenses[key]
 
     def _finder(self, width: int, height: int) -> EdgeFinder:
@@ -181,65 +237,73 @@ class OpenGLRenderer:
         optical_T_link = np.linalg.inv(view.world_T_optical) @ world_T_link
         return optical_T_link, self.light.to_sun @ world_T_link[:, :3, :3]
 
-    def _picture(self, shown: _Shown, size: tuple[int, int], samples: int = 1,
+    def _picture(self, shown: Shown, size: tuple[int, int], samples: int = 1,
                  lattice: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
         """Draw into a framebuffer of `size`; its pixels, (height, width, 4)."""
-        return self._drawn(shown, size, samples, lattice=lattice).read(self._ctx)
-
-    def _drawn(self, shown: _Shown, size: tuple[int, int], samples: int = 1,
-               texture: bool = False, lattice: tuple[float, float] = (0.0, 0.0)) -> Target:
-        key = (*size, samples, texture)
+        key = (*size, samples)
         if key not in self._targets:
-            self._targets[key] = Target(self._ctx, *size, samples, texture)
+            self._targets[key] = Target(self._ctx, *size, samples)
         target = self._targets[key]
         target.draw.use()
-        target.draw.clear(*self.light.background)
+        target.draw.clear(*self._behind(shown))
         tiled = len(shown.faces) > 1 or lattice[0] > 0.0
-        program = self._program(tiled)
+        program = self._program(tiled, cut=shown.cut)
         if tiled:
             program["lattice"] = lattice
-        self._geometry.draw(program, shown.faces, shown.triangle, shown.face,
-                            shown.optical_T_link, shown.sun)
-        return target
+        if shown.cut:
+            plane = shown.backdrop.plane
+            program["backdrop"] = (*plane[:3], plane[3] - TOUCHING)
+        self._geometry.draw(program, shown)
+        return target.read(self._ctx)
 
-    def _refine(self, view: View, rgba: np.ndarray, shown: _Shown, bounds: np.ndarray
+    def _behind(self, shown: Shown) -> np.ndarray:
+        """Colour rgba, 0..1, of what shows where nothing is drawn."""
+        backdrop = shown.backdrop
+        if backdrop is None:
+            return np.array(self.light.background)
+        towards = max(float(backdrop.normal @ shown.sun[backdrop.row]), 0.0)
+        shade = self.light.ambient + self.light.diffuse * towards
+        return np.minimum(backdrop.rgba * [shade, shade, shade, 1.0], 1.0)
+
+    def _refine(self, view: View, rgba: np.ndarray, shown: Shown, outlines: Outlines
                 ) -> np.ndarray:
         """Draw the tiles with edges again, finer, and put them into rgba."""
         w, h = view.width, view.height
-        corners = self._finder(w, h).find(rgba)
-        if not len(corners):
-            return rgba
-        triangle, tile = np.zeros(0, int), np.zeros(0, int)
-        left = DENSE**2 * w * h
+        finder = self._finder(w, h)
+        corners = finder.origins[finder.find(rgba)]
         if len(shown.triangle) * len(corners) > MOST_PAIRS:
-            left = 0
-        else:
-            first = corners * (2.0 / np.array([w, h])) - 1.0
-            triangle, tile = self._geometry.visibility.of_tiles(
-                shown.triangle, bounds, first, first + 2.0 * TILE / np.array([w, h])
-            )
-            left -= CLIP_COST * len(triangle)
+            return self._denser(shown, w, h, DENSE)
+        focal, centre = view.K[[0, 1], [0, 1]], view.K[:2, 2]
+        low = (corners - 0.5 - centre) / focal
+        tile, index = outlines.overlapping(low, low + TILE / focal)
+        left = DENSE**2 * w * h - CLIP_COST * len(index)
         if len(corners) * (TILE * FINE) ** 2 > left:  # drawing everything denser costs less
             return self._denser(shown, w, h, DENSE)
-        rows = _atlas_rows(len(corners))
-        fine = _Shown(tiles(view, corners, TILE, ATLAS_COLUMNS, rows), triangle, tile,
-                      shown.optical_T_link, shown.sun)
-        size = TILE * (FINE + 1)
-        atlas = self._picture(fine, (ATLAS_COLUMNS * size, rows * size),
-                              lattice=refinement.lattice(FINE))
-        refinement.paste_sheared(rgba, atlas, corners, FINE)
+        faces = tiles(view, corners, TILE, ATLAS_COLUMNS, _atlas_rows(len(corners)))
+        fine = replace(shown, faces=faces, triangle=shown.triangle[index], face=tile)
+        self._redraw(rgba, corners, fine, FINE)
         return rgba
 
-    def _denser(self, shown: _Shown, width: int, height: int, factor: int) -> np.ndarray:
+    def _redraw(self, rgba: np.ndarray, corners: np.ndarray, fine: Shown, factor: int) -> None:
+        """Draw tiles with first pixels (N, 2) with factor^2 samples a pixel, into rgba."""
+        if not len(corners):
+            return
+        size = TILE * (factor + 1)
+        atlas = self._picture(fine, (ATLAS_COLUMNS * size, _atlas_rows(len(corners)) * size),
+                              lattice=refinement.lattice(factor))
+        refinement.paste_sheared(rgba, atlas, corners, factor)
+
+    def _denser(self, shown: Shown, width: int, height: int, factor: int) -> np.ndarray:
         """Picture with factor x factor samples for every pixel; 2 or 3."""
         large = self._picture(shown, (factor * width, factor * height))
         if factor == 3:  # far faster than resizing by three
             return np.ascontiguousarray(cv2.blur(large, (3, 3))[1::3, 1::3])
         return cv2.resize(large, (width, height), interpolation=cv2.INTER_AREA)
 
-    def _program(self, tiled: bool, measure: bool = False) -> moderngl.Program:
+    def _program(self, tiled: bool, measure: bool = False, cut: bool = False
+                 ) -> moderngl.Program:
         textured = self._geometry.textures is not None and not measure
-        switches = {"TILED": tiled, "TEXTURED": textured, "MEASURE": measure}
+        switches = {"TILED": tiled, "TEXTURED": textured, "MEASURE": measure, "CUT": cut}
         key = tuple(switches.values())
         if key not in self._programs:
             names = [name for name, on in switches.items() if on]
@@ -254,19 +318,8 @@ class OpenGLRenderer:
         return program
 
 
-@dataclass(frozen=True)
-class _Shown:
-    """Triangles (N,), the face each is drawn on (N,), link poses and the sun in link frames."""
-
-    faces: Faces
-    triangle: np.ndarray
-    face: np.ndarray
-    optical_T_link: np.ndarray  # noqa: N815 (a_T_b maps b to a)
-    sun: np.ndarray
-
-
 def _atlas_rows(count: int) -> int:
-    """Rows for `count` tiles; powers of two, so that few sizes of framebuffer are made."""
-    if not count:
-        return 1
-    return 1 << (-(-count // ATLAS_COLUMNS) - 1).bit_length()
+    """Rows for `count` tiles; above eight in steps, so that few sizes of framebuffer are made."""
+    rows = max(1, -(-count // ATLAS_COLUMNS))
+    step = max(1, (1 << (rows - 1).bit_length()) // 8)
+    return -(-rows // step) * step

@@ -14,22 +14,31 @@ TILE = 8
 THRESHOLD = 6
 
 
+def tile_origins(width: int, height: int) -> np.ndarray:
+    """(N, 2) first pixels u, v of all tiles of a picture, row by row.
+
+    Tiles at the far borders are moved inwards where they would stand out of the picture.
+    """
+    u = np.minimum(np.arange(0, width, TILE), width - TILE)
+    v = np.minimum(np.arange(0, height, TILE), height - TILE)
+    return np.stack([np.tile(u, len(v)), np.repeat(v, len(u))], axis=1)
+
+
 class EdgeFinder:
     """Finds tiles with edges in pictures of one size."""
 
     def __init__(self, width: int, height: int) -> None:
         self.columns, self.rows = -(-width // TILE), -(-height // TILE)
+        self.origins = tile_origins(width, height)
         self._size = (width, height)
         # Differences are noted at the left or upper pixel; padded to whole tiles.
         shape = (self.rows * TILE, self.columns * TILE)
         self._grey = np.zeros(shape, np.uint8)
         self._edge = np.zeros(shape, np.uint8)
 
-    def find(self, rgba: np.ndarray) -> np.ndarray:
-        """(N, 2) first pixels u, v of the tiles with edges in rgba (height, width, 4) uint8.
-
-        Tiles at the far borders are moved inwards where they would stand out of the picture.
-        """
+    def find(self, rgba: np.ndarray, threshold: int = THRESHOLD) -> np.ndarray:
+        """(N,) numbers of the tiles in which neighbours in rgba (height, width, 4) uint8 differ
+        by more than `threshold` grey levels."""
         w, h = self._size
         grey = self._grey
         grey[:h, :w] = cv2.cvtColor(rgba, cv2.COLOR_RGBA2GRAY)
@@ -45,14 +54,14 @@ class EdgeFinder:
         # The two borders dropped: they are compared along themselves.
         edge[:h - 1, w - 1] = cv2.absdiff(grey[1:h, w - 1], grey[:h - 1, w - 1]).reshape(-1)
         edge[h - 1, :w - 1] = cv2.absdiff(grey[h - 1, 1:w], grey[h - 1, :w - 1]).reshape(-1)
-        words = cv2.threshold(edge, THRESHOLD, 1, cv2.THRESH_BINARY)[1].view(np.uint64)
+        words = cv2.threshold(edge, threshold, 1, cv2.THRESH_BINARY)[1].view(np.uint64)
         words = words.reshape(self.rows, TILE, self.columns)  # a row of a tile is one word
         column = np.bitwise_or.reduce(words, axis=1)
         hit = column != 0
         # A difference noted on the last pixel of a tile concerns the next tile as well.
         hit[:, 1:] |= (column[:, :-1] >> np.uint64(56)) != 0
         hit[1:, :] |= words[:-1, -1] != 0
-        return np.minimum(np.argwhere(hit)[:, ::-1] * TILE, [w - TILE, h - TILE])
+        return np.flatnonzero(hit)
 
 
 def lattice(factor: int) -> tuple[float, float]:
@@ -73,8 +82,11 @@ def paste_sheared(image: np.ndarray, atlas: np.ndarray, corners: np.ndarray, fac
                          borderType=cv2.BORDER_REPLICATE)
     size = TILE * (factor + 1)
     columns = atlas.shape[1] // size
+    row, column = np.divmod(np.arange(len(corners)), columns)
     across = np.arange(TILE)
-    rows = factor * across[:, None] + across[None, :]
-    for n, (u, v) in enumerate(corners.tolist()):
-        row, column = divmod(n, columns)
-        image[v:v + TILE, u:u + TILE] = mean[row * size + rows, column * size + rows.T]
+    # Pixels are words, and words are found by their number.
+    step = factor * across[:, None] + across
+    source = (row * mean.shape[1] + column)[:, None, None] * size + step * mean.shape[1] + step.T
+    u, v = corners.T
+    goal = (v * image.shape[1] + u)[:, None, None] + across[:, None] * image.shape[1] + across
+    image.view(np.uint32).reshape(-1)[goal] = mean.view(np.uint32).reshape(-1)[source]

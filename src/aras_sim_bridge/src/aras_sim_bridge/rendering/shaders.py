@@ -22,6 +22,9 @@ uniform vec2 light;        // ambient, diffuse
 #ifdef TILED
 uniform vec2 lattice;
 #endif
+#ifdef CUT
+uniform vec4 backdrop;     // plane n, d in the face frame; nothing behind it is drawn
+#endif
 out float v_light;         // shading is smooth between vertices
 flat out vec4 v_rgba;
 #ifdef TEXTURED
@@ -34,6 +37,9 @@ void main() {
     vec3 q = vec3(dot(row0, p), dot(row1, p), dot(row2, p));
     v_light = light.x + light.y * max(dot(normal, sun), 0.0);
     v_rgba = rgba;
+#ifdef CUT
+    gl_ClipDistance[4] = dot(backdrop.xyz, q) - backdrop.w;
+#endif
     vec2 xy = projection.xz * q.xy + projection.yw * q.z;
 #ifdef TILED
     // Sheared into refinement's lattice: x = 1 / (factor + 1), y = x / TILE, or 0 for none.
@@ -84,37 +90,6 @@ in float v_depth;
 flat in float v_label;
 out vec2 measured;
 void main() { measured = vec2(v_depth, v_label); }
-"""
-
-SCREEN_VERTEX = """
-#version 330
-in vec2 corner;
-void main() { gl_Position = vec4(corner, 0.0, 1.0); }
-"""
-
-# Looks every pixel of the picture up in the atlas of faces; FOUR takes four places of the pixel.
-LENS_FRAGMENT = """
-#version 330
-uniform sampler2D atlas;
-uniform sampler2D lookup;  // atlas coordinates 0..1, negative where the lens shows nothing
-out vec4 colour;
-void main() {
-    vec2 at = texelFetch(lookup, ivec2(gl_FragCoord.xy), 0).xy;
-    if (at.x < 0.0) {
-        colour = vec4(0.0, 0.0, 0.0, 1.0);
-        return;
-    }
-#ifdef FOUR
-    // A jump between faces says nothing about the size of the pixel.
-    vec2 x = dFdx(at), y = dFdy(at), limit = 8.0 / vec2(textureSize(atlas, 0));
-    x = any(greaterThan(abs(x), limit)) ? vec2(0.0) : 0.25 * x;
-    y = any(greaterThan(abs(y), limit)) ? vec2(0.0) : 0.25 * y;
-    colour = 0.25 * (textureLod(atlas, at + x + y, 0.0) + textureLod(atlas, at + x - y, 0.0)
-                     + textureLod(atlas, at - x + y, 0.0) + textureLod(atlas, at - x - y, 0.0));
-#else
-    colour = textureLod(atlas, at, 0.0);
-#endif
-}
 """
 
 

@@ -1,19 +1,41 @@
-"""Which triangles faces can show: box by box, then triangle by triangle.
+"""Which triangles faces can show: box by box, then, where that pays, triangle by triangle.
 
 A software rasteriser spends more on a triangle that it must clip than on ten that it draws, so
-exact culling here pays for itself several times over.
+exact culling here pays for itself several times over; but of thousands of triangles it throws
+away those turned away or out of view faster than numpy finds them.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from .clusters import Clusters
 from .faces import Faces
-from .occluders import Occluders
+from .occluders import Backdrop, Occluders
+from .outlines import Outlines
 
 # Distance behind a plane up to which things count as lying in it, m.
 TOUCHING = 1e-6
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What one face may show.
+
+    triangle: (N,) triangles that turn their front to the eye, ascending, with their outlines. Or
+        both None where there are many triangles: then cluster (C,) has them, with others that
+        are turned away or out of view.
+    backdrop: the quad that fills the face and of which nothing is in `triangle`, or None.
+    cut: whether some triangle reaches through the backdrop.
+    """
+
+    triangle: np.ndarray | None
+    outlines: Outlines | None
+    cluster: np.ndarray
+    backdrop: Backdrop | None = None
+    cut: bool = False
 
 
 class Visibility:
@@ -22,175 +44,112 @@ class Visibility:
     def __init__(self, clusters: Clusters, transparent: np.ndarray) -> None:
         self._c = c = clusters
         self._occluders = Occluders(clusters, transparent)
-        # Clusters stand link by link; a box around each link's.
-        self._rows = rows = np.unique(c.row)
-        ends = np.searchsorted(c.row, [rows, rows + 1]).T.tolist()
-        self._clusters_of = {row: slice(*e) for row, e in zip(rows, ends, strict=True)}
-        low = np.array([(c.centre - c.half)[slice(*e)].min(axis=0) for e in ends]).reshape(-1, 3)
-        high = np.array([(c.centre + c.half)[slice(*e)].max(axis=0) for e in ends]).reshape(-1, 3)
+        # A box around all clusters of each link.
+        self._rows, self._link = np.unique(c.row, return_inverse=True)
+        low = np.full((len(self._rows), 3), np.inf)
+        high = -low
+        np.minimum.at(low, self._link, c.centre - c.half)
+        np.maximum.at(high, self._link, c.centre + c.half)
         self._centre, self._half = (low + high) / 2, (high - low) / 2
 
-    def in_view(self, faces: Faces, optical_T_link: np.ndarray, most: int
-                ) -> tuple[np.ndarray, np.ndarray | None]:
-        """Triangles (N,) that a single face may show and that turn their front to the eye.
-
-        Also their bounds in the face, (4, N): low x, low y, high x, high y, within -1..1; or
-        None when there are more than `most` triangles, which are then only looked at one by
-        one where their cluster reaches over the border.
-        """
-        front = self._occluders.filling(faces, optical_T_link)
-        triangle, crossing = self._candidates(faces, optical_T_link, front)
-        if len(triangle) > most:
-            test = np.flatnonzero(crossing)
-            p = self._corners(triangle[test], optical_T_link)
-            out = ~_within(_projected_bounds(p, faces.near, faces.projection[0]))
-            keep = np.ones(len(triangle), bool)
-            keep[test[out]] = False
-            return triangle[keep], None
+    def in_view(self, faces: Faces, optical_T_link: np.ndarray, most: int) -> Seen:
+        """What a single face may show: triangle by triangle if they are not more than `most`."""
+        backdrop = self._occluders.filling(faces, optical_T_link)
+        cluster = self._touched(faces, optical_T_link, backdrop)
+        if self._c.count[cluster].sum() > most:
+            return Seen(None, None, cluster)
+        triangle = self._fronts(self._triangles(cluster), optical_T_link)
         p = self._corners(triangle, optical_T_link)
-        if front is not None:
-            side = p.reshape(-1, 3) @ front[:3]
-            ahead = np.flatnonzero(side.reshape(-1, 3).max(axis=1) > front[3] - TOUCHING)
-            triangle, p = triangle[ahead], p[ahead]
-        bounds = _projected_bounds(p, faces.near, faces.projection[0])
-        seen = _within(bounds)
-        return triangle[seen], bounds[:, seen]
+        normals = faces.normals[0]
+        side = (p.reshape(-1, 3) @ normals[:4].T).reshape(-1, 3, 4)
+        seen = (side.max(axis=1) > 0.0).all(axis=1)
+        cut = False
+        if backdrop is not None:
+            ahead = (p.reshape(-1, 3) @ backdrop.plane[:3]).reshape(-1, 3) - backdrop.plane[3]
+            seen &= ahead.max(axis=1) > -TOUCHING
+            seen &= (triangle != backdrop.first) & (triangle != backdrop.first + 1)
+            cut = bool((ahead[seen] < -TOUCHING).any())
+        outlines = Outlines.of(p[seen], faces.near)
+        within = outlines.within(*faces.window())
+        return Seen(triangle[seen][within], outlines.of_some(within), cluster, backdrop, cut)
 
     def on_faces(self, faces: Faces, optical_T_link: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Pairs (triangle, face) of what each of several faces may show, face by face."""
-        triangle, _ = self._candidates(faces, optical_T_link)
+        cluster = self._touched(faces, optical_T_link)
+        triangle = self._fronts(self._triangles(cluster), optical_T_link)
         p = self._corners(triangle, optical_T_link).reshape(-1, 3)
-        side = (faces.normals().reshape(-1, 3) @ p.T).reshape(len(faces), 5, -1, 3)
+        side = (faces.normals.reshape(-1, 3) @ p.T).reshape(len(faces), 5, -1, 3)
         high = np.maximum(np.maximum(side[..., 0], side[..., 1]), side[..., 2])
         seen = ((high[:, 0] > 0.0) & (high[:, 1] > 0.0) & (high[:, 2] > 0.0)
                 & (high[:, 3] > 0.0) & (high[:, 4] > faces.near))
         face, index = np.nonzero(seen)
         return triangle[index], face
 
-    def _candidates(self, faces: Faces, T: np.ndarray, front: np.ndarray | None = None
-                    ) -> tuple[np.ndarray, np.ndarray]:
-        """Front triangles in clusters whose boxes touch a face's frustum, ascending.
+    def _touched(self, faces: Faces, T: np.ndarray, backdrop: Backdrop | None = None
+                 ) -> np.ndarray:
+        """Clusters (C,) with fronts, whose boxes touch a face's frustum before the backdrop."""
+        c = self._c
+        R, t = T[self._rows, :3, :3], T[self._rows, :3, 3]
+        planes = faces.normals.reshape(-1, 3)
+        if backdrop is not None:
+            planes = np.concatenate([planes, [backdrop.plane[:3]]])
+        # All in link frames, so that nothing but planes and the eye need be turned.
+        normal = planes @ R  # (rows, 5 F + 1, 3)
+        base = t @ planes.T
+        eye = -(t[:, None] @ R)[:, 0]
+        touched = _in_front(_distance(normal, base, self._centre, self._half), faces, backdrop)
+        near = np.flatnonzero(touched[self._link])
+        own, centre = self._link[near], c.centre[near]
+        facing = c.facing[near]
+        to_eye = eye[own] - centre
+        highest = np.maximum(facing[:, :3] * to_eye, facing[:, 3:6] * to_eye).sum(axis=1)
+        fronts = highest > facing[:, 6] - TOUCHING
+        near, own, centre = near[fronts], own[fronts], centre[fronts]
+        distance = _distance(normal[own], base[own], centre, c.half[near])
+        return near[_in_front(distance, faces, backdrop)]
 
-        And for each, whether its box reaches over the border of the first face. front: plane (4,)
-        in the optical frame behind which nothing is seen.
-        """
-        rows = self._rows
-        R, t = T[rows, :3, :3], T[rows, :3, 3]
-        normals = faces.normals().reshape(-1, 3)
-        spans = np.abs(normals @ R)  # (rows, 5 F, 3)
-        centre = np.einsum("rij,rj->ri", R, self._centre) + t
-        touched, _ = _boxes(centre @ normals.T, np.einsum("rki,ri->rk", spans, self._half), faces)
-        if front is not None:
-            reach = np.einsum("ri,ri->r", np.abs(front[:3] @ R), self._half)
-            touched &= centre @ front[:3] + reach > front[3] - TOUCHING
-        found, over = [], []
-        for k in np.flatnonzero(touched):
-            triangle, crossing = self._in_row(rows[k], R[k], t[k], normals, spans[k], faces)
-            found.append(triangle)
-            over.append(crossing)
-        if not found:
-            return np.zeros(0, int), np.zeros(0, bool)
-        return np.concatenate(found), np.concatenate(over)
-
-    def _in_row(self, row: int, R: np.ndarray, t: np.ndarray, normals: np.ndarray,
-                spans: np.ndarray, faces: Faces) -> tuple[np.ndarray, np.ndarray]:
-        """The candidates of one link."""
-        c, own = self._c, self._clusters_of[row]
-        offset = c.centre[own] @ (normals @ R).T + normals @ t
-        touched, crossing = _boxes(offset, c.half[own] @ spans.T, faces)
-        chosen = np.flatnonzero(touched)
-        crossing, chosen = crossing[chosen], chosen + own.start
-        count = c.count[chosen]
+    def _triangles(self, cluster: np.ndarray) -> np.ndarray:
+        """All triangles (N,) of clusters."""
+        c = self._c
+        count = c.count[cluster]
         ends = np.cumsum(count)
-        if not len(ends):
-            return np.zeros(0, int), np.zeros(0, bool)
-        triangle = np.arange(ends[-1]) + np.repeat(c.first[chosen] - ends + count, count)
-        front = c.normal[triangle] @ (-t @ R) > c.offset[triangle]
-        return triangle[front], np.repeat(crossing, count)[front]
+        total = int(ends[-1]) if len(ends) else 0
+        return np.arange(total) + np.repeat(c.first[cluster] - ends + count, count)
+
+    def _fronts(self, triangle: np.ndarray, T: np.ndarray) -> np.ndarray:
+        """Those of triangles (N,) that turn their front to the eye."""
+        c = self._c
+        eye = -(T[:, None, :3, 3] @ T[:, :3, :3])[:, 0]
+        side = np.einsum("ij,ij->i", c.normal[triangle], eye[c.tri_row[triangle]])
+        return triangle[side > c.offset[triangle]]
 
     def _corners(self, triangle: np.ndarray, T: np.ndarray) -> np.ndarray:
         """(N, 3, 3) corners in the optical frame."""
-        c = self._c
-        if not len(triangle):
-            return np.zeros((0, 3, 3))
-        row = c.tri_row[triangle]
-        # Triangles of a link stand together; one product for each.
-        edges = np.flatnonzero(np.diff(row)) + 1
-        p = c.corners[triangle]
-        out = np.empty_like(p)
-        for a, b in zip([0, *edges], [*edges, len(row)], strict=True):
-            pose = T[row[a]]
-            np.matmul(p[a:b].reshape(-1, 3), pose[:3, :3].T, out=out[a:b].reshape(-1, 3))
-            out[a:b] += pose[:3, 3]
-        return out
+        pose = T[self._c.tri_row[triangle], :3]
+        return self._c.corners[triangle] @ pose[:, :, :3].transpose(0, 2, 1) + pose[:, None, :, 3]
 
-    def of_tiles(self, triangle: np.ndarray, bounds: np.ndarray, first: np.ndarray,
-                 last: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs (triangle, tile) that overlap, tile by tile.
-
-        triangle, bounds: from of_face. first, last: (F, 2) corners of the tiles in that face.
-        """
-        low_x, low_y, high_x, high_y = bounds
-        overlap = (high_x > first[:, :1]) & (low_x < last[:, :1])
-        overlap &= (high_y > first[:, 1:]) & (low_y < last[:, 1:])
-        tile, index = np.nonzero(overlap)
-        return triangle[index], tile
+    def outlines_on(self, faces: Faces, triangle: np.ndarray, face: np.ndarray,
+                    optical_T_link: np.ndarray) -> Outlines:
+        """Outlines of pairs from on_faces, each on the plane of its face."""
+        p = self._corners(triangle, optical_T_link) @ faces.rotation[face].transpose(0, 2, 1)
+        return Outlines.of(p, faces.near)
 
 
-def _boxes(offset: np.ndarray, reach: np.ndarray, faces: Faces) -> tuple[np.ndarray, np.ndarray]:
-    """Whether boxes touch any face's frustum, and whether they reach over the first one's border.
+def _distance(normal: np.ndarray, base: np.ndarray, centre: np.ndarray, half: np.ndarray
+              ) -> np.ndarray:
+    """(planes, N) distance of boxes (N, 3) from planes of their own, to their farthest corners.
 
-    offset, reach: (N, 5 F) distances of the boxes' centres from the planes, and half extents.
+    normal: (N, planes, 3), in the boxes' frames. base: (N, planes).
     """
-    high, low = (offset + reach).T, (offset - reach).T
-    near, far = faces.near, faces.far
-    touched = np.zeros(len(offset), bool)
-    for k in range(0, len(high), 5):
-        touched |= ((high[k] > 0.0) & (high[k + 1] > 0.0) & (high[k + 2] > 0.0)
-                    & (high[k + 3] > 0.0) & (high[k + 4] > near) & (low[k + 4] < far))
-    crossing = ((low[0] < 0.0) | (low[1] < 0.0) | (low[2] < 0.0) | (low[3] < 0.0)
-                | (low[4] < near) | (high[4] > far))
-    return touched, crossing
+    middle = (normal @ centre[:, :, None])[:, :, 0]
+    return (middle + base + (np.abs(normal) @ half[:, :, None])[:, :, 0]).T
 
 
-def _projected_bounds(p: np.ndarray, near: float, projection: np.ndarray) -> np.ndarray:
-    """(4, N) bounds on a face of triangles (N, 3, 3) in its frame; of the part beyond near."""
-    x, y, z = p[..., 0], p[..., 1], p[..., 2]
-    front = z > near
-    bounds = np.empty((4, len(p)))
-    cut = np.flatnonzero(~(front[:, 0] & front[:, 1] & front[:, 2]))
-    safe = np.maximum(z, near)
-    _extremes(x / safe, y / safe, bounds)
-    if len(cut):
-        bounds[:, cut] = _cut_bounds(p[cut], near)
-    a, b, c, d = projection
-    bounds *= np.array([[a], [c], [a], [c]])
-    bounds += np.array([[b], [d], [b], [d]])
-    return bounds
-
-
-def _within(bounds: np.ndarray) -> np.ndarray:
-    """Which of the bounds (4, N) touch the face."""
-    return (bounds[0] < 1.0) & (bounds[1] < 1.0) & (bounds[2] > -1.0) & (bounds[3] > -1.0)
-
-
-def _extremes(u: np.ndarray, v: np.ndarray, out: np.ndarray) -> None:
-    """Low and high of (N, 3) corner coordinates, written to (4, N)."""
-    for row, (values, pick) in enumerate(((u, np.minimum), (v, np.minimum),
-                                          (u, np.maximum), (v, np.maximum))):
-        pick(pick(values[:, 0], values[:, 1]), values[:, 2], out=out[row])
-
-
-def _cut_bounds(p: np.ndarray, near: float) -> np.ndarray:
-    """(4, N) bounds in x / z, y / z of triangles (N, 3, 3), cut off at z = near."""
-    q = np.roll(p, -1, axis=1)
-    z, w = p[..., 2], q[..., 2]
-    crosses = (z > near) != (w > near)
-    s = np.where(crosses, (near - z) / np.where(crosses, w - z, 1.0), 0.0)
-    on_plane = (p + s[..., None] * (q - p))[..., :2] / near
-    inner = p[..., :2] / np.maximum(z, near)[..., None]
-    points = np.concatenate([inner, on_plane], axis=1)
-    valid = np.concatenate([z > near, crosses], axis=1)[..., None]
-    low = np.where(valid, points, np.inf).min(axis=1)
-    high = np.where(valid, points, -np.inf).max(axis=1)
-    return np.concatenate([low, high], axis=1).T
+def _in_front(distance: np.ndarray, faces: Faces, backdrop: Backdrop | None) -> np.ndarray:
+    """Which of the boxes with these distances touch any face's frustum, before the backdrop."""
+    touched = np.zeros(distance.shape[1], bool)
+    for k in range(0, 5 * len(faces), 5):
+        touched |= (distance[k:k + 4] > 0.0).all(axis=0) & (distance[k + 4] > faces.near)
+    if backdrop is not None:
+        touched &= distance[-1] > backdrop.plane[3] - TOUCHING
+    return touched

@@ -4,13 +4,15 @@ set -euo pipefail
 
 usage() {
     cat <<'TEXT'
-Usage: ./demo.sh [--scheme moments|kernel] [--start 2015|2016] [--rviz] [--out DIR]
+Usage: ./demo.sh [--scheme moments|kernel] [--start 2015|2016] [--camera NAME] [--rviz] [--out DIR]
 
 Sets up the workspace if need be, simulates the ARAS robot while it servoes its camera to the target,
 and ends by itself. The status is 0 only when the robot has converged.
 
   --scheme NAME   features and control law: moments (default) or kernel
   --start YEAR    initial pose: 2015 (default) or 2016
+  --camera NAME   camera preset: original (default), calibrated, wide, fisheye, noisy, or a file of
+                  your own in src/aras_visual_servo_gazebo/config/cameras
   --rviz          show the robot and its camera in rviz (needs a display)
   --out DIR       folder for summary.json, plots, images and run.bag (default: out/ of this workspace)
   --help          print this
@@ -24,13 +26,13 @@ fail() {
 }
 
 root=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")
-scheme=moments start=2015 out=$root/out rviz=()
+scheme=moments start=2015 camera=original out=$root/out rviz=()
 while (($#)); do
     case "$1" in
-        --scheme=* | --start=* | --out=*) set -- "${1%%=*}" "${1#*=}" "${@:2}" ;;
+        --scheme=* | --start=* | --camera=* | --out=*) set -- "${1%%=*}" "${1#*=}" "${@:2}" ;;
     esac
     case "$1" in
-        --scheme | --start | --out)
+        --scheme | --start | --camera | --out)
             [[ -n ${2-} ]] || fail "$1 needs a value"
             declare "${1#--}=$2"
             shift 2
@@ -42,6 +44,8 @@ while (($#)); do
 done
 [[ $scheme == moments || $scheme == kernel ]] || fail "--scheme is moments or kernel, not $scheme"
 [[ $start == 2015 || $start == 2016 ]] || fail "--start is 2015 or 2016, not $start"
+presets=$root/src/aras_visual_servo_gazebo/config/cameras
+[[ -f $presets/$camera.yaml ]] || fail "--camera: there is no preset $presets/$camera.yaml"
 [[ ${#rviz[@]} == 0 || -n ${DISPLAY-} ]] || fail "--rviz needs a display, and DISPLAY is not set"
 # Made here, not after a minute of work: a folder that cannot be written is told at once.
 mkdir -p -- "$out" && out=$(cd -- "$out" && pwd) && [[ -w $out ]] || fail "--out: cannot write to $out"
@@ -54,4 +58,5 @@ set +u # catkin's file reads variables that may be unset
 set -u
 # Some of Debian's ROS tools start with `env python3`, which another Python in PATH would answer.
 export PATH=$root/.venv/bin:$PATH
-exec rosrun aras_visual_servo_controller demo --scheme "$scheme" --start "$start" --out "$out" "${rviz[@]}"
+exec rosrun aras_visual_servo_controller demo --scheme "$scheme" --start "$start" --camera "$camera" \
+    --out "$out" "${rviz[@]}"

@@ -81,7 +81,8 @@ def write_run(path, year="2016", optical=True, seconds=4.0):
                 "/tf", TFMessage([transform("upside_down", "camera_link", pose, time)]), later
             )
 
-            info = CameraInfo(K=[100.0, 0, 160, 0, 100, 120, 0, 0, 1])
+            info = CameraInfo(width=4, height=2, K=[100.0, 0, 160, 0, 100, 120, 0, 0, 1],
+                              D=[0.0] * 4, distortion_model="equidistant")
             bag.write("/labrob/camera/camera_info", info, later)
             image = Image(encoding="rgb8", width=4, height=2, step=12, data=bytes(range(24)))
             image.header.stamp = time
@@ -110,7 +111,8 @@ def test_bag_gives_the_run_back(tmp_path, optical):
     )
     assert run.images.first.shape == (2, 4, 3)
     assert run.images.first[0, 1, 2] == 5
-    np.testing.assert_array_equal(run.images.K[0], [100.0, 0, 160])
+    column, row = run.images.camera.project([1.0], [0.0])  # 45 degrees to the right
+    np.testing.assert_allclose([column[0], row[0]], [160 + 100 * np.pi / 4, 120])
 
     summary = analysis.summarise(run, desired)
     assert summary["converged"] is True

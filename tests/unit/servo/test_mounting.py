@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,9 @@ from aras_visual_servo_controller.kinematics import (
     rotation_rpy,
     transform,
 )
+from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.mounting import from_description, same, to_xyz_rpy
+from aras_visual_servo_controller.schemes import create
 from aras_visual_servo_controller.settings import STARTS, Settings
 from aras_visual_servo_controller.virtual_robot import VirtualRobot
 
@@ -104,6 +107,22 @@ def test_the_loop_reaches_the_goal_with_a_moved_camera(moved, year):
     distance, angle = pose_difference(goal, robot.kinematics.pose(robot.q))
     assert distance < 0.5e-3
     assert angle < np.radians(0.2)
+
+
+@pytest.mark.parametrize("year", ["2015", "2016"])
+def test_the_law_knows_how_the_tilted_camera_sees_the_table(settle, year):
+    """With the matrix of a table parallel to the image, settling takes twice as long."""
+    tilted = from_description(mount("--xyz=0 0.03 0", "--rpy=0.3 0.3 0.1").stdout)
+    loop = Settings(start="none", desired=year, package=PACKAGE).build(tilted)
+    robot = VirtualRobot(np.array(STARTS[year]), kinematics=Kinematics(mounting=tilted))
+    assert settle(robot.run(loop, 4.0)) < 1.3
+
+
+def test_a_camera_that_looks_along_the_table_is_refused():
+    along = MOUNTING @ transform((0, 0, 0), (np.pi / 2 - 0.01, 0, 0))
+    desired = from_geometry(DESIRED_JOINTS["2016"], "mine", Kinematics())
+    with pytest.raises(ConfigurationError, match="mine: .* looks along the table"):
+        create("moments", replace(desired, mounting=along), Proportional())
 
 
 def test_a_law_that_does_not_know_the_mounting_fails():

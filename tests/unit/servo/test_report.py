@@ -5,12 +5,13 @@ import json
 import numpy as np
 import pytest
 
+from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.report import analysis, plots
 from aras_visual_servo_controller.report.run import Images, MomentsTrack, Run, States
 from aras_visual_servo_controller.schemes.moments import MomentsScheme
 from aras_visual_servo_controller.virtual_robot import VirtualRobot
 
-K = np.array([[102.74, 0, 159.5], [0, 102.74, 119.5], [0, 0, 1.0]])
+CAMERA = CameraModel(320, 240, (102.74, 0.0, 159.5, 0.0, 102.74, 119.5, 0.0, 0.0, 1.0))
 SECONDS = 4.0
 
 
@@ -48,7 +49,7 @@ def run(loops):
         joints=np.array(joints),
         camera_stamp=stamp,
         camera_pose=np.array([loops.kinematics.pose(q) for q in joints]),
-        images=Images(stamp, stamp + 0.004, picture, picture, K),
+        images=Images(stamp, stamp + 0.004, picture, picture, CAMERA),
         moments=MomentsTrack(
             stamp,
             3,

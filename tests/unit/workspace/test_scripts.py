@@ -33,6 +33,7 @@ def test_help_names_every_option(script: str) -> None:
         (["--scheme", "hand"], "--scheme is moments or kernel, not hand"),
         (["--start=1999"], "--start is 2015 or 2016, not 1999"),
         (["--scheme"], "--scheme needs a value"),
+        (["--camera=pinhole"], "--camera: there is no preset"),
         (["--fast"], "unknown argument --fast"),
         (["--rviz"], "--rviz needs a display"),
         (["--out", "/dev/null/x"], "--out: cannot write to /dev/null/x"),

@@ -191,6 +191,7 @@ class Demo:
             scheme=scheme,
             start=self.arguments.start,
             camera=self.arguments.camera,
+            **self._moved(),
             real_time_factor=None if factor is None else round(factor, 4),
             versions=_versions(),
         )
@@ -207,7 +208,8 @@ class Demo:
         )
         plots.write_images(run, self.out)
         print(f"\nVisual servoing by scheme '{scheme}' from the initial pose of "
-              f"{self.arguments.start}:\n\n{analysis.table(summary)}\n\n"
+              f"{self.arguments.start}, camera '{self.arguments.camera}':\n\n"
+              f"{analysis.table(summary)}\n\n"
               f"  Results in {self.out}/\n", flush=True)
         return 0 if summary["converged"] else 1
 

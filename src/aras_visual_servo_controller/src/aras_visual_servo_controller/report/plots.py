@@ -213,13 +213,12 @@ def camera_path(run: Run, goal_pose: np.ndarray) -> Figure:
 
 def image_trajectory(run: Run, goal_centre: np.ndarray) -> Figure:
     """Where the target's centre of gravity went in the image, over the last image."""
-    K = run.images.K
     servoing = run.moments.stamp >= run.began
     m = run.moments.m[servoing]
     time = run.moments.stamp[servoing] - run.began
-    centres = np.column_stack([m[:, 1] / m[:, 0], m[:, 2] / m[:, 0]])
-    pixels = centres @ K[:2, :2].T + K[:2, 2]
-    goal = K[:2, :2] @ np.asarray(goal_centre) + K[:2, 2]
+    camera = run.images.camera
+    pixels = np.column_stack(camera.project(m[:, 1] / m[:, 0], m[:, 2] / m[:, 0]))
+    goal = np.ravel(camera.project(*np.reshape(goal_centre, (2, 1))))
 
     figure, axis = plt.subplots(figsize=(7.5, 5.4))
     axis.grid(False)

@@ -1,11 +1,15 @@
 """A run as plain arrays, and how to read one from a bag."""
 
+import contextlib
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from aras_visual_servo_camera.errors import CalibrationError
+from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..errors import ServoError
 from ..kinematics import JOINT_NAMES
@@ -48,14 +52,14 @@ class Images:
     Attributes:
         stamp, arrival: (n,) s of simulated time: exposure, and when the recorder had it.
         first, last: (H, W, 3) rgb of the first and the last image while servoing, or None.
-        K: (3, 3) intrinsics, pixels.
+        camera: intrinsics and lens; where they are not known, one pixel is one normalised unit.
     """
 
     stamp: np.ndarray
     arrival: np.ndarray
     first: np.ndarray | None = None
     last: np.ndarray | None = None
-    K: np.ndarray = field(default_factory=lambda: np.eye(3))
+    camera: CameraModel = CameraModel(1, 1, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))
 
 
 @dataclass
@@ -133,7 +137,7 @@ class _Collector:
         self._images: list[tuple[float, float]] = []
         self._first: Any = None
         self._last: Any = None
-        self._K: np.ndarray | None = None
+        self._intrinsics = Images.camera
 
     def take(self, topic: str, message: Any, arrival: float) -> None:
         if topic.startswith("/tf"):
@@ -156,7 +160,8 @@ class _Collector:
                 self._first = message
             self._last = message
         else:
-            self._K = np.array(message.K, float).reshape(3, 3)
+            with contextlib.suppress(CalibrationError):  # the camera node has told
+                self._intrinsics = CameraModel.from_message(message)
 
     def _take_transforms(self, message: Any, moving: bool) -> None:
         for entry in message.transforms:
@@ -208,7 +213,7 @@ class _Collector:
                 arrival,
                 _rgb(self._first),
                 _rgb(self._last),
-                np.eye(3) if self._K is None else self._K,
+                self._intrinsics,
             ),
             moments=MomentsTrack(
                 np.array([m.header.stamp.to_sec() for m in self._moments]),

@@ -6,7 +6,8 @@ Features, with xg, yg the centre of gravity in normalised coordinates and a = m0
 
 xn, yn and an are metres: the place of the target before a camera parallel to it. The camera is
 kept level by the pitch regulation of the loop, so the twist has the four components vx, vy, vz
-and wz, and L their four columns.
+and wz, and L their four columns. L takes the target to lie level, seen at the tilt that the
+camera's mounting and the goal's pitch give, at the depth that its area tells.
 
 Reference: O. Tahri and F. Chaumette, Point-based and region-based image moments for visual
 servoing of planar objects, IEEE Transactions on Robotics 21(6), 2005.
@@ -18,6 +19,7 @@ import numpy as np
 
 from aras_visual_servo_camera import features as camera_features
 from aras_visual_servo_camera.errors import VisionError
+from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
 
 from ..desired import Desired
@@ -26,6 +28,7 @@ from ..laws import Diagonal, Law
 from .base import Measurement, Scheme, SchemeResult, wrap
 
 LEVEL_CAMERA = [0, 1, 2, 5]  # vx, vy, vz, wz
+EDGE_ON = 0.05  # sine of the angle between line of sight and table
 
 
 class MomentsScheme(Scheme):
@@ -41,6 +44,7 @@ class MomentsScheme(Scheme):
         try:
             moments = Moments.from_arrays(desired.m, desired.mu, desired.order)
             self._reference = camera_features.Reference.from_moments(moments, desired.depth)
+            self._plane = self._plane_at_goal()
             self._target = self._features(moments).values
         except (VisionError, MeasurementError) as error:
             raise ConfigurationError(f"{desired.name}: {error}") from error
@@ -57,10 +61,25 @@ class MomentsScheme(Scheme):
         twist[LEVEL_CAMERA] = self._velocity(found.L[:, LEVEL_CAMERA], found.values, error, elapsed)
         return SchemeResult(self.feature_names, found.values, self._target, error, twist)
 
+    def _plane_at_goal(self) -> np.ndarray:
+        """(A, B, C), 1/m, of the level target in the optical frame: 1/Z = A x + B y + C."""
+        up = self.desired.camera_pose[2, :3]
+        if abs(up[2]) < EDGE_ON:
+            raise ConfigurationError(
+                f"{self.desired.name}: at the goal the camera looks along the table, not on it: "
+                "mount it more upright"
+            )
+        return up / (self.desired.depth * up[2])
+
     def _features(self, moments: Moments) -> camera_features.FeatureSet:
         try:
+            plane = self._plane * np.sqrt(moments.area / self._reference.area)
             found = camera_features.compute(
-                moments, self.feature_names, reference=self._reference, tolerance=self.anisotropy
+                moments,
+                self.feature_names,
+                plane=Plane(*plane.tolist()),
+                reference=self._reference,
+                tolerance=self.anisotropy,
             )
         except VisionError as error:
             raise MeasurementError(str(error)) from error

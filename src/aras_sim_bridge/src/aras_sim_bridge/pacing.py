@@ -88,7 +88,8 @@ class Pacer:
     def due_until(self, time_ns: int, event_ns: int | None = None) -> int:
         """Simulated time [ns] up to which steps are due now, having reached `time_ns`.
 
-        event_ns: when something is to happen that shall not wait for the rest of its group.
+        event_ns: when something is to happen that shall not wait for the rest of its group. The
+            step that contains it is due when it has come, so that time is ahead by a part of it.
         """
         self._meter.update(time_ns, self._factor)
         if self._factor <= 0.0:

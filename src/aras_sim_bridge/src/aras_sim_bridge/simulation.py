@@ -185,12 +185,10 @@ class Simulation:
             camera.after_step(time_ns)
 
     def next_picture_ns(self) -> int | None:
-        """End of the coming step, ns, in which a camera has something to do; None: none has."""
-        due = [camera.sensor.due_ns for camera in self.cameras if camera.enabled]
-        ahead = min((t - self.time_ns for t in due if t > self.time_ns), default=None)
-        if ahead is None:
-            return None
-        return self.time_ns + -(-ahead // self.step_ns) * self.step_ns  # rounded up to a tick
+        """When a camera next has something to do, ns; None: none has. The step that contains it
+        ends later, by less than a step."""
+        due = (camera.sensor.due_ns for camera in self.cameras if camera.enabled)
+        return min((time_ns for time_ns in due if time_ns > self.time_ns), default=None)
 
     def reset_world(self) -> None:
         """Models back to their spawn poses; time and joint angles stay."""

@@ -53,7 +53,7 @@ class Steppable(Protocol):
         """Advance one physics step."""
 
     def next_picture_ns(self) -> int | None:
-        """End [ns] of the coming step in which a camera has something to do, if any."""
+        """Simulated time [ns] at which a camera next has something to do, if any."""
 
     def close(self) -> None:
         """Release what it holds."""

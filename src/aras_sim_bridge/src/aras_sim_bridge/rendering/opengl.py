@@ -197,15 +197,17 @@ class OpenGLRenderer:
         number = number[usable]
         if len(shown.triangle) * len(number) > MOST_PAIRS:
             return False
-        outlines = visibility.outlines_on(tiles.reach, shown.triangle, shown.face,
-                                          shown.optical_T_link)
+        home = tiles.home[number]
+        near = np.flatnonzero(np.isin(shown.face, home))
+        triangle, face = shown.triangle[near], shown.face[near]
+        outlines = visibility.outlines_on(tiles.reach, triangle, face, shown.optical_T_link)
         tile, index = outlines.overlapping(tiles.low[number], tiles.high[number],
-                                           tiles.home[number][:, None] == shown.face)
+                                           home[:, None] == face)
         samples = len(number) * (TILE * LENS_FINE) ** 2 + CLIP_COST * len(index)
         if samples > 3 * lens.lens.atlas_size[0] * lens.lens.atlas_size[1]:
             return False
         faces = tiles.faces(number, ATLAS_COLUMNS, _atlas_rows(len(number)))
-        fine = replace(shown, faces=faces, triangle=shown.triangle[index], face=tile)
+        fine = replace(shown, faces=faces, triangle=triangle[index], face=tile)
         self._redraw(rgba, finder.origins[number], fine, LENS_FINE)
         return True
 

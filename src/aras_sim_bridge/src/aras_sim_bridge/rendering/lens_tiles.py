@@ -1,8 +1,8 @@
 """Tiles of a picture through a lens, each drawn as if through a pinhole of its own.
 
-Within a few pixels every lens is straight: a homography fitted to the rays of a tile's pixels
-(64 of them) is right to about a fiftieth of a pixel where a fisheye of 320 x 240 bends most. So
-a tile with edges is drawn finer straight into the picture, without looking anything up.
+Within a few pixels almost every lens is straight: a homography fitted to the rays of a tile's
+pixels (64 of them) is right to a few hundredths of a pixel where a fisheye bends most. So a tile
+with edges is drawn finer straight into the picture, without looking anything up.
 """
 
 from __future__ import annotations
@@ -15,12 +15,19 @@ from .refinement import TILE, tile_origins
 
 # Pixels with a ray that a tile needs; at the rim of a lens there are fewer.
 FEWEST = 24
+# How far a pixel may be beside its ray, px; more than this only where a lens ends at 90 degrees.
+MOST_ASIDE = 0.08
+
+
+_ACROSS = (2 * np.arange(TILE) + 1) / TILE - 1
+# Pixel centres of a tile that runs over -1..1, (64, 2), row by row.
+PIXELS = np.stack([np.tile(_ACROSS, TILE), np.repeat(_ACROSS, TILE)], axis=1)
 
 
 class LensTiles:
     """The tiles of one lens, numbered row by row.
 
-    usable: (N,) bool, whether enough pixels of the tile have rays.
+    usable: (N,) bool, whether enough pixels of the tile have rays, which its matrix follows.
     home: (N,) the lens's face in which the tile's centre is. low, high: (N, 2), its rectangle
         in the plane of that face, x / z and y / z.
     reach: the lens's faces, each widened to hold all its tiles; for finding out what they show.
@@ -40,6 +47,7 @@ class LensTiles:
         centre /= np.linalg.norm(centre, axis=1, keepdims=True)
         given &= self.usable[:, None]
         self._matrix = _homographies(rays, given, centre)
+        self.usable &= _aside(self._matrix, rays, given) <= MOST_ASIDE
         axes = np.array([face.rotation for face in lens.faces])
         self.home = (centre @ axes[:, 2].T).argmax(axis=1)
         p = rays @ axes[self.home].transpose(0, 2, 1)
@@ -82,8 +90,7 @@ def _homographies(rays: np.ndarray, given: np.ndarray, centre: np.ndarray) -> np
     size[size == 0.0] = 1.0
     p[..., :2] /= size[:, None, None]
     p *= given[..., None]
-    at = (2 * np.arange(TILE) + 1) / TILE - 1
-    goal = np.stack([np.tile(at, TILE), np.repeat(at, TILE)])[:, None, :, None]
+    goal = PIXELS.T[:, None, :, None]
     rows = np.zeros((2, *p.shape[:2], 9))
     rows[0, ..., 0:3] = rows[1, ..., 3:6] = p
     rows[..., 6:9] = -goal * p
@@ -95,3 +102,11 @@ def _homographies(rays: np.ndarray, given: np.ndarray, centre: np.ndarray) -> np
     scale[(H[:, 2] * centre).sum(axis=1) < 0.0] *= -1.0
     scale[~given.any(axis=1)] = 1.0
     return H / scale[:, None, None]
+
+
+def _aside(matrix: np.ndarray, rays: np.ndarray, given: np.ndarray) -> np.ndarray:
+    """(N,) farthest that matrices (N, 3, 3) take given rays beside their pixels, px."""
+    at = rays @ matrix.transpose(0, 2, 1)
+    at = at[..., :2] / np.where(given, at[..., 2], 1.0)[..., None]
+    distance = np.linalg.norm(at - PIXELS, axis=2) * (TILE / 2)
+    return np.where(given, distance, 0.0).max(axis=1)

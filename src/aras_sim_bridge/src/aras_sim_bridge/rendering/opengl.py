@@ -41,7 +41,7 @@ LENS_FINE = 4
 # With more triangles than this on the faces of a lens, so many tiles have edges that everything is
 # drawn denser by this factor along both sides, and only tiles with strong edges again.
 LENS_MANY = 200
-LENS_DENSE = 1.25
+LENS_DENSE = 1.15
 STRONG = 100
 # Samples along a pixel's side in pictures that are full of edges.
 DENSE = 3
@@ -197,15 +197,17 @@ class OpenGLRenderer:
         number = number[usable]
         if len(shown.triangle) * len(number) > MOST_PAIRS:
             return False
-        outlines = visibility.outlines_on(tiles.reach, shown.triangle, shown.face,
-                                          shown.optical_T_link)
+        home = tiles.home[number]
+        near = np.flatnonzero(np.isin(shown.face, home))
+        triangle, face = shown.triangle[near], shown.face[near]
+        outlines = visibility.outlines_on(tiles.reach, triangle, face, shown.optical_T_link)
         tile, index = outlines.overlapping(tiles.low[number], tiles.high[number],
-                                           tiles.home[number][:, None] == shown.face)
+                                           home[:, None] == face)
         samples = len(number) * (TILE * LENS_FINE) ** 2 + CLIP_COST * len(index)
         if samples > 3 * lens.lens.atlas_size[0] * lens.lens.atlas_size[1]:
             return False
         faces = tiles.faces(number, ATLAS_COLUMNS, _atlas_rows(len(number)))
-        fine = replace(shown, faces=faces, triangle=shown.triangle[index], face=tile)
+        fine = replace(shown, faces=faces, triangle=triangle[index], face=tile)
         self._redraw(rgba, finder.origins[number], fine, LENS_FINE)
         return True
 

@@ -41,7 +41,7 @@ LENS_FINE = 4
 # With more triangles than this on the faces of a lens, so many tiles have edges that everything is
 # drawn denser by this factor along both sides, and only tiles with strong edges again.
 LENS_MANY = 200
-LENS_DENSE = 1.25
+LENS_DENSE = 1.15
 STRONG = 100
 # Samples along a pixel's side in pictures that are full of edges.
 DENSE = 3

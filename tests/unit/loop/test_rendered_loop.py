@@ -19,7 +19,7 @@ def check(result, seconds):
 
 
 @pytest.mark.parametrize("start", ["2015", "2016"])
-@pytest.mark.parametrize("camera", ["original", "noisy"])
+@pytest.mark.parametrize("camera", ["original", "calibrated", "wide", "fisheye", "noisy"])
 def test_settles_at_the_goal(camera, start):
     check(run(camera, start), 1.3)
 

@@ -38,7 +38,7 @@ from gazebo_msgs.srv import (
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3, Wrench
 from ros_graph import wait_for
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import ColorRGBA
 from std_srvs.srv import Empty
 
@@ -63,6 +63,11 @@ BALL = """<robot name="ball"><link name="ball"><inertial><mass value="{mass}"/>
 SDF_JOINT = """<sdf version="1.6"><model name="m"><link name="a"/><link name="b"/>
   <joint name="j" type="screw"><parent>a</parent><child>b</child></joint></model></sdf>"""
 MESH = '<visual><geometry><mesh filename="{}"/></geometry></visual>'
+CAMERA = """<robot name="c"><link name="world"/><gazebo reference="world">
+  <sensor type="camera" name="c">
+    <camera><image><width>32</width><height>24</height></image></camera>
+    <plugin name="p" filename="libgazebo_ros_camera.so"><cameraName>{}</cameraName></plugin>
+</sensor></gazebo></robot>"""
 BOMB = """<!DOCTYPE robot [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;">
   <!ENTITY c "&b;&b;&b;&b;&b;&b;&b;&b;">]><robot name="&c;"><link name="a"/></robot>"""
 FILE = """<!DOCTYPE robot [<!ENTITY f SYSTEM "file:///etc/passwd">]>
@@ -250,6 +255,7 @@ BAD_MODELS = [
     ("x", BALL.format(mass=1, more=MESH.format("package://aras_sim_bridge/no.stl")), "urdf", {},
      "no.stl"),
     ("x", BALL.format(mass=1, more=MESH.format("http://a/b.stl")), "urdf", {}, "http"),
+    ("twin", ARM, "urdf", {}, "'arm'"),
     ("x", "<robot name='r'>" + "<a>" * 500 + "</a>" * 500 + "</robot>", "urdf", {}, "deep"),
     ("x", "<robot name='r'>" + " " * 50_000_000 + "</robot>", "urdf", {}, "limit"),
 ]  # fmt: skip
@@ -261,6 +267,37 @@ def test_hostile_models_are_refused(unchanged):
         assert not answer.success, text[:200]
         assert word in answer.status_message, (text[:200], answer.status_message)
         assert len(answer.status_message) < 500
+
+
+@pytest.mark.parametrize("name, content, reason", [
+    ("a.dae", "<a/>", "not <COLLADA>"), ("a.obj", "v 0 0 0\nf 1 1 99999999\n", "99999999 of 1"),
+    ("a.stl", "not a mesh", "neither ASCII STL nor"),
+])  # fmt: skip
+def test_damaged_meshes_are_refused(unchanged, tmp_path, name, content, reason):
+    """The loaders of Bullet die of the first two."""
+    path = tmp_path / name
+    path.write_text(content)
+    answer = spawn("x", BALL.format(mass=1, more=MESH.format(f"file://{path}")))
+    assert not answer.success
+    for word in ("model 'x'", "link 'ball'", str(path), reason, "export it again"):
+        assert word in answer.status_message
+
+
+def test_names_that_are_taken_in_the_graph_cost_nobody_else_anything(bridge, collect):
+    """A camera 'gazebo' has its settings where those of the physics are served."""
+    assert spawn("greedy", CAMERA.format("gazebo")).success
+    assert "camera 'c' is simulated, but has no topics and services: " in bridge.output()
+    assert "[/gazebo/set_parameters] already registered" in bridge.output()
+    for _ in range(2):
+        assert spawn("modest", CAMERA.format("modest")).success
+        call("unpause_physics", Empty)
+        collect("/modest/image_raw", Image).wait()
+        call("pause_physics", Empty)
+        assert call("delete_model", DeleteModel, "modest").success
+    assert call("delete_model", DeleteModel, "greedy").success
+    taken = {topic for topic, _ in rospy.get_published_topics("/gazebo")}
+    assert "/gazebo/image_raw" not in taken
+    assert "/gazebo/parameter_updates" in taken
 
 
 def test_calls_that_fail_as_upstream_says(unchanged):

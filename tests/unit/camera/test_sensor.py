@@ -101,13 +101,16 @@ def test_reset_and_rate_change():
     frames(sensor, 250)
     sensor.reset(0)
     assert frames(sensor, 100)[0][1].stamp_ns == 100 * MS
-    sensor.set_rate(20.0, 120 * MS)
+    sensor.set_rate(20.0, 120 * MS, MS)
     assert sensor.next_exposure_ns == 150 * MS
     with pytest.raises(CameraError, match="above 0"):
-        sensor.set_rate(0.0, 0)
+        sensor.set_rate(0.0, 0, MS)
+    with pytest.raises(CameraError, match="2000 Hz is above the physics rate of 1000 Hz"):
+        sensor.set_rate(2000.0, 0, MS)
+    assert sensor.rate == 20.0
     blurred = camera(update_rate=10.0, effects={"exposure_time": 0.02})
     with pytest.raises(CameraError, match="shorten it first"):
-        blurred.set_rate(60.0, 0)
+        blurred.set_rate(60.0, 0, MS)
 
 
 def test_with_steps_longer_than_the_period_only_the_newest_picture_is_taken(caplog):
@@ -128,7 +131,7 @@ def test_latency_delays_publication_not_the_stamp():
 def test_frames_under_way_survive_a_change_of_rate():
     sensor = camera(update_rate=10.0, latency=0.25)
     assert not frames(sensor, 310)
-    sensor.set_rate(20.0, 310 * MS)
+    sensor.set_rate(20.0, 310 * MS, MS)
     stamps = [f.stamp_ns // MS for _, f in frames(sensor, 320, start=310 * MS)]
     assert stamps == [100, 200, 300, 350]
 

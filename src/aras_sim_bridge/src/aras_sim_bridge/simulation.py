@@ -106,9 +106,12 @@ class Simulation:
                 f"model '{name}' has {len(description.control_plugins)} gazebo_ros_control plugins;"
                 " keep one"
             )
+        namespace = namespace.rstrip("/")
+        if description.control_plugins:
+            self._check_namespace(namespace, name)
         model = self.world.spawn(description, name, pose, joint_positions)
         try:
-            robot = self._robot(model, namespace.rstrip("/"), parameters or {})
+            robot = self._robot(model, namespace, parameters or {})
             self._colour(model)
         except SimError:
             self.world.delete(name)
@@ -224,6 +227,17 @@ class Simulation:
             self._renderer = None
         self.world.close()
 
+    def _check_namespace(self, namespace: str, name: str) -> None:
+        """WorldError where a robot has the controller manager of `namespace` already."""
+        for robot in self.robots.values():
+            if robot.namespace == namespace and robot.name != name:
+                raise WorldError(
+                    f"model '{name}': its robot namespace {namespace or '/'} is that of model "
+                    f"'{robot.name}', whose controllers are served there; give it another one: "
+                    "<robotNamespace> of its gazebo_ros_control plugin, or robot_namespace of the "
+                    "request where the plugin has none"
+                )
+
     def _robot(self, model: Model, namespace: str, parameters: Mapping[str, Any]) -> Robot | None:
         for plugin in model.description.control_plugins:
             hardware = RobotHardware(
@@ -249,7 +263,7 @@ class Simulation:
             config = robot_camera(camera, settings, self._camera_defaults(), self.config.seed)
             mounted = MountedCamera(self._sensor(config), model, camera.link)
         except (CameraError, RenderingError) as error:
-            log.error("model '%s' goes without a camera: %s", model.name, error)
+            log.error("model '%s' goes without its camera '%s': %s", model.name, camera.name, error)
             return
         self.cameras.append(mounted)
 
@@ -257,11 +271,14 @@ class Simulation:
         return {"legacy_camera_info": self.config.legacy_camera_info}
 
     def _sensor(self, config: CameraConfig) -> CameraSensor:
-        if any(camera.sensor.config.topic_root == config.topic_root for camera in self.cameras):
-            raise CameraError(
-                f"camera '{config.name}': there is a camera {config.topic_root} already; give this "
-                "one another cameraName or robotNamespace"
-            )
+        for camera in self.cameras:
+            taken = config.names & camera.sensor.config.names
+            if taken:
+                owner = f" of model '{camera.model.name}'" if camera.model is not None else ""
+                raise CameraError(
+                    f"camera '{config.name}': there is a camera {min(taken)} already{owner}; give "
+                    "this one another cameraName or robotNamespace"
+                )
         if self._renderer is None:
             self._renderer = create_renderer(
                 self.config.renderer,

@@ -238,9 +238,18 @@ class CameraConfig:
     @property
     def topic_root(self) -> str:
         """Absolute name below which ROS finds this camera: /robotNamespace/cameraName."""
-        parts = [part for name in (self.robot_namespace, self.camera_name)
-                 for part in name.split("/") if part]
-        return "/" + "/".join(parts)
+        return _absolute(self.robot_namespace, self.camera_name)
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Absolute names that no other camera may have: its root, its image and its info topic."""
+        root = self.topic_root
+        topics = (_absolute(root, topic) for topic in (self.image_topic, self.info_topic))
+        return frozenset((root, *topics))
+
+
+def _absolute(*names: str) -> str:
+    return "/" + "/".join(part for name in names for part in name.split("/") if part)
 
 
 def _checked(values: Mapping[str, Any], name: str) -> dict[str, Any]:

@@ -99,22 +99,25 @@ class CameraSensor:
         """Simulated time of the next picture to draw, ns."""
         return self._next_ns
 
-    def check_time_step(self, step_ns: int) -> None:
-        """Raise CameraError if the camera is faster than the physics."""
-        if self.period_ns < step_ns:
+    def check_time_step(self, step_ns: int, rate: float | None = None) -> None:
+        """Raise CameraError if the camera, at its own rate or at `rate` Hz, outruns the physics."""
+        rate = self._rate if rate is None else rate
+        if round(1e9 / rate) < step_ns:
             raise CameraError(
-                f"camera '{self.config.name}': update_rate {self._rate:g} Hz is above the physics "
+                f"camera '{self.config.name}': update_rate {rate:g} Hz is above the physics "
                 f"rate of {1e9 / step_ns:g} Hz; lower the one or raise the other"
             )
 
-    def set_rate(self, rate: float, time_ns: int) -> None:
+    def set_rate(self, rate: float, time_ns: int, step_ns: int) -> None:
         """Change the rate, Hz; the next picture is at the first multiple of the new period after
-        `time_ns`. Frames that wait for their publication still come.
+        `time_ns`. Frames that wait for their publication still come. step_ns: the physics step.
 
-        Raises CameraError for a rate that is not above 0.
+        Raises CameraError for a rate that is not above 0, above that of the physics, or that
+        leaves no time for the exposure; nothing is changed then.
         """
         if not (np.isfinite(rate) and rate > 0.0):
             raise CameraError(f"camera '{self.config.name}': rate {rate} Hz: give one above 0")
+        self.check_time_step(step_ns, rate)
         exposure = self.config.effects.exposure_time
         if exposure * rate >= 1.0:
             raise CameraError(

@@ -11,12 +11,13 @@ LARGEST_DEPTH = 64
 LARGEST_COUNT = 400_000
 
 
-def parse(xml: str, what: str) -> Element:
+def parse(xml: str, what: str, largest: int = LARGEST_TEXT) -> Element:
     """Root element of `xml`.
 
     Args:
         xml: the document.
         what: its kind for messages, 'URDF' or 'SDF'.
+        largest: how many characters it may have.
 
     Raises:
         DescriptionError: not well formed, too big, too deep, or with a document type declaration
@@ -24,9 +25,9 @@ def parse(xml: str, what: str) -> Element:
     """
     if not isinstance(xml, str):
         raise DescriptionError(f"{what}: expected text, got {type(xml).__name__}")
-    if len(xml) > LARGEST_TEXT:
+    if len(xml) > largest:
         raise DescriptionError(
-            f"{what}: {len(xml)} characters, more than the limit of {LARGEST_TEXT}; "
+            f"{what}: {len(xml)} characters, more than the limit of {largest}; "
             "keep meshes in files of their own"
         )
     if not xml.strip():

@@ -9,6 +9,7 @@ import rospy
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.srv import SetCameraInfo, SetCameraInfoResponse
 
+from aras_sim_bridge.camera import CameraConfig
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.ros import camera_frames
 from aras_sim_bridge.ros.camera_info import prefixed, save_calibration, to_camera_info
@@ -58,7 +59,14 @@ class CameraTopics:
         self._compressed: CompressedTopic | None = None
         self._labels: LabelTopic | None = None
         self._depth = self._depth_info = self._segmentation = None
+        self._announced = False
+        try:
+            self._advertise(config)
+        except Exception:
+            self.shutdown()
+            raise
 
+    def _advertise(self, config: CameraConfig) -> None:
         root = self.namespace.rstrip("/")
         self._info = self._info_topic(f"{root}/{config.info_topic}")
         self._image = self._image_topic(f"{root}/{config.image_topic}")
@@ -72,17 +80,17 @@ class CameraTopics:
             self._labels = LabelTopic(f"{root}/segmentation/labels", self._watcher)
             self._closing.append(self._labels)
         services = ServiceTable(self.namespace)
+        self._closing.append(services)
         services.add(
             "set_camera_info",
             SetCameraInfo,
             self._on_set_camera_info,
             lambda text: SetCameraInfoResponse(False, text),
         )
-        self._closing.append(services)
         if config.camera_name:  # as upstream: none without a name of its own
             self._closing.append(self._rate_server())
-        self._announced = camera_frames.announce(mounted, self._frame_id, self.namespace)
-        mounted.on_frame = self._on_frame
+        self._announced = camera_frames.announce(self._mounted, self._frame_id, self.namespace)
+        self._mounted.on_frame = self._on_frame
         self._on_subscribers()
 
     def shutdown(self) -> None:
@@ -118,25 +126,13 @@ class CameraTopics:
             wanted = float(values["imager_rate"])
 
             def job() -> None:
-                if wanted != self._mounted.sensor.rate:
-                    self._check_rate(wanted)
-                    self._mounted.sensor.set_rate(wanted, self._thread.simulation.time_ns)
+                simulation, sensor = self._thread.simulation, self._mounted.sensor
+                if wanted != sensor.rate:
+                    sensor.set_rate(wanted, simulation.time_ns, simulation.step_ns)
 
             self._thread.call(job)
 
         return ReconfigureServer(self.namespace, [field], {"imager_rate": rate}, apply)
-
-    def _check_rate(self, rate: float) -> None:
-        step_ns = self._thread.simulation.step_ns
-        if rate * step_ns > 1e9:
-            raise CameraError(
-                f"imager_rate {rate:g} Hz is above the physics rate of {1e9 / step_ns:g} Hz"
-            )
-        exposure = self._mounted.sensor.config.effects.exposure_time
-        if rate * exposure >= 1.0:
-            raise CameraError(
-                f"imager_rate {rate:g} Hz leaves no time for an exposure_time of {exposure:g} s"
-            )
 
     def _on_subscribers(self) -> None:
         with self._lock:

@@ -73,11 +73,11 @@ class CompressedTopic:
         """Advertise `<image_topic>/compressed` and its settings; `listener` hears subscribers."""
         topic = f"{image_topic}/compressed"
         self._topic = topic
+        self._settings = ReconfigureServer(topic, COMPRESSED_FIELDS, _given(topic), _checked)
         self._publisher = rospy.Publisher(
             topic, CompressedImage, latch=True, queue_size=2, subscriber_listener=listener,
             tcp_nodelay=True,
         )  # fmt: skip
-        self._settings = ReconfigureServer(topic, COMPRESSED_FIELDS, _given(topic), _checked)
         self._frames: queue.Queue[tuple[Time, str, Any] | None] = queue.Queue(self.BACKLOG)
         self._closed = False
         self._thread = threading.Thread(target=self._run, name=f"compress {topic}", daemon=True)

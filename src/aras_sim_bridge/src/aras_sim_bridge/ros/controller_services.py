@@ -49,12 +49,20 @@ class ControllerServices:
         self._namespace = robot.namespace.rstrip("/")
         self._lock = threading.Lock()  # ros_control answers one call at a time
         self._topics: dict[str, ControllerTopics] = {}
-        self._joint_pids = [
-            PidTopics(f"{self._namespace}/gazebo_ros_control/pid_gains/{joint}", pid, thread.now_ns)
-            for joint, pid in robot.hardware.pids.items()
-        ]
-        self._e_stop = self._subscribe_e_stop()
+        self._joint_pids: list[PidTopics] = []
+        self._e_stop: rospy.Subscriber | None = None
         self._services = ServiceTable(f"{self._namespace}/controller_manager")
+        try:
+            self._advertise()
+        except Exception:
+            self.shutdown()
+            raise
+
+    def _advertise(self) -> None:
+        for joint, pid in self._robot.hardware.pids.items():
+            namespace = f"{self._namespace}/gazebo_ros_control/pid_gains/{joint}"
+            self._joint_pids.append(PidTopics(namespace, pid, self._thread.now_ns))
+        self._e_stop = self._subscribe_e_stop()
         for name, service, handler, response in (
             ("list_controllers", ListControllers, self._list, ListControllersResponse),
             (

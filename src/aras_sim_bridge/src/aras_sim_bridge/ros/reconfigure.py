@@ -86,20 +86,21 @@ class ReconfigureServer:
         self._apply = apply
         self._mirror = mirror
         self._lock = threading.Lock()
-        self._descriptions = rospy.Publisher(
-            f"{self._namespace}/parameter_descriptions",
-            ConfigDescription,
-            latch=True,
-            queue_size=10,
-        )
-        self._updates = rospy.Publisher(
-            f"{self._namespace}/parameter_updates", Config, latch=True, queue_size=10
-        )
-        self._descriptions.publish(self._describe())
-        self._publish()
-        self._service = rospy.Service(
-            f"{self._namespace}/set_parameters", Reconfigure, self._on_request
-        )
+        with self._lock:  # requests wait until all is up
+            self._service = rospy.Service(
+                f"{self._namespace}/set_parameters", Reconfigure, self._on_request
+            )
+            self._descriptions = rospy.Publisher(
+                f"{self._namespace}/parameter_descriptions",
+                ConfigDescription,
+                latch=True,
+                queue_size=10,
+            )
+            self._updates = rospy.Publisher(
+                f"{self._namespace}/parameter_updates", Config, latch=True, queue_size=10
+            )
+            self._descriptions.publish(self._describe())
+            self._publish()
 
     @property
     def values(self) -> dict[str, Value]:

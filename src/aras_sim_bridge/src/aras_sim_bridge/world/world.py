@@ -13,6 +13,7 @@ from aras_sim_bridge.description.model import (
     Visual,
 )
 from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.mesh_files import check_meshes
 from aras_sim_bridge.world import bullet_file
 from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.poses import IDENTITY, Pose, Twist, checked_pose, checked_vector
@@ -130,12 +131,14 @@ class World:
         Raises:
             WorldError: name taken or empty, pose or position impossible, joint kinds or masses
                 that cannot be simulated; the world is unchanged then.
+            DescriptionError: a mesh file that is damaged; the same.
         """
         if not isinstance(name, str) or not name:
             raise WorldError("a model needs a name that is not empty")
         if name in self.models:
             raise WorldError(f"a model named '{name}' exists already; delete it or take another")
         _check_simulable(description, name)
+        check_meshes(description, name)
         pose = checked_pose(pose, f"model '{name}'", zero_is_identity=True)
         start = _start_positions(description, name, joint_positions or {})
         fixed = bullet_file.root_is_fixed(description) if fixed_base is None else fixed_base
@@ -185,10 +188,12 @@ class World:
         """Give a model other masses, damping or limits (see changes.py); its state goes on.
 
         Raises:
-            WorldError: no such model, or a joint that moves no mass; nothing is changed then.
+            WorldError, DescriptionError: no such model, a joint that moves no mass, or a mesh file
+                that was damaged since; nothing is changed then.
         """
         model = self.model(name)
         _check_simulable(description, name)
+        check_meshes(description, name)
         model.rebuild(description)
         self._count_active()
 
@@ -226,7 +231,12 @@ class World:
 
         From here on every run with the same inputs is bit-identical. Model objects stay valid;
         their body ids may change.
+
+        Raises:
+            DescriptionError: a mesh file was damaged since; nothing is changed then.
         """
+        for model in self.models.values():
+            check_meshes(model.description, model.name)
         pybullet.resetSimulation(physicsClientId=self.client)
         self._configure()
         for model in self.models.values():

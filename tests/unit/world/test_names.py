@@ -1,0 +1,61 @@
+"""Names of the graph that two models may not share are refused before anything is spawned."""
+
+import pytest
+
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.simulation import Simulation
+
+INERTIAL = (
+    '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    "</inertial>"
+)
+ROBOT = f"""<robot name="r"><link name="base">{INERTIAL}</link>
+  <gazebo><plugin name="c" filename="libgazebo_ros_control.so"/></gazebo></robot>"""
+CAMERA = f"""<robot name="c"><link name="base">{INERTIAL}</link>
+  <gazebo reference="base"><sensor type="camera" name="{{name}}"><camera><image>
+    <width>32</width><height>24</height></image></camera>
+    <plugin name="p" filename="libgazebo_ros_camera.so"><cameraName>{{root}}</cameraName>
+    <imageTopicName>{{image}}</imageTopicName></plugin></sensor></gazebo></robot>"""
+
+
+@pytest.fixture
+def simulation():
+    simulation = Simulation()
+    yield simulation
+    simulation.close()
+
+
+def camera(name, root, image="image_raw"):
+    return parse_urdf(CAMERA.format(name=name, root=root, image=image))
+
+
+def test_two_robots_in_one_namespace(simulation):
+    simulation.spawn(parse_urdf(ROBOT), "first", namespace="/arm")
+    before = dict(simulation.world.models)
+    with pytest.raises(WorldError) as refused:
+        simulation.spawn(parse_urdf(ROBOT), "second", namespace="/arm/")
+    for word in ("'second'", "/arm", "'first'", "robot_namespace", "<robotNamespace>"):
+        assert word in str(refused.value)
+    assert simulation.world.models == before
+    assert set(simulation.robots) == {"first"}
+    simulation.spawn(parse_urdf(ROBOT), "second", namespace="/other")
+    simulation.delete("first")
+    simulation.spawn(parse_urdf(ROBOT), "third", namespace="/arm")
+    assert set(simulation.robots) == {"second", "third"}
+
+
+@pytest.mark.parametrize("root, image, taken", [
+    ("eye", "image_raw", "/eye"), ("/eye/", "other", "/eye"),
+    # Another root, but the pictures of both would come on one topic.
+    ("eye/image_raw", "picture", "/eye/image_raw"), ("", "eye/image_raw", "/eye/image_raw"),
+])
+def test_two_cameras_of_one_name(simulation, caplog, root, image, taken):
+    simulation.spawn(camera("a", "eye"), "first")
+    simulation.spawn(camera("b", "else"), "mixed")
+    assert len(simulation.cameras) == 2
+    simulation.spawn(camera("b", root, image), "second")
+    assert len(simulation.cameras) == 2
+    (said,) = [r.getMessage() for r in caplog.records if r.levelname == "ERROR"]
+    assert said.startswith("model 'second' goes without its camera 'b': ")
+    assert f"there is a camera {taken} already of model 'first'; give this one another" in said

@@ -9,7 +9,7 @@ import pytest
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.mesh_files import check
-from aras_sim_bridge.world import World
+from aras_sim_bridge.world import Pose, World
 
 CORNERS = ((0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1))
 FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
@@ -167,12 +167,25 @@ def test_a_mesh_that_is_damaged_after_the_spawn(tmp_path):
         world.reset_simulation()
 
 
-def test_ascii_stl_is_for_the_eye_only(tmp_path):
-    """Bullet reads binary STL alone: from the others it would make a link without a body."""
-    path = tmp_path / "a.stl"
-    for content in (ascii_stl(), binary_stl() + b"more"):
-        path.write_bytes(content)
-        check(str(path))
-        with pytest.raises(DescriptionError, match="Bullet collides only with binary STL"):
-            check(str(path), solid=True)
-        path.unlink()
+@pytest.mark.parametrize("content", [
+    binary_stl(), ascii_stl(), binary_stl() + b"more", obj(), dae(),
+], ids=["a.stl", "ascii.stl", "longer.stl", "a.obj", "a.dae"])  # fmt: skip
+def test_every_format_is_collided_with(tmp_path, content, request):
+    """Bullet alone makes no body of an ASCII STL, or of one that goes on behind its triangles."""
+    path = tmp_path / request.node.callspec.id
+    path.write_bytes(content)
+    with World() as world:
+        world.spawn_ground_plane()
+        above = Pose((0.0, 0.0, 0.05), (0.0, 0.0, 0.0, 1.0))
+        model = world.spawn(parse_urdf(robot(path, "collision")), "robot", above)
+        for _ in range(1000):
+            world.step()
+        assert model.link_pose("arm").xyz[2] == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_scene_without_triangles_is_for_the_eye_only(tmp_path):
+    path = tmp_path / "a.dae"
+    path.write_bytes(dae('<instance_geometry url="#g"/>'))
+    check(str(path))
+    with pytest.raises(DescriptionError, match="its scene shows no <triangles>"):
+        check(str(path), solid=True)

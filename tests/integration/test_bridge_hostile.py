@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 import threading
+import xmlrpc.client
+from pathlib import Path
 
 import pytest
+import rosgraph
 import rospy
 from aras_sim_bridge.srv import StepWorld
 from controller_manager_msgs.srv import ListControllers, LoadController, SwitchController
@@ -38,7 +41,7 @@ from gazebo_msgs.srv import (
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3, Wrench
 from ros_graph import wait_for
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Image, JointState
+from sensor_msgs.msg import CompressedImage, Image, JointState
 from std_msgs.msg import ColorRGBA
 from std_srvs.srv import Empty
 
@@ -298,6 +301,28 @@ def test_names_that_are_taken_in_the_graph_cost_nobody_else_anything(bridge, col
     taken = {topic for topic, _ in rospy.get_published_topics("/gazebo")}
     assert "/gazebo/image_raw" not in taken
     assert "/gazebo/parameter_updates" in taken
+
+
+def test_deleted_cameras_leave_no_thread(bridge, collect):
+    """rospy gives each listener of a topic with a queue a thread, which has to end with it."""
+    node = xmlrpc.client.ServerProxy(rosgraph.Master("/tests").lookupNode("/gazebo"))
+    tasks = Path(f"/proc/{node.getPid('/tests')[2]}/task")
+    call("unpause_physics", Empty)
+
+    def visit() -> int:
+        before = len(list(tasks.iterdir()))
+        assert spawn("eye", CAMERA.format("eye")).success
+        for topic, kind in (("image_raw", Image), ("image_raw/compressed", CompressedImage)):
+            collect(f"/eye/{topic}", kind).wait()
+        assert call("delete_model", DeleteModel, "eye").success
+        return before
+
+    visit()  # the first listener ever brings the thread that serves the slow ones
+    threads = visit()
+    for _ in range(4):
+        visit()
+    wait_for(lambda: len(list(tasks.iterdir())) <= threads, timeout=10.0, what="threads to end")
+    call("pause_physics", Empty)
 
 
 def test_calls_that_fail_as_upstream_says(unchanged):

@@ -9,7 +9,7 @@ import pytest
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.mesh_files import check
-from aras_sim_bridge.world import World
+from aras_sim_bridge.world import Pose, World
 
 CORNERS = ((0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1))
 FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))
@@ -60,7 +60,14 @@ def dae(old="", new=""):
     return text.replace(old, new).encode()
 
 
-GOOD = {"a.stl": binary_stl(), "B.STL": binary_stl(), "a.obj": obj(), "a.dae": dae()}
+def polygons(text, each):
+    """The same with a <polylist>."""
+    text = text.replace(b'<triangles count="4">', b'<polylist count="4">')
+    return text.replace(b"</triangles>", b"<vcount>" + each + b"</vcount></polylist>")
+
+
+GOOD = {"a.stl": binary_stl(), "B.STL": binary_stl(), "a.obj": obj(), "a.dae": dae(),
+        "p.dae": polygons(dae(), b"3 3 3 3")}
 # Name, content, what is said of it. Those marked end the process that gives them to Bullet.
 FATAL = [
     ("wrap.stl", bytes(80) + struct.pack("<I", 85899346) + bytes(4), "88 bytes are neither"),
@@ -76,7 +83,9 @@ FATAL = [
     ("source.dae", dae('source="#s"', 'source="#t"'), "there is no <source> 't'"),
     ("vertex.dae", dae('source="#v"', 'source="#w"'), "there is no 'w'"),
     ("offset.dae", dae(' offset="0"'), "<input> has no offset"),
-    ("far.dae", dae("<p>0 ", "<p>99999999 "), "<triangles> name POSITION 99999999 of 4"),
+    ("far.dae", dae("<p>0 ", "<p>99999999 "), "<triangles> names POSITION 99999999 of 4"),
+    ("list.dae", polygons(dae("<p>0 ", "<p>99999999 "), b"3 3 3 3"), "<polylist> names POSITION"),
+    ("meaning.dae", polygons(dae("POSITION", "PLACE"), b"3 3 3 3"), "<polylist> has no positions"),
     ("comment.dae", dae("<p>", "<p><!-- mine -->"), "a comment stands before"),
     ("url.dae", dae(' url="#g"'), "<instance_geometry> has no url"),
     ("scene.dae", dae('instance_visual_scene url="#scene"', "instance_visual_scene"), "no url"),
@@ -167,12 +176,33 @@ def test_a_mesh_that_is_damaged_after_the_spawn(tmp_path):
         world.reset_simulation()
 
 
-def test_ascii_stl_is_for_the_eye_only(tmp_path):
-    """Bullet reads binary STL alone: from the others it would make a link without a body."""
-    path = tmp_path / "a.stl"
-    for content in (ascii_stl(), binary_stl() + b"more"):
-        path.write_bytes(content)
-        check(str(path))
-        with pytest.raises(DescriptionError, match="Bullet collides only with binary STL"):
-            check(str(path), solid=True)
-        path.unlink()
+@pytest.mark.parametrize("content", [
+    binary_stl(), ascii_stl(), binary_stl() + b"more", obj(), dae(), polygons(dae(), b"3 3 3 3"),
+], ids=["a.stl", "ascii.stl", "longer.stl", "a.obj", "a.dae", "polylist.dae"])  # fmt: skip
+def test_every_format_is_collided_with(tmp_path, content, request):
+    """Bullet alone makes no body of an ASCII STL, or of one that goes on behind its triangles."""
+    path = tmp_path / request.node.callspec.id
+    path.write_bytes(content)
+    with World() as world:
+        world.spawn_ground_plane()
+        above = Pose((0.0, 0.0, 0.05), (0.0, 0.0, 0.0, 1.0))
+        model = world.spawn(parse_urdf(robot(path, "collision")), "robot", above)
+        for _ in range(1000):
+            world.step()
+        assert model.link_pose("arm").xyz[2] == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_scene_without_triangles_is_for_the_eye_only(tmp_path):
+    path = tmp_path / "a.dae"
+    path.write_bytes(dae('<instance_geometry url="#g"/>'))
+    check(str(path))
+    with pytest.raises(DescriptionError, match="its scene shows no <triangles>"):
+        check(str(path), solid=True)
+
+
+def test_larger_polygons_are_for_the_eye_only(tmp_path):
+    path = tmp_path / "a.dae"
+    path.write_bytes(polygons(dae(), b"4 4 4"))
+    check(str(path))
+    with pytest.raises(DescriptionError, match="more than three corners"):
+        check(str(path), solid=True)

@@ -6,20 +6,54 @@ without its shape. What passes here Bullet reads to the end.
 """
 
 import os
+import tempfile
+from dataclasses import replace
 from functools import lru_cache
 from math import isfinite
 from pathlib import Path
 
 import numpy as np
 
-from aras_sim_bridge import collada
-from aras_sim_bridge.description.model import RobotDescription
+from aras_sim_bridge import collada_check
+from aras_sim_bridge.description.model import Geometry, RobotDescription
 from aras_sim_bridge.errors import DescriptionError
 
 LARGEST_FILE = 256 * 1024 * 1024  # bytes
 _LEAST_AREA = 1e-18  # of a parallelogram; cameras leave out what is smaller
 _STL_HEAD = 84  # bytes before the triangles of a binary STL file, the last four their number
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
+
+
+def with_binary_stl(description: RobotDescription, directory: str) -> RobotDescription:
+    """The description with collisions' STL files as Bullet reads them: binary, nothing behind.
+
+    Others are written anew into `directory`; Bullet would silently make no body of them. The files
+    have to be sound, see `check_meshes`.
+    """
+    links = {
+        link.name: replace(link, collisions=tuple(
+            replace(shape, geometry=_as_binary_stl(shape.geometry, directory))
+            for shape in link.collisions
+        ))
+        for link in description.links.values()
+    }
+    return replace(description, links=links)
+
+
+def _as_binary_stl(geometry: Geometry, directory: str) -> Geometry:
+    if geometry.kind != "mesh" or Path(geometry.filename).suffix.lower() != ".stl":
+        return geometry
+    data = Path(geometry.filename).read_bytes()
+    corners = stl_corners(data)
+    if len(data) == _STL_HEAD + len(corners) * _STL_TRIANGLE.itemsize:
+        return geometry
+    triangles = np.zeros(len(corners), _STL_TRIANGLE)
+    triangles["corners"] = corners
+    handle, path = tempfile.mkstemp(suffix=".stl", dir=directory)
+    with os.fdopen(handle, "wb") as file:
+        file.write(bytes(_STL_HEAD - 4) + len(triangles).to_bytes(4, "little"))
+        file.write(triangles.tobytes())
+    return replace(geometry, filename=path)
 
 
 def check_meshes(description: RobotDescription, model: str) -> None:
@@ -44,7 +78,7 @@ def check(path: str, solid: bool = False) -> None:
     """Check one STL, OBJ or COLLADA (.dae) file.
 
     Args:
-        solid: it is to be collided with; Bullet makes no body of some files that cameras draw.
+        solid: it is to be collided with; Bullet makes no body of some COLLADA files.
 
     Raises:
         DescriptionError: naming the file, what is wrong with it and how to mend it.
@@ -109,12 +143,8 @@ def _is_ascii(data: bytes, count: int) -> bool:
     return data[:5].lower() == b"solid" and not plain and b"vertex" in data
 
 
-def _check_stl(data: bytes, solid: bool) -> None:
-    corners = stl_corners(data)
-    if solid and len(data) != _STL_HEAD + len(corners) * _STL_TRIANGLE.itemsize:
-        raise DescriptionError(
-            "Bullet collides only with binary STL that ends with its last triangle"
-        )
+def _check_stl(data: bytes, _solid: bool) -> None:
+    stl_corners(data)
 
 
 def _check_obj(data: bytes, _solid: bool) -> None:
@@ -147,4 +177,4 @@ def _check_corner(word: bytes, counts: tuple[int, ...]) -> None:
             raise DescriptionError(f"a face refers to element {index} of {count}")
 
 
-_CHECKS = {".stl": _check_stl, ".obj": _check_obj, ".dae": collada.check}
+_CHECKS = {".stl": _check_stl, ".obj": _check_obj, ".dae": collada_check.check}

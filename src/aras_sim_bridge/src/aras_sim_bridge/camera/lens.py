@@ -150,7 +150,8 @@ class FisheyeLens:
             error = self.radius(theta) - target
             high, low = np.where(error > 0, theta, high), np.where(error > 0, low, theta)
             new = theta - error / np.maximum(self.slope(theta), 1e-9)
-            new = np.where((new > low) & (new < high), new, (low + high) / 2)
+            # Bounds included: an exact angle is one of them and must not be left again.
+            new = np.where((new >= low) & (new <= high), new, (low + high) / 2)
             done = np.abs(new - theta).max(initial=0.0) < 1e-14
             theta = new
             if done:

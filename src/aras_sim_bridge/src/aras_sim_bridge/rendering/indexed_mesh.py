@@ -105,12 +105,14 @@ def _smooth(point: np.ndarray, weighted: np.ndarray, unit: np.ndarray, cosine: f
     order = np.argsort(point, kind="stable")
     counts = np.bincount(point)
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    start, count = starts[point[order]], counts[point[order]]
+    rank = np.arange(len(order)) - start
     total = np.zeros_like(weighted)
     # Corner i of a point meets corner i + k of the same point, for every k there is.
     for shift in range(int(counts.max())):
-        rank = np.arange(len(order)) - starts[point[order]]
-        other = order[starts[point[order]] + (rank + shift) % counts[point[order]]]
-        near = (unit[order] * unit[other]).sum(axis=1) >= cosine
-        near &= shift < counts[point[order]]
-        total[order] += np.where(near[:, None], weighted[other], 0.0)
+        some = np.flatnonzero(count > shift)
+        corner = order[some]
+        other = order[start[some] + (rank[some] + shift) % count[some]]
+        near = (unit[corner] * unit[other]).sum(axis=1) >= cosine
+        total[corner] += np.where(near[:, None], weighted[other], 0.0)
     return normalised(total)

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import RenderingError
+from ..errors import DescriptionError, RenderingError
+from ..mesh_files import stl_corners
 from .collada import load_collada
 from .indexed_mesh import Mesh, from_corners, normalised
 from .obj import load_obj
@@ -105,23 +106,7 @@ def load(path: str | Path) -> list[Mesh]:
 
 
 def _load_stl(path: Path) -> list[Mesh]:
-    data = path.read_bytes()
-    count = int.from_bytes(data[80:84], "little") if len(data) >= 84 else -1
-    if count >= 0 and len(data) >= 84 + 50 * count and not _is_ascii_stl(data, count):
-        record = np.dtype([("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
-        corners = np.frombuffer(data, record, count, 84)["v"]
-    elif data[:5].lower() == b"solid":
-        words = [line.split()[1:4] for line in data.decode("ascii", "replace").splitlines()
-                 if line.split()[:1] == ["vertex"]]
-        corners = np.array(words, dtype=float).reshape(-1, 3, 3)
-    else:
-        raise RenderingError(
-            f"is neither ASCII STL nor a binary one of {len(data)} bytes; export it again"
-        )
-    if not np.isfinite(corners).all():
-        raise RenderingError("has vertices that are not finite; export it again")
-    return [from_corners(corners)]
-
-
-def _is_ascii_stl(data: bytes, count: int) -> bool:
-    return data[:5].lower() == b"solid" and len(data) != 84 + 50 * count and b"vertex" in data
+    try:
+        return [from_corners(stl_corners(path.read_bytes()))]
+    except DescriptionError as error:
+        raise RenderingError(f"{error}; export it again") from error

@@ -93,24 +93,19 @@ class RayMap:
             boxes.append((number, rotation, focal, low, size.astype(int)))
         # Faces stand side by side, the tallest first.
         boxes.sort(key=lambda b: -b[4][1])
-        limit = max(2048, *(int(b[4][0]) for b in boxes))
-        x = y = shelf = wide = 0
+        places, (wide, high) = _shelves([size for *_, size in boxes])
+        if max(wide, high) > LARGEST:
+            raise RenderingError(
+                f"the lens needs an intermediate picture of {wide} x {high} pixels; make the "
+                "image smaller or the field of view narrower"
+            )
         renumber = np.zeros(len(directions), int)
-        for number, rotation, focal, low, size in boxes:
-            if x + size[0] > limit:
-                x, y, shelf = 0, y + shelf, 0
+        for (number, rotation, focal, low, size), (x, y) in zip(boxes, places, strict=True):
             renumber[number] = len(faces)
             faces.append(Face(rotation, (x, y, int(size[0]), int(size[1])), focal,
                               (x - low[0], y - low[1])))
-            x, shelf = x + int(size[0]), max(shelf, int(size[1]))
-            wide = max(wide, x)
-        if max(wide, y + shelf) > LARGEST:
-            raise RenderingError(
-                f"the lens needs an intermediate picture of {wide} x {y + shelf} pixels; make the "
-                "image smaller or the field of view narrower"
-            )
         face_of[self.valid] = renumber[face_of[self.valid]]
-        return faces, (wide, y + shelf), face_of
+        return faces, (wide, high), face_of
 
     def _spacing(self, rotation: np.ndarray, mine: np.ndarray) -> float:
         """How far apart neighbouring pixels are on a face at unit focal length, where close."""
@@ -144,3 +139,23 @@ class RayMap:
         if self._depth is None:
             return depth
         return depth * self._depth
+
+
+def _shelves(sizes: list[np.ndarray]) -> tuple[list[tuple[int, int]], tuple[int, int]]:
+    """Places x, y of rectangles (2,) side by side on shelves, and the width and height of all.
+
+    The shelves are as narrow as keeps the height below LARGEST, if any width does.
+    """
+    limit = max(2048, *(int(size[0]) for size in sizes))
+    while True:
+        places = []
+        x = y = shelf = wide = 0
+        for width, height in (map(int, size) for size in sizes):
+            if x + width > limit:
+                x, y, shelf = 0, y + shelf, 0
+            places.append((x, y))
+            x, shelf = x + width, max(shelf, height)
+            wide = max(wide, x)
+        if y + shelf <= LARGEST or limit >= LARGEST:
+            return places, (wide, y + shelf)
+        limit = min(2 * limit, LARGEST)

@@ -3,6 +3,7 @@
 import os
 import tempfile
 
+from aras_sim_bridge import mesh_files
 from aras_sim_bridge.bullet import pybullet
 from aras_sim_bridge.description.model import RobotDescription
 from aras_sim_bridge.errors import WorldError
@@ -59,20 +60,19 @@ class LoadedModel:
 
     def _load(self) -> None:
         """Bring the model into Bullet at its spawn pose and configuration, at rest."""
-        text = bullet_file.to_urdf(self._bodies, self.fixed_base)
-        handle, path = tempfile.mkstemp(prefix="aras_sim_bridge_", suffix=".urdf")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(text)
-            self.body_id = pybullet.loadURDF(
-                path, self.spawn_pose.xyz, self.spawn_pose.quat, useFixedBase=self.fixed_base,
-                flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=self.client)
-        except pybullet.error as error:
-            raise WorldError(
-                f"model '{self.name}': Bullet cannot load it ({error}); check its mesh files"
-            ) from None
-        finally:
-            os.unlink(path)
+        with tempfile.TemporaryDirectory(prefix="aras_sim_bridge_") as directory:
+            bodies = mesh_files.with_binary_stl(self._bodies, directory)
+            path = os.path.join(directory, "model.urdf")
+            with open(path, "w", encoding="utf-8") as file:
+                file.write(bullet_file.to_urdf(bodies, self.fixed_base))
+            try:
+                self.body_id = pybullet.loadURDF(
+                    path, self.spawn_pose.xyz, self.spawn_pose.quat, useFixedBase=self.fixed_base,
+                    flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=self.client)
+            except pybullet.error as error:
+                raise WorldError(
+                    f"model '{self.name}': Bullet cannot load it ({error}); check its mesh files"
+                ) from None
         self._index_links()
         self._set_dynamics()
         for joint, position in self.spawn_positions.items():

@@ -11,6 +11,7 @@ from aras_sim_bridge.errors import DescriptionError
 
 # How many numbers a node's transform has. Bullet looks for further ones behind the node.
 _TRANSFORMS = {"matrix": 16, "translate": 3, "scale": 3, "rotate": 4}
+_PRIMITIVES = ("triangles", "polylist")  # what Bullet reads, each as triangles; the rest it leaves
 _MOST_GEOMETRIES = 512  # Bullet leaves out the others
 # Bullet takes the first thing inside these for their text, without asking what it is.
 _NOT_TEXT_FIRST = re.compile(r"<(?:p|float_array|up_axis)\b[^>]*(?<!/)>\s*<[!?]")
@@ -44,6 +45,10 @@ def check(data: bytes, solid: bool) -> None:
         raise DescriptionError(
             "its scene shows no <triangles>, and Bullet reads nothing else to collide with"
         )
+    if solid and known.polygons:
+        raise DescriptionError(
+            "it has polygons of more than three corners, which Bullet would take for triangles"
+        )
 
 
 def _check_asset(asset: Element) -> None:
@@ -57,11 +62,12 @@ def _check_asset(asset: Element) -> None:
 class _Geometries:
     """What `library_geometries` holds; names of all geometries are in one pot, as in Bullet.
 
-    triangles: their number by geometry.
+    triangles: their number by geometry. polygons: whether some are not triangles.
     """
 
     def __init__(self) -> None:
         self.triangles: dict[str, int] = {}
+        self.polygons = False
         self._sources: dict[str, Element] = {}
         self._vertices: dict[str, dict[str, str]] = {}
 
@@ -79,12 +85,16 @@ class _Geometries:
                 _attribute(part, "semantic"): _reference(part, "source")
                 for part in vertices.findall("input")
             }
-            for primitive in mesh.findall("triangles"):
-                self.triangles[name] += self._check_triangles(primitive)
+            for primitive in mesh:
+                if primitive.tag in _PRIMITIVES:
+                    self.triangles[name] += self._check_primitive(primitive)
+                vcount = primitive.find("vcount")
+                self.polygons |= vcount is not None and (_numbers(vcount, int) != 3).any()
 
-    def _check_triangles(self, primitive: Element) -> int:
-        """Number of triangles of a <triangles>, each corner of which exists."""
-        count = safe_xml.integer(_attribute(primitive, "count"), "<triangles>: count")
+    def _check_primitive(self, primitive: Element) -> int:
+        """Number of triangles of a primitive, each corner of which exists."""
+        what = f"<{primitive.tag}>"
+        count = safe_xml.integer(_attribute(primitive, "count"), f"{what}: count")
         offsets: dict[str, tuple[int, str]] = {}
         stride = 1
         for part in primitive.findall("input"):
@@ -99,17 +109,17 @@ class _Geometries:
                 offsets[semantic] = (offset, source)
         indices = _numbers(_child(primitive, "p"), int)
         if count < 0 or len(indices) < 3 * count * stride:
-            raise DescriptionError(f"<triangles> of {count}: <p> has {len(indices)} indices")
+            raise DescriptionError(f"{what} of {count}: <p> has {len(indices)} indices")
         corners = indices[:3 * count * stride].reshape(-1, stride)
         if "POSITION" not in offsets:
-            raise DescriptionError("<triangles> have no positions")
+            raise DescriptionError(f"{what} has no positions")
         for semantic, (offset, source) in offsets.items():
             if semantic in ("POSITION", "NORMAL") and count:
                 length = self._length(source)
                 mine = corners[:, offset]
                 wrong = mine[(mine < 0) | (mine >= length)]
                 if len(wrong):
-                    raise DescriptionError(f"<triangles> name {semantic} {wrong[0]} of {length}")
+                    raise DescriptionError(f"{what} names {semantic} {wrong[0]} of {length}")
         return count
 
     def _length(self, name: str) -> int:

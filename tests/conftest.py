@@ -26,4 +26,6 @@ def pytest_configure(config: pytest.Config) -> None:
     # interrupt a node must work there too.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    ignored = "ignore:the matrix subclass.*:PendingDeprecationWarning"  # pycollada's
+    config.addinivalue_line("filterwarnings", ignored)
     config.addinivalue_line("filterwarnings", "ignore:notifyAll.*:DeprecationWarning")  # rospy's

@@ -177,22 +177,36 @@ def test_labels_come_without_the_picture():
     assert "aras_visual_servo::camera_link" in yaml.safe_load(text).values()
 
 
-def test_compressed_transport():
+def test_compressed_transport(collect):
     topic = f"{CAMERA}/image_raw"
-    sent = wait_for_message(f"{topic}/compressed", CompressedImage)
-    assert sent.format == "rgb8; jpeg compressed bgr8"
-    assert sent.data[:2] == b"\xff\xd8"
-    image = pixels(wait_for_message(topic, Image))
-    jpeg = cv2.imdecode(np.frombuffer(sent.data, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
-    assert np.abs(jpeg.astype(int) - image).mean() < 3.0
+    sent = collect(f"{topic}/compressed", CompressedImage)
+    images = collect(topic, Image)
+
+    def latest_pair(image_format: str) -> tuple[CompressedImage, np.ndarray]:
+        """The last compressed image of a format that came, and the raw one of the same instant."""
+
+        def pair() -> tuple[CompressedImage, Image] | None:
+            raw = {image.header.stamp: image for image in list(images.messages)}
+            wanted = [m for m in list(sent.messages) if image_format in m.format]
+            same = [(m, raw[m.header.stamp]) for m in wanted if m.header.stamp in raw]
+            return same[-1] if same else None
+
+        message, image = wait_for(pair, 10.0, f"a raw image and its {image_format}")
+        return message, pixels(image)
+
+    def decoded(message: CompressedImage) -> np.ndarray:
+        data = np.frombuffer(message.data, np.uint8)
+        return cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1]
+
+    jpeg, image = latest_pair("jpeg")
+    assert jpeg.format == "rgb8; jpeg compressed bgr8"
+    assert jpeg.data[:2] == b"\xff\xd8"
+    assert np.abs(decoded(jpeg).astype(int) - image).mean() < 3.0
     reply = reconfigure(f"{topic}/compressed", strs=[StrParameter("format", "png")])
     assert [s.value for s in reply.strs] == ["png"]
-    png = wait_for_message(
-        f"{topic}/compressed", CompressedImage, where=lambda m: "png" in m.format
-    )
+    png, image = latest_pair("png")
     assert png.format == "rgb8; png compressed bgr8"
-    lossless = cv2.imdecode(np.frombuffer(png.data, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
-    assert np.array_equal(lossless, image)
+    assert np.array_equal(decoded(png), image)
     reply = reconfigure(f"{topic}/compressed", strs=[StrParameter("format", "gif")])
     assert [s.value for s in reply.strs] == ["png"]
 

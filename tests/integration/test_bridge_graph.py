@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
+import re
+import signal
 import time
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 import rospy
@@ -395,3 +399,15 @@ def test_reset_simulation_restarts_the_clock_and_everything_goes_on(collect):
 
 def test_log_holds_no_traceback(bridge):
     assert "Traceback" not in bridge.output()
+
+
+def test_interrupt_that_another_thread_takes_ends_the_node(launch):
+    """The kernel gives a process's signal to any thread; only the main one runs the handler."""
+    launched = launch("aras_sim_bridge", "empty_world.launch", own_master=True)
+    found = wait_for(lambda: re.search(r"is up, process (\d+)", launched.output()), 30.0, "gazebo")
+    process = int(found[1])
+    threads = sorted(int(task.name) for task in Path(f"/proc/{process}/task").iterdir())
+    other = threads[1]  # the first after the main thread lasts: it is rospy's
+    if ctypes.CDLL(None, use_errno=True).tgkill(process, other, signal.SIGINT):
+        raise OSError(ctypes.get_errno(), "tgkill")
+    wait_for(lambda: not Path(f"/proc/{process}").exists(), 5.0, "the end of the node")

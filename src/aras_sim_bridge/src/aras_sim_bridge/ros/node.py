@@ -28,6 +28,9 @@ from aras_sim_bridge.world_file import WorldFile
 # A waiting thread gets the interpreter after this long [s]: the simulation must not stand behind
 # five milliseconds (Python's default) of somebody else's messages at every step.
 SWITCH_INTERVAL = 0.0005
+# The main thread looks for signals this often [s]. The kernel may hand a Ctrl-C to any thread;
+# Python runs the handler in the main one, which a wait without a limit would never wake from.
+SIGNAL_PERIOD = 0.5
 
 
 class GazeboNode:
@@ -210,6 +213,7 @@ def main() -> int:
         node.stop()
     MasterWatch(parameters.master_check_period, _end_for)
     rospy.loginfo("%s is up, process %d", rospy.get_name(), os.getpid())
-    ending.begun.wait()
+    while not ending.begun.wait(SIGNAL_PERIOD):
+        pass
     node.stop()
     return 0 if node.fault is None else 1

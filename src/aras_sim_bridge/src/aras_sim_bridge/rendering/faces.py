@@ -66,6 +66,14 @@ def tiles(view: View, origins: np.ndarray, size: int, columns: int, rows: int) -
                  grid(len(origins), columns, rows), view.near, view.far)
 
 
+def rectangles(view: View, origins: np.ndarray, sizes: np.ndarray, places: np.ndarray,
+               atlas_size: tuple[int, int]) -> Faces:
+    """Rectangles of the view at `origins`, of `sizes`, at `places` of an atlas; (F, 2) px each."""
+    return Faces(None, _window(view.K, origins, *sizes.T), _placement(*places.T, *sizes.T,
+                                                                      atlas_size),
+                 view.near, view.far)
+
+
 def grid(count: int, columns: int, rows: int) -> np.ndarray:
     """Placements (count, 4) of equal squares, row by row."""
     n = np.arange(count)
@@ -74,7 +82,16 @@ def grid(count: int, columns: int, rows: int) -> np.ndarray:
                      np.full(count, 1 / rows), (2 * row + 1) / rows - 1], axis=1)
 
 
-def _window(K: np.ndarray, origins: np.ndarray, width: int, height: int) -> np.ndarray:
+def _placement(x: np.ndarray, y: np.ndarray, width: np.ndarray, height: np.ndarray,
+               atlas_size: tuple[int, int]) -> np.ndarray:
+    """Placements (F, 4) of rectangles (F,) in an atlas, px."""
+    w, h = atlas_size
+    return np.stack([width / w, (2 * x + width) / w - 1,
+                     height / h, (2 * y + height) / h - 1], axis=1)
+
+
+def _window(K: np.ndarray, origins: np.ndarray, width: int | np.ndarray,
+            height: int | np.ndarray) -> np.ndarray:
     """Projections (F, 4) of the pixel rectangles at `origins`; pixel edges are at -0.5."""
     out = np.empty((len(origins), 4))
     out[:, 0] = 2 * K[0, 0] / width
@@ -86,10 +103,9 @@ def _window(K: np.ndarray, origins: np.ndarray, width: int, height: int) -> np.n
 
 def around(lens: RayMap, near: float, far: float) -> Faces:
     """The faces of a lens in its atlas."""
-    w, h = lens.atlas_size
     projection = np.concatenate([
         _window(face.K(), np.zeros((1, 2)), *face.rectangle[2:]) for face in lens.faces
     ])
-    x, y, fw, fh = np.array([face.rectangle for face in lens.faces], float).T
-    placement = np.stack([fw / w, (2 * x + fw) / w - 1, fh / h, (2 * y + fh) / h - 1], axis=1)
+    rectangle = np.array([face.rectangle for face in lens.faces], float).T
+    placement = _placement(*rectangle, lens.atlas_size)
     return Faces(np.array([f.rotation for f in lens.faces]), projection, placement, near, far)

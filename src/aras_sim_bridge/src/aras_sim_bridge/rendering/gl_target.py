@@ -45,6 +45,15 @@ class Target:
         self.plain.read_into(self._pixels, components=self._components, dtype=self._dtype)
         return self._pixels
 
+    def release(self) -> None:
+        """Give the memory back."""
+        for framebuffer in {self.draw, self.plain}:
+            attachments = [*framebuffer.color_attachments, framebuffer.depth_attachment]
+            framebuffer.release()
+            for attachment in attachments:
+                if attachment is not None:
+                    attachment.release()
+
 
 def create_context() -> moderngl.Context:
     """A context without a window.

@@ -22,7 +22,9 @@ from .gl_geometry import Geometry, Shown
 from .gl_target import Target, create_context
 from .lens_view import LensView
 from .outlines import Outlines
+from .recent import Recent
 from .refinement import THRESHOLD, TILE, EdgeFinder
+from .regions import Regions
 from .scene import Scene
 from .view import Light, MaterialTable, View
 from .visibility import TOUCHING
@@ -48,6 +50,8 @@ STRONG = 100
 DENSE = 3
 # With more triangles than this in view there are edges nearly everywhere, and 2 x 2 samples do.
 MANY_TRIANGLES = 1500
+# Framebuffers of this many sizes are kept: what a picture needs changes with what it shows.
+SIZES_KEPT = 24
 # Beyond this many triangles times tiles even finding out what overlaps takes too long.
 MOST_PAIRS = 200_000
 
@@ -74,8 +78,8 @@ class OpenGLRenderer:
         self.light = light
         self._ctx: moderngl.Context | None = create_context()
         self._programs: dict[tuple, moderngl.Program] = {}
-        self._targets: dict[tuple, Target] = {}
-        self._finders: dict[tuple[int, int], EdgeFinder] = {}
+        self._targets: Recent[tuple, Target] = Recent(SIZES_KEPT, Target.release)
+        self._finders: Recent[tuple[int, int], EdgeFinder] = Recent(SIZES_KEPT)
         self._lenses: dict[tuple, LensView] = {}
         self._face: tuple[tuple, Faces] | None = None
         self._geometry: Geometry | None = None
@@ -95,11 +99,9 @@ class OpenGLRenderer:
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
         with self._current():
             optical_T_link, sun = self._prepare(view, blend)
-            if view.lens is not None:
-                rgba = self._through_lens(view, optical_T_link, sun)
-            else:
-                rgba = self._flat(view, optical_T_link, sun)
-            return cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB)
+            if view.lens is None:
+                return self._flat(view, optical_T_link, sun)
+            return _rgb(self._through_lens(view, optical_T_link, sun))
 
     def _current(self) -> moderngl.Context:
         """Context manager in which OpenGL means this renderer: there may be others."""
@@ -118,9 +120,9 @@ class OpenGLRenderer:
         size = (view.width, view.height) if lens is None else lens.atlas_size
         shown = self._shown(faces, optical_T_link, sun)
         key = (*size, "measure")
-        if key not in self._targets:
-            self._targets[key] = Target(self._ctx, *size, components=2, dtype="f4")
-        target = self._targets[key]
+        target = self._targets.get(
+            key, lambda: Target(self._ctx, *size, components=2, dtype="f4")
+        )
         target.draw.use()
         target.draw.clear(0.0, 0.0, 0.0, 0.0)
         self._geometry.draw(self._program(len(faces) > 1, measure=True), shown)
@@ -140,21 +142,54 @@ class OpenGLRenderer:
         return Shown(faces, optical_T_link, sun, triangle, face)
 
     def _flat(self, view: View, optical_T_link: np.ndarray, sun: np.ndarray) -> np.ndarray:
-        """Picture of a pinhole, (height, width, 4)."""
+        """Picture of a pinhole, (height, width, 3)."""
         w, h = view.width, view.height
         faces = self._whole(view)
         seen = self._geometry.visibility.in_view(faces, optical_T_link, MANY_TRIANGLES)
         face = None if seen.triangle is None else np.zeros(len(seen.triangle), int)
         shown = Shown(faces, optical_T_link, sun, seen.triangle, face, seen.cluster,
                       seen.backdrop, seen.cut)
-        if self.antialiasing == "edges" and min(w, h) < TILE:
-            return cv2.resize(self._picture(shown, (4 * w, 4 * h)), (w, h),
-                              interpolation=cv2.INTER_AREA)
-        if self.antialiasing == "edges":
-            if seen.triangle is None:
-                return self._denser(shown, w, h, 2)
-            return self._refine(view, self._picture(shown, (w, h)), shown, seen.outlines)
-        return self._picture(shown, (w, h), self._samples)
+        if self.antialiasing != "edges":
+            return _rgb(self._picture(shown, (w, h), self._samples))
+        if min(w, h) < TILE:
+            large = self._picture(shown, (4 * w, 4 * h))
+            return _rgb(cv2.resize(large, (w, h), interpolation=cv2.INTER_AREA))
+        if seen.triangle is None:
+            return _rgb(self._denser(shown, w, h, 2))
+        regions = Regions.around(seen.outlines, view)
+        if regions is None:
+            picture = self._everywhere(view, shown, seen.outlines)
+        else:
+            picture = self._in_regions(view, shown, seen.outlines, regions)
+        return _rgb(self._denser(shown, w, h, DENSE)) if picture is None else picture
+
+    def _everywhere(self, view: View, shown: Shown, outlines: Outlines) -> np.ndarray | None:
+        """Picture (height, width, 3) with edges drawn finer; None if they are too many."""
+        size = view.width, view.height
+        rgba = self._picture(shown, size)
+        finder = self._finder(*size)
+        corners = finder.origins[finder.find(rgba)]
+        return _rgb(rgba) if self._refine(rgba, corners, view, corners, shown, outlines) else None
+
+    def _in_regions(self, view: View, shown: Shown, outlines: Outlines, regions: Regions
+                    ) -> np.ndarray | None:
+        """The same where only the regions differ from the background."""
+        picture = np.empty((view.height, view.width, 3), np.uint8)
+        picture[0] = np.rint(255 * self._behind(shown)[:3])
+        picture[1:] = picture[0]
+        if not len(regions.rows):
+            return picture
+        region, index = regions.overlapping(outlines, view)
+        parts = replace(shown, faces=regions.faces(view), triangle=shown.triangle[index],
+                        face=region)
+        rgba = self._picture(parts, regions.atlas_size)
+        finder = self._finder(*regions.atlas_size)
+        corners = finder.origins[finder.find(rgba)]
+        some, origins = regions.in_picture(corners)
+        if not self._refine(rgba, corners[some], view, origins, shown, outlines):
+            return None
+        regions.paste(rgba, picture)
+        return picture
 
     def _through_lens(self, view: View, optical_T_link: np.ndarray, sun: np.ndarray
                       ) -> np.ndarray:
@@ -226,9 +261,7 @@ class OpenGLRenderer:
         return self._lenses[key]
 
     def _finder(self, width: int, height: int) -> EdgeFinder:
-        if (width, height) not in self._finders:
-            self._finders[width, height] = EdgeFinder(width, height)
-        return self._finders[width, height]
+        return self._finders.get((width, height), lambda: EdgeFinder(width, height))
 
     def _prepare(self, view: View, blend: float) -> tuple[np.ndarray, np.ndarray]:
         """Upload what changed; link poses in the optical frame and the sun in link frames."""
@@ -247,9 +280,7 @@ class OpenGLRenderer:
                  lattice: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
         """Draw into a framebuffer of `size`; its pixels, (height, width, 4)."""
         key = (*size, samples)
-        if key not in self._targets:
-            self._targets[key] = Target(self._ctx, *size, samples)
-        target = self._targets[key]
+        target = self._targets.get(key, lambda: Target(self._ctx, *size, samples))
         target.draw.use()
         target.draw.clear(*self._behind(shown))
         tiled = len(shown.faces) > 1 or lattice[0] > 0.0
@@ -271,24 +302,21 @@ class OpenGLRenderer:
         shade = self.light.ambient + self.light.diffuse * towards
         return np.minimum(backdrop.rgba * [shade, shade, shade, 1.0], 1.0)
 
-    def _refine(self, view: View, rgba: np.ndarray, shown: Shown, outlines: Outlines
-                ) -> np.ndarray:
-        """Draw the tiles with edges again, finer, and put them into rgba."""
-        w, h = view.width, view.height
-        finder = self._finder(w, h)
-        corners = finder.origins[finder.find(rgba)]
-        if len(shown.triangle) * len(corners) > MOST_PAIRS:
-            return self._denser(shown, w, h, DENSE)
-        focal, centre = view.K[[0, 1], [0, 1]], view.K[:2, 2]
-        low = (corners - 0.5 - centre) / focal
-        tile, index = outlines.overlapping(low, low + TILE / focal)
-        left = DENSE**2 * w * h - CLIP_COST * len(index)
-        if len(corners) * (TILE * FINE) ** 2 > left:  # drawing everything denser costs less
-            return self._denser(shown, w, h, DENSE)
-        faces = tiles(view, corners, TILE, ATLAS_COLUMNS, _atlas_rows(len(corners)))
+    def _refine(self, rgba: np.ndarray, corners: np.ndarray, view: View, origins: np.ndarray,
+                shown: Shown, outlines: Outlines) -> bool:
+        """Draw tiles with first pixels `origins` (N, 2) in the view again, finer, and put them into
+        rgba at `corners` (N, 2); unless drawing everything denser costs less."""
+        if len(shown.triangle) * len(origins) > MOST_PAIRS:
+            return False
+        low, high = view.in_plane(origins, TILE)
+        tile, index = outlines.overlapping(low, high)
+        left = DENSE**2 * view.width * view.height - CLIP_COST * len(index)
+        if len(origins) * (TILE * FINE) ** 2 > left:
+            return False
+        faces = tiles(view, origins, TILE, ATLAS_COLUMNS, _atlas_rows(len(origins)))
         fine = replace(shown, faces=faces, triangle=shown.triangle[index], face=tile)
         self._redraw(rgba, corners, fine, FINE)
-        return rgba
+        return True
 
     def _redraw(self, rgba: np.ndarray, corners: np.ndarray, fine: Shown, factor: int) -> None:
         """Draw tiles with first pixels (N, 2) with factor^2 samples a pixel, into rgba."""
@@ -322,6 +350,10 @@ class OpenGLRenderer:
         if not measure:
             program["light"] = (self.light.ambient, self.light.diffuse)
         return program
+
+
+def _rgb(rgba: np.ndarray) -> np.ndarray:
+    return cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB)
 
 
 def _atlas_rows(count: int) -> int:

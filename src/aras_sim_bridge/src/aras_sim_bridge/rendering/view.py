@@ -48,6 +48,16 @@ class View:
                 f"clip distances near={self.near} far={self.far}: need 0 < near < far"
             )
 
+    def in_plane(self, origins: np.ndarray, sizes: np.ndarray | int
+                 ) -> tuple[np.ndarray, np.ndarray]:
+        """Low and high corners (N, 2), in x / z and y / z, of rectangles of whole pixels.
+
+        origins: (N, 2) first pixels u, v. sizes: px, (N, 2) or one for all.
+        """
+        focal, centre = self.K[[0, 1], [0, 1]], self.K[:2, 2]
+        low = (origins - 0.5 - centre) / focal
+        return low, low + sizes / focal
+
 
 @dataclass(frozen=True)
 class Light:

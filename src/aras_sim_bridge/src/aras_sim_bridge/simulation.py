@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,6 +65,8 @@ class Simulation:
     Attributes:
         world: physics. robots: by model name. cameras: in spawn order. lights: by name.
         time_ns: simulated time. step_ns: the physics step.
+        before_pictures: called with the simulated time [ns] when cameras are about to draw or to
+            deliver, or None.
     """
 
     def __init__(self, config: SimulationConfig | None = None) -> None:
@@ -75,6 +77,7 @@ class Simulation:
         self.step_ns = round(self.config.time_step * 1e9)
         self.robots: dict[str, Robot] = {}
         self.cameras: list[MountedCamera] = []
+        self.before_pictures: Callable[[int], None] | None = None
         self._materials = MaterialTable()
         self._renderer: Renderer | None = None
         self.lights = {light.name: checked_light(light) for light in self.config.lights}
@@ -184,7 +187,10 @@ class Simulation:
             camera.before_step(self.time_ns, time_ns)
         self.world.step()
         self.time_ns = time_ns
-        for camera in cameras:
+        due = [camera for camera in cameras if camera.sensor.due(time_ns)]
+        if due and self.before_pictures is not None:
+            self.before_pictures(time_ns)
+        for camera in due:
             camera.after_step(time_ns)
 
     def next_picture_ns(self) -> int | None:

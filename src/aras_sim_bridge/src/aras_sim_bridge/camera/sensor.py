@@ -12,7 +12,6 @@ from ..errors import CameraError, RenderingError
 from ..poses import Pose
 from ..rendering import SENSOR_R_OPTICAL, Renderer, View
 from ..rendering.raymap import RayMap
-from ..rendering.scene import blend_poses
 from . import formats
 from .config import CameraConfig
 from .effects import EffectChain
@@ -245,7 +244,7 @@ class CameraSensor:
             return 1.0, pose
         before_ns, before = self._before
         share = (instant - before_ns) / (time_ns - before_ns)
-        return share, blend_poses(before, pose, share)
+        return share, _blended(before, pose, share)
 
     def _warn_if_blind(self, image: np.ndarray, view: View) -> None:
         """Say once when the camera stands inside something, or when nothing but black is seen.
@@ -266,6 +265,16 @@ class CameraSensor:
         elif around:
             _log.warning("camera '%s': %s, whose faces are not drawn from inside; check its "
                          "mounting pose", self.config.name, where)
+
+
+def _blended(a: np.ndarray, b: np.ndarray, s: float) -> np.ndarray:
+    """Poses s of the way from a to b, (N, 4, 4); for turns of a few degrees at most."""
+    out = (1.0 - s) * a + s * b
+    x = out[..., :3, 0] / np.linalg.norm(out[..., :3, 0], axis=-1, keepdims=True)
+    y = out[..., :3, 1] - (out[..., :3, 1] * x).sum(-1, keepdims=True) * x
+    y = y / np.linalg.norm(y, axis=-1, keepdims=True)
+    out[..., :3, 0], out[..., :3, 1], out[..., :3, 2] = x, y, np.cross(x, y)
+    return out
 
 
 def mounting(xyz: tuple[float, float, float], rpy: tuple[float, float, float]) -> np.ndarray:

@@ -73,7 +73,7 @@ class Scene:
         self._shapes: dict[tuple, list[Mesh]] = {}
         self._warned: set[tuple] = set()
         self._rows = 0
-        self._previous: np.ndarray | None = None
+        self._previous: tuple[np.ndarray, np.ndarray] | None = None
         self._positions = np.zeros((0, 3))
         self._quaternions = np.zeros((0, 4))
 
@@ -100,9 +100,16 @@ class Scene:
 
     def poses(self) -> np.ndarray:
         """Poses of all links that carry a visual, (rows, 4, 4), link to world."""
+        return self.poses_at(1.0)
+
+    def _read_all(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (rows, 3) and quaternions (rows, 4) now, in arrays that are used again."""
         p, q = self._positions, self._quaternions
         for body in self._bodies:
             self._read(body, p, q)
+        return p, q
+
+    def _matrices(self, p: np.ndarray, q: np.ndarray) -> np.ndarray:
         matrices = pose_matrices(p, q)
         for body in self._bodies:
             if body.has_base:
@@ -127,18 +134,23 @@ class Scene:
     def snapshot(self) -> None:
         """Remember the present poses, for `poses_at`."""
         self.refresh()
-        self._previous = self.poses()
+        p, q = self._read_all()
+        self._previous = p.copy(), q.copy()
 
     def poses_at(self, blend: float) -> np.ndarray:
         """Poses `blend` of the way from the last snapshot (0) to now (1), (rows, 4, 4).
 
-        Rotations are blended linearly and made orthonormal again: over one physics step the
-        error is of third order in the turned angle.
+        Quaternions are blended linearly and made unit ones again: over one physics step the error
+        is of third order in the turned angle.
         """
-        now = self.poses()
-        if blend >= 1.0 or self._previous is None or len(self._previous) != len(now):
-            return now
-        return blend_poses(self._previous, now, blend)
+        p, q = self._read_all()
+        if blend >= 1.0 or self._previous is None or len(self._previous[0]) != len(p):
+            return self._matrices(p, q)
+        before_p, before_q = self._previous
+        share = np.where((before_q * q).sum(axis=1, keepdims=True) < 0.0, -blend, blend)
+        turned = (1.0 - blend) * before_q + share * q
+        turned /= np.sqrt((turned * turned).sum(axis=1, keepdims=True))
+        return self._matrices((1.0 - blend) * before_p + blend * p, turned)
 
     def labels(self) -> np.ndarray:
         """(rows,) int32 segmentation values: body id + (link index + 1) << 24, as in Bullet."""
@@ -247,14 +259,3 @@ class Scene:
             return f"{model.decode()}::{base.decode()}"
         name = pybullet.getJointInfo(body, link, physicsClientId=self.client)[12]
         return f"{model.decode()}::{name.decode()}"
-
-
-def blend_poses(a: np.ndarray, b: np.ndarray, s: float) -> np.ndarray:
-    """Poses s of the way from a to b, (N, 4, 4); for turns of a few degrees at most."""
-    out = (1.0 - s) * a + s * b
-    x = out[..., :3, 0] / np.linalg.norm(out[..., :3, 0], axis=-1, keepdims=True)
-    y = out[..., :3, 1] - (out[..., :3, 1] * x).sum(-1, keepdims=True) * x
-    y = y / np.linalg.norm(y, axis=-1, keepdims=True)
-    out[..., :3, 0], out[..., :3, 1], out[..., :3, 2] = x, y, np.cross(x, y)
-    return out
-

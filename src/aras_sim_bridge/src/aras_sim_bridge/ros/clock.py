@@ -1,7 +1,7 @@
 """/clock: simulated time for everybody, throttled.
 
-A tick goes out before every camera frame too, so that no node is handed a picture whose stamp
-lies in its future.
+A tick goes out before every camera frame is drawn too, so that no node is handed a picture whose
+stamp lies in its future.
 """
 
 from __future__ import annotations

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import threading
 import traceback
-from collections.abc import Callable
 from typing import Any
 
 import rospy
@@ -26,17 +25,10 @@ class Faces:
     def __init__(
         self,
         thread: SimulationThread,
-        tick: Callable[[int], None],
         lockstep: Lockstep | None = None,
     ) -> None:
-        """Make no face yet; see `sync`.
-
-        Args:
-            tick: called with the simulated time [ns] before each camera frame goes out.
-            lockstep: lets time wait after each camera frame.
-        """
+        """Make no face yet; see `sync`. `lockstep` lets time wait after each camera frame."""
         self._thread = thread
-        self._tick = tick
         self._lockstep = lockstep
         self._lock = threading.Lock()
         # None: what could not be opened; it is not tried again.
@@ -68,17 +60,8 @@ class Faces:
                 what = f"camera '{camera.sensor.config.name}'"
                 face = _opened(CameraTopics, camera, self._thread, what)
                 self._cameras.append((camera, face))
-                if face is not None:
-                    camera.on_frame = self._ticked(camera.on_frame)
-                    if self._lockstep is not None:
-                        camera.on_frame = self._lockstep.wrap(camera.on_frame)
-
-    def _ticked(self, publish: Callable[[Any], None]) -> Callable[[Any], None]:
-        def on_frame(frame: Any) -> None:
-            self._tick(self._thread.now_ns())
-            publish(frame)
-
-        return on_frame
+                if face is not None and self._lockstep is not None:
+                    camera.on_frame = self._lockstep.wrap(camera.on_frame)
 
     def _close_gone(self, robots: dict[str, Any], cameras: list[Any]) -> None:
         for name, (robot, face) in list(self._robots.items()):

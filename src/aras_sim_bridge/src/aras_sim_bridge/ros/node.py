@@ -64,7 +64,7 @@ class GazeboNode:
                 parameters.lockstep_period,
             )
         self.thread.start()
-        self.faces = Faces(self.thread, self.clock.publish, self.lockstep)
+        self.faces = Faces(self.thread, self.lockstep)
         if parameters.enable_ros_network:
             self.api = GazeboApi(self)
             mount_world_cameras(self.thread)
@@ -89,7 +89,9 @@ class GazeboNode:
         self.thread.stop()
 
     def _build(self) -> Any:
-        return build_simulation(self.parameters, self.world_file)
+        simulation = build_simulation(self.parameters, self.world_file)
+        simulation.before_pictures = self.clock.publish
+        return simulation
 
     def _after_step(self, time_ns: int) -> None:
         self.clock.update(time_ns)

@@ -29,6 +29,7 @@ class Shown:
     triangle: (N,) triangles, each on the face (N,) given for it. Or both None, and everything in
         cluster (C,) is drawn on the only face.
     optical_T_link: (rows, 4, 4). sun: (rows, 3), unit vectors to the sun in link frames.
+    background: (4,) rgba, 0..1, of what is not drawn.
     backdrop: the quad that fills the picture behind all that, or None. cut: whether something
         reaches through it and must be cut off there.
     """
@@ -36,6 +37,7 @@ class Shown:
     faces: Faces
     optical_T_link: np.ndarray  # noqa: N815 (a_T_b maps b to a)
     sun: np.ndarray
+    background: np.ndarray
     triangle: np.ndarray | None = None
     face: np.ndarray | None = None
     cluster: np.ndarray | None = None

@@ -21,6 +21,7 @@ from .faces import Faces, tiles, whole
 from .gl_geometry import Geometry, Shown
 from .gl_target import Target, create_context
 from .lens_view import LensView
+from .occluders import Backdrop
 from .outlines import Outlines
 from .recent import Recent
 from .refinement import THRESHOLD, TILE, EdgeFinder
@@ -139,7 +140,7 @@ class OpenGLRenderer:
     def _shown(self, faces: Faces, optical_T_link: np.ndarray, sun: np.ndarray) -> Shown:
         """What each face can show."""
         triangle, face = self._geometry.visibility.on_faces(faces, optical_T_link)
-        return Shown(faces, optical_T_link, sun, triangle, face)
+        return Shown(faces, optical_T_link, sun, self._behind(None, sun), triangle, face)
 
     def _flat(self, view: View, optical_T_link: np.ndarray, sun: np.ndarray) -> np.ndarray:
         """Picture of a pinhole, (height, width, 3)."""
@@ -147,8 +148,8 @@ class OpenGLRenderer:
         faces = self._whole(view)
         seen = self._geometry.visibility.in_view(faces, optical_T_link, MANY_TRIANGLES)
         face = None if seen.triangle is None else np.zeros(len(seen.triangle), int)
-        shown = Shown(faces, optical_T_link, sun, seen.triangle, face, seen.cluster,
-                      seen.backdrop, seen.cut)
+        shown = Shown(faces, optical_T_link, sun, self._behind(seen.backdrop, sun), seen.triangle,
+                      face, seen.cluster, seen.backdrop, seen.cut)
         if self.antialiasing != "edges":
             return _rgb(self._picture(shown, (w, h), self._samples))
         if min(w, h) < TILE:
@@ -175,7 +176,7 @@ class OpenGLRenderer:
                     ) -> np.ndarray | None:
         """The same where only the regions differ from the background."""
         picture = np.empty((view.height, view.width, 3), np.uint8)
-        picture[0] = np.rint(255 * self._behind(shown)[:3])
+        picture[0] = np.rint(255 * shown.background[:3])
         picture[1:] = picture[0]
         if not len(regions.rows):
             return picture
@@ -273,7 +274,7 @@ class OpenGLRenderer:
                 self._geometry.release()
             self._geometry = Geometry(self._ctx, self.scene)
         world_T_link = self.scene.poses_at(blend)
-        optical_T_link = np.linalg.inv(view.world_T_optical) @ world_T_link
+        optical_T_link = view.optical_T_world @ world_T_link
         return optical_T_link, self.light.to_sun @ world_T_link[:, :3, :3]
 
     def _picture(self, shown: Shown, size: tuple[int, int], samples: int = 1,
@@ -282,7 +283,7 @@ class OpenGLRenderer:
         key = (*size, samples)
         target = self._targets.get(key, lambda: Target(self._ctx, *size, samples))
         target.draw.use()
-        target.draw.clear(*self._behind(shown))
+        target.draw.clear(*shown.background)
         tiled = len(shown.faces) > 1 or lattice[0] > 0.0
         program = self._program(tiled, cut=shown.cut)
         if tiled:
@@ -293,12 +294,11 @@ class OpenGLRenderer:
         self._geometry.draw(program, shown)
         return target.read(self._ctx)
 
-    def _behind(self, shown: Shown) -> np.ndarray:
+    def _behind(self, backdrop: Backdrop | None, sun: np.ndarray) -> np.ndarray:
         """Colour rgba, 0..1, of what shows where nothing is drawn."""
-        backdrop = shown.backdrop
         if backdrop is None:
             return np.array(self.light.background)
-        towards = max(float(backdrop.normal @ shown.sun[backdrop.row]), 0.0)
+        towards = max(float(backdrop.normal @ sun[backdrop.row]), 0.0)
         shade = self.light.ambient + self.light.diffuse * towards
         return np.minimum(backdrop.rgba * [shade, shade, shade, 1.0], 1.0)
 

@@ -73,7 +73,8 @@ class Regions:
     def in_picture(self, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """For pixels (N, 2) of the atlas: which (M,) lie in rectangles, and (M, 2) where."""
         region = np.searchsorted(self.rows, corners[:, 1], side="right") - 1
-        inside = corners - _down(self.rows[region])
+        inside = corners.copy()
+        inside[:, 1] -= self.rows[region]
         some = np.flatnonzero((inside < self.sizes[region]).all(axis=1))
         return some, inside[some] + self.origins[region[some]]
 
@@ -101,7 +102,3 @@ def _boxes(touched: np.ndarray) -> np.ndarray:
         # Rectangles filled up may touch each other: look again.
         for u, v, w, h in boxes:
             touched[v:v + h, u:u + w] = 1
-
-
-def _down(rows: np.ndarray) -> np.ndarray:
-    return np.stack([np.zeros_like(rows), rows], axis=1)

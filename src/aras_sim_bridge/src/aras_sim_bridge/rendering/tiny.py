@@ -110,7 +110,7 @@ class TinyRenderer:
         K = view.K * np.array([[k], [k], [1.0]])
         K[:2, 2] += (k - 1) / 2
         # Bullet's eye looks along -z with y up.
-        eye = np.diag([1.0, -1.0, -1.0, 1.0]) @ np.linalg.inv(view.world_T_optical)
+        eye = np.diag([1.0, -1.0, -1.0, 1.0]) @ view.optical_T_world
         near, far = view.near, view.far
         # TinyRenderer samples pixel (u, v) at ndc (2 u / w - 1, (h - 2 - 2 v) / h).
         projection = np.array([

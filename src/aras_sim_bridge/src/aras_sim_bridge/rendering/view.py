@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -48,6 +49,15 @@ class View:
                 f"clip distances near={self.near} far={self.far}: need 0 < near < far"
             )
 
+    @property
+    def optical_T_world(self) -> np.ndarray:  # noqa: N802
+        """(4, 4), inverse of world_T_optical."""
+        R, t = self.world_T_optical[:3, :3], self.world_T_optical[:3, 3]
+        out = np.eye(4)
+        out[:3, :3] = R.T
+        out[:3, 3] = -t @ R
+        return out
+
     def in_plane(self, origins: np.ndarray, sizes: np.ndarray | int
                  ) -> tuple[np.ndarray, np.ndarray]:
         """Low and high corners (N, 2), in x / z and y / z, of rectangles of whole pixels.
@@ -73,7 +83,7 @@ class Light:
     diffuse: float = 0.8
     background: Rgba = (0.7, 0.7, 0.7, 1.0)
 
-    @property
+    @cached_property
     def to_sun(self) -> np.ndarray:
         """Unit vector towards the sun, (3,), world frame."""
         d = -np.asarray(self.direction, dtype=float)

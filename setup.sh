@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Make this workspace ready to run: Debian packages, a virtual environment, catkin_make.
+# Make this workspace ready to run: Debian packages, a virtual environment, catkin_make, compiled loops.
 # Does only what is missing or has changed; with nothing to do it needs neither network nor root.
 set -euo pipefail
 
@@ -7,10 +7,11 @@ usage() {
     cat <<'TEXT'
 Usage: ./setup.sh [--packages | --help]
 
-Prepares a Debian 12 machine for this workspace, in three steps, each left out when it is done already:
+Prepares a Debian 12 machine for this workspace, in four steps, each left out when it is done already:
   1. installs the Debian packages it needs (as root or through sudo),
   2. makes the virtual environment .venv from /usr/bin/python3 with the versions of requirements.txt,
-  3. builds the workspace with catkin_make and that interpreter.
+  3. builds the workspace with catkin_make and that interpreter,
+  4. compiles the renderer's loops (Numba), which the first start would wait for otherwise.
 
   --packages   print the Debian packages, one a line, and do nothing
   --help       print this
@@ -146,4 +147,13 @@ if [[ $(cat devel/setup.stamp 2>/dev/null) != "$stamp" ]]; then
     step "Building the workspace" env ROS_LANG_DISABLE=genlisp \
         catkin_make --force-cmake -DPYTHON_EXECUTABLE="$root/.venv/bin/python"
     printf '%s\n' "$stamp" >devel/setup.stamp
+fi
+
+# 4. loops; kept beside their sources, and compiled anew when those are newer
+rendering=src/aras_sim_bridge/src/aras_sim_bridge/rendering
+if [[ ! -e devel/loops.stamp || -n $(find "$rendering" -name '*.py' -newer devel/loops.stamp -print -quit) ]]; then
+    touch devel/loops.begun
+    step "Compiling the renderer's loops" env PYTHONPATH="${rendering%/*/*}" \
+        .venv/bin/python -c "import aras_sim_bridge.rendering.opengl"
+    mv devel/loops.begun devel/loops.stamp
 fi

@@ -101,7 +101,7 @@ def test_rectangles_hold_every_coloured_pixel_and_its_neighbours():
             inside[v:v + h, u:u + w] += 1
         assert inside.max() <= 1
         u, v = np.meshgrid(*map(np.arange, SIZE))
-        for low_x, low_y, high_x, high_y in outlines.bounds.T:
+        for low_x, low_y, high_x, high_y in outlines.bounds:
             x, y = (u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]
             px, py = 1 / K[0, 0], 1 / K[1, 1]
             near = (x > low_x - px) & (x < high_x + px) & (y > low_y - py) & (y < high_y + py)

@@ -9,16 +9,17 @@ import moderngl
 import numpy as np
 
 from . import clusters as clustering
+from .compiled import compiled
 from .faces import Faces
 from .occluders import Backdrop
 from .scene import Scene
 from .visibility import Visibility
 
-# One glMultiDrawElementsIndirect record.
-COMMAND = np.dtype([("count", "<u4"), ("instances", "<u4"), ("first", "<u4"),
-                    ("base_vertex", "<i4"), ("base_instance", "<u4")])
+# One glMultiDrawElementsIndirect record: count, instances, first, base vertex, base instance.
+COMMAND_WORDS = 5
 # face_T_link rows, projection, placement, sun, label
 INSTANCE_FLOATS = 12 + 4 + 4 + 3 + 1
+ONE_ROTATION = np.eye(3)[None]
 TEXTURE_SIZE = 512
 
 
@@ -59,7 +60,7 @@ class Geometry:
         self._vertices = ctx.buffer(c.vertices.tobytes() or bytes(clustering.VERTEX.itemsize))
         self._all = ctx.buffer(c.indices.tobytes() or bytes(12))
         self._picked = ctx.buffer(reserve=max(12, c.indices.nbytes), dynamic=True)
-        self._commands = ctx.buffer(reserve=64 * COMMAND.itemsize, dynamic=True)
+        self._commands = ctx.buffer(reserve=64 * 4 * COMMAND_WORDS, dynamic=True)
         self._instances = ctx.buffer(reserve=64 * 4 * INSTANCE_FLOATS, dynamic=True)
         self._arrays: dict[tuple[moderngl.Program, bool], moderngl.VertexArray] = {}
 
@@ -88,25 +89,21 @@ class Geometry:
             cluster = shown.cluster[some]
             first, count, row = c.first[cluster], c.count[cluster], c.row[cluster]
             face = np.zeros(len(cluster), int)
-            apart = (row[1:] != row[:-1]) | (first[1:] != first[:-1] + count[:-1])
         else:
             triangle, face = shown.triangle[some], shown.face[some]
-            first, count, row = np.arange(len(triangle)), 1, c.tri_row[triangle]
-            apart = (row[1:] != row[:-1]) | (face[1:] != face[:-1])
+            first, count = np.arange(len(triangle)), np.ones(len(triangle), int)
+            row = c.tri_row[triangle]
             self._write(self._picked, c.indices[triangle])
         if not len(first):
             return
-        # One command for each stretch of triangles of one link on one face.
-        starts = np.flatnonzero(np.concatenate([[True], apart]))
-        ends = np.append(starts[1:], len(first)) - 1
-        last = (first + count)[ends]
-        commands = np.zeros(len(starts), COMMAND)
-        commands["first"] = 3 * first[starts]
-        commands["count"] = 3 * (last - first[starts])
-        commands["instances"] = 1
-        commands["base_instance"] = np.arange(len(starts))
+        faces = shown.faces
+        rotation = ONE_ROTATION if faces.rotation is None else faces.rotation
+        commands, instances = _commands(
+            first, count, row, face, shown.optical_T_link, rotation, faces.projection,
+            faces.placement, shown.sun,
+        )
         self._write(self._commands, commands)
-        self._write(self._instances, _records(shown, row[starts], face[starts]))
+        self._write(self._instances, instances)
         self._ctx.enable_only(flags)
         self._array(program, shown.triangle is None).render_indirect(
             self._commands, self._ctx.TRIANGLES, len(commands)
@@ -139,19 +136,36 @@ class Geometry:
                 thing.release()
 
 
-def _records(shown: Shown, link: np.ndarray, face: np.ndarray) -> np.ndarray:
-    """(N, INSTANCE_FLOATS) float32, of links on faces."""
-    faces = shown.faces
-    T = shown.optical_T_link[link, :3]
-    if faces.rotation is not None:
-        T = faces.rotation[face] @ T
-    records = np.empty((len(link), INSTANCE_FLOATS), np.float32)
-    records[:, :12] = T.reshape(-1, 12)
-    records[:, 12:16] = faces.projection[face]
-    records[:, 16:20] = faces.placement[face]
-    records[:, 20:23] = shown.sun[link]
-    records[:, 23] = link + 1
-    return records
+@compiled("i8[::1], i8[::1], i8[::1], i8[::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], "
+          "f8[:,::1]")
+def _commands(first, count, row, face, T, rotation, projection, placement, sun):
+    """A draw command (M, 5) and an instance (M, INSTANCE_FLOATS) for each stretch of triangles that
+    follow each other in the index buffer, on one link and one face.
+
+    first, count, row, face: (N,) of pieces. rotation: (F, 3, 3), or one for all faces.
+    """
+    commands = np.empty((len(first), COMMAND_WORDS), np.uint32)
+    instances = np.empty((len(first), INSTANCE_FLOATS), np.float32)
+    made = 0
+    end = np.int64(-1)
+    for n in range(len(first)):
+        r, f = row[n], face[n]
+        if n and first[n] == end and r == row[n - 1] and f == face[n - 1]:
+            commands[made - 1, 0] += 3 * count[n]
+        else:
+            commands[made] = 3 * count[n], 1, 3 * first[n], 0, made
+            turn, one = rotation[f % len(rotation)], instances[made]
+            for j in range(3):
+                for k in range(4):
+                    one[4 * j + k] = (turn[j, 0] * T[r, 0, k] + turn[j, 1] * T[r, 1, k]
+                                      + turn[j, 2] * T[r, 2, k])
+            one[12:16] = projection[f]
+            one[16:20] = placement[f]
+            one[20:23] = sun[r]
+            one[23] = r + 1
+            made += 1
+        end = first[n] + count[n]
+    return commands[:made], instances[:made]
 
 
 def _padding(layout: str) -> str:

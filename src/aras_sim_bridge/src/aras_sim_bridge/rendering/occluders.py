@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .clusters import Clusters
+from .compiled import compiled
 from .faces import Faces
 from .indexed_mesh import normalised
 
@@ -56,11 +57,11 @@ class Occluders:
         self._first, self._vertex = first, vertex
         self._row = np.array(row, int)
         corners = np.array(corners).reshape(-1, 4, 3)
-        self._origin = corners[:, 0]
+        self._origin = corners[:, 0].copy()
         # Points at origin + s u + t v + h n have coordinates h, s, t in this basis.
         u, v = corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
         normal = normalised(np.cross(u, v))
-        self._basis = np.linalg.inv(np.stack([normal, u, v], axis=2)).transpose(0, 2, 1)
+        self._basis = np.linalg.inv(np.stack([normal, u, v], axis=2)).transpose(0, 2, 1).copy()
         self._normal = normal
 
     def filling(self, faces: Faces, T: np.ndarray) -> Backdrop | None:
@@ -68,27 +69,45 @@ class Occluders:
 
         T: (rows, 4, 4) optical_T_link.
         """
-        if not len(self._row):
+        k = _nearest_filling(self._row, self._origin, self._basis, T, faces.projection[0],
+                             faces.near, faces.far)
+        if k < 0:
             return None
-        R, t = T[self._row, :3, :3], T[self._row, :3, 3]
-        a, b, c, d = faces.projection[0]
-        view = np.array([[(x - b) / a, (y - d) / c, 1.0] for x in (-1, 1) for y in (-1, 1)])
-        # Where the rays through the corners of the view meet the quads, in link frames.
-        ray = view @ R @ self._basis
-        eye = ((-t[:, None] @ R) - self._origin[:, None]) @ self._basis
-        with np.errstate(divide="ignore", invalid="ignore"):
-            depth = -eye[..., 0] / ray[..., 0]
-            place = eye[..., 1:] + depth[..., None] * ray[..., 1:]
-        fills = ((eye[..., 0] > 0.0) & (depth > faces.near) & (depth < faces.far)
-                 & ((place > 0.0) & (place < 1.0)).all(axis=2)).all(axis=1)
-        if not fills.any():
-            return None
-        # The nearest, where the middle of the view meets them.
-        k = int(np.where(fills, depth.sum(axis=1), np.inf).argmin())
-        n = R[k] @ self._normal[k]
-        vertex = self._vertex[k]
-        return Backdrop(np.array([*n, n @ (R[k] @ self._origin[k] + t[k])]), int(self._first[k]),
-                        int(self._row[k]), vertex["normal"], vertex["rgba"] / 255.0)
+        pose, vertex = T[self._row[k]], self._vertex[k]
+        n = pose[:3, :3] @ self._normal[k]
+        return Backdrop(np.array([*n, n @ (pose[:3, :3] @ self._origin[k] + pose[:3, 3])]),
+                        int(self._first[k]), int(self._row[k]), vertex["normal"],
+                        vertex["rgba"] / 255.0)
+
+
+@compiled("i8[::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], f8[::1], f8, f8")
+def _nearest_filling(row, origin, basis, T, projection, near, far):
+    """Number of the nearest quad that fills a face, or -1. basis: (K, 3, 3), as in Occluders."""
+    a, b, c, d = projection
+    nearest, best = np.inf, -1
+    for k in range(len(row)):
+        pose = T[row[k]]
+        eye = -origin[k]
+        for j in range(3):
+            for i in range(3):
+                eye[j] -= pose[i, 3] * pose[i, j]
+        eye = eye @ basis[k]
+        if not eye[0] > 0.0:
+            continue
+        total = 0.0
+        for corner in range(4):
+            # Where the ray through a corner of the view meets the quad, in its own coordinates.
+            x, y = (2.0 * (corner % 2) - 1.0 - b) / a, (2.0 * (corner // 2) - 1.0 - d) / c
+            ray = (x * pose[0, :3] + y * pose[1, :3] + pose[2, :3]) @ basis[k]
+            depth = -eye[0] / ray[0]
+            s, t = eye[1] + depth * ray[1], eye[2] + depth * ray[2]
+            if not (near < depth < far and 0.0 < s < 1.0 and 0.0 < t < 1.0):
+                break
+            total += depth
+        else:
+            if total < nearest:
+                nearest, best = total, k
+    return best
 
 
 def _quad(corners: np.ndarray) -> np.ndarray | None:

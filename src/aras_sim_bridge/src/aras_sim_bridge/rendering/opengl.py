@@ -238,8 +238,7 @@ class OpenGLRenderer:
         near = np.flatnonzero(np.isin(shown.face, home))
         triangle, face = shown.triangle[near], shown.face[near]
         outlines = visibility.outlines_on(tiles.reach, triangle, face, shown.optical_T_link)
-        tile, index = outlines.overlapping(tiles.low[number], tiles.high[number],
-                                           home[:, None] == face)
+        tile, index = outlines.overlapping(tiles.low[number], tiles.high[number], home, face)
         samples = len(number) * (TILE * LENS_FINE) ** 2 + CLIP_COST * len(index)
         if samples > 3 * lens.lens.atlas_size[0] * lens.lens.atlas_size[1]:
             return False

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from .compiled import compiled
 from .faces import Faces, rectangles
 from .outlines import Outlines
 from .refinement import TILE
@@ -44,14 +45,7 @@ class Regions:
         w, h = view.width, view.height
         if w % TILE or h % TILE:
             return None
-        focal, centre = view.K[[0, 1], [0, 1]], view.K[:2, 2]
-        # Pixels that the outlines may colour, and the next ones, so that edges lie inside.
-        low = outlines.bounds[:2].T * focal + centre - 1.0
-        high = outlines.bounds[2:].T * focal + centre + 2.0
-        limit = np.array([w, h]) - 1
-        first = np.clip(low, 0, limit).astype(int) // BLOCK
-        last = np.clip(high, 0, limit).astype(int) // BLOCK
-        boxes = _boxes(_touched(first, last + 1, (-(-h // BLOCK), -(-w // BLOCK)))) * BLOCK
+        boxes = _boxes(_touched(outlines.bounds, view.K, w, h)) * BLOCK
         if not len(boxes):
             return cls(boxes[:, :2], boxes[:, 2:], boxes[:, 0], (0, 0))
         sizes = np.minimum(boxes[:, 2:], [w, h] - boxes[:, :2])
@@ -84,12 +78,19 @@ class Regions:
             cv2.cvtColor(atlas[row:row + h, :w], cv2.COLOR_RGBA2RGB, dst=image[v:v + h, u:u + w])
 
 
-def _touched(first: np.ndarray, end: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """(rows, columns) uint8, 1 in the blocks of any range of columns and rows [first, end)."""
-    step = np.zeros((shape[0] + 1, shape[1] + 1), int)
-    for u, v, sign in ((first, first, 1), (end, end, 1), (first, end, -1), (end, first, -1)):
-        np.add.at(step, (v[:, 1], u[:, 0]), sign)
-    return (step.cumsum(axis=0).cumsum(axis=1)[:-1, :-1] > 0).astype(np.uint8)
+@compiled("f8[:,::1], f8[:,::1], i8, i8")
+def _touched(bounds, K, width, height):
+    """(rows, columns) uint8, 1 in the blocks that outlines with bounds (N, 4) may colour."""
+    touched = np.zeros((-(-height // BLOCK), -(-width // BLOCK)), np.uint8)
+    for n in range(len(bounds)):
+        # And in those of the next pixels, so that edges lie inside.
+        u = max(0.0, bounds[n, 0] * K[0, 0] + K[0, 2] - 1.0)
+        v = max(0.0, bounds[n, 1] * K[1, 1] + K[1, 2] - 1.0)
+        u_end = min(width - 1.0, bounds[n, 2] * K[0, 0] + K[0, 2] + 2.0)
+        v_end = min(height - 1.0, bounds[n, 3] * K[1, 1] + K[1, 2] + 2.0)
+        touched[int(v) // BLOCK:int(v_end) // BLOCK + 1,
+                int(u) // BLOCK:int(u_end) // BLOCK + 1] = 1
+    return touched
 
 
 def _boxes(touched: np.ndarray) -> np.ndarray:

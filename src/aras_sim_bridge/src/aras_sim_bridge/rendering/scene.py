@@ -11,7 +11,9 @@ import numpy as np
 from aras_sim_bridge.bullet import pybullet
 
 from ..errors import RenderingError
+from ..poses import Pose
 from . import meshes
+from .compiled import compiled
 from .gazebo_materials import COLOURS, Rgba
 from .indexed_mesh import Mesh
 from .view import MaterialTable
@@ -41,17 +43,25 @@ class _Body:
     base_from_com: np.ndarray
 
 
-def pose_matrices(positions: np.ndarray, quaternions: np.ndarray) -> np.ndarray:
-    """(N, 4, 4) from positions (N, 3) and unit quaternions xyzw (N, 4)."""
-    x, y, z, w = np.asarray(quaternions, dtype=float).T
-    out = np.zeros((len(x), 4, 4))
-    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
-    wx, wy, wz = w * x, w * y, w * z
-    out[:, 0, 0], out[:, 0, 1], out[:, 0, 2] = 1 - 2 * (yy + zz), 2 * (xy - wz), 2 * (xz + wy)
-    out[:, 1, 0], out[:, 1, 1], out[:, 1, 2] = 2 * (xy + wz), 1 - 2 * (xx + zz), 2 * (yz - wx)
-    out[:, 2, 0], out[:, 2, 1], out[:, 2, 2] = 2 * (xz - wy), 2 * (yz + wx), 1 - 2 * (xx + yy)
-    out[:, :3, 3] = positions
-    out[:, 3, 3] = 1.0
+@compiled("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8")
+def _blended_poses(before_p, before_q, p, q, blend):
+    """Poses (N, 4, 4) `blend` of the way from one list to another of positions (N, 3) and unit
+    quaternions xyzw (N, 4).
+
+    Quaternions are blended linearly and made unit ones again: over one physics step the error is of
+    third order in the turned angle.
+    """
+    out = np.zeros((len(p), 4, 4))
+    for n in range(len(p)):
+        same = (before_q[n] * q[n]).sum() >= 0.0
+        turn = (1.0 - blend) * before_q[n] + (blend if same else -blend) * q[n]
+        x, y, z, w = turn / np.sqrt((turn * turn).sum())
+        T = out[n]
+        T[0, :3] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
+        T[1, :3] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+        T[2, :3] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
+        T[:3, 3] = before_p[n] + blend * (p[n] - before_p[n])
+        T[3, 3] = 1.0
     return out
 
 
@@ -102,20 +112,31 @@ class Scene:
         """Poses of all links that carry a visual, (rows, 4, 4), link to world."""
         return self.poses_at(1.0)
 
+    def poses_at(self, blend: float) -> np.ndarray:
+        """Poses `blend` of the way from the last snapshot (0) to now (1), (rows, 4, 4)."""
+        now = self._read_all()
+        before = self._previous
+        if before is None or len(before[0]) != len(now[0]):
+            before = now
+        matrices = _blended_poses(*before, *now, min(blend, 1.0))
+        for body in self._bodies:
+            if body.has_base:
+                row = body.rows.start
+                matrices[row] = matrices[row] @ body.base_from_com
+        return matrices
+
+    def snapshot(self) -> None:
+        """Remember the present poses, for `poses_at`."""
+        self.refresh()
+        p, q = self._read_all()
+        self._previous = p.copy(), q.copy()
+
     def _read_all(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions (rows, 3) and quaternions (rows, 4) now, in arrays that are used again."""
         p, q = self._positions, self._quaternions
         for body in self._bodies:
             self._read(body, p, q)
         return p, q
-
-    def _matrices(self, p: np.ndarray, q: np.ndarray) -> np.ndarray:
-        matrices = pose_matrices(p, q)
-        for body in self._bodies:
-            if body.has_base:
-                row = body.rows.start
-                matrices[row] = matrices[row] @ body.base_from_com
-        return matrices
 
     def _read(self, body: _Body, p: np.ndarray, q: np.ndarray) -> None:
         row = body.rows.start
@@ -130,27 +151,6 @@ class Scene:
             )
             p[row:body.rows.stop] = [s[4] for s in states]
             q[row:body.rows.stop] = [s[5] for s in states]
-
-    def snapshot(self) -> None:
-        """Remember the present poses, for `poses_at`."""
-        self.refresh()
-        p, q = self._read_all()
-        self._previous = p.copy(), q.copy()
-
-    def poses_at(self, blend: float) -> np.ndarray:
-        """Poses `blend` of the way from the last snapshot (0) to now (1), (rows, 4, 4).
-
-        Quaternions are blended linearly and made unit ones again: over one physics step the error
-        is of third order in the turned angle.
-        """
-        p, q = self._read_all()
-        if blend >= 1.0 or self._previous is None or len(self._previous[0]) != len(p):
-            return self._matrices(p, q)
-        before_p, before_q = self._previous
-        share = np.where((before_q * q).sum(axis=1, keepdims=True) < 0.0, -blend, blend)
-        turned = (1.0 - blend) * before_q + share * q
-        turned /= np.sqrt((turned * turned).sum(axis=1, keepdims=True))
-        return self._matrices((1.0 - blend) * before_p + blend * p, turned)
 
     def labels(self) -> np.ndarray:
         """(rows,) int32 segmentation values: body id + (link index + 1) << 24, as in Bullet."""
@@ -195,7 +195,7 @@ class Scene:
 
     def _body(self, body: int, links: list[int], row: int) -> _Body:
         info = pybullet.getDynamicsInfo(body, -1, physicsClientId=self.client)
-        com = pose_matrices([info[3]], [info[4]])[0]
+        com = Pose(info[3], info[4]).matrix()
         return _Body(
             body=body, rows=slice(row, row + len(links)),
             links=[link for link in links if link >= 0], has_base=links[0] == -1,
@@ -208,7 +208,7 @@ class Scene:
         plain = tuple(rgba) == (1.0, 1.0, 1.0, 1.0)
         if plain and kind == pybullet.GEOM_PLANE:
             rgba = COLOURS["Gazebo/Grey"]  # Gazebo's ground plane; Bullet gives planes no colour
-        local = pose_matrices([position], [orientation])[0]
+        local = np.array(Pose(position, orientation).matrix())
         parts = []
         for mesh in self._meshes(kind, dims, file, (body, link)):
             colour = override or (mesh.rgba if mesh.rgba and plain else rgba)

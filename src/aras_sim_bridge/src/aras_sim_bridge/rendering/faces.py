@@ -10,6 +10,8 @@ import numpy as np
 from .raymap import RayMap
 from .view import View
 
+SHARED = np.eye(3)[None]
+
 
 @dataclass(frozen=True)
 class Faces:
@@ -31,6 +33,11 @@ class Faces:
 
     def __len__(self) -> int:
         return len(self.projection)
+
+    @property
+    def rotations(self) -> np.ndarray:
+        """`rotation`, or (1, 3, 3) where all faces share the optical frame."""
+        return SHARED if self.rotation is None else self.rotation
 
     @cached_property
     def normals(self) -> np.ndarray:

@@ -19,7 +19,6 @@ from .visibility import Visibility
 COMMAND_WORDS = 5
 # face_T_link rows, projection, placement, sun, label
 INSTANCE_FLOATS = 12 + 4 + 4 + 3 + 1
-ONE_ROTATION = np.eye(3)[None]
 TEXTURE_SIZE = 512
 
 
@@ -97,10 +96,9 @@ class Geometry:
         if not len(first):
             return
         faces = shown.faces
-        rotation = ONE_ROTATION if faces.rotation is None else faces.rotation
         commands, instances = _commands(
-            first, count, row, face, shown.optical_T_link, rotation, faces.projection,
-            faces.placement, shown.sun,
+            first, count, row, face, shown.optical_T_link, faces.rotations,
+            faces.projection, faces.placement, shown.sun,
         )
         self._write(self._commands, commands)
         self._write(self._instances, instances)

@@ -16,6 +16,8 @@ from .faces import Faces
 from .indexed_mesh import normalised
 
 MOST = 8
+# A plane before which everything is.
+NOWHERE = np.array([0.0, 0.0, 0.0, -np.inf])
 
 
 @dataclass(frozen=True)
@@ -69,45 +71,59 @@ class Occluders:
 
         T: (rows, 4, 4) optical_T_link.
         """
-        k = _nearest_filling(self._row, self._origin, self._basis, T, faces.projection[0],
-                             faces.near, faces.far)
+        k = self._fillings(faces, T)[0]
         if k < 0:
             return None
-        pose, vertex = T[self._row[k]], self._vertex[k]
+        vertex = self._vertex[k]
+        return Backdrop(self._plane(k, T), int(self._first[k]), int(self._row[k]),
+                        vertex["normal"], vertex["rgba"] / 255.0)
+
+    def planes(self, faces: Faces, T: np.ndarray) -> np.ndarray:
+        """Planes (F, 4), as Backdrop has them, of the quads that fill faces; NOWHERE for none."""
+        return np.array([NOWHERE if k < 0 else self._plane(k, T)
+                         for k in self._fillings(faces, T)])
+
+    def _plane(self, k: int, T: np.ndarray) -> np.ndarray:
+        pose = T[self._row[k]]
         n = pose[:3, :3] @ self._normal[k]
-        return Backdrop(np.array([*n, n @ (pose[:3, :3] @ self._origin[k] + pose[:3, 3])]),
-                        int(self._first[k]), int(self._row[k]), vertex["normal"],
-                        vertex["rgba"] / 255.0)
+        return np.array([*n, n @ (pose[:3, :3] @ self._origin[k] + pose[:3, 3])])
+
+    def _fillings(self, faces: Faces, T: np.ndarray) -> np.ndarray:
+        """(F,) number of the nearest quad that fills each face, or -1."""
+        return _fillings(self._row, self._origin, self._basis, T, faces.rotations,
+                         faces.projection, faces.near, faces.far)
 
 
-@compiled("i8[::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], f8[::1], f8, f8")
-def _nearest_filling(row, origin, basis, T, projection, near, far):
-    """Number of the nearest quad that fills a face, or -1. basis: (K, 3, 3), as in Occluders."""
-    a, b, c, d = projection
-    nearest, best = np.inf, -1
-    for k in range(len(row)):
-        pose = T[row[k]]
-        eye = -origin[k]
-        for j in range(3):
-            for i in range(3):
-                eye[j] -= pose[i, 3] * pose[i, j]
-        eye = eye @ basis[k]
-        if not eye[0] > 0.0:
-            continue
-        total = 0.0
-        for corner in range(4):
-            # Where the ray through a corner of the view meets the quad, in its own coordinates.
-            x, y = (2.0 * (corner % 2) - 1.0 - b) / a, (2.0 * (corner // 2) - 1.0 - d) / c
-            ray = (x * pose[0, :3] + y * pose[1, :3] + pose[2, :3]) @ basis[k]
-            depth = -eye[0] / ray[0]
-            s, t = eye[1] + depth * ray[1], eye[2] + depth * ray[2]
-            if not (near < depth < far and 0.0 < s < 1.0 and 0.0 < t < 1.0):
-                break
-            total += depth
-        else:
-            if total < nearest:
-                nearest, best = total, k
-    return best
+@compiled("i8[::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8, f8")
+def _fillings(row, origin, basis, T, rotation, projection, near, far):
+    """See Occluders._fillings; basis (K, 3, 3) as there, rotation (F, 3, 3) or one for all."""
+    out = np.empty(len(projection), np.int64)
+    for f in range(len(projection)):
+        a, b, c, d = projection[f]
+        nearest, out[f] = np.inf, -1
+        for k in range(len(row)):
+            pose = rotation[f % len(rotation)] @ T[row[k], :3]
+            eye = -origin[k]
+            for j in range(3):
+                for i in range(3):
+                    eye[j] -= pose[i, 3] * pose[i, j]
+            eye = eye @ basis[k]
+            if not eye[0] > 0.0:
+                continue
+            total = 0.0
+            for corner in range(4):
+                # Where the ray through a corner of the face meets the quad, in its coordinates.
+                x, y = (2.0 * (corner % 2) - 1.0 - b) / a, (2.0 * (corner // 2) - 1.0 - d) / c
+                ray = (x * pose[0, :3] + y * pose[1, :3] + pose[2, :3]) @ basis[k]
+                depth = -eye[0] / ray[0]
+                s, t = eye[1] + depth * ray[1], eye[2] + depth * ray[2]
+                if not (near < depth < far and 0.0 < s < 1.0 and 0.0 < t < 1.0):
+                    break
+                total += depth
+            else:
+                if total < nearest:
+                    nearest, out[f] = total, k
+    return out
 
 
 def _quad(corners: np.ndarray) -> np.ndarray | None:

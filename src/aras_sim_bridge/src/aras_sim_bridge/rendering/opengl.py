@@ -42,10 +42,9 @@ FINE = 8
 # The same through a lens. With 4 the angle of the target's near square jumps so much that the
 # servo loop trembles above 2 % of its error for another second; 8 gains nothing there.
 LENS_FINE = 6
-# With more triangles than this on the faces of a lens, so many tiles have edges that everything is
-# drawn denser by this factor along both sides, and only tiles with strong edges again.
+# With more triangles than this on the faces of a lens, so many tiles have edges that four places of
+# every pixel are looked up, and only tiles with strong edges drawn again.
 LENS_MANY = 200
-LENS_DENSE = 1.1
 STRONG = 100
 # Samples along a pixel's side in pictures that are full of edges.
 DENSE = 3
@@ -203,24 +202,24 @@ class OpenGLRenderer:
     def _lens_picture(self, lens: LensView, optical_T_link: np.ndarray, sun: np.ndarray
                       ) -> np.ndarray:
         if self.antialiasing != "edges":
-            return self._looked_up(lens, self._shown(lens.faces, optical_T_link, sun), 1)
+            return self._looked_up(lens, self._shown(lens.faces, optical_T_link, sun), 1, 1)
         if lens.tiles is None:
-            return self._looked_up(lens, self._shown(lens.faces, optical_T_link, sun), 2)
+            return self._looked_up(lens, self._shown(lens.faces, optical_T_link, sun), 2, 2)
         shown = replace(self._shown(lens.tiles.reach, optical_T_link, sun), faces=lens.faces)
         if len(shown.triangle) > LENS_MANY:
-            rgba, threshold = self._looked_up(lens, shown, LENS_DENSE), STRONG
+            rgba, threshold = self._looked_up(lens, shown, 1, 2), STRONG
         else:
             rgba = lens.pick(self._picture(shown, lens.lens.atlas_size))
             threshold = THRESHOLD
         if not self._refine_through(lens, rgba, shown, threshold):
-            return self._looked_up(lens, shown, 2)
+            return self._looked_up(lens, shown, 2, 2)
         return rgba
 
-    def _looked_up(self, lens: LensView, shown: Shown, factor: float) -> np.ndarray:
-        """Picture by looking up in the faces, drawn `factor` times as wide and high."""
+    def _looked_up(self, lens: LensView, shown: Shown, factor: int, places: int) -> np.ndarray:
+        """Picture by looking up places x places of every pixel in the faces, drawn `factor` times
+        as wide and high."""
         w, h = lens.lens.atlas_size
-        atlas = self._picture(shown, (int(factor * w), int(factor * h)), self._samples)
-        return lens.look_up(atlas, 1 if factor == 1 else 2)
+        return lens.look_up(self._picture(shown, (factor * w, factor * h), self._samples), places)
 
     def _refine_through(self, lens: LensView, rgba: np.ndarray, shown: Shown, threshold: int
                         ) -> bool:
@@ -234,16 +233,15 @@ class OpenGLRenderer:
         number = number[usable]
         if len(shown.triangle) * len(number) > MOST_PAIRS:
             return False
-        home = tiles.home[number]
-        near = np.flatnonzero(np.isin(shown.face, home))
-        triangle, face = shown.triangle[near], shown.face[near]
-        outlines = visibility.outlines_on(tiles.reach, triangle, face, shown.optical_T_link)
-        tile, index = outlines.overlapping(tiles.low[number], tiles.high[number], home, face)
+        outlines = visibility.outlines_on(tiles.reach, shown.triangle, shown.face,
+                                          shown.optical_T_link)
+        tile, index = outlines.overlapping(tiles.low[number], tiles.high[number],
+                                           tiles.home[number], shown.face)
         samples = len(number) * (TILE * LENS_FINE) ** 2 + CLIP_COST * len(index)
         if samples > 3 * lens.lens.atlas_size[0] * lens.lens.atlas_size[1]:
             return False
         faces = tiles.faces(number, ATLAS_COLUMNS, _atlas_rows(len(number)))
-        fine = replace(shown, faces=faces, triangle=triangle[index], face=tile)
+        fine = replace(shown, faces=faces, triangle=shown.triangle[index], face=tile)
         self._redraw(rgba, finder.origins[number], fine, LENS_FINE)
         return True
 

@@ -14,13 +14,11 @@ import numpy as np
 from .clusters import Clusters
 from .compiled import compiled
 from .faces import Faces
-from .occluders import Backdrop, Occluders
+from .occluders import NOWHERE, Backdrop, Occluders
 from .outlines import Outlines
 
 # Distance behind a plane up to which things count as lying in it, m.
 TOUCHING = 1e-6
-# Everything is before it.
-NOWHERE = np.array([0.0, 0.0, 0.0, -np.inf])
 # Neither this triangle nor the next is one.
 NONE = -2
 
@@ -70,11 +68,15 @@ class Visibility:
         return Seen(triangle[within], outlines.of_some(within), cluster, backdrop, cut)
 
     def on_faces(self, faces: Faces, optical_T_link: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs (triangle, face) of what each of several faces may show, face by face."""
+        """Pairs (triangle, face) of what each of several faces may show, face by face.
+
+        What lies behind a quad that fills a face is left out, not the quad.
+        """
         c = self._c
         cluster = self._touched(faces, optical_T_link, NOWHERE)
         return _on_faces(c.first[cluster], c.count[cluster], c.tri_row, c.normal, c.offset,
-                         c.corners, optical_T_link, faces.normals, faces.near)
+                         c.corners, optical_T_link, faces.normals,
+                         self._occluders.planes(faces, optical_T_link), faces.near)
 
     def _touched(self, faces: Faces, optical_T_link: np.ndarray, plane: np.ndarray) -> np.ndarray:
         """Clusters (C,) with fronts, whose boxes touch a face's frustum before a plane."""
@@ -210,9 +212,10 @@ def _in_view(first, count, row, normal, offset, corners, T, sides, plane, skippe
 
 
 @compiled("i8[::1], i8[::1], i8[::1], f8[:,::1], f8[::1], f8[:,:,::1], f8[:,:,::1], f8[:,:,::1], "
-          "f8")
-def _on_faces(first, count, row, normal, offset, corners, T, sides, near):
-    """Pairs (triangle, face) of the triangles of stretches that show a front on faces (F, 5, 3)."""
+          "f8[:,::1], f8")
+def _on_faces(first, count, row, normal, offset, corners, T, sides, planes, near):
+    """Pairs (triangle, face) of the triangles of stretches that show a front on faces with sides
+    (F, 5, 3), before planes (F, 4)."""
     eye = _eyes(T)
     front = np.empty(count.sum(), np.int64)
     p = np.empty((len(front), 3, 3))
@@ -231,7 +234,8 @@ def _on_faces(first, count, row, normal, offset, corners, T, sides, near):
             side = 0
             while side < 4 and _highest(sides[f, side], p[n]) > 0.0:
                 side += 1
-            if side == 4 and _highest(sides[f, 4], p[n]) > near:
+            if (side == 4 and _highest(sides[f, 4], p[n]) > near
+                    and _highest(planes[f], p[n]) - planes[f, 3] > -TOUCHING):
                 triangle[found], face[found] = front[n], f
                 found += 1
     return triangle[:found], face[:found]

@@ -28,7 +28,7 @@ class LensView:
         self.tiles = LensTiles(lens, near, far) if min(lens.width, lens.height) >= TILE else None
         self._outside = None if lens.valid.all() else ~lens.valid
         self._lookup = _extended(lens)
-        self._places: dict[tuple, tuple[np.ndarray, np.ndarray]] = {}
+        self._places: dict[tuple, np.ndarray] = {}
 
     def pick(self, atlas: np.ndarray) -> np.ndarray:
         """Picture (height, width, 4) of the nearest pixels of an atlas of `atlas_size`."""
@@ -42,9 +42,8 @@ class LensView:
         key = (*atlas.shape[:2], places)
         if key not in self._places:
             scale = np.array(atlas.shape[1::-1], np.float32) / np.float32(self.lens.atlas_size)
-            place = (self._within_pixels(places) + 0.5) * scale - np.float32(0.5)
-            self._places[key] = cv2.convertMaps(place, None, cv2.CV_16SC2)  # faster to read
-        out = cv2.remap(atlas, *self._places[key], cv2.INTER_LINEAR)
+            self._places[key] = (self._within_pixels(places) + 0.5) * scale - np.float32(0.5)
+        out = cv2.remap(atlas, self._places[key], None, cv2.INTER_LINEAR)
         if places == 1:
             return out
         size = (self.lens.width, self.lens.height)

@@ -94,30 +94,46 @@ class Occluders:
                          faces.projection, faces.near, faces.far)
 
 
+@compiled("f8[:,::1], f8[:,::1], f8[:,::1], f8, f8, f8")
+def _turned(basis, T, rotation, x, y, z):
+    """A direction of a face's frame in the coordinates of a quad: T's link frame, then its basis.
+
+    rotation: optical frame to face frame.
+    """
+    out = np.zeros(3)
+    for i in range(3):
+        along = rotation[0, i] * x + rotation[1, i] * y + rotation[2, i] * z
+        for j in range(3):
+            for k in range(3):
+                out[k] += along * T[i, j] * basis[j, k]
+    return out
+
+
 @compiled("i8[::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8, f8")
 def _fillings(row, origin, basis, T, rotation, projection, near, far):
     """See Occluders._fillings; basis (K, 3, 3) as there, rotation (F, 3, 3) or one for all."""
     out = np.empty(len(projection), np.int64)
+    eye = np.empty((len(row), 3))
+    for k in range(len(row)):
+        pose, from_origin = T[row[k]], -origin[k]
+        for j in range(3):
+            for i in range(3):
+                from_origin[j] -= pose[i, 3] * pose[i, j]
+        for j in range(3):
+            eye[k, j] = (from_origin * basis[k, :, j]).sum()
     for f in range(len(projection)):
         a, b, c, d = projection[f]
+        turn = rotation[f % len(rotation)]
         nearest, out[f] = np.inf, -1
         for k in range(len(row)):
-            pose = rotation[f % len(rotation)] @ T[row[k], :3]
-            eye = -origin[k]
-            for j in range(3):
-                for i in range(3):
-                    eye[j] -= pose[i, 3] * pose[i, j]
-            eye = eye @ basis[k]
-            if not eye[0] > 0.0:
-                continue
             total = 0.0
             for corner in range(4):
                 # Where the ray through a corner of the face meets the quad, in its coordinates.
                 x, y = (2.0 * (corner % 2) - 1.0 - b) / a, (2.0 * (corner // 2) - 1.0 - d) / c
-                ray = (x * pose[0, :3] + y * pose[1, :3] + pose[2, :3]) @ basis[k]
-                depth = -eye[0] / ray[0]
-                s, t = eye[1] + depth * ray[1], eye[2] + depth * ray[2]
-                if not (near < depth < far and 0.0 < s < 1.0 and 0.0 < t < 1.0):
+                ray = _turned(basis[k], T[row[k]], turn, x, y, 1.0)
+                depth = -eye[k, 0] / ray[0]
+                s, t = eye[k, 1] + depth * ray[1], eye[k, 2] + depth * ray[2]
+                if not (eye[k, 0] > 0.0 and near < depth < far and 0.0 < s < 1.0 and 0.0 < t < 1.0):
                     break
                 total += depth
             else:

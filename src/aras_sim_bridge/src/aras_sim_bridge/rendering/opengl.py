@@ -43,9 +43,9 @@ FINE = 8
 # servo loop trembles above 2 % of its error for another second; 8 gains nothing there.
 LENS_FINE = 6
 # With more triangles than this on the faces of a lens, so many tiles have edges that four places of
-# every pixel are looked up, and only tiles with strong edges drawn again.
+# every pixel are looked up, and only tiles with edges of half the range or more drawn again.
 LENS_MANY = 200
-STRONG = 100
+STRONG = 128
 # Samples along a pixel's side in pictures that are full of edges.
 DENSE = 3
 # With more triangles than this in view there are edges nearly everywhere, and 2 x 2 samples do.

@@ -271,3 +271,25 @@ def test_master_gone_ends_the_node(tmp_path):
     assert node.returncode == 0
     assert "the ROS master does not answer any more: ending" in output
     assert "Traceback" not in output
+
+
+ENDING = """
+import os, signal, threading, rospy
+from aras_visual_servo_camera.shutdown import end_on_signals
+held = threading.Lock()
+rospy.on_shutdown(lambda: held.acquire() and print("let go", flush=True))
+end_on_signals()
+with held:
+    os.kill(os.getpid(), signal.SIGINT)
+    rospy.rostime.wallsleep(0.2)
+    print("holding", flush=True)
+while not rospy.is_shutdown():
+    rospy.rostime.wallsleep(0.01)
+"""
+
+
+def test_ctrl_c_waits_for_locks_that_the_main_thread_holds():
+    """As that on the master's proxy, in the middle of a log line."""
+    command = [sys.executable, "-c", ENDING]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=20)
+    assert done.stdout.split("\n")[:2] == ["holding", "let go"], done.stderr

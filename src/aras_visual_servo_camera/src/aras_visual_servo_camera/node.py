@@ -20,6 +20,7 @@ from .messages import array_message, image_message, moments_message
 from .overlay import draw
 from .parameters import NodeParameters
 from .pipeline import Measurement, Pipeline
+from .shutdown import end_on_signals
 from .undistortion import CameraModel
 
 IMAGE_TOPIC = "/labrob/camera/image_raw"
@@ -128,6 +129,7 @@ def _read_mask(path: str):
 def main() -> int:
     """Run the node; exit status 1 if its parameters are wrong."""
     rospy.init_node("aras_visual_servo_camera")
+    end_on_signals()
     cv2.setNumThreads(1)  # the images are small: starting threads costs more than they save
     given = rospy.get_param("~", {})
     try:

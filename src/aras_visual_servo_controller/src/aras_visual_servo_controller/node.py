@@ -19,6 +19,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from aras_visual_servo_camera.master_watch import MasterWatch
+from aras_visual_servo_camera.shutdown import end_on_signals
 
 from . import conversions, mounting, servo
 from .errors import ConfigurationError
@@ -310,6 +311,7 @@ def _tell_mounting(loop: Servo) -> None:
 def main() -> int:
     """Run the node; returns its exit status."""
     rospy.init_node("aras_visual_servo_controller")
+    end_on_signals()
     package = Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
     try:
         given = rospy.get_param("~", {})

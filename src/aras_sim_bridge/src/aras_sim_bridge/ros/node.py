@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import sys
 import threading
 from typing import Any
@@ -28,9 +29,8 @@ from aras_sim_bridge.world_file import WorldFile
 # A waiting thread gets the interpreter after this long [s]: the simulation must not stand behind
 # five milliseconds (Python's default) of somebody else's messages at every step.
 SWITCH_INTERVAL = 0.0005
-# The main thread looks for signals this often [s]. The kernel may hand a Ctrl-C to any thread;
-# Python runs the handler in the main one, which a wait without a limit would never wake from.
-SIGNAL_PERIOD = 0.5
+# The main thread looks for signals this often [s].
+SIGNAL_PERIOD = 0.2
 
 
 class GazeboNode:
@@ -180,13 +180,30 @@ def _private_parameters() -> dict[str, Any]:
 
 
 class _Ending:
-    """What happens on shutdown, whenever it comes: also in the middle of the start."""
+    """What happens on shutdown, whenever it comes: also in the middle of the start.
+
+    Signals are only noted. rospy would end the node inside the handler, which Python runs in the
+    main thread: in the middle of a log line it waits for locks that this line holds. And the kernel
+    may hand a signal to any thread, from which a wait without a limit in the main one never wakes.
+    """
 
     def __init__(self) -> None:
         self.begun = threading.Event()
         self.node: GazeboNode | None = None
+        self._signal: signal.Signals | None = None
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
         # rospy runs this before it closes the topics, so no step publishes into closed ones.
         rospy.on_shutdown(self._on_shutdown)
+
+    def wait(self) -> None:
+        """Until a shutdown begins, for whatever reason."""
+        while not self.begun.wait(SIGNAL_PERIOD):
+            if self._signal is not None:
+                rospy.signal_shutdown(self._signal.name)
+
+    def _on_signal(self, number: int, _frame: object) -> None:
+        self._signal = signal.Signals(number)
 
     def _on_shutdown(self) -> None:
         self.begun.set()
@@ -198,7 +215,7 @@ def main() -> int:
     """Entry point of nodes/gazebo; returns the exit status."""
     sys.setswitchinterval(SWITCH_INTERVAL)
     # Without rospy's own subscription to /clock: this node makes the time that others wait for.
-    rospy.init_node("gazebo", disable_rostime=True)
+    rospy.init_node("gazebo", disable_rostime=True, disable_signals=True)
     ending = _Ending()
     try:
         parameters = NodeParameters.from_mapping(_private_parameters(), rospy.get_name())
@@ -215,7 +232,6 @@ def main() -> int:
         node.stop()
     MasterWatch(parameters.master_check_period, _end_for)
     rospy.loginfo("%s is up, process %d", rospy.get_name(), os.getpid())
-    while not ending.begun.wait(SIGNAL_PERIOD):
-        pass
+    ending.wait()
     node.stop()
     return 0 if node.fault is None else 1

@@ -78,6 +78,12 @@ def test_sizes_that_are_no_whole_tiles_and_full_pictures_are_drawn_whole(bench):
     large = Outlines.of(np.array([[[-1.0, -1, 1], [2, 0, 1], [0, 2, 1]]]), 0.02)
     assert Regions.around(small, view) is not None
     assert Regions.around(large, view) is None
+    columns = np.arange(-1.5, 1.5, 0.05)
+    strips = np.array([[[x, -1.0, 1.0], [x, 1.0, 1.0], [x + 1e-4, 1.0, 1.0]] for x in columns])
+    huge = View(9600, 4800, view.world_T_optical, np.diag([2400.0, 2400, 1]) + [[0, 0, 4800],
+                [0, 0, 2400], [0, 0, 0]], 0.02)
+    assert Regions.around(Outlines.of(strips[:3], 0.02), huge) is None, "three of 4800 rows"
+    assert Regions.around(Outlines.of(strips[:1], 0.02), huge).atlas_size == (64, 4800)
     odd = View(SIZE[0] + 1, SIZE[1], view.world_T_optical, K, 0.02)
     assert Regions.around(small, odd) is None
 

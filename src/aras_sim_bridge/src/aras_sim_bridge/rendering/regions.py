@@ -24,6 +24,8 @@ BLOCK = 4 * TILE
 STEP = 2 * BLOCK
 # Where more than this share of the picture would be drawn, the whole picture costs less.
 MOST = 0.5
+# No graphics driver refuses a framebuffer of so many rows.
+HIGHEST = 8192
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Regions:
         sizes = np.minimum(boxes[:, 2:], [w, h] - boxes[:, :2])
         rows = np.cumsum(sizes[:, 1]) - sizes[:, 1]
         wide, high = (-(-int(n) // STEP) * STEP for n in (sizes[:, 0].max(), sizes[:, 1].sum()))
-        if wide * high > MOST * w * h:
+        if wide * high > MOST * w * h or high > HIGHEST:
             return None
         return cls(boxes[:, :2], sizes, rows, (wide, high))
 
@@ -96,7 +98,7 @@ def _touched(bounds, K, width, height):
 def _boxes(touched: np.ndarray) -> np.ndarray:
     """(R, 4) column, row, width, height of disjoint rectangles around what is not 0."""
     while True:
-        count, _, stats, _ = cv2.connectedComponentsWithStats(touched, connectivity=8)
+        _, _, stats, _ = cv2.connectedComponentsWithStats(touched, connectivity=8)
         boxes = stats[1:, :4].astype(int)
         if boxes[:, 2].dot(boxes[:, 3]) == np.count_nonzero(touched):
             return boxes

@@ -215,7 +215,7 @@ def main() -> int:
     """Entry point of nodes/gazebo; returns the exit status."""
     sys.setswitchinterval(SWITCH_INTERVAL)
     # Without rospy's own subscription to /clock: this node makes the time that others wait for.
-    rospy.init_node("gazebo", disable_rostime=True, disable_signals=True)
+    rospy.init_node("gazebo", disable_rostime=True)
     ending = _Ending()
     try:
         parameters = NodeParameters.from_mapping(_private_parameters(), rospy.get_name())

@@ -268,12 +268,12 @@ class CameraSensor:
 
 
 def _blended(a: np.ndarray, b: np.ndarray, s: float) -> np.ndarray:
-    """Poses s of the way from a to b, (N, 4, 4); for turns of a few degrees at most."""
+    """The pose (4, 4) s of the way from a to b; for turns of a few degrees at most."""
     out = (1.0 - s) * a + s * b
-    x = out[..., :3, 0] / np.linalg.norm(out[..., :3, 0], axis=-1, keepdims=True)
-    y = out[..., :3, 1] - (out[..., :3, 1] * x).sum(-1, keepdims=True) * x
-    y = y / np.linalg.norm(y, axis=-1, keepdims=True)
-    out[..., :3, 0], out[..., :3, 1], out[..., :3, 2] = x, y, np.cross(x, y)
+    x = out[:3, 0] / np.linalg.norm(out[:3, 0])
+    y = out[:3, 1] - (out[:3, 1] @ x) * x
+    y /= np.linalg.norm(y)
+    out[:3, 0], out[:3, 1], out[:3, 2] = x, y, np.cross(x, y)
     return out
 
 

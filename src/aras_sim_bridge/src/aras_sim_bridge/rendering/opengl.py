@@ -52,6 +52,8 @@ DENSE = 3
 MANY_TRIANGLES = 1500
 # Framebuffers of this many sizes are kept: what a picture needs changes with what it shows.
 SIZES_KEPT = 24
+# So are the look-up tables of this many lenses, which are large, and slow to make.
+LENSES_KEPT = 16
 # Beyond this many triangles times tiles even finding out what overlaps takes too long.
 MOST_PAIRS = 200_000
 
@@ -80,7 +82,7 @@ class OpenGLRenderer:
         self._programs: dict[tuple, moderngl.Program] = {}
         self._targets: Recent[tuple, Target] = Recent(SIZES_KEPT, Target.release)
         self._finders: Recent[tuple[int, int], EdgeFinder] = Recent(SIZES_KEPT)
-        self._lenses: dict[tuple, LensView] = {}
+        self._lenses: Recent[tuple, LensView] = Recent(LENSES_KEPT)
         self._face: tuple[tuple, Faces] | None = None
         self._geometry: Geometry | None = None
         self._drawn_version = -1
@@ -254,9 +256,8 @@ class OpenGLRenderer:
 
     def _lens(self, view: View) -> LensView:
         key = (id(view.lens), view.near, view.far)
-        if key not in self._lenses:
-            self._lenses[key] = LensView(view.lens, view.near, view.far)
-        return self._lenses[key]
+        # A view keeps its lens, so no other can get that id as long as it is there.
+        return self._lenses.get(key, lambda: LensView(view.lens, view.near, view.far))
 
     def _finder(self, width: int, height: int) -> EdgeFinder:
         return self._finders.get((width, height), lambda: EdgeFinder(width, height))

@@ -26,7 +26,7 @@ FLAT_LIMIT = np.radians(57.0)
 DENSITY = 1.2
 CLOSEST = 30  # percent
 MARGIN = 2.0  # px around a face, for interpolation
-LARGEST = 8192
+LARGEST = 8192  # px a side of a framebuffer; no driver refuses that
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ import numpy as np
 from .compiled import compiled
 from .faces import Faces, rectangles
 from .outlines import Outlines
+from .raymap import LARGEST
 from .refinement import TILE
 from .view import View
 
@@ -24,8 +25,6 @@ BLOCK = 4 * TILE
 STEP = 2 * BLOCK
 # Where more than this share of the picture would be drawn, the whole picture costs less.
 MOST = 0.5
-# No graphics driver refuses a framebuffer of so many rows.
-HIGHEST = 8192
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,7 @@ class Regions:
         sizes = np.minimum(boxes[:, 2:], [w, h] - boxes[:, :2])
         rows = np.cumsum(sizes[:, 1]) - sizes[:, 1]
         wide, high = (-(-int(n) // STEP) * STEP for n in (sizes[:, 0].max(), sizes[:, 1].sum()))
-        if wide * high > MOST * w * h or high > HIGHEST:
+        if wide * high > MOST * w * h or high > LARGEST:
             return None
         return cls(boxes[:, :2], sizes, rows, (wide, high))
 

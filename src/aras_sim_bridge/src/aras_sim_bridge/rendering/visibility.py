@@ -19,8 +19,8 @@ from .outlines import Outlines
 
 # Distance behind a plane up to which things count as lying in it, m.
 TOUCHING = 1e-6
-# Neither this triangle nor the next is one.
-NONE = -2
+# The first triangle of no quad: neither it nor the next is one.
+NO_QUAD = -2
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,9 @@ class Visibility:
         """What a single face may show: triangle by triangle if they are not more than `most`."""
         c = self._c
         backdrop = self._occluders.filling(faces, optical_T_link)
-        plane, skipped = (NOWHERE, NONE) if backdrop is None else (backdrop.plane, backdrop.first)
+        plane, skipped = NOWHERE, NO_QUAD
+        if backdrop is not None:
+            plane, skipped = backdrop.plane, backdrop.first
         cluster = self._touched(faces, optical_T_link, plane)
         # Of clusters that show a front about a third of the triangles show their backs.
         if 2 * c.count[cluster].sum() > 3 * most:

@@ -30,7 +30,7 @@ STRICT, BEST_EFFORT = 2, 1
 DT = 0.001
 MASS, INERTIA = 2.0, 0.5
 USER_CLASS = '''
-from aras_sim_bridge.controllers import Controller
+from aras_sim_bridge.control.controllers import Controller
 
 
 class Constant(Controller):

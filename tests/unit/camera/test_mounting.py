@@ -5,7 +5,7 @@ import logging
 import numpy as np
 import pytest
 
-from aras_sim_bridge import mounting
+from aras_sim_bridge.camera import mounting
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.errors import CameraError, RenderingError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
@@ -111,7 +111,7 @@ def test_what_cannot_be_drawn_costs_its_frames_only(caplog):
             simulation.step()
         return [len(frames) for frames in got.values()]
 
-    with caplog.at_level(logging.INFO, "aras_sim_bridge.mounting"):
+    with caplog.at_level(logging.INFO, "aras_sim_bridge.camera.mounting"):
         draw, broken.sensor.capture = broken.sensor.capture, fail
         assert run() == [0, 3]
         broken.sensor.capture = draw

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from aras_sim_bridge.control_loop import ControlLoop
-from aras_sim_bridge.controller_manager import ControllerManager
-from aras_sim_bridge.hardware import RobotHardware
+from aras_sim_bridge.control.hardware import RobotHardware
+from aras_sim_bridge.control.loop import ControlLoop
+from aras_sim_bridge.control.manager import ControllerManager
 
 PREFIX = "hardware_interface/"
 

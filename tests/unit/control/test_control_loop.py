@@ -4,7 +4,7 @@ import threading
 
 import pytest
 
-from aras_sim_bridge.control_loop import ControlLoop
+from aras_sim_bridge.control.loop import ControlLoop
 from aras_sim_bridge.errors import HardwareError
 
 STEP = 1_000_000

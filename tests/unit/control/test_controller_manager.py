@@ -5,9 +5,9 @@ import types
 
 import pytest
 
-from aras_sim_bridge.controllers import Controller
+from aras_sim_bridge.control.controllers import Controller
+from aras_sim_bridge.control.switching import BEST_EFFORT, STRICT
 from aras_sim_bridge.errors import ControllerError
-from aras_sim_bridge.switching import BEST_EFFORT, STRICT
 
 EFFORT = "effort_controllers/JointEffortController"
 POSITION = "effort_controllers/JointPositionController"

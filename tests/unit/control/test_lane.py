@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from aras_sim_bridge.ros.lane import Lane
+from aras_sim_bridge.ros.control.lane import Lane
 
 SIZE = 300_000  # of a message: more than the socket below takes at once
 QUEUE = 2

@@ -2,9 +2,15 @@
 
 import pytest
 
-from aras_sim_bridge.errors import HardwareError
-from aras_sim_bridge.joints import EFFORT, POSITION, VELOCITY, JointHandle, Limits, resolve_limits
-from aras_sim_bridge.limit_rules import (
+from aras_sim_bridge.control.joints import (
+    EFFORT,
+    POSITION,
+    VELOCITY,
+    JointHandle,
+    Limits,
+    resolve_limits,
+)
+from aras_sim_bridge.control.limits import (
     EffortSaturation,
     EffortSoft,
     PositionSaturation,
@@ -13,6 +19,7 @@ from aras_sim_bridge.limit_rules import (
     VelocitySoft,
     rule_for,
 )
+from aras_sim_bridge.errors import HardwareError
 
 LIMITS = Limits(-2.0, 2.0, 5.0, None, 100.0)
 DT = 0.1

@@ -2,7 +2,7 @@
 
 import pytest
 
-from aras_sim_bridge.pacing import BATCH_NS, Pacer
+from aras_sim_bridge.ros.runtime.pacing import BATCH_NS, Pacer
 
 MS = 1_000_000
 

@@ -4,8 +4,8 @@ from math import inf, nan
 
 import pytest
 
+from aras_sim_bridge.control.pid import Gains, Pid
 from aras_sim_bridge.errors import ControllerError
-from aras_sim_bridge.pid import Gains, Pid
 
 # (what it proves, gains p i d i_max i_min antiwindup, [(error, dt, command), ...])
 TABLE = [

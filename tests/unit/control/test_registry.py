@@ -4,11 +4,11 @@ import sys
 
 import pytest
 
-from aras_sim_bridge.controllers import Controller, Registry, register
+from aras_sim_bridge.control.controllers import Controller, Registry, register
 from aras_sim_bridge.errors import ControllerError
 
 SOURCE = """
-from aras_sim_bridge.controllers import Controller
+from aras_sim_bridge.control.controllers import Controller
 
 class Mine(Controller):
     interface = "EffortJointInterface"

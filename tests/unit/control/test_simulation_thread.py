@@ -8,8 +8,8 @@ import time
 
 import pytest
 
-from aras_sim_bridge.pacing import Pacer
-from aras_sim_bridge.ros.simulation_thread import SimulationBusyError, SimulationThread
+from aras_sim_bridge.ros.runtime.pacing import Pacer
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationBusyError, SimulationThread
 
 
 class Counter:

@@ -4,8 +4,8 @@ from math import inf, nan, pi
 
 import pytest
 
+from aras_sim_bridge.control.pid import Gains
 from aras_sim_bridge.errors import ControllerError
-from aras_sim_bridge.pid import Gains
 
 PREFIX = {"effort": "EffortJointInterface", "position": "PositionJointInterface",
           "velocity": "VelocityJointInterface"}

@@ -4,7 +4,7 @@ from itertools import pairwise, product
 
 import pytest
 
-from aras_sim_bridge.controllers.splines import Segment, Tolerance, Waypoint, spline
+from aras_sim_bridge.control.controllers.splines import Segment, Tolerance, Waypoint, spline
 
 S = 1_000_000_000
 

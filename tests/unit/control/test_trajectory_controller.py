@@ -7,7 +7,7 @@ from math import nan, pi
 
 import pytest
 
-from aras_sim_bridge.controllers.trajectory_types import (
+from aras_sim_bridge.control.controllers.trajectory_types import (
     ErrorCode,
     JointTolerance,
     Trajectory,

@@ -45,10 +45,7 @@ class ArasRobot:
             parameters=self.settings, cameras=cameras)
         robot = self.simulation.robots["aras_visual_servo"]
         self.manager, self.hardware = robot.manager, robot.hardware
-        names = ["joint_state_controller", *CONTROLLERS.values()]
-        for name in names:
-            self.manager.load(name)
-        self.manager.request_switch(names, [], 2)
+        robot.start(["joint_state_controller", *CONTROLLERS.values()])
 
     def command(self, pose):
         """Position commands, rad or m, in the order of CONTROLLERS."""

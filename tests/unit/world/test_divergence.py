@@ -3,8 +3,8 @@
 import time
 
 from aras_sim_bridge.errors import WorldError
-from aras_sim_bridge.pacing import Pacer
-from aras_sim_bridge.ros.simulation_thread import SimulationThread
+from aras_sim_bridge.ros.runtime.pacing import Pacer
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
 
 class Diverging:

@@ -13,7 +13,7 @@ import pybullet_data
 import pytest
 from aras_robot import CONTROLLERS, ArasRobot
 
-from aras_sim_bridge.controllers.trajectory_types import Trajectory, TrajectoryPoint
+from aras_sim_bridge.control.controllers.trajectory_types import Trajectory, TrajectoryPoint
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.world import Pose
 

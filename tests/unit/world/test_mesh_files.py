@@ -7,8 +7,8 @@ import sys
 import pytest
 
 from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.description.mesh_files import check
 from aras_sim_bridge.errors import DescriptionError
-from aras_sim_bridge.mesh_files import check
 from aras_sim_bridge.world import Pose, World
 
 CORNERS = ((0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1))

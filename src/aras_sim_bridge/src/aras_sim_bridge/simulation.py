@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
-from aras_sim_bridge.control_loop import ControlLoop
-from aras_sim_bridge.controller_manager import ControllerManager
+from aras_sim_bridge.camera.mounting import MountedCamera, robot_camera, world_camera
+from aras_sim_bridge.control.hardware import RobotHardware
+from aras_sim_bridge.control.loop import ControlLoop
+from aras_sim_bridge.control.manager import ControllerManager
+from aras_sim_bridge.control.switching import STRICT
 from aras_sim_bridge.description import Light as LightDescription
 from aras_sim_bridge.description import RobotDescription
+from aras_sim_bridge.description.lights import SUN, checked_light
 from aras_sim_bridge.errors import (
     CameraError,
     DescriptionError,
@@ -19,9 +23,6 @@ from aras_sim_bridge.errors import (
     SimError,
     WorldError,
 )
-from aras_sim_bridge.hardware import RobotHardware
-from aras_sim_bridge.lights import SUN, checked_light
-from aras_sim_bridge.mounting import MountedCamera, robot_camera, world_camera
 from aras_sim_bridge.rendering import COLOURS, Light, MaterialTable, Renderer, create_renderer
 from aras_sim_bridge.rendering.gazebo_materials import WHITE
 from aras_sim_bridge.world import Model, Pose, World
@@ -58,9 +59,34 @@ class Robot:
     manager: ControllerManager
     loop: ControlLoop
 
+    def start(self, controllers: Iterable[str]) -> None:
+        """Load these controllers and let them run from the next step on.
+
+        Raises:
+            ControllerError: one cannot be loaded; those loaded before it stay so.
+        """
+        names = list(controllers)
+        for name in names:
+            self.manager.load(name)
+        self.manager.request_switch(names, [], STRICT)
+
+    def command(self, controller: str, value: Any) -> None:
+        """Hand `value` to a controller, in its own units; it acts in the next step.
+
+        Raises:
+            ControllerError: no such controller, or a value that it cannot use.
+        """
+        self.manager.get(controller).set_command(value)
+
 
 class Simulation:
     """Models, robots and cameras of one world; simulated time only.
+
+    Programs without ROS use just this much of it, and tests/unit/world/test_simulation_use.py
+    holds it: spawn (at `joint_positions`), `robots[name].start` and `.command`,
+    `robots[name].manager.get(...).on_state` for the joint states that ROS would get,
+    `camera(name)` with its `enabled`, `on_frame`, `parent_T_optical` and `sensor.info`, `step`,
+    `time_ns`, `step_ns`, the model's `joint_names`, `read_joints` and `link_pose`, `close`.
 
     Attributes:
         world: physics. robots: by model name. cameras: in spawn order. lights: by name.
@@ -255,6 +281,18 @@ class Simulation:
             loop = ControlLoop(hardware, manager, self.step_ns, period_ns)
             return Robot(model.name, namespace, model, hardware, manager, loop)
         return None
+
+    def camera(self, name: str) -> MountedCamera:
+        """The camera whose topics stand below `name` ('/labrob/camera').
+
+        Raises:
+            WorldError: there is none; names those that exist.
+        """
+        for camera in self.cameras:
+            if camera.sensor.config.topic_root == name:
+                return camera
+        known = ", ".join(camera.sensor.config.topic_root for camera in self.cameras) or "none"
+        raise WorldError(f"camera '{name}' does not exist; there are: {known}")
 
     def add_camera(self, name: str, settings: Mapping[str, Any]) -> MountedCamera:
         """Put a camera into the world, fixed; see mounting.world_camera. Raises CameraError."""

@@ -11,8 +11,7 @@ from types import MappingProxyType
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge import packages
-from aras_sim_bridge.description import gazebo_tags, safe_xml
+from aras_sim_bridge.description import gazebo_tags, packages, safe_xml
 from aras_sim_bridge.description.inertia import checked_inertial
 from aras_sim_bridge.description.model import (
     ZERO,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from ..description.mesh_files import stl_corners
 from ..errors import DescriptionError, RenderingError
-from ..mesh_files import stl_corners
 from .collada import load_collada
 from .indexed_mesh import Mesh, from_corners, normalised
 from .obj import load_obj

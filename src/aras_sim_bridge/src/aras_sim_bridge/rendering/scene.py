@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_sim_bridge.bullet import pybullet
+from aras_sim_bridge.world.bullet import pybullet
 
 from ..errors import RenderingError
 from ..poses import Pose

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from aras_sim_bridge.bullet import pybullet
+from aras_sim_bridge.world.bullet import pybullet
 
 from ..errors import RenderingError
 from .scene import Part, Scene

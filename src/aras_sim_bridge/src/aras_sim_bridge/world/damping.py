@@ -18,7 +18,7 @@ from typing import Protocol
 
 import numpy as np
 
-from aras_sim_bridge.bullet import pybullet
+from aras_sim_bridge.world.bullet import pybullet
 
 EXPLICIT_BOUND = 0.5
 CHECK_EVERY = 200  # steps; inertia changes with the configuration, slowly at 1 ms

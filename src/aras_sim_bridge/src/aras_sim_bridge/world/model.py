@@ -6,8 +6,8 @@ model_frames.py. Here is what needs all of them.
 
 from types import MappingProxyType
 
-from aras_sim_bridge.bullet import pybullet
 from aras_sim_bridge.description.model import RobotDescription
+from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.model_frames import ModelFrames
 
 

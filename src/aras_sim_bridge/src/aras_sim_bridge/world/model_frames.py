@@ -2,8 +2,8 @@
 
 from types import MappingProxyType
 
-from aras_sim_bridge.bullet import pybullet
 from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.model_joints import ModelJoints
 from aras_sim_bridge.world.poses import Pose, Twist, add, cross, rotate, subtract
 

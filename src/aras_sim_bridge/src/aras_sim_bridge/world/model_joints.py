@@ -3,8 +3,8 @@
 import math
 from collections.abc import Sequence
 
-from aras_sim_bridge.bullet import pybullet
 from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.damping import ViscousDamping
 from aras_sim_bridge.world.model_loading import NO_LIMIT_FORCE, LoadedModel
 from aras_sim_bridge.world.poses import conjugate, rotate

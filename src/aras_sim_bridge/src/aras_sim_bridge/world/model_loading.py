@@ -3,11 +3,11 @@
 import os
 import tempfile
 
-from aras_sim_bridge import mesh_files
-from aras_sim_bridge.bullet import pybullet
+from aras_sim_bridge.description import mesh_files
 from aras_sim_bridge.description.model import RobotDescription
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.world import bullet_file
+from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.poses import IDENTITY, Pose
 
 DEFAULT_FRICTION = 1.0  # Gazebo's mu; Bullet multiplies the two bodies' values

@@ -4,7 +4,7 @@ import logging
 import math
 from collections.abc import Mapping
 
-from aras_sim_bridge.bullet import pybullet
+from aras_sim_bridge.description.mesh_files import check_meshes
 from aras_sim_bridge.description.model import (
     Collision,
     Geometry,
@@ -13,8 +13,8 @@ from aras_sim_bridge.description.model import (
     Visual,
 )
 from aras_sim_bridge.errors import WorldError
-from aras_sim_bridge.mesh_files import check_meshes
 from aras_sim_bridge.world import bullet_file
+from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.poses import IDENTITY, Pose, Twist, checked_pose, checked_vector
 

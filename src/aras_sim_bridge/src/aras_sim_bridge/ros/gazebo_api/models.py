@@ -22,11 +22,11 @@ from gazebo_msgs.srv import (
     SpawnModelResponse,
 )
 
-from aras_sim_bridge import packages
-from aras_sim_bridge.description import Light
+from aras_sim_bridge.description import Light, packages
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.ros import camera_settings, conversions
-from aras_sim_bridge.ros.controller_services import robot_parameters
+from aras_sim_bridge.ros import conversions
+from aras_sim_bridge.ros.camera import camera_settings
+from aras_sim_bridge.ros.control.controller_services import robot_parameters
 from aras_sim_bridge.ros.gazebo_api import descriptions, entities
 from aras_sim_bridge.ros.services import ServiceTable
 from aras_sim_bridge.world.poses import (

@@ -19,8 +19,8 @@ from gazebo_msgs.srv import (
 from geometry_msgs.msg import Vector3
 
 from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.ros.control.reconfigure import PHYSICS_FIELDS, ReconfigureServer
 from aras_sim_bridge.ros.conversions import from_vector
-from aras_sim_bridge.ros.reconfigure import PHYSICS_FIELDS, ReconfigureServer
 from aras_sim_bridge.ros.services import ServiceTable
 
 ODE_FIELDS = (

@@ -1,0 +1,37 @@
+"""ros_control's controllers, without ROS; importing this package registers them all.
+
+base.py documents the ports a ROS skin attaches to, registry.py how a class of your own is found.
+"""
+
+from aras_sim_bridge.control.controllers import (
+    effort,
+    group,
+    joint_state,
+    position,
+    trajectory,
+    velocity,
+)
+from aras_sim_bridge.control.controllers.base import (
+    ClaimedResources,
+    Context,
+    Controller,
+    JointControllerState,
+    JointStates,
+)
+from aras_sim_bridge.control.controllers.registry import Registry, register
+
+__all__ = [
+    "ClaimedResources",
+    "Context",
+    "Controller",
+    "JointControllerState",
+    "JointStates",
+    "Registry",
+    "effort",
+    "group",
+    "joint_state",
+    "position",
+    "register",
+    "trajectory",
+    "velocity",
+]

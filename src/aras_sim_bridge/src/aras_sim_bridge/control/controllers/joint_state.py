@@ -1,0 +1,113 @@
+"""joint_state_controller/JointStateController: reads all joints, commands none."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from aras_sim_bridge import parameters as params
+from aras_sim_bridge.control.controllers.base import (
+    ClaimedResources,
+    Context,
+    Controller,
+    JointStates,
+)
+from aras_sim_bridge.control.controllers.registry import register
+from aras_sim_bridge.control.joints import STATE
+from aras_sim_bridge.errors import ControllerError
+
+_NS_PER_S = 1_000_000_000
+
+
+@register("joint_state_controller/JointStateController")
+class JointStateController(Controller):
+    """Samples positions, velocities and efforts at `publish_rate` of simulated time.
+
+    Order: `joints` if given, else by name in byte order, then `extra_joints`. The first sample
+    is in the first cycle; the average rate is exact. A rate of 0 or less never samples.
+    """
+
+    interface = STATE
+    state_kind = "joint_states"
+
+    def init(self, hardware: Any, parameters: Mapping, context: Context) -> None:
+        """Raises ControllerError without publish_rate or with an unknown joint in `joints`."""
+        super().init(hardware, parameters, context)
+        where = context.where
+        rate = params.number(parameters, "publish_rate", where)
+        self._rate = rate
+        self._step_ns = _NS_PER_S / rate if rate > 0.0 else 0.0
+        if "joints" in parameters:
+            names = list(params.names(parameters, "joints", where))
+        else:
+            # Sorting by code point is sorting by byte for UTF-8.
+            names = sorted(hardware.interfaces[STATE])
+        self._handles = [self.take_handle(hardware, name) for name in names]
+        extras = _extra_joints(parameters, where, set(names))
+        self.names = (*names, *(name for name, *_ in extras))
+        self._extra = tuple([e[k] for e in extras] for k in (1, 2, 3))
+        self._periods = 0
+        self._start_ns: float | None = None
+
+    @property
+    def claimed_resources(self) -> tuple[ClaimedResources, ...]:
+        """The state interface; nothing is claimed by reading."""
+        return (ClaimedResources(f"hardware_interface::{self.interface}", ()),)
+
+    def starting(self, time_ns: int) -> None:
+        """Make the first cycle sample; a restart keeps the rhythm."""
+        if self._start_ns is None:
+            self._start_ns = time_ns - 1.001 * self._step_ns
+
+    def update(self, time_ns: int, period: float) -> None:
+        """Sample if due."""
+        if self._rate <= 0.0:
+            return
+        # Counting periods instead of adding them up keeps the rate exact for days.
+        due_ns = self._start_ns + (self._periods + 1) * self._step_ns
+        if due_ns >= time_ns:
+            if due_ns - time_ns <= 2.0 * self._step_ns:
+                return
+            # The clock was set back: go on at once, not when it has caught up.
+            self._start_ns = time_ns - 1.001 * self._step_ns
+            self._periods = 0
+        self._periods += 1
+        if self.on_state is not None:
+            self.on_state(self.sample(time_ns))
+
+    def sample(self, time_ns: int) -> JointStates:
+        """All joints now."""
+        handles = self._handles
+        positions, velocities, efforts = self._extra
+        return JointStates(
+            time_ns,
+            self.names,
+            [h.position for h in handles] + positions,
+            [h.velocity for h in handles] + velocities,
+            [h.effort for h in handles] + efforts,
+        )
+
+
+def _extra_joints(
+    parameters: Mapping, where: str, taken: set[str]
+) -> list[tuple[str, float, float, float]]:
+    """extra_joints as (name, position, velocity, effort); known names are skipped."""
+    entries = parameters.get("extra_joints", [])
+    if not isinstance(entries, list | tuple):
+        raise ControllerError(f"parameter {where}/extra_joints must be a list, found {entries!r}")
+    extras = []
+    for k, entry in enumerate(entries):
+        place = f"{where}/extra_joints[{k}]"
+        if not isinstance(entry, Mapping):
+            raise ControllerError(f"parameter {place} must hold a name, found {entry!r}")
+        name = params.name(entry, "name", place)
+        values = []
+        for key in ("position", "velocity", "effort"):
+            value = entry.get(key, 0.0)
+            if not isinstance(value, float):
+                raise ControllerError(
+                    f"parameter {place}/{key} must be a double, found {value!r}; write 0.0, not 0"
+                )
+            values.append(params.number(entry, key, place, 0.0))
+        if name not in taken:
+            taken.add(name)
+            extras.append((name, *values))
+    return extras

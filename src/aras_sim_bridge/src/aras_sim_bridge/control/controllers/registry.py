@@ -1,0 +1,103 @@
+"""From a type string, as in <controller>/type, to a controller class.
+
+A class of your own is found in one of two ways:
+- the type string itself names it: `type: my_package.my_module:MyController`;
+- the parameter `controller_classes` in the robot's namespace maps a type string of your choice to
+  it: `controller_classes: {my_package/MyController: my_package.my_module:MyController}`.
+"""
+
+import importlib
+import sys
+from collections.abc import Callable, Mapping
+from difflib import get_close_matches
+
+from aras_sim_bridge.control.controllers.base import Controller
+from aras_sim_bridge.errors import ControllerError
+
+BASE_CLASS = "controller_interface::ControllerBase"
+
+_BUILTIN: dict[str, type[Controller]] = {}
+
+
+def register(type_name: str) -> Callable[[type[Controller]], type[Controller]]:
+    """Class decorator: make the class known under `type_name`; may be stacked.
+
+    Raises ControllerError if another class has that name already.
+    """
+
+    def decorate(cls: type[Controller]) -> type[Controller]:
+        known = _BUILTIN.get(type_name)
+        if known is not None and known.__qualname__ != cls.__qualname__:
+            raise ControllerError(
+                f"controller type '{type_name}' is already {known.__module__}:{known.__qualname__}"
+            )
+        _BUILTIN[type_name] = cls
+        cls.type_names = (*cls.__dict__.get("type_names", ()), type_name)
+        return cls
+
+    return decorate
+
+
+class Registry:
+    """Known controller types: the built-in ones and those named by parameter."""
+
+    def __init__(self) -> None:
+        self._imported: set[str] = set()
+        self._reload: set[str] = set()
+
+    def types(self, extra: Mapping | None = None) -> list[str]:
+        """All type strings, sorted; `extra` is the parameter controller_classes."""
+        return sorted({*_BUILTIN, *(extra or {})})
+
+    def find(self, type_name: str, extra: Mapping | None = None) -> type[Controller]:
+        """Class of `type_name`.
+
+        Raises ControllerError if it is unknown (naming near ones), or if the module or class
+        that it stands for cannot be imported or is no Controller.
+        """
+        path = (extra or {}).get(type_name)
+        if path is None and ":" in type_name:
+            path = type_name
+        if path is not None:
+            return self._import(type_name, path)
+        if type_name in _BUILTIN:
+            return _BUILTIN[type_name]
+        known = self.types(extra)
+        near = get_close_matches(type_name, known, n=1, cutoff=0.5)
+        hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known)}"
+        raise ControllerError(
+            f"unknown controller type '{type_name}'; {hint} A class of your own is named in "
+            f"controller_classes as 'package.module:Class'"
+        )
+
+    def _import(self, type_name: str, path: object) -> type[Controller]:
+        module_name, _, class_name = str(path).partition(":")
+        if not module_name or not class_name:
+            raise ControllerError(
+                f"controller type '{type_name}': '{path}' is not of the form 'package.module:Class'"
+            )
+        try:
+            if module_name in self._reload and module_name in sys.modules:
+                module = importlib.reload(sys.modules[module_name])
+            else:
+                module = importlib.import_module(module_name)
+            self._reload.discard(module_name)
+            self._imported.add(module_name)
+            cls = getattr(module, class_name)
+        # A user's module may fail in any way while it is imported.
+        except Exception as error:
+            raise ControllerError(
+                f"controller type '{type_name}': cannot import {path}: "
+                f"{type(error).__name__}: {error}"
+            ) from error
+        if not (isinstance(cls, type) and issubclass(cls, Controller)):
+            raise ControllerError(
+                f"controller type '{type_name}': {path} is no subclass of "
+                f"aras_sim_bridge.control.controllers.Controller"
+            )
+        return cls
+
+    def reload(self, extra: Mapping | None = None) -> None:
+        """Import the users' modules anew when they are next asked for."""
+        named = {str(path).partition(":")[0] for path in (extra or {}).values()}
+        self._reload = named | self._imported

@@ -1,0 +1,352 @@
+"""What the joint trajectory controllers share.
+
+Follows spline trajectories from a topic or an action; semantics of ros_controllers' controller of
+the same name. The controller's own clock, `uptime`, adds up the control periods, so a simulated
+clock that is set back does not lose the trajectory.
+"""
+
+from collections.abc import Mapping
+from threading import Lock
+from typing import Any
+
+from aras_sim_bridge import angles
+from aras_sim_bridge import parameters as params
+from aras_sim_bridge.control.controllers.base import Context, Controller
+from aras_sim_bridge.control.controllers.splines import Segment, Waypoint
+from aras_sim_bridge.control.controllers.trajectory_plan import (
+    JointSegments,
+    Tolerances,
+    check_points,
+    joint_columns,
+    plan,
+    segment_at,
+)
+from aras_sim_bridge.control.controllers.trajectory_types import (
+    ABORTED,
+    PREEMPTED,
+    REJECTED,
+    SUCCEEDED,
+    ErrorCode,
+    GoalHandle,
+    StatePoint,
+    Trajectory,
+    TrajectoryError,
+    TrajectoryGoal,
+    TrajectoryState,
+)
+from aras_sim_bridge.control.joints import JointHandle
+from aras_sim_bridge.errors import ControllerError
+
+_NS_PER_S = 1_000_000_000
+
+
+class _Timer:
+    """Fires at an exact average rate: when last + 1/rate < now, then last += 1/rate."""
+
+    __slots__ = ("_step_ns", "_last_ns")
+
+    def __init__(self, rate: float) -> None:
+        self._step_ns = _NS_PER_S / rate if rate > 0.0 else 0.0
+        self._last_ns = 0.0
+
+    def start(self, now_ns: int) -> None:
+        self._last_ns = float(now_ns)
+
+    def due(self, now_ns: int) -> bool:
+        if self._step_ns == 0.0 or not self._last_ns + self._step_ns < now_ns:
+            return False
+        self._last_ns += self._step_ns
+        return True
+
+
+class JointTrajectoryController(Controller):
+    """What the three variants share; they differ in how a desired state becomes a command.
+
+    Every public method may be called from any thread; listeners are called without the
+    controller's lock held, so they may call back.
+    """
+
+    command_kind = "joint_trajectory"
+    state_kind = "joint_trajectory_state"
+    action_kind = "follow_joint_trajectory"
+
+    def init(self, hardware: Any, parameters: Mapping, context: Context) -> None:
+        """Raises ControllerError on missing joints or gains and ill-typed parameters."""
+        super().init(hardware, parameters, context)
+        where = context.where
+        joints = params.names(parameters, "joints", where)
+        self._handles = [self.take_handle(hardware, joint) for joint in joints]
+        self.joints = joints
+        self._wraps = [handle.kind == "continuous" for handle in self._handles]
+        self._partial = bool(params.flag(parameters, "allow_partial_joints_goal", where))
+        stop = params.number(parameters, "stop_trajectory_duration", where, 0.0)
+        if stop < 0.0:
+            raise ControllerError(f"parameter {where}/stop_trajectory_duration is negative: {stop}")
+        self._stop_ns = round(stop * _NS_PER_S)
+        self._state_timer = _Timer(params.number(parameters, "state_publish_rate", where, 50.0))
+        self._feedback_timer = _Timer(params.number(parameters, "action_monitor_rate", where, 20.0))
+        self._tolerances = Tolerances.from_parameters(
+            params.section(parameters, "constraints", where), f"{where}/constraints", joints
+        )
+        self._init_output(parameters, where)
+        self._lock = Lock()
+        self._running = False
+        self._time_ns = self._uptime_ns = self._period_ns = 0
+        self._segments: list[JointSegments] = []
+        self._goal: GoalHandle | None = None
+        self._goal_joints: set[int] = set()
+        self._arrived: set[int] = set()
+        zeros = [0.0] * len(joints)
+        self._desired = [list(zeros), list(zeros), list(zeros)]
+        self._actual = [list(zeros), list(zeros)]
+        self._errors = [list(zeros), list(zeros)]
+
+    def _init_output(self, parameters: Mapping, where: str) -> None:
+        """Read what turning a desired state into a command needs."""
+
+    def _start_output(self, handles: list[JointHandle]) -> None:
+        """Commands with which nothing moves."""
+
+    def _command(self, period: float) -> None:
+        """Write the commands for the present desired state and errors."""
+
+    def starting(self, time_ns: int) -> None:
+        """Hold the measured position."""
+        with self._lock:
+            self._running = False
+            ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "controller restarted")
+            self._time_ns = time_ns
+            self._uptime_ns = 0
+            self._state_timer.start(0)
+            self._hold(0)
+            for k, handle in enumerate(self._handles):
+                self._desired[0][k] = handle.position
+                self._desired[1][k] = self._desired[2][k] = 0.0
+            self._start_output(self._handles)
+            self._running = True
+        _announce(ended)
+
+    def stopping(self, time_ns: int) -> None:
+        """Cancel the active goal."""
+        with self._lock:
+            self._running = False
+            ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "controller stopped")
+        _announce(ended)
+
+    def update(self, time_ns: int, period: float) -> None:
+        """Sample the trajectory, check tolerances, command."""
+        with self._lock:
+            self._time_ns = time_ns
+            self._period_ns = round(period * _NS_PER_S)
+            self._uptime_ns = now_ns = self._uptime_ns + self._period_ns
+            active = self._goal
+            first = self._sample(now_ns)
+            self._command(period)
+            ended = self._judge(now_ns) if active is not None else None
+            feedback = active is not None and self._feedback_timer.due(now_ns)
+            publish = self._state_timer.due(now_ns) and self.on_state is not None
+            state = self._state(first, now_ns) if publish or feedback else None
+        if publish:
+            self.on_state(state)
+        if feedback and active.on_feedback is not None:
+            active.on_feedback(state)
+        _announce(ended)
+
+    def _sample(self, now_ns: int) -> Segment:
+        """Fill desired, actual and error; returns the first joint's present segment."""
+        desired, actual, errors = self._desired, self._actual, self._errors
+        present = self._present
+        for k, handle in enumerate(self._handles):
+            segments = self._segments[k]
+            index = present[k]
+            while index + 1 < len(segments) and segments[index + 1].start_ns <= now_ns:
+                index += 1
+            present[k] = index
+            position, velocity, acceleration = segments[index].sample(now_ns)
+            desired[0][k], desired[1][k], desired[2][k] = position, velocity, acceleration
+            actual[0][k], actual[1][k] = handle.position, handle.velocity
+            errors[0][k] = angles.shortest(handle.position, position)
+            errors[1][k] = velocity - handle.velocity
+        return self._segments[0][present[0]]
+
+    def _judge(self, now_ns: int) -> GoalHandle | None:
+        """Check the active goal's tolerances; returns it if that ended it."""
+        errors = self._errors
+        for k in self._goal_joints:
+            segments, index = self._segments[k], self._present[k]
+            segment = segments[index]
+            if segment.goal is not self._goal:
+                continue
+            name, error = self.joints[k], errors[0][k]
+            # At the very end a straight line still moves; the goal is judged from the next cycle.
+            if now_ns <= segment.end_ns:
+                if not segment.path_tolerance.holds(error, errors[1][k]):
+                    code = ErrorCode.PATH_TOLERANCE_VIOLATED
+                    return self._end_goal(ABORTED, code, f"{name} path error {error:f}")
+            elif index == len(segments) - 1:
+                if segment.goal_tolerance.holds(error, errors[1][k]):
+                    self._arrived.add(k)
+                elif k not in self._arrived and now_ns >= segment.end_ns + segment.goal_time_ns:
+                    code = ErrorCode.GOAL_TOLERANCE_VIOLATED
+                    return self._end_goal(ABORTED, code, f"{name} goal error {error:f}")
+        if self._arrived >= self._goal_joints:
+            return self._end_goal(SUCCEEDED, ErrorCode.SUCCESSFUL)
+        return None
+
+    def _state(self, segment: Segment, now_ns: int) -> TrajectoryState:
+        elapsed = max(now_ns - segment.start_ns, 0) / _NS_PER_S
+        begin = segment.time_from_start
+        desired, actual, errors = self._desired, self._actual, self._errors
+        return TrajectoryState(
+            self._time_ns,
+            self.joints,
+            StatePoint(list(desired[0]), list(desired[1]), list(desired[2]), begin),
+            StatePoint(list(actual[0]), list(actual[1]), [], begin + elapsed),
+            StatePoint(list(errors[0]), list(errors[1]), [], elapsed),
+        )
+
+    def set_command(self, value: Trajectory) -> None:
+        """Follow a trajectory without a goal; without points, stop.
+
+        Ends the active goal. Raises TrajectoryError (a ControllerError) if it cannot be followed,
+        and the present one goes on.
+        """
+        with self._lock:
+            self._take(value, None)
+            ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "preempted by a command")
+        _announce(ended)
+
+    def submit_goal(self, goal: TrajectoryGoal) -> GoalHandle:
+        """Follow a trajectory and say how it went; ends the goal before.
+
+        The handle comes back active, or rejected with the reason in its result.
+        """
+        handle = GoalHandle(goal)
+        ended = None
+        with self._lock:
+            try:
+                joints = self._take(goal.trajectory, handle)
+            except TrajectoryError as error:
+                handle.finish(REJECTED, error.code, str(error))
+            else:
+                ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "preempted by a new goal")
+                self._goal = handle
+                self._goal_joints = joints
+                self._arrived = set()
+                self._feedback_timer.start(self._uptime_ns)
+        _announce(ended)
+        return handle
+
+    def cancel_goal(self, handle: GoalHandle) -> bool:
+        """Stop if `handle` is the active goal; returns whether it was."""
+        with self._lock:
+            if self._goal is not handle:
+                return False
+            self._hold(self._uptime_ns)
+            ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "cancelled")
+        _announce(ended)
+        return True
+
+    def query_state(self, time_ns: int) -> StatePoint:
+        """Desired state at an absolute simulated time, joints in the controller's order.
+
+        Raises ControllerError if the controller does not run or the time precedes the trajectory.
+        """
+        with self._lock:
+            if not self._running:
+                raise ControllerError(f"controller '{self.context.name}' is not running")
+            at_ns = self._uptime_ns + time_ns - self._time_ns
+            samples = []
+            for segments in self._segments:
+                index = segment_at(segments, at_ns)
+                if index < 0:
+                    raise ControllerError(
+                        f"controller '{self.context.name}': time {time_ns / _NS_PER_S:.3f} s "
+                        f"precedes the trajectory"
+                    )
+                samples.append(segments[index].sample(at_ns))
+        return StatePoint(*(list(values) for values in zip(*samples, strict=True)))
+
+    def _take(self, trajectory: Trajectory, goal: GoalHandle | None) -> set[int]:
+        """Make `trajectory` the present one; returns the joints it moves. Lock held.
+
+        Raises TrajectoryError, with nothing changed, if it cannot be followed.
+        """
+        name = self.context.name
+        if not self._running:
+            raise TrajectoryError(
+                ErrorCode.INVALID_GOAL, f"controller '{name}' is not running; start it first"
+            )
+        tolerances = self._tolerances
+        try:
+            if goal is not None:
+                tolerances = tolerances.overridden(goal.goal, self.joints)
+            if not len(trajectory.points):
+                self._hold(self._uptime_ns, goal, tolerances)
+                return set(range(len(self.joints)))
+            columns = joint_columns(trajectory.joint_names, self.joints, self._partial)
+            check_points(trajectory)
+            next_ns = self._uptime_ns + self._period_ns
+            start_ns = next_ns
+            if trajectory.stamp_ns:
+                start_ns = self._uptime_ns + trajectory.stamp_ns - self._time_ns
+            segments, dropped = plan(
+                trajectory, columns, self._segments, self._wraps, next_ns, start_ns, goal,
+                tolerances,
+            )
+        except TrajectoryError as error:
+            raise TrajectoryError(error.code, f"controller '{name}': {error}") from None
+        silent = dropped == 1 and not trajectory.stamp_ns
+        if dropped and not (silent and trajectory.points[0].time_from_start_ns == 0):
+            self.context.warn(
+                f"controller '{name}': {dropped} of {len(trajectory.points)} trajectory points "
+                f"are past and dropped"
+            )
+        self._follow(segments)
+        return {k for k, column in enumerate(columns) if column is not None}
+
+    def _follow(self, segments: list[JointSegments]) -> None:
+        self._segments = segments
+        self._present = [0] * len(segments)
+
+    def _hold(
+        self, now_ns: int, goal: GoalHandle | None = None, tolerances: Tolerances | None = None
+    ) -> None:
+        """Rest at the measured position, or come to rest over stop_trajectory_duration."""
+        result = []
+        for k, handle in enumerate(self._handles):
+            if self._stop_ns == 0 or not self._running:
+                rest = Waypoint(handle.position, 0.0, 0.0)
+                segment = Segment(now_ns, rest, now_ns, rest)
+            else:
+                segment = self._braking(now_ns, self._desired[0][k], self._desired[1][k])
+            if goal is not None:
+                segment.goal = goal
+                segment.path_tolerance = tolerances.path[k]
+                segment.goal_tolerance = tolerances.goal[k]
+                segment.goal_time_ns = tolerances.goal_time_ns
+            result.append([segment])
+        self._follow(result)
+
+    def _braking(self, now_ns: int, position: float, velocity: float) -> Segment:
+        """From the present desired motion to rest, over stop_trajectory_duration.
+
+        A spline to the same place at the opposite velocity in twice the time is at rest, by
+        symmetry, halfway.
+        """
+        begin = Waypoint(position, velocity, 0.0)
+        mirror = Waypoint(position, -velocity, 0.0)
+        half_ns = now_ns + self._stop_ns
+        there_and_back = Segment(now_ns, begin, now_ns + 2 * self._stop_ns, mirror)
+        return Segment(now_ns, begin, half_ns, Waypoint(*there_and_back.sample(half_ns)))
+
+    def _end_goal(self, status: str, code: ErrorCode, text: str = "") -> GoalHandle | None:
+        goal, self._goal = self._goal, None
+        if goal is not None:
+            goal.finish(status, code, text)
+        return goal
+
+
+def _announce(goal: GoalHandle | None) -> None:
+    if goal is not None:
+        goal.announce()

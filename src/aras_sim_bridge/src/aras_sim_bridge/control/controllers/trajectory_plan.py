@@ -1,0 +1,226 @@
+"""From a trajectory message to one list of spline segments a joint."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import fabs, isclose, isfinite, pi
+
+from aras_sim_bridge import angles
+from aras_sim_bridge import parameters as params
+from aras_sim_bridge.control.controllers.splines import Segment, Tolerance, Waypoint
+from aras_sim_bridge.control.controllers.trajectory_types import (
+    ErrorCode,
+    GoalHandle,
+    JointTolerance,
+    Trajectory,
+    TrajectoryError,
+    TrajectoryGoal,
+    TrajectoryPoint,
+)
+
+_NS_PER_S = 1e9
+
+JointSegments = list[Segment]
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerances:
+    """Per joint (in the controller's order): along the path and at the goal; time in ns."""
+
+    path: tuple[Tolerance, ...]
+    goal: tuple[Tolerance, ...]
+    goal_time_ns: int = 0
+
+    @classmethod
+    def from_parameters(
+        cls, parameters: Mapping, where: str, joints: Sequence[str]
+    ) -> "Tolerances":
+        """Read the mapping `constraints`. Raises ControllerError on an ill-typed value."""
+        stopped = params.number(parameters, "stopped_velocity_tolerance", where, 0.01)
+        path, goal = [], []
+        for joint in joints:
+            own = params.section(parameters, joint, where)
+            place = f"{where}/{joint}"
+            path.append(Tolerance(params.number(own, "trajectory", place, 0.0)))
+            goal.append(Tolerance(params.number(own, "goal", place, 0.0), stopped))
+        time = params.number(parameters, "goal_time", where, 0.0)
+        return cls(tuple(path), tuple(goal), round(time * _NS_PER_S))
+
+    def overridden(self, goal: TrajectoryGoal, joints: Sequence[str]) -> "Tolerances":
+        """With the goal's own tolerances. Raises TrajectoryError on an unknown joint or NaN."""
+        path, at_goal = list(self.path), list(self.goal)
+        for tolerances, overrides in ((path, goal.path_tolerance), (at_goal, goal.goal_tolerance)):
+            for override in overrides:
+                if override.name not in joints:
+                    raise TrajectoryError(
+                        ErrorCode.INVALID_GOAL,
+                        f"tolerance for joint '{override.name}', which is not one of "
+                        f"{', '.join(joints)}",
+                    )
+                k = joints.index(override.name)
+                tolerances[k] = _overridden(tolerances[k], override)
+        time_ns = self.goal_time_ns
+        if not isfinite(goal.goal_time_tolerance):
+            raise TrajectoryError(ErrorCode.INVALID_GOAL, "goal_time_tolerance is not finite")
+        if goal.goal_time_tolerance != 0.0:
+            time_ns = round(max(goal.goal_time_tolerance, 0.0) * _NS_PER_S)
+        return Tolerances(tuple(path), tuple(at_goal), time_ns)
+
+
+def _overridden(default: Tolerance, override: JointTolerance) -> Tolerance:
+    values = []
+    for field in Tolerance._fields:
+        wanted = getattr(override, field)
+        if not isfinite(wanted):
+            raise TrajectoryError(
+                ErrorCode.INVALID_GOAL,
+                f"{field} tolerance of joint '{override.name}' is not finite",
+            )
+        values.append(getattr(default, field) if wanted == 0.0 else max(wanted, 0.0))
+    return Tolerance(*values)
+
+
+def segment_at(segments: JointSegments, time_ns: int) -> int:
+    """Index of the last segment that has begun at `time_ns`, -1 if none has."""
+    low, high = 0, len(segments)
+    while low < high:
+        middle = (low + high) // 2
+        if segments[middle].start_ns <= time_ns:
+            low = middle + 1
+        else:
+            high = middle
+    return low - 1
+
+
+def joint_columns(
+    names: Sequence[str], joints: Sequence[str], partial: bool
+) -> list[int | None]:
+    """Column in the message of each of the controller's joints, None where it has none.
+
+    Raises TrajectoryError (INVALID_JOINTS) where the sets do not fit.
+    """
+    unknown = [name for name in names if name not in joints]
+    if unknown or len(set(names)) != len(names) or not names:
+        what = f"unknown are {', '.join(map(repr, unknown))}" if unknown else "none, or one twice"
+        raise TrajectoryError(
+            ErrorCode.INVALID_JOINTS,
+            f"trajectory's joints do not fit ({what}); the controller has {', '.join(joints)}",
+        )
+    if len(names) != len(joints) and not partial:
+        raise TrajectoryError(
+            ErrorCode.INVALID_JOINTS,
+            f"trajectory has {len(names)} of {len(joints)} joints and "
+            f"allow_partial_joints_goal is false",
+        )
+    return [list(names).index(joint) if joint in names else None for joint in joints]
+
+
+def check_points(trajectory: Trajectory) -> None:
+    """Raises TrajectoryError (INVALID_GOAL) on wrong sizes, times that do not increase, or NaN."""
+    size = len(trajectory.joint_names)
+    previous: int | None = None
+    for k, point in enumerate(trajectory.points):
+        for field in ("positions", "velocities", "accelerations"):
+            values = getattr(point, field)
+            if len(values) != size and (len(values) or field == "positions"):
+                raise TrajectoryError(
+                    ErrorCode.INVALID_GOAL,
+                    f"trajectory point {k} has {len(values)} {field} for {size} joints",
+                )
+            if not all(map(isfinite, values)):
+                raise TrajectoryError(
+                    ErrorCode.INVALID_GOAL, f"trajectory point {k} has {field} that are not finite"
+                )
+        if previous is not None and point.time_from_start_ns <= previous:
+            raise TrajectoryError(
+                ErrorCode.INVALID_GOAL,
+                f"time_from_start must strictly increase, trajectory point {k} does not",
+            )
+        previous = point.time_from_start_ns
+
+
+def plan(
+    trajectory: Trajectory,
+    columns: Sequence[int | None],
+    current: Sequence[JointSegments],
+    wraps: Sequence[bool],
+    next_ns: int,
+    start_ns: int,
+    goal: GoalHandle | None = None,
+    tolerances: Tolerances | None = None,
+) -> tuple[list[JointSegments], int]:
+    """Segments of all joints from `next_ns`, the next control cycle, on.
+
+    The current trajectory is kept until `start_ns`, where the new one begins; then comes a bridge
+    to its first point that is not past. `wraps` says which joints turn endlessly: for those the
+    new points are shifted by full turns so that the bridge goes the short way. Joints without a
+    column keep their current segments. Returns the segments and the number of dropped points.
+    Raises TrajectoryError if every point is past.
+    """
+    points = [p for p in trajectory.points if start_ns + p.time_from_start_ns > next_ns]
+    dropped = len(trajectory.points) - len(points)
+    if not points:
+        late = (next_ns - start_ns - trajectory.points[-1].time_from_start_ns) / _NS_PER_S
+        raise TrajectoryError(
+            ErrorCode.INVALID_GOAL,
+            f"all {dropped} trajectory points are past, the last one by {late:.3f} s; check the "
+            f"header stamp and time_from_start",
+        )
+    bridge_ns = max(start_ns, next_ns)
+    result = []
+    for joint, column in enumerate(columns):
+        present = current[joint]
+        if column is None:
+            result.append(present)
+            continue
+        first, last = segment_at(present, next_ns), segment_at(present, bridge_ns)
+        kept = present[max(first, 0) : last + 1] if start_ns > next_ns else []
+        new = _joint_segments(
+            points, column, Waypoint(*present[max(last, 0)].sample(bridge_ns)), wraps[joint],
+            start_ns, bridge_ns,
+        )
+        if goal is not None and tolerances is not None:
+            for segment in new:
+                segment.goal = goal
+                segment.path_tolerance = tolerances.path[joint]
+                segment.goal_tolerance = tolerances.goal[joint]
+                segment.goal_time_ns = tolerances.goal_time_ns
+        result.append([*kept, *new])
+    return result, dropped
+
+
+def _joint_segments(
+    points: Sequence[TrajectoryPoint],
+    column: int,
+    begin: Waypoint,
+    wraps: bool,
+    start_ns: int,
+    bridge_ns: int,
+) -> JointSegments:
+    """The bridge from `begin` and the segments between the points, for one joint."""
+    shift = _turns(begin.position, points[0].positions[column]) if wraps else 0.0
+    waypoints = [_waypoint(point, column, shift) for point in points]
+    times = [start_ns + point.time_from_start_ns for point in points]
+    segments = [Segment(bridge_ns, begin, times[0], waypoints[0])]
+    segments[0].time_from_start = (bridge_ns - start_ns) / _NS_PER_S
+    for k in range(1, len(points)):
+        segment = Segment(times[k - 1], waypoints[k - 1], times[k], waypoints[k])
+        segment.time_from_start = points[k - 1].time_from_start_ns / _NS_PER_S
+        segments.append(segment)
+    return segments
+
+
+def _waypoint(point: TrajectoryPoint, column: int, shift: float) -> Waypoint:
+    return Waypoint(
+        point.positions[column] + shift,
+        point.velocities[column] if len(point.velocities) else None,
+        point.accelerations[column] if len(point.accelerations) else None,
+    )
+
+
+def _turns(present: float, wanted: float) -> float:
+    """Full turns to add to `wanted` so that it lies within half a turn of `present`."""
+    distance = angles.shortest(present, wanted)
+    # At exactly half a turn the direction of the plain difference is kept.
+    if isclose(fabs(distance), pi, rel_tol=0.0, abs_tol=1e-9):
+        distance = fabs(distance) if wanted > present else -fabs(distance)
+    return round((present + distance - wanted) / (2.0 * pi)) * 2.0 * pi

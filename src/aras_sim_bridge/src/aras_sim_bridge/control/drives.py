@@ -1,0 +1,185 @@
+"""How a command reaches a simulated joint: one drive a way of driving (contract 2.5).
+
+write(dt) is called every physics step. A drive never hands on a number that is not finite: it
+falls back to the last command that was.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+from aras_sim_bridge import angles
+from aras_sim_bridge.control.joints import JointHandle, Limits, Occurrence
+from aras_sim_bridge.control.pid import Pid
+
+_INF = float("inf")
+# A saturated effort or velocity is ordinary during a step command; only a lasting one is news.
+_PATIENCE = {"effort": 0.25, "velocity": 0.25, "position": 0.0}
+
+
+class Drive:
+    """Base: guards the command, applies the limit rule and reports what it changed."""
+
+    quantity = ""
+
+    def __init__(
+        self,
+        handle: JointHandle,
+        limits: Limits | None,
+        rule: Any,
+        model: Any,
+        warn: Callable[[str], None],
+    ) -> None:
+        self.handle = handle
+        self.pid: Pid | None = None
+        self._rule = rule
+        self._model = model
+        self._warn = warn
+        self._good = 0.0
+        self._limited = Occurrence(_PATIENCE[self.quantity])
+        self._refused = Occurrence()
+        bounded = limits is not None and limits.max_effort is not None
+        self._max_effort = limits.max_effort if bounded else _INF
+        positions = limits is not None and limits.has_position
+        self._travel = (limits.min_position, limits.max_position) if positions else None
+
+    def reset(self) -> None:
+        """Forget what was reported, for a clock that went back."""
+        self._limited.reset()
+        self._refused.reset()
+
+    def _refuse(self, command: float, time_ns: int) -> float:
+        """Report a command that is not finite and return the one to use instead."""
+        if self._refused.note(time_ns):
+            self._warn(
+                f"joint '{self.handle.name}': {self.quantity} command {command} is not finite; "
+                f"keeping {self._good:g}. Look at the controller that commands it"
+            )
+        return self._good
+
+    def _report(self, wanted: float, given: float, time_ns: int) -> None:
+        """Say once an occurrence that the limits changed the command."""
+        if self._limited.note(time_ns):
+            self._warn(
+                f"joint '{self.handle.name}': {self.quantity} command {wanted:g} is beyond what "
+                f"its limits allow at position {self.handle.position:g} and velocity "
+                f"{self.handle.velocity:g}; {given:g} is applied"
+            )
+
+    def _clamp_effort(self, effort: float) -> float:
+        limit = self._max_effort
+        return -limit if effort < -limit else limit if effort > limit else effort
+
+
+class EffortDrive(Drive):
+    """Applies the commanded effort."""
+
+    quantity = "effort"
+
+    def write(self, time_ns: int, dt: float, stopped: bool) -> None:
+        """Limit the command and apply it; 0 in an emergency stop."""
+        handle = self.handle
+        wanted = handle.effort_command
+        if not -_INF < wanted < _INF:
+            wanted = handle.effort_command = self._refuse(wanted, time_ns)
+        if self._rule is not None:
+            self._rule.enforce(handle, dt)
+            if handle.effort_command != wanted:
+                self._report(wanted, handle.effort_command, time_ns)
+        self._good = effort = handle.effort_command
+        self._model.apply_effort(handle.name, 0.0 if stopped else effort)
+
+
+class PositionDrive(Drive):
+    """Puts the joint where the command says; holds the measured position when stopped."""
+
+    quantity = "position"
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self._held: float | None = None
+
+    def write(self, time_ns: int, dt: float, stopped: bool) -> None:
+        """Limit the command and set the joint's position."""
+        self._model.set_position(self.handle.name, self._command(time_ns, dt, stopped))
+
+    def _command(self, time_ns: int, dt: float, stopped: bool) -> float:
+        handle = self.handle
+        if stopped:
+            if self._held is None:
+                self._held = handle.position
+            handle.position_command = self._held
+        else:
+            self._held = None
+        wanted = handle.position_command
+        if not -_INF < wanted < _INF:
+            wanted = handle.position_command = self._refuse(wanted, time_ns)
+        if self._rule is not None:
+            self._rule.enforce(handle, dt)
+            # Slowed by the velocity limit is everyday travel; beyond the range is a mistake.
+            travel = self._travel
+            if travel is not None and not travel[0] <= wanted <= travel[1]:
+                bound = travel[0] if wanted < travel[0] else travel[1]
+                self._report(wanted, bound, time_ns)
+        self._good = handle.position_command
+        return self._good
+
+
+class PositionPidDrive(PositionDrive):
+    """Reaches the commanded position with an effort PID."""
+
+    def __init__(self, *args: Any, pid: Pid) -> None:
+        super().__init__(*args)
+        self.pid = pid
+
+    def write(self, time_ns: int, dt: float, stopped: bool) -> None:
+        """Limit the command and apply the PID's effort towards it."""
+        command = self._command(time_ns, dt, stopped)
+        handle = self.handle
+        if handle.kind == "revolute" and self._travel is not None:
+            error = angles.with_limits(handle.position, command, *self._travel)
+        elif handle.kind in ("revolute", "continuous"):
+            error = angles.shortest(handle.position, command)
+        else:
+            error = command - handle.position
+        effort = self._clamp_effort(self.pid.compute(error, dt))
+        self._model.apply_effort(handle.name, effort)
+
+
+class VelocityDrive(Drive):
+    """Turns the joint at the commanded velocity with a motor of limited effort."""
+
+    quantity = "velocity"
+
+    def write(self, time_ns: int, dt: float, stopped: bool) -> None:
+        """Limit the command and set the motor; 0 in an emergency stop."""
+        velocity = self._command(time_ns, dt)
+        self._model.set_velocity_motor(
+            self.handle.name, 0.0 if stopped else velocity, self._max_effort
+        )
+
+    def _command(self, time_ns: int, dt: float) -> float:
+        handle = self.handle
+        wanted = handle.velocity_command
+        if not -_INF < wanted < _INF:
+            wanted = handle.velocity_command = self._refuse(wanted, time_ns)
+        if self._rule is not None:
+            self._rule.enforce(handle, dt)
+            if handle.velocity_command != wanted:
+                self._report(wanted, handle.velocity_command, time_ns)
+        self._good = handle.velocity_command
+        return self._good
+
+
+class VelocityPidDrive(VelocityDrive):
+    """Reaches the commanded velocity with an effort PID."""
+
+    def __init__(self, *args: Any, pid: Pid) -> None:
+        super().__init__(*args)
+        self.pid = pid
+
+    def write(self, time_ns: int, dt: float, stopped: bool) -> None:
+        """Limit the command and apply the PID's effort towards it, or towards rest."""
+        command = self._command(time_ns, dt)
+        handle = self.handle
+        error = (0.0 if stopped else command) - handle.velocity
+        self._model.apply_effort(handle.name, self._clamp_effort(self.pid.compute(error, dt)))

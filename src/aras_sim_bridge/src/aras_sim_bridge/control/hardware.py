@@ -1,0 +1,222 @@
+"""RobotHardware: what stands between controllers and the simulated joints.
+
+read() brings positions, velocities and efforts into the handles; write() limits the commands and
+applies them. Order, unwrapping, limits and emergency stop are gazebo_ros_control's.
+"""
+
+from collections.abc import Callable, Mapping
+from math import isfinite, pi
+from typing import Any, Protocol
+
+from aras_sim_bridge import angles
+from aras_sim_bridge import parameters as params
+from aras_sim_bridge.control.drives import (
+    Drive,
+    EffortDrive,
+    PositionDrive,
+    PositionPidDrive,
+    VelocityDrive,
+    VelocityPidDrive,
+)
+from aras_sim_bridge.control.joints import (
+    COMMAND_INTERFACES,
+    EFFORT,
+    POSITION,
+    STATE,
+    JointHandle,
+    Limits,
+    Occurrence,
+    resolve_limits,
+)
+from aras_sim_bridge.control.limits import rule_for
+from aras_sim_bridge.control.pid import Pid
+from aras_sim_bridge.errors import ControllerError, HardwareError
+
+_PREFIX = "hardware_interface/"
+_GAINS = "gazebo_ros_control/pid_gains"
+
+
+class JointModel(Protocol):
+    """The simulated robot as the hardware sees it; efforts in N m or N, names as in the URDF."""
+
+    joint_names: tuple[str, ...]
+
+    def read_joints(self) -> tuple[Any, Any, Any]:
+        """Positions, velocities and last applied efforts, in joint_names order."""
+
+    def apply_effort(self, joint: str, effort: float) -> None:
+        """Apply an effort during the next physics step."""
+
+    def set_position(self, joint: str, position: float) -> None:
+        """Put the joint at a position."""
+
+    def set_velocity_motor(self, joint: str, velocity: float, max_effort: float) -> None:
+        """Drive the joint at a velocity with at most this effort."""
+
+
+def _ignore(text: str) -> None:
+    """Stand-in for a logger."""
+
+
+class RobotHardware:
+    """Joint handles, limits and drives of one robot.
+
+    `handles` holds every joint with a usable transmission, in the order of the transmissions;
+    `interfaces` maps each of the four ros_control interfaces to the joints registered in it;
+    `limits` is what holds after the parameters; `pids` are the pid_gains of position and velocity
+    joints by joint name (at <namespace>/gazebo_ros_control/pid_gains/<joint>).
+    `e_stop` may be set from any thread.
+
+    Raises HardwareError if a transmission names an unknown interface or a joint that the model
+    lacks, if two drive the same joint, or if limits or gains cannot be used.
+    """
+
+    def __init__(
+        self,
+        description: Any,
+        model: JointModel,
+        parameters: Mapping | None = None,
+        namespace: str = "",
+        warn: Callable[[str], None] = _ignore,
+    ) -> None:
+        self.description = description
+        self.model = model
+        self.e_stop = False
+        self.handles: dict[str, JointHandle] = {}
+        self.limits: dict[str, Limits | None] = {}
+        self.interfaces: dict[str, set[str]] = {n: set() for n in (*COMMAND_INTERFACES, STATE)}
+        self.pids: dict[str, Pid] = {}
+        self._namespace = namespace.rstrip("/")
+        self._parameters = parameters or {}
+        self._warn = warn
+        self._drives: list[Drive] = []
+        self._bad_reading = Occurrence()
+        unprefixed = [j for t in description.transmissions for j in self._add(t)]
+        if unprefixed:
+            warn(
+                f"transmissions of {', '.join(unprefixed)}: <hardwareInterface> without "
+                f"'{_PREFIX}' is deprecated"
+            )
+        index = {name: k for k, name in enumerate(model.joint_names)}
+        # [handle, index in the model's arrays, full turns to add (None: prismatic)]
+        self._readings: list[list[Any]] = [
+            [handle, index[name], None if handle.kind == "prismatic" else 0.0]
+            for name, handle in self.handles.items()
+        ]
+        self._fresh = True
+
+    def _add(self, transmission: Any) -> list[str]:
+        """Register one transmission; returns its joint if the interface lacks the prefix."""
+        label = f"transmission '{transmission.name}'"
+        joint_name, interface = transmission.joint, transmission.interface
+        if not (transmission.type and joint_name and interface and transmission.has_actuator):
+            self._warn(
+                f"{label} is skipped: it needs a <type>, a <joint> with a <hardwareInterface> "
+                f"and an <actuator>"
+            )
+            return []
+        if len(transmission.joints) > 1:
+            self._warn(f"{label} is skipped: one joint each is simulated, it has "
+                       f"{', '.join(transmission.joints)}")
+            return []
+        if len(transmission.interfaces) > 1:
+            self._warn(f"{label}: of {', '.join(transmission.interfaces)} the first is used")
+        short = interface.removeprefix(_PREFIX)
+        if short not in COMMAND_INTERFACES:
+            raise HardwareError(
+                f"{label}: unknown hardware interface '{interface}' for joint '{joint_name}'; "
+                f"known are {', '.join(_PREFIX + n for n in COMMAND_INTERFACES)}"
+            )
+        joint = self.description.joints.get(joint_name)
+        if joint is None or joint_name not in self.model.joint_names:
+            raise HardwareError(
+                f"{label}: joint '{joint_name}' is not a movable joint of the simulated model; "
+                f"it has {', '.join(self.model.joint_names) or 'none'}"
+            )
+        if joint_name in self.handles:
+            raise HardwareError(f"{label}: joint '{joint_name}' has a transmission already")
+        handle = JointHandle(joint_name, joint.kind, joint.limits, joint.soft_limits, short)
+        where = f"{self._namespace}/joint_limits/{joint_name}"
+        overrides = params.lookup(self._parameters, f"joint_limits/{joint_name}")
+        limits = resolve_limits(joint, overrides or {}, where, self._warn)
+        self.handles[joint_name] = handle
+        self.limits[joint_name] = limits
+        self.interfaces[short].add(joint_name)
+        self.interfaces[STATE].add(joint_name)
+        self._drives.append(self._drive(handle, limits))
+        return [] if interface.startswith(_PREFIX) else [joint_name]
+
+    def _drive(self, handle: JointHandle, limits: Limits | None) -> Drive:
+        args = (handle, limits, rule_for(handle, limits), self.model, self._warn)
+        if handle.interface == EFFORT:
+            return EffortDrive(*args)
+        pid = self._pid(handle.name)
+        if handle.interface == POSITION:
+            return PositionDrive(*args) if pid is None else PositionPidDrive(*args, pid=pid)
+        return VelocityDrive(*args) if pid is None else VelocityPidDrive(*args, pid=pid)
+
+    def _pid(self, joint: str) -> Pid | None:
+        where = f"{self._namespace}/{_GAINS}/{joint}"
+        gains = params.lookup(self._parameters, f"{_GAINS}/{joint}")
+        if gains is None:
+            return None
+        if not isinstance(gains, Mapping) or "p" not in gains:
+            self._warn(f"{where} has no p: joint '{joint}' is driven without PID")
+            return None
+        try:
+            pid = Pid.from_parameters(gains, where)
+        except ControllerError as error:
+            raise HardwareError(str(error)) from error
+        self.pids[joint] = pid
+        return pid
+
+    def read(self, time_ns: int, period: float) -> None:
+        """Bring the model's joint states into the handles.
+
+        Rotary positions are unwrapped over turns from the true first reading on.
+        """
+        positions, velocities, efforts = self.model.read_joints()
+        fresh = self._fresh
+        for reading in self._readings:
+            handle, k, turns = reading
+            position = positions[k]
+            if turns is not None:
+                position += turns
+                if not fresh and not -pi < position - handle.position <= pi:
+                    position = self._unwrap(reading, positions[k], time_ns)
+            handle.position = position
+            handle.velocity = velocities[k]
+            handle.effort = efforts[k]
+        self._fresh = False
+
+    def _unwrap(self, reading: list[Any], position: float, time_ns: int) -> float:
+        """The value nearest to the last position that is `position` modulo full turns."""
+        handle = reading[0]
+        if not isfinite(position):
+            if self._bad_reading.note(time_ns):
+                self._warn(f"joint '{handle.name}': the simulator reports position {position}")
+            return handle.position
+        unwrapped = handle.position + angles.shortest(handle.position, position)
+        reading[2] = round((unwrapped - position) / (2.0 * pi)) * 2.0 * pi
+        return position + reading[2]
+
+    def write(self, time_ns: int, period: float) -> None:
+        """Limit the commands and apply them; `period` is the time since the last write, in s."""
+        stopped = self.e_stop
+        for drive in self._drives:
+            drive.write(time_ns, period, stopped)
+
+    def reset(self, forget_turns: bool = False) -> None:
+        """Be ready for a clock that was set back or a robot that was put back.
+
+        Commands, PID states and, unless `forget_turns`, unwrapped positions survive, as
+        gazebo_ros_control lets them.
+        """
+        self._bad_reading.reset()
+        for drive in self._drives:
+            drive.reset()
+        if forget_turns:
+            self._fresh = True
+            for reading in self._readings:
+                if reading[2] is not None:
+                    reading[2] = 0.0

@@ -1,0 +1,136 @@
+"""switch_controller: the request, and the rules that decide what it may do."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from aras_sim_bridge.control.controllers.base import ClaimedResources, Controller
+from aras_sim_bridge.control.statistics import UpdateTimer
+from aras_sim_bridge.errors import ControllerError
+
+BEST_EFFORT = 1
+STRICT = 2
+
+# "waiting" exists upstream for hardware that switches asynchronously; it never occurs here.
+INITIALIZED = "initialized"
+RUNNING = "running"
+STOPPED = "stopped"
+WAITING = "waiting"
+ABORTED = "aborted"
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerInfo:
+    """One line of list_controllers."""
+
+    name: str
+    state: str
+    type: str
+    claimed_resources: tuple[ClaimedResources, ...]
+
+
+class SwitchRequest:
+    """A switch on its way. `done` turns True when it was carried out, refused or cancelled;
+    then `ok` tells which, and `reason` why not. May be polled from any thread; `on_done`, if set,
+    is called with the request in the simulation's thread.
+    """
+
+    def __init__(
+        self, start: Sequence[str], stop: Sequence[str], strictness: int, start_asap: bool
+    ) -> None:
+        self.start = tuple(dict.fromkeys(start))
+        self.stop = tuple(dict.fromkeys(stop))
+        self.strictness = strictness
+        self.start_asap = start_asap
+        self.on_done: Callable[[SwitchRequest], None] | None = None
+        self.ok = False
+        self.reason = ""
+        self.done = False
+
+    def finish(self, ok: bool, reason: str = "") -> None:
+        """Settle the request, unless it is; for the manager only."""
+        if self.done:
+            return
+        self.ok, self.reason = ok, reason
+        self.done = True
+        if self.on_done is not None:
+            self.on_done(self)
+
+    def cancel(self, reason: str = "cancelled") -> None:
+        """Give up waiting, in the simulation's thread; the switch will not be carried out."""
+        self.finish(False, reason)
+
+
+class Entry:
+    """A loaded controller and what the manager knows of it."""
+
+    __slots__ = ("name", "type_name", "controller", "state", "running", "timer")
+
+    def __init__(self, name: str, type_name: str, controller: Controller) -> None:
+        self.name = name
+        self.type_name = type_name
+        self.controller = controller
+        self.state = INITIALIZED
+        self.running = False
+        self.timer = UpdateTimer()
+
+    def enter(self, state: str) -> None:
+        """Change the state."""
+        self.state = state
+        self.running = state == RUNNING
+
+
+def plan_switch(
+    request: SwitchRequest, entries: Mapping[str, Entry], order: Sequence[Entry]
+) -> tuple[list[Entry], list[Entry]]:
+    """Entries to stop and to start; `order` holds those of `entries` in the order of updates.
+
+    Raises ControllerError where ros_control's rules refuse the request.
+    """
+    strict = request.strictness == STRICT
+    stops = _known(request.stop, entries, strict, "stop")
+    starts = _known(request.start, entries, strict, "start")
+    for entry in stops:
+        if entry in starts and entry.running:
+            raise ControllerError(
+                f"controller '{entry.name}' is running and cannot be both stopped and started in "
+                f"one switch"
+            )
+        if strict and not entry.running:
+            raise ControllerError(
+                f"cannot stop controller '{entry.name}': it is {entry.state}, not running"
+            )
+    stops = [entry for entry in stops if entry.running]
+    for entry in starts:
+        if strict and entry.running:
+            raise ControllerError(f"cannot start controller '{entry.name}': it is running already")
+    _check_claims([e for e in order if (e.running and e not in stops) or e in starts])
+    if request.start_asap:
+        starts = [entry for entry in starts if not entry.running]
+    return stops, starts
+
+
+def _known(
+    names: Sequence[str], entries: Mapping[str, Entry], strict: bool, verb: str
+) -> list[Entry]:
+    found = []
+    for name in names:
+        if name in entries:
+            found.append(entries[name])
+        elif strict:
+            raise ControllerError(f"cannot {verb} controller '{name}': it is not loaded")
+    return found
+
+
+def _check_claims(entries: Sequence[Entry]) -> None:
+    """Raises ControllerError if two controllers claim a joint, whatever the interface."""
+    owners: dict[str, list[str]] = {}
+    for entry in entries:
+        for joint in sorted({r for c in entry.controller.claimed_resources for r in c.resources}):
+            owners.setdefault(joint, []).append(entry.name)
+    conflicts = [
+        f"'{joint}' by {', '.join(names)}" for joint, names in owners.items() if len(names) > 1
+    ]
+    if conflicts:
+        raise ControllerError(
+            f"resource conflict, joints claimed more than once: {'; '.join(conflicts)}"
+        )

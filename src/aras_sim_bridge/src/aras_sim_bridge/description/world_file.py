@@ -1,0 +1,85 @@
+"""An SDF world file: gravity, physics step and pace, models and lights."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from aras_sim_bridge.description import Light, RobotDescription, read_sdf, safe_xml
+from aras_sim_bridge.description.lights import SUN
+from aras_sim_bridge.errors import DescriptionError, SimError
+from aras_sim_bridge.poses import Pose
+
+
+@dataclass(frozen=True)
+class WorldFile:
+    """time_step: s. gravity: m/s². update_rate: steps per second of wall time; 0: free.
+
+    models, lights: what stands in the file, in its order. ground_plane: whether Gazebo's is to be
+    added, because no file was given. Absent numbers are Gazebo's defaults. warnings: what the file
+    asks for in vain, one sentence each.
+    """
+
+    time_step: float = 0.001
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.8)
+    update_rate: float = 1000.0
+    models: tuple[RobotDescription, ...] = ()
+    lights: tuple[Light, ...] = (SUN,)
+    ground_plane: bool = True
+    warnings: tuple[str, ...] = ()
+
+
+def read(path: str) -> WorldFile:
+    """Return what stands in the world file at `path`; an empty path gives the defaults.
+
+    Raises:
+        DescriptionError: no such file, not SDF, something in it that cannot be built, or a number
+            that is none.
+    """
+    if not path:
+        return WorldFile()
+    where = f"world file {path}"
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DescriptionError(f"the world file cannot be read: {error}") from None
+    root = safe_xml.parse(text, where)
+    world = root.find("world") if root.tag in ("sdf", "gazebo") else None
+    if world is None:
+        raise DescriptionError(f"{where}: there is no <sdf><world> in it")
+    try:
+        content = read_sdf(text, base_directory=os.path.dirname(os.path.abspath(path)))
+    except DescriptionError as error:
+        raise DescriptionError(f"{where}: {error}") from None
+    physics = world.find("physics")
+    defaults = WorldFile()
+
+    def number(tag: str, default: float) -> float:
+        text = None if physics is None else safe_xml.text_of(physics, tag)
+        return safe_xml.number(text, f"{where}: <{tag}>", default)
+
+    def vector(element: object, tag: str, default: tuple) -> tuple:
+        text = None if element is None else safe_xml.text_of(element, tag)
+        return default if text is None else safe_xml.numbers(text, 3, f"{where}: <{tag}>")
+
+    warnings = [f"model '{m.name}': {warning}" for m in content.models for warning in m.warnings]
+    return WorldFile(
+        time_step=number("max_step_size", defaults.time_step),
+        gravity=vector(world, "gravity", vector(physics, "gravity", defaults.gravity)),
+        update_rate=number("real_time_update_rate", defaults.update_rate),
+        models=content.models,
+        lights=content.lights,
+        ground_plane=False,
+        warnings=(*content.warnings, *warnings),
+    )
+
+
+def populate(simulation: Any, world: WorldFile) -> None:
+    """Put the file's models into a Simulation; SimError naming the model that cannot be built."""
+    for model in world.models:
+        try:
+            simulation.spawn(model, model.name, Pose.from_rpy(*model.initial_pose))
+        except SimError as error:
+            raise SimError(f"model '{model.name}' of the world file: {error}") from None

@@ -1,0 +1,1 @@
+"""Cameras on the graph: pictures, compressed ones, CameraInfo, labels, frames."""

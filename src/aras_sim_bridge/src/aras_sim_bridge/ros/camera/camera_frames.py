@@ -1,0 +1,68 @@
+"""Transforms of camera frames that no robot_state_publisher knows.
+
+A camera fixed in the world has no URDF, and a preset may give a camera an optical frame that its
+URDF lacks. The bridge publishes such frames on /tf_static, all in one message: a latched topic
+keeps only the last.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import numpy as np
+import rospy
+from geometry_msgs.msg import TransformStamped
+from tf2_msgs.msg import TFMessage
+
+from aras_sim_bridge.ros.camera.camera_info import prefixed
+
+_lock = threading.Lock()
+_frames: dict[str, TransformStamped] = {}
+_publisher: rospy.Publisher | None = None
+
+
+def announce(mounted: Any, frame_id: str, namespace: str) -> bool:
+    """Publish the frame of a mounting.MountedCamera if nobody else does; return whether."""
+    name = mounted.sensor.config.optical_frame_name
+    if not name or (mounted.model is not None and name in mounted.model.description.links):
+        return False
+    message = TransformStamped()
+    message.header.frame_id = prefixed(mounted.link, namespace)
+    message.child_frame_id = frame_id
+    parent_T_optical = mounted.parent_T_optical
+    p, q = message.transform.translation, message.transform.rotation
+    p.x, p.y, p.z = map(float, parent_T_optical[:3, 3])
+    q.x, q.y, q.z, q.w = _quaternion(parent_T_optical[:3, :3])
+    with _lock:
+        _frames[frame_id] = message
+        _publish()
+    return True
+
+
+def withdraw(frame_id: str) -> None:
+    """Forget a frame; who has heard of it keeps it, as tf does."""
+    with _lock:
+        if _frames.pop(frame_id, None) is not None:
+            _publish()
+
+
+def _publish() -> None:
+    global _publisher
+    if _publisher is None:
+        _publisher = rospy.Publisher("/tf_static", TFMessage, latch=True, queue_size=10)
+    _publisher.publish(TFMessage(list(_frames.values())))
+
+
+def _quaternion(R: np.ndarray) -> tuple[float, float, float, float]:
+    """xyzw of a rotation matrix (3, 3): the eigenvector that all its parts agree on."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = R.ravel()
+    K = np.array([
+        [xx - yy - zz, yx + xy, zx + xz, zy - yz],
+        [yx + xy, yy - xx - zz, zy + yz, xz - zx],
+        [zx + xz, zy + yz, zz - xx - yy, yx - xy],
+        [zy - yz, xz - zx, yx - xy, xx + yy + zz],
+    ])  # fmt: skip
+    x, y, z, w = np.linalg.eigh(K)[1][:, -1]
+    sign = 1.0 if w >= 0.0 else -1.0
+    return sign * float(x), sign * float(y), sign * float(z), sign * float(w)

@@ -1,0 +1,212 @@
+"""The six controller_manager services of one robot, and the topics of what it has loaded."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import rospy
+from controller_manager_msgs.msg import ControllerState, HardwareInterfaceResources
+from controller_manager_msgs.srv import (
+    ListControllers,
+    ListControllersResponse,
+    ListControllerTypes,
+    ListControllerTypesResponse,
+    LoadController,
+    LoadControllerResponse,
+    ReloadControllerLibraries,
+    ReloadControllerLibrariesResponse,
+    SwitchController,
+    SwitchControllerResponse,
+    UnloadController,
+    UnloadControllerResponse,
+)
+from std_msgs.msg import Bool
+
+from aras_sim_bridge.errors import ControllerError
+from aras_sim_bridge.ros.control.controller_topics import ControllerTopics, PidTopics
+from aras_sim_bridge.ros.runtime.simulation_thread import SHUTTING_DOWN, SimulationThread
+from aras_sim_bridge.ros.services import ServiceTable
+
+SWITCH_TIMEOUT = 10.0  # seconds of wall time, where the request sets no limit (timeout 0)
+
+
+def robot_parameters(namespace: str) -> dict[str, Any]:
+    """Return what the parameter server holds below a robot's namespace."""
+    values = rospy.get_param(namespace or "/", {})
+    return values if isinstance(values, dict) else {}
+
+
+class ControllerServices:
+    """Serves <namespace>/controller_manager/ and keeps the controllers' topics in step."""
+
+    def __init__(self, robot: Any, thread: SimulationThread) -> None:
+        """Advertise the services of `robot` (simulation.Robot); its manager runs in `thread`."""
+        self._robot = robot
+        self._manager = robot.manager
+        self._thread = thread
+        self._namespace = robot.namespace.rstrip("/")
+        self._lock = threading.Lock()  # ros_control answers one call at a time
+        self._topics: dict[str, ControllerTopics] = {}
+        self._joint_pids: list[PidTopics] = []
+        self._e_stop: rospy.Subscriber | None = None
+        self._services = ServiceTable(f"{self._namespace}/controller_manager")
+        try:
+            self._advertise()
+        except Exception:
+            self.shutdown()
+            raise
+
+    def _advertise(self) -> None:
+        for joint, pid in self._robot.hardware.pids.items():
+            namespace = f"{self._namespace}/gazebo_ros_control/pid_gains/{joint}"
+            self._joint_pids.append(PidTopics(namespace, pid, self._thread.now_ns))
+        self._e_stop = self._subscribe_e_stop()
+        for name, service, handler, response in (
+            ("list_controllers", ListControllers, self._list, ListControllersResponse),
+            (
+                "list_controller_types",
+                ListControllerTypes,
+                self._types,
+                ListControllerTypesResponse,
+            ),
+            ("load_controller", LoadController, self._load, LoadControllerResponse),
+            ("unload_controller", UnloadController, self._unload, UnloadControllerResponse),
+            ("switch_controller", SwitchController, self._switch, SwitchControllerResponse),
+            (
+                "reload_controller_libraries",
+                ReloadControllerLibraries,
+                self._reload,
+                ReloadControllerLibrariesResponse,
+            ),
+        ):
+            self._services.add(
+                name, service, self._serially(handler), lambda _text, make=response: make()
+            )
+
+    def shutdown(self) -> None:
+        """Take services and topics off the graph."""
+        self._services.shutdown()
+        if self._e_stop is not None:
+            self._e_stop.unregister()
+        for topics in [*self._topics.values(), *self._joint_pids]:
+            topics.shutdown()
+        self._topics.clear()
+
+    def _serially(self, handler: Any) -> Any:
+        def serve(request: Any) -> Any:
+            with self._lock:
+                return handler(request)
+
+        return serve
+
+    def _subscribe_e_stop(self) -> rospy.Subscriber | None:
+        plugins = self._robot.model.description.control_plugins
+        topic = next((plugin.e_stop_topic for plugin in plugins if plugin.e_stop_topic), None)
+        if topic is None:
+            return None
+        if not topic.startswith("/"):
+            topic = f"{self._namespace}/{topic}"
+
+        def on_message(message: Bool) -> None:
+            self._robot.hardware.e_stop = message.data
+
+        return rospy.Subscriber(topic, Bool, on_message, queue_size=1)
+
+    def _list(self, _request: ListControllers) -> ListControllersResponse:
+        response = ListControllersResponse()
+        for info in self._thread.call(self._manager.list):
+            claims = [
+                HardwareInterfaceResources(claim.hardware_interface, list(claim.resources))
+                for claim in info.claimed_resources
+            ]
+            response.controller.append(ControllerState(info.name, info.state, info.type, claims))
+        return response
+
+    def _types(self, _request: ListControllerTypes) -> ListControllerTypesResponse:
+        self._refresh()
+        pairs = self._thread.call(self._manager.list_types)
+        return ListControllerTypesResponse([a for a, _ in pairs], [b for _, b in pairs])
+
+    def _load(self, request: LoadController) -> LoadControllerResponse:
+        parameters = self._refresh()
+        self._thread.call(lambda: self._manager.load(request.name, parameters))
+        self._sync()
+        return LoadControllerResponse(True)
+
+    def _unload(self, request: UnloadController) -> UnloadControllerResponse:
+        self._thread.call(lambda: self._manager.unload(request.name))
+        self._sync()
+        return UnloadControllerResponse(True)
+
+    def _reload(self, request: ReloadControllerLibraries) -> ReloadControllerLibrariesResponse:
+        self._refresh()
+        self._thread.call(lambda: self._manager.reload_libraries(request.force_kill))
+        self._sync()
+        return ReloadControllerLibrariesResponse(True)
+
+    def _switch(self, request: SwitchController) -> SwitchControllerResponse:
+        done = threading.Event()
+
+        def ask() -> Any:
+            switch = self._manager.switch(
+                request.start_controllers,
+                request.stop_controllers,
+                request.strictness,
+                request.start_asap,
+            )
+            switch.on_done = lambda _switch: done.set()
+            if self._thread.held:
+                # No update will come to carry it out; nothing moves, so it can be done here.
+                now = self._thread.simulation.time_ns
+                self._robot.hardware.read(now, 0.0)
+                self._manager.carry_out(now)
+            if switch.done:
+                done.set()
+            return switch
+
+        switch = self._thread.call(ask)
+        limit = request.timeout + 1.0 if request.timeout > 0.0 else SWITCH_TIMEOUT
+        if not self._wait(done, limit):
+            reason = (
+                f"not carried out within {limit:g} s of wall time; does simulated time run "
+                "(is the simulation paused, or the machine overloaded)?"
+            )
+            self._thread.call(lambda: switch.cancel(reason))
+        if not switch.ok:
+            raise ControllerError(switch.reason)
+        return SwitchControllerResponse(True)
+
+    def _wait(self, done: threading.Event, limit: float) -> bool:
+        """Return whether done was set within limit [s of wall time]; ends with the simulation."""
+        deadline = time.monotonic() + limit
+        while not done.wait(0.1):
+            if self._thread.stopping:
+                raise ControllerError(SHUTTING_DOWN)
+            if time.monotonic() > deadline:
+                return False
+        return True
+
+    def _refresh(self) -> dict[str, Any]:
+        """Read the robot's parameters anew; returns them."""
+        parameters = robot_parameters(self._namespace)
+        self._manager.parameters = parameters
+        return parameters
+
+    def _sync(self) -> None:
+        """Open and close topics so that they are those of the controllers now loaded."""
+
+        def loaded() -> dict[str, Any]:
+            return {info.name: self._manager.get(info.name) for info in self._manager.list()}
+
+        controllers = self._thread.call(loaded)
+        for name, topics in list(self._topics.items()):
+            if controllers.get(name) is not topics.controller:
+                topics.shutdown()
+                del self._topics[name]
+        for name, controller in controllers.items():
+            if name not in self._topics:
+                self._topics[name] = ControllerTopics(
+                    controller, self._namespace, self._thread.now_ns
+                )

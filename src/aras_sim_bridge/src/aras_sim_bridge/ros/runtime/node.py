@@ -1,0 +1,237 @@
+"""The node `gazebo`: builds the simulation, puts it on the graph, ends it cleanly."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import sys
+import threading
+from typing import Any
+
+import rospy
+
+from aras_sim_bridge.description import world_file
+from aras_sim_bridge.description.world_file import WorldFile
+from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.ros.camera.camera_settings import mount_world_cameras
+from aras_sim_bridge.ros.gazebo_api import GazeboApi
+from aras_sim_bridge.ros.runtime.clock import ClockPublisher
+from aras_sim_bridge.ros.runtime.faces import Faces
+from aras_sim_bridge.ros.runtime.lockstep import Lockstep
+from aras_sim_bridge.ros.runtime.master_watch import MasterWatch
+from aras_sim_bridge.ros.runtime.pacing import Pacer
+from aras_sim_bridge.ros.runtime.parameters import NodeParameters
+from aras_sim_bridge.ros.runtime.real_time_factor import RealTimeFactor
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+
+# A waiting thread gets the interpreter after this long [s]: the simulation must not stand behind
+# five milliseconds (Python's default) of somebody else's messages at every step.
+SWITCH_INTERVAL = 0.0005
+# The main thread looks for signals this often [s].
+SIGNAL_PERIOD = 0.2
+
+
+class GazeboNode:
+    """Everything that runs in the process."""
+
+    def __init__(self, parameters: NodeParameters) -> None:
+        """Build the simulation and advertise; simulated time runs when this returns.
+
+        Raises:
+            SimError: what keeps it from starting.
+        """
+        self.parameters = parameters
+        self.fault: BaseException | None = None
+        self.api: GazeboApi | None = None
+        self.clock = ClockPublisher(parameters.effective_clock_rate)
+        self.world_file = world_file.read(parameters.world)
+        self.thread = SimulationThread(
+            self._build,
+            make_pacer(parameters, self.world_file),
+            after_step=self._after_step,
+            after_batch=self._after_batch,
+            on_fault=self._on_fault,
+            paused=True,  # until everything is advertised
+        )
+        self.lockstep: Lockstep | None = None
+        if parameters.speed_mode == "lockstep":
+            self.lockstep = self.thread.gate = Lockstep(
+                parameters.lockstep_topics,
+                parameters.lockstep_timeout,
+                self.thread.wake,
+                parameters.lockstep_period,
+            )
+        self.thread.start()
+        self.faces = Faces(self.thread, self.lockstep)
+        if parameters.enable_ros_network:
+            self.api = GazeboApi(self)
+            mount_world_cameras(self.thread)
+            RealTimeFactor(lambda: self.real_time_factor)
+            self.faces.sync()
+        if not parameters.paused:
+            self.thread.unpause()
+
+    @property
+    def real_time_factor(self) -> float:
+        """Simulated over wall time of the last seconds; 0 while paused."""
+        return 0.0 if self.thread.paused else self.thread.pacer.real_time_factor
+
+    def on_time_reset(self) -> None:
+        """Simulated time went back to zero; called in the simulation's thread."""
+        self.clock.restart()
+        if self.lockstep is not None:
+            self.lockstep.clear()
+
+    def stop(self) -> None:
+        """End the simulation; services and topics are rospy's to close."""
+        self.thread.stop()
+
+    def _build(self) -> Any:
+        simulation = build_simulation(self.parameters, self.world_file)
+        simulation.before_pictures = self.clock.publish
+        return simulation
+
+    def _after_step(self, time_ns: int) -> None:
+        self.clock.update(time_ns)
+        if self.lockstep is not None:
+            self.lockstep.after_step(time_ns)
+
+    def _after_batch(self, _time_ns: int) -> None:
+        if self.api is not None:
+            self.api.states.after_batch(self.thread.simulation)
+
+    def _on_fault(self, error: BaseException) -> None:
+        self.fault = error
+        rospy.logfatal("the simulation ended: %s: %s", type(error).__name__, error)
+        logging.getLogger(__name__).debug("", exc_info=error)
+        _end_for("the simulation failed")
+
+
+class _RosLog(logging.Handler):
+    """Passes the library's log records on to rospy, and so to /rosout."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        target = (
+            rospy.logerr
+            if record.levelno >= logging.ERROR
+            else rospy.logwarn
+            if record.levelno >= logging.WARNING
+            else rospy.loginfo
+            if record.levelno >= logging.INFO
+            else rospy.logdebug
+        )
+        target("%s", record.getMessage())
+
+
+def _set_up_log(level: str) -> None:
+    logger = logging.getLogger("aras_sim_bridge")
+    logger.addHandler(_RosLog())
+    logger.propagate = False
+    logger.setLevel(level.upper() if level != "warn" else "WARNING")
+    if level == "debug":
+        logging.getLogger("rosout").setLevel(logging.DEBUG)
+
+
+def _end_for(why: str) -> None:
+    """End the node from any thread, saying why in one line."""
+    rospy.logfatal("%s ends: %s", rospy.get_name(), why)
+    rospy.signal_shutdown(why)
+
+
+def make_pacer(parameters: NodeParameters, world: WorldFile) -> Pacer:
+    """Return the pacer of a speed mode; the world file's own pace counts as in Gazebo."""
+    factor = parameters.real_time_factor * world.update_rate * world.time_step
+    return Pacer(factor if parameters.speed_mode == "real_time" else 0.0)
+
+
+def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation:
+    """Return the simulation that the node's parameters and the world file describe."""
+    gui = parameters.gui
+    if gui and not os.environ.get("DISPLAY"):
+        rospy.logwarn("gui is true but DISPLAY is not set; going on without a window")
+        gui = False
+    for warning in world.warnings:
+        rospy.logwarn("world file: %s", warning)
+    simulation = Simulation(
+        SimulationConfig(
+            time_step=world.time_step,
+            gravity=world.gravity,
+            gui=gui,
+            renderer=parameters.renderer,
+            seed=parameters.seed,
+            legacy_camera_info=parameters.legacy_camera_info,
+            ground_plane=world.ground_plane,
+            lights=world.lights,
+        )
+    )
+    try:
+        world_file.populate(simulation, world)
+    except SimError:
+        simulation.close()
+        raise
+    return simulation
+
+
+def _private_parameters() -> dict[str, Any]:
+    values = rospy.get_param("~", {})
+    return values if isinstance(values, dict) else {}
+
+
+class _Ending:
+    """What happens on shutdown, whenever it comes: also in the middle of the start.
+
+    Signals are only noted. rospy would end the node inside the handler, which Python runs in the
+    main thread: in the middle of a log line it waits for locks that this line holds. And the kernel
+    may hand a signal to any thread, from which a wait without a limit in the main one never wakes.
+    """
+
+    def __init__(self) -> None:
+        self.begun = threading.Event()
+        self.node: GazeboNode | None = None
+        self._signal: signal.Signals | None = None
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+        # rospy runs this before it closes the topics, so no step publishes into closed ones.
+        rospy.on_shutdown(self._on_shutdown)
+
+    def wait(self) -> None:
+        """Until a shutdown begins, for whatever reason."""
+        while not self.begun.wait(SIGNAL_PERIOD):
+            if self._signal is not None:
+                rospy.signal_shutdown(self._signal.name)
+
+    def _on_signal(self, number: int, _frame: object) -> None:
+        self._signal = signal.Signals(number)
+
+    def _on_shutdown(self) -> None:
+        self.begun.set()
+        if self.node is not None:
+            self.node.stop()
+
+
+def main() -> int:
+    """Entry point of nodes/gazebo; returns the exit status."""
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    # Without rospy's own subscription to /clock: this node makes the time that others wait for.
+    rospy.init_node("gazebo", disable_rostime=True)
+    ending = _Ending()
+    try:
+        parameters = NodeParameters.from_mapping(_private_parameters(), rospy.get_name())
+        _set_up_log(parameters.log_level)
+        if not rospy.has_param("/use_sim_time"):
+            rospy.set_param("/use_sim_time", True)
+        node = GazeboNode(parameters)
+    except (SimError, OSError, rospy.ROSException) as error:
+        if not ending.begun.is_set():
+            _end_for(f"it cannot start: {error}")
+        return 1
+    ending.node = node
+    if ending.begun.is_set():
+        node.stop()
+    MasterWatch(parameters.master_check_period, _end_for)
+    rospy.loginfo("%s is up, process %d", rospy.get_name(), os.getpid())
+    ending.wait()
+    node.stop()
+    return 0 if node.fault is None else 1

@@ -1,0 +1,307 @@
+"""The one thread that owns the simulation: it steps, paces and runs everybody's jobs in between.
+
+Services and topics live on rospy's threads. They never touch the simulation; they hand a function
+to `SimulationThread.call`, which runs it between two steps (also while paused) and brings back its
+result or exception. So no lock is needed below, and no client can see half a step.
+"""
+
+from __future__ import annotations
+
+import collections
+import logging
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from typing import Any, Protocol, TypeVar
+
+from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.ros.runtime.pacing import Pacer
+
+T = TypeVar("T")
+log = logging.getLogger("rosout.simulation")  # rospy shows children of rosout on its console
+
+SHUTTING_DOWN = "the simulator is shutting down"
+JOBS_BUDGET = 0.002  # seconds of wall time for jobs before time goes on: a flood must not stop it
+STALL = 0.05  # seconds of wall time of one job (a spawn) that simulated time does not make good
+
+
+class SimulationBusyError(SimError):
+    """The simulation did not come round to a job in time, or has ended."""
+
+
+class Gate(Protocol):
+    """What may hold simulated time back: see lockstep."""
+
+    closed: bool
+
+    def remaining(self) -> float | None:
+        """Seconds of wall time for which to wait on; None: go on."""
+
+    def clear(self) -> None:
+        """Forget what is being waited for."""
+
+
+class Steppable(Protocol):
+    """What the thread needs of a simulation."""
+
+    time_ns: int
+    step_ns: int
+
+    def step(self) -> None:
+        """Advance one physics step."""
+
+    def next_picture_ns(self) -> int | None:
+        """Simulated time [ns] at which a camera next has something to do, if any."""
+
+    def close(self) -> None:
+        """Release what it holds."""
+
+
+class SimulationThread:
+    """Runs a simulation; every public method may be called from any thread."""
+
+    def __init__(
+        self,
+        build: Callable[[], Steppable],
+        pacer: Pacer,
+        after_step: Callable[[int], None] = lambda time_ns: None,
+        after_batch: Callable[[int], None] = lambda time_ns: None,
+        on_fault: Callable[[BaseException], None] = lambda error: None,
+        paused: bool = False,
+    ) -> None:
+        """Prepare; nothing runs before `start`.
+
+        Args:
+            build: makes the simulation, called in the thread (an OpenGL context is bound to it).
+            pacer: says which steps are due.
+            after_step: called with the simulated time after every step.
+            after_batch: called after each group of steps that were due together.
+            on_fault: called once with an exception that ended the thread.
+        """
+        self._build = build
+        self._pacer = pacer
+        self._after_step = after_step
+        self._after_batch = after_batch
+        self._on_fault = on_fault
+        self._paused = paused
+        self._jobs: collections.deque[tuple[Callable[[], Any], Future]] = collections.deque()
+        self._wake = threading.Event()
+        self._stopping = False
+        self._ready: Future = Future()
+        self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
+        self.simulation: Any = None
+        # Called with the time that the coming step ends at; to be set in the simulation's thread.
+        self.before_step: Callable[[int], None] | None = None
+        # Holds simulated time back while it runs; to be set before `start`. step() ignores it.
+        self.gate: Gate | None = None
+
+    def start(self, timeout: float = 60.0) -> None:
+        """Build the simulation in the thread and begin.
+
+        Raises:
+            SimError: what went wrong while building.
+        """
+        self._thread.start()
+        self._ready.result(timeout)
+
+    @property
+    def paused(self) -> bool:
+        """Whether simulated time stands still."""
+        return self._paused
+
+    @property
+    def held(self) -> bool:
+        """Whether no step will come by itself: paused, or a gate is closed."""
+        return self._paused or (self.gate is not None and self.gate.closed)
+
+    @property
+    def stopping(self) -> bool:
+        """Whether the thread is told to end."""
+        return self._stopping
+
+    def wake(self) -> None:
+        """Let the thread look again whether there is something to do; from any thread."""
+        self._wake.set()
+
+    def now_ns(self) -> int:
+        """Simulated time [ns] at this moment, without waiting for a pause between steps."""
+        return self.simulation.time_ns
+
+    @property
+    def pacer(self) -> Pacer:
+        """The pacer in use."""
+        return self._pacer
+
+    def call(self, job: Callable[[], T], timeout: float = 10.0) -> T:
+        """Run job between two steps and return what it returns; its exceptions come through.
+
+        Raises:
+            SimulationBusyError: when it was not run within timeout [s of wall time].
+        """
+        if threading.current_thread() is self._thread:
+            return job()
+        future: Future = Future()
+        self._jobs.append((job, future))
+        self._wake.set()
+        if self._stopping and not self._thread.is_alive():
+            self._cancel_jobs()
+        try:
+            return future.result(timeout)
+        except FutureTimeoutError:
+            if future.cancel():
+                raise SimulationBusyError(
+                    f"the simulation did not answer within {timeout:g} s; is the machine busy?"
+                ) from None
+            return future.result()  # it began just now; it is short
+
+    def post(self, job: Callable[[], None]) -> None:
+        """Run job between two steps without waiting; an exception of it is logged."""
+        future: Future = Future()
+        future.add_done_callback(_log_fault)
+        self._jobs.append((job, future))
+        self._wake.set()
+
+    def pause(self) -> None:
+        """Let simulated time stand still; when this returns no step is under way."""
+
+        def job() -> None:
+            self._paused = True
+
+        self.call(job)
+
+    def unpause(self) -> None:
+        """Let simulated time run on from where it stands."""
+
+        def job() -> None:
+            if self._paused:
+                self._paused = False
+                if self.gate is not None:
+                    self.gate.clear()  # what step() closed holds for step() only
+                self._pacer.restart(self.simulation.time_ns)
+
+        self.call(job)
+
+    def step(self, count: int, timeout: float) -> int:
+        """Advance a paused simulation by count steps; returns the simulated time [ns] after them.
+
+        Raises:
+            SimulationBusyError: when timeout [s of wall time] is over; the steps done stay done.
+        """
+        deadline = time.monotonic() + timeout
+        done = 0
+        while done < count:
+            chunk = min(count - done, 100)  # short jobs, so that others get their turn
+            self.call(lambda n=chunk: self._advance(n), max(deadline - time.monotonic(), 0.1))
+            done += chunk
+            if time.monotonic() > deadline and done < count:
+                raise SimulationBusyError(
+                    f"{done} of {count} steps were done within {timeout:g} s; ask for fewer"
+                )
+        return self.call(lambda: self.simulation.time_ns)
+
+    def stop(self, timeout: float = 5.0) -> None:
+        """End the thread and close the simulation; waiting callers get an exception."""
+        self._stopping = True
+        self._wake.set()
+        if self._thread.is_alive() and threading.current_thread() is not self._thread:
+            self._thread.join(timeout)
+        self._cancel_jobs()
+
+    def _advance(self, count: int) -> None:
+        for _ in range(count):
+            if self._stopping:
+                raise SimulationBusyError(SHUTTING_DOWN)
+            self._step()
+        self._after_batch(self.simulation.time_ns)
+
+    def _step(self) -> None:
+        simulation = self.simulation
+        if self.before_step is not None:
+            self.before_step(simulation.time_ns + simulation.step_ns)
+        simulation.step()
+        self._after_step(simulation.time_ns)
+
+    def _run(self) -> None:
+        try:
+            self.simulation = self._build()
+        except BaseException as error:
+            self._ready.set_exception(error)
+            return
+        self._pacer.restart(self.simulation.time_ns)
+        self._ready.set_result(None)
+        try:
+            self._loop()
+        except BaseException as error:
+            self._on_fault(error)
+        finally:
+            self._stopping = True
+            self._cancel_jobs()
+            self.simulation.close()
+
+    def _loop(self) -> None:
+        wake, jobs, pacer, simulation = self._wake, self._jobs, self._pacer, self.simulation
+        step, gate = self._step, self.gate
+        while True:
+            wake.clear()
+            if self._stopping:  # looked at after the clear, or a stop in between would be lost
+                return
+            if jobs:
+                self._run_jobs()
+            if self._paused:
+                if not jobs:
+                    wake.wait()
+                continue
+            if gate is not None and (left := gate.remaining()) is not None:
+                if not jobs:
+                    wake.wait(left)
+                continue
+            end = pacer.due_until(simulation.time_ns, simulation.next_picture_ns())
+            if simulation.time_ns < end:
+                while simulation.time_ns < end and not (gate is not None and gate.closed):
+                    try:
+                        step()
+                    except SimError as error:  # it diverged: whoever is there may reset it
+                        self._paused = True
+                        log.error("simulated time stands still: %s", error)
+                    if jobs or self._paused:
+                        break
+                self._after_batch(simulation.time_ns)
+            delay = pacer.wait(simulation.time_ns, simulation.next_picture_ns())
+            if delay > 0.0 and not jobs:
+                wake.wait(delay)
+
+    def _run_jobs(self) -> None:
+        """Run what has been asked for, for a while; at least one job, so that none is left."""
+        jobs = self._jobs
+        begin = time.monotonic()
+        while jobs and not self._stopping:
+            self._run_job(*jobs.popleft())
+            now = time.monotonic()
+            if now - begin > STALL:
+                self._pacer.restart(self.simulation.time_ns)
+            if now - begin > JOBS_BUDGET:
+                return
+
+    @staticmethod
+    def _run_job(job: Callable[[], Any], future: Future) -> None:
+        if not future.set_running_or_notify_cancel():
+            return
+        try:
+            result = job()
+        except BaseException as error:
+            future.set_exception(error)
+        else:
+            future.set_result(result)
+
+    def _cancel_jobs(self) -> None:
+        while self._jobs:
+            _, future = self._jobs.popleft()
+            if future.set_running_or_notify_cancel():
+                future.set_exception(SimulationBusyError(SHUTTING_DOWN))
+
+
+def _log_fault(future: Future) -> None:
+    if not future.cancelled() and (error := future.exception()) is not None:
+        log.error("%s", error)

@@ -1,0 +1,77 @@
+"""What programs without ROS use of a Simulation: the contract that the bench builds on."""
+
+import numpy as np
+import pytest
+from aras_robot import CONTROLLERS, description, parameters
+
+from aras_sim_bridge.errors import ControllerError, WorldError
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+
+START = {"gantry": 0.1, "J1": 0.0, "J2": 0.17, "J3": -0.09, "J5": -0.09, "J6": 0.3}
+
+
+@pytest.fixture
+def simulation():
+    simulation = Simulation(SimulationConfig(renderer="tiny"))
+    simulation.spawn(description(), "arm", namespace="/arm", parameters=parameters(),
+                     joint_positions=START)  # fmt: skip
+    yield simulation
+    simulation.close()
+
+
+@pytest.fixture
+def robot(simulation):
+    return simulation.robots["arm"]
+
+
+def test_a_robot_starts_where_it_is_told_and_stays(simulation, robot):
+    robot.start(CONTROLLERS.values())
+    for _ in range(200):
+        simulation.step()
+    positions = dict(zip(robot.model.joint_names, robot.model.read_joints()[0], strict=True))
+    assert positions == pytest.approx(START, abs=4e-3)
+
+
+def test_a_command_moves_its_joint_alone(simulation, robot):
+    robot.start(CONTROLLERS.values())
+    simulation.step()
+    robot.command("joint6_position_controller", 0.5)
+    for _ in range(1000):
+        simulation.step()
+    positions = dict(zip(robot.model.joint_names, robot.model.read_joints()[0], strict=True))
+    assert positions == pytest.approx({**START, "J6": 0.5}, abs=2e-2)
+    assert positions["J6"] - START["J6"] > 0.18
+
+
+def test_joint_states_come_as_ros_gets_them(simulation, robot):
+    robot.start(["joint_state_controller"])
+    seen = []
+    robot.manager.get("joint_state_controller").on_state = seen.append
+    for _ in range(101):
+        simulation.step()
+    assert [state.stamp_ns for state in seen[:3]] == [2_000_000, 11_000_000, 21_000_000]
+    assert seen[0].names == ("J1", "J2", "J3", "J5", "J6", "gantry")
+    assert seen[0].positions == pytest.approx([START[n] for n in seen[0].names], abs=1e-5)
+
+
+def test_a_camera_is_found_by_name_and_delivers_at_its_instants(simulation):
+    camera = simulation.camera("/labrob/camera")
+    frames = []
+    camera.on_frame, camera.enabled = frames.append, True
+    for _ in range(101):
+        simulation.step()
+    assert [frame.stamp_ns for frame in frames] == [33_333_333, 66_666_667, 100_000_000]
+    assert frames[0].image.shape == (240, 320, 3)
+    assert camera.parent_T_optical.shape == (4, 4)
+    with pytest.raises(WorldError, match="labrob/camera"):
+        simulation.camera("labrob/camra")
+
+
+def test_what_is_unknown_or_impossible_is_refused(simulation, robot):
+    with pytest.raises(ControllerError, match="elbow"):
+        robot.start(["elbow"])
+    robot.start(["joint1_position_controller"])
+    with pytest.raises(ControllerError, match="joint2_position_controller"):
+        robot.command("joint2_position_controller", 0.0)
+    with pytest.raises(ControllerError, match="not finite"):
+        robot.command("joint1_position_controller", np.nan)

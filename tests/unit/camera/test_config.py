@@ -9,7 +9,7 @@ import yaml
 from aras_sim_bridge.camera import CameraConfig
 from aras_sim_bridge.camera.effects import Effects
 from aras_sim_bridge.description import CameraDescription
-from aras_sim_bridge.description.model import CameraPlugin, LensDescription, Noise
+from aras_sim_bridge.description.types import CameraPlugin, LensDescription, Noise
 from aras_sim_bridge.errors import CameraError
 
 PRESETS = Path(__file__).parents[3] / "src/aras_visual_servo_gazebo/config/cameras"

@@ -10,10 +10,9 @@ from scenes import Bench, looking, table_and_target
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.errors import RenderingError
-from aras_sim_bridge.rendering import COLOURS, MaterialTable, View, create_renderer, opengl
+from aras_sim_bridge.rendering import COLOURS, View, create_renderer, opengl
 from aras_sim_bridge.rendering import meshes as mesh_files
 from aras_sim_bridge.rendering.faces import whole
-from aras_sim_bridge.rendering.gazebo_materials import colour
 
 K = np.array([[150.0, 0, 80.3], [0, 155.0, 55.8], [0, 0, 1]])
 RENDERERS = ("opengl", "tiny")
@@ -97,16 +96,6 @@ def test_table_is_white_and_target_black_from_anywhere(bench, name):
         centre = image[52:60, 76:84]
         assert centre.max() <= 10
         assert image[:8].min() >= 251
-
-
-def test_links_of_a_body_without_material_are_white_and_unknown_ones_warn(caplog):
-    table = MaterialTable()
-    table.set_materials(3, {0: "Gazebo/Black", 1: "Gazebo/Blak"})
-    assert table.lookup(3, 0) == (0.0, 0.0, 0.0, 1.0)
-    assert table.lookup(3, 1) == table.lookup(3, 7) == (1.0, 1.0, 1.0, 1.0)
-    assert table.lookup(4, 0) is None
-    assert "the nearest is 'Gazebo/Black'" in caplog.text
-    assert colour("Red") == COLOURS["Gazebo/Red"]
 
 
 @pytest.mark.parametrize("name", RENDERERS)

@@ -93,8 +93,7 @@ def test_colours_reach_the_camera_s_table():
     text = model(link(part("visual", BOX, script), "a") + link(part("visual", BOX, diffuse), "b")
                  + link(part("visual", BOX), "c"))
     description = parse_sdf(text)
-    assert description.materials == {"a": "Gazebo/Red"}
-    assert description.colours == {"b": (0.1, 0.2, 0.3, 1.0)}
+    assert description.colours == {"a": (1.0, 0.0, 0.0, 1.0), "b": (0.1, 0.2, 0.3, 1.0)}
     simulation = Simulation(SimulationConfig(renderer="tiny"))
     made = simulation.spawn(description, "m")
     table = simulation._materials
@@ -105,7 +104,7 @@ def test_colours_reach_the_camera_s_table():
 def test_the_shipped_world_is_read():
     content = read_sdf((ROBOT / "world/aras_visual_servo.world").read_text())
     assert [m.name for m in content.models] == ["ground_plane"]
-    assert content.models[0].materials == {"link": "Gazebo/Grey"}
+    assert content.models[0].colours == {"link": (0.7, 0.7, 0.7, 1.0)}
     (sun,) = content.lights
     assert (sun.name, sun.kind, sun.diffuse) == ("sun", "directional", (0.8, 0.8, 0.8, 1.0))
     assert sun.direction == pytest.approx(np.array((-0.5, 0.1, -0.9)) / math.sqrt(1.07))

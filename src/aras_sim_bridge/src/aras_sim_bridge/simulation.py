@@ -15,6 +15,7 @@ from aras_sim_bridge.control.manager import ControllerManager
 from aras_sim_bridge.control.switching import STRICT
 from aras_sim_bridge.description import Light as LightDescription
 from aras_sim_bridge.description import RobotDescription
+from aras_sim_bridge.description.gazebo_materials import WHITE
 from aras_sim_bridge.description.lights import SUN, checked_light
 from aras_sim_bridge.errors import (
     CameraError,
@@ -23,8 +24,7 @@ from aras_sim_bridge.errors import (
     SimError,
     WorldError,
 )
-from aras_sim_bridge.rendering import COLOURS, Light, MaterialTable, Renderer, create_renderer
-from aras_sim_bridge.rendering.gazebo_materials import WHITE
+from aras_sim_bridge.rendering import Light, MaterialTable, Renderer, create_renderer
 from aras_sim_bridge.world import Model, Pose, World
 from aras_sim_bridge.world.poses import IDENTITY
 
@@ -340,13 +340,6 @@ class Simulation:
         """Give the renderer Gazebo's colours; links without a material are white."""
         colours = {model.link_index(link): rgba
                    for link, rgba in model.description.colours.items()}
-        for index, name in model.materials.items():
-            if name not in COLOURS:
-                raise RenderingError(
-                    f"model '{model.name}': there is no material '{name}'; use Gazebo/White, "
-                    "Gazebo/Black and the like"
-                )
-            colours[index] = COLOURS[name]
         self._materials.set_body(model.body_id, colours)
         if self.config.gui:
             model.paint(colours, WHITE)

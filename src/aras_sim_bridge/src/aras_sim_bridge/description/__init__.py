@@ -6,7 +6,8 @@ Knows neither ROS nor Bullet.
     robot.joints["J1"].limits.effort
 """
 
-from aras_sim_bridge.description.model import (
+from aras_sim_bridge.description.sdf import SdfContent, parse_sdf, read_sdf
+from aras_sim_bridge.description.types import (
     CameraDescription,
     CameraPlugin,
     Collision,
@@ -25,7 +26,6 @@ from aras_sim_bridge.description.model import (
     Transmission,
     Visual,
 )
-from aras_sim_bridge.description.sdf import SdfContent, parse_sdf, read_sdf
 from aras_sim_bridge.description.urdf import parse_urdf
 
 __all__ = [

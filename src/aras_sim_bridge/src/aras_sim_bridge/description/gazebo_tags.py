@@ -3,15 +3,7 @@
 from dataclasses import dataclass, field, replace
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.model import (
-    CameraDescription,
-    CameraPlugin,
-    ControlPlugin,
-    Joint,
-    LensDescription,
-    Link,
-    Noise,
-)
+from aras_sim_bridge.description import gazebo_materials
 from aras_sim_bridge.description.safe_xml import (
     integer,
     number,
@@ -19,6 +11,16 @@ from aras_sim_bridge.description.safe_xml import (
     shorten,
     text_of,
     truth,
+)
+from aras_sim_bridge.description.types import (
+    CameraDescription,
+    CameraPlugin,
+    ControlPlugin,
+    Joint,
+    LensDescription,
+    Link,
+    Noise,
+    Rgba,
 )
 from aras_sim_bridge.errors import DescriptionError
 
@@ -34,7 +36,7 @@ class GazeboTags:
     links: dict[str, Link]
     control_plugins: tuple[ControlPlugin, ...] = ()
     cameras: tuple[CameraDescription, ...] = ()
-    materials: dict[str, str] = field(default_factory=dict)
+    colours: dict[str, Rgba] = field(default_factory=dict)
     static: bool = False
 
 
@@ -59,7 +61,7 @@ def parse(root: Element, links: dict[str, Link], joints: dict[str, Joint],
                 else:
                     warnings.append(f"plugin '{shorten(filename)}' is not known; ignored")
         elif reference in links:
-            _link_flags(block, reference, tags)
+            _link_flags(block, reference, tags, warnings)
             for sensor in block.findall("sensor"):
                 kind = sensor.get("type") or ""
                 if kind in CAMERA_KINDS:
@@ -88,12 +90,12 @@ def _setting(block: Element, tag: str) -> str | None:
     return text_of(block, tag)
 
 
-def _link_flags(block: Element, name: str, tags: GazeboTags) -> None:
+def _link_flags(block: Element, name: str, tags: GazeboTags, warnings: list[str]) -> None:
     where = f"<gazebo reference='{name}'>"
     link = tags.links[name]
     material = _setting(block, "material")
     if material:
-        tags.materials[name] = material
+        tags.colours[name] = gazebo_materials.colour(material, name, warnings)
     gravity = truth(_setting(block, "gravity"), f"{where}: gravity", link.gravity)
     if truth(_setting(block, "turnGravityOff"), f"{where}: turnGravityOff", False):
         gravity = False

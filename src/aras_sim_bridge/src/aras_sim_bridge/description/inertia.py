@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from aras_sim_bridge.description.model import Inertial, Vector3
+from aras_sim_bridge.description.types import Inertial, Vector3
 from aras_sim_bridge.errors import DescriptionError
 
 # Rounding in CAD exports breaks the triangle inequality by less than this share of the trace.

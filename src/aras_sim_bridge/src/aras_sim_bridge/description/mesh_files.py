@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from aras_sim_bridge.description import collada_check
-from aras_sim_bridge.description.model import Geometry, RobotDescription
+from aras_sim_bridge.description.types import Geometry, RobotDescription
 from aras_sim_bridge.errors import DescriptionError
 
 LARGEST_FILE = 256 * 1024 * 1024  # bytes

@@ -3,7 +3,6 @@
 import os
 import re
 from collections.abc import Callable
-from functools import lru_cache
 
 from aras_sim_bridge.errors import DescriptionError
 
@@ -12,6 +11,7 @@ ResolvePackage = Callable[[str], str]
 _PACKAGE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.\-]*\Z")
 _SKIPPED_DIRECTORIES = {"CMakeFiles", "__pycache__", "node_modules"}
 _LARGEST_DEPTH = 6
+_found: dict[tuple[str, str, str], str] = {}  # directory by name and search paths
 
 
 def find(name: str) -> str:
@@ -25,17 +25,20 @@ def find(name: str) -> str:
     """
     if not _PACKAGE_NAME.match(name):
         raise DescriptionError(f"'{name[:80]}' is not a package name: letters, digits, _ - . only")
-    found = _search(name, os.environ.get("ROS_PACKAGE_PATH", ""),
-                    os.environ.get("CMAKE_PREFIX_PATH", ""))
+    paths = tuple(os.environ.get(key, "") for key in ("ROS_PACKAGE_PATH", "CMAKE_PREFIX_PATH"))
+    found = _found.get((name, *paths))
+    if found is None or not os.path.isdir(found):
+        # What is not there is looked for again the next time: it may be built by then.
+        found = _search(name, *paths)
     if found is None:
         raise DescriptionError(
             f"package '{name}' is not in ROS_PACKAGE_PATH: source the workspace that holds it "
             "(. devel/setup.bash) or install it, then try again"
         )
+    _found[name, *paths] = found
     return found
 
 
-@lru_cache(maxsize=256)
 def _search(name: str, package_path: str, prefix_path: str) -> str | None:
     for root in filter(None, package_path.split(os.pathsep)):
         found = _crawl(name, root)

@@ -11,9 +11,11 @@ from types import MappingProxyType
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import gazebo_tags, packages, safe_xml
+from aras_sim_bridge.description import gazebo_materials, gazebo_tags, packages, safe_xml
 from aras_sim_bridge.description.inertia import checked_inertial
-from aras_sim_bridge.description.model import (
+from aras_sim_bridge.description.safe_xml import number, numbers, shorten, text_of, truth
+from aras_sim_bridge.description.sdf_shapes import colour, geometry, material_name
+from aras_sim_bridge.description.types import (
     ZERO,
     CameraDescription,
     Collision,
@@ -25,8 +27,6 @@ from aras_sim_bridge.description.model import (
     RobotDescription,
     Visual,
 )
-from aras_sim_bridge.description.safe_xml import number, numbers, shorten, text_of, truth
-from aras_sim_bridge.description.sdf_shapes import colour, geometry, material_name
 from aras_sim_bridge.description.urdf import unit
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.poses import Pose, rpy_from_quaternion
@@ -172,7 +172,6 @@ def _model(element: Element, resolve: Resolve) -> RobotDescription:
     static = truth(text_of(element, "static"), f"{where}: static", False)
     links: dict[str, Link] = {}
     poses: dict[str, Pose] = {}
-    materials: dict[str, str] = {}
     colours: dict[str, Rgba] = {}
     cameras: list[CameraDescription] = []
     for node in element.findall("link"):
@@ -181,7 +180,9 @@ def _model(element: Element, resolve: Resolve) -> RobotDescription:
             raise DescriptionError(f"{where}: two links are named '{link.name}'; rename one")
         links[link.name] = link
         poses[link.name] = _pose(node, f"{where}, link '{link.name}'")
-        _paint(node, link.name, materials, colours, warnings)
+        paint = _paint(node, link.name, warnings)
+        if paint is not None:
+            colours[link.name] = paint
         cameras += _cameras(node, link.name, warnings)
     if not links:
         raise DescriptionError(f"{where}: has no <link>")
@@ -200,8 +201,8 @@ def _model(element: Element, resolve: Resolve) -> RobotDescription:
     pose = _pose(element, where)
     return RobotDescription(
         name=name, root=root, links=MappingProxyType(links), joints=MappingProxyType(joints),
-        cameras=tuple(cameras), materials=MappingProxyType(materials),
-        colours=MappingProxyType(colours), static=static, warnings=tuple(warnings),
+        cameras=tuple(cameras), colours=MappingProxyType(colours), static=static,
+        warnings=tuple(warnings),
         initial_pose=(pose.xyz, rpy_from_quaternion(pose.quat)),
     )
 
@@ -241,22 +242,15 @@ def _link(element: Element, model: str, resolve: Resolve, warnings: list[str]) -
                 truth(text_of(element, "kinematic"), f"{where}: kinematic", False), mu)
 
 
-def _paint(element: Element, link: str, materials: dict[str, str], colours: dict[str, Rgba],
-           warnings: list[str]) -> None:
+def _paint(element: Element, link: str, warnings: list[str]) -> Rgba | None:
     """The link's colour: that of its first visual that has one, for all of them."""
-    found = []
-    for visual in element.findall("visual"):
-        name = material_name(visual)
-        found.append(name if name is not None else colour(visual, f"link '{link}'"))
+    found = [material_name(visual) or colour(visual, f"link '{link}'")
+             for visual in element.findall("visual")]
     found = [paint for paint in found if paint is not None]
-    if not found:
-        return
     if any(paint != found[0] for paint in found):
         warnings.append(f"link '{link}': its visuals have several colours; all get the first")
-    if isinstance(found[0], str):
-        materials[link] = found[0]
-    else:
-        colours[link] = found[0]
+    first = found[0] if found else None
+    return gazebo_materials.colour(first, link, warnings) if isinstance(first, str) else first
 
 
 def _cameras(element: Element, link: str, warnings: list[str]) -> list[CameraDescription]:

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.model import Geometry, Rgba
 from aras_sim_bridge.description.safe_xml import number, numbers, shorten, text_of
+from aras_sim_bridge.description.types import Geometry, Rgba
 from aras_sim_bridge.description.urdf import unit
 from aras_sim_bridge.errors import DescriptionError
 

@@ -11,7 +11,8 @@ from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import gazebo_tags, packages, safe_xml
 from aras_sim_bridge.description.inertia import checked_inertial
-from aras_sim_bridge.description.model import (
+from aras_sim_bridge.description.safe_xml import number, numbers, shorten
+from aras_sim_bridge.description.types import (
     ZERO,
     Collision,
     Geometry,
@@ -24,7 +25,6 @@ from aras_sim_bridge.description.model import (
     Transmission,
     Visual,
 )
-from aras_sim_bridge.description.safe_xml import number, numbers, shorten
 from aras_sim_bridge.errors import DescriptionError
 
 JOINT_KINDS = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
@@ -82,7 +82,7 @@ def parse_urdf(
         transmissions=tuple(_transmission(e) for e in root.findall("transmission")),
         control_plugins=tags.control_plugins,
         cameras=tags.cameras,
-        materials=MappingProxyType(tags.materials),
+        colours=MappingProxyType(tags.colours),
         static=tags.static,
         warnings=tuple(warnings),
         xml=ElementTree.tostring(root, encoding="unicode"),

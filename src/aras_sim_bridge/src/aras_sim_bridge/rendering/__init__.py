@@ -7,8 +7,8 @@ from typing import Protocol
 
 import numpy as np
 
+from ..description.gazebo_materials import COLOURS
 from ..errors import RenderingError
-from .gazebo_materials import COLOURS
 from .view import SENSOR_R_OPTICAL, Light, MaterialTable, View
 
 __all__ = ["COLOURS", "RENDERERS", "SENSOR_R_OPTICAL", "Light", "MaterialTable", "Renderer",

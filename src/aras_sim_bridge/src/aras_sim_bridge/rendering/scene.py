@@ -10,11 +10,11 @@ import numpy as np
 
 from aras_sim_bridge.world.bullet import pybullet
 
+from ..description.gazebo_materials import COLOURS, Rgba
 from ..errors import RenderingError
 from ..poses import Pose
 from . import meshes
 from .compiled import compiled
-from .gazebo_materials import COLOURS, Rgba
 from .indexed_mesh import Mesh
 from .view import MaterialTable
 

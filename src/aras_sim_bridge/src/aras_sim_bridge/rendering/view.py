@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
+from ..description.gazebo_materials import WHITE, Rgba
 from ..errors import RenderingError
-from .gazebo_materials import WHITE, Rgba, colour
 from .raymap import RayMap
-
-_log = logging.getLogger(__name__)
 
 # sensor frame (x forward, y left, z up; Gazebo's cameras) -> optical frame (z forward, x right,
 # y down; REP 103)
@@ -125,19 +121,6 @@ class MaterialTable:
         if default is not None:
             self.defaults[body_id] = default
         self.version += 1
-
-    def set_materials(self, body_id: int, names: Mapping[int, str]) -> None:
-        """Colours of one body by Gazebo material names (link index -> name), the rest white.
-
-        A material that Gazebo does not have is drawn white, with a warning.
-        """
-        colours = {}
-        for link, name in names.items():
-            try:
-                colours[link] = colour(name)
-            except RenderingError as error:
-                _log.warning("%s; drawn white", error)
-        self.set_body(body_id, colours)
 
     def forget(self, body_id: int) -> None:
         """Drop what is known of a deleted body."""

@@ -10,7 +10,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from aras_sim_bridge.description.inertia import principal_axes
-from aras_sim_bridge.description.model import (
+from aras_sim_bridge.description.types import (
     ZERO,
     Collision,
     Geometry,

@@ -8,7 +8,7 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from aras_sim_bridge.description.inertia import checked_inertial
-from aras_sim_bridge.description.model import JointLimits, RobotDescription
+from aras_sim_bridge.description.types import JointLimits, RobotDescription
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.poses import Vector3, checked_vector
 

@@ -4,9 +4,8 @@ Its parts are the layers it is derived from: model_loading.py, on it model_joint
 model_frames.py. Here is what needs all of them.
 """
 
-from types import MappingProxyType
 
-from aras_sim_bridge.description.model import RobotDescription
+from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.model_frames import ModelFrames
 
@@ -79,10 +78,3 @@ class Model(ModelFrames):
         for index in {shape[1] for shape in shapes}:
             pybullet.changeVisualShape(self.body_id, index, rgbaColor=colours.get(index, default),
                                        physicsClientId=self.client)
-
-    @property
-    def materials(self) -> MappingProxyType:
-        """Gazebo material by Bullet link index, for the renderer's table."""
-        return MappingProxyType({
-            self._links[link]: material for link, material in self.description.materials.items()
-        })

@@ -4,7 +4,7 @@ import os
 import tempfile
 
 from aras_sim_bridge.description import mesh_files
-from aras_sim_bridge.description.model import RobotDescription
+from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.world import bullet_file
 from aras_sim_bridge.world.bullet import pybullet

@@ -4,8 +4,9 @@ import logging
 import math
 from collections.abc import Mapping
 
+from aras_sim_bridge.description.gazebo_materials import COLOURS
 from aras_sim_bridge.description.mesh_files import check_meshes
-from aras_sim_bridge.description.model import (
+from aras_sim_bridge.description.types import (
     Collision,
     Geometry,
     Link,
@@ -167,7 +168,7 @@ class World:
                                           (0.7, 0.7, 0.7, 1.0)),),
                     (Collision("collision", (0, 0, 0), (0, 0, 0), plane),))
         return self.spawn(RobotDescription(name, "link", {"link": link}, {}, static=True,
-                                           materials={"link": "Gazebo/Grey"}), name)
+                                           colours={"link": COLOURS["Gazebo/Grey"]}), name)
 
     def model(self, name: str) -> Model:
         """The model called `name`; WorldError naming those that exist."""

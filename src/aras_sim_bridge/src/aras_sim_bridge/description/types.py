@@ -252,8 +252,8 @@ class Light:
 class RobotDescription:
     """A whole model. Mappings keep file order and are read-only.
 
-    materials: link -> Gazebo material name ('Gazebo/Black'); a link without one is drawn white.
-    colours: link -> rgba that cameras see, for links without a material name (SDF only).
+    colours: link -> rgba that cameras see: that of its Gazebo material ('Gazebo/Black'), or in SDF
+    that of its visuals; a link without one is drawn white.
     static: the model never moves (`<gazebo><static>true`). warnings: what was repaired or ignored
     while reading, one sentence each, for the caller to log.
     initial_pose: (xyz, rpy) written in the file (SDF only). xml: as resolved, for `robotParam`.
@@ -266,7 +266,6 @@ class RobotDescription:
     transmissions: tuple[Transmission, ...] = ()
     control_plugins: tuple[ControlPlugin, ...] = ()
     cameras: tuple[CameraDescription, ...] = ()
-    materials: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     colours: Mapping[str, Rgba] = field(default_factory=lambda: MappingProxyType({}))
     static: bool = False
     warnings: tuple[str, ...] = ()

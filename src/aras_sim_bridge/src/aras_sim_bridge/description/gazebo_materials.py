@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import difflib
 
-from ..errors import RenderingError
-
-Rgba = tuple[float, float, float, float]
+from aras_sim_bridge.description.safe_xml import shorten
+from aras_sim_bridge.description.types import Rgba
 
 WHITE: Rgba = (1.0, 1.0, 1.0, 1.0)
 
@@ -58,13 +57,14 @@ COLOURS: dict[str, Rgba] = {
 }
 
 
-def colour(name: str) -> Rgba:
-    """Colour of a Gazebo material, rgba in 0..1; a bare 'Black' means 'Gazebo/Black'.
+def colour(name: str, link: str, warnings: list[str]) -> Rgba:
+    """Colour of a link's Gazebo material, rgba in 0..1.
 
-    Raises RenderingError naming the nearest known material.
+    A name that Gazebo does not have is drawn white, as Gazebo draws it, with a sentence in
+    `warnings` that names the nearest one.
     """
-    full = name if "/" in name else f"Gazebo/{name}"
-    if full in COLOURS:
-        return COLOURS[full]
-    near = difflib.get_close_matches(full, COLOURS, n=1, cutoff=0.0)[0]
-    raise RenderingError(f"material '{name}' is not a Gazebo material; the nearest is '{near}'")
+    if name not in COLOURS:
+        near = difflib.get_close_matches(f"Gazebo/{name.split('/')[-1]}", COLOURS, 1, 0.0)[0]
+        warnings.append(f"link '{link}': material '{shorten(name)}' is none of Gazebo's; drawn "
+                        f"white. The nearest is '{near}'")
+    return COLOURS.get(name, WHITE)

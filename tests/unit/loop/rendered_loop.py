@@ -14,10 +14,10 @@ from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.pipeline import Pipeline
 from aras_visual_servo_camera.pipeline import Settings as VisionSettings
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.before.schemes import Measurement
+from aras_visual_servo_controller.before.servo import CONVERGED
 from aras_visual_servo_controller.kinematics import JOINT_NAMES, pose_difference
 from aras_visual_servo_controller.mounting import from_description
-from aras_visual_servo_controller.schemes import Measurement
-from aras_visual_servo_controller.servo import CONVERGED
 from aras_visual_servo_controller.settings import Settings
 
 STREAM = 10  # ticks of 1 ms between commands, as between joint states

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_controller.joint_history import JointHistory
+from aras_visual_servo_controller.before.joint_history import JointHistory
 
 
 @pytest.fixture

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_camera.kernel import kernel_features
-from aras_visual_servo_controller import laws, schemes, servo
+from aras_visual_servo_controller.before import laws, schemes, servo
+from aras_visual_servo_controller.before.schemes import Measurement
+from aras_visual_servo_controller.before.schemes.base import wrap
 from aras_visual_servo_controller.desired import DesiredKernel
 from aras_visual_servo_controller.errors import MeasurementError, UnreachableError
 from aras_visual_servo_controller.kinematics import pose_difference, rotation_rpy
-from aras_visual_servo_controller.schemes import Measurement
-from aras_visual_servo_controller.schemes.base import wrap
 from aras_visual_servo_controller.target import outline
 from aras_visual_servo_controller.virtual_robot import VirtualRobot
 

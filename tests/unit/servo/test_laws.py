@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from aras_visual_servo_controller.before.laws import Adaptive, Diagonal, Proportional
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.laws import Adaptive, Diagonal, Proportional
 
 ERROR = np.array([0.2, -0.1])
 L = np.array([[-1.0, 0.0, 0.5], [0.0, -2.0, 0.1]])

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aras_visual_servo_controller import servo
+from aras_visual_servo_controller.before import servo
+from aras_visual_servo_controller.before.laws import Proportional
+from aras_visual_servo_controller.before.schemes import create
 from aras_visual_servo_controller.desired import Desired
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals import DESIRED_JOINTS, from_geometry
@@ -19,9 +21,7 @@ from aras_visual_servo_controller.kinematics import (
     rotation_rpy,
     transform,
 )
-from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.mounting import from_description, same, to_xyz_rpy
-from aras_visual_servo_controller.schemes import create
 from aras_visual_servo_controller.settings import STARTS, Settings
 from aras_visual_servo_controller.virtual_robot import VirtualRobot
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.before.schemes.moments import MomentsScheme
 from aras_visual_servo_controller.report import analysis, plots
 from aras_visual_servo_controller.report.run import Images, MomentsTrack, Run, States
-from aras_visual_servo_controller.schemes.moments import MomentsScheme
 from aras_visual_servo_controller.virtual_robot import VirtualRobot
 
 CAMERA = CameraModel(320, 240, (102.74, 0.0, 159.5, 0.0, 102.74, 119.5, 0.0, 0.0, 1.0))

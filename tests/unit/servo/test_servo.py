@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aras_visual_servo_controller import laws, schemes, servo
+from aras_visual_servo_controller.before import laws, schemes, servo
+from aras_visual_servo_controller.before.schemes import Measurement, Scheme, SchemeResult
 from aras_visual_servo_controller.kinematics import pose_difference
-from aras_visual_servo_controller.schemes import Measurement, Scheme, SchemeResult
 from aras_visual_servo_controller.virtual_robot import VirtualRobot
 
 
@@ -182,13 +182,15 @@ def test_schemes_by_name_and_their_faults(loops):
 
     law, desired = laws.Proportional(), replace(loops.desired("2016"), kernel=None)
     assert isinstance(
-        schemes.create("aras_visual_servo_controller.schemes.moments:MomentsScheme", desired, law),
+        schemes.create(
+            "aras_visual_servo_controller.before.schemes.moments:MomentsScheme", desired, law
+        ),
         Scheme,
     )
     for name, words in (
         ("momments", "moments, moments_2016, kernel"),
         ("no_such_package.x:Y", "cannot import no_such_package"),
-        ("aras_visual_servo_controller.laws:Proportional", "no class Proportional derived"),
+        ("aras_visual_servo_controller.before.laws:Proportional", "no class Proportional derived"),
         ("kernel", "holds no kernel features"),
     ):
         with pytest.raises(ConfigurationError, match=words):

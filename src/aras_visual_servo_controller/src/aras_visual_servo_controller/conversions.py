@@ -8,9 +8,9 @@ import numpy as np
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.moments import Moments
 
+from .before.schemes.base import Measurement
+from .before.servo import ServoCommand
 from .kinematics import JOINT_NAMES
-from .schemes.base import Measurement
-from .servo import ServoCommand
 
 OPTICAL_FRAME = "camera_optical_frame"
 

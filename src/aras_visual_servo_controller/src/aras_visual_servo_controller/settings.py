@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from . import mounting
+from .before.laws import Adaptive, Law, Proportional
+from .before.schemes import create
+from .before.servo import Servo, ServoSettings
 from .desired import Desired
 from .errors import ConfigurationError, ServoError
 from .goals import from_geometry
 from .kinematics import J1, JOINT_NAMES, Kinematics
-from .laws import Adaptive, Law, Proportional
 from .resolver import Resolver, ResolverSettings
-from .schemes import create
-from .servo import Servo, ServoSettings
 from .tasks import JointLimitAvoidance, JointLimits, Posture, SingularityAvoidance, Task
 
 # The laboratory's two initial poses: gantry (m), J1, J2, J3, J5, J6 (rad).

@@ -12,9 +12,9 @@ import numpy as np
 
 from aras_visual_servo_camera.moments import Moments
 
+from .before.schemes.base import Measurement
+from .before.servo import Servo, ServoCommand
 from .kinematics import Kinematics
-from .schemes.base import Measurement
-from .servo import Servo, ServoCommand
 from .target import outline
 
 

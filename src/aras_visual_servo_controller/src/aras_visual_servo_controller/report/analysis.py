@@ -6,14 +6,14 @@ import numpy as np
 
 from aras_visual_servo_camera.moments import Moments
 
+from ..before.laws import Proportional
+from ..before.schemes import find
+from ..before.schemes.base import Measurement
+from ..before.schemes.moments import MomentsScheme
+from ..before.servo import CONVERGED
 from ..desired import Desired
 from ..errors import MeasurementError
 from ..kinematics import pose_difference
-from ..laws import Proportional
-from ..schemes import find
-from ..schemes.base import Measurement
-from ..schemes.moments import MomentsScheme
-from ..servo import CONVERGED
 from .run import Images, MomentsTrack, Run
 
 SETTLED = 0.02  # part of the initial error norm

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import rospy
 
+from ..before.servo import HOLDING
 from ..errors import ServoError
 from ..kinematics import Kinematics
-from ..servo import HOLDING
 from .processes import Launch, free_port
 
 STARTUP_TIMEOUT = 90.0  # s of wall time until joint states and the recorder are there

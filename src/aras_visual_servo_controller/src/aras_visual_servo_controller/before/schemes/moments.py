@@ -22,8 +22,8 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
 
-from ..desired import Desired
-from ..errors import ConfigurationError, MeasurementError
+from ...desired import Desired
+from ...errors import ConfigurationError, MeasurementError
 from ..laws import Diagonal, Law
 from .base import Measurement, Scheme, SchemeResult, wrap
 

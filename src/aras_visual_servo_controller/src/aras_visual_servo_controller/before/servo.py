@@ -15,9 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .errors import MeasurementError, ServoError
-from .kinematics import JOINT_NAMES
-from .resolver import Resolution, Resolver
+from ..errors import MeasurementError, ServoError
+from ..kinematics import JOINT_NAMES
+from ..resolver import Resolution, Resolver
 from .schemes.base import Measurement, Scheme, SchemeResult
 
 WAITING, APPROACHING, SERVOING, CONVERGED, HOLDING = (

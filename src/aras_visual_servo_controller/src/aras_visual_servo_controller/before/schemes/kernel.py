@@ -28,8 +28,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..desired import Desired
-from ..errors import ConfigurationError, MeasurementError
+from ...desired import Desired
+from ...errors import ConfigurationError, MeasurementError
 from ..laws import Law
 from .base import Measurement, Scheme, SchemeResult, wrap
 

@@ -2,15 +2,15 @@
 
 import importlib
 
-from ..desired import Desired
-from ..errors import ConfigurationError
+from ...desired import Desired
+from ...errors import ConfigurationError
 from ..laws import Law
 from .base import Scheme
 
 SCHEMES = {
-    "moments": "aras_visual_servo_controller.schemes.moments:MomentsScheme",
-    "moments_2016": "aras_visual_servo_controller.schemes.moments:Moments2016Scheme",
-    "kernel": "aras_visual_servo_controller.schemes.kernel:KernelScheme",
+    "moments": "aras_visual_servo_controller.before.schemes.moments:MomentsScheme",
+    "moments_2016": "aras_visual_servo_controller.before.schemes.moments:Moments2016Scheme",
+    "kernel": "aras_visual_servo_controller.before.schemes.kernel:KernelScheme",
 }
 
 
@@ -36,7 +36,7 @@ def find(name: str) -> type[Scheme]:
     if not (isinstance(found, type) and issubclass(found, Scheme)):
         raise ConfigurationError(
             f"scheme '{name}': {module_name} has no class {class_name} derived from "
-            "aras_visual_servo_controller.schemes.Scheme"
+            "aras_visual_servo_controller.before.schemes.Scheme"
         )
     return found
 

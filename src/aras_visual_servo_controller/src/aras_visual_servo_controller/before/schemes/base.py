@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..desired import Desired
+from ...desired import Desired
 from ..laws import Law
 
 LONGEST_GAP = 0.3  # s

@@ -58,5 +58,5 @@ set +u # catkin's file reads variables that may be unset
 set -u
 # Some of Debian's ROS tools start with `env python3`, which another Python in PATH would answer.
 export PATH=$root/.venv/bin:$PATH
-exec rosrun aras_visual_servo_controller demo --scheme "$scheme" --start "$start" --camera "$camera" \
+exec rosrun aras_visual_servo_bench demo --scheme "$scheme" --start "$start" --camera "$camera" \
     --out "$out" "${rviz[@]}"

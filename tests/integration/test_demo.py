@@ -12,7 +12,7 @@ import time
 import pytest
 from ros_graph import wait_for
 
-DEMO = [sys.executable, "-c", "import sys; from aras_visual_servo_controller.report.demo import "
+DEMO = [sys.executable, "-c", "import sys; from aras_visual_servo_bench.ros.demo import "
         "main; sys.exit(main())"]
 FILES = (
     "summary.json",

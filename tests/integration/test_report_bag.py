@@ -12,6 +12,8 @@ from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from tf2_msgs.msg import TFMessage
 
+from aras_visual_servo_bench.report import analysis
+from aras_visual_servo_bench.ros.bag import read_bag
 from aras_visual_servo_controller.before.laws import Proportional
 from aras_visual_servo_controller.before.schemes import create
 from aras_visual_servo_controller.before.servo import Servo
@@ -19,8 +21,6 @@ from aras_visual_servo_controller.conversions import fill_state
 from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_controller.goals import DESIRED_JOINTS, from_geometry
 from aras_visual_servo_controller.kinematics import JOINT_NAMES
-from aras_visual_servo_controller.report import analysis
-from aras_visual_servo_controller.report.run import read_bag
 from aras_visual_servo_controller.resolver import Resolver
 from aras_visual_servo_controller.settings import STARTS
 from aras_visual_servo_controller.virtual_robot import VirtualRobot

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from aras_visual_servo_bench.report import analysis, plots
+from aras_visual_servo_bench.report.recording import Images, MomentsTrack, Recording, States
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.before.schemes.moments import MomentsScheme
-from aras_visual_servo_controller.report import analysis, plots
-from aras_visual_servo_controller.report.run import Images, MomentsTrack, Run, States
 from aras_visual_servo_controller.virtual_robot import VirtualRobot
 
 CAMERA = CameraModel(320, 240, (102.74, 0.0, 159.5, 0.0, 102.74, 119.5, 0.0, 0.0, 1.0))
@@ -43,7 +43,7 @@ def run(loops):
         singular_values=np.array([c.resolution.singular_values for c in history]),
     )
     picture = np.full((240, 320, 3), 255, np.uint8)
-    return Run(
+    return Recording(
         states=states,
         joint_stamp=stamp,
         joints=np.array(joints),

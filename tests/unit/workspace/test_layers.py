@@ -9,13 +9,17 @@ import pytest
 
 SOURCES = Path(__file__).parents[3] / "src"
 LIBRARIES = {package: SOURCES / package / "src" / package for package in (
-    "aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller"
+    "aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller",
+    "aras_visual_servo_bench",
 )}
 # What each package may take from the others, besides their generated messages.
 ALLOWED = {
     "aras_sim_bridge": set(),
     "aras_visual_servo_camera": set(),
     "aras_visual_servo_controller": {"aras_visual_servo_camera"},
+    "aras_visual_servo_bench": {
+        "aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller"
+    },
 }
 
 
@@ -46,10 +50,11 @@ def _only_messages(file: Path, package: str) -> bool:
     return bool(names) and all(name.split(".")[1] in ("msg", "srv") for name in names)
 
 
-def test_bridge_floors_know_no_ros() -> None:
-    bridge = LIBRARIES["aras_sim_bridge"]
-    for file in bridge.rglob("*.py"):
-        if "ros" not in file.relative_to(bridge).parts:
+@pytest.mark.parametrize("package", ["aras_sim_bridge", "aras_visual_servo_bench"])
+def test_floors_below_the_skin_know_no_ros(package: str) -> None:
+    library = LIBRARIES[package]
+    for file in library.rglob("*.py"):
+        if "ros" not in file.relative_to(library).parts:
             tops = {name.split(".")[0] for name in imports(file)}
             assert not tops & {"rospy", "tf", "tf2_ros", "actionlib", "dynamic_reconfigure"}, file
 

@@ -1,8 +1,7 @@
-"""A run as plain arrays, and how to read one from a bag."""
+"""A recorded run read from a bag."""
 
 import contextlib
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,95 +9,17 @@ import numpy as np
 
 from aras_visual_servo_camera.errors import CalibrationError
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.errors import ServoError
+from aras_visual_servo_controller.kinematics import JOINT_NAMES
 
-from ..errors import ServoError
-from ..kinematics import JOINT_NAMES
+from ..report.recording import Images, MomentsTrack, Recording, States
 
 NAMESPACE = "/aras_visual_servo"
 CAMERA_LINK = "camera_link"
 OPTICAL_FRAME = "camera_optical_frame"
 
 
-@dataclass
-class States:
-    """What the controller reported, one row an image while it was servoing.
-
-    Attributes:
-        stamp: (n,) s.
-        phase, reason: n words.
-        names: of the k features.
-        features, desired, error: (n, k).
-        twist: (n, 6) of the camera, optical frame.
-        commands: (n, 6) joint commands.
-        singular_values: (n, 5), NaN where nothing was inverted.
-    """
-
-    stamp: np.ndarray
-    phase: list[str]
-    reason: list[str]
-    names: tuple[str, ...]
-    features: np.ndarray
-    desired: np.ndarray
-    error: np.ndarray
-    twist: np.ndarray
-    commands: np.ndarray
-    singular_values: np.ndarray
-
-
-@dataclass
-class Images:
-    """The camera's images.
-
-    Attributes:
-        stamp, arrival: (n,) s of simulated time: exposure, and when the recorder had it.
-        first, last: (H, W, 3) rgb of the first and the last image while servoing, or None.
-        camera: intrinsics and lens; where they are not known, one pixel is one normalised unit.
-    """
-
-    stamp: np.ndarray
-    arrival: np.ndarray
-    first: np.ndarray | None = None
-    last: np.ndarray | None = None
-    camera: CameraModel = CameraModel(1, 1, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))
-
-
-@dataclass
-class MomentsTrack:
-    """Valid ImageMoments: stamp (n,) s and raw and centred moments (n, count) of an order."""
-
-    stamp: np.ndarray
-    order: int
-    m: np.ndarray
-    mu: np.ndarray
-
-
-@dataclass
-class Run:
-    """Everything a report needs.
-
-    Attributes:
-        states: of the controller.
-        joint_stamp, joints: (n,) s and (n, 6) measured.
-        camera_stamp, camera_pose: (n,) s and (n, 4, 4) `base_T_optical` from TF.
-        images: of the camera.
-        moments: of the target.
-    """
-
-    states: States
-    joint_stamp: np.ndarray
-    joints: np.ndarray
-    camera_stamp: np.ndarray
-    camera_pose: np.ndarray
-    images: Images
-    moments: MomentsTrack
-
-    @property
-    def began(self) -> float:
-        """Stamp of the first image that was servoed on, s."""
-        return float(self.states.stamp[0])
-
-
-def read_bag(path: str | Path) -> Run:
+def read_bag(path: str | Path) -> Recording:
     """Read a bag that record.launch wrote.
 
     Raises:
@@ -189,7 +110,7 @@ class _Collector:
             pose = parent_T_frame @ pose
         return pose
 
-    def run(self, path: str) -> Run:
+    def run(self, path: str) -> Recording:
         for what, found in (
             ("states of a servoing controller", self._states),
             ("images", self._images),
@@ -202,7 +123,7 @@ class _Collector:
         camera_stamp, camera_pose = zip(*self._camera, strict=True)
         joint_stamp, joints = zip(*self._joints, strict=True)
         stamp, arrival = np.array(self._images).T
-        return Run(
+        return Recording(
             states=_states(self._states),
             joint_stamp=np.array(joint_stamp),
             joints=np.array(joints),

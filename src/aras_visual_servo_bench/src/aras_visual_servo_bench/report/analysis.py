@@ -5,16 +5,16 @@ from typing import Any
 import numpy as np
 
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.before.laws import Proportional
+from aras_visual_servo_controller.before.schemes import find
+from aras_visual_servo_controller.before.schemes.base import Measurement
+from aras_visual_servo_controller.before.schemes.moments import MomentsScheme
+from aras_visual_servo_controller.before.servo import CONVERGED
+from aras_visual_servo_controller.desired import Desired
+from aras_visual_servo_controller.errors import MeasurementError
+from aras_visual_servo_controller.kinematics import pose_difference
 
-from ..before.laws import Proportional
-from ..before.schemes import find
-from ..before.schemes.base import Measurement
-from ..before.schemes.moments import MomentsScheme
-from ..before.servo import CONVERGED
-from ..desired import Desired
-from ..errors import MeasurementError
-from ..kinematics import pose_difference
-from .run import Images, MomentsTrack, Run
+from .recording import Images, MomentsTrack, Recording
 
 SETTLED = 0.02  # part of the initial error norm
 LATE = 1.5  # image periods
@@ -70,7 +70,7 @@ def image_figures(images: Images) -> dict[str, Any]:
     }
 
 
-def summarise(run: Run, desired: Desired, **extra: Any) -> dict[str, Any]:
+def summarise(run: Recording, desired: Desired, **extra: Any) -> dict[str, Any]:
     """The contents of summary.json.
 
     Args:

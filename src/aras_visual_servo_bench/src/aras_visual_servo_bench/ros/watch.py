@@ -44,9 +44,8 @@ class Watch:
 
     def __init__(self) -> None:
         import rospy
-        from sensor_msgs.msg import JointState
-
         from aras_visual_servo_controller.msg import ServoState
+        from sensor_msgs.msg import JointState
 
         self.progress = Progress()
         self._lock = threading.Lock()

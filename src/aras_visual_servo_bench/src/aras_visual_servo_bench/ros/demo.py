@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 import rospy
 
-from ..before.servo import HOLDING
-from ..errors import ServoError
-from ..kinematics import Kinematics
+from aras_visual_servo_controller.before.servo import HOLDING
+from aras_visual_servo_controller.errors import ServoError
+from aras_visual_servo_controller.kinematics import Kinematics
+
 from .processes import Launch, free_port
 
 STARTUP_TIMEOUT = 90.0  # s of wall time until joint states and the recorder are there
@@ -99,7 +100,8 @@ class Demo:
 
     def _start(self) -> None:
         """Bring up master, simulator, recorder and nodes."""
-        from ..node import find_mounting
+        from aras_visual_servo_controller.node import find_mounting
+
         from .watch import Watch, wait_for_master
 
         _say("starting the simulator")
@@ -175,9 +177,10 @@ class Demo:
 
     def _report(self) -> int:
         """Write summary, pictures and plots; print the table."""
-        from ..settings import Settings
-        from . import analysis, plots
-        from .run import read_bag
+        from aras_visual_servo_controller.settings import Settings
+
+        from ..report import analysis, plots
+        from .bag import read_bag
 
         _say("reading the bag, drawing the plots")
         run = read_bag(self.bag)

@@ -11,9 +11,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..kinematics import JOINT_NAMES
-from ..target import PLATES
-from .run import Run
+from aras_visual_servo_controller.kinematics import JOINT_NAMES
+from aras_visual_servo_controller.target import PLATES
+
+from .recording import Recording
 
 # Okabe and Ito's palette: told apart by colour-blind readers too.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
@@ -50,7 +51,7 @@ WORDS = {
 
 
 def write_all(
-    run: Run,
+    run: Recording,
     goal_pose: np.ndarray,
     goal_centre: np.ndarray,
     directory: Path,
@@ -89,7 +90,7 @@ def write_all(
 
 
 def feature_errors(
-    run: Run, thresholds: Sequence[float] = (), settling: float | None = None
+    run: Recording, thresholds: Sequence[float] = (), settling: float | None = None
 ) -> Figure:
     """Error of every feature over time, a panel each, and their norm."""
     states = run.states
@@ -125,7 +126,7 @@ def feature_errors(
     return figure
 
 
-def camera_twist(run: Run) -> Figure:
+def camera_twist(run: Recording) -> Figure:
     """Twist asked of the camera: linear above, angular below."""
     time = run.states.stamp - run.began
     figure, (linear, angular) = plt.subplots(2, 1, sharex=True, figsize=(7.5, 5.2))
@@ -145,7 +146,7 @@ def camera_twist(run: Run) -> Figure:
     return figure
 
 
-def joint_positions(run: Run) -> Figure:
+def joint_positions(run: Recording) -> Figure:
     """Measured joints with their commands, a panel each."""
     time = run.joint_stamp - run.began
     commanded = run.states.stamp - run.began
@@ -171,7 +172,7 @@ def joint_positions(run: Run) -> Figure:
     return figure
 
 
-def camera_path(run: Run, goal_pose: np.ndarray) -> Figure:
+def camera_path(run: Recording, goal_pose: np.ndarray) -> Figure:
     """Path of the camera over the target, in the base frame."""
     servoing = run.camera_stamp >= run.began
     path = run.camera_pose[servoing][:, :3, 3]
@@ -211,7 +212,7 @@ def camera_path(run: Run, goal_pose: np.ndarray) -> Figure:
     return figure
 
 
-def image_trajectory(run: Run, goal_centre: np.ndarray) -> Figure:
+def image_trajectory(run: Recording, goal_centre: np.ndarray) -> Figure:
     """Where the target's centre of gravity went in the image, over the last image."""
     servoing = run.moments.stamp >= run.began
     m = run.moments.m[servoing]
@@ -250,7 +251,7 @@ def _legend(axis: Axes) -> None:
     axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
-def write_images(run: Run, directory: Path) -> list[Path]:
+def write_images(run: Recording, directory: Path) -> list[Path]:
     """first.png and last.png: what the camera saw when servoing began and at the end."""
     written = []
     for name, image in (("first.png", run.images.first), ("last.png", run.images.last)):

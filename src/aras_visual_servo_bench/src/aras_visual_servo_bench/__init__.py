@@ -1,0 +1,1 @@
+"""Visual servoing experiments: what joins the simulator, the camera and the controller."""

@@ -1,0 +1,1 @@
+"""What speaks ROS: the demo and the bags."""

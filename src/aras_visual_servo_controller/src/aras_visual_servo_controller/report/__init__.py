@@ -1,1 +1,0 @@
-"""From a recorded run to numbers, plots and a table: what the demo shows at its end."""

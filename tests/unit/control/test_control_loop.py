@@ -16,6 +16,9 @@ class Log:
     def __init__(self):
         self.calls = []
 
+    def reset(self):
+        """As the manager's."""
+
     def __getattr__(self, verb):
         return lambda time_ns, period: self.calls.append((verb, time_ns, period))
 

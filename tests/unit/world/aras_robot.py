@@ -36,10 +36,15 @@ def parameters():
 class ArasRobot:
     """A Simulation with the robot and its controllers running; cameras stay disabled."""
 
-    def __init__(self, simulation=None, urdf=URDF, cameras=None):
-        """`cameras`: settings laid over the URDF's, by name, as Simulation.spawn takes them."""
+    def __init__(self, simulation=None, urdf=URDF, cameras=None, interpolate=True):
+        """`cameras`: settings laid over the URDF's, by name, as Simulation.spawn takes them.
+
+        Without `interpolate`, commands are steps, as the original controllers take them.
+        """
         self.simulation = simulation or Simulation(SimulationConfig(renderer="tiny"))
         self.settings = parameters()
+        for controller in CONTROLLERS.values():
+            self.settings[controller]["interpolate"] = interpolate
         self.model = self.simulation.spawn(
             description(urdf), "aras_visual_servo", namespace="/aras_visual_servo",
             parameters=self.settings, cameras=cameras)

@@ -18,10 +18,10 @@ START_2016 = (-0.1, 0.0, math.radians(20), math.radians(-15), math.radians(-5), 
 REST_ERROR = {"gantry": 4e-5, "J1": 3.1e-4, "J2": 8.5e-4, "J3": 8e-4, "J5": 3e-4, "J6": 1.3e-2}
 
 
-@pytest.fixture
-def robot():
+@pytest.fixture(params=[False, True], ids=["steps", "interpolated"])
+def robot(request):
     """At zero, controllers running for a second."""
-    it = ArasRobot()
+    it = ArasRobot(interpolate=request.param)
     it.steps(1000)
     yield it
     it.close()
@@ -42,6 +42,7 @@ def assert_at_rest(robot, seconds=0.3):
         assert abs(position - before[joint]) < 3e-5, joint
 
 
+@pytest.mark.parametrize("robot", [False], indirect=True)
 def test_step_to_the_demonstration_s_start_meets_the_original_s_figures(robot):
     """All six joints at once, 0.1 m and 10 degrees: this step ends well inside the bands."""
     robot.command(START_2015)

@@ -29,12 +29,13 @@ class ControlLoop:
                 f"control period {self._control_ns} ns and physics step {step_ns} ns must be "
                 f"positive; look at <controlPeriod>"
             )
-        self.reset()
+        self._updated_ns: int | None = None
+        self._written_ns: int | None = None
 
     def reset(self) -> None:
         """Start over with the periods: the next step reads, updates and writes."""
-        self._updated_ns: int | None = None
-        self._written_ns: int | None = None
+        self._updated_ns = self._written_ns = None
+        self.manager.reset()
 
     def step(self, time_ns: int) -> None:
         """What is due at `time_ns`, the simulated time the coming physics step ends at."""

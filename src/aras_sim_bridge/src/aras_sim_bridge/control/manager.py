@@ -248,6 +248,14 @@ class ControllerManager:
                     self._abort(entry, "update", error)
                 entry.timer.add(clock_ns() - begin, time_ns, period)
 
+    def reset(self) -> None:
+        """The clock or the robot was put back: controllers forget commands not yet acted on."""
+        for entry in self._order:
+            try:
+                entry.controller.reset()
+            except Exception as error:
+                self._abort(entry, "reset", error)
+
     def carry_out(self, time_ns: int) -> None:
         """Carry out the open switches now: at the end of an update, or while time stands still."""
         pending, self._pending = self._pending, []

@@ -20,12 +20,15 @@ None means no such port. The paths in pids are 'pid', '<joint>/pid' (groups) or 
 trajectory_types.py; the action goes through submit_goal, cancel_goal and query_state of
 JointTrajectoryController. on_state is called synchronously from update() with an object that the
 controller does not touch again; as long as it is None, nothing is built. Every set_command may be
-called from any thread: the latest wins.
+called from any thread: it checks the command and puts it into the controller's slot, where the
+next update() finds the latest; starting() and a reset empty the slot. All else is the
+simulation's thread's.
 
 A controller of your own derives from Controller, sets these attributes and is named by parameter
 (see registry.py); it gets its topics without a change here.
 """
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import isfinite
@@ -105,7 +108,8 @@ class Controller:
     """Base of every controller.
 
     `type_names` are set by the registry's decorator; `interface` is the ros_control interface
-    whose joints it claims. Times are int ns of the simulated clock, periods float s.
+    whose joints it claims; `slot` holds the last checked command that no update has seen. Times
+    are int ns of the simulated clock, periods float s.
     """
 
     type_names: ClassVar[tuple[str, ...]] = ()
@@ -119,6 +123,7 @@ class Controller:
         self.joints: tuple[str, ...] = ()
         self.pids: dict[str, Pid] = {}
         self.on_state: Callable[[Any], None] | None = None
+        self.slot: deque[Any] = deque(maxlen=1)
 
     def init(self, hardware: Any, parameters: Mapping, context: Context) -> None:
         """Read the parameters and take the handles.
@@ -130,9 +135,14 @@ class Controller:
 
     def starting(self, time_ns: int) -> None:
         """Choose the set point so that nothing jumps; called before the first update."""
+        self.slot.clear()
 
     def update(self, time_ns: int, period: float) -> None:
         """One control cycle."""
+
+    def reset(self) -> None:
+        """The clock or the robot was put back: commands from before do not count any more."""
+        self.slot.clear()
 
     def stopping(self, time_ns: int) -> None:
         """Called when the controller stops; commands in the handles stay."""

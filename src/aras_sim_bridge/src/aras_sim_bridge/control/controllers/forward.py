@@ -57,15 +57,18 @@ class ForwardController(Controller):
 
     def starting(self, time_ns: int) -> None:
         """Stay: the present position, or 0."""
+        super().starting(time_ns)
         self._command = resting_command(self.interface, self.handle)
 
     def update(self, time_ns: int, period: float) -> None:
         """Hand the command on."""
+        if self.slot:
+            self._command = self.slot.pop()
         setattr(self.handle, self._target, self._command)
 
     def set_command(self, value: float) -> None:
         """In the interface's unit. Raises ControllerError if it is not finite."""
-        self._command = checked_number(value, self.context.name)
+        self.slot.append(checked_number(value, self.context.name))
 
 
 class ForwardGroupController(Controller):
@@ -85,10 +88,13 @@ class ForwardGroupController(Controller):
 
     def starting(self, time_ns: int) -> None:
         """Stay: the present positions, or 0."""
+        super().starting(time_ns)
         self._commands = [resting_command(self.interface, handle) for handle in self._handles]
 
     def update(self, time_ns: int, period: float) -> None:
         """Hand the commands on."""
+        if self.slot:
+            self._commands = self.slot.pop()
         for handle, command in zip(self._handles, self._commands, strict=True):
             setattr(handle, self._target, command)
 
@@ -98,4 +104,4 @@ class ForwardGroupController(Controller):
         Raises ControllerError, keeping the last command, on a wrong length or a number that is
         not finite.
         """
-        self._commands = checked_numbers(value, self.joints, self.context.name)
+        self.slot.append(checked_numbers(value, self.joints, self.context.name))

@@ -35,7 +35,9 @@ class GroupVelocityController(ForwardGroupController):
 
 @register("effort_controllers/JointGroupPositionController")
 class GroupEffortPositionController(Controller):
-    """effort = PID(position error), joint by joint. Parameters: `joints`, `<joint>/pid/...`."""
+    """effort = PID(position error), joint by joint. Parameters: `joints`, `<joint>/pid/...`,
+    `interpolate` (see PositionLoop).
+    """
 
     interface = EFFORT
     command_kind = "float64_array"
@@ -44,27 +46,29 @@ class GroupEffortPositionController(Controller):
         """Raises ControllerError for a missing joint or gain."""
         super().init(hardware, parameters, context)
         joints = params.names(parameters, "joints", context.where)
+        interpolate = bool(params.flag(parameters, "interpolate", context.where))
         self._loops = []
         for joint in joints:
             own = params.section(parameters, joint, context.where)
             where = f"{context.where}/{joint}"
             pid = Pid.from_parameters(params.section(own, "pid", where), f"{where}/pid")
             handle = self.take_handle(hardware, joint)
-            self._loops.append(PositionLoop(handle, pid, context.warn, context.name))
+            self._loops.append(PositionLoop(handle, pid, context.warn, context.name, interpolate))
             self.pids[f"{joint}/pid"] = pid
         self.joints = joints
 
     def starting(self, time_ns: int) -> None:
         """Hold the present positions."""
+        super().starting(time_ns)
         for loop in self._loops:
             loop.start()
-        self._commands = [loop.command for loop in self._loops]
 
     def update(self, time_ns: int, period: float) -> None:
         """Command each PID's effort."""
-        # One read of the attribute, so that all joints get the same command.
-        for loop, command in zip(self._loops, self._commands, strict=True):
-            loop.command = command
+        if self.slot:
+            for loop, command in zip(self._loops, self.slot.pop(), strict=True):
+                loop.take(command, time_ns)
+        for loop in self._loops:
             loop.handle.effort_command = loop.compute(time_ns, period)
 
     def set_command(self, value: Sequence[float]) -> None:
@@ -73,4 +77,4 @@ class GroupEffortPositionController(Controller):
         Raises ControllerError, keeping the last command, on a wrong length or a number that is
         not finite.
         """
-        self._commands = checked_numbers(value, self.joints, self.context.name)
+        self.slot.append(checked_numbers(value, self.joints, self.context.name))

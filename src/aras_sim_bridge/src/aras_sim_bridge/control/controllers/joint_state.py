@@ -54,6 +54,7 @@ class JointStateController(Controller):
 
     def starting(self, time_ns: int) -> None:
         """Make the first cycle sample; a restart keeps the rhythm."""
+        super().starting(time_ns)
         if self._start_ns is None:
             self._start_ns = time_ns - 1.001 * self._step_ns
 
@@ -70,8 +71,9 @@ class JointStateController(Controller):
             self._start_ns = time_ns - 1.001 * self._step_ns
             self._periods = 0
         self._periods += 1
-        if self.on_state is not None:
-            self.on_state(self.sample(time_ns))
+        listener = self.on_state  # another thread may take it away at any time
+        if listener is not None:
+            listener(self.sample(time_ns))
 
     def sample(self, time_ns: int) -> JointStates:
         """All joints now."""

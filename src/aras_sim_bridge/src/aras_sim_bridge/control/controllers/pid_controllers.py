@@ -36,8 +36,10 @@ class _PidController(Controller):
         self._updates = 0
 
     def _publish(self, time_ns: int, period: float) -> None:
-        if self._updates % STATE_EVERY == 0 and self.on_state is not None:
-            self.on_state(self.state(time_ns, period))
+        if self._updates % STATE_EVERY == 0:
+            listener = self.on_state  # another thread may take it away at any time
+            if listener is not None:
+                listener(self.state(time_ns, period))
         self._updates += 1
 
     def state(self, time_ns: int, period: float) -> JointControllerState:
@@ -46,19 +48,26 @@ class _PidController(Controller):
 
 
 class PidPositionController(_PidController):
-    """output = PID(position error), the set point within the URDF's limits."""
+    """output = PID(position error), the set point within the URDF's limits.
+
+    Parameter beside those of the base: `interpolate` (see PositionLoop).
+    """
 
     def init(self, hardware: Any, parameters: Mapping, context: Context) -> None:
         """Raises ControllerError for a missing joint, gain, or joint of that interface."""
         super().init(hardware, parameters, context)
-        self._loop = PositionLoop(self.handle, self.pid, context.warn, context.name)
+        interpolate = bool(params.flag(parameters, "interpolate", context.where))
+        self._loop = PositionLoop(self.handle, self.pid, context.warn, context.name, interpolate)
 
     def starting(self, time_ns: int) -> None:
         """Hold the present position."""
+        super().starting(time_ns)
         self._loop.start()
 
     def update(self, time_ns: int, period: float) -> None:
         """Command the PID's output."""
+        if self.slot:
+            self._loop.take(self.slot.pop(), time_ns)
         setattr(self.handle, self._target, self._loop.compute(time_ns, period))
         self._publish(time_ns, period)
 
@@ -68,7 +77,7 @@ class PidPositionController(_PidController):
 
     def set_command(self, value: float) -> None:
         """Position in rad or m. Raises ControllerError if it is not finite."""
-        self._loop.command = checked_number(value, self.context.name)
+        self.slot.append(checked_number(value, self.context.name))
 
 
 class PidVelocityController(_PidController):
@@ -81,11 +90,14 @@ class PidVelocityController(_PidController):
 
     def starting(self, time_ns: int) -> None:
         """Come to rest."""
+        super().starting(time_ns)
         self._command = 0.0
         self.pid.reset()
 
     def update(self, time_ns: int, period: float) -> None:
         """Command the PID's output."""
+        if self.slot:
+            self._command = self.slot.pop()
         self._set_point = command = self._command
         self._error = command - self.handle.velocity
         self._output = self.pid.compute(self._error, period)
@@ -102,4 +114,4 @@ class PidVelocityController(_PidController):
 
     def set_command(self, value: float) -> None:
         """Velocity in rad/s or m/s. Raises ControllerError if it is not finite."""
-        self._command = checked_number(value, self.context.name)
+        self.slot.append(checked_number(value, self.context.name))

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from aras_sim_bridge import angles
 from aras_sim_bridge.control.controllers.base import JointControllerState
+from aras_sim_bridge.control.controllers.interpolation import Interpolation
 from aras_sim_bridge.control.joints import JointHandle, Occurrence
 from aras_sim_bridge.control.pid import Pid
 
@@ -12,14 +13,20 @@ class PositionLoop:
     """Output of a position PID for one joint (effort or velocity, as the gains mean it).
 
     The set point is clamped to the URDF's limits in each cycle's copy, `command` stays as it was
-    given; the error goes the short way round where the joint and its limits allow.
+    given; the error goes the short way round where the joint and its limits allow. With
+    `interpolate` the set point moves from command to command instead of stepping.
     """
 
     __slots__ = ("handle", "pid", "command", "set_point", "error", "output", "_wraps", "_lower",
-                 "_upper", "_limited", "_beyond", "_warn", "_label")
+                 "_upper", "_limited", "_beyond", "_warn", "_label", "_interpolation")
 
     def __init__(
-        self, handle: JointHandle, pid: Pid, warn: Callable[[str], None], label: str
+        self,
+        handle: JointHandle,
+        pid: Pid,
+        warn: Callable[[str], None],
+        label: str,
+        interpolate: bool = False,
     ) -> None:
         self.handle = handle
         self.pid = pid
@@ -30,16 +37,25 @@ class PositionLoop:
         self._lower, self._upper = travel or (float("-inf"), float("inf"))
         self._wraps = handle.kind in ("revolute", "continuous")
         self._beyond = Occurrence()
+        self._interpolation = Interpolation(handle) if interpolate else None
         self.start()
 
     def start(self) -> None:
         """Hold the present position, within the limits, with a fresh PID."""
         position = self.handle.position
         self.command = self.set_point = min(max(position, self._lower), self._upper)
+        if self._interpolation is not None:
+            self._interpolation.start(self.command)
         self.error = 0.0
         self.output = 0.0
         self._beyond.reset()
         self.pid.reset()
+
+    def take(self, command: float, time_ns: int) -> None:
+        """Go to `command` (rad or m), which arrived in the cycle at `time_ns`."""
+        self.command = command
+        if self._interpolation is not None:
+            self._interpolation.take(min(max(command, self._lower), self._upper), time_ns)
 
     def compute(self, time_ns: int, period: float) -> float:
         """The PID's output for this cycle."""
@@ -48,6 +64,8 @@ class PositionLoop:
         lower, upper = self._lower, self._upper
         if not lower <= command <= upper:
             command = self._clamp(command, time_ns)
+        if self._interpolation is not None:
+            command = self._interpolation.advance(period)
         error = command - position
         # Within half a turn, and inside the limits, the plain difference is the short way.
         if self._wraps and not (-3.14 < error < 3.14):

@@ -1,0 +1,189 @@
+"""Interpolated set points: where they are, that they never jump, and what switches them on."""
+
+from math import pi
+from types import SimpleNamespace
+
+import pytest
+
+from aras_sim_bridge.control.controllers.interpolation import Interpolation
+from aras_sim_bridge.control.joints import JointHandle
+
+MS = 1_000_000
+
+
+def interpolation(kind="revolute", velocity=5.0):
+    limits = SimpleNamespace(lower=-9.0, upper=9.0, velocity=velocity, effort=1.0)
+    return Interpolation(JointHandle("a", kind, limits))
+
+
+def follow(it, commands, ms, period=0.001):
+    """Set points at each ms; `commands` maps the ms of arrival to a command."""
+    values = []
+    for k in range(1, ms + 1):
+        if k in commands:
+            it.take(commands[k], k * MS)
+        values.append(it.advance(period))
+    return values
+
+
+@pytest.mark.parametrize("interval", [2, 4, 10, 33, 100])
+def test_a_steady_stream_is_followed_one_interval_and_3_ms_behind(interval):
+    it = interpolation()
+    speed = 0.8
+    commands = {k: speed * k / 1000 for k in range(1, 6000, interval)}
+    values = follow(it, commands, 5900)
+    # A command acts from the start of the cycle it arrives in, 1 ms earlier; the lag's own 3 ms.
+    behind = [speed * k / 1000 - value for k, value in enumerate(values, 1)]
+    wanted = speed * (interval - 1 + 3) / 1000
+    assert behind[-200:] == pytest.approx([wanted] * 200, abs=1e-5 * speed * interval)
+    steps = [b - a for a, b in zip(values[-200:], values[-199:], strict=False)]
+    assert steps == pytest.approx([speed / 1000] * 199, rel=2e-3)
+
+
+def test_one_command_is_reached_exactly_and_never_passed():
+    it = interpolation()
+    it.start(0.25)
+    values = follow(it, {1: 0.35}, 300)
+    assert values[-1] == 0.35
+    assert all(b >= a for a, b in zip(values, values[1:], strict=False))
+    # 33 ms of line (0.1 rad takes 20 ms at 5 rad/s), nearly all of it within 50 ms.
+    assert values[30] < 0.34 < values[50]
+    assert max(b - a for a, b in zip(values, values[1:], strict=False)) <= 0.1 / 33
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_far_command_is_approached_at_the_joint_s_velocity_limit(sign):
+    it = interpolation(velocity=2.0)
+    values = follow(it, {1: sign * 3.0}, 2000)
+    assert max(abs(b - a) for a, b in zip(values, values[1:], strict=False)) \
+        == pytest.approx(0.002, rel=1e-6)
+    assert sign * values[1400] < 3.0
+    assert values[-1] == sign * 3.0
+
+
+def test_without_a_velocity_limit_a_far_command_takes_the_usual_interval():
+    for handle in (JointHandle("a", "revolute"), interpolation(velocity=0.0)):
+        it = Interpolation(handle) if isinstance(handle, JointHandle) else handle
+        assert follow(it, {1: 50.0}, 80)[-1] == pytest.approx(50.0, abs=1e-3)
+
+
+def test_pauses_and_a_clock_set_back_do_not_change_the_interval():
+    """The first line of a new stream takes as long as the last ones of the stream before."""
+    for again_ms in (400, 700_000, -300):
+        it = interpolation()
+        values = follow(it, {k: 0.0 for k in range(1, 200, 10)}, 300)
+        it.take(0.01, 300 * MS + again_ms * MS)
+        values = [it.advance(0.001) for _ in range(40)]
+        # Over 10.3 ms (the mean interval after 20 commands), not over 33 or 100.
+        assert values[8] == pytest.approx(0.01 * (9 - 3 * (1 - 0.75**9)) / 10.26, rel=0.01)
+        assert values[39] == pytest.approx(0.01, rel=1e-3)
+
+
+def test_starting_forgets_the_stream_and_rests():
+    it = interpolation()
+    follow(it, {k: 0.001 * k for k in range(1, 200, 10)}, 200)
+    it.start(-1.0)
+    assert follow(it, {}, 50) == [-1.0] * 50
+    fresh = interpolation()
+    fresh.start(-1.0)
+    assert follow(it, {1: -0.9}, 50) == follow(fresh, {1: -0.9}, 50)
+
+
+def test_a_late_command_makes_the_line_rest_only_shortly():
+    """Jitter of 1 ms at 100 commands a second: the speed stays within 25 % of the stream's."""
+    it = interpolation()
+    arrivals = [1]
+    for k in range(150):
+        arrivals.append(arrivals[-1] + (9, 11, 10, 10)[k * 7 % 4])
+    values = follow(it, {at: 0.001 * at for at in arrivals}, 1400)
+    speeds = [(b - a) / 0.001 for a, b in zip(values[400:], values[401:], strict=False)]
+    assert min(speeds) > 0.7
+    assert max(speeds) < 1.25
+
+
+def test_a_continuous_joint_takes_the_short_way():
+    it = interpolation("continuous")
+    it.start(3.0)
+    values = follow(it, {1: -3.0}, 300)
+    assert values[-1] == pytest.approx(2 * pi - 3.0)
+    assert max(values) == values[-1]
+
+
+def test_the_set_point_does_not_depend_on_the_control_period():
+    """Lines in time, not in cycles: after 20 ms of 1 ms or 5 ms cycles, the same place."""
+    fine, coarse = interpolation(), interpolation()
+    for it, period in ((fine, 0.001), (coarse, 0.005)):
+        it.take(0.1, MS)
+        for _ in range(round(0.020 / period)):
+            it.advance(period)
+    assert coarse.value == pytest.approx(fine.value, abs=0.1 * 0.002 / 0.033)
+
+
+PREFIX = {"effort": "EffortJointInterface", "velocity": "VelocityJointInterface"}
+
+
+@pytest.fixture(params=["effort_controllers/JointPositionController",
+                        "velocity_controllers/JointPositionController",
+                        "effort_controllers/JointGroupPositionController"])
+def rig_of(request, make_rig, make_joint):
+    """make(interpolate=…) gives (rig, give a command, the set point's error times 10)."""
+
+    def make(**parameters):
+        output = request.param.split("_")[0]
+        joint = make_joint("a", interface=PREFIX[output])
+        own = {"type": request.param, "joint": "a", "pid": {"p": 10.0}, **parameters}
+        group = "Group" in request.param
+        if group:
+            own |= {"joints": ["a"], "a": {"pid": {"p": 10.0}}}
+        rig = make_rig([joint], {"c": own}, physics=False)
+        rig.model.q[0] = 0.5
+        controller = rig.run("c")
+        handle = rig.hardware.handles["a"]
+
+        def give(value):
+            controller.set_command([value] if group else value)
+
+        return rig, give, lambda: getattr(handle, f"{output}_command")
+
+    return make
+
+
+def test_position_controllers_interpolate_where_the_parameter_says_so(rig_of):
+    rig, give, output = rig_of(interpolate=True)
+    give(0.6)
+    outputs = []
+    for _ in range(200):
+        rig.step()
+        outputs.append(output())
+    jumps = [b - a for a, b in zip([0.0, *outputs], outputs, strict=False)]
+    assert max(jumps) < 1.0 / 30
+    assert outputs[-1] == pytest.approx(10 * (0.6 - 0.5))
+
+
+@pytest.mark.parametrize("parameters", [{}, {"interpolate": False}])
+def test_without_it_a_command_is_a_step(rig_of, parameters):
+    rig, give, output = rig_of(**parameters)
+    give(0.6)
+    rig.step()
+    assert output() == 10.0 * (0.6 - 0.5)
+
+
+def test_the_set_point_stays_within_the_limits_and_state_shows_it(make_rig, make_joint):
+    own = {"type": "effort_controllers/JointPositionController", "joint": "a",
+           "pid": {"p": 10.0}, "interpolate": True}
+    rig = make_rig([make_joint("a")], {"c": own}, physics=False)
+    controller = rig.run("c")
+    states = []
+    controller.on_state = states.append
+    controller.set_command(7.0)
+    rig.step(900)
+    assert states[0].set_point < 0.2
+    assert states[-1].set_point == 2.0
+    for state in states:
+        assert state.error == state.set_point - state.process_value
+        assert state.command == pytest.approx(10.0 * state.error)
+
+
+def test_an_ill_typed_parameter_is_named(rig_of):
+    with pytest.raises(Exception, match="/robot/c/interpolate must be true or false"):
+        rig_of(interpolate=1)

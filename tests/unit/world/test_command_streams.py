@@ -1,0 +1,69 @@
+"""The shipped robot follows streams of commands without ringing.
+
+J3 and J5 have stiff PIDs without d; a step of the command every 33 ms makes J5 turn at 41 times
+the commanded speed. Commands are what a servo sends: points of a motion, one an interval.
+"""
+
+import math
+
+import pytest
+from aras_robot import CONTROLLERS, ArasRobot, parameters
+
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+
+MOTIONS = {  # (position after t s, greatest speed)
+    "ramp": (lambda t: min(t, 0.6), 1.0),
+    "sine": (lambda t: 0.3 * math.sin(math.pi * t), 0.3 * math.pi),
+}
+
+
+@pytest.fixture
+def robot():
+    it = ArasRobot(Simulation(SimulationConfig(renderer="tiny")))
+    it.steps(300)
+    yield it
+    it.close()
+
+
+def worst_speed(robot, joint, motion, per_second, first=0):
+    """Greatest joint speed of 0.9 s, with each command where the motion is when it is sent."""
+    controller = robot.manager.get(CONTROLLERS[joint])
+    slot = robot.model.joint_names.index(joint)
+    origin = robot.positions()[joint]
+    sent, worst = first, 0.0
+    for step in range(900):
+        if step * per_second >= (sent - first) * 1000:
+            controller.set_command(origin + motion(sent / per_second))
+            sent += 1
+        robot.steps(1)
+        worst = max(worst, abs(robot.model.read_joints()[1][slot]))
+    return worst
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+@pytest.mark.parametrize("per_second", [30, 100, 250])
+@pytest.mark.parametrize("joint", ["J3", "J5"])
+def test_no_joint_is_half_again_as_fast_as_its_commands(robot, joint, per_second, motion):
+    position, speed = MOTIONS[motion]
+    assert worst_speed(robot, joint, position, per_second) <= 1.5 * speed
+
+
+@pytest.mark.parametrize("per_second", [30, 100])
+@pytest.mark.parametrize("joint", ["J3", "J5"])
+def test_nor_where_the_first_command_is_a_step_already(robot, joint, per_second):
+    position, speed = MOTIONS["ramp"]
+    assert worst_speed(robot, joint, position, per_second, first=1) <= 1.5 * speed
+
+
+@pytest.mark.parametrize("joint", CONTROLLERS)
+def test_all_six_controllers_interpolate_in_the_shipped_parameters(robot, joint):
+    """A single command is no step of the set point, which the state topic shows."""
+    assert parameters()[CONTROLLERS[joint]]["interpolate"] is True
+    controller = robot.manager.get(CONTROLLERS[joint])
+    states = []
+    controller.on_state = states.append
+    start = robot.positions()[joint]
+    controller.set_command(start + 0.05)
+    robot.steps(400)
+    assert start < states[0].set_point < start + 0.02
+    assert states[-1].set_point == start + 0.05

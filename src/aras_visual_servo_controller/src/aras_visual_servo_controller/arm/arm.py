@@ -1,0 +1,295 @@
+"""Kinematics of any chain of joints that moves a camera, from the robot's URDF, by Pinocchio."""
+
+import threading
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pinocchio
+
+from ..errors import ConfigurationError, MeasurementError
+from ..joint_sample import JointSample
+from .chain import DescribedJoint, Description, nearest
+
+# A measured position further outside its limits than their span, or a speed so many times the
+# joint's greatest, is no measurement. A joint without limits may have turned this far, rad or m.
+UNLIMITED_SPAN, IMPLAUSIBLE_SPEED = 1e4, 100.0
+
+
+class Arm:
+    """Pose and Jacobian of a camera as functions of the joints that move it.
+
+    The base is the robot's root link, or the link named; where the arm hangs in a world is the
+    world's affair, and what is called `world_T_camera` in this package is `base_T_camera`.
+
+    With a `target_frame` the camera need not be on the arm: the Jacobian is that of the camera's
+    motion relative to that link (eye-to-hand: the camera stands still and the arm moves the
+    target).
+
+    Attributes:
+        names: (n,) of the joints, from the base to the camera, then those to the target.
+        lower, upper: (n,) limits of position, rad or m; infinite for continuous joints.
+        velocity, effort: (n,) greatest, rad/s or m/s and N m or N; infinite where none is said.
+        prismatic: (n,) bool.
+        camera_frame, base_frame, target_frame: links; target_frame '': the target stands still.
+    """
+
+    def __init__(
+        self,
+        camera_way: Sequence[DescribedJoint],
+        target_way: Sequence[DescribedJoint] = (),
+        joints: Sequence[str] | None = None,
+        locked: Mapping[str, float] | None = None,
+    ) -> None:
+        """Build from the joints on the way to the camera, and to the target; see `from_urdf`."""
+        moving = [joint for joint in camera_way if joint.kind != "fixed"]
+        on_camera_way = {joint.name for joint in camera_way}
+        moving += [j for j in target_way if j.kind != "fixed" and j.name not in on_camera_way]
+        moving = _chosen(moving, joints)
+        if not moving:
+            raise ConfigurationError("robot description: no joint moves the camera")
+        for name in ("lower", "upper", "velocity", "effort"):
+            setattr(self, name, _fixed([getattr(joint, name) for joint in moving]))
+        self.names = tuple(joint.name for joint in moving)
+        self.prismatic = np.array([joint.kind == "prismatic" for joint in moving])
+        self.prismatic.setflags(write=False)
+        self.camera_frame, self.base_frame = camera_way[-1].child, camera_way[0].parent
+        self.target_frame = target_way[-1].child if target_way else ""
+
+        # Pinocchio keeps the joints in its own order; ours is a permutation of it.
+        self._model = pinocchio.Model()
+        ids: dict[str, int] = {}
+        self._camera = self._extend(camera_way, ids, locked or {})
+        self._target = self._extend(target_way, ids, locked or {}) if target_way else None
+        self._order = np.array([self._model.joints[ids[name]].idx_v for name in self.names])
+        self._straight = bool((self._order == np.arange(len(self.names))).all())
+        self._data = self._model.createData()
+        self._lock = threading.Lock()  # Pinocchio's data are one workspace
+
+    @classmethod
+    def from_urdf(
+        cls,
+        urdf: str,
+        camera_frame: str = "camera_optical_frame",
+        base_frame: str = "",
+        joints: Sequence[str] | None = None,
+        target_frame: str = "",
+        locked: Mapping[str, float] | None = None,
+    ) -> "Arm":
+        """The arm that a robot's description says moves the camera.
+
+        Args:
+            urdf: text of the description.
+            camera_frame: optical frame (z forward, x right, y down). Where the description has
+                only its camera link (x forward, z up), the optical frame is put there.
+            base_frame: '' for the description's root.
+            joints: names of the joints to use, in the order wanted; None: all that move the
+                camera, from the base on. The others stand still.
+            target_frame: a link that carries the target, where the arm moves it.
+            locked: positions of the joints that stand still, rad or m; 0 where not given.
+
+        Raises:
+            ConfigurationError: the description cannot be used, with what is missing and the
+                nearest name.
+        """
+        description = Description(urdf)
+        camera_way = description.way(base_frame, camera_frame)
+        if not camera_way:
+            raise ConfigurationError(
+                f"robot description: {camera_frame} is the base itself, no joint moves it"
+            )
+        target_way = description.way(base_frame, target_frame) if target_frame else ()
+        return cls(camera_way, target_way, joints, locked)
+
+    def __len__(self) -> int:
+        """Number of joints."""
+        return len(self.names)
+
+    def pose(self, q: np.ndarray) -> np.ndarray:
+        """`world_T_camera` (4, 4), that is base_T_camera, for joints q (n,); read-only."""
+        with self._lock:
+            pinocchio.forwardKinematics(self._model, self._data, self._inner(q))
+            pose = pinocchio.updateFramePlacement(self._model, self._data, self._camera)
+            return _read_only(pose.homogeneous)
+
+    def target_pose(self, q: np.ndarray) -> np.ndarray:
+        """`world_T_target` (4, 4), the frame that the camera's motion is relative to; read-only.
+
+        The base's own where the target stands still.
+        """
+        if self._target is None:
+            return _read_only(np.eye(4))
+        with self._lock:
+            pinocchio.forwardKinematics(self._model, self._data, self._inner(q))
+            pose = pinocchio.updateFramePlacement(self._model, self._data, self._target)
+            return _read_only(pose.homogeneous)
+
+    def jacobian(self, q: np.ndarray) -> np.ndarray:
+        """Geometric Jacobian (6, n) of the camera, expressed in the optical frame.
+
+        twist = jacobian(q) @ q_dot, with twist = (vx, vy, vz, wx, wy, wz) of the camera in its
+        own frame, m/s and rad/s; relative to the target's frame where the arm moves that.
+        """
+        return self.view(q)[1]
+
+    def view(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`target_T_camera` (4, 4) and `jacobian` (6, n) of one posture, computed together."""
+        model, data, inner = self._model, self._data, self._inner(q)
+        with self._lock:
+            pinocchio.computeJointJacobians(model, data, inner)
+            jacobian = pinocchio.getFrameJacobian(model, data, self._camera, pinocchio.LOCAL)
+            pose = pinocchio.updateFramePlacement(model, data, self._camera)
+            if self._target is not None:
+                # The target's motion, carried to the camera and turned into its axes.
+                moved = pinocchio.getFrameJacobian(model, data, self._target, pinocchio.LOCAL)
+                target = pinocchio.updateFramePlacement(model, data, self._target)
+                camera_T_target = pose.actInv(target)
+                jacobian = jacobian - camera_T_target.toActionMatrix() @ moved
+                pose = target.actInv(pose)
+            pose = pose.homogeneous
+        return pose, jacobian if self._straight else jacobian[:, self._order]
+
+    def joint_frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places (n, 3) and unit axes (n, 3) of the joints in the base's frame."""
+        with self._lock:
+            pinocchio.computeJointJacobians(self._model, self._data, self._inner(q))
+            columns = np.array(self._data.J)[:, self._order].T
+            ids = [self._model.getJointId(name) for name in self.names]
+            places = np.array([self._data.oMi[i].translation for i in ids])
+        axes = np.where(self.prismatic[:, None], columns[:, :3], columns[:, 3:])
+        return places, axes
+
+    def sample(
+        self,
+        names: Sequence[str],
+        positions: Sequence[float],
+        velocities: Sequence[float] = (),
+        stamp: float = 0.0,
+    ) -> JointSample:
+        """The arm's joints out of a message's, found by name; velocities are 0 where none came.
+
+        Raises:
+            MeasurementError: a joint is missing, lengths differ, or a value is not plausible: not
+                finite, or further outside its limits than a joint can stand.
+        """
+        if len(names) != len(positions):
+            raise MeasurementError(f"{len(names)} joint names but {len(positions)} positions")
+        if len(velocities) not in (0, len(names)):
+            raise MeasurementError(f"{len(names)} joint names but {len(velocities)} velocities")
+        index = {name: i for i, name in enumerate(names)}
+        missing = [name for name in self.names if name not in index]
+        if missing:
+            raise MeasurementError(
+                f"joint states lack {', '.join(missing)}{nearest(missing[0], names)}"
+            )
+        rows = [index[name] for name in self.names]
+        q = np.array([positions[i] for i in rows], float)
+        speed = np.array([velocities[i] for i in rows] if len(velocities) else np.zeros(len(q)))
+        self.check(q, speed)
+        return JointSample.of(stamp, self.names, q, speed)
+
+    def check(self, q: np.ndarray, velocities: np.ndarray | None = None) -> None:
+        """Refuse positions and velocities (n,) that no joint of this arm can have.
+
+        Raises:
+            MeasurementError: one is not finite, or implausibly large.
+        """
+        span = np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, np.nan)
+        low = np.nan_to_num(self.lower - span, nan=-UNLIMITED_SPAN)
+        high = np.nan_to_num(self.upper + span, nan=UNLIMITED_SPAN)
+        bad = ~((q >= low) & (q <= high))
+        if bad.any():
+            joint = int(np.flatnonzero(bad)[0])
+            raise MeasurementError(
+                f"{self.names[joint]} measured at {q[joint]:g}: no position that it can have "
+                f"({self.lower[joint]:g} to {self.upper[joint]:g})"
+            )
+        if velocities is None:
+            return
+        bad = ~(np.abs(velocities) <= IMPLAUSIBLE_SPEED * np.maximum(self.velocity, 1.0))
+        bad |= ~np.isfinite(velocities)
+        if bad.any():
+            joint = int(np.flatnonzero(bad)[0])
+            raise MeasurementError(
+                f"{self.names[joint]} measured at a speed of {velocities[joint]:g}: no speed that "
+                f"it can have (limit {self.velocity[joint]:g})"
+            )
+
+    def inverse(
+        self, world_T_camera: np.ndarray, q0: np.ndarray, tolerance: float = 1e-9
+    ) -> np.ndarray:
+        """Joints (n,) within the limits that put the camera at a pose (4, 4), found from q0 (n,).
+
+        Raises:
+            UnreachableError: no such joints were found; with how far the nearest is.
+        """
+        from .inverse import solve  # here, because it works on this class
+
+        return solve(self, world_T_camera, q0, tolerance)
+
+    def _inner(self, q: np.ndarray) -> np.ndarray:
+        """Joints in Pinocchio's order, as the array it wants."""
+        q = np.asarray(q, float)
+        if q.shape != self._order.shape:
+            raise ValueError(f"an arm of {len(self.names)} joints was given joints {q.shape}")
+        if self._straight:
+            return q
+        inner = np.empty_like(q)
+        inner[self._order] = q
+        return inner
+
+    def _extend(
+        self, way: Sequence[DescribedJoint], ids: dict[str, int], locked: Mapping[str, float]
+    ) -> int:
+        """Add the joints of a way that are not there yet; returns the frame at its end."""
+        parent, parent_T_next = 0, pinocchio.SE3.Identity()
+        for joint in way:
+            if joint.name not in self.names:
+                step = joint.at(locked.get(joint.name, 0.0))
+                parent_T_next = parent_T_next * _placement(step)
+                continue
+            if joint.name not in ids:
+                kind = (
+                    pinocchio.JointModelPrismaticUnaligned
+                    if joint.kind == "prismatic"
+                    else pinocchio.JointModelRevoluteUnaligned
+                )
+                ids[joint.name] = self._model.addJoint(
+                    parent,
+                    kind(joint.axis),
+                    parent_T_next * _placement(joint.origin),
+                    joint.name,
+                )
+            parent, parent_T_next = ids[joint.name], pinocchio.SE3.Identity()
+        return self._model.addFrame(
+            pinocchio.Frame(way[-1].child, parent, parent_T_next, pinocchio.FrameType.OP_FRAME)
+        )
+
+
+def _chosen(
+    moving: list[DescribedJoint], joints: Sequence[str] | None
+) -> list[DescribedJoint]:
+    """The joints asked for, in the order asked for."""
+    if joints is None:
+        return moving
+    by_name = {joint.name: joint for joint in moving}
+    for name in joints:
+        if name not in by_name:
+            raise ConfigurationError(
+                f"no joint {name} moves the camera{nearest(name, by_name)}"
+            )
+    if len(set(joints)) != len(joints):
+        raise ConfigurationError(f"joints {', '.join(joints)}: one is named twice")
+    return [by_name[name] for name in joints]
+
+
+def _placement(a_T_b: np.ndarray) -> pinocchio.SE3:
+    return pinocchio.SE3(a_T_b[:3, :3].copy(), a_T_b[:3, 3].copy())
+
+
+def _fixed(values: Sequence[float]) -> np.ndarray:
+    return _read_only(np.array(values, float))
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,101 @@
+"""Joints for a pose of the camera, found numerically: for starts and goals given as poses."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from ..errors import UnreachableError
+from .poses import rotation_vector
+
+if TYPE_CHECKING:
+    from .arm import Arm
+
+LENGTH = 0.1  # m that weigh as much as one radian
+ATTEMPTS = 16  # beginnings tried, the given one first
+
+
+def solve(arm: "Arm", world_T_camera: np.ndarray, q0: np.ndarray, tolerance: float) -> np.ndarray:
+    """Joints (n,) within the limits, see `Arm.inverse`; redundant joints stay near q0.
+
+    Raises:
+        UnreachableError: with the distance that is left at the best joints found.
+        ValueError: the pose is not one.
+    """
+    goal = np.asarray(world_T_camera, float)
+    rotation = goal[:3, :3] if goal.shape == (4, 4) else np.zeros((3, 3))
+    if not (np.isfinite(goal).all() and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)):
+        raise ValueError("a pose of the camera has to be a rigid (4, 4) array")
+    q0 = np.asarray(q0, float)
+    low = np.where(np.isfinite(arm.lower), arm.lower, q0 - 2.0 * np.pi)
+    high = np.where(np.isfinite(arm.upper), arm.upper, q0 + 2.0 * np.pi)
+    random = np.random.default_rng(0)
+    best: tuple[float, np.ndarray] | None = None
+    begin = q0
+    for attempt in range(ATTEMPTS):
+        begin = np.clip(begin, low, high)
+        # From the given joints the steps are small where possible: they answer what is near.
+        found = least_squares(
+            _residual,
+            np.clip(begin, low + 1e-9, high - 1e-9),
+            _derivative,
+            bounds=(low, high),
+            args=(arm, goal),
+            xtol=1e-15,
+            ftol=1e-15,
+            gtol=1e-15,
+            max_nfev=80,
+        )
+        left = float(np.linalg.norm(found.fun))
+        if best is None or left < best[0]:
+            best = left, found.x
+        if left < tolerance:
+            return found.x
+        # A joint that may turn for ever is tried within a turn of where it was.
+        reach = np.minimum(high - low, 2.0 * np.pi) * min(1.0, 0.2 + attempt / ATTEMPTS)
+        begin = q0 + random.uniform(-0.5, 0.5, len(q0)) * reach
+    residual = _residual(best[1], arm, goal)
+    distance = float(np.linalg.norm(residual[:3]))
+    turn = float(np.linalg.norm(residual[3:])) / LENGTH
+    x, y, z = goal[:3, 3]
+    raise UnreachableError(
+        f"camera position ({x:.4f}, {y:.4f}, {z:.4f}) m with its attitude is out of the arm's "
+        f"reach: the nearest posture found is {distance * 1e3:.2f} mm and {np.degrees(turn):.2f} "
+        "degrees away",
+        excess=distance,
+    )
+
+
+def _residual(q: np.ndarray, arm: "Arm", goal: np.ndarray) -> np.ndarray:
+    """What is left to the goal, in the camera's frame: place (m), then LENGTH x rotation."""
+    pose, _ = arm.view(q)
+    place = pose[:3, :3].T @ (goal[:3, 3] - pose[:3, 3])
+    turn = rotation_vector(pose[:3, :3].T @ goal[:3, :3])
+    return np.concatenate([place, LENGTH * turn])
+
+
+def _derivative(q: np.ndarray, arm: "Arm", goal: np.ndarray) -> np.ndarray:
+    """Of the residual, (6, n)."""
+    pose, jacobian = arm.view(q)
+    camera_R_goal = pose[:3, :3].T @ goal[:3, :3]
+    place = pose[:3, :3].T @ (goal[:3, 3] - pose[:3, 3])
+    turn = rotation_vector(camera_R_goal)
+    rows = np.empty_like(jacobian)
+    rows[:3] = -jacobian[:3] + _cross(place) @ jacobian[3:]
+    rows[3:] = -LENGTH * _left_inverse(turn) @ jacobian[3:]
+    return rows
+
+
+def _cross(v: np.ndarray) -> np.ndarray:
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _left_inverse(turn: np.ndarray) -> np.ndarray:
+    """Inverse left Jacobian (3, 3) of a rotation vector."""
+    angle = float(np.linalg.norm(turn))
+    cross = _cross(turn)
+    if angle < 1e-4:
+        return np.eye(3) - 0.5 * cross + cross @ cross / 12.0
+    half = 0.5 * angle
+    return np.eye(3) - 0.5 * cross + (1.0 - half / np.tan(half)) / angle**2 * cross @ cross

@@ -1,0 +1,48 @@
+"""Arms that tests of the servo core work with: the laboratory's, and two of a public registry."""
+
+import os
+import sysconfig
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_controller.arm import Arm
+
+ROBOTS = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo" / "robots"
+FOREIGN = Path(sysconfig.get_paths()["purelib"], "cmeel.prefix/share/example-robot-data/robots")
+FOREIGN_ARMS = {
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", "tool0"),
+    "panda": ("panda_description/urdf/panda.urdf", "panda_hand_tcp"),
+}
+NAMES = ("aras", *FOREIGN_ARMS)
+
+
+def urdf(name: str) -> str:
+    """Text of the description of that robot."""
+    if name == "aras":
+        return (ROBOTS / "aras_visual_servo.urdf").read_text()
+    path = FOREIGN / FOREIGN_ARMS[name][0]
+    if not path.is_file():
+        missing = f"{path} is missing: pip install -r requirements.txt (example-robot-data)"
+        if os.environ.get("ARAS_REQUIRE_GRAPH"):
+            pytest.fail(missing)
+        pytest.skip(missing)
+    return path.read_text()
+
+
+def make(name: str) -> Arm:
+    """The arm of that name, its camera at the tool where it has none."""
+    return Arm.from_urdf(urdf(name), FOREIGN_ARMS.get(name, ("", "camera_optical_frame"))[1])
+
+
+def exact_urdf() -> str:
+    """The laboratory's description with right angles, where it says 1.5708 and 3.1416."""
+    return urdf("aras").replace("1.5708", repr(np.pi / 2)).replace("3.1416", repr(np.pi))
+
+
+def within(arm: Arm, random: np.random.Generator, part: float = 0.9) -> np.ndarray:
+    """Random joints (n,), within that part of their limits and of one radian either way."""
+    low, high = np.maximum(arm.lower, -1.5), np.minimum(arm.upper, 1.5)
+    middle, half = 0.5 * (low + high), 0.5 * part * (high - low)
+    return middle + half * random.uniform(-1.0, 1.0, len(low))

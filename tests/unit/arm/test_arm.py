@@ -1,0 +1,288 @@
+"""Kinematics from the description: against the closed form, finite differences and Pinocchio's own
+reading of the URDF."""
+
+import numpy as np
+import pinocchio
+import pytest
+from arms import NAMES, exact_urdf, make, urdf, within
+
+from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.arm.poses import (
+    inverse,
+    optical,
+    pose_difference,
+    rotation_vector,
+    transform,
+)
+from aras_visual_servo_controller.errors import (
+    ConfigurationError,
+    MeasurementError,
+    UnreachableError,
+)
+from aras_visual_servo_controller.kinematics import Kinematics
+
+ARAS_JOINTS = ("gantry", "J1", "J2", "J3", "J5", "J6")
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def arm(request):
+    return make(request.param)
+
+
+def body_rate(view, q, rates, step=1e-6):
+    """Twist (6,) of the camera in its own frame by central differences of its pose (4, 4)."""
+    before, after = view(q - step * rates), view(q + step * rates)
+    moved = inverse(view(q)) @ (after - before) / (2.0 * step)
+    R = moved[:3, :3]
+    spin = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    return np.concatenate([moved[:3, 3], spin])
+
+
+def test_aras_is_its_closed_form():
+    arm, closed = Arm.from_urdf(exact_urdf()), Kinematics()
+    random = np.random.default_rng(1)
+    for _ in range(50):
+        q = random.uniform(-1.4, 1.4, 6)
+        assert np.abs(arm.pose(q) - closed.pose(q)).max() < 1e-12
+        assert np.abs(arm.jacobian(q) - closed.jacobian(q)).max() < 1e-12
+
+
+def test_jacobian_is_the_derivative_of_the_pose(arm):
+    random = np.random.default_rng(2)
+    for _ in range(20):
+        q = within(arm, random)
+        jacobian = arm.jacobian(q)
+        for joint, axis in enumerate(np.eye(len(arm))):
+            seen = body_rate(arm.pose, q, axis)
+            assert np.abs(seen - jacobian[:, joint]).max() < 1e-8
+
+
+@pytest.mark.parametrize(("name", "frame"), [("ur5", "tool0"), ("panda", "panda_hand_tcp")])
+def test_pose_is_that_of_pinocchio_s_own_reader(name, frame):
+    arm, text = make(name), urdf(name)
+    model = pinocchio.buildModelFromXML(text)
+    data, random = model.createData(), np.random.default_rng(3)
+    for _ in range(10):
+        q = within(arm, random)
+        full = pinocchio.neutral(model)
+        for joint, value in zip(arm.names, q, strict=True):
+            full[model.joints[model.getJointId(joint)].idx_q] = value
+        pinocchio.framesForwardKinematics(model, data, full)
+        assert np.abs(data.oMf[model.getFrameId(frame)].homogeneous - arm.pose(q)).max() < 1e-12
+
+
+def test_names_and_limits_are_the_description_s():
+    arm = make("aras")
+    assert arm.names == ARAS_JOINTS
+    assert arm.upper.tolist() == [1.5, 2.0943, 2.0943, 2.0943, 2.0943, 3000.0]
+    assert arm.lower.tolist() == [-1.5, -2.0943, -2.0943, -2.0943, -2.0943, -3000.0]
+    assert arm.velocity.tolist() == [5.0] * 6
+    assert arm.effort.tolist() == [80000.0, *[50000.0] * 5]
+    assert arm.prismatic.tolist() == [True, False, False, False, False, False]
+    panda = make("panda")
+    assert len(panda) == 7 and panda.lower[3] == -3.0718 and panda.upper[5] == 3.7525
+
+
+def test_arrays_cannot_be_written():
+    arm = make("aras")
+    pose = arm.pose(np.zeros(6))
+    for array in (arm.lower, arm.velocity, pose):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
+    arm.pose(np.ones(6))
+    assert pose[2, 3] == pytest.approx(0.78222, abs=1e-6)  # not a view of what is computed next
+
+
+def test_joints_in_another_order_and_some_alone():
+    arm, q = make("aras"), np.array([0.1, 0.2, 0.3, -0.4, 0.1, 0.5])
+    turned = Arm.from_urdf(urdf("aras"), joints=ARAS_JOINTS[::-1])
+    assert turned.names == ARAS_JOINTS[::-1]
+    assert np.abs(turned.pose(q[::-1]) - arm.pose(q)).max() < 1e-15
+    assert np.abs(turned.jacobian(q[::-1]) - arm.jacobian(q)[:, ::-1]).max() < 1e-15
+    assert turned.lower[-1] == -1.5
+    four = Arm.from_urdf(
+        urdf("aras"), joints=("J1", "J2", "J3", "J6"), locked={"gantry": 0.1, "J5": 0.1}
+    )
+    assert np.abs(four.pose(q[[1, 2, 3, 5]]) - arm.pose(q)).max() < 1e-15
+    assert np.abs(four.jacobian(q[[1, 2, 3, 5]]) - arm.jacobian(q)[:, [1, 2, 3, 5]]).max() < 1e-15
+
+
+def test_from_another_base():
+    arm, q = make("aras"), np.array([0.1, 0.2, 0.3, -0.4, 0.1, 0.5])
+    above = Arm.from_urdf(urdf("aras"), "link0")
+    above = above.pose(q[:1])
+    below = Arm.from_urdf(urdf("aras"), base_frame="link0")
+    assert below.names == ARAS_JOINTS[1:]
+    base_T_link = Arm.from_urdf(urdf("aras"), "slider").pose(q[:1])
+    assert np.abs(below.jacobian(q[1:]) - arm.jacobian(q)[:, 1:]).max() < 1e-12
+    assert np.abs(above @ below.pose(q[1:]) - arm.pose(q)).max() < 1e-12
+    assert base_T_link.shape == (4, 4)
+
+
+def test_an_optical_frame_not_described_is_where_gazebo_s_camera_looks():
+    without = urdf("aras").replace("camera_optical_frame", "other_frame")
+    q = np.array([0.1, 0.2, 0.3, -0.4, 0.1, 0.5])
+    arm = Arm.from_urdf(without)
+    assert np.abs(arm.pose(q) - make("aras").pose(q)).max() < 1e-12
+    assert np.abs(arm.jacobian(q) - make("aras").jacobian(q)).max() < 1e-12
+    link = Arm.from_urdf(without, "camera_link")
+    assert np.abs(optical(link.pose(q)) - arm.pose(q)).max() < 1e-15
+
+
+EYE_TO_HAND = """<robot name="r"><link name="world"/><link name="camera_link"/><link name="stand"/>
+<joint name="rail" type="prismatic"><parent link="world"/><child link="stand"/>
+  <axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+<joint name="pan" type="continuous"><parent link="stand"/><child link="camera_link"/>
+  <origin xyz="0 0 1" rpy="0 1.2 0"/><axis xyz="0 0 2"/></joint>
+<link name="arm"/><link name="hand"/>
+<joint name="shoulder" type="revolute"><parent link="stand"/><child link="arm"/>
+  <origin xyz="0.5 0 0"/><axis xyz="0 0 1"/>
+  <limit lower="-2" upper="2" velocity="1" effort="1"/></joint>
+<joint name="elbow" type="revolute"><parent link="arm"/><child link="hand"/>
+  <origin xyz="0.4 0 0.1"/><axis xyz="0 1 0"/>
+  <limit lower="-2" upper="2" velocity="1" effort="1"/></joint>
+</robot>"""
+
+
+def test_eye_to_hand_is_the_motion_relative_to_the_target():
+    arm = Arm.from_urdf(EYE_TO_HAND, target_frame="hand")
+    assert arm.names == ("rail", "pan", "shoulder", "elbow")
+    camera, hand = Arm.from_urdf(EYE_TO_HAND), Arm.from_urdf(EYE_TO_HAND, "hand")
+
+    def relative(q):
+        return inverse(hand.pose(q[[0, 2, 3]])) @ camera.pose(q[:2])
+
+    random = np.random.default_rng(4)
+    for _ in range(10):
+        q = random.uniform(-1, 1, 4)
+        target_T_camera, jacobian = arm.view(q)
+        assert np.abs(target_T_camera - relative(q)).max() < 1e-12
+        assert np.abs(inverse(arm.target_pose(q)) @ arm.pose(q) - relative(q)).max() < 1e-12
+        for joint, axis in enumerate(np.eye(4)):
+            assert np.abs(body_rate(relative, q, axis) - jacobian[:, joint]).max() < 1e-8
+        assert np.abs(jacobian[:, 0]).max() < 1e-12  # the rail carries both
+
+
+def test_inverse_comes_back_to_the_pose(arm):
+    random = np.random.default_rng(5)
+    for _ in range(10):
+        q = within(arm, random, 0.8)
+        found = arm.inverse(arm.pose(q), q + random.uniform(-0.2, 0.2, len(q)))
+        distance, angle = pose_difference(arm.pose(found), arm.pose(q))
+        assert distance < 1e-8 and angle < 1e-7
+        assert (found >= arm.lower).all() and (found <= arm.upper).all()
+
+
+def test_inverse_tells_how_far_beyond_reach_a_pose_is():
+    arm = make("ur5")
+    far = arm.pose(np.full(6, 0.3)).copy()
+    far[:3, 3] *= 2.0 / np.linalg.norm(far[:3, 3])
+    with pytest.raises(UnreachableError, match="out of the arm's reach") as caught:
+        arm.inverse(far, np.full(6, 0.3))
+    assert 0.7 < caught.value.excess < 1.4
+    with pytest.raises(ValueError, match="rigid"):
+        arm.inverse(2.0 * far, np.full(6, 0.3))
+
+
+def test_sample_finds_joints_by_name():
+    arm = make("aras")
+    names = sorted(ARAS_JOINTS) + ["gripper"]
+    values = dict(zip(names, np.arange(7.0) / 10, strict=True))
+    sample = arm.sample(names, list(values.values()), [0.5] * 7, 2.5)
+    assert sample.names == ARAS_JOINTS and sample.stamp == 2.5
+    assert sample.positions.tolist() == [values[name] for name in ARAS_JOINTS]
+    assert sample.velocities.tolist() == [0.5] * 6
+    assert arm.sample(names, list(values.values())).velocities.tolist() == [0.0] * 6
+
+
+@pytest.mark.parametrize(
+    ("names", "positions", "velocities", "words"),
+    [
+        (ARAS_JOINTS[:5], [0.0] * 5, (), "lack J6"),
+        (ARAS_JOINTS, [0.0] * 5, (), "6 joint names but 5 positions"),
+        (ARAS_JOINTS, [0.0] * 6, [0.0] * 5, "6 joint names but 5 velocities"),
+        (ARAS_JOINTS, [0, 0, np.nan, 0, 0, 0], (), "J2 measured at nan"),
+        (ARAS_JOINTS, [1e308] * 6, (), "gantry measured at 1e.308"),
+        (ARAS_JOINTS, [0, 0, 0, -7, 0, 0], (), "J3 measured at -7"),
+        (ARAS_JOINTS, [0, 0, 0, 0, 0, -9001], (), "J6 measured at -9001"),
+        (ARAS_JOINTS, [0.0] * 6, [0, 0, 0, 0, 0, 1e308], "J6 measured at a speed of"),
+        (ARAS_JOINTS, [0.0] * 6, [0, np.nan, 0, 0, 0, 0], "J1 measured at a speed of nan"),
+    ],
+)
+def test_measurements_that_cannot_be_are_refused(names, positions, velocities, words):
+    with pytest.raises(MeasurementError, match=words):
+        make("aras").sample(names, positions, velocities)
+
+
+def test_a_joint_pushed_a_little_over_its_limit_is_still_measured():
+    arm = make("aras")
+    assert arm.sample(ARAS_JOINTS, [0, 0, 2.3, -2.3, 0, 0]).positions[2] == 2.3
+
+
+CHANGES = [
+    ("<?xml", "<robot", "not XML"),
+    ("camera_optical_frame", "lens", "no link camera_optical_frame; there are base_link, slider"),
+    ('<parent link="link3"/>', "", "J5 lacks its parent"),
+    ('name="J5" type="revolute"', 'name="J5" type="floating"', "J5 .*'floating'"),
+    ('<limit lower="-3000" upper="3000" effort="50000" velocity="5"/>', "", "J6 has no <limit>"),
+    ('lower="-3000" upper="3000"', 'lower="3000" upper="-3000"', "J6: lower limit 3000"),
+    ('lower="-3000"', 'lower="many"', "J6: lower='many' must be a number"),
+    ('effort="80000" velocity="5"', 'effort="80000" velocity="-5"', "gantry: velocity='-5'"),
+    ('<axis xyz="0 -1 0"/>', '<axis xyz="0 0 0"/>', "J5 has an axis of no length"),
+    ('<axis xyz="0 -1 0"/>', '<axis xyz="0 0"/>', "J5: xyz='0 0' must be 3 finite numbers"),
+    ('<axis xyz="0 -1 0"/>', '<axis xyz="0 -1 0"/><mimic joint="J3"/>', "J5 mimics another"),
+    ('rpy="3.14 -1.57 0"', 'rpy="3.14 -1.57 nan"', "camera_joint: rpy='3.14 -1.57 nan'"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "words"), CHANGES, ids=[c[2] for c in CHANGES])
+def test_what_is_wrong_with_a_description_is_said_in_a_line(old, new, words):
+    text = urdf("aras")
+    assert old in text
+    if words.startswith("no link"):
+        text = text.replace("camera_link", "body")
+    with pytest.raises(ConfigurationError, match=words) as caught:
+        Arm.from_urdf(text.replace(old, new))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"camera_frame": "camera_lnk"}, "no link camera_lnk; did you mean camera_link"),
+        ({"base_frame": "lnk2"}, "does not hang on lnk2; did you mean link2"),
+        ({"target_frame": "planar_objct"}, "did you mean planar_object"),
+        ({"joints": ("gantry", "J4")}, "no joint J4 moves the camera"),
+        ({"joints": ("J1", "J1")}, "named twice"),
+        ({"joints": ()}, "no joint moves the camera"),
+        ({"camera_frame": "base_link"}, "base_link is the base itself"),
+    ],
+)
+def test_names_that_are_not_there(options, words):
+    with pytest.raises(ConfigurationError, match=words):
+        Arm.from_urdf(urdf("aras"), **options)
+
+
+def test_a_loop_of_links_is_named():
+    loop = EYE_TO_HAND.replace(
+        "</robot>",
+        '<joint name="j" type="fixed"><parent link="hand"/><child link="world"/></joint></robot>',
+    )
+    with pytest.raises(ConfigurationError, match="hangs on itself"):
+        Arm.from_urdf(loop)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-5, 0.5, 3.0, np.pi - 1e-7, np.pi])
+def test_rotation_vectors(angle):
+    axis = np.array([1.0, -2.0, 0.5]) / np.sqrt(5.25)
+    rotation = pinocchio.exp3(axis * angle)
+    turn = rotation_vector(rotation)
+    assert np.abs(pinocchio.exp3(turn) - rotation).max() < 1e-9
+    assert np.linalg.norm(turn) == pytest.approx(angle, abs=1e-9)
+
+
+def test_roll_pitch_yaw_as_urdf_means_them():
+    pose = transform((1, 2, 3), (0.1, 0.2, 0.3))
+    assert np.abs(pose[:3, :3] - pinocchio.rpy.rpyToMatrix(0.1, 0.2, 0.3)).max() < 1e-15
+    assert pose[:3, 3].tolist() == [1, 2, 3]
+    assert np.abs(inverse(pose) @ pose - np.eye(4)).max() < 1e-15

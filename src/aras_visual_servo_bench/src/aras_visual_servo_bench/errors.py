@@ -1,0 +1,13 @@
+"""Faults of this package: each message says what, where and how to mend it."""
+
+
+class BenchError(Exception):
+    """Base of every fault that this package raises on purpose."""
+
+
+class ExperimentError(BenchError):
+    """An experiment that cannot be run as it is written."""
+
+
+class ViewError(BenchError):
+    """A view that shows no target: it is behind the camera or outside of the picture."""

@@ -1,0 +1,179 @@
+"""An experiment is data: what is servoed, what it sees, what it is told, and for how long."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .cameras import Belief
+from .checked import build, nearest, read_yaml, require
+from .robots import RobotSpec
+from .targets import Motion
+
+PLANTS = ("bullet", "chain", "free")
+FEATURES = ("auto", "pictures", "exact")
+COMMANDS = ("joint_states", "images")
+Pair = tuple[float, float]
+Six = tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """Draws starts from which the target is wholly in view, with the experiment's seed.
+
+    height: of the camera above the target, least and greatest, m. side: greatest offset along
+    the world's x and y, m. turn: greatest turn about the vertical from the goal's heading, rad.
+    tilt: greatest lean from the goal's attitude, rad. margin: of the view, px from each border.
+    attempts: after which the sampler gives up.
+    """
+
+    height: Pair = (0.15, 0.5)
+    side: float = 0.1
+    turn: float = 2.967  # 170 degrees
+    tilt: float = 0.0
+    margin: float = 2.0
+    attempts: int = 500
+
+    def __post_init__(self) -> None:
+        low, high = self.height
+        require(0.0 < low <= high, f"start.height is {low:g} to {high:g}, must rise from above 0 m")
+        for name in ("side", "turn", "tilt", "margin"):
+            value = getattr(self, name)
+            require(value >= 0.0, f"start.{name} is {value:g}, must be 0 or more")
+        require(self.attempts >= 1, "start.attempts must be 1 or more")
+
+
+@dataclass(frozen=True)
+class CameraPose:
+    """A pose of the camera's optical frame in the world: x, y, z (m), roll, pitch, yaw (rad)."""
+
+    pose: Six
+
+
+@dataclass(frozen=True)
+class TargetSpec:
+    """The target: 'aras', the demo's two plates, or corners (x, y), m, of a flat polygon.
+
+    pose: x, y, z (m), roll, pitch, yaw (rad) of its frame in the world; its z axis is its normal.
+    The plates of 'aras' are placed in the world's own frame. motion: see Motion.
+    """
+
+    shape: str | tuple[Pair, ...] = "aras"
+    pose: Six = (0.0,) * 6
+    motion: Motion = Motion()
+
+    def __post_init__(self) -> None:
+        require(
+            self.shape == "aras" or not isinstance(self.shape, str),
+            f"target.shape is '{self.shape}', must be aras or a list of corners",
+        )
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Everything that decides how a run goes; the same experiment gives the same run.
+
+    plant: 'bullet' (simulated arm), 'chain' (arm without dynamics) or 'free' (flying camera).
+    robot: see RobotSpec. friction: of its joints (bullet). lag: of each joint (chain, free), s.
+    target: see TargetSpec; the Bullet arm has the one of its description, which must be said here.
+    camera: name of a preset, path of a YAML file, or the settings: the true one.
+    camera_xyz, camera_rpy: how it is moved in its link, m and rad.
+    believed: how the controller's idea of the camera differs; see Belief.
+    features: 'pictures', 'exact' (chain and free only), 'auto': pictures of the Bullet arm.
+    noise: of grey levels, standard deviation. jitter: of exact features, px.
+    delay: s from an exposure to its answer, computing included.
+    commands: 'joint_states': streamed with each of them, as on a graph in real time; 'images':
+        one an image, as on a graph in lockstep.
+    start: name of a pose, joints (rad, m), a CameraPose, or a Sampler.
+    goal: name or path of a goal file, joints, or a CameraPose, at which the goal is taught.
+    scheme: name, or 'package.module:Class'. law: its name. gain: 1/s; None: the law's own.
+    options: further parameters of the controller, by name, as its node has them.
+    duration: s after the first image. linger: s to go on after it has converged; None: to the end.
+    reached: m and rad within which the goal counts as reached.
+    seed: of all that is random. renderer: of the Bullet arm: auto, opengl or tiny.
+    traced: note each joint's greatest speed at every step of the physics.
+    """
+
+    plant: str = "bullet"
+    robot: RobotSpec = RobotSpec()
+    friction: bool = True
+    lag: float = 0.04
+    target: TargetSpec = TargetSpec()
+    camera: str | Mapping[str, Any] = "original"
+    camera_xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    camera_rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    believed: Belief = Belief()
+    features: str = "auto"
+    noise: float = 0.0
+    jitter: float = 0.0
+    delay: float = 0.015
+    commands: str = "joint_states"
+    start: str | tuple[float, ...] | CameraPose | Sampler = "2016"
+    goal: str | tuple[float, ...] | CameraPose = "auto"
+    scheme: str = "moments"
+    law: str = "proportional"
+    gain: float | None = None
+    options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    duration: float = 8.0
+    linger: float | None = 0.5
+    reached: Pair = (0.3e-3, 0.00524)  # m; rad, 0.3 degrees
+    seed: int = 0
+    renderer: str = "auto"
+    traced: bool = False
+
+    def __post_init__(self) -> None:
+        for name, known in (("plant", PLANTS), ("features", FEATURES), ("commands", COMMANDS)):
+            value = getattr(self, name)
+            require(value in known, f"{name} is '{value}': {nearest(value, known)}")
+        for name in ("lag", "noise", "jitter", "delay"):
+            value = getattr(self, name)
+            require(value >= 0.0, f"{name} is {value:g}, must be 0 or more")
+        require(self.duration > 0.0, f"duration is {self.duration:g} s, must be above 0")
+        require(self.linger is None or self.linger >= 0.0, "linger must be 0 s or more, or null")
+        require(self.gain is None or self.gain > 0.0, f"gain is {self.gain}, must be above 0")
+        require(min(self.reached) > 0.0, "reached must hold a distance and an angle above 0")
+        require(self.seed >= 0, f"seed is {self.seed}, must be 0 or more")
+        if self.plant == "bullet":
+            require(
+                self.features != "exact",
+                "features are 'exact', but the Bullet arm has pictures: use plant chain or free",
+            )
+            require(
+                self.target.motion.still and not any(self.target.pose),
+                "the Bullet arm's target lies still in its description: for one that moves use "
+                "plant chain or free",
+            )
+        else:
+            require(not self.traced, "traced is for the Bullet arm: other plants have no steps")
+        require(
+            not self.pictures or not self.jitter,
+            "jitter is for exact features: give noise for pictures",
+        )
+        require(self.pictures or not self.noise, "noise is for pictures: give jitter, in px")
+
+    @property
+    def pictures(self) -> bool:
+        """Whether the features are taken from pictures."""
+        return self.features == "pictures" or (self.features == "auto" and self.plant == "bullet")
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> Experiment:
+        """An experiment of the keys that are given; the others keep their defaults.
+
+        Raises:
+            ExperimentError: naming the key, what is wrong and what would be right.
+        """
+        return build(cls, values)
+
+    @classmethod
+    def from_yaml(cls, path: str | Path) -> Experiment:
+        """An experiment of a YAML file; ExperimentError as above."""
+        return cls.from_mapping(read_yaml(path) or {})
+
+    def with_(self, **changes: Any) -> Experiment:
+        """This experiment with some keys changed, checked as from a mapping."""
+        here = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        return build(type(self), {**here, **changes})

@@ -1,0 +1,93 @@
+"""The interface of all plants: simulated time, commands in, measurements out, and the truth."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aras_visual_servo_camera.undistortion import CameraModel
+
+
+@dataclass(frozen=True, eq=False)
+class JointReading:
+    """What the joints' sensors say.
+
+    stamp_ns: simulated time. names: any order. positions, velocities: in that order, rad or m, /s.
+    """
+
+    stamp_ns: int
+    names: tuple[str, ...]
+    positions: Sequence[float]
+    velocities: Sequence[float]
+
+
+@dataclass(frozen=True, eq=False)
+class CameraReading:
+    """What the camera delivers: a picture, or exact features where there are no pictures.
+
+    stamp_ns: of the exposure. image: (rows, columns[, 3]) uint8 and its encoding, or None.
+    depth: (rows, columns) m or None. outline: (n, 2), points: (m, 2) normalised, None: not in view.
+    """
+
+    stamp_ns: int
+    image: np.ndarray | None = None
+    encoding: str = ""
+    depth: np.ndarray | None = None
+    outline: np.ndarray | None = None
+    points: np.ndarray | None = None
+
+    @property
+    def pictured(self) -> bool:
+        """Whether it is a picture and not exact features."""
+        return self.image is not None
+
+
+Reading = JointReading | CameraReading
+
+
+class Plant(ABC):
+    """An arm or a free camera before its target, in simulated time from 0 on.
+
+    Attributes:
+        camera: the true camera.
+        joint_names: those that can be commanded.
+        outputs: kinds of command that it takes, of position, velocity and effort.
+    """
+
+    camera: CameraModel
+    joint_names: tuple[str, ...]
+    outputs: frozenset[str]
+
+    @property
+    @abstractmethod
+    def time_ns(self) -> int:
+        """Simulated time, ns."""
+
+    @abstractmethod
+    def advance(self, until_ns: int) -> list[Reading]:
+        """Let time go on until something is measured, at most to `until_ns`; what was measured.
+
+        With physics time goes in steps, so it may end less than a step after `until_ns`.
+        """
+
+    @abstractmethod
+    def command(self, kind: str, values: Sequence[float]) -> None:
+        """Command all joints in the order of `joint_names`; acts from the next step on.
+
+        kind: 'position' (rad, m), 'velocity' (rad/s, m/s) or 'effort' (N m, N).
+        """
+
+    @abstractmethod
+    def pose(self) -> np.ndarray:
+        """The truth: world_T_camera (4, 4) of the optical frame now."""
+
+    @abstractmethod
+    def joints(self) -> tuple[np.ndarray, np.ndarray]:
+        """The truth: positions (n,) and velocities (n,) in the order of `joint_names`."""
+
+    def close(self) -> None:
+        """Give back what it holds; safe to call twice."""
+        return

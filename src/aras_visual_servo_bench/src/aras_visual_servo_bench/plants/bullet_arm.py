@@ -1,0 +1,150 @@
+"""The simulated arm: Bullet's physics, ros_control's controllers, rendered pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+
+from .. import cameras
+from ..errors import ExperimentError
+from ..robots import Robot
+from .base import CameraReading, JointReading, Plant, Reading
+
+MODEL = "robot"
+
+
+class BulletArm(Plant):
+    """The robot in the bridge's Simulation, spawned at its start; one thousand steps a second."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        camera: Mapping[str, Any],
+        joints: Mapping[str, float],
+        seed: int = 0,
+        renderer: str = "auto",
+        traced: bool = False,
+    ) -> None:
+        """Spawn the robot at these joints, controllers and camera running.
+
+        Args:
+            camera: settings laid over the description's camera.
+            joints: positions by name, rad or m.
+            traced: keep every step's joint velocities, for `peak_speed`.
+
+        Raises:
+            ExperimentError: what of it is impossible.
+        """
+        description = robot.description()
+        mounted = [c for c in description.cameras if robot.spec.camera in ("", _name(c))]
+        if not mounted:
+            known = ", ".join(map(_name, description.cameras)) or "none"
+            raise ExperimentError(f"the robot has no camera '{robot.spec.camera}'; it has: {known}")
+        name, self._link = _name(mounted[0]), mounted[0].link
+        cameras.model_of(camera)  # the simulator would go on without an impossible camera
+        self.joint_names = robot.arm().names
+        controllers, kind = robot.controllers(self.joint_names)
+        self.outputs = frozenset((kind,))
+        self._controllers = list(controllers.values())
+        self._readings: list[Reading] = []
+        self._peak = np.zeros(len(self.joint_names)) if traced else None
+        self._simulation = Simulation(SimulationConfig(renderer=renderer, seed=seed))
+        try:
+            self._spawn(robot, description, name, camera, joints)
+        except SimError as error:
+            self.close()
+            raise ExperimentError(str(error)) from error
+
+    def _spawn(
+        self,
+        robot: Robot,
+        description: Any,
+        camera: str,
+        settings: Mapping[str, Any],
+        joints: Mapping[str, float],
+    ) -> None:
+        simulation, spec = self._simulation, robot.spec
+        own: dict[str, Any] = dict(settings)
+        for part in reversed(camera.strip("/").split("/")):
+            own = {part: own}
+        simulation.spawn(
+            description, MODEL, namespace=spec.namespace, parameters=robot.parameters,
+            joint_positions=joints, cameras=own,
+        )  # fmt: skip
+        self._robot = simulation.robots[MODEL]
+        self._model = self._robot.model
+        self._rows = [self._model.joint_names.index(name) for name in self.joint_names]
+        self._robot.start([spec.joint_states, *self._controllers])
+        simulation.step()  # controllers run from the first step on: now commands count
+        self._robot.manager.get(spec.joint_states).on_state = self._on_joints
+        mounted = simulation.camera("/" + camera.strip("/"))
+        mounted.on_frame, mounted.enabled = self._on_frame, True
+        self._link_T_camera = np.array(mounted.parent_T_optical)
+        self.camera = cameras.model_of_info(mounted.sensor.info)
+
+    @property
+    def time_ns(self) -> int:
+        """Simulated time, ns."""
+        return self._simulation.time_ns
+
+    def advance(self, until_ns: int) -> list[Reading]:
+        """Step until something was measured or `until_ns` is reached."""
+        simulation, step, readings = self._simulation, self._simulation.step, self._readings
+        if self._peak is not None:
+            step = self._traced_step
+        while not readings and simulation.time_ns < until_ns:
+            step()
+        self._readings = []
+        return readings
+
+    def command(self, kind: str, values: Sequence[float]) -> None:
+        """Command all joints."""
+        if kind not in self.outputs:
+            raise ExperimentError(
+                f"the robot's controllers take {', '.join(self.outputs)} commands, not {kind}"
+            )
+        for controller, value in zip(self._controllers, values, strict=True):
+            self._robot.command(controller, float(value))
+
+    def pose(self) -> np.ndarray:
+        """world_T_camera (4, 4) from the physics."""
+        return np.array(self._model.link_pose(self._link).matrix()) @ self._link_T_camera
+
+    def joints(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and velocities from the physics."""
+        positions, velocities = self._model.read_joints()[:2]
+        return np.array(positions)[self._rows], np.array(velocities)[self._rows]
+
+    @property
+    def peak_speed(self) -> np.ndarray | None:
+        """Greatest speed (n,) of each joint at any step; None where it is not traced."""
+        return self._peak
+
+    def close(self) -> None:
+        """End the simulation."""
+        self._simulation.close()
+
+    def _traced_step(self) -> None:
+        self._simulation.step()
+        np.maximum(self._peak, np.abs(self.joints()[1]), out=self._peak)
+
+    def _on_joints(self, state: Any) -> None:
+        self._readings.append(
+            JointReading(state.stamp_ns, tuple(state.names), state.positions, state.velocities)
+        )
+
+    def _on_frame(self, frame: Any) -> None:
+        self._readings.append(
+            CameraReading(frame.stamp_ns, frame.image, frame.encoding, frame.depth)
+        )
+
+
+def _name(camera: Any) -> str:
+    """A described camera's name, below which its topics stand."""
+    named = camera.plugin.camera_name if camera.plugin is not None else ""
+    return (named or camera.name).strip("/")

@@ -1,0 +1,83 @@
+"""A camera without an arm, in the shape of an arm: six coordinates and no limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from aras_visual_servo_controller.arm.poses import inverse
+from aras_visual_servo_controller.errors import MeasurementError
+from aras_visual_servo_controller.joint_sample import JointSample
+
+from .. import rigid
+
+NAMES = ("x", "y", "z", "rx", "ry", "rz")
+
+
+class FreeBody:
+    """Kinematics of a flying camera: q (6,) is the logarithm of its pose relative to its origin.
+
+    What a loop asks of an `Arm` it answers too, so that a scheme meets no difference. The
+    coordinates are single-valued up to a turn by pi against the origin.
+
+    Attributes: as of `Arm`.
+    """
+
+    names = NAMES
+    camera_frame, base_frame, target_frame = "camera_optical_frame", "world", ""
+
+    def __init__(self, origin: np.ndarray) -> None:
+        """`origin`: world_T_camera (4, 4) at q = 0."""
+        self.origin = np.array(origin, float)
+        self.upper = np.full(6, np.inf)
+        self.lower = -self.upper
+        self.velocity = self.effort = self.upper
+        self.prismatic = np.array([True] * 3 + [False] * 3)
+
+    def __len__(self) -> int:
+        """Number of coordinates."""
+        return 6
+
+    def pose(self, q: np.ndarray) -> np.ndarray:
+        """world_T_camera (4, 4)."""
+        return self.origin @ rigid.exponential(q)
+
+    def coordinates(self, world_T_camera: np.ndarray) -> np.ndarray:
+        """The q (6,) of a pose (4, 4)."""
+        return rigid.logarithm(inverse(self.origin) @ world_T_camera)
+
+    def jacobian(self, q: np.ndarray) -> np.ndarray:
+        """(6, 6): the camera's twist in its own frame is jacobian(q) @ q_dot."""
+        return rigid.right_jacobian(q)
+
+    def view(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """pose and jacobian."""
+        return self.pose(q), self.jacobian(q)
+
+    def target_pose(self, q: np.ndarray) -> np.ndarray:
+        """The target stands in the world: identity."""
+        return np.eye(4)
+
+    def inverse(self, world_T_camera: np.ndarray, q0: np.ndarray | None = None) -> np.ndarray:
+        """The q (6,) of a pose (4, 4)."""
+        return self.coordinates(world_T_camera)
+
+    def check(self, q: np.ndarray, velocities: np.ndarray | None = None) -> None:
+        """Refuse what is not finite; MeasurementError."""
+        for values in (q, velocities):
+            if values is not None and not np.isfinite(values).all():
+                raise MeasurementError("a coordinate of the free camera is not finite")
+
+    def sample(
+        self,
+        names: Sequence[str],
+        positions: Sequence[float],
+        velocities: Sequence[float] = (),
+        stamp: float = 0.0,
+    ) -> JointSample:
+        """The coordinates as a JointSample; names are this class's own."""
+        q = np.array(positions, float)
+        speed = np.array(velocities, float) if len(velocities) else np.zeros(6)
+        self.check(q, speed)
+        return JointSample(stamp, self.names, q, speed)

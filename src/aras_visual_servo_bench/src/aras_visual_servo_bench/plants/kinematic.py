@@ -1,0 +1,207 @@
+"""Plants without physics: a chain of joints that lags, a camera that flies.
+
+Time goes from one measurement to the next in a single exact step, however long it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.arm import Arm
+
+from .. import cameras, rigid
+from ..errors import ExperimentError, ViewError
+from ..targets import PlacedTarget
+from .base import CameraReading, JointReading, Plant, Reading
+from .free_body import FreeBody
+
+NS = 1_000_000_000
+JOINT_PHASE_NS = 1_000_000  # joint states come a millisecond after the hundredths, as in physics
+
+
+@dataclass(frozen=True)
+class Sight:
+    """How a plant without a renderer sees its target.
+
+    camera: the true one. target: in the world. rate: pictures a second.
+    pictures: draw them; otherwise outlines and corners are exact.
+    grey_noise: standard deviation of drawn pixels, grey levels. jitter: of exact points, px.
+    """
+
+    camera: CameraModel
+    target: PlacedTarget
+    rate: float = 30.0
+    pictures: bool = False
+    grey_noise: float = 0.0
+    jitter: float = 0.0
+    depth: bool = False
+
+    def look(self, pose: np.ndarray, stamp_ns: int, random: np.random.Generator) -> CameraReading:
+        """What the camera sees from world_T_camera (4, 4)."""
+        seen_from = self.target.seen_from(pose, stamp_ns / NS)
+        try:
+            outline = self.target.shape.outline(seen_from)
+            points = self.target.shape.points(seen_from)
+            if not self.pictures and not cameras.in_view(outline, self.camera, 0.0):
+                return CameraReading(stamp_ns)
+        except ViewError:
+            outline = points = None
+        if not self.pictures:
+            if outline is not None and self.jitter:
+                focal = self.camera.K[0]
+                outline = outline + random.normal(0.0, self.jitter / focal, outline.shape)
+                points = points + random.normal(0.0, self.jitter / focal, points.shape)
+            return CameraReading(stamp_ns, outline=outline, points=points)
+        image = cameras.draw(outline, self.camera)
+        if self.grey_noise:
+            noisy = image + random.normal(0.0, self.grey_noise, image.shape)
+            image = np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+        depth = self._depth(seen_from) if self.depth else None
+        return CameraReading(stamp_ns, image, "mono8", depth)
+
+    def _depth(self, target_T_camera: np.ndarray) -> np.ndarray:
+        """(rows, columns) m of the plane that the target lies in; inf where it is not before."""
+        a, b, c = self.target.shape.plane(target_T_camera)
+        u, v = np.meshgrid(np.arange(self.camera.width), np.arange(self.camera.height))
+        x, y, valid = self.camera.normalise(u.ravel(), v.ravel())
+        nearness = a * x + b * y + c
+        depth = np.full(nearness.shape, np.inf, np.float32)
+        before = valid & (nearness > 0.0)
+        depth[before] = 1.0 / nearness[before]
+        return depth.reshape(self.camera.height, self.camera.width)
+
+
+class KinematicPlant(Plant):
+    """Coordinates that follow their commands; what chain and free camera share."""
+
+    outputs = frozenset(("position", "velocity"))
+
+    def __init__(
+        self,
+        arm: Arm | FreeBody,
+        q: np.ndarray,
+        sight: Sight,
+        joint_rate: float = 100.0,
+        lag: float = 0.0,
+        seed: int = 0,
+    ) -> None:
+        """Stand at joints q (n,).
+
+        Args:
+            joint_rate: joint states a second. lag: time constant of every joint, s.
+        """
+        self.arm, self.sight, self.camera = arm, sight, sight.camera
+        self.joint_names = tuple(arm.names)
+        self._random = np.random.default_rng(seed)
+        self._lag = lag
+        self._time_ns = 0
+        self._q = np.array(q, float)
+        self._speed = np.zeros_like(self._q)
+        self._kind, self._asked = "position", self._q.copy()
+        self._joint_period, self._image_period = NS / joint_rate, NS / sight.rate
+        self._samples, self._images = 0, 1
+
+    @property
+    def time_ns(self) -> int:
+        """Simulated time, ns."""
+        return self._time_ns
+
+    def advance(self, until_ns: int) -> list[Reading]:
+        """Go to the next measurement, or to `until_ns` if none comes before."""
+        joints_ns = JOINT_PHASE_NS + round(self._samples * self._joint_period)
+        image_ns = round(self._images * self._image_period)
+        time_ns = min(joints_ns, image_ns, until_ns)
+        if time_ns > self._time_ns:
+            self._move((time_ns - self._time_ns) / NS)
+            self._time_ns = time_ns
+        readings: list[Reading] = []
+        if joints_ns == time_ns:
+            self._samples += 1
+            q, speed = self.joints()
+            readings.append(JointReading(time_ns, self.joint_names, q.tolist(), speed.tolist()))
+        if image_ns == time_ns:
+            self._images += 1
+            readings.append(self.sight.look(self.pose(), time_ns, self._random))
+        return readings
+
+    def command(self, kind: str, values: Sequence[float]) -> None:
+        """Command positions or velocities of all joints."""
+        values = np.array(values, float)
+        if kind not in self.outputs:
+            raise ExperimentError(
+                f"a plant without physics takes position or velocity commands, not {kind}"
+            )
+        if values.shape != self._q.shape or not np.isfinite(values).all():
+            raise ExperimentError(
+                f"a command of {len(self._q)} finite numbers is needed, got {values}"
+            )
+        self._kind, self._asked = kind, values if kind == "position" else self._motion(values)
+
+    def pose(self) -> np.ndarray:
+        """world_T_camera (4, 4)."""
+        return self.arm.pose(self._q)
+
+    def joints(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and velocities now."""
+        return self._q.copy(), self._speed.copy()
+
+    def _move(self, dt: float) -> None:
+        """Solve the lag over dt (s), exactly."""
+        rest = np.exp(-dt / self._lag) if self._lag > 0.0 else 0.0
+        before = self._q
+        if self._kind == "position":
+            self._q = self._limited(self._asked + rest * (before - self._asked))
+            self._speed = self._motion((self._q - before) / dt)
+            return
+        moved = self._asked * dt + (self._speed - self._asked) * self._lag * (1.0 - rest)
+        self._speed = self._asked + rest * (self._speed - self._asked)
+        self._displace(moved)
+
+    def _motion(self, rates: np.ndarray) -> np.ndarray:
+        """What is kept of coordinate rates (n,): that which a lag acts on."""
+        return rates
+
+    def _limited(self, q: np.ndarray) -> np.ndarray:
+        """The coordinates nearest to q that the plant can have."""
+        return q
+
+    def _displace(self, moved: np.ndarray) -> None:
+        """Add a motion, what `_motion` gives times seconds, to the coordinates."""
+        self._q = self._q + moved
+
+
+class KinematicChain(KinematicPlant):
+    """An arm without dynamics: each joint lags behind its command, within its limits."""
+
+    arm: Arm
+
+    def _limited(self, q: np.ndarray) -> np.ndarray:
+        return np.clip(q, self.arm.lower, self.arm.upper)
+
+    def _displace(self, moved: np.ndarray) -> None:
+        free = self._q + moved
+        self._q = self._limited(free)
+        self._speed = np.where(self._q == free, self._speed, 0.0)
+
+
+class FreeCamera(KinematicPlant):
+    """A camera that flies as it is told: velocities are a twist, which moves it by its exponential.
+
+    So a constant twist takes it to the same pose in one step as in a thousand.
+    """
+
+    arm: FreeBody
+
+    def joints(self) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates and their rates now."""
+        return self._q.copy(), np.linalg.solve(self.arm.jacobian(self._q), self._speed)
+
+    def _motion(self, rates: np.ndarray) -> np.ndarray:
+        return self.arm.jacobian(self._q) @ rates
+
+    def _displace(self, moved: np.ndarray) -> None:
+        self._q = self.arm.coordinates(self.pose() @ rigid.exponential(moved))

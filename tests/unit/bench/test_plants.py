@@ -1,0 +1,216 @@
+"""Plants: one interface, exact motion, true poses, measurements at their instants."""
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_bench import rigid
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.plants import CameraReading, JointReading
+from aras_visual_servo_bench.plants.bullet_arm import BulletArm
+from aras_visual_servo_bench.plants.free_body import FreeBody
+from aras_visual_servo_bench.plants.kinematic import FreeCamera, KinematicChain, Sight
+from aras_visual_servo_bench.targets import PlacedTarget, PolygonTarget
+
+START = np.array([0.1, 0.0, 0.17, -0.09, -0.09, 0.3])
+SQUARE = PolygonTarget(((-0.02, -0.02), (0.02, -0.02), (0.02, 0.02), (-0.02, 0.02)))
+
+
+@pytest.fixture
+def sight(pinhole):
+    table = np.eye(4)
+    table[2, 3] = 0.59
+    return Sight(pinhole, PlacedTarget(SQUARE, table))
+
+
+def until(plant, time_ns):
+    readings = []
+    while plant.time_ns < time_ns:
+        readings += plant.advance(time_ns)
+    return readings
+
+
+def bullet(robot, preset, **options):
+    joints = dict(zip(robot.arm().names, START, strict=True))
+    camera = {**preset, **options.pop("camera", {})}
+    return BulletArm(robot, camera, joints, **options)
+
+
+def test_the_simulated_arm_measures_when_a_graph_does(robot, preset):
+    plant = bullet(robot, preset)
+    try:
+        readings = until(plant, 101_000_000)
+    finally:
+        plant.close()
+    joints = [r.stamp_ns for r in readings if isinstance(r, JointReading)]
+    pictures = [r.stamp_ns for r in readings if isinstance(r, CameraReading)]
+    assert joints[:3] == [2_000_000, 11_000_000, 21_000_000]
+    assert pictures == [33_333_333, 66_666_667, 100_000_000]
+    assert [r for r in readings if isinstance(r, CameraReading)][0].image.shape == (240, 320, 3)
+
+
+def test_the_simulated_arm_is_spawned_at_its_start_and_moves_as_told(robot, preset, arm):
+    plant = bullet(robot, preset, traced=True)
+    try:
+        np.testing.assert_allclose(plant.joints()[0], START, atol=1e-5)
+        np.testing.assert_allclose(plant.pose(), arm.pose(plant.joints()[0]), atol=1e-9)
+        goal = START + [0.0, 0.0, 0.0, 0.0, 0.0, 0.2]
+        plant.command("position", goal)
+        until(plant, 1_000_000_000)
+        q, _ = plant.joints()
+        np.testing.assert_allclose(q, goal, atol=2e-2)
+        assert q[5] - START[5] > 0.18
+        # The pose is the physics', equal to the kinematics at the true joints.
+        np.testing.assert_allclose(plant.pose(), arm.pose(q), atol=1e-6)
+        assert 1.0 < plant.peak_speed[5] < 20.0
+        with pytest.raises(ExperimentError, match="take position commands, not velocity"):
+            plant.command("velocity", goal)
+    finally:
+        plant.close()
+
+
+def test_a_moved_camera_is_moved_in_the_physics_and_can_be_believed_elsewhere(preset):
+    from aras_visual_servo_bench.robots import Robot, RobotSpec
+
+    moved = Robot(RobotSpec(), xyz=(0.0, 0.03, 0.0), rpy=(0.0, 0.17, 0.0))
+    plant = bullet(moved, preset)
+    try:
+        np.testing.assert_allclose(plant.pose(), moved.arm().pose(plant.joints()[0]), atol=1e-9)
+    finally:
+        plant.close()
+    shipped = Robot(RobotSpec())
+    assert np.linalg.norm(moved.arm().pose(START) - shipped.arm().pose(START)) > 0.1
+    believed = shipped.believed_arm((0.0, 0.03, 0.0), (0.0, 0.17, 0.0))
+    np.testing.assert_allclose(believed.pose(START), moved.arm().pose(START), atol=1e-12)
+
+
+def test_impossible_robots_are_refused_in_one_line(robot, preset):
+    import dataclasses
+
+    from aras_visual_servo_bench.robots import Robot, RobotSpec
+
+    cases = {
+        "no file": {"urdf": "/nowhere/arm.urdf"},
+        "package 'nowhere'": {"urdf": "package://nowhere/arm.urdf"},
+        "single-joint controller for gantry, J1": {"controllers": ("joint2_position_controller",)},
+        "controller 'joint2'": {"controllers": ("joint2",)},
+        "no camera 'left'": {"camera": "left"},
+        "camera_optical_frme": {"camera_frame": "camera_optical_frme"},
+    }
+    for complaint, change in cases.items():
+        spec = dataclasses.replace(RobotSpec(), **change)
+        with pytest.raises(ExperimentError, match=complaint):
+            bullet(Robot(spec), preset)
+    with pytest.raises(ExperimentError, match="widht"):
+        bullet(robot, preset, camera={"widht": 3}).close()
+
+
+def test_friction_can_be_taken_out(robot):
+    from aras_visual_servo_bench.robots import Robot, RobotSpec
+
+    rough = [joint.friction for joint in robot.description().joints.values()]
+    smooth = [j.friction for j in Robot(RobotSpec(), friction=False).description().joints.values()]
+    assert max(rough) > 0.0 and max(smooth) == 0.0
+
+
+def test_a_constant_twist_is_integrated_exactly_over_any_steps(arm, sight):
+    origin, twist = arm.pose(START), np.array([0.1, 0.2, -0.1, 0.9, -1.4, 0.8])
+    ends = []
+    for steps in (1, 7):
+        camera = FreeCamera(FreeBody(origin), np.zeros(6), sight, joint_rate=0.1)
+        camera.command("velocity", twist)
+        for k in range(steps):
+            until(camera, round((k + 1) * 1e9 / steps))
+        ends.append(camera.pose())
+    np.testing.assert_allclose(ends[0], origin @ rigid.exponential(twist), atol=1e-12)
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-12)
+
+
+def test_a_free_bodys_jacobian_is_that_of_its_pose(arm):
+    body = FreeBody(arm.pose(START))
+    q, rate, h = np.array([0.1, -0.2, 0.05, 0.8, -0.5, 1.1]), np.arange(1.0, 7.0), 1e-6
+    moved = np.linalg.solve(body.pose(q - h * rate), body.pose(q + h * rate))
+    np.testing.assert_allclose(
+        rigid.logarithm(moved) / (2.0 * h), body.jacobian(q) @ rate, atol=1e-7
+    )
+    np.testing.assert_allclose(body.coordinates(body.pose(q)), q, atol=1e-12)
+
+
+def test_a_chain_lags_as_its_time_constant_says_and_stops_at_its_limits(arm, sight):
+    for steps in (1, 10):
+        chain = KinematicChain(arm, START, sight, joint_rate=0.1, lag=0.05)
+        goal = START + 0.01
+        chain.command("position", goal)
+        for k in range(steps):
+            until(chain, round((k + 1) * 1e8 / steps))
+        np.testing.assert_allclose(goal - chain.joints()[0], 0.01 * np.exp(-2.0), rtol=1e-9)
+    chain.command("velocity", np.full(6, 50.0))
+    until(chain, 2_000_000_000)
+    assert (chain.joints()[0] <= arm.upper).all()
+    assert chain.joints()[0][0] == arm.upper[0] and chain.joints()[1][0] == 0.0
+    chain.command("velocity", np.full(6, -50.0))
+    until(chain, 4_000_000_000)
+    assert (chain.joints()[0] >= arm.lower).all()
+    chain.command("position", np.full(6, 100.0))
+    until(chain, 6_000_000_000)
+    assert (chain.joints()[0] <= arm.upper).all()
+
+
+def test_velocity_lags_too(arm, sight):
+    chain = KinematicChain(arm, START, sight, joint_rate=0.1, lag=0.05)
+    chain.command("velocity", np.full(6, 0.1))
+    until(chain, 100_000_000)
+    moved = 0.1 * (0.1 - 0.05 * (1.0 - np.exp(-2.0)))
+    np.testing.assert_allclose(chain.joints()[0] - START, moved, rtol=1e-9)
+
+
+def test_a_chain_measures_at_the_phase_of_the_simulated_arm(arm, sight):
+    readings = until(KinematicChain(arm, START, sight), 101_000_000)
+    joints = [r.stamp_ns for r in readings if isinstance(r, JointReading)]
+    pictures = [r.stamp_ns for r in readings if isinstance(r, CameraReading)]
+    assert joints[:3] == [1_000_000, 11_000_000, 21_000_000]
+    assert pictures == [33_333_333, 66_666_667, 100_000_000]
+
+
+def test_commands_without_sense_are_refused(arm, sight):
+    chain = KinematicChain(arm, START, sight)
+    for kind, values, complaint in (
+        ("effort", START, "not effort"),
+        ("position", START[:5], "6 finite numbers"),
+        ("position", START * np.nan, "6 finite numbers"),
+    ):
+        with pytest.raises(ExperimentError, match=complaint):
+            chain.command(kind, values)
+
+
+def test_a_camera_without_its_target_in_view_sees_nothing(arm, sight, pinhole):
+    random = np.random.default_rng(0)
+    goal = arm.pose(np.zeros(6))
+    assert sight.look(goal, 0, random).outline.shape == (4, 2)
+    aside = goal.copy()
+    aside[0, 3] += 0.5
+    assert sight.look(aside, 0, random).outline is None
+    behind = goal @ np.diag([1.0, -1.0, -1.0, 1.0])
+    assert sight.look(behind, 0, random).outline is None
+    import dataclasses
+
+    drawn = dataclasses.replace(sight, pictures=True, depth=True)
+    reading = drawn.look(goal, 0, random)
+    assert reading.image.min() == 0 and reading.pictured
+    assert reading.depth[120, 160] == pytest.approx(goal[2, 3] - 0.59, abs=1e-3)
+    assert drawn.look(behind, 0, random).image.min() == 255
+
+
+def test_noise_is_the_seeds(arm, sight):
+    import dataclasses
+
+    pose = arm.pose(np.zeros(6))
+    for noisy in (
+        dataclasses.replace(sight, jitter=0.5),
+        dataclasses.replace(sight, pictures=True, grey_noise=5.0),
+    ):
+        def seen(seed, noisy=noisy):
+            reading = noisy.look(pose, 0, np.random.default_rng(seed))
+            return reading.image if reading.pictured else reading.outline
+
+        np.testing.assert_array_equal(seen(1), seen(1))
+        assert not np.array_equal(seen(1), seen(2))

@@ -1,0 +1,97 @@
+"""Targets as geometry: against hand-made projections, and moving as they are told."""
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_bench import cameras
+from aras_visual_servo_bench.errors import ExperimentError, ViewError
+from aras_visual_servo_bench.targets import Motion, PlacedTarget, PolygonTarget
+from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_camera.undistortion import CameraModel
+
+SQUARE = PolygonTarget(((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1)))
+DOWN = np.diag([1.0, -1.0, -1.0, 1.0])  # looks along the target's -z, x to the right
+
+
+def above(x=0.0, y=0.0, z=0.5):
+    pose = DOWN.copy()
+    pose[:3, 3] = x, y, z
+    return pose
+
+
+def test_a_square_is_seen_where_a_pinhole_puts_it():
+    seen = SQUARE.outline(above(0.05, 0.0, 0.5))
+    np.testing.assert_allclose(seen, [(-0.3, 0.2), (0.1, 0.2), (0.1, -0.2), (-0.3, -0.2)])
+    assert SQUARE.depth(above(z=0.5)) == pytest.approx(0.5)
+
+
+def test_the_plane_gives_every_corners_depth():
+    pose = above(0.1, -0.05, 0.6)
+    pose[:3, :3] = pose[:3, :3] @ [[1, 0, 0], [0, np.cos(0.3), -np.sin(0.3)],
+                                   [0, np.sin(0.3), np.cos(0.3)]]  # fmt: skip
+    a, b, c = SQUARE.plane(pose)
+    seen = (SQUARE.vertices() - pose[:3, 3]) @ pose[:3, :3]
+    x, y = SQUARE.outline(pose).T
+    np.testing.assert_allclose(1.0 / (a * x + b * y + c), seen[:, 2])
+
+
+def test_what_is_behind_the_camera_is_no_view():
+    with pytest.raises(ViewError, match="behind the camera"):
+        SQUARE.outline(above(z=-0.5))
+
+
+def test_a_target_moves_about_its_own_origin():
+    pose = np.eye(4)
+    pose[:3, 3] = 1.0, 0.0, 0.0
+    motion = Motion((0.1, 0, 0, 0, 0, np.pi), (0.0, 0.02, 0.0), 0.25, begin=1.0)
+    target = PlacedTarget(SQUARE, pose, motion)
+    np.testing.assert_array_equal(target.world_T_target(0.9), pose)
+    moved = target.world_T_target(2.0)
+    np.testing.assert_allclose(moved[:3, 3], [1.1, 0.02, 0.0], atol=1e-12)
+    np.testing.assert_allclose(moved[:3, :3], np.diag([-1.0, -1.0, 1.0]), atol=1e-12)
+    np.testing.assert_allclose(
+        target.world_T_target(2.0) @ target.seen_from(above(), 2.0), above(), atol=1e-12
+    )
+
+
+def test_a_polygon_needs_three_corners():
+    with pytest.raises(ExperimentError, match="at least 3"):
+        PolygonTarget(((0.0, 0.0), (1.0, 0.0)))
+
+
+@pytest.mark.parametrize(
+    "lens",
+    [
+        {},
+        {"D": (-0.33, 0.117, 0.0, 0.0, 0.0)},
+        {"D": (0.0,) * 4, "model": "equidistant"},
+    ],
+)
+def test_a_drawn_picture_has_the_outlines_moments(lens):
+    K = (105.0, 0.0, 159.5, 0.0, 105.0, 119.5, 0.0, 0.0, 1.0)
+    camera = CameraModel(320, 240, K, **lens)
+    outline = SQUARE.outline(above(0.03, 0.02, 0.45))
+    picture = cameras.draw(outline, camera)
+    assert picture.shape == (240, 320)
+    coverage = (cameras.WHITE - picture.astype(float)) / (cameras.WHITE - cameras.DARK)
+    exact = Moments.from_polygon(outline, 2)
+    tables = camera.tables
+    seen = Moments.from_samples(
+        tables.x.ravel(), tables.y.ravel(), (coverage * tables.area).ravel(), 2
+    )
+    assert seen.m00 == pytest.approx(exact.m00, rel=2e-3)
+    assert seen.xg == pytest.approx(exact.xg, abs=2e-4)
+    assert seen.yg == pytest.approx(exact.yg, abs=2e-4)
+
+
+def test_in_view_is_about_the_whole_outline():
+    K = (100.0, 0.0, 159.5, 0.0, 100.0, 119.5, 0.0, 0.0, 1.0)
+    camera = CameraModel(320, 240, K)
+    square = np.array([(-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1)])
+    assert cameras.in_view(square + (1.45, 0.0), camera)
+    assert not cameras.in_view(square + (1.48, 0.0), camera)  # 157.5 + 0.5: inside of the margin
+    assert cameras.in_view(square + (1.48, 0.0), camera, 0.0)
+    assert not cameras.in_view(square - (1.5, 0.0), camera, 0.0)
+    assert not cameras.in_view(square + (0.0, 1.15), camera, 0.0)
+    assert not cameras.in_view(square - (0.0, 1.15), camera, 0.0)
+    assert cameras.draw(square + (9.0, 0.0), camera).min() == cameras.WHITE

@@ -21,6 +21,8 @@ import rosgraph
 import rosnode
 
 MARK = "ARAS_TEST_GRAPH"
+WATCH = Path(__file__).parent / "watch"  # names who touches the simulation from another thread
+TOUCHED = "another thread touched"
 # What roslaunch and the master themselves keep on the parameter server.
 OWN_PARAMETERS = ("run_id", "rosdistro", "rosversion", "roslaunch")
 
@@ -116,6 +118,7 @@ class RosMaster:
             "ROS_HOME": str(directory),
             "ROS_LOG_DIR": str(directory / "log"),
             "PYTHONUNBUFFERED": "1",
+            "PYTHONPATH": f"{WATCH}{os.pathsep}{os.environ.get('PYTHONPATH', '')}",
             # some of Debian's ROS tools start with `env python3`, which must be one that knows ROS
             "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
             MARK: self.mark,
@@ -248,6 +251,13 @@ class Launch:
             stubborn = [line for line in self.output().splitlines() if "escalating to SIG" in line]
             if stubborn:
                 raise GraphError(f"{self.name}: nodes did not end at Ctrl-C: {'; '.join(stubborn)}")
+            output = self.output()
+            if TOUCHED in output:
+                begin = output.index(TOUCHED)
+                raise GraphError(
+                    f"{self.name}: {output.count(TOUCHED)} touches of the simulation from other "
+                    f"threads; the first:\n{output[begin : begin + 2000]}"
+                )
         finally:
             self.master.clean()
 

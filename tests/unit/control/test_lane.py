@@ -3,11 +3,12 @@
 import contextlib
 import socket
 import time
-from types import SimpleNamespace
+import weakref
 
 import pytest
 
-from aras_sim_bridge.ros.control.lane import Lane
+from aras_sim_bridge.ros.runtime import lane as lanes
+from aras_sim_bridge.ros.runtime.lane import Lane
 
 SIZE = 300_000  # of a message: more than the socket below takes at once
 QUEUE = 2
@@ -24,15 +25,18 @@ def line():
     theirs.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 32_768)
     theirs.settimeout(5.0)
     lost = []
-    connection = SimpleNamespace(socket=ours)
-    yield Lane(connection, QUEUE, lost.append), theirs, lost
+    yield Lane(ours, QUEUE, lambda: lost.append(ours)), theirs, lost
     for end in (ours, theirs, server):
         end.close()
 
 
+class Pixels(bytearray):
+    """Of an image; may be referred to weakly."""
+
+
 def message(n: int) -> tuple[bytes, memoryview]:
     """In two parts; every byte says which message it belongs to."""
-    return bytes([n]) * 10, memoryview(bytes([n]) * (SIZE - 10))
+    return bytes([n]) * 10, memoryview(Pixels(bytes([n]) * (SIZE - 10)))
 
 
 def received(theirs: socket.socket, size: int) -> bytes:
@@ -86,3 +90,29 @@ def test_lost_listener_is_reported_once(line):
     lane.send(message(3))
     assert len(lost) == 1
     assert not lane.left
+
+
+def test_what_a_closed_socket_did_not_take_is_let_go(line):
+    lane, _, _ = line
+    images = [message(n) for n in range(1, 4)]
+    gone = [weakref.ref(image[1].obj) for image in images]
+    for image in images:
+        lane.send(image)
+    assert lane.left
+    lane.socket.close()  # by rospy, which tells the publisher
+    lane.close()
+    assert not lane.left
+    assert lane not in lanes._drain._lanes.values()
+    del image, images
+    assert [reference() for reference in gone] == [None] * 3
+    lane.send(message(9))
+    assert not lane.left
+
+
+def test_a_lane_with_the_number_of_a_closed_one_keeps_its_turn(line):
+    first, _, _ = line
+    first.send(message(1))
+    second = Lane(first.socket, QUEUE, lambda: None)
+    second.send(message(2))
+    first.close()
+    assert second in lanes._drain._lanes.values()

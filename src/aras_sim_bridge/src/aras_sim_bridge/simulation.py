@@ -48,7 +48,7 @@ class SimulationConfig:
     lights: tuple[LightDescription, ...] = (SUN,)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Robot:
     """A model under ros_control: one control plugin's hardware and controllers."""
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import queue
+import collections
 import threading
-from typing import Any
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -13,9 +13,10 @@ from genpy import Time
 from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header
 
+from aras_sim_bridge.camera import Frame
 from aras_sim_bridge.errors import CameraError, SimError
-from aras_sim_bridge.ros.camera.quick_publisher import listeners
-from aras_sim_bridge.ros.control.reconfigure import Field, ReconfigureServer
+from aras_sim_bridge.ros.runtime.publisher import Peers, connections
+from aras_sim_bridge.ros.runtime.reconfigure import Field, ReconfigureServer, Value
 
 # Names, defaults and limits are compressed_image_transport's.
 COMPRESSED_FIELDS = (
@@ -29,7 +30,7 @@ COMPRESSED_FIELDS = (
 _COLOUR = {"rgb8": cv2.COLOR_RGB2BGR, "rgb16": cv2.COLOR_RGB2BGR, "bgr8": None}
 
 
-def encode(image: np.ndarray, encoding: str, settings: dict[str, Any]) -> tuple[str, bytes]:
+def encode(image: np.ndarray, encoding: str, settings: dict[str, Value]) -> tuple[str, bytes]:
     """Return image_transport's format text and the file's bytes.
 
     Args:
@@ -64,69 +65,86 @@ def encode(image: np.ndarray, encoding: str, settings: dict[str, Any]) -> tuple[
 
 
 class CompressedTopic:
-    """Publishes frames compressed, from a thread of its own: the simulation goes on meanwhile."""
+    """Publishes frames compressed, from a thread of its own, behind which nobody ever waits."""
 
-    # As many frames wait at most; then the simulation waits, so that a bag misses none.
-    BACKLOG = 4
+    BACKLOG = 4  # as many frames wait at most; of more, the newest
 
-    def __init__(self, image_topic: str, listener: rospy.SubscribeListener) -> None:
-        """Advertise `<image_topic>/compressed` and its settings; `listener` hears subscribers."""
+    def __init__(self, image_topic: str, peers: Peers) -> None:
+        """Advertise `<image_topic>/compressed` and its settings; `peers` hears of subscribers."""
         topic = f"{image_topic}/compressed"
         self._topic = topic
         self._settings = ReconfigureServer(topic, COMPRESSED_FIELDS, _given(topic), _checked)
         self._publisher = rospy.Publisher(
-            topic, CompressedImage, latch=True, queue_size=2, subscriber_listener=listener,
+            topic, CompressedImage, latch=True, queue_size=2, subscriber_listener=peers,
             tcp_nodelay=True,
         )  # fmt: skip
-        self._frames: queue.Queue[tuple[Time, str, Any] | None] = queue.Queue(self.BACKLOG)
-        self._closed = False
-        self._thread = threading.Thread(target=self._run, name=f"compress {topic}", daemon=True)
-        self._thread.start()
+        self._encoder = Encoder(self._send, self.BACKLOG, f"compress {topic}")
 
     @property
-    def wanted(self) -> bool:
-        """Whether somebody subscribes."""
-        return listeners(self._publisher) > 0
+    def listeners(self) -> int:
+        """Number of listeners."""
+        return len(connections(self._publisher))
 
-    def publish(self, stamp: Time, frame_id: str, frame: Any) -> None:
-        """Hand over one camera Frame; its arrays must not change afterwards."""
-        while not self._closed:
-            try:
-                self._frames.put((stamp, frame_id, frame), timeout=0.5)
-                return
-            except queue.Full:
-                continue
+    def publish(self, stamp: Time, frame_id: str, frame: Frame) -> None:
+        """Hand over one camera frame; its arrays must not change afterwards."""
+        self._encoder.put((Header(stamp=stamp, frame_id=frame_id), frame))
 
-    def shutdown(self) -> None:
+    def unregister(self) -> None:
         """Take topic and settings off the graph."""
-        self._closed = True
-        with self._frames.mutex:
-            self._frames.queue.clear()
-            self._frames.not_full.notify_all()
-        self._frames.put(None)
+        self._encoder.stop()
         self._settings.shutdown()
         self._publisher.unregister()
 
+    def _send(self, item: tuple[Header, Frame]) -> None:
+        header, frame = item
+        try:
+            text, data = encode(frame.image, frame.encoding, self._settings.values)
+            self._publisher.publish(CompressedImage(header, text, data))
+        except (CameraError, cv2.error) as error:
+            rospy.logerr_throttle(5.0, f"{self._topic}: {error}")
+        except rospy.ROSException:  # the topic was closed meanwhile
+            self._encoder.stop()
+
+
+class Encoder:
+    """A thread that works off what it is given; of what waits too long the newest stay."""
+
+    def __init__(
+        self, work: Callable[[tuple[Header, Frame]], None], backlog: int, name: str
+    ) -> None:
+        """Call `work` with each item in turn, `backlog` of which may wait."""
+        self._work = work
+        self._items: collections.deque[tuple[Header, Frame]] = collections.deque(maxlen=backlog)
+        self._something = threading.Event()
+        self._stopped = False
+        threading.Thread(target=self._run, name=name, daemon=True).start()
+
+    def put(self, item: tuple[Header, Frame]) -> None:
+        """Hand over an item, without waiting."""
+        self._items.append(item)
+        self._something.set()
+
+    def stop(self) -> None:
+        """Let what waits be and end, from any thread."""
+        self._stopped = True
+        self._something.set()
+
     def _run(self) -> None:
-        while (item := self._frames.get()) is not None:
-            stamp, frame_id, frame = item
-            try:
-                text, data = encode(frame.image, frame.encoding, self._settings.values)
-                header = Header(stamp=stamp, frame_id=frame_id)
-                self._publisher.publish(CompressedImage(header, text, data))
-            except (CameraError, cv2.error) as error:
-                rospy.logerr_throttle(5.0, f"{self._topic}: {error}")
-            except rospy.ROSException:  # the topic was closed meanwhile
-                self._closed = True
+        while True:
+            self._something.wait()
+            self._something.clear()
+            while self._items and not self._stopped:
+                self._work(self._items.popleft())
+            if self._stopped:
                 return
 
 
-def _given(topic: str) -> dict[str, Any]:
+def _given(topic: str) -> dict[str, Value]:
     """Settings that the parameter server holds already, as image_transport reads them at start."""
     values = rospy.get_param(topic, {})
     if not isinstance(values, dict):
         return {}
-    found: dict[str, Any] = {}
+    found: dict[str, Value] = {}
     for field in COMPRESSED_FIELDS:
         if field.name not in values:
             continue
@@ -142,8 +160,6 @@ def _given(topic: str) -> dict[str, Any]:
     return found
 
 
-def _checked(values: dict[str, Any]) -> None:
+def _checked(values: dict[str, Value]) -> None:
     if values["format"] not in ("jpeg", "png"):
         raise CameraError(f"format '{values['format']}' is neither jpeg nor png")
-
-

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from io import BytesIO
 
 import numpy as np
-import rospy
 from genpy import Time
 from sensor_msgs.msg import Image
 
-from aras_sim_bridge.ros.camera.quick_publisher import QuickPublisher
+from aras_sim_bridge.ros.runtime.publisher import QuickPublisher
 
 _LENGTH = struct.Struct("<I")
 
@@ -18,11 +18,9 @@ _LENGTH = struct.Struct("<I")
 class ImageTopic:
     """Latched, as Gazebo's; to be published on from one thread."""
 
-    def __init__(self, topic: str, listener: rospy.SubscribeListener) -> None:
-        """Advertise; `listener` hears subscribers come and go."""
-        self._publisher = QuickPublisher(
-            topic, Image, queue_size=2, latch=True, subscriber_listener=listener
-        )
+    def __init__(self, topic: str, changed: Callable[[], None]) -> None:
+        """Advertise; `changed` is called, from any thread, when listeners came or went."""
+        self._publisher = QuickPublisher(topic, Image, queue_size=2, latch=True, changed=changed)
 
     def publish(self, stamp: Time, frame_id: str, pixels: np.ndarray, encoding: str) -> None:
         """Send pixels (H, W) or (H, W, 3) of ROS encoding `encoding`; they must not change after.
@@ -40,9 +38,10 @@ class ImageTopic:
         body = buffer.getvalue()[: -_LENGTH.size] + _LENGTH.pack(pixels.nbytes)
         self._publisher.publish_bytes(body, memoryview(pixels).cast("B"))
 
-    def get_num_connections(self) -> int:
+    @property
+    def listeners(self) -> int:
         """Number of listeners."""
-        return self._publisher.get_num_connections()
+        return self._publisher.listeners
 
     def unregister(self) -> None:
         """Take the topic off the graph."""

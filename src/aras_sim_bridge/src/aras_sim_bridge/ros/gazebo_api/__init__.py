@@ -11,7 +11,7 @@ from aras_sim_bridge.ros.gazebo_api.models import ModelServices
 from aras_sim_bridge.ros.gazebo_api.physics import PhysicsServices
 from aras_sim_bridge.ros.gazebo_api.states import StateTopics
 from aras_sim_bridge.ros.gazebo_api.world import WorldServices
-from aras_sim_bridge.ros.services import ServiceTable
+from aras_sim_bridge.ros.runtime.services import ServiceTable
 
 NAMESPACE = "/gazebo"
 

@@ -19,7 +19,7 @@ from gazebo_msgs.srv import (
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.ros.conversions import bounded, from_time, from_vector
 from aras_sim_bridge.ros.gazebo_api import entities
-from aras_sim_bridge.ros.services import ServiceTable
+from aras_sim_bridge.ros.runtime.services import ServiceTable
 from aras_sim_bridge.world.poses import add, cross, rotate, subtract
 
 

@@ -16,7 +16,7 @@ from gazebo_msgs.srv import (
 from std_msgs.msg import ColorRGBA
 
 from aras_sim_bridge.ros import conversions
-from aras_sim_bridge.ros.services import ServiceTable
+from aras_sim_bridge.ros.runtime.services import ServiceTable
 from aras_sim_bridge.world.poses import rpy_from_quaternion
 
 

@@ -25,7 +25,7 @@ from geometry_msgs.msg import Point, Pose, Quaternion
 from aras_sim_bridge.errors import SimError, WorldError
 from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.gazebo_api import entities
-from aras_sim_bridge.ros.services import ServiceTable
+from aras_sim_bridge.ros.runtime.services import ServiceTable
 from aras_sim_bridge.world.changes import with_joint, with_link
 from aras_sim_bridge.world.poses import Twist, conjugate, rotate, subtract
 

@@ -25,10 +25,10 @@ from gazebo_msgs.srv import (
 from aras_sim_bridge.description import Light, packages
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros import conversions
-from aras_sim_bridge.ros.camera import camera_settings
-from aras_sim_bridge.ros.control.controller_services import robot_parameters
+from aras_sim_bridge.ros.camera import settings
+from aras_sim_bridge.ros.control.manager_services import robot_parameters
 from aras_sim_bridge.ros.gazebo_api import descriptions, entities
-from aras_sim_bridge.ros.services import ServiceTable
+from aras_sim_bridge.ros.runtime.services import ServiceTable
 from aras_sim_bridge.world.poses import (
     Pose,
     Twist,
@@ -117,7 +117,7 @@ class ModelServices:
             rospy.logwarn("model '%s': %s", name, warning)
         namespace = descriptions.robot_namespace(description, request.robot_namespace)
         parameters = robot_parameters(namespace)
-        presets = camera_settings.read()
+        presets = settings.read()
 
         def job() -> None:
             simulation = self._thread.simulation
@@ -132,8 +132,8 @@ class ModelServices:
             )
 
         self._thread.call(job, SPAWN_TIMEOUT)
-        camera_settings.warn_of_unused(presets, self._thread, description)
-        self._node.faces.sync()
+        settings.warn_of_unused(presets, self._thread, description)
+        self._node.on_graph.sync()
         return SpawnModelResponse(True, f"SpawnModel: Successfully spawned entity '{name}'")
 
     def _spawn_light(self, request: SpawnModel, light: Light, pose: Pose) -> SpawnModelResponse:
@@ -162,7 +162,7 @@ class ModelServices:
             self._thread.simulation.delete(request.model_name)
 
         self._thread.call(job)
-        self._node.faces.sync()
+        self._node.on_graph.sync()
         return DeleteModelResponse(True, f"DeleteModel: deleted '{request.model_name}'")
 
     def _get_state(self, request: GetModelState) -> GetModelStateResponse:

@@ -19,9 +19,9 @@ from gazebo_msgs.srv import (
 from geometry_msgs.msg import Vector3
 
 from aras_sim_bridge.errors import WorldError
-from aras_sim_bridge.ros.control.reconfigure import PHYSICS_FIELDS, ReconfigureServer
 from aras_sim_bridge.ros.conversions import from_vector
-from aras_sim_bridge.ros.services import ServiceTable
+from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS, ReconfigureServer
+from aras_sim_bridge.ros.runtime.services import ServiceTable
 
 ODE_FIELDS = (
     "auto_disable_bodies",
@@ -43,11 +43,16 @@ class PhysicsServices:
     def __init__(self, table: ServiceTable, namespace: str, node: Any) -> None:
         """Add the services to `table` and the server to `namespace`; `node` is the GazeboNode."""
         self._thread = node.thread
-        world = self._thread.simulation.world
+
+        def look() -> tuple[int, float]:
+            world = self._thread.simulation.world
+            return world.solver_iterations, world.time_step
+
+        iterations, time_step = self._thread.call(look)
         self._ode = {
             "auto_disable_bodies": False,
             "sor_pgs_precon_iters": 0,
-            "sor_pgs_iters": world.solver_iterations,
+            "sor_pgs_iters": iterations,
             "sor_pgs_w": 1.3,
             "sor_pgs_rms_error_tol": 0.0,
             "contact_surface_layer": 0.001,
@@ -56,7 +61,7 @@ class PhysicsServices:
             "erp": 0.2,
             "max_contacts": 20,
         }
-        self._rate = self._thread.pacer.factor / world.time_step
+        self._rate = self._thread.pacer.factor / time_step
         table.add(
             "get_physics_properties",
             GetPhysicsProperties,

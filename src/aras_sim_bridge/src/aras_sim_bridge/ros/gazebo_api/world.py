@@ -10,7 +10,7 @@ from std_srvs.srv import Empty, EmptyResponse
 
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.conversions import to_time
-from aras_sim_bridge.ros.services import ServiceTable
+from aras_sim_bridge.ros.runtime.services import ServiceTable
 from aras_sim_bridge.srv import StepWorld, StepWorldResponse
 
 STEP_LIMIT = 1_000_000  # steps in one call of step_world

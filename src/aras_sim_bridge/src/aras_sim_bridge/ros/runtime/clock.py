@@ -10,7 +10,7 @@ import struct
 
 from rosgraph_msgs.msg import Clock
 
-from aras_sim_bridge.ros.camera.quick_publisher import QuickPublisher
+from aras_sim_bridge.ros.runtime.publisher import QuickPublisher
 
 _TIME = struct.Struct("<II")  # a serialised Clock: secs, nsecs
 

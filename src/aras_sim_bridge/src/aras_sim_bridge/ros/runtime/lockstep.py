@@ -12,7 +12,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import rosgraph
 import rospy
@@ -125,16 +124,10 @@ class Lockstep:
             self._next_ns = (time_ns // self._period_ns + 1) * self._period_ns
             self.begin()
 
-    def wrap(self, publish: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Return a frame listener that begins a round and then publishes."""
-        if self._period_ns:
-            return publish
-
-        def on_frame(frame: Any) -> None:
+    def before_frame(self) -> None:
+        """Begin a round, unless rounds go by periods: a frame is about to be published."""
+        if not self._period_ns:
             self.begin()
-            publish(frame)
-
-        return on_frame
 
     def begin(self) -> None:
         """Begin a round: messages that came before do not count."""

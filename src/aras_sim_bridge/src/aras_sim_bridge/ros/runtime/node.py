@@ -7,21 +7,20 @@ import os
 import signal
 import sys
 import threading
-from typing import Any
 
 import rospy
 
 from aras_sim_bridge.description import world_file
 from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.ros.camera.camera_settings import mount_world_cameras
+from aras_sim_bridge.ros.camera.settings import mount_world_cameras
 from aras_sim_bridge.ros.gazebo_api import GazeboApi
 from aras_sim_bridge.ros.runtime.clock import ClockPublisher
-from aras_sim_bridge.ros.runtime.faces import Faces
+from aras_sim_bridge.ros.runtime.graph import OnGraph
 from aras_sim_bridge.ros.runtime.lockstep import Lockstep
 from aras_sim_bridge.ros.runtime.master_watch import MasterWatch
+from aras_sim_bridge.ros.runtime.node_parameters import NodeParameters
 from aras_sim_bridge.ros.runtime.pacing import Pacer
-from aras_sim_bridge.ros.runtime.parameters import NodeParameters
 from aras_sim_bridge.ros.runtime.real_time_factor import RealTimeFactor
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
@@ -64,12 +63,14 @@ class GazeboNode:
                 parameters.lockstep_period,
             )
         self.thread.start()
-        self.faces = Faces(self.thread, self.lockstep)
+        self.on_graph = OnGraph(
+            self.thread, None if self.lockstep is None else self.lockstep.before_frame
+        )
         if parameters.enable_ros_network:
             self.api = GazeboApi(self)
             mount_world_cameras(self.thread)
             RealTimeFactor(lambda: self.real_time_factor)
-            self.faces.sync()
+            self.on_graph.sync()
         if not parameters.paused:
             self.thread.unpause()
 
@@ -88,7 +89,7 @@ class GazeboNode:
         """End the simulation; services and topics are rospy's to close."""
         self.thread.stop()
 
-    def _build(self) -> Any:
+    def _build(self) -> Simulation:
         simulation = build_simulation(self.parameters, self.world_file)
         simulation.before_pictures = self.clock.publish
         return simulation
@@ -174,7 +175,7 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
     return simulation
 
 
-def _private_parameters() -> dict[str, Any]:
+def _private_parameters() -> dict[str, object]:
     values = rospy.get_param("~", {})
     return values if isinstance(values, dict) else {}
 

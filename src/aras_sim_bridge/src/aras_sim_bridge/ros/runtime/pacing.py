@@ -85,28 +85,33 @@ class Pacer:
         self._start_ns = time_ns
         self._meter.restart(time_ns)
 
-    def due_until(self, time_ns: int, event_ns: int | None = None) -> int:
+    def due_until(
+        self, time_ns: int, event_ns: int | None = None, group_ns: int = BATCH_NS
+    ) -> int:
         """Simulated time [ns] up to which steps are due now, having reached `time_ns`.
 
         event_ns: when something is to happen that shall not wait for the rest of its group. The
             step that contains it is due when it has come, so that time is ahead by a part of it.
+        group_ns: simulated time of a group of steps that are made together.
         """
         self._meter.update(time_ns, self._factor)
         if self._factor <= 0.0:
-            return (time_ns // BATCH_NS + 1) * BATCH_NS
+            return (time_ns // group_ns + 1) * group_ns
         target = self._target()
         lag = target - time_ns
         if lag > LARGEST_LAG_NS:
             self._start_ns -= lag - BATCH_NS
             target = time_ns + BATCH_NS
-        end = target // BATCH_NS * BATCH_NS
+        end = target // group_ns * group_ns
         return end if event_ns is None or event_ns > target else max(end, event_ns)
 
-    def wait(self, time_ns: int, event_ns: int | None = None) -> float:
+    def wait(
+        self, time_ns: int, event_ns: int | None = None, group_ns: int = BATCH_NS
+    ) -> float:
         """Seconds of wall time until the next steps are due; may be negative."""
         if self._factor <= 0.0:
             return 0.0
-        next_ns = (time_ns // BATCH_NS + 1) * BATCH_NS
+        next_ns = (time_ns // group_ns + 1) * group_ns
         if event_ns is not None and event_ns > time_ns:
             next_ns = min(next_ns, event_ns)
         return (next_ns - self._target()) / 1e9 / self._factor

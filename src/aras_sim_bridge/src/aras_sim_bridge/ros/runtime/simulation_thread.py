@@ -2,7 +2,8 @@
 
 Services and topics live on rospy's threads. They never touch the simulation; they hand a function
 to `SimulationThread.call`, which runs it between two steps (also while paused) and brings back its
-result or exception. So no lock is needed below, and no client can see half a step.
+result or exception. So no lock is needed below, and no client can see half a step. Commands do not
+even come by other threads: the simulation's own reads their sockets before each step (see inbox).
 """
 
 from __future__ import annotations
@@ -17,13 +18,17 @@ from concurrent.futures import TimeoutError as FutureTimeoutError
 from typing import Any, Protocol, TypeVar
 
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.ros.runtime.pacing import Pacer
+from aras_sim_bridge.ros.runtime.inbox import Inbox
+from aras_sim_bridge.ros.runtime.pacing import BATCH_NS, Pacer
 
 T = TypeVar("T")
 log = logging.getLogger("rosout.simulation")  # rospy shows children of rosout on its console
 
 SHUTTING_DOWN = "the simulator is shutting down"
 JOBS_BUDGET = 0.002  # seconds of wall time for jobs before time goes on: a flood must not stop it
+STREAM_NS = 5_000_000  # so long after a command steps are made one by one, each when it is due
+PAUSED_PERIOD = 0.004  # seconds of wall time from one look at commands to the next, paused
+LOCKSTEP_BACKLOG = 8  # commands of one connection that may wait for their steps in lockstep
 STALL = 0.05  # seconds of wall time of one job (a spawn) that simulated time does not make good
 
 
@@ -70,6 +75,7 @@ class SimulationThread:
         after_batch: Callable[[int], None] = lambda time_ns: None,
         on_fault: Callable[[BaseException], None] = lambda error: None,
         paused: bool = False,
+        inbox: Inbox | None = None,
     ) -> None:
         """Prepare; nothing runs before `start`.
 
@@ -79,6 +85,7 @@ class SimulationThread:
             after_step: called with the simulated time after every step.
             after_batch: called after each group of steps that were due together.
             on_fault: called once with an exception that ended the thread.
+            inbox: where commands come in, and the thread waits; tests hand in their own.
         """
         self._build = build
         self._pacer = pacer
@@ -87,7 +94,9 @@ class SimulationThread:
         self._on_fault = on_fault
         self._paused = paused
         self._jobs: collections.deque[tuple[Callable[[], Any], Future]] = collections.deque()
-        self._wake = threading.Event()
+        self._inbox = inbox or Inbox()
+        self._stream_until_ns = 0
+        self._now_ns = 0
         self._stopping = False
         self._ready: Future = Future()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
@@ -123,11 +132,16 @@ class SimulationThread:
 
     def wake(self) -> None:
         """Let the thread look again whether there is something to do; from any thread."""
-        self._wake.set()
+        self._inbox.ring()
+
+    @property
+    def inbox(self) -> Inbox:
+        """The streams of commands; for jobs only."""
+        return self._inbox
 
     def now_ns(self) -> int:
-        """Simulated time [ns] at this moment, without waiting for a pause between steps."""
-        return self.simulation.time_ns
+        """Simulated time [ns] after the last step or job; from any thread, without waiting."""
+        return self._now_ns
 
     @property
     def pacer(self) -> Pacer:
@@ -144,7 +158,7 @@ class SimulationThread:
             return job()
         future: Future = Future()
         self._jobs.append((job, future))
-        self._wake.set()
+        self._inbox.ring()
         if self._stopping and not self._thread.is_alive():
             self._cancel_jobs()
         try:
@@ -161,7 +175,7 @@ class SimulationThread:
         future: Future = Future()
         future.add_done_callback(_log_fault)
         self._jobs.append((job, future))
-        self._wake.set()
+        self._inbox.ring()
 
     def pause(self) -> None:
         """Let simulated time stand still; when this returns no step is under way."""
@@ -204,7 +218,7 @@ class SimulationThread:
     def stop(self, timeout: float = 5.0) -> None:
         """End the thread and close the simulation; waiting callers get an exception."""
         self._stopping = True
-        self._wake.set()
+        self._inbox.ring()
         if self._thread.is_alive() and threading.current_thread() is not self._thread:
             self._thread.join(timeout)
         self._cancel_jobs()
@@ -213,15 +227,25 @@ class SimulationThread:
         for _ in range(count):
             if self._stopping:
                 raise SimulationBusyError(SHUTTING_DOWN)
-            self._step()
+            self._step(0)
         self._after_batch(self.simulation.time_ns)
 
-    def _step(self) -> None:
+    def _step(self, backlog: int) -> None:
         simulation = self.simulation
+        self._take(backlog)
         if self.before_step is not None:
             self.before_step(simulation.time_ns + simulation.step_ns)
         simulation.step()
+        self._now_ns = simulation.time_ns
         self._after_step(simulation.time_ns)
+
+    def _take(self, backlog: int) -> bool:
+        """Let the commands act that came; `backlog`: how many of a topic may wait for theirs."""
+        time_ns = self.simulation.time_ns
+        if not self._inbox.take(time_ns, backlog):
+            return False
+        self._stream_until_ns = time_ns + STREAM_NS
+        return True
 
     def _run(self) -> None:
         try:
@@ -229,7 +253,8 @@ class SimulationThread:
         except BaseException as error:
             self._ready.set_exception(error)
             return
-        self._pacer.restart(self.simulation.time_ns)
+        self._now_ns = self.simulation.time_ns
+        self._pacer.restart(self._now_ns)
         self._ready.set_result(None)
         try:
             self._loop()
@@ -238,39 +263,73 @@ class SimulationThread:
         finally:
             self._stopping = True
             self._cancel_jobs()
+            self._inbox.close()
             self.simulation.close()
 
     def _loop(self) -> None:
-        wake, jobs, pacer, simulation = self._wake, self._jobs, self._pacer, self.simulation
-        step, gate = self._step, self.gate
+        inbox, jobs, pacer, simulation, gate = (
+            self._inbox, self._jobs, self._pacer, self.simulation, self.gate
+        )  # fmt: skip
         while True:
-            wake.clear()
-            if self._stopping:  # looked at after the clear, or a stop in between would be lost
+            inbox.quiet()
+            if self._stopping:  # looked at after the quiet, or a stop in between would be lost
                 return
             if jobs:
                 self._run_jobs()
             if self._paused:
+                came = self._take(0)
                 if not jobs:
-                    wake.wait()
+                    inbox.wait(PAUSED_PERIOD if came else None, commands=not came)
                 continue
-            if gate is not None and (left := gate.remaining()) is not None:
-                if not jobs:
-                    wake.wait(left)
-                continue
-            end = pacer.due_until(simulation.time_ns, simulation.next_picture_ns())
+            if gate is not None and gate.closed:
+                self._take(LOCKSTEP_BACKLOG)
+                if (left := gate.remaining()) is not None:
+                    if not jobs:
+                        inbox.wait(left)
+                    continue
+            event_ns = simulation.next_picture_ns()
+            end = pacer.due_until(simulation.time_ns, event_ns, self._group_ns())
             if simulation.time_ns < end:
-                while simulation.time_ns < end and not (gate is not None and gate.closed):
-                    try:
-                        step()
-                    except SimError as error:  # it diverged: whoever is there may reset it
-                        self._paused = True
-                        log.error("simulated time stands still: %s", error)
-                    if jobs or self._paused:
-                        break
-                self._after_batch(simulation.time_ns)
-            delay = pacer.wait(simulation.time_ns, simulation.next_picture_ns())
-            if delay > 0.0 and not jobs:
-                wake.wait(delay)
+                self._make_steps(end)
+            streaming = self._streaming
+            delay = pacer.wait(
+                simulation.time_ns, simulation.next_picture_ns(), self._group_ns()
+            )
+            if delay > 0.0 and not jobs and inbox.wait(delay, commands=not streaming):
+                self._stream_until_ns = simulation.time_ns + STREAM_NS
+
+    def _make_steps(self, end_ns: int) -> None:
+        """Make the steps that are due until `end_ns`, fewer where something is to come between."""
+        simulation, gate, jobs = self.simulation, self.gate, self._jobs
+        while simulation.time_ns < end_ns and not (gate is not None and gate.closed):
+            try:
+                self._step(self._backlog(end_ns))
+            except SimError as error:  # it diverged: whoever is there may reset it
+                self._paused = True
+                log.error("simulated time stands still: %s", error)
+            if jobs or self._paused:
+                break
+        self._after_batch(simulation.time_ns)
+
+    def _backlog(self, end_ns: int) -> int:
+        """How many commands of a topic may wait for the steps after the coming one.
+
+        In real time one for each step that is due, and one more: of a stream as fast as the steps
+        two may come between two of them, and none before the next. As fast as it goes, none.
+        """
+        if self._pacer.factor > 0.0:
+            return -((self.simulation.time_ns - end_ns) // self.simulation.step_ns)
+        return 0 if self.gate is None else LOCKSTEP_BACKLOG
+
+    @property
+    def _streaming(self) -> bool:
+        # Beyond it lies what was set before a reset of time.
+        return 0 < self._stream_until_ns - self.simulation.time_ns <= STREAM_NS
+
+    def _group_ns(self) -> int:
+        """Simulated time of the steps that are made together: few wake-ups, unless commands come
+        that shall not wait for their step."""
+        return self.simulation.step_ns if self._streaming else BATCH_NS
 
     def _run_jobs(self) -> None:
         """Run what has been asked for, for a while; at least one job, so that none is left."""
@@ -278,6 +337,7 @@ class SimulationThread:
         begin = time.monotonic()
         while jobs and not self._stopping:
             self._run_job(*jobs.popleft())
+            self._now_ns = self.simulation.time_ns
             now = time.monotonic()
             if now - begin > STALL:
                 self._pacer.restart(self.simulation.time_ns)
@@ -303,5 +363,7 @@ class SimulationThread:
 
 
 def _log_fault(future: Future) -> None:
-    if not future.cancelled() and (error := future.exception()) is not None:
-        log.error("%s", error)
+    if future.cancelled() or (error := future.exception()) is None:
+        return
+    if not isinstance(error, SimulationBusyError):  # it ends, and with it what was to be done
+        log.error("%s: %s", type(error).__name__, error)

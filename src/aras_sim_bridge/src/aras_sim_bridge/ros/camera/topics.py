@@ -2,83 +2,84 @@
 
 from __future__ import annotations
 
-import threading
-from typing import Any
+from collections.abc import Callable
 
 import rospy
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.srv import SetCameraInfo, SetCameraInfoResponse
 
-from aras_sim_bridge.camera import CameraConfig
+from aras_sim_bridge.camera import CameraConfig, CameraIntrinsics, Frame
+from aras_sim_bridge.camera.mounting import MountedCamera
 from aras_sim_bridge.errors import CameraError
-from aras_sim_bridge.ros.camera import camera_frames
-from aras_sim_bridge.ros.camera.camera_info import prefixed, save_calibration, to_camera_info
-from aras_sim_bridge.ros.camera.camera_labels import LabelTopic
+from aras_sim_bridge.ros.camera import frames
 from aras_sim_bridge.ros.camera.compressed import CompressedTopic
 from aras_sim_bridge.ros.camera.image_topic import ImageTopic
-from aras_sim_bridge.ros.camera.quick_publisher import QuickPublisher
-from aras_sim_bridge.ros.control.reconfigure import Field, ReconfigureServer
+from aras_sim_bridge.ros.camera.info import prefixed, save_calibration, to_camera_info
+from aras_sim_bridge.ros.camera.labels import LabelTopic
 from aras_sim_bridge.ros.conversions import to_time
+from aras_sim_bridge.ros.runtime.publisher import Peers, QuickPublisher
+from aras_sim_bridge.ros.runtime.reconfigure import Field, ReconfigureServer, Value
+from aras_sim_bridge.ros.runtime.services import ServiceTable
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
-from aras_sim_bridge.ros.services import ServiceTable
 
-
-class _Watcher(rospy.SubscribeListener):
-    """Tells the camera when its subscribers come and go."""
-
-    def __init__(self, changed: Any) -> None:
-        super().__init__()
-        self._changed = changed
-
-    def peer_subscribe(self, *_args: object) -> None:
-        self._changed()
-
-    def peer_unsubscribe(self, *_args: object) -> None:
-        self._changed()
+Topic = ImageTopic | QuickPublisher | CompressedTopic | LabelTopic
 
 
 class CameraTopics:
     """The ROS face of one mounted camera; it renders only while somebody listens."""
 
-    def __init__(self, mounted: Any, thread: SimulationThread) -> None:
-        """Advertise the topics of `mounted` (mounting.MountedCamera) and take its frames."""
+    def __init__(
+        self,
+        mounted: MountedCamera,
+        thread: SimulationThread,
+        before_frame: Callable[[], None] | None = None,
+    ) -> None:
+        """Advertise the topics of `mounted` and take its frames.
+
+        before_frame: called in the simulation's thread before a frame goes out, or None.
+        """
         self._mounted = mounted
         self._thread = thread
+        self._before_frame = before_frame
         config = mounted.sensor.config
         self.namespace = config.topic_root
         self._camera_name = config.camera_name or config.name
         frame = config.optical_frame_name or config.frame_name or mounted.link
         self._frame_id = prefixed(frame, self.namespace)
-        self._info_message = to_camera_info(mounted.sensor.info)
-        self._info_message.header.frame_id = self._frame_id
-        mounted.enabled = False
-        self._lock = threading.Lock()
-        self._closing: list[Any] = []
-        self._publishers: list[ImageTopic | QuickPublisher] = []
-        self._watcher = _Watcher(self._on_subscribers)
-        self._compressed: CompressedTopic | None = None
+        self._topics: list[Topic] = []
+        self._closing: list[ServiceTable | ReconfigureServer] = []
+        self._depth: ImageTopic | None = None
+        self._depth_info: QuickPublisher | None = None
+        self._segmentation: ImageTopic | None = None
         self._labels: LabelTopic | None = None
-        self._depth = self._depth_info = self._segmentation = None
         self._announced = False
+        self._on_graph = False
         try:
+            self._info_message = to_camera_info(thread.call(self._intrinsics))
+            self._info_message.header.frame_id = self._frame_id
             self._advertise(config)
         except Exception:
             self.shutdown()
             raise
+        self._on_graph = True
+        self._changed()
+
+    def _intrinsics(self) -> CameraIntrinsics:
+        return self._mounted.sensor.info
 
     def _advertise(self, config: CameraConfig) -> None:
         root = self.namespace.rstrip("/")
+        peers = Peers(self._changed)
         self._info = self._info_topic(f"{root}/{config.info_topic}")
-        self._image = self._image_topic(f"{root}/{config.image_topic}")
-        self._compressed = CompressedTopic(f"{root}/{config.image_topic}", self._watcher)
-        self._closing.append(self._compressed)
+        self._image = self._kept(ImageTopic(f"{root}/{config.image_topic}", self._changed))
+        self._compressed = self._kept(CompressedTopic(f"{root}/{config.image_topic}", peers))
         if config.depth:
-            self._depth = self._image_topic(f"{root}/depth/image_raw")
+            self._depth = self._kept(ImageTopic(f"{root}/depth/image_raw", self._changed))
             self._depth_info = self._info_topic(f"{root}/depth/camera_info")
         if config.segmentation:
-            self._segmentation = self._image_topic(f"{root}/segmentation/image_raw")
-            self._labels = LabelTopic(f"{root}/segmentation/labels", self._watcher)
-            self._closing.append(self._labels)
+            topic = f"{root}/segmentation/image_raw"
+            self._segmentation = self._kept(ImageTopic(topic, self._changed))
+            self._labels = self._kept(LabelTopic(f"{root}/segmentation/labels", peers))
         services = ServiceTable(self.namespace)
         self._closing.append(services)
         services.add(
@@ -88,41 +89,41 @@ class CameraTopics:
             lambda text: SetCameraInfoResponse(False, text),
         )
         if config.camera_name:  # as upstream: none without a name of its own
-            self._closing.append(self._rate_server())
-        self._announced = camera_frames.announce(self._mounted, self._frame_id, self.namespace)
-        self._mounted.on_frame = self._on_frame
-        self._on_subscribers()
+            self._closing.append(self._rate_server(self._thread.call(self._rate)))
+        self._announced = frames.announce(
+            self._mounted,
+            self._thread.call(lambda: self._mounted.parent_T_optical),
+            self._frame_id,
+            self.namespace,
+        )
 
     def shutdown(self) -> None:
         """Take the camera off the graph."""
-        self._mounted.enabled = False
-        self._mounted.on_frame = None
+        self._on_graph = False
+        self._changed()
         if self._announced:
-            camera_frames.withdraw(self._frame_id)
-        for part in self._closing:
-            part.shutdown()
-        for publisher in self._publishers:
-            publisher.unregister()
+            frames.withdraw(self._frame_id)
+        for service in self._closing:
+            service.shutdown()
+        for topic in self._topics:
+            topic.unregister()
+
+    def _kept(self, topic: Topic) -> Topic:
+        self._topics.append(topic)
+        return topic
 
     def _info_topic(self, topic: str) -> QuickPublisher:
-        publisher = QuickPublisher(
-            topic, CameraInfo, queue_size=2, subscriber_listener=self._watcher
-        )
-        self._publishers.append(publisher)
-        return publisher
+        return self._kept(QuickPublisher(topic, CameraInfo, queue_size=2, changed=self._changed))
 
-    def _image_topic(self, topic: str) -> ImageTopic:
-        publisher = ImageTopic(topic, self._watcher)
-        self._publishers.append(publisher)
-        return publisher
+    def _rate(self) -> float:
+        return self._mounted.sensor.rate
 
-    def _rate_server(self) -> ReconfigureServer:
+    def _rate_server(self, rate: float) -> ReconfigureServer:
         """imager_rate, told truly; upstream's limits of 1 to 50 Hz, or wider."""
-        rate = self._mounted.sensor.rate
         text = "Frames per second of simulated time"
         field = Field("imager_rate", "double", 2.0, min(1.0, rate), max(50.0, rate), text, level=3)
 
-        def apply(values: dict[str, Any]) -> None:
+        def apply(values: dict[str, Value]) -> None:
             wanted = float(values["imager_rate"])
 
             def job() -> None:
@@ -134,25 +135,29 @@ class CameraTopics:
 
         return ReconfigureServer(self.namespace, [field], {"imager_rate": rate}, apply)
 
-    def _on_subscribers(self) -> None:
-        with self._lock:
-            wanted = any(map(_heard, self._publishers))
-            for part in (self._compressed, self._labels):
-                wanted = wanted or (part is not None and part.wanted)
-            sensor = self._mounted.sensor
-            sensor.depth = _heard(self._depth)
-            sensor.segmentation = _heard(self._segmentation)
-            self._mounted.enabled = wanted
+    def _changed(self) -> None:
+        """Listeners may have come or gone, in any thread."""
+        self._thread.post(self._switch)
 
-    def _on_frame(self, frame: Any) -> None:
-        """Publish one frame; runs in the simulation's thread."""
+    def _switch(self) -> None:
+        """Have drawn what is listened to."""
+        mounted = self._mounted
+        mounted.on_frame = self._on_frame if self._on_graph else None
+        mounted.enabled = self._on_graph and any(map(_heard, self._topics))
+        mounted.sensor.depth = self._on_graph and _heard(self._depth)
+        mounted.sensor.segmentation = self._on_graph and _heard(self._segmentation)
+
+    def _on_frame(self, frame: Frame) -> None:
+        """Publish one frame."""
+        if self._before_frame is not None:
+            self._before_frame()
         stamp = to_time(frame.stamp_ns)
         self._image.publish(stamp, self._frame_id, frame.image, frame.encoding)
         for publisher in (self._info, self._depth_info):
             if _heard(publisher):
                 self._info_message.header.stamp = stamp
                 publisher.publish(self._info_message)
-        if self._compressed.wanted:
+        if _heard(self._compressed):
             self._compressed.publish(stamp, self._frame_id, frame)
         if frame.depth is not None and self._depth is not None:
             self._depth.publish(stamp, self._frame_id, frame.depth, "32FC1")
@@ -175,5 +180,5 @@ class CameraTopics:
         return SetCameraInfoResponse(True, "")
 
 
-def _heard(publisher: ImageTopic | QuickPublisher | None) -> bool:
-    return publisher is not None and publisher.get_num_connections() > 0
+def _heard(topic: Topic | None) -> bool:
+    return topic is not None and topic.listeners > 0

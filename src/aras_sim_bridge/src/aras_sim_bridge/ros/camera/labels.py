@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import rospy
 import yaml
 from std_msgs.msg import String
 
-from aras_sim_bridge.ros.camera.quick_publisher import listeners
+from aras_sim_bridge.ros.runtime.publisher import Peers, connections
+from aras_sim_bridge.simulation import Simulation
 
 
 class LabelTopic:
     """A latched YAML text `number: model::link`, sent anew when models come or go."""
 
-    def __init__(self, topic: str, listener: rospy.SubscribeListener) -> None:
-        """Advertise; `listener` hears subscribers."""
+    def __init__(self, topic: str, peers: Peers) -> None:
+        """Advertise; `peers` hears of subscribers."""
         self._publisher = rospy.Publisher(
-            topic, String, latch=True, queue_size=2, subscriber_listener=listener
+            topic, String, latch=True, queue_size=2, subscriber_listener=peers
         )
         self._known: tuple[tuple[str, int], ...] | None = None
 
     @property
-    def wanted(self) -> bool:
-        """Whether somebody subscribes."""
-        return listeners(self._publisher) > 0
+    def listeners(self) -> int:
+        """Number of listeners."""
+        return len(connections(self._publisher))
 
-    def update(self, simulation: Any) -> None:
+    def update(self, simulation: Simulation) -> None:
         """Look at the models; runs in the simulation's thread."""
         models = simulation.world.models
         known = tuple((name, model.body_id) for name, model in models.items())
@@ -40,6 +39,6 @@ class LabelTopic:
         }
         self._publisher.publish(yaml.safe_dump(labels, sort_keys=True))
 
-    def shutdown(self) -> None:
+    def unregister(self) -> None:
         """Take the topic off the graph."""
         self._publisher.unregister()

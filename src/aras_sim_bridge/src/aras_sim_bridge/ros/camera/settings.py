@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import rospy
 
 from aras_sim_bridge.camera import mounting
+from aras_sim_bridge.description import RobotDescription
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
@@ -15,7 +15,7 @@ ADD_TIMEOUT = 60.0  # seconds of wall time: the first camera sets up the rendere
 _warned: set[str] = set()
 
 
-def read() -> Mapping[str, Any]:
+def read() -> Mapping[str, object]:
     """All settings of cameras; empty, with a log line, where there is something else."""
     values = rospy.get_param("~cameras", {})
     if isinstance(values, dict):
@@ -33,11 +33,14 @@ def mount_world_cameras(thread: SimulationThread) -> None:
             rospy.logerr("%s/%s is left out: %s", rospy.resolve_name("~cameras"), name, error)
 
 
-def warn_of_unused(settings: Mapping[str, Any], thread: SimulationThread, new: Any) -> None:
+def warn_of_unused(
+    settings: Mapping[str, object], thread: SimulationThread, new: RobotDescription
+) -> None:
     """Say once which settings belong to no camera; `new` is the description just spawned."""
     if not new.cameras:
         return
-    names = {camera.sensor.config.camera_name for camera in list(thread.simulation.cameras)}
+    cameras = thread.call(lambda: list(thread.simulation.cameras))
+    names = {camera.sensor.config.camera_name for camera in cameras}
     names |= {c.name for c in new.cameras}
     names |= {c.plugin.camera_name for c in new.cameras if c.plugin is not None}
     for name in mounting.unused(settings, names):

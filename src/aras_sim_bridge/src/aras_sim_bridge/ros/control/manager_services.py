@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any
+from collections.abc import Callable
+from typing import TypeVar
 
 import rospy
 from controller_manager_msgs.msg import ControllerState, HardwareInterfaceResources
@@ -22,27 +23,33 @@ from controller_manager_msgs.srv import (
     UnloadController,
     UnloadControllerResponse,
 )
+from genpy import Message
 from std_msgs.msg import Bool
 
+from aras_sim_bridge.control.controllers import Controller
+from aras_sim_bridge.control.switching import SwitchRequest
 from aras_sim_bridge.errors import ControllerError
-from aras_sim_bridge.ros.control.controller_topics import ControllerTopics, PidTopics
+from aras_sim_bridge.ros.control.command_topic import CommandTopic
+from aras_sim_bridge.ros.control.topics import ControllerTopics, PidTopics
+from aras_sim_bridge.ros.runtime.services import ServiceTable
 from aras_sim_bridge.ros.runtime.simulation_thread import SHUTTING_DOWN, SimulationThread
-from aras_sim_bridge.ros.services import ServiceTable
+from aras_sim_bridge.simulation import Robot
 
+T = TypeVar("T")
 SWITCH_TIMEOUT = 10.0  # seconds of wall time, where the request sets no limit (timeout 0)
 
 
-def robot_parameters(namespace: str) -> dict[str, Any]:
+def robot_parameters(namespace: str) -> dict[str, object]:
     """Return what the parameter server holds below a robot's namespace."""
     values = rospy.get_param(namespace or "/", {})
     return values if isinstance(values, dict) else {}
 
 
-class ControllerServices:
+class ManagerServices:
     """Serves <namespace>/controller_manager/ and keeps the controllers' topics in step."""
 
-    def __init__(self, robot: Any, thread: SimulationThread) -> None:
-        """Advertise the services of `robot` (simulation.Robot); its manager runs in `thread`."""
+    def __init__(self, robot: Robot, thread: SimulationThread) -> None:
+        """Advertise the services of `robot`, whose manager runs in `thread`."""
         self._robot = robot
         self._manager = robot.manager
         self._thread = thread
@@ -50,7 +57,7 @@ class ControllerServices:
         self._lock = threading.Lock()  # ros_control answers one call at a time
         self._topics: dict[str, ControllerTopics] = {}
         self._joint_pids: list[PidTopics] = []
-        self._e_stop: rospy.Subscriber | None = None
+        self._e_stop: CommandTopic | None = None
         self._services = ServiceTable(f"{self._namespace}/controller_manager")
         try:
             self._advertise()
@@ -59,9 +66,10 @@ class ControllerServices:
             raise
 
     def _advertise(self) -> None:
-        for joint, pid in self._robot.hardware.pids.items():
+        pids = self._thread.call(lambda: dict(self._robot.hardware.pids))
+        for joint, pid in pids.items():
             namespace = f"{self._namespace}/gazebo_ros_control/pid_gains/{joint}"
-            self._joint_pids.append(PidTopics(namespace, pid, self._thread.now_ns))
+            self._joint_pids.append(PidTopics(namespace, pid, self._thread))
         self._e_stop = self._subscribe_e_stop()
         for name, service, handler, response in (
             ("list_controllers", ListControllers, self._list, ListControllersResponse),
@@ -89,19 +97,19 @@ class ControllerServices:
         """Take services and topics off the graph."""
         self._services.shutdown()
         if self._e_stop is not None:
-            self._e_stop.unregister()
+            self._e_stop.shutdown()
         for topics in [*self._topics.values(), *self._joint_pids]:
             topics.shutdown()
         self._topics.clear()
 
-    def _serially(self, handler: Any) -> Any:
-        def serve(request: Any) -> Any:
+    def _serially(self, handler: Callable[[Message], Message]) -> Callable[[Message], Message]:
+        def serve(request: Message) -> Message:
             with self._lock:
                 return handler(request)
 
         return serve
 
-    def _subscribe_e_stop(self) -> rospy.Subscriber | None:
+    def _subscribe_e_stop(self) -> CommandTopic | None:
         plugins = self._robot.model.description.control_plugins
         topic = next((plugin.e_stop_topic for plugin in plugins if plugin.e_stop_topic), None)
         if topic is None:
@@ -109,10 +117,10 @@ class ControllerServices:
         if not topic.startswith("/"):
             topic = f"{self._namespace}/{topic}"
 
-        def on_message(message: Bool) -> None:
+        def take(message: Bool) -> None:
             self._robot.hardware.e_stop = message.data
 
-        return rospy.Subscriber(topic, Bool, on_message, queue_size=1)
+        return CommandTopic(topic, Bool, take, self._thread)
 
     def _list(self, _request: ListControllers) -> ListControllersResponse:
         response = ListControllersResponse()
@@ -125,13 +133,11 @@ class ControllerServices:
         return response
 
     def _types(self, _request: ListControllerTypes) -> ListControllerTypesResponse:
-        self._refresh()
-        pairs = self._thread.call(self._manager.list_types)
+        pairs = self._with_parameters(self._manager.list_types)
         return ListControllerTypesResponse([a for a, _ in pairs], [b for _, b in pairs])
 
     def _load(self, request: LoadController) -> LoadControllerResponse:
-        parameters = self._refresh()
-        self._thread.call(lambda: self._manager.load(request.name, parameters))
+        self._with_parameters(lambda: self._manager.load(request.name))
         self._sync()
         return LoadControllerResponse(True)
 
@@ -141,15 +147,14 @@ class ControllerServices:
         return UnloadControllerResponse(True)
 
     def _reload(self, request: ReloadControllerLibraries) -> ReloadControllerLibrariesResponse:
-        self._refresh()
-        self._thread.call(lambda: self._manager.reload_libraries(request.force_kill))
+        self._with_parameters(lambda: self._manager.reload_libraries(request.force_kill))
         self._sync()
         return ReloadControllerLibrariesResponse(True)
 
     def _switch(self, request: SwitchController) -> SwitchControllerResponse:
         done = threading.Event()
 
-        def ask() -> Any:
+        def ask() -> SwitchRequest:
             switch = self._manager.switch(
                 request.start_controllers,
                 request.stop_controllers,
@@ -188,16 +193,20 @@ class ControllerServices:
                 return False
         return True
 
-    def _refresh(self) -> dict[str, Any]:
-        """Read the robot's parameters anew; returns them."""
+    def _with_parameters(self, job: Callable[[], T]) -> T:
+        """Run job between two steps, after the manager got the robot's parameters anew."""
         parameters = robot_parameters(self._namespace)
-        self._manager.parameters = parameters
-        return parameters
+
+        def refreshed() -> T:
+            self._manager.parameters = parameters
+            return job()
+
+        return self._thread.call(refreshed)
 
     def _sync(self) -> None:
         """Open and close topics so that they are those of the controllers now loaded."""
 
-        def loaded() -> dict[str, Any]:
+        def loaded() -> dict[str, Controller]:
             return {info.name: self._manager.get(info.name) for info in self._manager.list()}
 
         controllers = self._thread.call(loaded)
@@ -207,6 +216,4 @@ class ControllerServices:
                 del self._topics[name]
         for name, controller in controllers.items():
             if name not in self._topics:
-                self._topics[name] = ControllerTopics(
-                    controller, self._namespace, self._thread.now_ns
-                )
+                self._topics[name] = ControllerTopics(controller, self._namespace, self._thread)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.ros.control.reconfigure import PHYSICS_FIELDS
+from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
 
 LOG_LEVELS = ("debug", "info", "warn", "error")
 SPEED_MODES = ("real_time", "max", "lockstep")

@@ -8,29 +8,30 @@ keeps only the last.
 from __future__ import annotations
 
 import threading
-from typing import Any
 
 import numpy as np
 import rospy
 from geometry_msgs.msg import TransformStamped
 from tf2_msgs.msg import TFMessage
 
-from aras_sim_bridge.ros.camera.camera_info import prefixed
+from aras_sim_bridge.camera.mounting import MountedCamera
+from aras_sim_bridge.ros.camera.info import prefixed
 
 _lock = threading.Lock()
 _frames: dict[str, TransformStamped] = {}
 _publisher: rospy.Publisher | None = None
 
 
-def announce(mounted: Any, frame_id: str, namespace: str) -> bool:
-    """Publish the frame of a mounting.MountedCamera if nobody else does; return whether."""
+def announce(
+    mounted: MountedCamera, parent_T_optical: np.ndarray, frame_id: str, namespace: str
+) -> bool:
+    """Publish the frame of a camera, (4, 4) in its link, if nobody else does; return whether."""
     name = mounted.sensor.config.optical_frame_name
     if not name or (mounted.model is not None and name in mounted.model.description.links):
         return False
     message = TransformStamped()
     message.header.frame_id = prefixed(mounted.link, namespace)
     message.child_frame_id = frame_id
-    parent_T_optical = mounted.parent_T_optical
     p, q = message.transform.translation, message.transform.rotation
     p.x, p.y, p.z = map(float, parent_T_optical[:3, 3])
     q.x, q.y, q.z, q.w = _quaternion(parent_T_optical[:3, :3])

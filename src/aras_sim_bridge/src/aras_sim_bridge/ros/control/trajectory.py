@@ -2,32 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import rospy
 from actionlib.action_server import ActionServer
-from actionlib_msgs.msg import GoalStatusArray
+from actionlib.server_goal_handle import ServerGoalHandle
+from actionlib_msgs.msg import GoalStatus, GoalStatusArray
 from control_msgs.msg import (
     FollowJointTrajectoryAction,
     FollowJointTrajectoryFeedback,
     FollowJointTrajectoryResult,
     JointTrajectoryControllerState,
 )
+from control_msgs.msg import JointTolerance as ToleranceMessage
 from control_msgs.srv import QueryTrajectoryState, QueryTrajectoryStateResponse
+from genpy import Message
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from aras_sim_bridge.control.controllers.trajectory_core import JointTrajectoryController
 from aras_sim_bridge.control.controllers.trajectory_types import (
     PREEMPTED,
     REJECTED,
     SUCCEEDED,
+    GoalHandle,
     JointTolerance,
     Trajectory,
     TrajectoryGoal,
     TrajectoryPoint,
+    TrajectoryState,
 )
 from aras_sim_bridge.ros.conversions import from_time, to_duration, to_time
-from aras_sim_bridge.ros.services import ServiceTable
+from aras_sim_bridge.ros.runtime.services import ServiceTable
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+
+StateMessage = JointTrajectoryControllerState | FollowJointTrajectoryFeedback
 
 
 def from_trajectory(message: JointTrajectory) -> Trajectory:
@@ -44,7 +50,7 @@ def from_trajectory(message: JointTrajectory) -> Trajectory:
     return Trajectory(message.joint_names, points, from_time(message.header.stamp))
 
 
-def fill_state(message: Any, state: Any) -> Any:
+def fill_state(message: StateMessage, state: TrajectoryState) -> StateMessage:
     """Write a TrajectoryState into a state or feedback message; returns the message."""
     message.header.stamp = to_time(state.stamp_ns)
     message.joint_names = list(state.joint_names)
@@ -63,30 +69,21 @@ def fill_state(message: Any, state: Any) -> Any:
     return message
 
 
-def to_state(state: Any) -> JointTrajectoryControllerState:
-    """Return the message of the controller's state topic."""
-    return fill_state(JointTrajectoryControllerState(), state)
-
-
 class _SimTimeActionServer(ActionServer):
     """actionlib's server with stamps of simulated time; its timer runs on wall time."""
 
-    def __init__(self, *args: Any, now_ns: Callable[[], int]) -> None:
-        self._now_ns = now_ns
+    def __init__(self, *args: object, thread: SimulationThread) -> None:
+        self._thread = thread
         super().__init__(*args, auto_start=False)
 
-    def publish_result(self, status: Any, result: Any) -> None:
+    def publish_result(self, status: GoalStatus, result: Message) -> None:
         with self.lock:
-            message = self.ActionResult(status=status, result=result)
-            message.header.stamp = to_time(self._now_ns())
-            self._send(self.result_pub, message)
+            self._send(self.result_pub, self.ActionResult(status=status, result=result))
             self.publish_status()
 
-    def publish_feedback(self, status: Any, feedback: Any) -> None:
+    def publish_feedback(self, status: GoalStatus, feedback: Message) -> None:
         with self.lock:
-            message = self.ActionFeedback(status=status, feedback=feedback)
-            message.header.stamp = to_time(self._now_ns())
-            self._send(self.feedback_pub, message)
+            self._send(self.feedback_pub, self.ActionFeedback(status=status, feedback=feedback))
 
     def publish_status(self) -> None:
         with self.lock:
@@ -97,29 +94,35 @@ class _SimTimeActionServer(ActionServer):
                 if tracker.handle_destruction_time == rospy.Time()
                 or tracker.handle_destruction_time + self.status_list_timeout >= now
             ]
-            message = GoalStatusArray(status_list=[t.status for t in self.status_list])
-            message.header.stamp = to_time(self._now_ns())
-            self._send(self.status_pub, message)
+            statuses = [tracker.status for tracker in self.status_list]
+            self._send(self.status_pub, GoalStatusArray(status_list=statuses))
 
-    @staticmethod
-    def _send(publisher: rospy.Publisher, message: Any) -> None:
+    def _send(self, publisher: rospy.Publisher, message: Message) -> None:
+        message.header.stamp = to_time(self._thread.now_ns())
         if not rospy.is_shutdown():
             publisher.publish(message)
 
 
 class TrajectoryAction:
-    """follow_joint_trajectory and query_state of one trajectory controller."""
+    """follow_joint_trajectory and query_state of one trajectory controller.
 
-    def __init__(self, controller: Any, namespace: str, now_ns: Callable[[], int]) -> None:
-        """Serve `controller` below its `namespace`; `now_ns` gives the simulated time."""
+    Goals and cancels are posted, never waited for: actionlib calls with its lock held, which the
+    simulation's thread needs to tell of a goal's progress.
+    """
+
+    def __init__(
+        self, controller: JointTrajectoryController, namespace: str, thread: SimulationThread
+    ) -> None:
+        """Serve `controller` below its `namespace`."""
         self._controller = controller
-        self._goals: dict[str, Any] = {}
+        self._thread = thread
+        self._goals: dict[str, GoalHandle] = {}  # the simulation's thread's
         self._server = _SimTimeActionServer(
             f"{namespace}/follow_joint_trajectory",
             FollowJointTrajectoryAction,
-            self._on_goal,
-            self._on_cancel,
-            now_ns=now_ns,
+            lambda goal: thread.post(lambda: self._begin(goal)),
+            lambda goal: thread.post(lambda: self._cancel(goal)),
+            thread=thread,
         )
         self._server.start()
         self._services = ServiceTable(namespace)
@@ -132,7 +135,7 @@ class TrajectoryAction:
         self._server.stop()
         self._services.shutdown()
 
-    def _on_goal(self, goal: Any) -> None:
+    def _begin(self, goal: ServerGoalHandle) -> None:
         message = goal.get_goal()
         request = TrajectoryGoal(
             from_trajectory(message.trajectory),
@@ -148,10 +151,10 @@ class TrajectoryAction:
         self._goals[key] = handle
         goal.set_accepted()
 
-        def feedback(state: Any) -> None:
+        def feedback(state: TrajectoryState) -> None:
             goal.publish_feedback(fill_state(FollowJointTrajectoryFeedback(), state))
 
-        def done(ended: Any) -> None:
+        def done(ended: GoalHandle) -> None:
             self._goals.pop(key, None)
             ends = {SUCCEEDED: goal.set_succeeded, PREEMPTED: goal.set_canceled}
             end = ends.get(ended.status, goal.set_aborted)
@@ -160,21 +163,22 @@ class TrajectoryAction:
         handle.on_feedback = feedback
         handle.on_done = done
 
-    def _on_cancel(self, goal: Any) -> None:
+    def _cancel(self, goal: ServerGoalHandle) -> None:
         handle = self._goals.get(goal.get_goal_id().id)
         if handle is not None:
             self._controller.cancel_goal(handle)
 
     def _query(self, request: QueryTrajectoryState) -> QueryTrajectoryStateResponse:
-        point = self._controller.query_state(from_time(request.time))
+        time_ns = from_time(request.time)
+        point = self._thread.call(lambda: self._controller.query_state(time_ns))
         return QueryTrajectoryStateResponse(
             list(self._controller.joints), point.positions, point.velocities, point.accelerations
         )
 
 
-def _tolerances(messages: Any) -> list[JointTolerance]:
+def _tolerances(messages: list[ToleranceMessage]) -> list[JointTolerance]:
     return [JointTolerance(m.name, m.position, m.velocity, m.acceleration) for m in messages]
 
 
-def _result(handle: Any) -> FollowJointTrajectoryResult:
+def _result(handle: GoalHandle) -> FollowJointTrajectoryResult:
     return FollowJointTrajectoryResult(int(handle.result.error_code), handle.result.error_string)

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 import rospy
 import yaml
 from sensor_msgs.msg import CameraInfo
 
+from aras_sim_bridge.camera import CameraIntrinsics
 from aras_sim_bridge.errors import CameraError
 
 
-def to_camera_info(info: Any) -> CameraInfo:
-    """Return the message of a CameraIntrinsics (width, height, model, D, K, R, P); no stamp."""
+def to_camera_info(info: CameraIntrinsics) -> CameraInfo:
+    """Return the message, without a stamp."""
     return CameraInfo(
         height=info.height,
         width=info.width,
@@ -65,15 +66,14 @@ def save_calibration(info: CameraInfo, camera_name: str) -> Path:
     return path
 
 
-def _flat(values: Any) -> list[float]:
-    rows = values.ravel() if hasattr(values, "ravel") else values
-    return [float(value) for value in rows]
+def _flat(values: np.ndarray) -> list[float]:
+    return np.asarray(values, float).ravel().tolist()
 
 
 def _calibration_yaml(info: CameraInfo, name: str) -> str:
     """Return the text that camera_calibration_parsers reads."""
 
-    def matrix(rows: int, values: list[float]) -> dict[str, Any]:
+    def matrix(rows: int, values: list[float]) -> dict[str, object]:
         data = [float(value) for value in values]
         return {"rows": rows, "cols": len(data) // rows, "data": data}
 

@@ -12,7 +12,6 @@ import select
 import socket
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any
 
 Parts = Sequence[bytes | memoryview]
 
@@ -21,15 +20,24 @@ class Lane:
     """What has not been taken by one connection's socket yet."""
 
     def __init__(
-        self, connection: Any, queue_size: int, on_lost: Callable[[Any], None]
+        self, target: socket.socket, queue_size: int, on_lost: Callable[[], None]
     ) -> None:
-        self.socket = connection.socket
-        self._connection = connection
+        """Write into `target`; `on_lost` is called once when it takes no more for ever."""
+        self.socket = target
+        self.descriptor = target.fileno()
         self._on_lost = on_lost
         self._lock = threading.Lock()
         self._begun: Parts = ()  # the rest of a message whose beginning was sent
         self._waiting: collections.deque[Parts] = collections.deque(maxlen=queue_size)
         self._lost = False
+
+    def close(self) -> None:
+        """Forget what was not taken: the socket is closed."""
+        with self._lock:
+            self._lost = True
+            self._begun = ()
+            self._waiting.clear()
+        _drain.forget(self)
 
     def send(self, parts: Parts) -> None:
         """Write what the socket takes now, and have the rest sent on."""
@@ -69,7 +77,7 @@ class Lane:
         except OSError:  # the listener is gone
             self._lost = True
             self._waiting.clear()
-            self._on_lost(self._connection)
+            self._on_lost()
             return ()
         rest = []
         for part in parts:
@@ -93,28 +101,40 @@ class _Drain:
             if self._poll is None:
                 self._poll = select.epoll()
                 threading.Thread(target=self._run, name="drain", daemon=True).start()
-            descriptor = lane.socket.fileno()
-            if descriptor < 0:  # closed meanwhile
+            if lane.socket.fileno() < 0:  # closed meanwhile
                 return
-            self._lanes[descriptor] = lane
+            self._lanes[lane.descriptor] = lane
             try:
-                self._poll.register(descriptor, select.EPOLLOUT)
+                self._poll.register(lane.descriptor, select.EPOLLOUT)
             except FileExistsError:
-                self._poll.modify(descriptor, select.EPOLLOUT)
+                self._poll.modify(lane.descriptor, select.EPOLLOUT)
+
+    def forget(self, lane: Lane) -> None:
+        """Flush `lane` no more."""
+        with self._lock:
+            # A new connection may have got the number of a closed one meanwhile.
+            if self._lanes.get(lane.descriptor) is not lane:
+                return
+            del self._lanes[lane.descriptor]
+            with contextlib.suppress(OSError):  # closed, and so forgotten by the kernel
+                self._poll.unregister(lane.descriptor)
 
     def _run(self) -> None:
         while True:
             for descriptor, _ in self._poll.poll():
-                lane = self._lanes[descriptor]
-                lane.flush()
-                with self._lock:
-                    # A new connection may have got the number of a closed one meanwhile, and
-                    # the lane something new to send.
-                    if self._lanes[descriptor] is not lane or lane.left:
-                        continue
-                    del self._lanes[descriptor]
-                    with contextlib.suppress(OSError):  # closed, and so forgotten
-                        self._poll.unregister(descriptor)
+                lane = self._lanes.get(descriptor)
+                if lane is not None:
+                    lane.flush()
+                    if not lane.left:
+                        self._rest(lane)
+
+    def _rest(self, lane: Lane) -> None:
+        """Wait for the socket no more, unless the lane has something new to send."""
+        with self._lock:
+            if not lane.left and self._lanes.get(lane.descriptor) is lane:
+                del self._lanes[lane.descriptor]
+                with contextlib.suppress(OSError):
+                    self._poll.unregister(lane.descriptor)
 
 
 _drain = _Drain()

@@ -1,0 +1,121 @@
+"""A topic whose messages are commands: read by the simulation's thread itself, between two steps.
+
+rospy gives every connection a thread, which would decode 6 000 messages a second of an original
+node's loop without sleep. Here that thread hands over its connection with the first message and
+rests until the connection ends; see runtime.inbox for what becomes of the messages.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import rospy
+from genpy import DeserializationError, Message
+from rospy.impl.tcpros_base import TCPROSTransport
+
+from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.ros.runtime.inbox import BUFFER_SIZE, Stream
+from aras_sim_bridge.ros.runtime.lockstep import COUNT
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+
+COMPLAINT_PERIOD = 5.0  # seconds of wall time between two lines about the same fault
+CLOSED_PERIOD = 1.0  # seconds of wall time between two looks whether rospy closed a connection
+
+
+class CommandTopic:
+    """Hands each message of a topic on in the step that it arrived before."""
+
+    def __init__(
+        self,
+        topic: str,
+        message: type[Message],
+        take: Callable[[Message], None],
+        thread: SimulationThread,
+    ) -> None:
+        """Subscribe; `take`, called in the simulation's thread, may raise SimError."""
+        self._topic = topic
+        self._message = message
+        self._take = take
+        self._thread = thread
+        self._complained = -COMPLAINT_PERIOD
+        self._refused = 0
+        self._streams: set[Stream] = set()  # the simulation's thread's
+        self._subscribing = threading.Lock()
+        COUNT.claim(topic)
+        with self._subscribing:
+            self._subscriber = rospy.Subscriber(
+                topic,
+                message,
+                self._hand_over,
+                queue_size=1,
+                buff_size=BUFFER_SIZE,
+                tcp_nodelay=True,
+            )
+
+    def shutdown(self) -> None:
+        """Unsubscribe."""
+        self._thread.post(self._end_streams)
+        self._subscriber.unregister()
+        COUNT.release(self._topic)
+
+    def _hand_over(self, message: Message) -> None:
+        """The first message of a connection, in rospy's thread for it."""
+        with self._subscribing:
+            implementation = self._subscriber.impl
+        connections = [] if implementation is None else implementation.connections
+        connection: TCPROSTransport | None = next(
+            (c for c in connections if c.header is message._connection_header), None
+        )
+        if connection is None:  # closed meanwhile
+            return
+        rest = connection.read_buff.getvalue()
+        connection.read_buff.seek(0)
+        connection.read_buff.truncate(0)
+        over = threading.Event()
+
+        def end() -> None:
+            self._streams.discard(stream)
+            over.set()
+
+        stream = Stream(connection.socket, self._on_body, end, rest)
+
+        def begin() -> None:
+            self._act(message)
+            self._streams.add(stream)
+            self._thread.inbox.add(stream)
+
+        self._thread.post(begin)
+        while not over.wait(CLOSED_PERIOD) and not rospy.is_shutdown():
+            if connection.done:
+                self._thread.post(lambda: self._thread.inbox.remove(stream))
+
+    def _end_streams(self) -> None:
+        for stream in list(self._streams):
+            self._thread.inbox.remove(stream)
+
+    def _on_body(self, body: bytes) -> None:
+        try:
+            message = self._message().deserialize(body)
+        except DeserializationError as error:
+            self._complain(f"a message of {len(body)} bytes is no {self._message._type}: {error}")
+        else:
+            self._act(message)
+
+    def _act(self, message: Message) -> None:
+        try:
+            self._take(message)
+        except SimError as error:
+            self._complain(str(error))
+        except Exception as error:  # of a user's controller: it must not end the simulation
+            self._complain(f"{type(error).__name__}: {error}")
+        COUNT.note(self._topic)
+
+    def _complain(self, why: str) -> None:
+        self._refused += 1
+        now = time.monotonic()
+        if now - self._complained >= COMPLAINT_PERIOD:
+            more = f" ({self._refused} refused so far)" if self._refused > 1 else ""
+            rospy.logerr("%s: %s%s", self._topic, why, more)
+            self._complained = now

@@ -1,0 +1,140 @@
+"""The topics of one controller, made from the ports that its class declares (controllers.base).
+
+Everything here that concerns the controller runs in the simulation's thread; rospy's threads only
+hand over what is to be done there.
+"""
+
+from __future__ import annotations
+
+from control_msgs.msg import JointControllerState, JointTrajectoryControllerState, PidState
+from genpy import Message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64, Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
+
+from aras_sim_bridge.control.controllers import Controller, base
+from aras_sim_bridge.control.pid import Gains, Pid
+from aras_sim_bridge.ros.control.command_topic import CommandTopic
+from aras_sim_bridge.ros.control.state_topic import StateTopic
+from aras_sim_bridge.ros.control.trajectory import TrajectoryAction, fill_state, from_trajectory
+from aras_sim_bridge.ros.conversions import to_duration, to_time
+from aras_sim_bridge.ros.runtime.reconfigure import PID_FIELDS, ReconfigureServer, Value
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+
+
+class PidTopics:
+    """dynamic_reconfigure and PidState of one PID."""
+
+    def __init__(self, namespace: str, pid: Pid, thread: SimulationThread) -> None:
+        """Serve `pid` in `namespace`."""
+        self._pid = pid
+        gains = pid.gains
+        values = {
+            "p": gains.p,
+            "i": gains.i,
+            "d": gains.d,
+            "i_clamp_min": gains.i_min,
+            "i_clamp_max": gains.i_max,
+            "antiwindup": gains.antiwindup,
+        }
+        self._server = ReconfigureServer(namespace, PID_FIELDS, values, self._apply)
+        self._state: StateTopic | None = None
+        if pid.publish_state:
+
+            def fill(message: PidState, state: object) -> None:
+                message.header.stamp = to_time(thread.simulation.time_ns)
+                message.timestep = to_duration(state.time_step)
+                _copy(message, state, _PID_FIELDS)
+
+            self._state = StateTopic(f"{namespace}/state", PidState, 1, pid, fill, thread)
+
+    def shutdown(self) -> None:
+        """Take everything off the graph."""
+        self._server.shutdown()
+        if self._state is not None:
+            self._state.shutdown()
+
+    def _apply(self, values: dict[str, Value]) -> None:
+        self._pid.set_gains(
+            Gains(
+                values["p"],
+                values["i"],
+                values["d"],
+                values["i_clamp_max"],
+                values["i_clamp_min"],
+                values["antiwindup"],
+            )
+        )
+
+
+class ControllerTopics:
+    """All topics of one loaded controller."""
+
+    def __init__(
+        self, controller: Controller, robot_namespace: str, thread: SimulationThread
+    ) -> None:
+        """Put the controller's ports on the graph."""
+        self.controller = controller
+        where = controller.context.where
+        self._parts: list[CommandTopic | StateTopic | PidTopics | TrajectoryAction] = []
+        if controller.command_kind in COMMANDS:
+            message, decode = COMMANDS[controller.command_kind]
+            self._parts.append(
+                CommandTopic(
+                    f"{where}/command",
+                    message,
+                    lambda received: controller.set_command(decode(received)),
+                    thread,
+                )
+            )
+        if controller.state_kind in STATES:
+            message, queue_size, fill = STATES[controller.state_kind]
+            topic = f"{where}/state"
+            if controller.state_kind == "joint_states":
+                topic = f"{robot_namespace}/joint_states"
+            self._parts.append(StateTopic(topic, message, queue_size, controller, fill, thread))
+        for name, pid in controller.pids.items():
+            self._parts.append(PidTopics(f"{where}/{name}", pid, thread))
+        if controller.action_kind == "follow_joint_trajectory":
+            self._parts.append(TrajectoryAction(controller, where, thread))
+
+    def shutdown(self) -> None:
+        """Take the ports off the graph."""
+        for part in self._parts:
+            part.shutdown()
+
+
+def fill_controller_state(message: JointControllerState, state: base.JointControllerState) -> None:
+    """Write a PID controller's sample into its message."""
+    message.header.stamp = to_time(state.stamp_ns)
+    _copy(message, state, _CONTROLLER_FIELDS)
+
+
+def fill_joint_states(message: JointState, states: base.JointStates) -> None:
+    """Write a sample of all joints into its message."""
+    message.header.stamp = to_time(states.stamp_ns)
+    message.name = states.names
+    message.position = states.positions
+    message.velocity = states.velocities
+    message.effort = states.efforts
+
+
+def _copy(message: Message, state: object, names: tuple[str, ...]) -> None:
+    for name in names:
+        setattr(message, name, getattr(state, name))
+
+
+# By command_kind: message, and what set_command takes of it.
+COMMANDS = {
+    "float64": (Float64, lambda message: message.data),
+    "float64_array": (Float64MultiArray, lambda message: list(message.data)),
+    "joint_trajectory": (JointTrajectory, from_trajectory),
+}
+# By state_kind: message, queue size, and how a state is written into it.
+STATES = {
+    "joint_controller_state": (JointControllerState, 1, fill_controller_state),
+    "joint_states": (JointState, 4, fill_joint_states),
+    "joint_trajectory_state": (JointTrajectoryControllerState, 1, fill_state),
+}
+_PID_FIELDS = tuple(name for name in PidState.__slots__ if name not in ("header", "timestep"))
+_CONTROLLER_FIELDS = tuple(name for name in JointControllerState.__slots__ if name != "header")

@@ -1,0 +1,158 @@
+"""What comes to the simulation's thread from outside, and is taken in between two steps.
+
+Commands come in streams: the thread itself reads their sockets just before a step, never waiting.
+What arrived before a step is known in it, and a flood costs one read a step, in which all but the
+last messages are passed over undecoded. Everything else rings the bell.
+"""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import os
+import select
+import socket
+import struct
+from collections.abc import Callable
+
+BUFFER_SIZE = 1 << 20  # bytes taken from a socket in one go
+LARGEST = 1 << 24  # bytes of one message: a length beyond it is no length
+_LENGTH = struct.Struct("<I")
+
+
+class Stream:
+    """Messages of one connection, as TCPROS sends them: length (4 bytes, little-endian), body."""
+
+    def __init__(
+        self,
+        source: socket.socket,
+        take: Callable[[bytes], None],
+        ended: Callable[[], None],
+        rest: bytes = b"",
+    ) -> None:
+        """Read `source` from here on.
+
+        Args:
+            take: gets the body of each message that acts.
+            ended: called when there will be no more.
+            rest: what has been read from `source` already and not been used.
+        """
+        self.descriptor = source.fileno()
+        self._source = source
+        self._take = take
+        self.ended = ended
+        self._rest = rest
+        self._bodies: collections.deque[bytes] = collections.deque()
+        self._acted_ns = -1
+
+    def read(self, buffer: bytearray) -> bool:
+        """Take in what the socket holds, by way of `buffer`; False: the connection has ended."""
+        try:
+            count = self._source.recv_into(buffer, 0, socket.MSG_DONTWAIT)
+        except (BlockingIOError, InterruptedError):
+            return True
+        except OSError:
+            return False
+        return count > 0 and self._split(self._rest + buffer[:count])
+
+    def _split(self, data: bytes) -> bool:
+        begin, end = 0, len(data)
+        while end - begin >= _LENGTH.size:
+            (size,) = _LENGTH.unpack_from(data, begin)
+            if size > LARGEST:
+                return False
+            body = begin + _LENGTH.size
+            if end - body < size:
+                break
+            begin = body + size
+            self._bodies.append(data[body:begin])
+        self._rest = data[begin:]
+        return True
+
+    def act(self, time_ns: int, backlog: int) -> bool:
+        """Hand on the message that is to act in the step from `time_ns`; whether there was one.
+
+        Messages act in their order, one a step. Of those that wait then the newest `backlog` are
+        kept for the next steps; with none, the newest acts at once, whatever acted before.
+        """
+        bodies = self._bodies
+        if not bodies or (backlog and self._acted_ns == time_ns):
+            return False
+        while len(bodies) > backlog + 1:
+            bodies.popleft()
+        self._acted_ns = time_ns
+        self._take(bodies.popleft())
+        return True
+
+
+class Inbox:
+    """The bell, which anybody may ring, and the streams, which are the simulation's thread's."""
+
+    def __init__(self) -> None:
+        self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._poll = select.epoll()
+        self._streams: dict[int, Stream] = {}
+        self._buffer = bytearray(BUFFER_SIZE)
+
+    def ring(self) -> None:
+        """Let the thread look again whether there is something to do; from any thread."""
+        with contextlib.suppress(OSError):  # closed: nobody looks any more
+            os.eventfd_write(self._bell, 1)
+
+    def quiet(self) -> None:
+        """Take note of the bell: what is looked at from here on may ring it again."""
+        with contextlib.suppress(BlockingIOError):
+            os.eventfd_read(self._bell)
+
+    def wait(self, seconds: float | None, commands: bool = True) -> bool:
+        """Until the bell rings, a command comes (with `commands`), or `seconds` of wall time are
+        over; whether a command is what came."""
+        sources = [self._bell, self._poll] if commands and self._streams else [self._bell]
+        ready, _, _ = select.select(sources, [], [], seconds)
+        return self._poll in ready
+
+    def add(self, stream: Stream) -> None:
+        """Read this stream too."""
+        # A closed socket's number may have come to be that of a new one.
+        self._end(self._streams.pop(stream.descriptor, None))
+        try:
+            self._poll.register(stream.descriptor, select.EPOLLIN)
+        except (OSError, ValueError):  # closed meanwhile
+            self._end(stream)
+            return
+        self._streams[stream.descriptor] = stream
+
+    def remove(self, stream: Stream) -> None:
+        """Read it no more."""
+        if self._streams.get(stream.descriptor) is stream:
+            del self._streams[stream.descriptor]
+            with contextlib.suppress(OSError, ValueError):
+                self._poll.unregister(stream.descriptor)
+        self._end(stream)
+
+    def take(self, time_ns: int, backlog: int) -> bool:
+        """Read what has come and hand on what acts in the step from `time_ns`; see Stream.act.
+
+        Returns whether a command came.
+        """
+        if not self._streams:
+            return False
+        acted = False
+        for descriptor, _ in self._poll.poll(0):
+            stream = self._streams[descriptor]
+            if not stream.read(self._buffer):
+                acted = stream.act(time_ns, 0) or acted  # its last word
+                self.remove(stream)
+        for stream in self._streams.values():
+            acted = stream.act(time_ns, backlog) or acted
+        return acted
+
+    def close(self) -> None:
+        """End all streams."""
+        for stream in list(self._streams.values()):
+            self.remove(stream)
+
+    @staticmethod
+    def _end(stream: Stream | None) -> None:
+        if stream is not None:
+            stream.ended()

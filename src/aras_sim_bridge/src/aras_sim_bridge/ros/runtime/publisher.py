@@ -1,0 +1,158 @@
+"""A publisher that writes into its listeners' sockets itself.
+
+rospy gives every connection a thread, wakes it for every message and copies the message four
+times on the way: at 250 Hz of /clock and a few listeners that is the largest part of what an idle
+simulator uses, and for images it is milliseconds. Here the caller writes, without ever waiting.
+"""
+
+from __future__ import annotations
+
+import struct
+import threading
+from collections.abc import Callable
+from io import BytesIO
+
+import rospy
+from genpy import Message
+from rospy.impl.tcpros_base import TCPROSTransport
+
+from aras_sim_bridge.ros.runtime.lane import Lane, Parts
+
+_LENGTH = struct.Struct("<I")
+
+
+class Peers(rospy.SubscribeListener):
+    """Tells when the listeners of a topic come and go.
+
+    rospy tells so from its own threads, each in its own time: who hears it looks how many there
+    are now (`connections`), and does not reckon with what it was told.
+    """
+
+    def __init__(self, changed: Callable[[], None]) -> None:
+        super().__init__()
+        self._changed = changed
+
+    def peer_subscribe(self, *_args: object) -> None:
+        self._changed()
+
+    def peer_unsubscribe(self, *_args: object) -> None:
+        self._changed()
+
+
+def connections(publisher: rospy.Publisher | None) -> list[TCPROSTransport]:
+    """The listeners' connections, without the topic's lock, which rospy holds while it tells of
+    them; none while the topic is not, or no longer, advertised."""
+    implementation = None if publisher is None else publisher.impl
+    return [] if implementation is None else implementation.connections
+
+
+class QuickPublisher:
+    """Publishes from one thread; listeners connect and go as with any rospy.Publisher."""
+
+    def __init__(
+        self,
+        topic: str,
+        message: type[Message],
+        queue_size: int,
+        latch: bool = False,
+        changed: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Advertise.
+
+        Args:
+            latch: who comes later gets the last message.
+            changed: called, from any thread, when listeners came or went; also before this
+                returns, where somebody waited for the topic.
+        """
+        self._queue_size = queue_size
+        self._changed = changed
+        self._lock = threading.Lock()
+        self._lanes: dict[TCPROSTransport, Lane] = {}
+        self._latched: Parts | None = None
+        self._sequence = 0
+        # rospy tells listeners of the latch, but never has a message to latch: see _on_peers.
+        self._latch = latch
+        self._publisher: rospy.Publisher | None = None
+        self._publisher = rospy.Publisher(
+            topic,
+            message,
+            queue_size=queue_size,
+            latch=latch,
+            tcp_nodelay=True,
+            subscriber_listener=Peers(self._on_peers),
+        )
+        self._on_peers()  # of who was quicker than the constructor rospy tells nothing
+
+    def publish(self, message: Message) -> None:
+        """Send a message to those who listen; its header gets the next sequence number."""
+        if not self._wanted():
+            return
+        if message._has_header:
+            message.header.seq = self.next_sequence()
+        buffer = BytesIO()
+        message.serialize(buffer)
+        self.publish_bytes(buffer.getvalue())
+
+    def next_sequence(self) -> int:
+        """Number for the header of the next message."""
+        self._sequence += 1
+        return self._sequence
+
+    def publish_bytes(self, *body: bytes | memoryview) -> None:
+        """Send a message that is serialised already, in parts that must not change any more."""
+        if not self._wanted():
+            return
+        parts = (_LENGTH.pack(sum(map(len, body))), *body)
+        with self._lock:
+            if self._latch:
+                self._latched = parts
+            for connection in connections(self._publisher):
+                lane = self._lanes.get(connection) or self._open(connection)
+                if lane is not None:
+                    lane.send(parts)
+
+    @property
+    def listeners(self) -> int:
+        """Number of listeners."""
+        return len(connections(self._publisher))
+
+    def unregister(self) -> None:
+        """Take the topic off the graph."""
+        self._publisher.unregister()
+        self._on_peers()
+
+    def _wanted(self) -> bool:
+        return self._latch or self.listeners > 0
+
+    def _open(self, connection: TCPROSTransport) -> Lane | None:
+        """Return the lane of a new connection; None while it is not up."""
+        if connection.socket is None:
+            return None
+        lane = self._lanes[connection] = Lane(
+            connection.socket, self._queue_size, lambda: self._close(connection)
+        )
+        return lane
+
+    def _on_peers(self) -> None:
+        """Send the latched message to whoever has just come; forget what waits for who has gone."""
+        with self._lock:
+            present = connections(self._publisher)
+            for connection in self._lanes.keys() - set(present):
+                self._lanes.pop(connection).close()
+            if self._latched is not None:
+                for connection in present:
+                    if connection in self._lanes:
+                        continue
+                    if (lane := self._open(connection)) is not None:
+                        lane.send(self._latched)
+        self._changed()
+
+    def _close(self, connection: TCPROSTransport) -> None:
+        """Forget a connection that broke; not from here, where its lane is at work."""
+        threading.Thread(target=self._drop, args=(connection,), daemon=True).start()
+
+    def _drop(self, connection: TCPROSTransport) -> None:
+        implementation = self._publisher.impl
+        if implementation is not None:
+            implementation.remove_connection(connection)
+        connection.close()

@@ -1,0 +1,160 @@
+"""Commands' sockets as the simulation's thread reads them: what acts in which step."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+
+import pytest
+
+from aras_sim_bridge.ros.runtime.inbox import LARGEST, Inbox, Stream
+
+STEP_NS = 1_000_000
+
+
+class Publisher:
+    """The other end of a stream; `acted` lists what acted, `ended` says that it is over."""
+
+    def __init__(self, inbox: Inbox, rest: bytes = b"") -> None:
+        self.end, ours = socket.socketpair()
+        self.ours = ours
+        self.acted: list[int] = []
+        self.ended = threading.Event()
+        self.stream = Stream(
+            ours, lambda body: self.acted.append(int(body)), self.ended.set, rest
+        )
+        inbox.add(self.stream)
+
+    def send(self, *numbers: int) -> None:
+        self.end.sendall(b"".join(map(framed, numbers)))
+
+
+def framed(number: int) -> bytes:
+    body = str(number).encode()
+    return struct.pack("<I", len(body)) + body
+
+
+@pytest.fixture
+def inbox():
+    box = Inbox()
+    yield box
+    box.close()
+
+
+def test_messages_act_in_order_one_a_step(inbox):
+    publisher = Publisher(inbox)
+    publisher.send(1, 2, 3)
+    for step in range(3):
+        assert inbox.take(step * STEP_NS, 2)
+        assert publisher.acted == [1, 2, 3][: step + 1]
+    assert not inbox.take(3 * STEP_NS, 2)
+
+
+def test_a_step_takes_one_message_however_often_it_is_looked_for(inbox):
+    publisher = Publisher(inbox)
+    publisher.send(1, 2)
+    inbox.take(0, 8)
+    inbox.take(0, 8)
+    assert publisher.acted == [1]
+    inbox.take(STEP_NS, 8)
+    assert publisher.acted == [1, 2]
+
+
+def test_without_backlog_the_newest_that_arrived_acts_in_the_step(inbox):
+    publisher = Publisher(inbox)
+    publisher.send(1, 2, 3)
+    inbox.take(0, 0)
+    publisher.send(4)
+    inbox.take(0, 0)
+    assert publisher.acted == [3, 4]
+
+
+def test_of_a_flood_the_newest_wait_and_the_last_one_acts(inbox):
+    publisher = Publisher(inbox)
+    for step in range(100):
+        publisher.send(*range(10 * step, 10 * step + 10))
+        inbox.take(step * STEP_NS, 1)
+        assert publisher.acted[-1] >= 10 * step + 8  # none older than the one before the newest
+    inbox.take(100 * STEP_NS, 1)
+    assert publisher.acted[-1] == 999
+    assert publisher.acted == sorted(publisher.acted)
+    assert len(publisher.acted) == 101
+
+
+def test_a_message_in_pieces_acts_when_it_is_whole(inbox):
+    publisher = Publisher(inbox)
+    data = framed(12345) + framed(678)
+    for k in range(len(data)):
+        publisher.end.sendall(data[k : k + 1])
+        inbox.take(k * STEP_NS, 1)
+        assert publisher.acted == [12345] * (k >= 8) + [678] * (k >= 15)
+
+
+def test_what_was_read_before_counts(inbox):
+    publisher = Publisher(inbox, rest=framed(7)[:3])
+    publisher.end.sendall(framed(7)[3:])
+    inbox.take(0, 1)
+    assert publisher.acted == [7]
+
+
+def test_streams_do_not_mix(inbox):
+    first, second = Publisher(inbox), Publisher(inbox)
+    first.send(1)
+    second.send(2)
+    inbox.take(0, 1)
+    assert (first.acted, second.acted) == ([1], [2])
+
+
+def test_the_last_word_of_who_leaves_acts_and_then_it_is_over(inbox):
+    publisher = Publisher(inbox)
+    publisher.send(1, 2)
+    publisher.end.close()
+    inbox.take(0, 1)
+    inbox.take(STEP_NS, 1)
+    assert publisher.acted == [1, 2]
+    assert publisher.ended.is_set()
+    assert not inbox.take(2 * STEP_NS, 1)
+
+
+def test_nonsense_ends_its_stream_alone(inbox):
+    mad, sane = Publisher(inbox), Publisher(inbox)
+    mad.end.sendall(struct.pack("<I", LARGEST + 1))
+    sane.send(1)
+    inbox.take(0, 1)
+    assert mad.ended.is_set()
+    assert sane.acted == [1]
+    assert not sane.ended.is_set()
+
+
+def test_a_socket_closed_under_it_is_no_fault(inbox):
+    publisher = Publisher(inbox)
+    publisher.ours.close()
+    inbox.take(0, 1)
+    other = Publisher(inbox)  # likely under the same number
+    other.send(5)
+    inbox.take(STEP_NS, 1)
+    assert other.acted == [5]
+    inbox.remove(publisher.stream)
+    assert publisher.ended.is_set()
+    other.send(6)
+    inbox.take(2 * STEP_NS, 1)
+    assert other.acted == [5, 6]
+
+
+def test_a_command_wakes_who_waits_for_commands(inbox):
+    publisher = Publisher(inbox)
+    publisher.send(1)
+    assert inbox.wait(10.0)
+    assert not inbox.wait(0.0, commands=False)
+
+
+def test_the_bell_wakes_once_for_each_look(inbox):
+    inbox.ring()
+    inbox.ring()
+    assert not inbox.wait(None)  # it was the bell, no command
+    inbox.quiet()
+    ringing = threading.Timer(0.01, inbox.ring)
+    ringing.start()
+    inbox.wait(None)  # for ever, if not for the bell
+    ringing.join()

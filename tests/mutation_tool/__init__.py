@@ -1,0 +1,1 @@
+"""What stands behind `tests/mutation AREA`; tests/README.md says what it is for."""

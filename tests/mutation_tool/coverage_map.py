@@ -1,0 +1,155 @@
+"""From what the tests were seen to run: the tests that can notice a fault, the fastest first."""
+
+from __future__ import annotations
+
+import ast
+import re
+from dataclasses import dataclass
+from functools import cached_property
+
+from .edits import COMPILED
+from .faults import Fault
+from .recording import COLLECTING
+
+_SLOW_S = 0.5
+
+
+@dataclass(frozen=True)
+class _Scope:
+    """A function, or a statement outside all functions, and the names that it makes."""
+
+    first: int
+    last: int
+    names: tuple[str, ...]
+    runs: bool  # a function that a tracer sees
+
+
+class CoverageMap:
+    """Recordings of all test files of an area.
+
+    Args:
+        recordings: by test file, what `recording.record` wrote.
+        sources: all sources by file, from the workspace's top: also those outside the area,
+            through which its constants and compiled functions are used.
+    """
+
+    def __init__(self, recordings: dict[str, dict], sources: dict[str, bytes]) -> None:
+        self.seconds: dict[str, float] = {}
+        self.failed: set[str] = set()
+        self._of_line: dict[str, dict[int, set[str]]] = {}
+        self._collected: dict[str, set[str]] = {}
+        self._sources = sources
+        for test_file, recording in recordings.items():
+            self.seconds |= recording["seconds"]
+            self.failed |= set(recording["failed"])
+            for file, lines in recording["lines"].items():
+                of_line = self._of_line.setdefault(file, {})
+                for line, contexts in lines.items():
+                    tests = of_line.setdefault(int(line), set())
+                    for context in contexts:
+                        if context == COLLECTING:
+                            self._collected.setdefault(file, set()).add(test_file)
+                        else:
+                            tests |= set(recording["shared"].get(context, (context,)))
+
+    def tests_of(self, fault: Fault) -> list[str]:
+        """The tests that run the fault, in the order to run them in; none where none does.
+
+        What runs while modules are imported, and what numba compiles, leaves no trace: there, the
+        tests that run a function which uses it, through as many such steps as it takes.
+        """
+        if fault.names:
+            found = self._users(fault.names, fault.file)
+            if not found:
+                found = self._tests(fault.file, 1, 10**9)
+            if not found:
+                files = self._collected.get(fault.file, set())
+                found = {name for name in self.seconds if name.partition("::")[0] in files}
+        else:
+            found = self._tests(fault.file, *fault.lines)
+        return self._ordered(found - self.failed)
+
+    def total(self, tests: list[str]) -> float:
+        """Seconds that these tests took when they were recorded."""
+        return sum(self.seconds[name] for name in tests)
+
+    def _tests(self, file: str, first: int, last: int) -> set[str]:
+        lines = self._of_line.get(file, {})
+        found: set[str] = set()
+        for line, tests in lines.items():
+            if first <= line <= last:
+                found |= tests
+        return {name for name in found if name in self.seconds}
+
+    def _ordered(self, tests: set[str]) -> list[str]:
+        """Quick tests before slow ones, file by file so that shared fixtures are made once."""
+        def file_of(name: str) -> str:
+            return name.partition("::")[0]
+
+        totals: dict[tuple[bool, str], float] = {}
+        for name in tests:
+            group = self.seconds[name] > _SLOW_S, file_of(name)
+            totals[group] = totals.get(group, 0.0) + self.seconds[name]
+
+        def rank(name: str) -> tuple[bool, float, str, float, str]:
+            slow = self.seconds[name] > _SLOW_S
+            file = file_of(name)
+            return slow, totals[slow, file], file, self.seconds[name], name
+
+        return sorted(tests, key=rank)
+
+    # -- who uses a name -------------------------------------------------------------------
+
+    def _users(self, names: tuple[str, ...], file: str) -> set[str]:
+        found: set[str] = set()
+        pending, done = [(name, file) for name in names], set(names)
+        while pending:
+            name, home = pending.pop()
+            files = (home,) if name.startswith("_") else self._sources
+            for user in files:
+                for scope in self._scopes_with(user, name):
+                    if scope.runs:
+                        found |= self._tests(user, scope.first, scope.last)
+                    else:
+                        pending += [(n, user) for n in scope.names if n not in done]
+                        done |= set(scope.names)
+        return found
+
+    def _scopes_with(self, file: str, name: str) -> list[_Scope]:
+        lines = self._words[file].get(name, ())
+        return [s for s in self._scopes[file] if any(s.first <= k <= s.last for k in lines)]
+
+    @cached_property
+    def _words(self) -> dict[str, dict[str, list[int]]]:
+        words: dict[str, dict[str, list[int]]] = {}
+        for file, source in self._sources.items():
+            of_file = words.setdefault(file, {})
+            for number, line in enumerate(source.decode().splitlines(), 1):
+                for word in re.findall(r"[A-Za-z_]\w*", line.partition("#")[0]):
+                    of_file.setdefault(word, []).append(number)
+        return words
+
+    @cached_property
+    def _scopes(self) -> dict[str, list[_Scope]]:
+        return {
+            file: list(_scopes(ast.parse(source).body, source.decode()))
+            for file, source in self._sources.items()
+        }
+
+
+def _scopes(body: list[ast.stmt], text: str, outer: str = "") -> list[_Scope]:
+    scopes = []
+    for node in body:
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            decorators = [ast.get_source_segment(text, d) or "" for d in node.decorator_list]
+            runs = not any(COMPILED.search(d) for d in decorators)
+            scopes.append(_Scope(node.body[0].lineno, node.end_lineno, (node.name,), runs))
+        elif isinstance(node, ast.ClassDef):
+            scopes += _scopes(node.body, text, node.name)
+        else:
+            targets = getattr(node, "targets", None) or [getattr(node, "target", None)]
+            names = tuple(n.id for t in targets if t for n in ast.walk(t)
+                          if isinstance(n, ast.Name))
+            names = (*names, outer) if outer else names
+            scopes.append(_Scope(node.lineno, node.end_lineno, names, False))
+    return scopes

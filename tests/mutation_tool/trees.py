@@ -1,0 +1,51 @@
+"""Copies of the workspace, in which faults are planted; the checkout itself is never changed."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import subprocess
+from pathlib import Path
+
+_SKIPPED = ("docs/", "docker/", "tests/benchmarks/", "tests/mutation")
+
+
+def tracked(top: Path) -> list[str]:
+    """What git knows of the checkout or could: all but the ignored, as far as tests use it."""
+    listing = subprocess.run(
+        ["git", "-C", str(top), "ls-files", "-co", "--exclude-standard", "-z"],
+        capture_output=True, check=True, text=True,
+    ).stdout
+    return sorted(
+        name for name in listing.split("\0")
+        if name and not name.startswith(_SKIPPED) and (top / name).is_file()
+    )
+
+
+def update(top: Path, copy: Path) -> None:
+    """Make `copy` equal to the checkout; what is equal already keeps its time."""
+    names = tracked(top)
+    copy.mkdir(parents=True, exist_ok=True)
+    for name in names:
+        source, target = top / name, copy / name
+        if not target.is_file() or target.read_bytes() != source.read_bytes():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(source, target)
+    known = set(names)
+    for folder in ("src", "tests"):
+        for path in (copy / folder).rglob("*"):
+            name = str(path.relative_to(copy))
+            if path.is_file() and name not in known and "__pycache__" not in path.parts:
+                path.unlink()
+    (copy / ".numba").mkdir(exist_ok=True)
+    for name, target in ((".venv", top / ".venv"), ("../shared", top.parent / "shared")):
+        if target.exists() and not (copy / name).is_symlink():
+            (copy / name).symlink_to(target.resolve())
+
+
+def digest(top: Path, names: list[str]) -> str:
+    """Hash of these files' names and contents."""
+    total = hashlib.sha256()
+    for name in names:
+        total.update(name.encode() + b"\0" + (top / name).read_bytes() + b"\0")
+    return total.hexdigest()[:16]

@@ -1,0 +1,181 @@
+"""The whole tool on a toy workspace: what its tests hold is found, what they do not is missed."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from mutation_tool import cli
+from mutation_tool.areas import Area, UnknownAreaError, area_named
+from mutation_tool.campaign import Campaign, CampaignError, Outcome
+from mutation_tool.equivalents import Equivalents, EquivalentsError
+from mutation_tool.faults import Fault, sample
+from mutation_tool.report import Report
+
+TOY = """def added(a, b):
+    return a + b
+
+
+def scaled(a):
+    return 2.0 * a
+
+
+def forgotten(a):
+    return a - 1
+
+
+def counted(n):
+    while n > 0:
+        n -= 1
+    return n
+"""
+TESTS = """import pytest
+from toy import added, counted, scaled
+
+@pytest.fixture(scope="module")
+def six():
+    return added(3, 3)
+
+def test_added():
+    assert added(1, 2) == 3
+
+def test_six(six):
+    assert six == 6
+
+def test_scaled():
+    assert scaled(0.0) == 0.0
+
+def test_counted():
+    assert counted(3) == 0
+"""
+AREA = Area("toy", ("src/toy.py",), ("tests",))
+
+
+@pytest.fixture
+def top(tmp_path: Path) -> Path:
+    """A git checkout with one module and its tests."""
+    top = tmp_path / "work"
+    (top / "src").mkdir(parents=True)
+    (top / "tests").mkdir()
+    (top / "src" / "toy.py").write_text(TOY)
+    (top / "tests" / "test_toy.py").write_text(TESTS)
+    (top / "pyproject.toml").write_text('[tool.pytest.ini_options]\npythonpath = ["src"]\n')
+    subprocess.run(["git", "init", "-q", str(top)], check=True)
+    return top
+
+
+def campaign(top: Path, minutes: float = 5.0) -> Campaign:
+    deadline = time.monotonic() + 60.0 * minutes
+    return Campaign(AREA, top, top.parent / "out", 1, deadline, lambda line: None,
+                    patience=2.0, libraries=("pytest", "coverage"))
+
+
+def drawn(only: str = "") -> list[Fault]:
+    return sample({"src/toy.py": TOY.encode()}, 99, 1, only)
+
+
+def test_found_and_missed(top: Path) -> None:
+    run = campaign(top)
+    cover = run.record()
+    outcomes = {f.now: o for f, o in run.run(drawn("added|scaled|forgotten|n -="), cover)}
+    run.close()
+    assert {now: outcome.how for now, outcome in outcomes.items()} == {
+        "return a - b": "test", "return 2.5 * a": "missed", "return 2.0 / a": "test",
+        "return a + 1": "no test", "return a - 2": "no test", "n += 1": "time-out",
+        "pass": "time-out", "n -= 2": "test",
+    }
+    assert outcomes["return a - b"].by.endswith(("::test_added", "::test_six"))
+    assert outcomes["return 2.5 * a"].ran == 1
+    assert (top / "src" / "toy.py").read_text() == TOY
+    assert (top.parent / "out" / "copies" / "0" / "src" / "toy.py").read_text() == TOY
+    again = campaign(top)
+    again.record()
+    assert again.known() == {outcome.key: outcome for outcome in outcomes.values()}
+    with (top / "tests" / "test_toy.py").open("a") as file:
+        file.write("\ndef test_more():\n    assert scaled(1.0) == 2.0\n")
+    later = campaign(top)
+    cover = later.record()
+    known = later.known()
+    assert {o.how for o in known.values()} == {"test", "time-out"}  # misses are tried again
+    ((_, outcome),) = later.run([f for f in drawn("scaled") if f.operator == "constant"], cover)
+    later.close()
+    assert outcome.by == "tests/test_toy.py::test_more"
+
+
+def test_failing_tests_are_refused(top: Path) -> None:
+    with (top / "tests" / "test_toy.py").open("a") as file:
+        file.write("\ndef test_wrong():\n    assert added(1, 1) == 3\n")
+    run = campaign(top)
+    with pytest.raises(CampaignError, match="test_toy.py fails without any fault"):
+        run.record()
+    run.close()
+
+
+def test_nothing_is_begun_when_time_is_up(top: Path) -> None:
+    run = campaign(top, minutes=0.0)
+    assert run.record() is None
+
+
+def test_report(top: Path) -> None:
+    run = campaign(top)
+    cover = run.record()
+    run.close()
+    faults = drawn("added|scaled|forgotten")
+    by_line = {f.now: f for f in faults}
+    report = Report(faults, {by_line["return a - 2"].key}, cover)
+    report.outcomes = {
+        by_line[now].key: Outcome(by_line[now].key, how, "", 1, 0.1, "")
+        for now, how in (("return a - b", "test"), ("return 2.5 * a", "missed"),
+                         ("return a + 1", "no test"))
+    }
+    text = report.text("toy")
+    assert json.loads(text.splitlines()[-1]) == {
+        "area": "toy", "sampled": 4, "found": 1, "missed": 2, "equivalent": 1, "score": 0.3333
+    }
+    assert "1 of 5 not planted yet" in text
+    assert "missed: src/toy.py:6 scaled (constant" in text
+    assert "  - return 2.0 * a\n  + return 2.5 * a\n  ran: test_toy.py::test_scaled" in text
+    assert "constant          0       1        0           1" in text
+    assert "sign              1       0        1           0" in text
+    assert "more than a tenth" in text
+    assert not report.reached(0.1)
+
+
+def test_unknown_areas_name_the_nearest() -> None:
+    with pytest.raises(UnknownAreaError, match=r"no area visoin; did you mean vision\? known: ren"):
+        area_named("visoin")
+    assert cli.main(["nothing-like-it", "--list"]) == 2
+
+
+def test_an_area_without_sources_says_so(tmp_path: Path) -> None:
+    with pytest.raises(UnknownAreaError, match="area toy has no sources yet: src/toy.py"):
+        AREA.source_files(tmp_path)
+    with pytest.raises(UnknownAreaError, match="area toy has no tests yet: tests"):
+        AREA.test_files(tmp_path)
+
+
+def test_equivalents_are_known_by_what_they_change(tmp_path: Path) -> None:
+    file = tmp_path / "equivalents.yaml"
+    file.write_text("- {file: toy.py, in: scaled, was: 'return 2.0  * a', now: return 2.5 * a,\n"
+                    "   why: toys have no scale}\n")
+    known = Equivalents.load(file)
+    moved = sample({"src/room/toy.py": b"\n\n" + TOY.encode()}, 99, 1, "scaled")
+    reasons = {f.now: known.reason(f) for f in moved}
+    assert reasons == {"return 2.5 * a": "toys have no scale", "return 2.0 / a": None}
+
+
+@pytest.mark.parametrize("text", ["- {file: toy.py}", "- why", "- {file: 1, in: a, was: b, now: c, "
+                                  "why: d}"])
+def test_a_wrong_list_of_equivalents_is_refused(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "equivalents.yaml"
+    file.write_text(text)
+    with pytest.raises(EquivalentsError, match=r"equivalents.yaml, entry 1: needs the texts file"):
+        Equivalents.load(file)
+
+
+def test_the_kept_list_is_as_it_should_be() -> None:
+    Equivalents.load()

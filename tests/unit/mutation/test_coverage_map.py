@@ -1,0 +1,84 @@
+"""Which tests are run for a fault, and in which order."""
+
+from __future__ import annotations
+
+from mutation_tool.coverage_map import CoverageMap
+from mutation_tool.faults import Fault, faults_of
+from mutation_tool.recording import COLLECTING
+
+SHAPES = b"""from .limits import LIMIT
+UNIT = 2.0
+AREA = UNIT * 3
+
+
+def area(a):
+    return a * AREA
+
+
+def slow(a):
+    return _kernel(a) + 1
+
+
+@compiled("f8(f8)")
+def _kernel(a):
+    return a + 2
+
+
+def nobody(a):
+    return a - 4
+"""
+LIMITS = b"LIMIT = 5.0\n"
+SOURCES = {"src/shapes.py": SHAPES, "src/limits.py": LIMITS}
+RECORDING = {
+    "lines": {
+        "src/shapes.py": {
+            "1": [COLLECTING], "2": [COLLECTING],
+            "7": ["tests/a.py::quick", "tests/a.py::long", "fixture shared of tests/a.py"],
+            "11": ["tests/a.py::other"],
+        },
+        "src/limits.py": {"1": [COLLECTING]},
+    },
+    "shared": {"fixture shared of tests/a.py": ["tests/a.py::user"]},
+    "seconds": {"tests/a.py::quick": 0.1, "tests/a.py::long": 3.0, "tests/a.py::user": 0.05,
+                "tests/a.py::other": 0.2, "tests/a.py::failing": 0.1},
+    "failed": {},
+}
+SECOND = {"lines": {"src/shapes.py": {"7": ["tests/b.py::brief"]}}, "shared": {},
+          "seconds": {"tests/b.py::brief": 0.01}, "failed": {}}
+
+
+def found_at(line: int, file: str = "src/shapes.py", failed: tuple[str, ...] = ()) -> list[str]:
+    recordings = {"tests/a.py": RECORDING | {"failed": dict.fromkeys(failed, "skipped")},
+                  "tests/b.py": SECOND}
+    cover = CoverageMap(recordings, SOURCES)
+    fault: Fault = next(f for f in faults_of(SOURCES[file], file) if f.line == line)
+    return [name.rpartition(":")[2] for name in cover.tests_of(fault)]
+
+
+def test_tests_of_the_line_quick_ones_and_quick_files_first() -> None:
+    assert found_at(7) == ["brief", "user", "quick", "long"]
+
+
+def test_nothing_runs_an_uncovered_line() -> None:
+    assert found_at(20) == []
+
+
+def test_what_fails_or_is_skipped_tells_nothing() -> None:
+    assert found_at(7, failed=("tests/a.py::quick",)) == ["brief", "user", "long"]
+
+
+def test_a_constant_is_seen_where_it_is_used_through_other_constants() -> None:
+    assert found_at(2) == ["brief", "user", "quick", "long"]
+
+
+def test_a_compiled_function_is_seen_where_it_is_called() -> None:
+    assert found_at(16) == ["other"]
+
+
+def test_a_constant_that_only_imports_see_gets_the_tests_that_import_it() -> None:
+    assert set(found_at(1, "src/limits.py")) == {"quick", "long", "user", "other", "failing"}
+
+
+def test_total_is_what_the_tests_took() -> None:
+    cover = CoverageMap({"tests/a.py": RECORDING}, SOURCES)
+    assert cover.total(["tests/a.py::quick", "tests/a.py::long"]) == 3.1

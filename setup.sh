@@ -5,18 +5,64 @@ set -euo pipefail
 
 usage() {
     cat <<'TEXT'
-Usage: ./setup.sh [--packages | --help]
+Usage: ./setup.sh [--for running|bench|developing] [--packages] [--help]
 
-Prepares a Debian 12 machine for this workspace, in four steps, each left out when it is done already:
+Prepares a Debian 12 or 13 machine for this workspace, in four steps, each left out when it is done already:
   1. installs the Debian packages it needs (as root or through sudo),
-  2. makes the virtual environment .venv from /usr/bin/python3 with the versions of requirements.txt,
+  2. makes the virtual environment .venv from /usr/bin/python3 with the versions in requirements/,
   3. builds the workspace with catkin_make and that interpreter,
   4. compiles the renderer's loops (Numba), which the first start would wait for otherwise.
 
-  --packages   print the Debian packages, one a line, and do nothing
+  --for TIER   how much is installed: `running` is the simulator with its nodes, `bench` (default) also
+               experiments without ROS, the demo and its plots, `developing` also linters and tests;
+               what is there already stays
+  --packages   print the Debian packages of that tier, one a line, and do nothing
   --help       print this
 TEXT
 }
+
+fail() {
+    printf 'setup.sh: %s\n' "$@" >&2
+    exit 1
+}
+
+tiers=(running bench developing)
+tier=bench list=""
+while (($#)); do
+    case "$1" in
+        --for=*) set -- --for "${1#*=}" "${@:2}" ;;
+    esac
+    case "$1" in
+        --for)
+            [[ " ${tiers[*]} " == *" ${2-} "* && -n ${2-} ]] || fail "--for takes one of: ${tiers[*]}"
+            tier=$2
+            shift 2
+            ;;
+        --packages) list=yes; shift ;;
+        -h | --help) usage; exit ;;
+        *) usage >&2; fail "unknown option $1" ;;
+    esac
+done
+
+# --- What differs between systems, all of it -----------------------------------------------------
+system=$(. /etc/os-release && printf '%s %s' "${ID:-unknown}" "${VERSION_ID:-}")
+of_this_system=() # more Debian packages
+pybullet_wheel=yes # whether PyPI has PyBullet built for this system's Python
+case "$system" in
+    "debian 12") ;;
+    "debian 13")
+        of_this_system=(python3-dev ros-environment) # building PyBullet; setting ROS_PACKAGE_PATH
+        pybullet_wheel=""
+        ;;
+    ubuntu*)
+        unsupported="Ubuntu has no ROS 1 of its own, and ROS One's packages (/opt/ros/one) go by other names: install \
+ros-one-desktop, catkin and python3-venv, then build by hand as the README's section 'The ROS way' says; untested."
+        ;;
+    *) unsupported="Use Debian 12 or 13, which ship ROS 1, or the container in docker/." ;;
+esac
+[[ -z ${CONDA_PREFIX-} ]] ||
+    conda="A conda shell is active; RoboStack's ROS is not used: its Python could not see Debian's rospy."
+# -------------------------------------------------------------------------------------------------
 
 # What the workspace needs of Debian, without recommendations.
 packages=(
@@ -34,14 +80,13 @@ packages=(
     libdynamic-reconfigure-config-init-mutex-dev
     # rendering without a screen: EGL and Mesa's software rasteriser
     libegl1 libgl1-mesa-dri
-    # checks
-    catkin-lint liburdfdom-tools
+    "${of_this_system[@]}"
 )
-
-fail() {
-    printf 'setup.sh: %s\n' "$@" >&2
-    exit 1
-}
+[[ $tier != developing ]] || packages+=(catkin-lint liburdfdom-tools)
+if [[ -n $list ]]; then
+    printf '%s\n' "${packages[@]}"
+    exit
+fi
 
 # step TEXT COMMAND...: run a command quietly; its output goes to the log, whose end is shown when it fails.
 step() {
@@ -53,16 +98,11 @@ step() {
     else
         printf 'failed\n'
         tail -n 20 "$log" >&2
-        fail "this step failed: $text" "the whole output is in $log"
+        local why="is there a network?"
+        (($(df --output=avail -k . | tail -n 1) > 100000)) || why="the disk is full"
+        fail "this step failed: $text ($why)" "the whole output is in $log; start again when it is mended"
     fi
 }
-
-case "${1-}" in
-    "") ;;
-    --packages) printf '%s\n' "${packages[@]}"; exit ;;
-    -h | --help) usage; exit ;;
-    *) usage >&2; fail "unknown option $1" ;;
-esac
 
 cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")"
 root=$PWD
@@ -76,10 +116,9 @@ unset CMAKE_PREFIX_PATH ROS_PACKAGE_PATH ROS_ROOT ROS_ETC_DIR PYTHONPATH PYTHONH
 [[ $root != *[[:space:]]* ]] ||
     fail "the interpreter's path stands in the first line of every node, which cannot carry a space:" \
         "  $root" "Move the workspace to a folder without spaces in its path."
-system=$(. /etc/os-release && printf '%s %s' "${ID:-unknown}" "${VERSION_ID:-}")
-[[ $system == "debian 12" ]] ||
-    fail "this workspace is made for Debian 12 (bookworm), which ships ROS 1; this is '$system'." \
-        "Use a Debian 12 machine, or the container in docker/."
+[[ -z ${unsupported-} ]] || fail "this is '$system'. $unsupported" ${conda:+"$conda"}
+[[ $(uname -m) == x86_64 ]] ||
+    fail "this machine is $(uname -m): PyPI has PyBullet and Pinocchio built for x86_64 alone. Use an x86_64 machine."
 
 # One set-up at a time: demo.sh and test.sh may be started together.
 exec 9<"$root/setup.sh"
@@ -117,15 +156,40 @@ digest() {
     { cat; sha256sum -- "$@"; } | sha256sum | cut -d ' ' -f 1
 }
 
-# 2. virtual environment; its scripts know where they stand, so a moved workspace gets a new one
-stamp=$(printf '%s\n' "$root" "$(/usr/bin/python3 -V)" | digest requirements.txt)
-if [[ $(cat .venv/setup.stamp 2>/dev/null) != "$stamp" ]]; then
+# 2. virtual environment; its scripts know where they stand, so a moved workspace gets a new one. A tier holds
+# those before it: what was asked for once stays, and asking for more adds to it.
+pip() {
+    .venv/bin/python -m pip --disable-pip-version-check --no-input "$@"
+}
+
+# PyBullet from its sources where PyPI has no wheel. NumPy has to be there while it is built, or its pictures
+# come as tuples. The wheel is kept: it takes minutes.
+pybullet_from_source() {
+    local wheels=${XDG_CACHE_HOME:-$HOME/.cache}/aras-visual-servo/$(.venv/bin/python -c \
+        'import sys; print("cp%d%d" % sys.version_info[:2])')
+    pip install -r requirements/building.txt
+    mkdir -p "$wheels"
+    [[ -e $(ls "$wheels/${1/==/-}"-*.whl 2>/dev/null | head -n 1) ]] ||
+        CFLAGS="-O1 -g0" MAKEFLAGS=-j2 pip wheel --no-build-isolation --no-deps -w "$wheels" "$1"
+    pip install --no-deps --no-index --find-links "$wheels" "$1"
+}
+
+base=$(printf '%s\n' "$root" "$(/usr/bin/python3 -V)" | digest requirements/*.txt)
+read -r stamped having <.venv/setup.stamp 2>/dev/null || true
+if [[ ${stamped-} != "$base" ]]; then
+    having=""
     mkdir -p build
+    rm -rf .venv/setup.stamp
     step "Making the virtual environment .venv" \
         /usr/bin/python3 -m venv --clear --system-site-packages .venv
-    step "Installing the Python packages of requirements.txt" \
-        .venv/bin/python -m pip install --disable-pip-version-check --no-input -r requirements.txt
-    printf '%s\n' "$stamp" >.venv/setup.stamp
+    if [[ -z $pybullet_wheel ]]; then
+        step "Building PyBullet for this Python (once, some three minutes)" \
+            pybullet_from_source "$(grep -hx 'pybullet==.*' requirements/running.txt)"
+    fi
+fi
+if [[ " ${tiers[*]} " != *" $tier "*"${having:-none} "* ]]; then
+    step "Installing the Python packages for $tier (requirements/$tier.txt)" pip install -r "requirements/$tier.txt"
+    printf '%s %s\n' "$base" "$tier" >.venv/setup.stamp
 fi
 
 # 3. workspace. Python files are not in the stamp: the devel space refers to them where they stand.
@@ -134,7 +198,9 @@ mapfile -d '' sources < <(find src -type f \( -name package.xml -o -name CMakeLi
     sort -z)
 # Our upstream_msgs step aside for installed ones, so their coming and going is a change too.
 others=$(ls -d /usr/share/{control_msgs,controller_manager_msgs,gazebo_msgs}/cmake/*Config.cmake 2>/dev/null || true)
-stamp=$(printf '%s\n' "$root" "$others" | digest "${sources[@]}")
+# Older catkin asks for the one name of the interpreter, CMake's own module for the other.
+arguments=(-DPYTHON_EXECUTABLE="$root/.venv/bin/python" -DPython_EXECUTABLE="$root/.venv/bin/python")
+stamp=$(printf '%s\n' "${arguments[@]}" "$others" | digest "${sources[@]}")
 if [[ $(cat devel/setup.stamp 2>/dev/null) != "$stamp" ]]; then
     # CMake refuses a build folder that was configured elsewhere.
     if [[ -e build/CMakeCache.txt ]] && ! grep -qxF "CMAKE_HOME_DIRECTORY:INTERNAL=$root/src" build/CMakeCache.txt; then
@@ -145,7 +211,7 @@ if [[ $(cat devel/setup.stamp 2>/dev/null) != "$stamp" ]]; then
     # Without --force-cmake a package that has come or gone in /usr would not be noticed.
     # Python and C++ messages are enough; the Lisp ones would take a third of the build.
     step "Building the workspace" env ROS_LANG_DISABLE=genlisp \
-        catkin_make --force-cmake -DPYTHON_EXECUTABLE="$root/.venv/bin/python"
+        catkin_make --force-cmake "${arguments[@]}"
     printf '%s\n' "$stamp" >devel/setup.stamp
 fi
 

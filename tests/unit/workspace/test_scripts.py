@@ -58,7 +58,21 @@ def test_setup_refuses_unknown_options() -> None:
     assert "unknown option --fast" in done.stderr
 
 
-def test_requirements_are_pinned() -> None:
-    lines = (ROOT / "requirements.txt").read_text().splitlines()
+def test_setup_names_the_tiers() -> None:
+    done = run("setup.sh", "--for", "fun")
+    assert done.returncode == 1
+    assert "running bench developing" in done.stderr
+
+
+def test_only_developers_get_linters() -> None:
+    running = set(run("setup.sh", "--for=running", "--packages").stdout.split())
+    developing = set(run("setup.sh", "--for=developing", "--packages").stdout.split())
+    assert developing - running == {"catkin-lint", "liburdfdom-tools"}
+
+
+@pytest.mark.parametrize("tier", ["running", "bench", "developing", "building"])
+def test_requirements_are_pinned(tier: str) -> None:
+    lines = (ROOT / "requirements" / f"{tier}.txt").read_text().splitlines()
     for line in lines:
-        assert not line or line.startswith("#") or re.fullmatch(r"[\w-]+==[\w.]+", line), line
+        plain = not line or line.startswith(("#", "-r "))
+        assert plain or re.fullmatch(r"[\w-]+==[\w.]+", line), line

@@ -7,6 +7,9 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
 
 import rospy
 
@@ -212,14 +215,19 @@ class _Ending:
             self.node.stop()
 
 
-def main() -> int:
-    """Entry point of nodes/gazebo; returns the exit status."""
+def main(given: Mapping[str, Any] = MappingProxyType({})) -> int:
+    """Entry point of nodes/gazebo; returns the exit status.
+
+    Args:
+        given: parameters that hold where the parameter server has none of their names.
+    """
     sys.setswitchinterval(SWITCH_INTERVAL)
     # Without rospy's own subscription to /clock: this node makes the time that others wait for.
     rospy.init_node("gazebo", disable_rostime=True)
     ending = _Ending()
     try:
-        parameters = NodeParameters.from_mapping(_private_parameters(), rospy.get_name())
+        values = {**given, **_private_parameters()}
+        parameters = NodeParameters.from_mapping(values, rospy.get_name())
         _set_up_log(parameters.log_level)
         if not rospy.has_param("/use_sim_time"):
             rospy.set_param("/use_sim_time", True)

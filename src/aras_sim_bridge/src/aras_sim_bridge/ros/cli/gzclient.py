@@ -1,0 +1,13 @@
+"""gzclient: Gazebo's window. There is none here; says what to look at the world with instead."""
+
+from __future__ import annotations
+
+import rospy
+
+
+def main() -> int:
+    """Say so and stay, as launch files may require the node; returns the exit status."""
+    rospy.init_node("gazebo_gui", anonymous=True, disable_rostime=True)
+    rospy.loginfo("there is no Gazebo window: look with rviz, or start with gui:=true for Bullet's")
+    rospy.spin()
+    return 0

@@ -9,7 +9,6 @@ import sys
 import threading
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any
 
 import rospy
 
@@ -215,7 +214,7 @@ class _Ending:
             self.node.stop()
 
 
-def main(given: Mapping[str, Any] = MappingProxyType({})) -> int:
+def main(given: Mapping[str, object] = MappingProxyType({})) -> int:
     """Entry point of nodes/gazebo; returns the exit status.
 
     Args:

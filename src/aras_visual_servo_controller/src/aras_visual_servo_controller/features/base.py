@@ -1,0 +1,169 @@
+"""What a feature is: s, s*, their difference, and how it moves with the camera."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..errors import ConfigurationError
+from ..goal import Goal
+from ..observation import Need, Observation
+from ..task import ALL_DIRECTIONS
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """One feature vector in one image.
+
+    Attributes:
+        s, desired: (k,) present and desired values.
+        error: (k,) s - s* on the feature's own manifold (angles wrapped).
+        L: (k, 6), ds/dt = L v, all six columns, at the current view.
+        rate: (k,) d(s - s*)/dt that is not the camera's doing: a moving target or goal.
+        up_to: a motion that the error cannot see, in words ('180°'); empty where there is none.
+        judged: what is published and judged in place of error, where that is too long to (a whole
+            image): as many numbers as the feature has names; None: the error itself.
+        notes: what is worth a word in the state.
+    """
+
+    s: np.ndarray
+    desired: np.ndarray
+    error: np.ndarray
+    L: np.ndarray
+    rate: np.ndarray | float = 0.0
+    up_to: str = ""
+    judged: np.ndarray | None = None
+    notes: tuple[str, ...] = field(default=())
+
+
+class Feature(ABC):
+    """Base of all features, also of a user's own. Constructed without arguments.
+
+    Attributes (of the class or of the instance):
+        name: its entry in goal files.
+        needs: of the image.
+        names, tolerances, units: (k,) of the components; |error| below the tolerance counts as
+            reached.
+        directions: (6,) camera directions that it models, vx ... wz; the others are held.
+        weights: (k,) of the components in the least squares; None: all equal.
+    """
+
+    name: ClassVar[str] = ""
+    needs: frozenset[Need] = frozenset((Need.MOMENTS,))
+    names: tuple[str, ...]
+    tolerances: Sequence[float]
+    units: Sequence[str] = ()
+    directions: Sequence[bool] = ALL_DIRECTIONS
+    weights: np.ndarray | None = None
+
+    @abstractmethod
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """The feature in this image.
+
+        Raises:
+            MeasurementError: it cannot be had from this observation.
+        """
+
+    def desired_interaction(self, goal: Goal) -> np.ndarray:
+        """L (k, 6) at the goal, for laws with the desired or the mean interaction matrix.
+
+        Raises:
+            ConfigurationError: the feature knows none.
+        """
+        raise ConfigurationError(
+            f"{type(self).__name__} has no interaction matrix at the goal: use "
+            "interaction 'current', or give it desired_interaction(goal)"
+        )
+
+    def check(self, goal: Goal) -> None:
+        """Refuse a goal that this feature cannot servo to, before anything moves.
+
+        Raises:
+            ConfigurationError: what the goal lacks.
+        """
+
+    def teach(self, observation: Observation) -> Mapping[str, Any]:
+        """What to keep of the view at the goal; plain numbers, lists and strings for YAML.
+
+        It comes back as `goal.features[name]`. Moments, kernel features, joints, camera and pose
+        are kept for all, without being asked for.
+        """
+        return {}
+
+    def reset(self) -> None:
+        """Forget earlier images."""
+
+
+class Stack(Feature):
+    """Several features as one, each with a weight."""
+
+    def __init__(self, features: Sequence[Feature], weights: Sequence[float] | None = None) -> None:
+        """`weights`: one a feature, >= 0.
+
+        Raises:
+            ConfigurationError: no feature, or as many weights as features are needed.
+        """
+        self.features = tuple(features)
+        if not self.features:
+            raise ConfigurationError("a stack of features needs at least one")
+        weights = [1.0] * len(self.features) if weights is None else list(weights)
+        if len(weights) != len(self.features) or not all(
+            np.isfinite(w) and w >= 0.0 for w in weights
+        ):
+            raise ConfigurationError(
+                f"weights {weights}: one number >= 0 for each of {len(self.features)} features"
+            )
+        self.needs = frozenset().union(*(f.needs for f in self.features))
+        self._parts = tuple(weights)
+        self._gather()
+
+    def _gather(self) -> None:
+        """Put the parts' descriptions together; a part may learn its size from the goal."""
+        self.names = tuple(n for f in self.features for n in f.names)
+        self.tolerances = tuple(t for f in self.features for t in f.tolerances)
+        self.units = tuple(u for f in self.features for u in f.units or [""] * len(f.names))
+        self.directions = tuple(np.any([f.directions for f in self.features], axis=0).tolist())
+        self.weights = np.concatenate([
+            w * (np.ones(len(f.names)) if f.weights is None else np.asarray(f.weights, float))
+            for f, w in zip(self.features, self._parts, strict=True)
+        ])
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure; the parts one under the other."""
+        parts = [f.measure(observation, goal) for f in self.features]
+        rates = [np.broadcast_to(p.rate, np.shape(p.s)) for p in parts]
+        # One part that sees the whole motion is enough.
+        blind = {p.up_to for p in parts}
+        return Measured(
+            s=np.concatenate([p.s for p in parts]),
+            desired=np.concatenate([p.desired for p in parts]),
+            error=np.concatenate([p.error for p in parts]),
+            L=np.vstack([p.L for p in parts]),
+            rate=np.concatenate(rates),
+            up_to="" if "" in blind else ", ".join(sorted(blind)),
+            notes=tuple(note for p in parts for note in p.notes),
+        )
+
+    def desired_interaction(self, goal: Goal) -> np.ndarray:
+        """See Feature.desired_interaction."""
+        return np.vstack([f.desired_interaction(goal) for f in self.features])
+
+    def check(self, goal: Goal) -> None:
+        """See Feature.check."""
+        for feature in self.features:
+            feature.check(goal)
+        self._gather()
+
+    def reset(self) -> None:
+        """See Feature.reset."""
+        for feature in self.features:
+            feature.reset()
+
+
+def wrap(angle: np.ndarray | float, period: float = 2.0 * np.pi) -> np.ndarray | float:
+    """The angle (rad) modulo the period, in [-period/2, period/2)."""
+    return (angle + 0.5 * period) % period - 0.5 * period

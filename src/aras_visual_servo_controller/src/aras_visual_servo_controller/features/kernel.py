@@ -1,0 +1,139 @@
+"""The kernel features of 2015, with their derivative mended.
+
+The camera node sends, with x = i dx along the rows and y = j dy along the columns of the image
+(i, j from 1; dx = 0.017, dy = 0.0185 a pixel; I = 1 on the target),
+
+    k0 = sum x^-2 I dx dy,  k1 = sum y^-2 I dx dy,  k2 = sum I dx dy,
+    k3 = 1/2 atan2(2 mu11, mu20 - mu02)
+
+k3 with columns as x, as OpenCV's moments have it, and the inverse of a 4x4 Jacobian J for
+motions of the camera along the rows, along the columns, along its axis (relative to the
+distance) and about its axis (from rows to columns).
+
+What is wrong with that J as a derivative of k, and put right here (see the README for what each
+one does to the closed loop):
+
+- rows 0 to 2 lack the factor dx dy that k0 to k2 have: the coupling with the rotation, in the
+  same rows, is thereby 3180 times too strong;
+- the rotation is about the first pixel, that of a camera is about its principal point;
+- row 3 turns the other way: k3 is measured from columns to rows, the rotation from rows to columns;
+- approaching enlarges and spreads the target, which changes k0 and k1 as well; with the exponent
+  -2 the two effects add up to xc J00 and yc J11 exactly;
+- kernel units are scaled to metres by the depth and the focal length, so that the gain is a rate
+  in 1/s; the original integrated over 0.01 s whatever time had passed, with gains of 200 and
+  0.01 that make its time constants 5 s in translation and minutes in rotation.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from aras_visual_servo_camera.kernel import DELTA_X, DELTA_Y
+
+from ..errors import ConfigurationError, MeasurementError
+from ..goal import Goal, GoalKernel
+from ..observation import Need, Observation
+from .base import Feature, Measured, wrap
+from .moments import LEVEL_CAMERA
+
+
+class Kernel(Feature):
+    """kernel_0, kernel_1 (place along rows and columns), kernel_2 (area), kernel_3 (angle).
+
+    The errors of the first three are relative to their desired values, the angle's is in rad.
+
+    Attributes:
+        ratio: of the wanted rates: one row of pixels turns the angle of a near-square by 0.03 rad
+            from one image to the next; at full gain the camera would tremble after it.
+        too_many: the original's threshold of 250 takes a rim of pixels for target, of what is not
+            white all: more than this many times the target's pixels is refused.
+    """
+
+    name = "kernel"
+    needs = frozenset((Need.KERNEL,))
+    names = ("kernel_0", "kernel_1", "kernel_2", "kernel_3")
+    # 1 % of kernel 0 and 1 is half a pixel, 2 % of kernel 2 is 1 % of the distance.
+    tolerances = (0.01, 0.01, 0.02, 0.04)
+    units = ("", "", "", "rad")
+    directions = LEVEL_CAMERA
+    ratio: ClassVar[tuple[float, ...]] = (1.0, 1.0, 1.0, 0.3)
+    too_many: ClassVar[float] = 2.0
+
+    def check(self, goal: Goal) -> None:
+        """See Feature.check."""
+        if goal.kernel is None:
+            raise ConfigurationError(
+                f"{goal.name} holds no kernel features: teach them with the camera node's "
+                "layout 'kernel' (rosrun aras_visual_servo_controller teach)"
+            )
+        if not (goal.kernel.features[:3] > 0.0).all():
+            raise ConfigurationError(f"{goal.name}: kernel features 0 to 2 must be above 0")
+        if goal.depth is None:
+            raise ConfigurationError(f"{goal.name} does not say the target's depth (m)")
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        kernel = goal.kernel
+        self._same_camera(observation, goal)
+        data = observation.kernel
+        if data is None or data.shape != (20,):
+            size = "none" if data is None else str(data.size)
+            raise MeasurementError(
+                f"expected the 20 numbers of the kernel layout, got {size}: set the camera node's "
+                "~layout to kernel"
+            )
+        k = data[16:]
+        if not np.isfinite(data).all() or k[2] <= 0.0:
+            raise MeasurementError("the target is not visible: the kernel features are empty")
+        counted = round(k[2] / (DELTA_X * DELTA_Y))
+        if 0 < self.too_many * observation.pixel_count < counted:
+            raise MeasurementError(
+                f"camera/data counts {counted} pixels as target, which has "
+                f"{observation.pixel_count}: the ground is noisy or not white; lower the camera "
+                "node's ~original_threshold"
+            )
+        try:
+            J = np.linalg.inv(data[:16].reshape(4, 4))
+        except np.linalg.LinAlgError as error:
+            raise MeasurementError("the kernel features' Jacobian is singular") from error
+        depth = goal.depth * np.sqrt(kernel.features[2] / k[2])
+        L = _interaction(J, np.reshape(observation.camera.K, (3, 3)), depth)
+        scale = np.append(kernel.features[:3], 1.0)
+        error = (k - kernel.features) / scale
+        error[3] = wrap(error[3], np.pi)
+        return Measured(k, kernel.features, error, L / scale[:, None], up_to="180°")
+
+    @staticmethod
+    def _same_camera(observation: Observation, goal: Goal) -> None:
+        kernel: GoalKernel = goal.kernel
+        camera = observation.camera
+        K = np.reshape(camera.K, (3, 3))
+        same_size = (camera.width, camera.height) == (kernel.width, kernel.height)
+        if not (same_size and np.allclose(K, kernel.K, rtol=1e-3, atol=0.6)):
+            raise MeasurementError(
+                f"the kernel features of {goal.name} were taught with another camera "
+                f"({kernel.width}x{kernel.height}, fx {kernel.K[0, 0]:.2f}; this one is "
+                f"{camera.width}x{camera.height}, fx {K[0, 0]:.2f}): teach them anew (rosrun "
+                "aras_visual_servo_controller teach)"
+            )
+
+
+def _interaction(J: np.ndarray, K: np.ndarray, depth: float) -> np.ndarray:
+    """dk/dt = L v (4, 6) from the original's Jacobian J (4, 4), see the head of this module."""
+    area = DELTA_X * DELTA_Y
+    fx, fy = K[0, 0], K[1, 1]
+    # Pixels are counted from 1 in the kernels, from 0 in K.
+    row_centre, column_centre = (K[1, 2] + 1.0) * DELTA_X, (K[0, 2] + 1.0) * DELTA_Y
+    # A pixel is as wide as it is high in angle only if its steps say so: hence the ratio.
+    across = (fy * DELTA_X) / (fx * DELTA_Y)
+    L = np.zeros((4, 6))
+    # Along the rows is the optical y, along the columns x; rows to columns turns against z.
+    L[1, 0] = area * J[1, 1] * fx * DELTA_Y / depth
+    L[0, 1] = area * J[0, 0] * fy * DELTA_X / depth
+    L[:3, 2] = np.array([row_centre * J[0, 0], column_centre * J[1, 1], J[2, 2]]) * area / depth
+    L[0, 5] = -area * (J[0, 3] + column_centre * J[0, 0]) * across
+    L[1, 5] = -area * (J[1, 3] - row_centre * J[1, 1]) / across
+    L[3, 5] = J[3, 3]
+    return L

@@ -1,0 +1,135 @@
+"""Image moments of the target: the paper's features.
+
+With xg, yg the centre of gravity in normalised coordinates and a = m00 the area:
+
+    an = Z* sqrt(a*/a),   xn = an xg,   yn = an yg,   alpha = 1/2 atan2(2 mu11, mu20 - mu02)
+
+xn, yn and an are metres: the place of the target before a camera parallel to it. alpha is taken
+over the full turn where the target's third-order moments give it a direction; where they do not,
+the error is known up to half a turn and says so. The attitude but for alpha is not modelled: the
+resolver holds it. L has all six columns all the same, for the target's plane as the camera is
+held over it, at the depth that its area tells.
+
+Reference: O. Tahri and F. Chaumette, Point-based and region-based image moments for visual
+servoing of planar objects, IEEE Transactions on Robotics 21(6), 2005.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+from typing import ClassVar
+
+import numpy as np
+
+from aras_visual_servo_camera import features as camera_features
+from aras_visual_servo_camera.errors import VisionError
+from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.moments import Moments
+
+from ..errors import ConfigurationError, MeasurementError
+from ..goal import Goal
+from ..observation import Need, Observation
+from .base import Feature, Measured, wrap
+
+LEVEL_CAMERA = (True, True, True, False, False, True)  # vx, vy, vz, wz
+FULL = ("xn", "yn", "an", "alpha_full")
+
+
+class _AtGoal:
+    """What one goal means for these features, worked out once."""
+
+    def __init__(self, goal: Goal, tolerance: float) -> None:
+        if goal.moments is None:
+            raise ConfigurationError(f"{goal.name} holds no moments: teach it anew")
+        if goal.depth is None:
+            raise ConfigurationError(f"{goal.name} does not say the target's depth (m)")
+        self.goal = goal
+        self.plane = goal.plane or Plane.fronto_parallel(goal.depth)
+        try:
+            self.reference = camera_features.Reference.from_moments(
+                goal.moments, goal.depth, self.plane
+            )
+            orientation = self.reference.orientation
+            self.directed = orientation is not None and not orientation.symmetric
+            found = camera_features.compute(
+                goal.moments, camera_features.PAPER, self.plane, self.reference, tolerance
+            )
+        except VisionError as error:
+            raise ConfigurationError(f"{goal.name}: {error}") from error
+        if found.degenerate:
+            name, reason = next(iter(found.degenerate.items()))
+            raise ConfigurationError(f"{goal.name}: feature {name} is undefined there: {reason}")
+        self.s, self.L = found.values, found.L
+        pose = goal.world_T_camera
+        normal = np.array(self.plane)
+        self.normal = None if pose is None else pose[:3, :3] @ (normal / np.linalg.norm(normal))
+
+
+class ImageMoments(Feature):
+    """xn, yn, an (m) and alpha (rad), for vx, vy, vz and wz.
+
+    Attributes:
+        anisotropy: below this a shape is a square, without angle: pixels leave it some.
+    """
+
+    name = "moments"
+    needs = frozenset((Need.MOMENTS,))
+    names = camera_features.PAPER
+    # The means of a second: a friction of the joints leaves less, the noisy camera a tenth.
+    tolerances = (0.0005, 0.0005, 0.001, 0.005)
+    units = ("m", "m", "m", "rad")
+    directions = LEVEL_CAMERA
+    anisotropy: ClassVar[float] = 1e-2
+
+    def __init__(self) -> None:
+        self._known: _AtGoal | None = None
+
+    def check(self, goal: Goal) -> None:
+        """See Feature.check."""
+        self._at(goal)
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        at = self._at(goal)
+        moments = observation.moments
+        if moments is None:
+            raise MeasurementError("no moments in this observation: is it the segmented target's?")
+        full = at.directed and moments.order >= 4
+        try:
+            found = camera_features.compute(
+                moments,
+                FULL if full else camera_features.PAPER,
+                plane=self._plane(observation, moments, at),
+                reference=at.reference,
+                tolerance=self.anisotropy,
+            )
+        except (VisionError, ArithmeticError) as error:
+            raise MeasurementError(str(error)) from error
+        if found.degenerate:
+            name, reason = next(iter(found.degenerate.items()))
+            raise MeasurementError(f"feature {name} is undefined: {reason}")
+        error = found.values - at.s
+        error[3] = wrap(error[3], 2.0 * np.pi if full else np.pi)
+        return Measured(found.values, at.s, error, found.L, up_to="" if full else "180°")
+
+    def desired_interaction(self, goal: Goal) -> np.ndarray:
+        """See Feature.desired_interaction."""
+        return self._at(goal).L
+
+    def _at(self, goal: Goal) -> _AtGoal:
+        if self._known is None or self._known.goal is not goal:
+            self._known = _AtGoal(goal, self.anisotropy)
+        return self._known
+
+    @staticmethod
+    def _plane(observation: Observation, moments: Moments, at: _AtGoal) -> Plane:
+        """The target's plane in this view: its attitude by kinematics, its depth by the area."""
+        if observation.plane is not None:
+            return observation.plane
+        scale = sqrt(moments.area / at.reference.area)
+        if at.normal is None or observation.world_T_camera is None:
+            return Plane(*(scale * v for v in at.plane))
+        normal = observation.world_T_camera[:3, :3].T @ at.normal
+        if abs(normal[2]) < 0.05:
+            raise MeasurementError("the camera looks along the target's plane, not on it")
+        return Plane(*(normal * (scale * at.plane.C / normal[2])).tolist())

@@ -1,0 +1,217 @@
+"""Points of the target in the image: corners as segmented, or by a user's own image processing.
+
+s = (x_0, y_0, x_1, y_1, ...) in normalised coordinates; for each point, with its depth Z,
+
+    L = [-1/Z  0    x/Z  xy      -(1+x^2)   y]
+        [ 0   -1/Z  y/Z  1+y^2   -xy       -x]
+
+Reference: F. Chaumette and S. Hutchinson, Visual servo control, part I, IEEE Robotics and
+Automation Magazine 13(4), 2006.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from math import sqrt
+from typing import Any, ClassVar
+
+import numpy as np
+
+from aras_visual_servo_camera.interaction import Plane
+
+from ..errors import ConfigurationError, MeasurementError
+from ..goal import Goal
+from ..observation import Need, Observation
+from .base import Feature, Measured
+
+TOLERANCE = 0.001  # 0.1 pixel of a camera with f = 100, 0.2 mm at 0.2 m
+
+
+def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+    """L (2n, 6) of points (n, 2), normalised, with 1/Z (n,), 1/m; rows x_0, y_0, x_1, ..."""
+    x, y = np.asarray(points, float).T
+    w = np.asarray(inverse_depth, float)
+    L = np.zeros((len(x), 2, 6))
+    L[:, 0, 0] = L[:, 1, 1] = -w
+    L[:, 0, 2], L[:, 1, 2] = x * w, y * w
+    L[:, 0, 3], L[:, 1, 3] = x * y, 1.0 + y * y
+    L[:, 0, 4], L[:, 1, 4] = -1.0 - x * x, -x * y
+    L[:, 0, 5], L[:, 1, 5] = y, -x
+    return L.reshape(-1, 6)
+
+
+class PointFeature(Feature):
+    """Base of features made of points: give `points`, and be servoed.
+
+    The goal's points are what `teach` kept under this feature's name. Points are matched to the
+    goal's where `ordered` is False: as an outline, by turning round.
+
+    Attributes:
+        ordered: `points` always gives the same point first.
+        count: of points; taken from the goal when it is checked.
+    """
+
+    ordered: ClassVar[bool] = True
+
+    def __init__(self, count: int = 4) -> None:
+        self._set_count(count)
+        self.reset()
+
+    @abstractmethod
+    def points(self, observation: Observation) -> np.ndarray:
+        """The points (n, 2) in this image, normalised coordinates.
+
+        Raises:
+            MeasurementError: they are not to be seen.
+        """
+
+    def reset(self) -> None:
+        """See Feature.reset."""
+        self._turn = 0.0
+
+    def check(self, goal: Goal) -> None:
+        """See Feature.check."""
+        corners = self.desired_points(goal)
+        self._set_count(len(corners))
+        if goal.depth is None and goal.plane is None:
+            raise ConfigurationError(f"{goal.name} does not say the target's depth (m)")
+
+    def teach(self, observation: Observation) -> Mapping[str, Any]:
+        """See Feature.teach."""
+        return {"points": np.asarray(self.points(observation), float).tolist()}
+
+    def desired_points(self, goal: Goal) -> np.ndarray:
+        """The goal's points (n, 2).
+
+        Raises:
+            ConfigurationError: the goal holds none of this feature.
+        """
+        taught = goal.features.get(self.name or type(self).__name__, {}).get("points")
+        try:
+            points = np.array(taught, float)
+        except (TypeError, ValueError):
+            points = np.zeros(())
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
+            raise ConfigurationError(
+                f"{goal.name} holds no points of the feature '{self.name or type(self).__name__}'"
+                ": teach it (rosrun aras_visual_servo_controller teach --scheme ...)"
+            )
+        if not np.isfinite(points).all():
+            raise ConfigurationError(f"{goal.name}: a point is not finite")
+        return points
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        desired = self.desired_points(goal)
+        points = np.asarray(self.points(observation), float)
+        if points.shape != desired.shape:
+            raise MeasurementError(
+                f"{len(np.atleast_1d(points))} points are seen, the goal has {len(desired)}"
+            )
+        if not np.isfinite(points).all():
+            raise MeasurementError("a point of the target is not finite")
+        up_to = ""
+        if not self.ordered:
+            points, up_to = self._matched(points, desired)
+        inverse_depth = self._inverse_depth(observation, goal, points, desired)
+        s, goal_s = points.ravel(), desired.ravel()
+        return Measured(s, goal_s, s - goal_s, point_interaction(points, inverse_depth),
+                        up_to=up_to)  # fmt: skip
+
+    def desired_interaction(self, goal: Goal) -> np.ndarray:
+        """See Feature.desired_interaction."""
+        desired = self.desired_points(goal)
+        plane = goal.plane or Plane.fronto_parallel(goal.depth)
+        return point_interaction(desired, _at(plane, desired))
+
+    def _set_count(self, count: int) -> None:
+        self.count = count
+        self.names = tuple(f"{axis}{i}" for i in range(count) for axis in "xy")
+        self.tolerances = (TOLERANCE,) * (2 * count)
+        self.units = ("",) * (2 * count)
+
+    def _matched(self, points: np.ndarray, desired: np.ndarray) -> tuple[np.ndarray, str]:
+        """Points (n, 2) of an outline in the order of the goal's, and what stays ambiguous.
+
+        Each of the n ways round is fitted by a similarity; of those that fit as well as the best,
+        the one nearest to the last turn.
+        """
+        z, g = (p[:, 0] + 1j * p[:, 1] for p in (points, desired))
+        z, g = z - z.mean(), g - g.mean()
+        if _turn(points) * _turn(desired) < 0.0:
+            points, z = points[::-1], z[::-1]
+        size = float(np.vdot(z, z).real)
+        fits = np.array([np.vdot(g, np.roll(z, -k)) for k in range(len(z))])
+        residual = size - np.abs(fits) ** 2 / float(np.vdot(g, g).real)
+        good = np.flatnonzero(residual <= residual.min() + 0.02 * size)
+        turns = np.angle(fits[good])
+        chosen = int(np.argmin(np.abs(np.angle(np.exp(1j * (turns - self._turn))))))
+        self._turn = float(turns[chosen])
+        up_to = "" if len(good) == 1 else f"{360 / len(good):.0f}°"
+        return np.roll(points, -int(good[chosen]), axis=0), up_to
+
+    @staticmethod
+    def _inverse_depth(
+        observation: Observation, goal: Goal, points: np.ndarray, desired: np.ndarray
+    ) -> np.ndarray:
+        """1/Z (n,): the plane where it is known, the depth image, or by the outline's size."""
+        if observation.plane is not None:
+            return _at(observation.plane, points)
+        if observation.depth is not None:
+            return 1.0 / depth_at(observation, points)
+        spread = [float(np.square(p - p.mean(axis=0)).sum()) for p in (points, desired)]
+        plane = goal.plane or Plane.fronto_parallel(goal.depth)
+        scale = sqrt(spread[0] / spread[1]) if spread[1] > 0.0 else 1.0
+        if scale <= 0.0:
+            raise MeasurementError("the points of the target coincide")
+        middle = plane.inverse_depth(*desired.mean(axis=0).tolist())
+        return np.full(len(points), scale * middle)
+
+
+class Points(PointFeature):
+    """Corners of the segmented target's outline."""
+
+    name = "points"
+    needs = frozenset((Need.CORNERS,))
+    ordered: ClassVar[bool] = False
+
+    def points(self, observation: Observation) -> np.ndarray:
+        """See PointFeature.points."""
+        if observation.corners is None:
+            raise MeasurementError("no corners in this observation: is the target a polygon?")
+        return observation.corners
+
+
+def depth_at(observation: Observation, points: np.ndarray) -> np.ndarray:
+    """Z (n,), m, of the depth image at normalised points (n, 2), to the nearest pixel.
+
+    Raises:
+        MeasurementError: a point outside the image, or without depth.
+    """
+    u, v = observation.camera.project(points[:, 0], points[:, 1])
+    rows, columns = observation.depth.shape
+    i, j = np.round(v).astype(int), np.round(u).astype(int)
+    if not ((i >= 0) & (i < rows) & (j >= 0) & (j < columns)).all():
+        raise MeasurementError("a point lies outside the depth image")
+    depth = observation.depth[i, j].astype(float)
+    if not (np.isfinite(depth) & (depth > 0.0)).all():
+        raise MeasurementError("the depth image knows no depth at a point of the target")
+    return depth
+
+
+def _at(plane: Plane, points: np.ndarray) -> np.ndarray:
+    """1/Z (n,) of the plane at points (n, 2).
+
+    Raises:
+        MeasurementError: it lies behind the camera there.
+    """
+    inverse = plane.A * points[:, 0] + plane.B * points[:, 1] + plane.C
+    if not (inverse > 0.0).all():
+        raise MeasurementError("a point of the target lies behind the camera")
+    return inverse
+
+
+def _turn(points: np.ndarray) -> float:
+    x, y = points.T
+    return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))

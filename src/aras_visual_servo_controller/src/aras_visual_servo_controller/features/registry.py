@@ -1,0 +1,24 @@
+"""Features by name."""
+
+from __future__ import annotations
+
+from ..naming import construct, find_class
+from .base import Feature
+from .kernel import Kernel
+from .moments import ImageMoments
+from .points import Points
+
+FEATURES: dict[str, type[Feature]] = {
+    "moments": ImageMoments,
+    "kernel": Kernel,
+    "points": Points,
+}
+
+
+def create_feature(name: str) -> Feature:
+    """The feature of a short name or of 'package.module:Class'.
+
+    Raises:
+        ConfigurationError: unknown feature, or what its constructor raised.
+    """
+    return construct("feature", name, find_class("feature", name, FEATURES, (Feature,)))

@@ -1,0 +1,97 @@
+"""Laws without memory: constant, adaptive, and one gain a feature.
+
+Reference: F. Chaumette and S. Hutchinson, Visual servo control, part I, IEEE Robotics and
+Automation Magazine 13(4), 2006.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..errors import ConfigurationError
+from .base import Law, positive
+
+# Above this a gain is a mistake of units: at 30 images a second 60/s already rings.
+GREATEST_GAIN = 1000.0
+
+
+def check_gain(owner: str, **values: float) -> None:
+    """Raise ConfigurationError unless every gain is above 0 and below GREATEST_GAIN, 1/s."""
+    positive(owner, **values)
+    for name, value in values.items():
+        if value > GREATEST_GAIN:
+            raise ConfigurationError(
+                f"{owner}: {name} is {value:g} 1/s, more than {GREATEST_GAIN:g}: no camera is "
+                "that fast (a gain of 5 settles within a second)"
+            )
+
+
+class Proportional(Law):
+    """e_dot = -gain e: every feature decays as exp(-gain t). gain in 1/s."""
+
+    gains = ("gain",)
+
+    def __init__(self, gain: float = 5.0) -> None:
+        check_gain("proportional law", gain=gain)
+        self.gain = float(gain)
+
+    def rate(
+        self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
+    ) -> np.ndarray:
+        """See Law.rate."""
+        return -self.gain * error
+
+
+class Adaptive(Law):
+    """High gain near the goal, low far from it (ViSP's vpAdaptiveGain).
+
+    e_dot = -g(n) e,  g(n) = (zero - infinity) exp(-slope n / (zero - infinity)) + infinity, with
+    n the largest component of L^+ e (m and rad). zero, infinity in 1/s, slope in 1/s per unit.
+    """
+
+    gains = ("zero", "infinity", "slope")
+
+    def __init__(self, zero: float = 5.0, infinity: float = 2.0, slope: float = 30.0) -> None:
+        check_gain("adaptive law", zero=zero, infinity=infinity)
+        positive("adaptive law", slope=slope)
+        if zero <= infinity:
+            raise ConfigurationError(
+                f"adaptive law: gain at zero {zero} must exceed the one at infinity {infinity}"
+            )
+        self.zero, self.infinity, self.slope = float(zero), float(infinity), float(slope)
+
+    def rate(
+        self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
+    ) -> np.ndarray:
+        """See Law.rate."""
+        span = self.zero - self.infinity
+        size = float(np.abs(rotated_error).max())
+        return -(span * np.exp(-self.slope * size / span) + self.infinity) * error
+
+
+class Diagonal(Law):
+    """e_dot_i = -values_i e_i: one constant gain a feature, 1/s; the laboratory's Lambda."""
+
+    gains = ("values",)
+
+    def __init__(self, values: Sequence[float]) -> None:
+        if not isinstance(values, Sequence | np.ndarray) or len(values) == 0:
+            raise ConfigurationError(f"diagonal law: {values!r} must be a list of gains")
+        check_gain("diagonal law", **{f"gain {i}": v for i, v in enumerate(values)})
+        self.values = np.array(values, float)
+
+    def rate(
+        self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
+    ) -> np.ndarray:
+        """See Law.rate.
+
+        Raises:
+            ConfigurationError: as many gains as features are needed.
+        """
+        if len(error) != len(self.values):
+            raise ConfigurationError(
+                f"diagonal law: {len(self.values)} gains for {len(error)} features"
+            )
+        return -self.values * error

@@ -1,0 +1,85 @@
+"""Classes by name: short names of what is shipped, 'package.module:Class' for a user's own."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+from collections.abc import Iterable, Mapping
+
+from .errors import ConfigurationError
+
+
+def unknown(kind: str, name: object, known: Iterable[str]) -> ConfigurationError:
+    """An error that lists the known names, the nearest one first."""
+    known = list(known)
+    near = difflib.get_close_matches(str(name), known, 1, cutoff=0.5)
+    hint = f"did you mean '{near[0]}'? " if near else ""
+    return ConfigurationError(
+        f"unknown {kind} '{name}': {hint}known are {', '.join(known)}, or 'package.module:Class'"
+    )
+
+
+def find_class(
+    kind: str, name: str, known: Mapping[str, type], bases: tuple[type, ...]
+) -> type:
+    """The class of a short name or of 'package.module:Class'.
+
+    Args:
+        kind: what is looked for, for messages: 'scheme', 'law', 'feature'.
+        name: as the user wrote it.
+        known: short names.
+        bases: it has to derive from one of these.
+
+    Raises:
+        ConfigurationError: no such name, module or class, or another kind of class.
+    """
+    if name in known:
+        return known[name]
+    module_name, colon, class_name = str(name).partition(":")
+    if not (module_name and colon and class_name):
+        raise unknown(kind, name, known)
+    try:
+        module = importlib.import_module(module_name)
+    except ImportError as error:
+        raise ConfigurationError(
+            f"{kind} '{name}': cannot import {module_name} ({error}); is its package built and "
+            "its workspace sourced?"
+        ) from error
+    except (Exception, SystemExit) as error:
+        raise ConfigurationError(
+            f"{kind} '{name}': importing {module_name} raised {words(error)}"
+        ) from error
+    found = getattr(module, class_name, None)
+    if found is None:
+        classes = [n for n, v in vars(module).items() if isinstance(v, type)]
+        near = difflib.get_close_matches(class_name, classes, 1)
+        hint = f": did you mean '{near[0]}'?" if near else ""
+        raise ConfigurationError(f"{kind} '{name}': {module_name} has no {class_name}{hint}")
+    if not (isinstance(found, type) and issubclass(found, bases)):
+        expected = " or ".join(base.__name__ for base in bases)
+        raise ConfigurationError(
+            f"{kind} '{name}': {class_name} is not a class derived from {expected}"
+        )
+    return found
+
+
+def construct(kind: str, name: str, cls: type, *arguments: object, **options: object) -> object:
+    """An instance of a class that may be a user's: whatever it raises becomes one line.
+
+    Raises:
+        ConfigurationError: the constructor failed.
+    """
+    try:
+        return cls(*arguments, **options)
+    except ConfigurationError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise ConfigurationError(
+            f"{kind} '{name}': its constructor raised {words(error)}"
+        ) from error
+
+
+def words(error: BaseException) -> str:
+    """An exception for a message: its type and text on one line."""
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -1,0 +1,139 @@
+"""What a scheme is given and what it answers."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..goal import Goal
+from ..joint_sample import JointSample
+from ..laws import Law, Proportional
+from ..observation import Need, Observation
+from ..task import Task
+
+if TYPE_CHECKING:
+    from ..arm import Arm
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """Answer to one image; k is the number of features.
+
+    Attributes:
+        names: of the features.
+        features, desired: (k,) s and s*.
+        error: (k,) s - s* as measured, angles wrapped: what is published and judged.
+        task: what is asked of the arm; None for a controller that answers joints itself.
+        L: (k, 6) as used by the law, for the record; None where there is none.
+        filtered_error: (k,) where a filter stands before the law.
+        up_to: a motion that the error cannot see, in words ('180°').
+        notes: what is worth a word in the state.
+    """
+
+    names: tuple[str, ...]
+    features: np.ndarray
+    desired: np.ndarray
+    error: np.ndarray
+    task: Task | None = None
+    L: np.ndarray | None = None
+    filtered_error: np.ndarray | None = None
+    up_to: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+
+class Scheme(ABC):
+    """Base of all schemes, also of a user's own: constructed as `YourScheme(law)`.
+
+    Most schemes are a `Feature` and need none of this: name the feature's class as the scheme.
+
+    Attributes (of the class or of the instance):
+        needs: of the image.
+        names, tolerances, units: (k,) of the features; |error| below it counts as reached.
+        law: as given; `gains` of it may be changed while it runs.
+    """
+
+    needs: frozenset[Need] = frozenset((Need.MOMENTS,))
+    names: tuple[str, ...]
+    tolerances: Sequence[float]
+    units: Sequence[str] = ()
+
+    def __init__(self, law: Law | None = None) -> None:
+        self.law = law if law is not None else Proportional()
+
+    @abstractmethod
+    def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
+        """The features in this image and what they ask of the arm.
+
+        Args:
+            observation: of this image; not `valid` where the segmentation found no target.
+            goal: to reach.
+            t: s since servoing began, or began again after the target was lost.
+
+        Raises:
+            MeasurementError: this image cannot be servoed on; the arm holds still.
+        """
+
+    def check(self, goal: Goal) -> None:
+        """Refuse a goal that this scheme cannot servo to, before anything moves.
+
+        Raises:
+            ConfigurationError: what the goal lacks.
+        """
+
+    def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
+        """What to keep of the view at the goal, by feature's name: see Feature.teach."""
+        return {}
+
+    def reset(self) -> None:
+        """Forget earlier images."""
+        self.law.reset()
+
+
+class JointController(ABC):
+    """A controller that answers the joints itself: MPC, second order. Constructed as `Yours()`.
+
+    It is called between images too, under the same limits and the same watchdog as any scheme.
+
+    Attributes (of the class or of the instance):
+        needs, names, tolerances, units: as of a Scheme.
+        output: what `tick` answers: 'position' (rad, m), 'velocity' or 'acceleration'.
+    """
+
+    needs: frozenset[Need] = frozenset((Need.MOMENTS,))
+    names: tuple[str, ...]
+    tolerances: Sequence[float]
+    units: Sequence[str] = ()
+    output: str = "velocity"
+
+    @abstractmethod
+    def see(self, observation: Observation, goal: Goal, t: float) -> Decision:
+        """Take in one image; the decision has no task.
+
+        Raises:
+            MeasurementError: this image cannot be servoed on; the arm holds still.
+        """
+
+    @abstractmethod
+    def tick(self, t: float, dt: float, joints: JointSample) -> np.ndarray:
+        """The joints' positions, velocities or accelerations (n,) from now on.
+
+        Args:
+            t: s since servoing began.
+            dt: s since the previous tick.
+            joints: measured.
+        """
+
+    def check(self, goal: Goal) -> None:
+        """As Scheme.check."""
+
+    def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
+        """As Scheme.teach."""
+        return {}
+
+    def reset(self, arm: Arm) -> None:
+        """Begin anew with this arm."""
+        self.arm = arm

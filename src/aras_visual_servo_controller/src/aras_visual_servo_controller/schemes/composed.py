@@ -1,0 +1,152 @@
+"""Features and a law: what most schemes are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..errors import ConfigurationError, MeasurementError
+from ..features.base import Feature, Measured, Stack
+from ..goal import Goal
+from ..laws import Law
+from ..naming import unknown
+from ..observation import SEGMENTED, Observation
+from ..task import Task, pseudo_inverse
+from .base import Decision, Scheme
+
+INTERACTIONS = ("current", "desired", "mean", "estimated")
+# A gap after which a filter begins anew, s; a jump that no camera makes (an angle that wrapped).
+LONGEST_GAP, LONGEST_JUMP = 0.3, 1.0
+Estimator = Callable[[Observation, Measured], np.ndarray]
+
+
+class Composed(Scheme):
+    """e_dot = law(e), with L at the current view, at the goal, their mean, or estimated.
+
+    Attributes:
+        feature: one feature, or the Stack of several.
+        law: see laws.
+        interaction: one of INTERACTIONS.
+        smoothing: time constant of a low-pass before the law, s; 0 for none. What it gives is
+            the decision's `filtered_error`; `error` stays as measured.
+        ratio: (k,) factors of the wanted rates, or None.
+        estimator: for 'estimated': answers L (k, 6) from the observation and what was measured.
+    """
+
+    def __init__(
+        self,
+        features: Feature | Sequence[Feature],
+        law: Law | None = None,
+        interaction: str = "current",
+        smoothing: float = 0.0,
+        weights: Sequence[float] | None = None,
+        ratio: Sequence[float] | None = None,
+        estimator: Estimator | None = None,
+    ) -> None:
+        super().__init__(law)
+        parts = [features] if isinstance(features, Feature) else list(features)
+        self.feature = parts[0] if len(parts) == 1 and weights is None else Stack(parts, weights)
+        if interaction not in INTERACTIONS:
+            raise unknown("interaction", interaction, INTERACTIONS)
+        if (interaction == "estimated") != (estimator is not None):
+            raise ConfigurationError("interaction 'estimated' needs an estimator, and it alone")
+        if not (np.isfinite(smoothing) and smoothing >= 0.0):
+            raise ConfigurationError(f"smoothing is {smoothing}, it must be >= 0 s")
+        if ratio is not None and (
+            len(ratio) != len(self.feature.names) or not (np.asarray(ratio) > 0.0).all()
+        ):
+            raise ConfigurationError(
+                f"ratio {ratio}: one number above 0 for each of {', '.join(self.feature.names)}"
+            )
+        self.interaction, self.smoothing, self.estimator = interaction, float(smoothing), estimator
+        self.ratio = None if ratio is None else np.array(ratio, float)
+        self.needs = self.feature.needs
+        self.names, self.units = tuple(self.feature.names), tuple(self.feature.units)
+        self.tolerances = tuple(self.feature.tolerances)
+        self._modelled = np.array(self.feature.directions, bool)
+        self._filter: tuple[float, np.ndarray] | None = None
+
+    def reset(self) -> None:
+        """See Scheme.reset."""
+        super().reset()
+        self.feature.reset()
+        self._filter = None
+
+    def check(self, goal: Goal) -> None:
+        """See Scheme.check."""
+        self.feature.check(goal)
+        self.names, self.units = tuple(self.feature.names), tuple(self.feature.units)
+        self.tolerances = tuple(self.feature.tolerances)
+        if self.interaction in ("desired", "mean"):
+            self.feature.desired_interaction(goal)
+
+    def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
+        """See Scheme.teach."""
+        parts = self.feature.features if isinstance(self.feature, Stack) else (self.feature,)
+        taught = {f.name or type(f).__name__: f.teach(observation) for f in parts}
+        return {name: entry for name, entry in taught.items() if entry}
+
+    def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
+        """See Scheme.compute."""
+        if self.needs & SEGMENTED and not observation.valid:
+            raise MeasurementError(observation.reason or "the target is not visible")
+        measured = self.feature.measure(observation, goal)
+        L = self._interaction(observation, measured, goal)
+        modelled = L * self._modelled
+        filtered = self._smoothed(measured.error, observation.stamp)
+        rotated = np.zeros(6)
+        if modelled.shape == (len(filtered), 6) and np.isfinite(modelled).all():
+            rotated = _rotated(modelled, filtered, self.feature.weights)
+        wanted = self.law.rate(filtered, modelled, rotated, t, observation.dt)
+        if self.ratio is not None:
+            wanted = self.ratio * wanted
+        judged = measured.judged
+        return Decision(
+            names=self.names,
+            features=measured.s if judged is None else judged,
+            desired=measured.desired if judged is None else np.zeros_like(judged),
+            error=measured.error if judged is None else judged,
+            task=Task.of(L, wanted - measured.rate, self._modelled, self.feature.weights),
+            L=L if judged is None else None,
+            filtered_error=filtered if self.smoothing > 0.0 and judged is None else None,
+            up_to=measured.up_to,
+            notes=measured.notes,
+        )
+
+    def _interaction(
+        self, observation: Observation, measured: Measured, goal: Goal
+    ) -> np.ndarray:
+        if self.interaction == "current":
+            return measured.L
+        if self.interaction == "estimated":
+            return self.estimator(observation, measured)
+        desired = self.feature.desired_interaction(goal)
+        return desired if self.interaction == "desired" else 0.5 * (measured.L + desired)
+
+    def _smoothed(self, error: np.ndarray, stamp: float) -> np.ndarray:
+        """The error (k,) behind a first-order low-pass; after a gap or a jump it begins anew.
+
+        Edges of an image have finitely many grey levels: the angle of a near-square jumps by some
+        mrad from one image to the next, and a joint with friction turns that into a tremor.
+        """
+        if self.smoothing <= 0.0:
+            return error
+        if self._filter is not None:
+            before, value = self._filter
+            dt = stamp - before
+            same = np.shape(value) == np.shape(error)
+            if same and 0.0 <= dt <= LONGEST_GAP and np.abs(error - value).max() < LONGEST_JUMP:
+                error = value + (1.0 - np.exp(-dt / self.smoothing)) * (error - value)
+        self._filter = (stamp, error)
+        return error
+
+
+def _rotated(L: np.ndarray, error: np.ndarray, weights: np.ndarray | None) -> np.ndarray:
+    """L^+ error (6,), by the normal equations where L is tall."""
+    if weights is not None:
+        L, error = weights[:, None] * L, weights * error
+    if len(L) > 64:
+        return pseudo_inverse(L.T @ L) @ (L.T @ error)
+    return pseudo_inverse(L) @ error

@@ -1,0 +1,65 @@
+"""The law of the laboratory's controller of 2016."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from ..errors import MeasurementError
+from ..features.moments import LEVEL_CAMERA, ImageMoments
+from ..goal import Goal
+from ..laws import Law
+from ..observation import Observation
+from ..task import Task
+from .base import Decision, Scheme
+
+
+class Laboratory2016(Scheme):
+    """The paper's features with the laboratory's inverse matrix and the ratio of its gains.
+
+    v = Lambda L^-1 e_dot, where L^-1 = -I with the last column (-yn, xn, 0, -1): that of a target
+    parallel to the image, at the current view, and e_dot is the law's. Lambda = diag(140, 120, 60,
+    30) in the original, on an angle scaled by 0.1 and integrated over 0.01 s once an image, each
+    after the arm had arrived. At 30 images/s, with the arm moving on, gains of 42/s overshoot;
+    here their ratio is kept and the law's gain is that of the first feature. The angle is not
+    scaled, or it would take minutes.
+    """
+
+    ratio: ClassVar[tuple[float, ...]] = (1.0, 120.0 / 140.0, 60.0 / 140.0, 30.0 / 140.0)
+
+    def __init__(self, law: Law | None = None) -> None:
+        super().__init__(law)
+        self.feature = ImageMoments()
+        self.needs, self.names = self.feature.needs, self.feature.names
+        self.tolerances, self.units = self.feature.tolerances, self.feature.units
+        self._modelled = np.array(LEVEL_CAMERA)
+
+    def check(self, goal: Goal) -> None:
+        """See Scheme.check."""
+        self.feature.check(goal)
+
+    def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
+        """See Scheme.compute."""
+        if not observation.valid:
+            raise MeasurementError(observation.reason or "the target is not visible")
+        measured = self.feature.measure(observation, goal)
+        inverse = -np.eye(4)
+        inverse[:2, 3] = -measured.s[1], measured.s[0]
+        L = np.zeros((4, 6))
+        L[:, self._modelled] = np.linalg.inv(inverse)
+        rotated = np.zeros(6)
+        rotated[self._modelled] = inverse @ measured.error
+        wanted = self.law.rate(measured.error, L, rotated, t, observation.dt)
+        twist = np.zeros(6)
+        twist[self._modelled] = np.array(self.ratio) * (inverse @ wanted)
+        return Decision(
+            names=self.names,
+            features=measured.s,
+            desired=measured.desired,
+            error=measured.error,
+            task=Task.of_twist(twist, self._modelled),
+            L=L,
+            up_to=measured.up_to,
+            notes=measured.notes,
+        )

@@ -1,0 +1,83 @@
+"""Schemes by name: what is shipped, and a user's own Scheme, Feature or JointController."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..errors import ConfigurationError
+from ..features.base import Feature
+from ..features.registry import FEATURES
+from ..laws import Law
+from ..naming import construct, find_class
+from .base import JointController, Scheme
+from .composed import Composed
+from .laboratory import Laboratory2016
+
+# Beside these every feature's name is a scheme of that feature alone.
+SCHEMES: dict[str, type[Scheme] | type[JointController] | type[Feature]] = {
+    **FEATURES,
+    "moments_2016": Laboratory2016,
+}
+
+
+def create_scheme(
+    name: str | Sequence[str],
+    law: Law | None = None,
+    weights: Sequence[float] | None = None,
+    **options: object,
+) -> Scheme | JointController:
+    """The scheme of a short name, of 'package.module:Class', or of several features' names.
+
+    Args:
+        name: a scheme, a feature, or several features (a list, or joined by '+').
+        law: its law; controllers that answer joints have their own.
+        weights: of the features, where there are several.
+        options: interaction, smoothing: see Composed.
+
+    Raises:
+        ConfigurationError: unknown name; what its constructor raised; an option it does not take.
+    """
+    names = name.split("+") if isinstance(name, str) else list(name)
+    names = [part.strip() for part in names]
+    bases = (Scheme, JointController, Feature)
+    found = [find_class("scheme", part, SCHEMES, bases) for part in names]
+    if len(found) == 1 and not issubclass(found[0], Feature):
+        cls = found[0]
+        given = {k: v for k, v in options.items() if v not in (None, "", "current", 0.0)}
+        if given or weights is not None:
+            raise ConfigurationError(
+                f"scheme '{name}' takes no {', '.join(given) or 'weights'}: it is no composition"
+            )
+        made = construct("scheme", names[0], cls, *((law,) if issubclass(cls, Scheme) else ()))
+        return checked(made, names[0])
+    if wrong := [n for n, cls in zip(names, found, strict=True) if not issubclass(cls, Feature)]:
+        raise ConfigurationError(f"scheme '{wrong[0]}' is no feature: it cannot be stacked")
+    features = [construct("scheme", n, cls) for n, cls in zip(names, found, strict=True)]
+    for feature, part in zip(features, names, strict=True):
+        checked(feature, part)
+    if len(features) == 1 and weights is None:
+        options.setdefault("ratio", getattr(features[0], "ratio", None))
+    return construct("scheme", str(name), Composed, features, law, weights=weights, **options)
+
+
+def checked(made: object, name: str) -> object:
+    """The scheme or feature, if it says what it has to.
+
+    Raises:
+        ConfigurationError: names, tolerances or needs are missing or do not fit.
+    """
+    for attribute in ("names", "tolerances", "needs"):
+        if not hasattr(made, attribute):
+            raise ConfigurationError(f"scheme '{name}': {type(made).__name__} has no {attribute}")
+    try:
+        tolerances = [float(t) for t in made.tolerances]
+        count = len(tuple(made.names))
+        made.needs = frozenset(made.needs)
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f"scheme '{name}': {error}") from error
+    if len(tolerances) != count or count == 0 or not all(t > 0.0 for t in tolerances):
+        raise ConfigurationError(
+            f"scheme '{name}': {count} names but tolerances {tolerances}; one number above 0 for "
+            "each feature is needed"
+        )
+    return made

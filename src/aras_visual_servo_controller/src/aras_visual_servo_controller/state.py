@@ -1,0 +1,126 @@
+"""What the loop is set to, what it answers, and in which words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .joint_sample import JointSample
+from .schemes.base import Decision
+
+if TYPE_CHECKING:
+    from .arm.resolver import Resolution
+
+WAITING, APPROACHING, SERVOING = "waiting", "approaching", "servoing"
+CONVERGED, HOLDING, STOPPED = "converged", "holding", "stopped"
+PHASES = (WAITING, APPROACHING, SERVOING, CONVERGED, HOLDING, STOPPED)
+
+
+@dataclass(frozen=True)
+class ServoSettings:
+    """Numbers of the loop; where a value may be one number or (n,), one counts for all joints.
+
+    Attributes:
+        start: (n,) joints to go to before the eyes are opened; None: servo from anywhere.
+        hold: s over which the mean of the measured error is judged.
+        approach_speed: part of the joints' greatest speed used to reach the start.
+        arrived: distance from the start that counts as there, rad or m.
+        push: 1/s with which the command runs after a joint that stays short of the start.
+        settle: s to stand still at the start before servoing.
+        longest_step: s; a longer gap between ticks is integrated as this long.
+        lead, lag: a command may be ahead of the measured joint by lead + lag |its speed|, rad or m
+            and s: friction that holds a joint does not let its command walk away.
+        delay: s from an exposure to when its answer counts (simulated time, computing included);
+            0: at once.
+        watchdog, watchdog_images: without a fresh answer for this long, s, or for so many image
+            periods, whichever is longer, the arm is stopped smoothly.
+        stop_time: s in which a smooth stop comes to rest, if the acceleration limits allow it.
+        resolve_period: s for which joint velocities are kept before they are worked out anew.
+        output: what is sent: 'position', 'velocity' or 'effort'.
+        stiffness, damping: of the effort output, per rad or m of what the command is ahead.
+        duration: s of servoing after which the run has timed out; inf: never.
+    """
+
+    start: Sequence[float] | None = None
+    hold: float = 2.0
+    approach_speed: float = 0.3
+    arrived: float | Sequence[float] = 0.005
+    push: float = 3.0
+    settle: float = 0.3
+    longest_step: float = 0.1
+    lead: float | Sequence[float] = 0.05
+    lag: float = 0.15
+    delay: float = 0.0
+    watchdog: float = 0.2
+    watchdog_images: float = 3.0
+    stop_time: float = 0.15
+    resolve_period: float = 0.01
+    output: str = "position"
+    stiffness: float | Sequence[float] = 0.0
+    damping: float | Sequence[float] = 0.0
+    duration: float = float("inf")
+
+
+@dataclass(frozen=True, eq=False)
+class Command:
+    """What is to be sent at one tick; None: nothing.
+
+    Attributes:
+        stamp: of the tick, s.
+        names: n joints.
+        positions, velocities, efforts: (n,), of the chosen output alone.
+        reason: what holds the motion back; empty when nothing does.
+        phase: of the loop after this tick.
+    """
+
+    stamp: float
+    names: tuple[str, ...]
+    positions: np.ndarray | None = None
+    velocities: np.ndarray | None = None
+    efforts: np.ndarray | None = None
+    reason: str = ""
+    phase: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class ServoState:
+    """What the loop saw, decided and wants, for one image (or one event without an image).
+
+    Attributes:
+        stamp: of the exposure, s.
+        phase: one of PHASES.
+        outcome, reason, mend: what the loop knows of the run so far; see diagnosis.
+        decision: of the scheme; None where there is none.
+        resolution: of the resolver for it: joint velocities, singular values of L J, and so on.
+        joints: measured, at the exposure.
+        command: (n,) positions that the integration stands at; None before the first.
+        twist: (6,) asked of the camera, optical frame; zero where none was.
+        achieved: (6,) of it that the joint velocities give.
+        rank, singular_values_L: of L in its modelled directions.
+        computing: s that the scheme took, where a clock was handed in.
+        fault: traceback of the scheme's fault, in the state where it came up first.
+    """
+
+    stamp: float
+    phase: str
+    outcome: str = "running"
+    reason: str = ""
+    mend: str = ""
+    decision: Decision | None = None
+    resolution: Resolution | None = None
+    joints: JointSample | None = None
+    command: np.ndarray | None = None
+    twist: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    achieved: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    rank: int = 0
+    singular_values_L: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    computing: float = 0.0
+    fault: str = ""
+
+    @property
+    def error(self) -> np.ndarray | None:
+        """(k,) as measured; None without a decision."""
+        return None if self.decision is None else self.decision.error

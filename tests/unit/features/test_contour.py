@@ -1,0 +1,76 @@
+"""Outline and corners of a target, against the shape that was drawn."""
+
+import numpy as np
+import pytest
+from feature_cases import L_SHAPE, SQUARE, TARGET, View, grey_image, rotation
+
+from aras_visual_servo_camera.contour import corners_of, outline_of
+from aras_visual_servo_camera.errors import SegmentationError
+from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_camera.segmentation import Segmentation, segment
+from aras_visual_servo_camera.undistortion import CameraModel
+
+CAMERA = CameraModel(320, 240, (200.0, 0, 158.3, 0, 201.0, 121.6, 0, 0, 1))
+SCALES = {"square": SQUARE, "L": L_SHAPE, "target": 3.0 * TARGET}
+
+
+def picture(shape, tilt, turn, depth=0.5):
+    R = rotation([*np.radians(tilt), 0.0]) @ rotation([0.0, 0.0, np.radians(turn)])
+    view = View(shape, R, np.array([0.03, -0.02, depth]))
+    return view.image, grey_image(view.image, CAMERA.pinhole)
+
+
+def nearest(points, others):
+    return np.linalg.norm(points[:, None] - others[None], axis=2).min(axis=1)
+
+
+@pytest.mark.parametrize("turn", [0.0, 17.0, 45.0, 133.0])
+@pytest.mark.parametrize("tilt", [(0.0, 0.0), (15.0, -10.0)])
+@pytest.mark.parametrize("shape", SCALES)
+def test_corners_are_where_the_shape_has_them(shape, tilt, turn):
+    drawn, grey = picture(SCALES[shape], tilt, turn)
+    outline = outline_of(grey, segment(grey, Segmentation()), CAMERA)
+    corners = corners_of(outline)
+    assert corners.shape == drawn.shape
+    assert nearest(corners, drawn).max() < 0.15 / 200.0  # 0.15 pixel
+    x, y = corners.T
+    assert np.dot(x, np.roll(y, -1)) > np.dot(y, np.roll(x, -1))  # positive turn
+    # neighbours of a corner are its neighbours in the shape
+    order = np.linalg.norm(corners[:, None] - drawn[None], axis=2).argmin(axis=1)
+    assert set(np.abs(np.diff(np.append(order, order[0])))) <= {1, len(drawn) - 1}
+
+
+@pytest.mark.parametrize("turn", [0.0, 17.0, 133.0])
+def test_the_outline_encloses_the_area(turn):
+    drawn, grey = picture(L_SHAPE, (5.0, 8.0), turn)
+    outline = outline_of(grey, segment(grey, Segmentation()), CAMERA)
+    exact, found = Moments.from_polygon(drawn), Moments.from_polygon(outline)
+    assert found.m00 == pytest.approx(exact.m00, rel=4e-3)
+    np.testing.assert_allclose([found.xg, found.yg], [exact.xg, exact.yg], atol=0.05 / 200.0)
+
+
+def test_corners_through_a_lens():
+    """The lens bends the sides in the picture; in normalised coordinates they are straight."""
+    lens = CameraModel(320, 240, CAMERA.K, (-0.33, 0.117, 0.0, 0.0))
+    drawn, _ = picture(1.6 * SQUARE, (8.0, 0.0), 10.0)
+    sides = [
+        a + (b - a) * np.linspace(0, 1, 60, endpoint=False)[:, None]
+        for a, b in zip(drawn, np.roll(drawn, -1, axis=0), strict=True)
+    ]
+    u, v = lens.project(*np.concatenate(sides).T)
+    bent = np.stack([(u - 158.3) / 200.0, (v - 121.6) / 201.0], axis=1)
+    grey = grey_image(bent, CAMERA.pinhole)
+    corners = corners_of(outline_of(grey, segment(grey, Segmentation()), lens))
+    assert len(corners) == 4
+    assert nearest(corners, drawn).max() < 0.3 / 200.0
+
+
+def test_a_disc_is_no_polygon_and_a_speck_has_no_outline():
+    angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    disc = 0.2 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    with pytest.raises(SegmentationError, match="no polygon"):
+        corners_of(disc, bend=1e-4)
+    grey = np.full((240, 320), 255, np.uint8)
+    grey[100:102, 100:102] = 0
+    with pytest.raises(SegmentationError, match="outline"):
+        outline_of(grey, segment(grey, Segmentation(min_pixels=1)), CAMERA)

@@ -2,5 +2,20 @@
 
 from ..joint_sample import JointSample
 from .arm import Arm
+from .limits import Limits
+from .resolution import Resolution
+from .resolver import Resolver, ResolverSettings
+from .secondary import JointLimitAvoidance, Posture, SecondaryTask, SingularityAvoidance
 
-__all__ = ["Arm", "JointSample"]
+__all__ = [
+    "Arm",
+    "JointLimitAvoidance",
+    "JointSample",
+    "Limits",
+    "Posture",
+    "Resolution",
+    "Resolver",
+    "ResolverSettings",
+    "SecondaryTask",
+    "SingularityAvoidance",
+]

@@ -1,0 +1,115 @@
+"""Joints at which an arm stretches: an elbow between two axes parallel to its own.
+
+There the camera has no velocity along the arm to first order, and to second order bending moves it.
+The arm of the laboratory works at that place: its desired poses lie there or 0.1 mm before it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import ConfigurationError
+from .arm import Arm
+from .chain import nearest
+
+PARALLEL = 1e-4  # rad; descriptions write pi as 3.1416
+STRAIGHT = 1e-9  # rad; where an elbow is bent less, rounding would choose its side
+SHORTEST = 1e-3  # m; a link shorter than this does not stretch
+
+
+@dataclass(frozen=True)
+class Fold:
+    """An elbow and the joints before and after it.
+
+    Attributes:
+        joint: index of the elbow.
+        straight: its position where the arm is stretched, rad.
+        side: +1 or -1: where it bends to when it is straight.
+        before, after: indices of the joints with parallel axes.
+        share_before, share_after: parts of a small bend that those joints turn by, so that the
+            arm keeps its direction and what it carries its attitude.
+    """
+
+    joint: int
+    straight: float
+    side: float
+    before: int
+    after: int
+    share_before: float
+    share_after: float
+
+    def bend(self, q: np.ndarray) -> float:
+        """Angle from straight, rad."""
+        return float(q[self.joint]) - self.straight
+
+    def side_of(self, q: np.ndarray) -> float:
+        """Side on which the elbow is bent, +1 or -1."""
+        bend = self.bend(q)
+        return float(np.sign(bend)) if abs(bend) > STRAIGHT else self.side
+
+    def bent(self, q: np.ndarray, bend: float) -> np.ndarray:
+        """The posture q (n,) with the elbow bent by that much more, rad."""
+        posture = np.array(q, float)
+        posture[self.joint] += bend
+        posture[self.before] += self.share_before * bend
+        posture[self.after] += self.share_after * bend
+        return posture
+
+
+def find(arm: Arm, sides: dict[str, float] | None = None) -> tuple[Fold, ...]:
+    """The elbows of an arm: three parallel axes in sequence, stretched within the limits.
+
+    Args:
+        arm: any.
+        sides: by name of the elbow, +1 or -1; +1 where nothing is said.
+
+    Raises:
+        ConfigurationError: a side of a joint that is no elbow, or neither +1 nor -1.
+    """
+    sides = sides or {}
+    places, axes = arm.joint_frames(np.zeros(len(arm.names)))
+    folds = []
+    for joint in range(1, len(arm.names) - 1):
+        fold = _fold(arm, joint, places, axes, sides.get(arm.names[joint], 1.0))
+        if fold is not None:
+            folds.append(fold)
+    known = [arm.names[fold.joint] for fold in folds]
+    for name, side in sides.items():
+        if name not in known:
+            raise ConfigurationError(f"joint {name} is no elbow of this arm{nearest(name, known)}")
+        if side not in (-1, 1):
+            raise ConfigurationError(f"side of the elbow {name} is {side!r}: use -1 or 1")
+    return tuple(folds)
+
+
+def _fold(
+    arm: Arm, joint: int, places: np.ndarray, axes: np.ndarray, side: float
+) -> Fold | None:
+    before, after = joint - 1, joint + 1
+    if arm.prismatic[[before, joint, after]].any():
+        return None
+    axis = axes[joint]
+    parallel = [float(axis @ axes[other]) for other in (before, after)]
+    if min(abs(cosine) for cosine in parallel) < np.cos(PARALLEL) - 1e-12:
+        return None
+    upper, fore = (
+        step - axis * (axis @ step)
+        for step in (places[joint] - places[before], places[after] - places[joint])
+    )
+    lengths: Sequence[float] = [float(np.linalg.norm(link)) for link in (upper, fore)]
+    if min(lengths) < SHORTEST:
+        return None
+    straight = -float(np.arctan2(axis @ np.cross(upper, fore), upper @ fore))
+    if not arm.lower[joint] < straight < arm.upper[joint]:
+        return None
+    whole = sum(lengths)
+    return Fold(
+        joint=joint,
+        straight=straight,
+        side=float(side),
+        before=before,
+        after=after,
+        share_before=-np.sign(parallel[0]) * lengths[1] / whole,
+        share_after=-np.sign(parallel[1]) * lengths[0] / whole,
+    )

@@ -1,0 +1,109 @@
+"""Limits of what the arm may be asked to do: the description's, narrowed by parameters."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import ConfigurationError
+from .arm import Arm
+from .chain import nearest
+
+# One number for all joints, one for each in the arm's order, or some by name.
+Given = float | Sequence[float] | Mapping[str, float] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Limits of the commands, in the arm's order: rad or m, and their rates.
+
+    Attributes:
+        names: (n,) of the joints.
+        lower, upper: (n,) positions; infinite where there is no limit.
+        velocity, acceleration: (n,) greatest, > 0, infinite where there is none.
+    """
+
+    names: tuple[str, ...]
+    lower: np.ndarray
+    upper: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+
+    @classmethod
+    def of(
+        cls,
+        arm: Arm,
+        lower: Given = None,
+        upper: Given = None,
+        velocity: Given = None,
+        acceleration: Given = None,
+    ) -> "Limits":
+        """The arm's own limits, or narrower ones where given; acceleration: none where not given.
+
+        Raises:
+            ConfigurationError: an unknown joint, a wrong count, a limit that is no number, leaves
+                no room, or is wider than the robot's own.
+        """
+        own = {"lower": arm.lower, "upper": arm.upper, "velocity": arm.velocity}
+        own["acceleration"] = np.full(len(arm.names), np.inf)
+        given = {
+            "lower": lower, "upper": upper, "velocity": velocity, "acceleration": acceleration
+        }  # fmt: skip
+        values = {key: _merged(key, arm.names, own[key], given[key]) for key in own}
+        for i, name in enumerate(arm.names):
+            low, high = values["lower"][i], values["upper"][i]
+            if not low < high:
+                raise ConfigurationError(
+                    f"limits of {name}: lower {low:g} must be below upper {high:g}"
+                )
+            for key in ("velocity", "acceleration"):
+                if not values[key][i] > 0.0:
+                    raise ConfigurationError(
+                        f"limits of {name}: {key} {values[key][i]:g} must be positive"
+                    )
+            for key, wider in (
+                ("lower", low < arm.lower[i] - 1e-9),
+                ("upper", high > arm.upper[i] + 1e-9),
+                # A description that says 0 does not know.
+                ("velocity", 0.0 < arm.velocity[i] * (1.0 + 1e-9) < values["velocity"][i]),
+            ):
+                if wider:
+                    raise ConfigurationError(
+                        f"limits of {name}: {key} {values[key][i]:g} is beyond the robot's own, "
+                        f"{own[key][i]:g}"
+                    )
+        for array in values.values():
+            array.setflags(write=False)
+        return cls(arm.names, **values)
+
+    def margins(self, q: np.ndarray) -> np.ndarray:
+        """Distance (n,) of joints q to the nearer limit, rad or m; negative outside."""
+        return np.minimum(q - self.lower, self.upper - q)
+
+
+def _merged(key: str, names: Sequence[str], own: np.ndarray, given: Given) -> np.ndarray:
+    values = np.array(own, float)
+    if given is None:
+        return values
+    try:
+        if isinstance(given, Mapping):
+            for name, value in given.items():
+                if name not in names:
+                    raise ConfigurationError(
+                        f"limits: {key} of an unknown joint {name}{nearest(name, names)}"
+                    )
+                values[names.index(name)] = float(value)
+        elif np.ndim(given) == 0:
+            values[:] = float(given)
+        elif len(given) == len(names):
+            values[:] = [float(value) for value in given]
+        else:
+            raise ConfigurationError(
+                f"limits: {len(given)} values of {key} for {len(names)} joints "
+                f"({', '.join(names)})"
+            )
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f"limits: {key} is {given!r}: {error}") from error
+    if np.isnan(values).any():
+        raise ConfigurationError(f"limits: {key} is {given!r}: not a number")
+    return values

@@ -1,0 +1,515 @@
+"""The resolver: exact where the arm can, least squares where it cannot, never beyond a limit."""
+
+import numpy as np
+import pytest
+from arms import NAMES, make, urdf, within
+
+from aras_visual_servo_controller.arm import (
+    Arm,
+    JointLimitAvoidance,
+    Limits,
+    Posture,
+    Resolver,
+    ResolverSettings,
+    SecondaryTask,
+    SingularityAvoidance,
+)
+from aras_visual_servo_controller.arm.fold import find
+from aras_visual_servo_controller.arm.poses import pose_difference, rotation_vector
+from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.task import Task
+
+ALL = (True,) * 6
+MOMENTS = (True, True, True, False, False, True)
+REGULAR = {
+    "aras": [0.1, 0.2, 0.6, -0.9, 0.4, 0.5],
+    "ur5": [0.2, -1.2, 1.4, -0.8, -1.3, 0.3],
+    "panda": [0.2, -0.4, 0.3, -1.8, 0.2, 1.6, 0.5],
+}
+
+
+def four_points(depth=0.4, size=0.05):
+    """Interaction matrix (8, 6) of a small square seen askew: ill-conditioned as such are."""
+    rows = []
+    for x, y in ((-size, -size), (size, -1.2 * size), (1.1 * size, size), (-size, 1.3 * size)):
+        rows.append([-1 / depth, 0, x / depth, x * y, -(1 + x * x), y])
+        rows.append([0, -1 / depth, y / depth, 1 + y * y, -x * y, -x])
+    return np.array(rows)
+
+
+def goto(resolver, q, goal, modelled=ALL, gain=2.0, dt=0.02, steps=300):
+    """Drive an exact camera to a pose by its twist; returns the joints (steps + 1, n)."""
+    path, velocities = [np.array(q, float)], None
+    for _ in range(steps):
+        pose = resolver.arm.view(path[-1])[0]
+        place = pose[:3, :3].T @ (goal[:3, 3] - pose[:3, 3])
+        turn = rotation_vector(pose[:3, :3].T @ goal[:3, :3])
+        task = Task.of_twist(gain * np.concatenate([place, turn]), modelled)
+        velocities = resolver.resolve(path[-1], task, dt, velocities).velocities
+        path.append(path[-1] + velocities * dt)
+    return np.array(path)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 300.0])
+def test_exact_away_from_singularities(name, scale):
+    arm, random = make(name), np.random.default_rng(1)
+    resolver, q = Resolver(arm, settings=ResolverSettings()), np.array(REGULAR[name])
+    for L in (np.eye(6), scale * four_points()[:6], random.normal(size=(4, 6)), four_points()):
+        # A rate that some twist gives, small enough for no limit.
+        task = Task.of(L, 0.01 * L @ random.normal(size=6))
+        answer = resolver.resolve(q, task, 0.01)
+        got = task.L @ arm.jacobian(q) @ answer.velocities
+        assert np.abs(got - task.rate).max() < 1e-9 * max(np.abs(task.rate).max(), 1.0)
+        assert answer.scale == 1.0 and not answer.reasons
+        assert np.abs(answer.twist - arm.jacobian(q) @ answer.velocities).max() < 1e-12
+        assert np.abs(answer.lost).max() < 1e-9
+
+
+def test_seven_joints_take_the_shortest_velocities():
+    arm, q = make("panda"), np.array(REGULAR["panda"])
+    twist = np.array([0.02, -0.01, 0.03, 0.05, 0.1, -0.05])
+    answer = Resolver(arm).resolve(q, Task.of_twist(twist), 0.01)
+    assert np.abs(answer.velocities - np.linalg.pinv(arm.jacobian(q)) @ twist).max() < 1e-12
+    assert np.abs(arm.jacobian(q) @ answer.null_direction).max() < 1e-9
+
+
+@pytest.mark.parametrize("joints", [("J1", "J2", "J3", "J6"), ("gantry", "J2", "J3", "J5", "J6")])
+def test_fewer_joints_do_what_they_can(joints):
+    arm = Arm.from_urdf(urdf("aras"), joints=joints)
+    q = np.array([0.1, 0.6, -0.9, 0.4, 0.5])[-len(joints) :]
+    L = np.eye(6)
+    L[3:] *= 0.1  # a radian counts as the resolver's length
+    twist = np.array([0.01, 0.02, -0.01, 0.05, 0.02, 0.03])
+    answer = Resolver(arm).resolve(q, Task.of(L, L @ twist), 0.01)
+    scaled = L @ arm.jacobian(q)
+    best = np.linalg.lstsq(scaled, L @ twist, rcond=None)[0]
+    assert np.abs(answer.velocities - best).max() < 1e-9
+    assert np.abs(answer.lost - (twist - arm.jacobian(q) @ best)).max() < 1e-9
+    assert answer.reasons[0].startswith("lost, the arm cannot do it here: ")
+    assert answer.rank == len(joints) and len(answer.singular_values) == len(joints)
+
+
+def test_the_lost_direction_is_named_with_how_much():
+    arm = make("aras")
+    q = np.array([0.0, 0.0, 0.6, -0.9, 0.3, 0.0])  # camera level: no joint rolls it
+    roll = Task.of_twist(_roll(arm, q, 0.2))
+    answer = Resolver(arm).resolve(q, roll, 0.01)
+    assert np.abs(answer.velocities).max() < 0.01
+    assert np.linalg.norm(answer.lost) == pytest.approx(0.2, rel=0.01)
+    assert any("wy" in reason and "rad/s" in reason for reason in answer.reasons)
+    doable = Task.of_twist(np.array([0.01, 0.01, 0.01, 0.0, 0.0, 0.1]))
+    assert not Resolver(arm).resolve(q, doable, 0.01).reasons
+
+
+def _roll(arm, q, speed):
+    """Twist about the axis of the camera that the arm's pitch leaves over."""
+    jacobian = arm.jacobian(q)
+    pitch = jacobian[3:, 2] / np.linalg.norm(jacobian[3:, 2])
+    return np.concatenate([np.zeros(3), speed * np.cross(pitch, jacobian[3:, 5])])
+
+
+def test_what_l_does_not_see_is_not_asked_for():
+    arm, q = make("ur5"), np.array(REGULAR["ur5"])
+    L = np.array([[1.0, 0, 0, 0, 0, 0], [1.0, 1e-7, 0, 0, 0, 0]])  # two features that are one
+    answer = Resolver(arm).resolve(q, Task.of(L, [0.01, -0.01]), 0.01)
+    assert np.abs(answer.velocities).max() < 0.1  # and not 1e5
+    assert answer.rank == 1 and answer.rank_L == 1
+    nothing = Resolver(arm).resolve(q, Task.of(np.zeros((2, 6)), [0.1, 0.1]), 0.01)
+    assert not nothing.velocities.any() and nothing.rank == 0
+
+
+def test_answer_tells_the_condition_of_the_task():
+    arm, q = make("ur5"), np.array(REGULAR["ur5"])
+    L = four_points()
+    task = Task.of(L, np.zeros(8))
+    answer = Resolver(arm).resolve(q, task, 0.01)
+    assert answer.singular_values == pytest.approx(
+        np.linalg.svd(L @ arm.jacobian(q), compute_uv=False), rel=1e-9
+    )
+    assert answer.singular_values_L == pytest.approx(np.linalg.svd(L, compute_uv=False), rel=1e-9)
+    assert answer.manipulability == pytest.approx(np.prod(answer.singular_values))
+    assert np.linalg.norm(L @ answer.null_twist) == pytest.approx(answer.singular_values_L[-1])
+    assert answer.margins == pytest.approx(np.minimum(q - arm.lower, arm.upper - q))
+    assert answer.rank == 6
+
+
+# ------------------------------------------------------------------ directions not modelled
+
+
+def tilted(angle):
+    """The laboratory's arm with its camera tilted by an angle about its picture's horizontal."""
+    text = urdf("aras").replace("3.14 -1.57 0", f"3.14 {-1.57 + angle} 0")
+    return Arm.from_urdf(text)
+
+
+def test_a_tilted_camera_turns_about_the_vertical():
+    arm = tilted(np.radians(10.0))
+    q = np.array([0.0, 0.1, 0.6, -0.9, 0.3, 0.0])
+    # Turned about the vertical, a camera of 10 degrees turns by 0.1 cos 10 about its own axis
+    # and by 0.1 sin 10 about its picture's vertical: L sees both.
+    L = np.array([[-1, 0, 0, 0, -0.2, 0], [0, -1, 0, 0.2, 0, 0], [0, 0, -1, 0, 0, 0],
+                  [0, 0, 0, 0, 0, -1.0]])  # fmt: skip
+    task = Task.of(L, [0.0, 0.0, 0.0, -0.1], MOMENTS)
+    answer = Resolver(arm).resolve(q, task, 0.01)
+    assert np.abs(L @ answer.twist - task.rate).max() < 1e-6
+    spin = arm.pose(q)[:3, :3] @ answer.twist[3:]
+    assert np.abs(spin[:2]).max() < 1e-4 and abs(spin[2]) == pytest.approx(
+        0.1 / np.cos(np.radians(10.0)), rel=1e-3
+    )
+    assert abs(answer.twist[4]) == pytest.approx(0.1 * np.tan(np.radians(10.0)), rel=0.02)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_attitude_comes_back_to_the_goal_s(name):
+    arm = make(name)
+    resolver = Resolver(arm, Limits.of(arm, velocity=1.0))
+    q = np.array(REGULAR[name])
+    if name == "aras":
+        q[4] = 0.3  # level
+    resolver.goal = arm.pose(q)
+    away = q.copy()
+    away[2] += 0.1
+    path = goto(resolver, away, arm.pose(q), MOMENTS)
+    distance, angle = pose_difference(arm.pose(path[-1]), arm.pose(q))
+    assert distance < 1e-4 and angle < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("modelled", "still"),
+    [((1, 1, 1, 0, 0, 0), (3, 4, 5)), ((1, 1, 0, 1, 1, 1), (2,)), ((1, 1, 0, 0, 0, 1), (2, 3, 4))],
+)
+def test_held_directions_stand_still(modelled, still):
+    """Within one step; a camera that looks along the vertical."""
+    arm, q = make("ur5"), np.array([0.2, -1.2, 1.4, -np.pi / 2 - 0.2, -np.pi / 2, 0.3])
+    modelled = np.array(modelled, bool)
+    twist = np.where(modelled, [0.02, 0.03, 0.01, 0.1, -0.1, 0.2], 0.0)
+    answer = Resolver(arm).resolve(q, Task.of_twist(np.full(6, 0.05) + twist, modelled), 0.01)
+    wanted = np.where(modelled, 0.05 + twist, 0.0)
+    assert np.abs(answer.twist - wanted).max() < 1e-9
+    assert np.abs(answer.twist[list(still)]).max() < 1e-9
+
+
+def test_held_place_comes_back_after_it_was_lost():
+    arm, q = make("ur5"), np.array(REGULAR["ur5"])
+    resolver = Resolver(arm)
+    resolver.goal = arm.pose(q)
+    away = q + 0.05
+    modelled = (True, True, False, True, True, True)
+    path = goto(resolver, away, arm.pose(q), modelled, steps=200)
+    assert pose_difference(arm.pose(path[-1]), arm.pose(q))[0] < 1e-3
+
+
+def test_without_a_goal_the_first_attitude_is_kept_until_reset():
+    arm, q = make("ur5"), np.array(REGULAR["ur5"])
+    resolver = Resolver(arm)
+    still = Task.of_twist(np.zeros(6), (1, 1, 1, 0, 0, 0))
+    assert np.abs(resolver.resolve(q, still, 0.01).velocities).max() < 1e-12
+    away = q + 0.05
+    assert np.abs(resolver.resolve(away, still, 0.01).velocities).max() > 0.01
+    resolver.reset()
+    assert np.abs(resolver.resolve(away, still, 0.01).velocities).max() < 1e-12
+
+
+# ------------------------------------------------------------------------------- limits
+
+
+class Constant(SecondaryTask):
+    """Wants always the same."""
+
+    def __init__(self, wish):
+        self.wish = np.array(wish, float)
+
+    def velocity(self, q):
+        return self.wish
+
+
+def test_speed_limits_keep_the_direction():
+    arm, q = make("ur5"), np.array(REGULAR["ur5"])
+    twist = np.array([0.2, 0.1, -0.2, 0.5, 0.3, 1.0])
+    free = Resolver(arm).resolve(q, Task.of_twist(twist), 0.01)
+    slow = Resolver(arm, Limits.of(arm, velocity=0.1)).resolve(q, Task.of_twist(twist), 0.01)
+    assert np.abs(slow.velocities).max() == pytest.approx(0.1, rel=1e-12)
+    assert slow.scale == pytest.approx(0.1 / np.abs(free.velocities).max(), rel=1e-9)
+    assert np.abs(slow.twist - slow.scale * twist).max() < 1e-9
+    assert slow.slowing == arm.names[int(np.abs(free.velocities).argmax())]
+    assert any("slowed to" in reason for reason in slow.reasons)
+
+
+@pytest.mark.parametrize("acceleration", [None, 0.5])
+def test_secondary_tasks_never_slow_the_task(acceleration):
+    arm, q = make("panda"), np.array(REGULAR["panda"])
+    limits = Limits.of(arm, velocity=0.5, acceleration=acceleration)
+    task, dt = Task.of_twist([0.02, 0.01, -0.02, 0.05, 0.03, 0.1]), 0.01
+    alone, wild = Resolver(arm, limits), Resolver(arm, limits, [Constant(np.full(7, 50.0))])
+    before = other = np.zeros(7)
+    for _ in range(60):
+        one = alone.resolve(q, task, dt, before)
+        two = wild.resolve(q, task, dt, other)
+        assert two.scale == pytest.approx(one.scale, abs=1e-9)
+        assert np.abs(two.twist - one.twist).max() < 1e-9
+        assert np.abs(two.velocities).max() <= 0.5 + 1e-12
+        before, other = one.velocities, two.velocities
+    assert one.scale == 1.0
+    assert np.abs(two.velocities - one.velocities).max() > 0.2  # and yet they are served
+
+
+def test_acceleration_limits_keep_the_direction():
+    arm, q = make("ur5"), np.array(REGULAR["ur5"])
+    resolver = Resolver(arm, Limits.of(arm, velocity=1.0, acceleration=2.0))
+    twist, velocities = np.array([0.1, 0.05, -0.1, 0.2, 0.1, 0.3]), np.zeros(6)
+    for step in range(40):
+        answer = resolver.resolve(q, Task.of_twist(twist), 0.01, velocities)
+        assert np.abs(answer.velocities - velocities).max() <= 0.02 + 1e-12
+        along = answer.twist @ twist / np.linalg.norm(twist) ** 2
+        assert np.abs(answer.twist - along * twist).max() < 1e-9
+        assert answer.scale == pytest.approx(along, abs=1e-9)
+        velocities = answer.velocities
+        if step == 0:
+            assert 0.0 < answer.scale < 1.0
+    assert answer.scale == 1.0
+
+
+def test_a_joint_at_its_limit_stops_and_the_others_go_on():
+    arm = make("panda")
+    q = np.array(REGULAR["panda"])
+    q[6] = arm.upper[6] - 1e-3
+    twist = np.array([0.02, 0.0, 0.0, 0.0, 0.0, 0.5])
+    if arm.jacobian(q)[5, 6] < 0.0:
+        twist[5] = -0.5
+    answer = Resolver(arm).resolve(q, Task.of_twist(twist), 0.01)
+    assert answer.stopped == (arm.names[6],)
+    assert answer.velocities[6] == pytest.approx(0.1, rel=1e-9)  # to the limit itself
+    assert f"{arm.names[6]} stopped at its limit" in answer.reasons
+    assert np.abs(answer.twist - twist).max() < 0.05
+
+
+def test_a_joint_outside_its_range_may_only_come_back():
+    arm, q = make("aras"), np.array(REGULAR["aras"])
+    q[3] = arm.lower[3] - 0.01
+    wish = np.zeros(6)
+    for sign in (-1.0, 1.0):
+        wish[3] = sign
+        task = Task.of_twist(arm.jacobian(q) @ wish)
+        velocity = Resolver(arm).resolve(q, task, 0.01).velocities[3]
+        assert (velocity <= 0.0) if sign < 0 else (velocity > 0.5)
+        assert velocity >= 0.0 - 1e-12
+
+
+def near_trouble(arm, random, kind):
+    """Joints within 5 degrees (or 5 mm) of a limit, or of a singularity."""
+    q = within(arm, random, 0.8)
+    if kind == "limit":
+        joint = random.integers(len(arm.names))
+        gap = random.uniform(0.0, 0.005 if arm.prismatic[joint] else np.radians(5.0))
+        q[joint] = random.choice([arm.lower[joint] + gap, arm.upper[joint] - gap])
+    elif arm.names[0] == "gantry":
+        q[3] = random.uniform(-1, 1) * np.radians(5.0)
+    else:
+        q[random.choice([2, 4])] = random.uniform(-1, 1) * np.radians(5.0)
+    return q
+
+
+@pytest.mark.parametrize("name", ["aras", "ur5"])
+@pytest.mark.parametrize("kind", ["limit", "singularity"])
+def test_no_bound_is_ever_passed(name, kind):
+    """100 starts for each arm and kind of trouble, tasks that run into it."""
+    arm, random = make(name), np.random.default_rng(7)
+    limits = Limits.of(arm, velocity=1.5, acceleration=8.0)
+    tasks = [JointLimitAvoidance(limits), Constant(random.normal(size=len(arm.names)))]
+    resolver = Resolver(arm, limits, tasks)
+    at_limit = 0
+    for _ in range(100):
+        resolver.reset()
+        q, velocities = near_trouble(arm, random, kind), np.zeros(len(arm.names))
+        twist = random.normal(size=6) * (0.3, 0.3, 0.3, 1.0, 1.0, 1.0)
+        modelled = ALL if random.random() < 0.5 else MOMENTS
+        for step in range(40):
+            if step % 15 == 14:
+                twist = -twist  # a task that changes its mind
+            dt = 0.01 if random.random() < 0.8 else 0.033
+            answer = resolver.resolve(q, Task.of_twist(twist, modelled), dt, velocities)
+            change = np.abs(answer.velocities - velocities)
+            assert (np.abs(answer.velocities) <= limits.velocity + 1e-9).all()
+            assert (change <= limits.acceleration * dt + 1e-9).all()
+            velocities = answer.velocities
+            q = q + velocities * dt
+            assert (q >= limits.lower - 1e-9).all() and (q <= limits.upper + 1e-9).all()
+            at_limit += bool(answer.stopped)
+    assert at_limit > 20 or kind == "singularity"
+
+
+def test_no_motion_and_no_time():
+    arm, q = make("aras"), np.array(REGULAR["aras"])
+    task = Task.of_twist([0.01, 0, 0, 0, 0, 0], MOMENTS)
+    answer = Resolver(arm, Limits.of(arm, acceleration=1.0)).resolve(q, task, 0.0, np.zeros(6))
+    assert np.abs(answer.twist[:3] - [0.01, 0, 0]).max() < 1e-6
+
+
+@pytest.mark.parametrize("place", ["q", "rate", "L", "dt"])
+def test_what_is_not_finite_is_refused(place):
+    arm, q, dt = make("aras"), np.array(REGULAR["aras"]), 0.01
+    L, rate = np.eye(6), np.zeros(6)
+    if place == "q":
+        q[2] = np.nan
+    elif place == "rate":
+        rate[1] = np.inf
+    elif place == "L":
+        L[1, 1] = np.nan
+    else:
+        dt = np.nan
+    with pytest.raises(ValueError, match="not finite"):
+        Resolver(arm).resolve(q, Task(L, rate, np.ones(6, bool)), dt)
+    with pytest.raises(ValueError, match="6 joints"):
+        Resolver(arm).resolve(np.zeros(5), Task.of_twist(np.zeros(6)), 0.01)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"velocity": {"J4": 1.0}}, "velocity of an unknown joint J4"),
+        ({"velocity": [1.0] * 5}, "5 values of velocity for 6 joints"),
+        ({"velocity": 0.0}, "gantry: velocity 0 must be positive"),
+        ({"velocity": 6.0}, "gantry: velocity 6 is beyond the robot's own, 5"),
+        ({"acceleration": {"J3": -1.0}}, "J3: acceleration -1 must be positive"),
+        ({"lower": {"J3": -3.0}}, "J3: lower -3 is beyond the robot's own, -2.0943"),
+        ({"upper": {"J2": 2.2}}, "J2: upper 2.2 is beyond"),
+        ({"lower": {"J3": 1.0}, "upper": {"J3": 0.5}}, "J3: lower 1 must be below upper 0.5"),
+        ({"upper": {"J3": "far"}}, "upper is"),
+        ({"upper": {"J3": np.nan}}, "not a number"),
+    ],
+)
+def test_limits_that_cannot_be(options, words):
+    with pytest.raises(ConfigurationError, match=words):
+        Limits.of(make("aras"), **options)
+
+
+def test_limits_are_the_robot_s_unless_narrowed():
+    limits = Limits.of(make("aras"), lower={"J3": -1.0}, velocity=[1, 2, 2, 2, 2, 2])
+    assert limits.lower.tolist() == [-1.5, -2.0943, -2.0943, -1.0, -2.0943, -3000.0]
+    assert limits.velocity.tolist() == [1, 2, 2, 2, 2, 2]
+    assert np.isinf(limits.acceleration).all()
+    assert limits.margins(np.array([1.4, 0, 0, -1.5, 0, 0]))[[0, 3]] == pytest.approx([0.1, -0.5])
+
+
+# ----------------------------------------------------------------------- stretched elbows
+
+
+def test_elbows_are_found_in_the_chain():
+    (fold,) = find(make("aras"), {"J3": -1})
+    assert (fold.joint, fold.before, fold.after, fold.side) == (3, 2, 4, -1.0)
+    assert fold.straight == pytest.approx(0.0, abs=1e-6)
+    assert fold.share_before == pytest.approx(-0.16 / 0.41)
+    (elbow,) = find(make("ur5"))
+    assert make("ur5").names[elbow.joint] == "elbow_joint"
+    assert find(make("panda")) == ()
+    with pytest.raises(ConfigurationError, match="J2 is no elbow.*J3"):
+        find(make("aras"), {"J2": 1})
+    with pytest.raises(ConfigurationError, match="use -1 or 1"):
+        find(make("aras"), {"J3": 0})
+
+
+@pytest.mark.parametrize("name", ["aras", "ur5"])
+def test_a_small_bend_keeps_the_direction_and_the_attitude(name):
+    arm = make(name)
+    (fold,) = find(arm)
+    q = np.zeros(len(arm.names))
+    q[fold.before] = 0.3
+    here, there = arm.pose(q), arm.pose(fold.bent(q, 0.01))
+    distance, angle = pose_difference(here, there)
+    assert angle < 1e-7 and 1e-7 < distance < 1e-4  # of second order
+    assert pose_difference(here, arm.pose(fold.bent(q, 0.02)))[0] == pytest.approx(
+        4.0 * distance, rel=0.02
+    )
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_stretched_arm_comes_back(side):
+    arm = make("aras")
+    limits = Limits.of(arm, velocity=[1, 2, 2, 2, 2, 2])
+    goal = np.array([0.0, 0.0, 0.0, 0.6 * side, 0.0, 0.0])
+    goal[2], goal[4] = -0.39 * goal[3], -0.61 * goal[3]
+    resolver = Resolver(arm, limits, folds=find(arm, {"J3": side}))
+    resolver.goal = arm.pose(goal)
+    path = goto(resolver, np.zeros(6), arm.pose(goal), MOMENTS)
+    assert pose_difference(arm.pose(path[-1]), arm.pose(goal))[0] < 1e-4
+    assert path[-1, 3] * side > 0.3 and (path[1:, 3] * side > 0.0).all()
+
+
+def test_the_elbow_closes_in_on_straight_and_never_passes_it():
+    arm = make("aras")
+    resolver = Resolver(arm)
+    start = np.array([0.1, 0.0, 0.17, -0.09, -0.09, 0.0])
+    resolver.goal = arm.pose(np.zeros(6))
+    path = goto(resolver, start, arm.pose(np.zeros(6)), MOMENTS, gain=3.0, dt=1 / 30)
+    assert (path[:, 3] < 0.0).all()
+    assert pose_difference(arm.pose(path[-1]), arm.pose(np.zeros(6)))[0] < 1e-5
+
+
+def test_beyond_the_stretched_arm_it_says_so():
+    arm = make("aras")
+    resolver = Resolver(arm)
+    q = np.array([0.0, 0.0, 0.004, -0.01, 0.006, 0.0])
+    down = Task.of_twist([0.0, 0.0, 0.05, 0.0, 0.0, 0.0], MOMENTS)
+    for _ in range(30):
+        answer = resolver.resolve(q, down, 0.03)
+        q = q + answer.velocities * 0.03
+        assert q[3] < 0.0
+    assert any("stretched" in reason for reason in answer.reasons)
+    assert answer.lost[2] == pytest.approx(0.05, rel=0.05)
+
+
+# ------------------------------------------------------------------------ secondary tasks
+
+
+def test_posture_moves_what_the_task_does_not_see():
+    arm, q = make("aras"), np.array([0.0, 0.5, 0.6, -0.9, 0.3, 0.0])
+    tasks = [Posture(arm, {"J1": 0.0}, gain=1.0)]
+    answer = Resolver(arm, tasks=tasks).resolve(q, Task.of_twist(np.zeros(6), MOMENTS), 0.01)
+    assert np.abs(answer.twist).max() < 2e-3  # the camera's tilt of 1.8 mrad is all it moves
+    assert answer.velocities[1] < -0.05
+    with pytest.raises(ConfigurationError, match="unknown joint J4; did you mean J"):
+        Posture(arm, {"J4": 0.0})
+
+
+def test_joint_limits_are_avoided_from_their_margin_on():
+    limits = Limits.of(make("aras"))
+    task = JointLimitAvoidance(limits, margin=0.2, gain=2.0)
+    q = np.array([1.4, 0.0, -2.0, 0.0, 0.0, 2999.9])
+    assert task.velocity(q) == pytest.approx([-0.2, 0, 2 * (0.2 - 0.0943), 0, 0, -0.2])
+    assert not task.velocity(np.zeros(6)).any()
+
+
+class TestSingularityAvoidance:
+    arm = make("aras")
+    level = np.array([0.0, 0.0, 0.6, -0.9, 0.3, 0.0])
+
+    def task(self, **options):
+        return SingularityAvoidance(self.arm, **options)
+
+    def test_manipulability_is_that_of_the_rows(self):
+        rows = self.arm.jacobian(self.level)[[0, 1, 2, 5]]
+        product = np.prod(np.linalg.svd(rows, compute_uv=False))
+        assert self.task().manipulability(self.level) == pytest.approx(product, rel=1e-9)
+
+    def test_it_switches_off_at_its_bound(self):
+        here = self.task().manipulability(self.level)
+        assert not self.task(bound=0.999 * here).velocity(self.level).any()
+        assert self.task(bound=2.0 * here).velocity(self.level).any()
+        almost = self.task(bound=1.001 * here).velocity(self.level)
+        assert np.abs(almost).max() < 1e-3 * self.task().gain + 1e-12
+
+    def test_it_climbs_and_comes_to_rest(self):
+        """At an optimum below the bound its steps vanish: they do not change sign for ever."""
+        task = self.task(bound=10.0, gain=2.0)
+        resolver = Resolver(self.arm, tasks=[task])
+        q = self.level.copy()
+        q[1] = 1.2
+        still, speeds, before = Task.of_twist(np.zeros(6), MOMENTS), [], task.manipulability(q)
+        for _ in range(400):
+            velocities = resolver.resolve(q, still, 0.03).velocities
+            q = q + velocities * 0.03
+            speeds.append(velocities[1])
+        assert task.manipulability(q) > before
+        assert np.abs(speeds[:5]).min() > 0.05 and np.abs(speeds[-20:]).max() < 5e-3
+        assert (np.diff(np.sign(np.array(speeds)[np.abs(speeds) > 1e-3])) != 0).sum() <= 1

@@ -1,5 +1,10 @@
 """Loops that several tests close."""
 
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
 import numpy as np
 import pytest
 

@@ -73,6 +73,25 @@ def kernel_features(mask: NDArray[np.uint8]) -> KernelFeatures:
     return KernelFeatures(values, jacobian, np.linalg.inv(jacobian))
 
 
+def kernel_of_outline(
+    outline: NDArray[np.float64], camera: Pinhole, width: int, height: int
+) -> KernelFeatures:
+    """Kernel features of an outline (n, 2), normalised, as the original's threshold sees it.
+
+    A white pixel that the target covers by more than 2 % is darker than 250, hence target.
+
+    Raises:
+        DegenerateFeatureError: no target in the picture of width x height pixels.
+    """
+    finer = 16
+    pixels = outline * [camera.fx, camera.fy] + [camera.cx, camera.cy]
+    fixed = ((pixels + 0.5) * finer - 0.5) * 256.0
+    fine = np.zeros((height * finer, width * finer), np.uint8)
+    cv2.fillPoly(fine, [np.round(fixed).astype(np.int32)], 255, shift=8)
+    coverage = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
+    return kernel_features((coverage > 0.02 * 255).astype(np.uint8) * 255)
+
+
 def moment_layout(mask: NDArray[np.uint8], camera: Pinhole) -> list[float]:
     """The 4 numbers of 2016: row and column of the centre (normalised), m00, 0.1 alpha.
 

@@ -23,3 +23,19 @@ class UnreachableError(ServoError):
 
 class MeasurementError(ServoError):
     """A measurement that must not be servoed on: lost target, wrong size, not finite."""
+
+
+class TaskError(ServoError):
+    """A task that nobody can execute: wrong shapes, numbers that are not finite."""
+
+
+class SchemeError(ServoError):
+    """A scheme that raised, or answered what is no decision.
+
+    Attributes:
+        trace: its traceback, empty where there is none.
+    """
+
+    def __init__(self, message: str, trace: str = "") -> None:
+        super().__init__(message)
+        self.trace = trace

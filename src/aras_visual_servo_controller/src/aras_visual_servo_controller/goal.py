@@ -30,7 +30,8 @@ import yaml
 
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.moments import MAX_ORDER, Moments
+from aras_visual_servo_camera.kernel import kernel_of_outline
+from aras_visual_servo_camera.moments import MAX_ORDER, Moments, Pinhole
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from .arm.poses import pose_difference
@@ -179,13 +180,17 @@ class Goal:
             plane = self.target.plane(world_T_camera)
             moments = Moments.from_polygon(view, MAX_ORDER)
             depth = self.target.depth(world_T_camera)
+            kernel = self.kernel
+            if kernel is not None:
+                lens, size = Pinhole.from_K(kernel.K), (kernel.width, kernel.height)
+                kernel = replace(kernel, features=kernel_of_outline(view, lens, *size).values)
         except (ServoError, VisionError) as error:
             raise ConfigurationError(
                 f"{self.name}: the target is not to be seen from there ({error})"
             ) from error
         return replace(
             self, world_T_camera=world_T_camera, depth=depth, plane=plane, moments=moments,
-            kernel=None, features={}, mounting=None,
+            kernel=kernel, features={}, mounting=None,
         )  # fmt: skip
 
     def joint_values(self, names: Sequence[str]) -> np.ndarray | None:

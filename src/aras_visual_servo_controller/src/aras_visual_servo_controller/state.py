@@ -8,14 +8,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .errors import ConfigurationError
 from .joint_sample import JointSample
 from .schemes.base import Decision
 
 if TYPE_CHECKING:
-    from .arm.resolver import Resolution
+    from .arm.limits import Limits
+    from .arm.resolution import Resolution
 
 WAITING, APPROACHING, SERVOING = "waiting", "approaching", "servoing"
 CONVERGED, HOLDING, STOPPED = "converged", "holding", "stopped"
+OUTPUTS = ("position", "velocity", "effort")
 PHASES = (WAITING, APPROACHING, SERVOING, CONVERGED, HOLDING, STOPPED)
 
 
@@ -124,3 +127,40 @@ class ServoState:
     def error(self) -> np.ndarray | None:
         """(k,) as measured; None without a decision."""
         return None if self.decision is None else self.decision.error
+
+
+def check_settings(settings: ServoSettings, names: Sequence[str], limits: Limits) -> None:
+    """Refuse settings that do not fit an arm with these joints.
+
+    Raises:
+        ConfigurationError: naming the setting, its value and what would be right.
+    """
+    joints = ", ".join(names)
+    if settings.output not in OUTPUTS:
+        raise ConfigurationError(f"output '{settings.output}' is unknown: {', '.join(OUTPUTS)}")
+    for key in ("hold", "delay", "settle", "lag", "push", "watchdog_images"):
+        if not (np.isfinite(getattr(settings, key)) and getattr(settings, key) >= 0.0):
+            raise ConfigurationError(f"{key} is {getattr(settings, key)}, it must be >= 0")
+    for key in ("watchdog", "longest_step", "stop_time", "approach_speed", "resolve_period"):
+        if not (np.isfinite(getattr(settings, key)) and getattr(settings, key) > 0.0):
+            raise ConfigurationError(f"{key} is {getattr(settings, key)}, it must be above 0")
+    if not settings.duration > 0.0:
+        raise ConfigurationError(f"duration is {settings.duration}, it must be above 0 s")
+    for key in ("arrived", "lead", "stiffness", "damping"):
+        value = np.asarray(getattr(settings, key), float)
+        if value.shape not in ((), (len(names),)) or not (value >= 0.0).all():
+            raise ConfigurationError(
+                f"{key} is {getattr(settings, key)}: one number >= 0, or one for each of {joints}"
+            )
+    if settings.start is None:
+        return
+    start = np.asarray(settings.start, float)
+    if start.shape != (len(names),) or not np.isfinite(start).all():
+        raise ConfigurationError(
+            f"the start {settings.start} must be a number for each of {joints}"
+        )
+    for i in np.flatnonzero((start < limits.lower) | (start > limits.upper)):
+        raise ConfigurationError(
+            f"the start puts {names[i]} at {start[i]:.4f}, outside its limits "
+            f"{limits.lower[i]:.4f} to {limits.upper[i]:.4f}"
+        )

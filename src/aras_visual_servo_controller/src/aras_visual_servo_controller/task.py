@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .errors import MeasurementError
+from .errors import TaskError
 
 ALL_DIRECTIONS = (True,) * 6
 DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
@@ -48,27 +48,27 @@ class Task:
             weights: (k,) of the rows, >= 0: least squares weighted by their squares.
 
         Raises:
-            MeasurementError: a wrong shape, or a number that is not finite.
+            TaskError: a wrong shape, or a number that is not finite.
         """
         L, rate = _numbers(L), _numbers(rate)
         modelled = np.array(modelled, bool)
         if L.ndim != 2 or L.shape[1] != 6 or rate.shape != (len(L),) or len(L) == 0:
-            raise MeasurementError(
+            raise TaskError(
                 f"a task needs L of shape (k, 6) and a rate of shape (k,), got {L.shape} and "
                 f"{rate.shape}"
             )
         if modelled.shape != (6,):
-            raise MeasurementError(f"modelled directions: six are needed, got {modelled.shape}")
+            raise TaskError(f"modelled directions: six are needed, got {modelled.shape}")
         if weights is not None:
             weights = _numbers(weights)
             if weights.shape != rate.shape or not (weights >= 0.0).all():
-                raise MeasurementError(
+                raise TaskError(
                     f"weights of shape {weights.shape} for {len(rate)} features; they must be >= 0"
                 )
             L, rate = weights[:, None] * L, weights * rate
         # NaN and inf survive a sum; one pass over each array.
         if not (np.isfinite(L.sum()) and np.isfinite(rate.sum())):
-            raise MeasurementError("the interaction matrix or the wanted rate is not finite")
+            raise TaskError("the interaction matrix or the wanted rate is not finite")
         if len(L) > 6:
             L, rate = _reduced(L, rate)
         for array in (L, rate, modelled):
@@ -80,9 +80,9 @@ class Task:
         """The twist (6,) itself; of it only the modelled directions are asked for."""
         twist, modelled = _numbers(twist), np.array(modelled, bool)
         if twist.shape != (6,):
-            raise MeasurementError(f"a twist has shape (6,), got {twist.shape}")
+            raise TaskError(f"a twist has shape (6,), got {twist.shape}")
         if modelled.shape != (6,):
-            raise MeasurementError(f"modelled directions: six are needed, got {modelled.shape}")
+            raise TaskError(f"modelled directions: six are needed, got {modelled.shape}")
         return cls.of(np.eye(6)[modelled], twist[modelled], modelled)
 
     @cached_property
@@ -113,7 +113,7 @@ def _numbers(values: ArrayLike) -> np.ndarray:
     try:
         return np.array(values, float)
     except (TypeError, ValueError) as error:
-        raise MeasurementError(f"not an array of numbers: {error}") from error
+        raise TaskError(f"not an array of numbers: {error}") from error
 
 
 def _reduced(L: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

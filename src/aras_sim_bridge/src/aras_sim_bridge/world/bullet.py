@@ -1,41 +1,31 @@
-"""PyBullet, without the lines that it writes from C, past sys.stdout and sys.stderr."""
+"""PyBullet, imported without the line that it prints on being loaded."""
 
-import ctypes
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Let what C code writes to standard output and error go nowhere meanwhile.
+def _import_quietly() -> None:
+    """Import pybullet while the process's standard error goes nowhere.
 
-    What goes wrong still arrives as an exception.
+    Its initialisation writes "pybullet build time: …" from C, past sys.stderr. What goes wrong
+    while importing still arrives as an exception.
     """
-    flush = ctypes.CDLL(None).fflush  # C keeps what it writes to a pipe or file
-    for stream in (sys.stdout, sys.stderr):
-        if stream is not None:
-            stream.flush()
-    flush(None)
-    kept = {fd: os.dup(fd) for fd in (1, 2)}
+    if sys.stderr is not None:
+        sys.stderr.flush()
+    kept = os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
-        for fd in kept:
-            os.dup2(nowhere, fd)
-        yield
+        os.dup2(nowhere, 2)
+        import pybullet  # noqa: F401
     finally:
-        flush(None)
-        for fd, copy in kept.items():
-            os.dup2(copy, fd)
-            os.close(copy)
+        os.dup2(kept, 2)
+        os.close(kept)
         os.close(nowhere)
 
 
 if "pybullet" not in sys.modules:
-    with quiet():  # "pybullet build time: …"
-        import pybullet
-else:
-    import pybullet
+    _import_quietly()
 
-__all__ = ["pybullet", "quiet"]
+import pybullet  # noqa: E402
+
+__all__ = ["pybullet"]

@@ -1,0 +1,64 @@
+"""The way to the start pose, with the camera's eyes shut."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .state import ServoSettings
+
+
+class Approach:
+    """Smoothstep from where the joints are to the start; then pushes what hangs in friction."""
+
+    def __init__(
+        self, names: Sequence[str], velocity: np.ndarray, settings: ServoSettings
+    ) -> None:
+        """`velocity`: (n,) greatest of the joints, rad/s or m/s."""
+        n = len(names)
+        self.names, self.settings = tuple(names), settings
+        self.start = np.array(settings.start, float)
+        self._speed = settings.approach_speed * np.minimum(np.asarray(velocity, float), 1e3)
+        self._arrived = np.broadcast_to(np.asarray(settings.arrived, float), (n,))
+        self._lead = np.broadcast_to(np.asarray(settings.lead, float), (n,))
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew."""
+        self.done = False
+        self.reason = ""
+        self._origin: np.ndarray | None = None
+        self._since = self._duration = 0.0
+        self._pushed = np.zeros(len(self.names))
+        self._arrived_at: float | None = None
+
+    def command(self, t: float, dt: float, positions: np.ndarray) -> np.ndarray:
+        """Positions (n,) to command at t (s), dt after the last; measured positions (n,)."""
+        if self._origin is None:
+            self._origin, self._since = np.array(positions, float), t
+            # Smoothstep peaks at 1.5 times its mean speed.
+            way = np.abs(self.start - self._origin)
+            self._duration = max(float(np.max(1.5 * way / self._speed)), 1e-3)
+        part = float(np.clip((t - self._since) / self._duration, 0.0, 1.0))
+        if part < 1.0:
+            blend = part * part * (3.0 - 2.0 * part)
+            return self._origin + blend * (self.start - self._origin)
+        missing = self.start - positions
+        far = np.abs(missing) > self._arrived
+        push = np.where(np.abs(missing) < 0.5 * self._arrived, 0.0, missing)
+        self._pushed = np.clip(
+            self._pushed + self.settings.push * push * dt, -self._lead, self._lead
+        )
+        self.reason = ""
+        if far.any():
+            self._arrived_at = None
+            self.reason = "waiting at the start pose for " + ", ".join(
+                f"{self.names[i]} ({positions[i]:.4f}, to be {self.start[i]:.4f})"
+                for i in np.flatnonzero(far)
+            )
+        elif self._arrived_at is None:
+            self._arrived_at = t
+        elif t - self._arrived_at >= self.settings.settle:
+            self.done = True
+        return self.start + self._pushed

@@ -1,0 +1,283 @@
+"""What a run came to, why, and what would mend it: live from the states, and at its end.
+
+The loop knows no truth but its own: `outcome` is its word, a `verdict` only physics can give.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .evidence import CameraEvidence, Oscillation, ShapeEvidence
+from .goal import Goal
+from .observation import Observation
+from .schemes.base import JointController, Scheme
+from .state import CONVERGED, SERVOING, STOPPED, ServoSettings, ServoState
+
+if TYPE_CHECKING:
+    from .arm.resolution import Resolution
+
+KINDS = (
+    "running", "converged", "target_lost", "local_minimum", "singular", "out_of_reach",
+    "joint_limit", "saturation", "gain_too_high", "too_few_images", "wrong_camera_model",
+    "wrong_object", "scheme_fault", "timed_out", "stopped",
+)  # fmt: skip
+# s over which a lack of progress is judged, and the part of the error that has to be left of it.
+WINDOW, PROGRESS = 1.5, 0.9
+# Part of the window's images in which a cause has to be there, to be the cause.
+MOST = 0.6
+# Asked speed of the camera that is worth a word, m/s and (rad/s) x 0.1 m.
+SLOW = 2e-4
+# Part of the wanted rate that L can give below which the error is no camera motion's.
+UNREACHED = 0.1
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One word for how it stands, the reason in words, and what would mend it."""
+
+    kind: str = "running"
+    reason: str = ""
+    mend: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What one servoed image leaves behind; sizes in tolerances, `asked` in m/s."""
+
+    stamp: float
+    size: float
+    asked: float
+    resolution: Resolution | None
+    rank: int
+    full_rank: int
+    reached: float
+
+
+class Diagnosis:
+    """Follows one run. Ask `outcome` at any time."""
+
+    def __init__(self, settings: ServoSettings) -> None:
+        self.settings = settings
+        self.reset()
+
+    def reset(self) -> None:
+        """A new run."""
+        self.outcome = Outcome()
+        self._window: deque[_Seen] = deque()
+        self._oscillation = Oscillation()
+        self._camera = CameraEvidence()
+        self._shape = ShapeEvidence()
+        self._touched: tuple[str, ...] = ()
+        self._ended: Outcome | None = None
+        self._ringing: tuple[float, Outcome] | None = None
+
+    # -- events that are no image ------------------------------------------------------------
+
+    def fault(self, reason: str) -> None:
+        """The scheme failed between images."""
+        self.outcome = Outcome("scheme_fault", reason, "mend the scheme; its traceback is logged")
+
+    def starved(self, t: float, period: float) -> None:
+        """The watchdog stopped the arm at t (s); period of the images before, s."""
+        self.outcome = Outcome(
+            "too_few_images",
+            f"no image came for longer than the watchdog's time, at {t:.2f} s"
+            + (f" (before that one every {period:.3f} s)" if period > 0.0 else ""),
+            "raise the camera's rate, or look after what delays its images",
+        )
+
+    def timed_out(self, duration: float) -> None:
+        """The time for the run is over; what was found before stays the outcome."""
+        if self.outcome.kind == "running":
+            self.outcome = Outcome(
+                "timed_out", f"not at the goal after {duration:.1f} s",
+                "allow more time, or a higher gain",
+            )  # fmt: skip
+        self._ended = self.outcome
+
+    # -- images --------------------------------------------------------------------------------
+
+    def see(
+        self,
+        state: ServoState,
+        observation: Observation,
+        goal: Goal,
+        scheme: Scheme | JointController,
+        faulty: bool = False,
+    ) -> Outcome:
+        """Take in the state of one image; answers the outcome as of now."""
+        if self._ended is None:
+            self.outcome = self._judged(state, observation, goal, scheme, faulty)
+        return self.outcome
+
+    def _judged(
+        self,
+        state: ServoState,
+        observation: Observation,
+        goal: Goal,
+        scheme: Scheme | JointController,
+        faulty: bool,
+    ) -> Outcome:
+        if faulty:
+            return Outcome("scheme_fault", state.reason, "mend the scheme; its traceback is logged")
+        if state.phase == STOPPED:
+            return Outcome("stopped", state.reason, "call start")
+        if observation.touches:
+            self._touched = observation.touches
+        if state.decision is None:
+            self._window.clear()
+            self._camera.interrupt()
+            if state.phase != "holding":
+                return self.outcome
+            if observation.valid:
+                return Outcome("running", state.reason)
+            if self._ringing is not None and state.stamp - self._ringing[0] < 1.0:
+                return self._ringing[1]
+            if self.outcome.kind in ("target_lost", "wrong_object"):
+                return self.outcome
+            return self._lost(state)
+        if fault := self._shape.add(observation, goal):
+            return Outcome(
+                "wrong_object", fault,
+                "let the segmentation choose the target: component 'nearest' or 'mask'",
+            )  # fmt: skip
+        tolerances = np.asarray(scheme.tolerances, float)
+        self._camera.add(state.decision, observation, tolerances)
+        self._add(state, tolerances)
+        if fault := self._camera.fault():
+            return Outcome(
+                "wrong_camera_model", fault,
+                "calibrate the camera: K, D, and where it is mounted",
+            )  # fmt: skip
+        if state.phase == CONVERGED:
+            up_to = state.decision.up_to
+            return Outcome("converged" + (f" up to {up_to}" if up_to else ""))
+        ringing = self._oscillation.add(state.stamp, state.decision.error / tolerances)
+        if ringing is not None:
+            found = Outcome(
+                "gain_too_high", f"the error oscillates at {ringing:.2f} Hz and does not die away",
+                "lower the gain, or the delay between image and command",
+            )  # fmt: skip
+            self._ringing = (state.stamp, found)
+            return found
+        return self._stalled(state)
+
+    def _add(self, state: ServoState, tolerances: np.ndarray) -> None:
+        decision = state.decision
+        size = float(np.max(np.abs(decision.error) / tolerances))
+        asked = float(np.linalg.norm(state.twist[:3]) + 0.1 * np.linalg.norm(state.twist[3:]))
+        modelled = 6 if decision.task is None else int(np.sum(decision.task.modelled))
+        reached = 1.0
+        if decision.L is not None and len(decision.L) == len(decision.error):
+            scaled = decision.L / tolerances[:, None]
+            wanted = decision.error / tolerances
+            norm = float(np.linalg.norm(wanted))
+            if norm > 0.0:
+                answer = np.linalg.lstsq(scaled, wanted, rcond=1e-6)[0]
+                reached = float(np.linalg.norm(scaled @ answer)) / norm
+        self._window.append(
+            _Seen(
+                state.stamp, size, asked, state.resolution, state.rank,
+                min(modelled, len(decision.error)), reached,
+            )  # fmt: skip
+        )
+        while self._window[0].stamp < state.stamp - WINDOW:
+            self._window.popleft()
+
+    def _stalled(self, state: ServoState) -> Outcome:
+        """Why the error does not shrink; 'running' while it does."""
+        seen = list(self._window)
+        if state.phase != SERVOING or seen[-1].stamp - seen[0].stamp < 0.9 * WINDOW:
+            return Outcome("running", state.reason)
+        half = len(seen) // 2
+        before = max(s.size for s in seen[:half])
+        after = max(s.size for s in seen[half:])
+        if after < 1.0 or after < PROGRESS * before:
+            return Outcome("running", state.reason)
+        for cause in (self._limit, self._rank, self._minimum, self._reach, self._saturation):
+            if (found := cause(seen)) is not None:
+                return found
+        return Outcome("running", state.reason or "the error does not shrink")
+
+    @staticmethod
+    def _limit(seen: list[_Seen]) -> Outcome | None:
+        stopped = [s.resolution.stopped for s in seen if s.resolution is not None]
+        if not seen or sum(bool(names) for names in stopped) < MOST * len(seen):
+            return None
+        joints = ", ".join(sorted({name for names in stopped for name in names}))
+        return Outcome(
+            "joint_limit", f"{joints} at its limit: the goal lies beyond it on this way",
+            "begin from another posture, or choose a goal away from the limit",
+        )  # fmt: skip
+
+    @staticmethod
+    def _rank(seen: list[_Seen]) -> Outcome | None:
+        if sum(s.rank < s.full_rank for s in seen) >= MOST * len(seen):
+            last = seen[-1]
+            return Outcome(
+                "singular", f"L has rank {last.rank} of {last.full_rank}",
+                "other features, or more of them: some direction of the camera is not seen",
+            )  # fmt: skip
+        return None
+
+    @staticmethod
+    def _minimum(seen: list[_Seen]) -> Outcome | None:
+        if not all(s.reached < UNREACHED for s in seen[len(seen) // 2 :]):
+            return None
+        words = ""
+        resolution = seen[-1].resolution
+        if resolution is not None and resolution.null_direction is not None:
+            direction = np.round(np.asarray(resolution.null_direction), 2).tolist()
+            words = f"; null direction {direction}"
+        return Outcome(
+            "local_minimum",
+            f"the camera stands still with an error {seen[-1].size:.0f} times its tolerance: L v "
+            f"gives {100.0 * seen[-1].reached:.0f} % of it{words}",
+            "begin nearer to the goal, or use L desired or mean",
+        )
+
+    @staticmethod
+    def _reach(seen: list[_Seen]) -> Outcome | None:
+        lost = 0
+        for s in seen:
+            if s.resolution is None or s.asked < SLOW:
+                continue
+            missing = np.asarray(s.resolution.lost)
+            amount = np.linalg.norm(missing[:3]) + 0.1 * np.linalg.norm(missing[3:])
+            lost += amount > 0.3 * s.asked
+        if lost < MOST * len(seen):
+            return None
+        resolution = seen[-1].resolution
+        stretched = any("reach" in reason for reason in resolution.reasons)
+        missing = np.round(np.asarray(resolution.lost), 4).tolist()
+        if stretched:
+            return Outcome(
+                "out_of_reach", f"the arm is stretched; lost of the asked twist: {missing}",
+                "choose a goal nearer to the arm",
+            )  # fmt: skip
+        return Outcome(
+            "singular", f"the arm has not the directions asked for; lost: {missing}",
+            "begin from another posture, or choose a goal away from the singularity",
+        )  # fmt: skip
+
+    @staticmethod
+    def _saturation(seen: list[_Seen]) -> Outcome | None:
+        slowed = [s.resolution for s in seen if s.resolution and s.resolution.scale < 0.99]
+        if len(slowed) < MOST * len(seen):
+            return None
+        joint = slowed[-1].slowing
+        return Outcome(
+            "saturation", f"{joint} at its limit of speed or acceleration, and no progress",
+            "raise max_velocity or max_acceleration, or lower the gain",
+        )  # fmt: skip
+
+    def _lost(self, state: ServoState) -> Outcome:
+        over = f" over the {' and '.join(self._touched)} border" if self._touched else ""
+        return Outcome(
+            "target_lost", f"target lost at {state.stamp:.2f} s{over}: {state.reason}",
+            "begin with the target nearer to the middle, or lower the gain",
+        )  # fmt: skip

@@ -1,0 +1,153 @@
+"""What the images say beyond the error: does it ring, is the camera as believed, is it the target.
+
+Each collects what a few images or the whole run show and answers only when it is sure: a healthy
+run must not be called ill.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from aras_visual_servo_camera.degeneracy import anisotropy
+
+from .arm.poses import rotation_vector
+from .goal import Goal
+from .observation import Observation
+from .schemes.base import Decision
+
+
+class Oscillation:
+    """Reversals of the error that are larger than noise and do not die away."""
+
+    SPAN = 2.0  # s that are looked at
+    LEAST = 6.0  # tolerances from peak to peak: noise has less
+    REVERSALS = 5
+
+    def __init__(self) -> None:
+        self._seen: deque[tuple[float, np.ndarray]] = deque()
+
+    def add(self, stamp: float, error: np.ndarray) -> float | None:
+        """Frequency (Hz) of an error (k,), in tolerances, that rings; None where it does not."""
+        if self._seen and len(self._seen[-1][1]) != len(error):
+            self._seen.clear()
+        self._seen.append((stamp, np.array(error)))
+        while self._seen[0][0] < stamp - self.SPAN:
+            self._seen.popleft()
+        if len(self._seen) < self.REVERSALS + 2:
+            return None
+        stamps = np.array([s for s, _ in self._seen])
+        errors = np.array([e for _, e in self._seen])
+        loudest = int(np.argmax(np.ptp(errors[len(errors) // 2 :], axis=0)))
+        return self._rings(stamps, errors[:, loudest])
+
+    def _rings(self, stamps: np.ndarray, error: np.ndarray) -> float | None:
+        peaks = [0]
+        for i in range(1, len(error)):
+            # A peak is where the way back has become longer than noise.
+            going = np.sign(error[peaks[-1]] - error[peaks[-2]]) if len(peaks) > 1 else 0.0
+            if going == 0.0 or (error[i] - error[peaks[-1]]) * going < 0.0:
+                if abs(error[i] - error[peaks[-1]]) >= self.LEAST:
+                    peaks.append(i)
+            else:
+                peaks[-1] = i
+        heights = np.abs(np.diff(error[peaks]))
+        if len(heights) < self.REVERSALS or heights[-3:].max() < 0.7 * heights[:-2].max():
+            return None
+        first, last = stamps[peaks[1]], stamps[peaks[-1]]
+        return float(0.5 * (len(peaks) - 2) / (last - first)) if last > first else None
+
+
+class ShapeEvidence:
+    """Whether what is seen can be the goal's target, by two numbers that distance, place and turn
+    leave alone: how spread out it is, and how long."""
+
+    COMPACTNESS = 1.25  # ratio beyond which a tilt of 40 degrees is no excuse
+    ANISOTROPY = 0.3
+    IMAGES = 3
+
+    def __init__(self) -> None:
+        self._strange = 0
+
+    def add(self, observation: Observation, goal: Goal) -> str:
+        """Why it cannot be the target, in words; empty where it can."""
+        seen, wanted = observation.moments, goal.moments
+        if seen is None or wanted is None or seen.kind != wanted.kind:
+            return ""
+        spread = [(m.mu(2, 0) + m.mu(0, 2)) / m.m00**2 for m in (seen, wanted)]
+        ratio = spread[0] / spread[1]
+        longer = abs(anisotropy(seen) - anisotropy(wanted))
+        strange = not 1.0 / self.COMPACTNESS < ratio < self.COMPACTNESS
+        strange |= longer > self.ANISOTROPY
+        self._strange = self._strange + 1 if strange else 0
+        if self._strange < self.IMAGES:
+            return ""
+        return (
+            f"what is seen is not the goal's target: {ratio:.2f} times as spread out, its "
+            f"length differs by {longer:.2f}"
+        )
+
+
+class CameraEvidence:
+    """Compares how the features moved with how L and the executed motion say they had to.
+
+    A wrong depth slows or speeds all of them alike, and does no harm; a wrong focal length,
+    mounting or distortion does not.
+    """
+
+    PATH = 60.0  # tolerances of predicted way before a feature is judged
+    SPREAD = 0.15  # of the ratios measured over predicted
+    MISFIT = 0.12  # part of the motion's square that no ratio explains
+
+    def __init__(self) -> None:
+        self._before: tuple[np.ndarray, np.ndarray] | None = None
+        self._sums: np.ndarray | None = None
+
+    def interrupt(self) -> None:
+        """An image without measurement: the next one has no predecessor."""
+        self._before = None
+
+    def add(self, decision: Decision, observation: Observation, tolerances: np.ndarray) -> None:
+        """Take in one image."""
+        L, error = decision.L, decision.error
+        moved = observation.previous_T_camera
+        before, self._before = self._before, None
+        if L is None or len(L) != len(error):
+            return
+        self._before = (error, L)
+        if before is None or moved is None or len(before[0]) != len(error):
+            return
+        motion = np.concatenate([moved[:3, 3], rotation_vector(moved[:3, :3])])
+        predicted = 0.5 * (before[1] + L) @ motion / tolerances
+        measured = (error - before[0]) / tolerances
+        if np.abs(measured).max() > 1.0 / tolerances.max():
+            return  # an angle that wrapped round
+        now = np.stack([
+            predicted**2, predicted * measured, measured**2, np.abs(predicted)
+        ])  # fmt: skip
+        if self._sums is None or self._sums.shape != now.shape:
+            self._sums = np.zeros_like(now)
+        self._sums += now
+
+    def fault(self) -> str:
+        """What cannot be with the camera as believed, in words; empty where all can."""
+        if self._sums is None:
+            return ""
+        pp, pm, mm, path = self._sums
+        judged = np.flatnonzero(path > self.PATH)
+        if judged.size == 0:
+            return ""
+        ratio = pm[judged] / pp[judged]
+        misfit = 1.0 - pm[judged] ** 2 / (pp[judged] * np.maximum(mm[judged], 1e-300))
+        if (ratio <= 0.0).any() or misfit.max() > self.MISFIT:
+            return (
+                f"the features move otherwise than L and the arm's motion say: "
+                f"{100.0 * misfit.max():.0f} % of the motion is not explained"
+            )
+        if ratio.max() - ratio.min() > self.SPREAD:
+            return (
+                f"the features move {ratio.min():.2f} to {ratio.max():.2f} times as far as L and "
+                "the arm's motion say"
+            )
+        return ""

@@ -1,0 +1,116 @@
+"""Joint commands between images: integrated from velocities, bounded, brought to rest smoothly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .state import ServoSettings
+
+if TYPE_CHECKING:
+    from .arm.limits import Limits
+
+
+class Motion:
+    """The command, which only moves on from where it is, whatever is asked.
+
+    Attributes:
+        command: (n,) rad or m; None before `begin`.
+        velocity: (n,) at which it moved last.
+    """
+
+    def __init__(self, names: Sequence[str], limits: Limits, settings: ServoSettings) -> None:
+        self.names, self.limits, self.settings = tuple(names), limits, settings
+        self._lead = np.broadcast_to(np.asarray(settings.lead, float), (len(self.names),))
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing is commanded."""
+        self.command: np.ndarray | None = None
+        self.velocity = np.zeros(len(self.names))
+        self._brake: tuple[np.ndarray, float, float] | None = None
+
+    def begin(self, positions: np.ndarray) -> None:
+        """Command where the joints (n,) are."""
+        self.reset()
+        self.command = np.array(positions, float)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the command stands still."""
+        return not self.velocity.any()
+
+    def advance(self, velocities: np.ndarray, measured: np.ndarray, dt: float) -> str:
+        """Move on with velocities (n,) for dt (s); measured joints (n,).
+
+        Returns:
+            What did not follow, in words; empty when all did.
+        """
+        self._brake = None
+        if dt <= 0.0:
+            return ""
+        command = self.command
+        after, reasons = command + velocities * dt, []
+        # From beyond a limit a joint may come back, not go on.
+        low = np.minimum(np.asarray(self.limits.lower), command)
+        high = np.maximum(np.asarray(self.limits.upper), command)
+        bounded = np.clip(after, low, high)
+        for i in np.flatnonzero(bounded != after):
+            bound = (high if after[i] > bounded[i] else low)[i]
+            reasons.append(f"{self.names[i]} stopped at its limit of {bound:.4f}")
+        # A joint held by friction: its command does not walk away from it.
+        lead = self._lead + self.settings.lag * np.abs(velocities)
+        ahead = np.abs(bounded - measured)
+        late = (ahead > lead) & (ahead > np.abs(command - measured))
+        for i in np.flatnonzero(late):
+            reasons.append(f"{self.names[i]} is {ahead[i]:.3f} behind its command, which waits")
+        after = np.where(late, command, bounded)
+        self.velocity = (after - command) / dt
+        self.command = after
+        return "; ".join(reasons)
+
+    def brake(self, dt: float) -> None:
+        """Come to rest: the speed falls in a straight line within the stop time, or as slowly as
+        the acceleration limits ask."""
+        if self.command is None or self.at_rest:
+            self._brake = None
+            return
+        if self._brake is None:
+            needed = np.abs(self.velocity) / np.asarray(self.limits.acceleration)
+            duration = max(self.settings.stop_time, float(needed.max()), 1e-9)
+            self._brake = (self.velocity.copy(), duration, 0.0)
+        first, duration, gone = self._brake
+        gone += dt
+        self._brake = (first, duration, gone)
+        velocity = first * max(0.0, 1.0 - gone / duration)
+        after = self.command + velocity * dt
+        low = np.minimum(np.asarray(self.limits.lower), self.command)
+        high = np.maximum(np.asarray(self.limits.upper), self.command)
+        bounded = np.clip(after, low, high)
+        self.command, self.velocity = bounded, np.where(bounded == after, velocity, 0.0)
+
+    def limited(self, velocities: np.ndarray, dt: float) -> tuple[np.ndarray, str]:
+        """Velocities (n,) of a controller of its own, slowed as a whole to the joints' limits.
+
+        Returns:
+            The velocities, and what slowed them in words.
+        """
+        limits, reasons = self.limits, []
+        ratio = np.abs(velocities) / np.asarray(limits.velocity)
+        fastest = int(np.argmax(ratio))
+        if ratio[fastest] > 1.0:
+            velocities = velocities / ratio[fastest]
+            reasons.append(
+                f"slowed to {100.0 / ratio[fastest]:.0f} % for the speed limit of "
+                f"{self.names[fastest]}"
+            )
+        if dt > 0.0:
+            change = velocities - self.velocity
+            ratio = np.abs(change) / (np.asarray(limits.acceleration) * dt)
+            hardest = int(np.argmax(ratio))
+            if ratio[hardest] > 1.0:
+                velocities = self.velocity + change / ratio[hardest]
+                reasons.append(f"at the acceleration limit of {self.names[hardest]}")
+        return velocities, "; ".join(reasons)

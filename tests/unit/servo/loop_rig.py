@@ -1,0 +1,164 @@
+"""The loop closed without physics and pixels: joints that lag, a camera that sees exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.arm import Arm, Limits, Posture, Resolver
+from aras_visual_servo_controller.arm.fold import find
+from aras_visual_servo_controller.arm.poses import pose_difference
+from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.joint_sample import JointSample
+from aras_visual_servo_controller.laws import Law, Proportional
+from aras_visual_servo_controller.observation import Observation, Observer
+from aras_visual_servo_controller.schemes import JointController, Scheme, create_scheme
+from aras_visual_servo_controller.servo import Servo
+from aras_visual_servo_controller.state import Command, ServoSettings, ServoState
+
+SOURCES = Path(__file__).parents[3] / "src"
+URDF = SOURCES / "aras_visual_servo_gazebo" / "robots" / "aras_visual_servo.urdf"
+CONFIG = SOURCES / "aras_visual_servo_controller" / "config"
+CAMERA = CameraModel(320, 240, (102.73, 0, 159.5, 0, 102.73, 119.5, 0, 0, 1))
+STARTS = {
+    "2015": (0.1, 0.0, *np.radians([10.0, -5.0, -5.0, 0.0]).tolist()),
+    "2016": (-0.1, 0.0, *np.radians([20.0, -15.0, -5.0, 10.0]).tolist()),
+}
+IMAGE_PERIOD = 1.0 / 30.0
+TICK = 0.01
+
+
+@cache
+def the_arm() -> Arm:
+    """The laboratory's, from its description."""
+    return Arm.from_urdf(URDF.read_text())
+
+
+@cache
+def the_goal(year: str) -> Goal:
+    return Goal.load(CONFIG / f"goal_{year}.yaml").for_arm(the_arm())
+
+
+def the_limits(**given) -> Limits:
+    return Limits.of(the_arm(), **{"velocity": (1.0, 2.0, 2.0, 2.0, 2.0, 2.0), **given})
+
+
+def the_servo(
+    year: str = "2016",
+    scheme: str | Scheme | JointController = "moments",
+    law: Law | None = None,
+    goal: Goal | None = None,
+    limits: Limits | None = None,
+    clock: Callable[[], float] | None = None,
+    options: dict | None = None,
+    **settings,
+) -> Servo:
+    """A loop as the node builds it."""
+    arm = the_arm()
+    if isinstance(scheme, str):
+        scheme = create_scheme(scheme, law or Proportional(5.0), **(options or {}))
+    limits = limits or the_limits()
+    resolver = Resolver(arm, limits, [Posture(arm, {"J1": 0.0})], folds=find(arm, {"J3": -1}))
+    return Servo(scheme, arm, goal or the_goal(year), resolver, ServoSettings(**settings), clock)
+
+
+@dataclass
+class Rig:
+    """Joints (6,) behind first-order lags, a camera that reports what it exactly sees.
+
+    Attributes:
+        servo: the loop.
+        q: joints, rad and m.
+        lag: time constant of every joint, s.
+        latency: s from an exposure to when the loop sees it.
+        friction: (6,) a joint does not move while its command is nearer than this.
+        look: makes an observation at (observer, stamp, joints); replace it to spoil it.
+        believe: what the joint sensors report of the true joints (6,).
+    """
+
+    servo: Servo
+    q: np.ndarray
+    lag: float = 0.03
+    latency: float = 0.0
+    step: float = 1.0 / 600.0
+    friction: float | np.ndarray = 0.0
+    look: Callable[[Observer, float, JointSample], Observation] | None = None
+    believe: Callable[[float, np.ndarray], np.ndarray] = lambda t, q: q
+    image_period: float = IMAGE_PERIOD
+    states: list[ServoState] = field(default_factory=list)
+    commands: list[Command] = field(default_factory=list)
+    joints: list[np.ndarray] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.q = np.array(self.q, float)
+        self.observer = Observer(self.servo.arm, self.servo.scheme.needs)
+        self.now = 0.0
+        self._target = self.q.copy()
+        self._pending: list[Observation] = []
+        self._next_tick = self._next_image = 0.0
+
+    def exact(self, observer: Observer, stamp: float, joints: JointSample) -> Observation:
+        target = self.servo.goal.target
+        pose = self.servo.arm.pose(self.q)
+        return observer.of_exact(stamp, CAMERA, joints, contour=target.outline(pose))
+
+    def run(self, seconds: float) -> list[ServoState]:
+        """Go on for so long; all states since the beginning."""
+        end = self.now + seconds
+        names = self.servo.arm.names
+        look = self.look or self.exact
+        while self.now < end - 1e-9:
+            seen = JointSample.of(self.now, names, self.believe(self.now, self.q))
+            if self.now >= self._next_tick - 1e-9:
+                self._next_tick += TICK
+                command = self.servo.tick(self.now, seen)
+                self.commands.append(command)
+                self.joints.append(self.q.copy())
+                if command.positions is not None:
+                    self._target = command.positions
+            if self.now >= self._next_image - 1e-9:
+                self._next_image += self.image_period
+                self._pending.append(look(self.observer, self.now, seen))
+            while self._pending and self._pending[0].stamp + self.latency <= self.now + 1e-9:
+                self.states.append(self.servo.see(self._pending.pop(0)))
+            way = self._target - self.q
+            moved = np.where(np.abs(way) > self.friction, way, 0.0)
+            self.q = self.q + (1.0 - np.exp(-self.step / self.lag)) * moved
+            self.now += self.step
+        return self.states
+
+    @property
+    def missed(self) -> tuple[float, float]:
+        """Distance (m) and angle (rad) of the camera from its goal."""
+        return pose_difference(self.servo.goal.world_T_camera, self.servo.arm.pose(self.q))
+
+    def settled(self, part: float = 0.02) -> float:
+        """When the camera's distance falls below a part of its first one for good, s."""
+        goal = self.servo.goal.world_T_camera
+        way = [pose_difference(goal, self.servo.arm.pose(q))[0] for q in self.joints]
+        above = np.flatnonzero(np.array(way) > part * way[0])
+        return float((above[-1] + 1) * TICK)
+
+
+def spoiled(observation: Observation, **changes) -> Observation:
+    """The observation with some fields replaced."""
+    return replace(observation, **changes)
+
+
+def lost(observation: Observation, reason: str, touches: tuple[str, ...] = ()) -> Observation:
+    return replace(observation, valid=False, reason=reason, moments=None, contour=None,
+                   corners=None, touches=touches)  # fmt: skip
+
+
+def scaled(moments: Moments, factor: float) -> Moments:
+    """Moments as a camera with a focal length wrong by this factor would report them."""
+    n = np.add.outer(*(np.arange(moments.order + 1),) * 2) + 2
+    centred = moments.centred * factor**n
+    return Moments(moments.order, moments.kind, moments.m00 * factor**2, moments.xg * factor,
+                   moments.yg * factor, centred)  # fmt: skip

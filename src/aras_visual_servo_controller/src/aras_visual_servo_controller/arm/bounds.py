@@ -76,7 +76,7 @@ class Bounds:
             # A joint that has to brake for its range, and cannot brake harder, does what it can.
             low = np.clip(low, previous - change, previous + change)
             high = np.clip(high, previous - change, previous + change)
-        base = np.clip(primary + others, low, high)
+        base = np.minimum(np.maximum(primary + others, low), high)
         # What the task leaves of the limits; the secondary tasks change as far as it goes.
         towards = secondary - others
         part, _ = _part(towards, np.where(towards > 0.0, high - base, base - low))
@@ -96,7 +96,7 @@ def _part(wanted: np.ndarray, room: np.ndarray) -> tuple[float, int]:
     """Greatest part, up to 1, of wanted (n,) that the rooms (n,) >= 0 allow; and who limits it."""
     size = np.abs(wanted)
     beyond = size > room
-    if not beyond.any():
+    if not any(beyond.tolist()):
         return 1.0, 0
     parts = np.where(beyond, np.maximum(room, 0.0) / np.where(beyond, size, 1.0), 1.0)
     joint = int(parts.argmin())

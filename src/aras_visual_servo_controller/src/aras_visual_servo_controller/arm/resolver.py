@@ -28,6 +28,7 @@ usable place:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -144,8 +145,7 @@ class Resolver:
         """
         q, dt = np.asarray(q, float), float(dt)
         L, rate = task.L, task.rate
-        # NaN and inf survive a sum.
-        if not np.isfinite(q.sum() + L.sum() + rate.sum() + dt):
+        if not math.isfinite(np.vdot(q, q) + np.vdot(L, L) + np.vdot(rate, rate) + dt):
             raise ValueError(f"resolver: not finite: joints {q}, rate {rate}, L {L}, dt {dt}")
         view, jacobian = self.arm.view(q)
         scaled = self._scale[:, None] * jacobian
@@ -164,12 +164,13 @@ class Resolver:
             for fold in passing:
                 fixed[fold.joint] = -0.5 * fold.bend(q) / dt
                 free[fold.joint], straight = False, True
-            beyond = ((primary < low) | (primary > high)) & free
             if passing:
                 continue
-            if not beyond.any():
+            within = np.minimum(np.maximum(primary, low), high)
+            beyond = (within != primary) & free
+            if not any(beyond.tolist()):
                 break
-            fixed[beyond] = np.clip(primary[beyond], low[beyond], high[beyond])
+            fixed[beyond] = within[beyond]
             free &= ~beyond
             stopped += np.flatnonzero(beyond).tolist()
 
@@ -206,7 +207,7 @@ class Resolver:
         """
         settings, modelled = self.settings, task.modelled
         inner = task.L / self._scale
-        if modelled.all():
+        if all(modelled.tolist()):
             basis, wanted, weights = np.zeros((0, 6)), np.zeros(0), np.zeros(0)
             u, s, vt = svd(inner)
             rest = task.rate
@@ -216,12 +217,10 @@ class Resolver:
             goal = self.goal if self.goal is not None else self._kept
             held = Held(view, goal, modelled, settings.length)
             # Along which of the held directions can the arm move at all?
-            moved = held.rows @ scaled
-            squares, turned = np.linalg.eigh(moved @ moved.T)
-            reach = np.sqrt(np.maximum(squares, 0.0)) / settings.length
-            weights = (reach - settings.held_from) / (settings.held_fully - settings.held_from)
-            weights = np.clip(weights, 0.0, 1.0)
-            weights *= weights * (3.0 - 2.0 * weights)
+            turned, reach, _ = svd(held.rows @ scaled)
+            low, span = settings.held_from, settings.held_fully - settings.held_from
+            parts = [min(max((r / settings.length - low) / span, 0.0), 1.0) for r in reach.tolist()]
+            weights = np.array([part * part * (3.0 - 2.0 * part) for part in parts])
             basis = turned.T @ held.rows
             wanted = settings.hold_gain * (turned.T @ held.errors)
             # What holding does to the features on its way is not the rest's to do.
@@ -270,25 +269,27 @@ class Resolver:
         settings, rates = self.settings, demand.weights * demand.wanted
         rows = demand.weights[:, None] * demand.basis
         task = rows @ scaled
-        if not free.all():
+        all_free = all(free.tolist())
+        if not all_free:
             rates = rates - task @ fixed
             scaled, task, wish = scaled[:, free], task[:, free], wish[free]
         turned, s, vt = svd(scaled)
-        damped = task
-        if s.size and s[-1] < settings.damping_below:
-            weak = s < settings.damping_below
-            d = settings.damping * np.sqrt(1.0 - (s[weak] / settings.damping_below) ** 2)
+        damped, m = task, len(rates)
+        weak = [i for i, value in enumerate(s.tolist()) if value < settings.damping_below]
+        if weak:
             # As strong as the demand is in that direction, whatever the units of its rows.
-            seen = np.sqrt(((rows @ turned[:, weak]) ** 2).sum(0))
-            d *= np.maximum(seen, LEAST_SEEN)
-            damped = np.concatenate([task, d[:, None] * vt[weak]])
-        m = len(rates)
+            seen = np.sqrt(np.square(rows @ turned[:, weak[0] :]).sum(0)).tolist()
+            damped = np.empty((m + len(weak), task.shape[1]))
+            damped[:m] = task
+            for row, i in enumerate(weak):
+                d = settings.damping * math.sqrt(1.0 - (s[i] / settings.damping_below) ** 2)
+                damped[m + row] = d * max(seen[row], LEAST_SEEN) * vt[i]
         u, s, vt = svd(damped)
-        gains = np.divide(1.0, s, out=np.zeros_like(s), where=s > SMALLEST)
-        inverse = (vt.T * gains) @ u[:m].T
+        s[s < SMALLEST] = np.inf
+        inverse = (vt.T / s) @ u[:m].T
         primary = inverse @ rates
         secondary = wish - inverse @ (task @ wish)
-        if free.all():
+        if all_free:
             return primary, secondary
         velocities, others = fixed.copy(), np.zeros(len(free))
         velocities[free], others[free] = primary, secondary
@@ -307,7 +308,7 @@ class Resolver:
     ) -> list[str]:
         """What keeps the camera from what is asked of it, in words."""
         reasons = [f"{self.arm.names[joint]} stopped at its limit" for joint in stopped]
-        short, wanted = float(np.linalg.norm(missing)), float(np.linalg.norm(asked))
+        short, wanted = math.sqrt(missing @ missing), math.sqrt(asked @ asked)
         if short <= max(self.settings.shortfall, self.settings.lost_part * wanted):
             return reasons
         if straight:

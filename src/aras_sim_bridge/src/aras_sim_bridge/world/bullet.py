@@ -1,31 +1,41 @@
-"""PyBullet, imported without the line that it prints on being loaded."""
+"""PyBullet, without the lines that it writes from C, past sys.stdout and sys.stderr."""
 
+import ctypes
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
-def _import_quietly() -> None:
-    """Import pybullet while the process's standard error goes nowhere.
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Let what C code writes to standard output and error go nowhere meanwhile.
 
-    Its initialisation writes "pybullet build time: …" from C, past sys.stderr. What goes wrong
-    while importing still arrives as an exception.
+    What goes wrong still arrives as an exception.
     """
-    if sys.stderr is not None:
-        sys.stderr.flush()
-    kept = os.dup(2)
+    flush = ctypes.CDLL(None).fflush  # C keeps what it writes to a pipe or file
+    for stream in (sys.stdout, sys.stderr):
+        if stream is not None:
+            stream.flush()
+    flush(None)
+    kept = {fd: os.dup(fd) for fd in (1, 2)}
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:
-        os.dup2(nowhere, 2)
-        import pybullet  # noqa: F401
+        for fd in kept:
+            os.dup2(nowhere, fd)
+        yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        flush(None)
+        for fd, copy in kept.items():
+            os.dup2(copy, fd)
+            os.close(copy)
         os.close(nowhere)
 
 
 if "pybullet" not in sys.modules:
-    _import_quietly()
+    with quiet():  # "pybullet build time: …"
+        import pybullet
+else:
+    import pybullet
 
-import pybullet  # noqa: E402
-
-__all__ = ["pybullet"]
+__all__ = ["pybullet", "quiet"]

@@ -82,6 +82,8 @@ class ModelFrames(ModelJoints):
         com = pose @ self._inertial_poses[self.description.root]
         pybullet.resetBasePositionAndOrientation(self.body_id, com.xyz, com.quat,
                                                  physicsClientId=self.client)
+        if self.fixed_base:
+            self.on_moved()
 
     def set_twist(self, twist: Twist) -> None:
         """Give the model `twist` (of its root frame, world axes) as one rigid body.

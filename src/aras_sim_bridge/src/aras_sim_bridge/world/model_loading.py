@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+from collections.abc import Callable
 
 from aras_sim_bridge.description import mesh_files
 from aras_sim_bridge.description.types import RobotDescription
@@ -20,8 +21,10 @@ class LoadedModel:
 
     def __init__(self, client: int, description: RobotDescription, name: str, pose: Pose,
                  joint_positions: dict[str, float], fixed_base: bool,
-                 gravity: tuple[float, float, float] = (0.0, 0.0, -9.8)) -> None:
+                 gravity: tuple[float, float, float] = (0.0, 0.0, -9.8),
+                 on_moved: Callable[[], None] = lambda: None) -> None:
         self.client = client
+        self.on_moved = on_moved
         self.gravity = gravity
         self.name = name
         self.description = description

@@ -1,0 +1,182 @@
+"""What a step works out: contacts only where links can get, joints to the last digit."""
+
+import math
+
+import pytest
+from aras_robot import ArasRobot
+
+import aras_sim_bridge.world.world as world_module
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.world import Pose, World
+from aras_sim_bridge.world.bullet import pybullet
+
+POSE = (0.1, 0.0, 0.17, -0.09, -0.09, 0.0)
+
+
+def drop(make, kind="revolute", xyz="0 0 0", lower=-3.0, upper=3.0, axis="0 1 0", above=""):
+    """An arm of 0.5 m along x that falls from a fixed base; `above`: links and joints before."""
+    parent = "lift" if above else "world"
+    return parse_urdf(make.robot(
+        '<link name="world"/>', above,
+        make.link("arm", 1.0, "0.25 0 0", (0.01, 0.03, 0.03, 0, 0, 0),
+                  make.box("0.5 0.05 0.05", "0.25 0 0")),
+        make.joint("fall", parent, "arm", kind, xyz, axis, lower, upper)))
+
+
+def lift(make, kind, travel):
+    """A link that a joint moves down the world's z axis, or that hangs fixed below."""
+    xyz = f"0 0 {-travel}" if kind == "fixed" else "0 0 0"
+    return (make.link("lift", 1.0) +
+            make.joint("down", "world", "lift", kind, xyz, "0 0 -1", 0.0, travel))
+
+
+def tip_height(model):
+    return model.link_pose("arm").apply((0.5, 0.0, 0.0))[2]
+
+
+@pytest.mark.parametrize("height", [0.3, 0.49, 0.53])
+def test_a_link_that_can_reach_the_ground_lands_on_it(make, height):
+    with World() as world:
+        world.spawn_ground_plane()
+        model = world.spawn(drop(make), "arm", Pose((0, 0, height)))
+        for _ in range(2000):
+            world.step()
+        lowest = min(tip_height(model), model.link_pose("arm").apply((0.5, 0.0, -0.025))[2])
+        # From 0.53 m it hangs straight down and swings.
+        assert lowest > (-0.002 if height < 0.5 else 0.0)
+        assert (len(pybullet.getContactPoints(physicsClientId=world.client)) > 0) is (height < 0.5)
+
+
+@pytest.mark.parametrize("order", ["ground first", "arm first", "moved down", "reset", "changed"])
+def test_whatever_brings_link_and_ground_together_is_noticed(make, order):
+    with World() as world:
+        if order != "arm first":
+            world.spawn_ground_plane()
+        height = 5.0 if order in ("moved down", "reset") else 0.3
+        model = world.spawn(drop(make), "arm", Pose((0, 0, height)))
+        if order == "arm first":
+            world.spawn_ground_plane()
+        if order == "reset":
+            model.set_pose(Pose((0, 0, 0.3)))
+            world.reset_simulation()
+            model.set_pose(Pose((0, 0, 0.3)))
+        if order == "moved down":
+            model.set_pose(Pose((0, 0, 0.3)))
+        if order == "changed":
+            world.change("arm", model.description)
+        for _ in range(1000):
+            world.step()
+        assert tip_height(model) > -0.002
+
+
+@pytest.mark.parametrize(("kind", "travel"), [("prismatic", 1.0), ("fixed", 1.0),
+                                              ("revolute", 0.0)])
+def test_what_the_joints_above_allow_counts(make, kind, travel):
+    """1.3 m up, below a slide of 1 m, a fixed mast of 1 m; below a joint that turns, 0.45 m up."""
+    with World() as world:
+        world.spawn_ground_plane()
+        description = drop(make, above=lift(make, kind, travel))
+        model = world.spawn(description, "arm", Pose((0, 0, 0.3 + travel if travel else 0.45)))
+        for _ in range(2000):
+            world.step()
+        assert tip_height(model) > -0.003
+
+
+def test_a_pedestal_is_in_reach_as_the_ground_is(make):
+    pedestal = parse_urdf(make.robot('<link name="world">' + make.box("0.4 0.4 2.0") + "</link>"))
+    with World() as world:
+        world.spawn(pedestal, "pedestal", Pose((0.4, 0, 0)))
+        model = world.spawn(drop(make), "arm", Pose((0, 0, 1.3)))
+        for _ in range(2000):
+            world.step()
+        assert math.asin((1.3 - tip_height(model)) / 0.5) < 0.95
+
+
+def test_a_body_that_falls_onto_a_link_out_of_the_ground_s_reach_rests_there(make):
+    with World() as world:
+        world.spawn_ground_plane()
+        held = parse_urdf(make.robot(
+            '<link name="world"/>',
+            make.link("shelf", 1.0, shapes=make.box("1 1 0.1")),
+            make.joint("bolt", "world", "shelf", "fixed")))
+        world.spawn(held, "shelf", Pose((0, 0, 3.0)))
+        cube = make.link("cube", 1.0, inertia=(2e-3, 2e-3, 2e-3, 0, 0, 0),
+                         shapes=make.box("0.1 0.1 0.1"))
+        body = world.spawn(parse_urdf(make.robot(cube)), "cube", Pose((0, 0, 3.3)))
+        for _ in range(1000):
+            world.step()
+        assert body.pose().xyz[2] == pytest.approx(3.1, abs=1e-3)
+
+
+def trace(steps=700):
+    robot = ArasRobot(Simulation(SimulationConfig(renderer="tiny")))
+    states = []
+    for k in range(3):
+        robot.command([sign * q for q, sign in zip(POSE, [1, -1, 1, -1, 1, -1][k:] * 2,
+                                                   strict=False)])
+        for _ in range(steps // 3):
+            robot.steps(1)
+            states.append(robot.model.read_joints()[:2])
+    robot.close()
+    return states
+
+
+def test_the_shipped_robot_moves_the_same_bits_with_all_pairs(monkeypatch):
+    masks = []
+    real = pybullet.setCollisionFilterGroupMask
+    monkeypatch.setattr(pybullet, "setCollisionFilterGroupMask",
+                        lambda *args, **named: (masks.append(args[3]), real(*args, **named)))
+    left_out = trace()
+    assert masks[-10:] == [-3] * 10, "every link of the arm is out of the ground's reach"
+    monkeypatch.setattr(world_module, "leave_out_static_pairs", lambda models: None)
+    assert trace() == left_out
+
+
+@pytest.fixture
+def robot():
+    it = ArasRobot(Simulation(SimulationConfig(renderer="tiny")))
+    yield it
+    it.close()
+
+
+def creep(robot):
+    """Greatest speed of the joints that friction can hold: the others may slide on, slowly."""
+    robot.steps(1)
+    robot.command(POSE)
+    robot.steps(2000)
+    model = robot.model
+    speeds = []
+    for joint, load, speed in zip(model.joint_names, model.bias_efforts(),
+                                  robot.velocities().values(), strict=True):
+        effort = robot.hardware.handles[joint].effort_command
+        if abs(effort - load) < 0.95 * model.description.joints[joint].friction:
+            speeds.append(abs(speed))
+    assert len(speeds) >= 5
+    return max(speeds)
+
+
+def test_joints_that_friction_holds_stand_still(robot):
+    """50 sweeps leave 2e-5 rad/s. A reset must not bring them back."""
+    assert creep(robot) < 1e-12
+    robot.simulation.reset_simulation()
+    assert creep(robot) < 1e-12
+
+
+def test_a_free_body_brings_the_sweeps_and_takes_them_along(robot, make):
+    world = robot.simulation.world
+    world.spawn(parse_urdf(make.robot(make.link("cube", shapes=make.box("0.1 0.1 0.1")))), "cube",
+                Pose((3, 0, 0.05)))
+    assert 1e-8 < creep(robot) < 1e-4
+    world.delete("cube")
+    assert creep(robot) < 1e-12
+
+
+def test_bullet_s_remarks_stay_off_the_standard_output(robot, make, capfd):
+    world = robot.simulation.world
+    world.spawn(parse_urdf(make.robot(make.link("stone"))), "stone", Pose((3, 0, 5)))
+    world.delete("stone")
+    world.reset_simulation()
+    print("after")
+    captured = capfd.readouterr()
+    assert (captured.out, captured.err) == ("after\n", "")

@@ -120,7 +120,7 @@ def main() -> None:
     out = parser.parse_args().out
     bench, _ = robot_scene()
     lay_bricks(bench)
-    opengl, tiny = (create_renderer(name, bench.client, bench.materials)
+    opengl, tiny = (create_renderer(name, bench.world)
                     for name in ("opengl", "tiny"))
     panels = [panel(tiny if "tiny" in title else opengl, title, settings)
               for title, settings in PANELS.items()]

@@ -37,7 +37,12 @@ from scenes import Bench, link_pose, looking, table_and_target  # noqa: E402
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor  # noqa: E402
 from aras_sim_bridge.camera.effects import EffectChain, Effects  # noqa: E402
-from aras_sim_bridge.rendering import COLOURS, View, create_renderer  # noqa: E402
+from aras_sim_bridge.description import Geometry, parse_urdf  # noqa: E402
+from aras_sim_bridge.rendering import (  # noqa: E402
+    SENSOR_R_OPTICAL,
+    View,
+    create_renderer,
+)
 
 ROBOT = REPOSITORY / "src/aras_visual_servo_gazebo"
 NEAR, FAR = 0.02, 100.0
@@ -58,28 +63,12 @@ ROOM_FOV = 1.14
 def robot_scene() -> tuple[Bench, np.ndarray]:
     """The shipped robot in the demo's first pose, on the ground; and its camera's optical frame."""
     bench = Bench()
-    text = (ROBOT / "robots/aras_visual_servo.urdf").read_text()
-    with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file:
-        file.write(text.replace("package://aras_visual_servo_gazebo", str(ROBOT)))
-        file.flush()
-        body = pybullet.loadURDF(file.name, useFixedBase=True, physicsClientId=bench.client)
-    joints, links = {}, {}
-    for i in range(pybullet.getNumJoints(body, physicsClientId=bench.client)):
-        info = pybullet.getJointInfo(body, i, physicsClientId=bench.client)
-        joints[info[1].decode()] = links[info[12].decode()] = i
-    for name, angle in {"gantry": 0.1, "J2": 0.1745, "J3": -0.0873, "J5": -0.0873}.items():
-        pybullet.resetJointState(body, joints[name], angle, physicsClientId=bench.client)
-    black = COLOURS["Gazebo/Black"]
-    bench.materials.set_body(
-        body, {links[n]: black for n in ("planar_object", "planar_object_2")}
-    )
-    plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=bench.client)
-    pybullet.createMultiBody(0, plane, physicsClientId=bench.client)
-    state = pybullet.getLinkState(body, links["camera_link"], 0, 1, physicsClientId=bench.client)
-    T = np.eye(4)
-    R = np.array(pybullet.getMatrixFromQuaternion(state[5])).reshape(3, 3)
-    T[:3, :3] = R @ np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
-    T[:3, 3] = state[4]
+    robot = parse_urdf((ROBOT / "robots/aras_visual_servo.urdf").read_text(), lambda _: str(ROBOT))
+    bench.world.spawn_ground_plane()
+    model = bench.world.spawn(robot, "robot", joint_positions={
+        "gantry": 0.1, "J2": 0.1745, "J3": -0.0873, "J5": -0.0873})
+    T = np.array(model.link_pose("camera_link").matrix())
+    T[:3, :3] = T[:3, :3] @ SENSOR_R_OPTICAL
     return bench, T
 
 
@@ -98,20 +87,21 @@ def large_scene(folder: Path) -> tuple[Bench, np.ndarray]:
     bench = Bench()
     table_and_target(bench)
     for n in range(20):
-        shape = pybullet.createVisualShape(
-            pybullet.GEOM_MESH, fileName=str(path), meshScale=[0.05] * 3,
-            physicsClientId=bench.client,
-        )
-        pybullet.createMultiBody(
-            0, -1, shape, [0.13 * (n % 5) - 0.26, 0.13 * (n // 5) - 0.2, 0.66],
-            physicsClientId=bench.client,
-        )
+        ball = Geometry("mesh", filename=str(path), scale=(0.05,) * 3)
+        bench.body(ball, (0.13 * (n % 5) - 0.26, 0.13 * (n // 5) - 0.2, 0.66))
     return bench, looking([0.1, -0.2, 1.2], [0.0, 0.0, 0.6])
 
 
 def flat_view(pose: np.ndarray, width: int, height: int, fov: float) -> View:
     return View(width, height, pose, CameraConfig(width=width, height=height,
                                                   horizontal_fov=fov).K, NEAR, FAR)
+
+
+def visible_copy(bench: Bench) -> int:
+    """A Bullet client with the triangles that ours draws, for Bullet's own renderers."""
+    tiny = create_renderer("tiny", bench.world, antialiasing="none")
+    tiny._prepare(1.0)
+    return tiny._client
 
 
 def bullet_picture(client: int, view: View, renderer: int) -> Callable[[], object]:
@@ -132,7 +122,7 @@ def mujoco_picture(bench: Bench, view: View, shadows: bool = True) -> Callable[[
     os.environ.setdefault("MUJOCO_GL", "egl")
     import mujoco
 
-    scene = create_renderer("tiny", bench.client, bench.materials, antialiasing="none").scene
+    scene = create_renderer("tiny", bench.world, antialiasing="none").scene
     scene.refresh()
     poses = scene.poses()
     assets, bodies = [], []
@@ -183,14 +173,15 @@ def picture_of(case: str, what: str, folder: Path) -> Callable[[], object]:
     """A call that draws one picture of a case."""
     bench, view = scene_and_view(case, folder)
     if what == "pybullet_tiny":
-        return bullet_picture(bench.client, view, pybullet.ER_TINY_RENDERER)
+        return bullet_picture(visible_copy(bench), view, pybullet.ER_TINY_RENDERER)
     if what == "pybullet_egl":
         plugin = importlib.util.find_spec("eglRenderer").origin
-        pybullet.loadPlugin(plugin, "_eglRendererPlugin", physicsClientId=bench.client)
-        return bullet_picture(bench.client, view, pybullet.ER_BULLET_HARDWARE_OPENGL)
+        client = visible_copy(bench)
+        pybullet.loadPlugin(plugin, "_eglRendererPlugin", physicsClientId=client)
+        return bullet_picture(client, view, pybullet.ER_BULLET_HARDWARE_OPENGL)
     if what.startswith("mujoco"):
         return mujoco_picture(bench, view, shadows=what == "mujoco")
-    renderer = create_renderer("opengl", bench.client, bench.materials,
+    renderer = create_renderer("opengl", bench.world,
                                antialiasing=ANTIALIASING.get(what, "edges"))
     if what in LENSES:
         sensor = CameraSensor(CameraConfig.from_mapping({"near": NEAR, **LENSES[what]}), renderer)
@@ -249,7 +240,7 @@ def accuracy() -> dict[str, float]:
 
     bench = Bench()
     table_and_target(bench)
-    centroid, area = target_errors(create_renderer("opengl", bench.client, bench.materials), 150)
+    centroid, area = target_errors(create_renderer("opengl", bench.world), 150)
     bench.close()
     return {"centroid_rms_px": round(float(rms(centroid)), 5),
             "area_rms_percent": round(100 * float(np.sqrt((area**2).mean())), 4)}

@@ -1,35 +1,43 @@
-"""Small Bullet worlds whose pictures are known exactly."""
+"""Small worlds whose pictures are known exactly."""
 
 from __future__ import annotations
 
 import numpy as np
-import pybullet
 
-from aras_sim_bridge.rendering import COLOURS, MaterialTable
+from aras_sim_bridge.description import Geometry, Inertial, Link, RobotDescription, Visual
+from aras_sim_bridge.description.gazebo_materials import COLOURS
+from aras_sim_bridge.world import Model, Pose, World
 
 SENSOR_R_OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 
 
 class Bench:
-    """A physics client with its colour table, closed at the end of the test."""
+    """A World of single bodies, closed at the end of the test."""
 
     def __init__(self) -> None:
-        self.client = pybullet.connect(pybullet.DIRECT)
-        self.materials = MaterialTable()
+        self.world = World()
+        self._count = 0
 
-    def box(self, half, position, colour="Gazebo/White", mass=0.0, orientation=(0, 0, 0, 1)):
-        shape = pybullet.createCollisionShape(
-            pybullet.GEOM_BOX, halfExtents=half, physicsClientId=self.client
-        )
-        body = pybullet.createMultiBody(
-            mass, shape, basePosition=position, baseOrientation=orientation,
-            physicsClientId=self.client,
-        )
-        self.materials.set_body(body, {-1: COLOURS[colour]})
-        return body
+    def body(self, geometry, position=(0, 0, 0), colour="Gazebo/White",
+             orientation=(0, 0, 0, 1), com=None) -> Model:
+        """A shape that hangs where it is put; `com`: as a free body with its mass there. A colour
+        of None leaves that to the mesh file."""
+        visual = Visual("visual", (0, 0, 0), (0, 0, 0), geometry)
+        mass = None if com is None else Inertial(1.0, com, (0.1, 0.2, 0.3), (1, 0, 0, 1, 0, 1))
+        colours = {} if colour is None else {"link": COLOURS[colour]}
+        self._count += 1
+        return self.world.spawn(
+            RobotDescription(f"body{self._count}", "link", {"link": Link("link", mass, (visual,))},
+                             {}, static=com is None, colours=colours),
+            f"body{self._count}", Pose(tuple(position), tuple(orientation)))
+
+    def box(self, half, position, colour="Gazebo/White", orientation=(0, 0, 0, 1)) -> Model:
+        """A box of half these side lengths, m."""
+        size = tuple(2.0 * float(side) for side in half)
+        return self.body(Geometry("box", size=size), position, colour, orientation)
 
     def close(self) -> None:
-        pybullet.disconnect(self.client)
+        self.world.close()
 
 
 def looking(eye, at, up=(0.0, 0.0, 1.0)) -> np.ndarray:

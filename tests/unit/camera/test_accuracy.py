@@ -54,7 +54,7 @@ def preset(name):
 
 
 def sensor_of(config, bench, renderer="opengl"):
-    return CameraSensor(config, create_renderer(renderer, bench.client, bench.materials))
+    return CameraSensor(config, create_renderer(renderer, bench.world))
 
 
 def measured(image, guess):
@@ -185,7 +185,7 @@ def target_errors(renderer, count, seed=0):
 def test_centroid_and_area_of_the_target(bench):
     table_and_target(bench)
     centroids, areas = target_errors(
-        create_renderer("opengl", bench.client, bench.materials), 150
+        create_renderer("opengl", bench.world), 150
     )
     assert rms(centroids) <= 0.015
     assert np.sqrt((areas**2).mean()) <= 0.001
@@ -194,7 +194,7 @@ def test_centroid_and_area_of_the_target(bench):
 
 def test_target_by_tiny(bench):
     table_and_target(bench)
-    centroids, _ = target_errors(create_renderer("tiny", bench.client, bench.materials), 10)
+    centroids, _ = target_errors(create_renderer("tiny", bench.world), 10)
     assert rms(centroids) <= 0.06
 
 

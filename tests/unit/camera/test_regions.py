@@ -33,7 +33,7 @@ def test_picture_is_that_drawn_whole(bench, monkeypatch, table):
     for name, (x, y) in places.items():
         bench.box([0.03, 0.04, 0.02], [x, y, 0.57], f"Gazebo/{name}",
                   orientation=(0, 0, 0.3, 0.954))
-    renderer = create_renderer("opengl", bench.client, bench.materials)
+    renderer = create_renderer("opengl", bench.world)
     drawn, parts = [], []
     around, picture = Regions.around, renderer._picture
     monkeypatch.setattr(Regions, "around", lambda *a: parts.append(around(*a)) or parts[-1])
@@ -63,7 +63,7 @@ def test_picture_is_that_drawn_whole(bench, monkeypatch, table):
 def test_nothing_but_background_is_not_drawn_at_all(bench, monkeypatch, table):
     if table:
         bench.box([3.0, 3.0, 0.05], [0, 0, 0.5], "Gazebo/Green")
-    renderer = create_renderer("opengl", bench.client, bench.materials)
+    renderer = create_renderer("opengl", bench.world)
     view = seen_from([0, 0, 1.2], [0.1, 0, 0.55])
     whole = whole_picture(renderer, view, monkeypatch)
     monkeypatch.setattr(renderer, "_picture", None)

@@ -4,15 +4,15 @@ from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
-import pybullet
 import pytest
 from scenes import Bench, looking, table_and_target
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
+from aras_sim_bridge.description import Geometry, mesh_files, shapes
 from aras_sim_bridge.errors import RenderingError
-from aras_sim_bridge.rendering import COLOURS, View, create_renderer, opengl
-from aras_sim_bridge.rendering import meshes as mesh_files
+from aras_sim_bridge.rendering import View, create_renderer, opengl
 from aras_sim_bridge.rendering.faces import whole
+from aras_sim_bridge.world import Pose
 
 K = np.array([[150.0, 0, 80.3], [0, 155.0, 55.8], [0, 0, 1]])
 RENDERERS = ("opengl", "tiny")
@@ -23,32 +23,21 @@ def view(eye=(2.0, -1.5, 1.2), at=(0.0, 0.0, 0.3), **changes):
 
 
 def furnish(bench):
-    """One of every shape, some turned, one with its centre of mass off its origin."""
-    client = bench.client
+    """One of every shape, some turned, with their centres of mass off their origins."""
     bench.box([0.2, 0.1, 0.3], [0, 0.6, 0.3], "Gazebo/Red", orientation=(0.1, 0, 0, 0.995))
-    shapes = [
-        dict(shapeType=pybullet.GEOM_SPHERE, radius=0.2),
-        dict(shapeType=pybullet.GEOM_CYLINDER, radius=0.15, height=0.5),
-        dict(shapeType=pybullet.GEOM_CAPSULE, radius=0.1, height=0.4),
-    ]
+    shapes = [Geometry("sphere", radius=0.2), Geometry("cylinder", radius=0.15, length=0.5),
+              Geometry("capsule", radius=0.1, length=0.4)]
     for n, shape in enumerate(shapes):
-        body = pybullet.createMultiBody(
-            1.0, pybullet.createCollisionShape(**shape, physicsClientId=client),
-            basePosition=[0.5 * n - 0.5, -0.3, 0.5], baseOrientation=[0.5, 0.5, 0.5, 0.5],
-            baseInertialFramePosition=[0.1, 0.05, -0.1], physicsClientId=client,
-        )
-        bench.materials.set_body(body, {-1: COLOURS["Gazebo/Blue"]})
-    pybullet.createMultiBody(
-        0, pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client),
-        physicsClientId=client,
-    )
+        bench.body(shape, [0.5 * n - 0.5, -0.3, 0.5], "Gazebo/Blue", (0.5, 0.5, 0.5, 0.5),
+                   com=(0.1, 0.05, -0.1))
+    bench.world.spawn_ground_plane()
 
 
 def test_both_draw_the_same_picture(bench):
     furnish(bench)
     pictures = {}
     for name in RENDERERS:
-        renderer = create_renderer(name, bench.client, bench.materials, antialiasing="none")
+        renderer = create_renderer(name, bench.world, antialiasing="none")
         pictures[name] = renderer.render(view()).astype(int)
     difference = np.abs(pictures["opengl"] - pictures["tiny"]).max(axis=2)
     assert (difference > 12).mean() < 0.003, "more than the odd edge pixel differs"
@@ -58,7 +47,7 @@ def test_both_draw_the_same_picture(bench):
 
 def test_both_measure_the_same(bench):
     furnish(bench)
-    measured = [create_renderer(n, bench.client, bench.materials).measure(view())
+    measured = [create_renderer(n, bench.world).measure(view())
                 for n in RENDERERS]
     (depth_a, label_a), (depth_b, label_b) = measured
     same = label_a == label_b
@@ -71,26 +60,23 @@ def test_both_measure_the_same(bench):
 
 @pytest.mark.parametrize("name", RENDERERS)
 def test_models_come_and_go(bench, name):
-    renderer = create_renderer(name, bench.client, bench.materials)
+    renderer = create_renderer(name, bench.world)
     empty = renderer.render(view())
     assert (empty == 178).all() or (empty == 179).all(), "an empty world is Gazebo's grey"
     body = bench.box([0.3, 0.3, 0.3], [0, 0, 0.3], "Gazebo/Green")
     with_box = renderer.render(view())
     green = (with_box[..., 1] > 60) & (with_box[..., 0] == 0)
     assert green.mean() > 0.05
-    pybullet.resetBasePositionAndOrientation(
-        body, [0, 0, 5], [0, 0, 0, 1], physicsClientId=bench.client
-    )
+    body.set_pose(Pose((0.0, 0.0, 5.0)))
     assert (renderer.render(view()) == empty).all()
-    pybullet.removeBody(body, physicsClientId=bench.client)
-    bench.materials.forget(body)
+    bench.world.delete(body.name)
     assert (renderer.render(view()) == empty).all()
 
 
 @pytest.mark.parametrize("name", RENDERERS)
 def test_table_is_white_and_target_black_from_anywhere(bench, name):
     table_and_target(bench)
-    renderer = create_renderer(name, bench.client, bench.materials)
+    renderer = create_renderer(name, bench.world)
     for eye in ([0.0, 0.0, 0.78], [0.08, -0.1, 0.75], [-0.2, 0.15, 1.0]):
         image = renderer.render(View(160, 120, looking(eye, [0.0, 0.0, 0.59], (1, 0, 0)), K, 0.02))
         centre = image[52:60, 76:84]
@@ -101,7 +87,7 @@ def test_table_is_white_and_target_black_from_anywhere(bench, name):
 @pytest.mark.parametrize("name", RENDERERS)
 def test_nothing_nearer_than_near(bench, name):
     bench.box([0.5, 0.5, 0.01], [0, 0, 0.0], "Gazebo/Red")
-    renderer = create_renderer(name, bench.client, bench.materials)
+    renderer = create_renderer(name, bench.world)
     pose = looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0))
     assert renderer.render(View(32, 24, pose, K, 0.9))[12, 16, 0] > 200
     assert renderer.render(View(32, 24, pose, K, 1.1))[12, 16].tolist() in ([178] * 3, [179] * 3)
@@ -111,21 +97,18 @@ def test_nothing_nearer_than_near(bench, name):
 def test_a_camera_inside_a_body_looks_out_of_it(bench, name):
     body = bench.box([0.2, 0.2, 0.2], [0, 0, 1.0], "Gazebo/Black")
     bench.box([2, 2, 0.01], [0, 0, 0], "Gazebo/White")
-    renderer = create_renderer(name, bench.client, bench.materials)
+    renderer = create_renderer(name, bench.world)
     pose = looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0))
     assert renderer.render(View(32, 24, pose, K, 0.02)).min() > 200
-    base, model = pybullet.getBodyInfo(body, physicsClientId=bench.client)
-    assert renderer.bodies_around([0, 0, 1.0]) == [f"{model.decode()}::{base.decode()}"]
+    assert renderer.bodies_around([0, 0, 1.0]) == [f"{body.name}::link"]
     assert renderer.bodies_around([0, 0, 1.5]) == []
 
 
 def test_distance_and_pose_blend_between_snapshot_and_now(bench):
     body = bench.box([0.05, 0.05, 0.001], [0, 0, 0], "Gazebo/Black")
-    renderer = create_renderer("opengl", bench.client, bench.materials)
+    renderer = create_renderer("opengl", bench.world)
     renderer.snapshot()
-    pybullet.resetBasePositionAndOrientation(
-        body, [0.1, 0, 0], [0, 0, 0, 1], physicsClientId=bench.client
-    )
+    body.set_pose(Pose((0.1, 0.0, 0.0)))
     pose = looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0))
     columns = []
     for blend in (0.0, 0.5, 1.0):
@@ -138,7 +121,7 @@ def test_distance_and_pose_blend_between_snapshot_and_now(bench):
 
 def test_tiny_pictures_have_any_size(bench):
     furnish(bench)
-    renderer = create_renderer("opengl", bench.client, bench.materials)
+    renderer = create_renderer("opengl", bench.world)
     for size in ((1, 1), (5, 3), (37, 41), (161, 121)):
         image = renderer.render(View(*size, looking([2, 1, 1], [0, 0, 0]), K))
         assert image.shape == (*size[::-1], 3)
@@ -146,9 +129,9 @@ def test_tiny_pictures_have_any_size(bench):
 
 def test_unknown_renderer_lists_what_there_is(bench):
     with pytest.raises(RenderingError, match="'vulkan'; there are opengl, tiny and auto"):
-        create_renderer("vulkan", bench.client, bench.materials)
+        create_renderer("vulkan", bench.world)
     with pytest.raises(RenderingError, match="anti-aliasing 'most'"):
-        create_renderer("opengl", bench.client, bench.materials, antialiasing="most")
+        create_renderer("opengl", bench.world, antialiasing="most")
 
 
 def test_without_egl_auto_takes_tiny_with_one_reason(bench, monkeypatch, caplog):
@@ -156,19 +139,19 @@ def test_without_egl_auto_takes_tiny_with_one_reason(bench, monkeypatch, caplog)
         raise RenderingError("EGL gives no OpenGL 3.3 context (libEGL.so: not found)")
 
     monkeypatch.setattr(opengl, "create_context", no_egl)
-    renderer = create_renderer("auto", bench.client, bench.materials)
+    renderer = create_renderer("auto", bench.world)
     assert renderer.name == "tiny"
     assert "EGL gives no OpenGL" in renderer.reason
     assert len(caplog.records) == 1
     with pytest.raises(RenderingError, match="EGL"):
-        create_renderer("opengl", bench.client, bench.materials)
+        create_renderer("opengl", bench.world)
 
 
 def test_what_a_table_hides_is_left_out_and_nothing_else(bench):
     bench.box([1.5, 1.5, 0.05], [0, 0, 0.5])
     bench.box([0.1, 0.1, 0.1], [0, 0, 0.2], "Gazebo/Red")
     bench.box([0.05, 0.05, 0.3], [0.1, 0.1, 0.5], "Gazebo/Blue")  # through the table
-    renderer = create_renderer("opengl", bench.client, bench.materials)
+    renderer = create_renderer("opengl", bench.world)
     rng = np.random.default_rng(0)
     hidden = 0
     for _ in range(30):
@@ -192,7 +175,7 @@ def test_several_renderers_and_threads_do_not_mix(bench):
     other = Bench()
     furnish(bench)
     other.box([0.3, 0.3, 0.3], [0, 0, 0.3], "Gazebo/Green")
-    renderers = [create_renderer("opengl", b.client, b.materials) for b in (bench, other)]
+    renderers = [create_renderer("opengl", b.world) for b in (bench, other)]
     alone = [renderer.render(view()) for renderer in renderers]
     assert (alone[0] != alone[1]).any()
     for _ in range(3):
@@ -209,7 +192,7 @@ def test_several_renderers_and_threads_do_not_mix(bench):
 
 def test_a_closed_renderer_says_so(bench):
     for name in RENDERERS:
-        renderer = create_renderer(name, bench.client, bench.materials)
+        renderer = create_renderer(name, bench.world)
         renderer.close()
         renderer.close()
         with pytest.raises(RenderingError, match="closed"):
@@ -225,10 +208,7 @@ f 1/1 2/2 3/3 4/4
 
 
 def spawn_mesh(bench, path):
-    shape = pybullet.createVisualShape(
-        pybullet.GEOM_MESH, fileName=str(path), physicsClientId=bench.client
-    )
-    return pybullet.createMultiBody(0, -1, shape, physicsClientId=bench.client)
+    return bench.body(Geometry("mesh", filename=str(path)), colour=None)
 
 
 def test_obj_materials_and_textures(bench, tmp_path):
@@ -243,12 +223,12 @@ def test_obj_materials_and_textures(bench, tmp_path):
         path = tmp_path / f"{material}.obj"
         path.write_text(CUBE_OBJ.format(material=material))
         body = spawn_mesh(bench, path)
-        renderer = create_renderer("opengl", bench.client, bench.materials)
+        renderer = create_renderer("opengl", bench.world)
         pose = looking([0.5, 0.5, 1.0], [0.5, 0.5, 0], (0, 1, 0))
         image = renderer.render(View(160, 120, pose, K, 0.02))
         assert np.abs(image[60, 30].astype(int) - left).max() <= 2
         assert np.abs(image[60, 130].astype(int) - right).max() <= 2
-        pybullet.removeBody(body, physicsClientId=bench.client)
+        bench.world.delete(body.name)
 
 
 SQUARE_DAE = """<?xml version="1.0"?>
@@ -293,10 +273,10 @@ def test_collada_units_colours_and_textures(bench, tmp_path, diffuse, left, righ
     cv2.imwrite(str(tmp_path / "half.png"), picture)
     path = tmp_path / "square.dae"
     path.write_text(SQUARE_DAE.format(diffuse=diffuse))
-    (mesh,) = mesh_files.load(path)
+    (mesh,) = mesh_files.read(str(path))
     assert np.abs(np.ptp(mesh.positions, axis=0) - [1.0, 1.0, 0.0]).max() < 1e-6
     spawn_mesh(bench, path)
-    renderer = create_renderer("opengl", bench.client, bench.materials)
+    renderer = create_renderer("opengl", bench.world)
     pose = looking([0.5, 0.5, 1.0], [0.5, 0.5, 0], (0, 1, 0))
     image = renderer.render(View(160, 120, pose, K, 0.02))
     assert np.abs(image[60, 30].astype(int) - left).max() <= 2
@@ -304,45 +284,30 @@ def test_collada_units_colours_and_textures(bench, tmp_path, diffuse, left, righ
 
 
 @pytest.mark.parametrize("renderer", RENDERERS)
-def test_an_unreadable_mesh_leaves_the_rest_in_view(bench, tmp_path, caplog, renderer):
-    path = tmp_path / "cut.stl"
-    path.write_bytes(b"\0" * 80 + (1).to_bytes(4, "little") + b"\0" * 50)
+def test_a_mesh_damaged_after_its_spawn_leaves_the_rest_in_view(bench, tmp_path, caplog, renderer):
+    path = tmp_path / "square.obj"
+    path.write_text(CUBE_OBJ.format(material=""))
     bench.box([0.3, 0.3, 0.3], [0.0, 0.0, 0.3], "Gazebo/Red")
     spawn_mesh(bench, path)
-    drawn = create_renderer(renderer, bench.client, bench.materials)
-    for _ in range(2):
+    path.write_text("v 0 0 0")
+    drawn = create_renderer(renderer, bench.world)
+    for n in range(2):
         image = drawn.render(view())
+        bench.box([0.1, 0.1, 0.1], [0.0, n, -9.0])  # the world changed: all is read again
     assert (image[..., 0] > image[..., 1].astype(int) + 50).any()
-    assert [str(path) in text for text in caplog.messages] == [True]
-
-
-@pytest.mark.parametrize("name, content", [
-    ("cut.stl", b"\0" * 80 + (1000).to_bytes(4, "little") + b"\0" * 100),
-    ("empty.obj", b"v 0 0 0\n"),
-    ("strange.ply", b"ply"),
-    ("nothing.dae", b"<a/>"),
-    ("torn.dae", SQUARE_DAE[:500].encode()),
-    ("doctype.dae", b"<!DOCTYPE a [<!ENTITY b 'c'>]><a>&b;</a>"),
-    ("wrong.obj", b"v 0 0 0\nf 1 2 3\n"),
-    ("nan.stl", b"solid x\nvertex nan 0 0\nvertex 1 0 0\nvertex 0 1 0\n"),
-])
-def test_unreadable_meshes_are_named(tmp_path, name, content):
-    path = tmp_path / name
-    path.write_bytes(content)
-    with pytest.raises(RenderingError) as caught:
-        mesh_files.load(path)
-    assert str(path) in str(caught.value)
-    with pytest.raises(RenderingError, match="none.stl"):
-        mesh_files.load(tmp_path / "none.stl")
+    assert [f"body2::link is not drawn: mesh file {path}" in text for text in caplog.messages] \
+        == [True]
 
 
 def test_shapes_are_closed_and_face_outwards():
-    for mesh in (mesh_files.box(np.array([1.0, 2.0, 3.0])), mesh_files.sphere(0.5),
-                 mesh_files.cylinder(0.3, 1.0), mesh_files.capsule(0.2, 0.6)):
+    for shape in (Geometry("box", size=(1.0, 2.0, 3.0)), Geometry("sphere", radius=0.5),
+                  Geometry("cylinder", radius=0.3, length=1.0),
+                  Geometry("capsule", radius=0.2, length=0.6)):
+        (mesh,) = shapes.triangles(shape)
         a, b, c = mesh.positions[mesh.triangles].astype(float).transpose(1, 0, 2)
         assert (np.einsum("ni,ni->n", np.cross(a, b), c) / 6).sum() > 0
-        assert mesh_files.contains(mesh, np.zeros(3))
-        assert not mesh_files.contains(mesh, np.array([0.0, 0.0, 1.6]))
+        assert mesh.contains(np.zeros(3))
+        assert not mesh.contains(np.array([0.0, 0.0, 1.6]))
         outward = np.einsum("ni,ni->n", mesh.normals, mesh.positions)
         assert (outward > -1e-6).all()
 
@@ -364,7 +329,7 @@ def test_depth_of_a_wall_through_lenses(bench, renderer, lens, along_ray):
     settings = {"width": 160, "height": 120, "far": 50.0, **lens}
     sensor = CameraSensor(
         CameraConfig.from_mapping(settings),
-        create_renderer(renderer, bench.client, bench.materials),
+        create_renderer(renderer, bench.world),
     )
     depth, label = sensor.renderer.measure(sensor._view(np.eye(4)))
     v, u = np.mgrid[:120, :160]

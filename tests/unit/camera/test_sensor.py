@@ -3,7 +3,6 @@
 import logging
 
 import numpy as np
-import pybullet
 import pytest
 from scenes import link_pose, looking, table_and_target
 
@@ -12,6 +11,7 @@ from aras_sim_bridge.camera.effects import EffectChain, Effects
 from aras_sim_bridge.camera.formats import read_out, shape_of, widened
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.rendering import create_renderer
+from aras_sim_bridge.world import Pose
 
 MS = 1_000_000
 DOWN = link_pose(looking([0.0, 0.0, 0.782], [0.0, 0.0, 0.59], (1, 0, 0)))
@@ -71,7 +71,7 @@ def test_moving_body_is_drawn_where_it_was_at_the_stamp(bench):
     body = bench.box([0.02, 0.02, 0.001], [0, 0, 0], "Gazebo/Black")
     sensor = CameraSensor(
         CameraConfig.from_mapping({"horizontal_fov": 0.5, "update_rate": 30.0, "near": 0.01}),
-        create_renderer("opengl", bench.client, bench.materials),
+        create_renderer("opengl", bench.world),
     )
     pose = link_pose(looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0)))
     centre = None
@@ -79,9 +79,7 @@ def test_moving_body_is_drawn_where_it_was_at_the_stamp(bench):
         if sensor.needs_before(k * MS):
             sensor.before_step(pose, (k - 1) * MS)
         # 1 m/s along x: 0.63 px a tick, so that a tick's delay would be seen
-        pybullet.resetBasePositionAndOrientation(
-            body, [k * 1e-3, 0, 0], [0, 0, 0, 1], physicsClientId=bench.client
-        )
+        body.set_pose(Pose((k * 1e-3, 0.0, 0.0)))
         if sensor.due(k * MS):
             frame = sensor.capture(pose, k * MS)
             dark = 255.0 - frame.image[..., 0]
@@ -286,7 +284,7 @@ def test_depth_and_segmentation_come_with_the_frame(bench):
     sensor = CameraSensor(
         CameraConfig.from_mapping({"horizontal_fov": 2.0, "near": 0.02, "depth": True,
                                    "segmentation": True, "format": "mono8"}),
-        create_renderer("opengl", bench.client, bench.materials),
+        create_renderer("opengl", bench.world),
     )
     frame = sensor.capture(DOWN, 40 * MS)
     assert frame.image.shape == (240, 320)

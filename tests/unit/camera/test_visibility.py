@@ -6,6 +6,7 @@ from scenes import looking
 from test_accuracy import LENSES, SIZE
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
+from aras_sim_bridge.description import Geometry
 from aras_sim_bridge.rendering import View, create_renderer
 from aras_sim_bridge.rendering.faces import whole
 from aras_sim_bridge.rendering.lens_tiles import LensTiles
@@ -17,23 +18,18 @@ K = np.array([[150.0, 0, 80.3], [0, 155.0, 55.8], [0, 0, 1]])
 
 def clutter(bench, rng):
     """Boxes and balls all around, near and far."""
-    import pybullet
-
     for _ in range(12):
         turn = rng.normal(size=4)
-        bench.box(rng.uniform(0.02, 0.6, 3), rng.uniform(-1.5, 1.5, 3), mass=1.0,
+        bench.box(rng.uniform(0.02, 0.6, 3), rng.uniform(-1.5, 1.5, 3),
                   orientation=turn / np.linalg.norm(turn))
-        ball = pybullet.createCollisionShape(
-            pybullet.GEOM_SPHERE, radius=rng.uniform(0.05, 0.3), physicsClientId=bench.client
-        )
-        pybullet.createMultiBody(0, ball, basePosition=rng.uniform(-1.5, 1.5, 3),
-                                 physicsClientId=bench.client)
+        ball = Geometry("sphere", radius=rng.uniform(0.05, 0.3))
+        bench.body(ball, rng.uniform(-1.5, 1.5, 3))
 
 
 def test_every_triangle_that_faces_the_eye_in_view_is_kept(bench):
     rng = np.random.default_rng(3)
     clutter(bench, rng)
-    renderer = create_renderer("opengl", bench.client, bench.materials)
+    renderer = create_renderer("opengl", bench.world)
     kept = left_out = 0
     for _ in range(20):
         eye = rng.uniform(-2, 2, 3)
@@ -88,7 +84,7 @@ def test_a_sliver_beside_a_rectangle_is_told_apart():
 @pytest.mark.parametrize("lens", [name for name in LENSES if name not in ("pinhole", "off_centre")])
 def test_tiles_of_a_lens_follow_its_rays(bench, lens):
     config = CameraConfig.from_mapping({"width": SIZE[0], "height": SIZE[1], **LENSES[lens]})
-    rays = CameraSensor(config, create_renderer("tiny", bench.client, bench.materials))._lens
+    rays = CameraSensor(config, create_renderer("tiny", bench.world))._lens
     tiles = LensTiles(rays, 0.02, 10.0)
     number = np.flatnonzero(tiles.usable)
     assert len(number) > 0.7 * rays.valid.sum() / TILE**2

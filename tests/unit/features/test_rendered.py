@@ -17,7 +17,8 @@ from aras_visual_servo_camera.pipeline import Pipeline, Settings
 from aras_visual_servo_camera.undistortion import CameraModel
 
 rendering = pytest.importorskip("aras_sim_bridge.rendering")
-pybullet = pytest.importorskip("pybullet")
+description = pytest.importorskip("aras_sim_bridge.description")
+bridge_world = pytest.importorskip("aras_sim_bridge.world")
 
 K = np.array([[188.04, 0, 159.5], [0, 188.04, 119.5], [0, 0, 1]])
 CAMERA = CameraModel(320, 240, tuple(K.ravel()))
@@ -26,28 +27,32 @@ THICKNESS = 2e-5  # m: the target is flat; its sides must not show
 
 @pytest.fixture(scope="module")
 def renderer() -> Iterator:
-    client = pybullet.connect(pybullet.DIRECT)
+    world = bridge_world.World()
 
     def box(x0, x1, y0, y1, top, height, colour) -> None:
-        half = [(x1 - x0) / 2, (y1 - y0) / 2, height / 2]
-        shape = pybullet.createVisualShape(
-            pybullet.GEOM_BOX, halfExtents=half, rgbaColor=colour, physicsClientId=client
+        shape = description.Geometry("box", size=(x1 - x0, y1 - y0, height))
+        link = description.Link(
+            "link", None, (description.Visual("visual", (0, 0, 0), (0, 0, 0), shape),)
         )
-        place = [(x0 + x1) / 2, (y0 + y1) / 2, top - height / 2]
-        pybullet.createMultiBody(0, -1, shape, place, physicsClientId=client)
+        name = f"box{len(world.models)}"
+        model = description.RobotDescription(
+            name, "link", {"link": link}, {}, static=True, colours={"link": colour}
+        )
+        place = ((x0 + x1) / 2, (y0 + y1) / 2, top - height / 2)
+        world.spawn(model, name, bridge_world.Pose(place))
 
     # the world's z points up; the target lies in the plane z = 0, seen from above
-    box(-2, 2, -2, 2, -THICKNESS, 0.1, [1, 1, 1, 1])
-    box(-0.025, 0.025, -0.025, 0.025, 0, THICKNESS, [0, 0, 0, 1])
-    box(0.0125, 0.0375, -0.0175, 0.0075, 0, THICKNESS, [0, 0, 0, 1])
+    box(-2, 2, -2, 2, -THICKNESS, 0.1, (1, 1, 1, 1))
+    box(-0.025, 0.025, -0.025, 0.025, 0, THICKNESS, (0, 0, 0, 1))
+    box(0.0125, 0.0375, -0.0175, 0.0075, 0, THICKNESS, (0, 0, 0, 1))
     try:
-        made = rendering.create_renderer("opengl", client)
+        made = rendering.create_renderer("opengl", world)
     except Exception as error:  # noqa: BLE001 - whatever keeps this machine from drawing
-        pybullet.disconnect(client)
+        world.close()
         pytest.skip(f"no OpenGL here: {error}")
     yield made
     made.close()
-    pybullet.disconnect(client)
+    world.close()
 
 
 def shown(renderer, pose: Pose) -> np.ndarray:

@@ -8,6 +8,7 @@ import pytest
 
 from aras_sim_bridge.description import parse_sdf, read_sdf
 from aras_sim_bridge.errors import DescriptionError, WorldError
+from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world import Pose, World
 
@@ -87,18 +88,19 @@ def test_joints_move_about_the_child_s_origin():
         assert made.bias_efforts() == pytest.approx([9.8 * 0.5 * math.sin(0.1)])
 
 
-def test_colours_reach_the_camera_s_table():
+def test_colours_reach_the_cameras():
     script = "<material><script><name>Gazebo/Red</name></script></material>"
     diffuse = "<material><diffuse>0.1 0.2 0.3 1</diffuse></material>"
     text = model(link(part("visual", BOX, script), "a") + link(part("visual", BOX, diffuse), "b")
                  + link(part("visual", BOX), "c"))
     description = parse_sdf(text)
     assert description.colours == {"a": (1.0, 0.0, 0.0, 1.0), "b": (0.1, 0.2, 0.3, 1.0)}
-    simulation = Simulation(SimulationConfig(renderer="tiny"))
-    made = simulation.spawn(description, "m")
-    table = simulation._materials
-    assert table[(made.body_id, made.link_index("b"))] == (0.1, 0.2, 0.3, 1.0)
-    simulation.close()
+    with World() as world:
+        world.spawn(description, "m")
+        scene = Scene(world)
+        scene.refresh()
+        assert [part.rgba for part in scene.parts] == [
+            (1.0, 0.0, 0.0, 1.0), (0.1, 0.2, 0.3, 1.0), (1.0, 1.0, 1.0, 1.0)]
 
 
 def test_the_shipped_world_is_read():

@@ -15,7 +15,6 @@ from aras_sim_bridge.control.manager import ControllerManager
 from aras_sim_bridge.control.switching import STRICT
 from aras_sim_bridge.description import Light as LightDescription
 from aras_sim_bridge.description import RobotDescription
-from aras_sim_bridge.description.gazebo_materials import WHITE
 from aras_sim_bridge.description.lights import SUN, checked_light
 from aras_sim_bridge.errors import (
     CameraError,
@@ -24,7 +23,7 @@ from aras_sim_bridge.errors import (
     SimError,
     WorldError,
 )
-from aras_sim_bridge.rendering import Light, MaterialTable, Renderer, create_renderer
+from aras_sim_bridge.rendering import Light, Renderer, create_renderer
 from aras_sim_bridge.world import Model, Pose, World
 from aras_sim_bridge.world.poses import IDENTITY
 
@@ -104,11 +103,10 @@ class Simulation:
         self.robots: dict[str, Robot] = {}
         self.cameras: list[MountedCamera] = []
         self.before_pictures: Callable[[int], None] | None = None
-        self._materials = MaterialTable()
         self._renderer: Renderer | None = None
         self.lights = {light.name: checked_light(light) for light in self.config.lights}
         if self.config.ground_plane:
-            self._colour(self.world.spawn_ground_plane())
+            self.world.spawn_ground_plane()
 
     def spawn(
         self,
@@ -141,7 +139,6 @@ class Simulation:
         model = self.world.spawn(description, name, pose, joint_positions)
         try:
             robot = self._robot(model, namespace, parameters or {})
-            self._colour(model)
         except SimError:
             self.world.delete(name)
             raise
@@ -158,7 +155,6 @@ class Simulation:
         if robot is not None:
             robot.manager.shutdown()
         self.cameras = [camera for camera in self.cameras if camera.model is not model]
-        self._materials.forget(model.body_id)
         self.world.delete(name)
 
     def light(self, name: str) -> LightDescription:
@@ -197,11 +193,7 @@ class Simulation:
         Raises:
             WorldError: no such model, or numbers that cannot be simulated; nothing is changed then.
         """
-        model = self.world.model(name)
-        old = model.body_id
         self.world.change(name, description)
-        self._materials.forget(old)
-        self._colour(model)
 
     def step(self) -> None:
         """One tick in Gazebo's order: time, controllers, physics, sensors."""
@@ -235,10 +227,6 @@ class Simulation:
         """Everything as spawned, at time 0; controllers keep running."""
         self.world.reset_simulation()
         self.time_ns = 0
-        for model in self.world.models.values():
-            self._colour(model)
-        if self._renderer is not None:
-            self._renderer.forget()
         for robot in self.robots.values():
             robot.loop.reset()
             robot.hardware.reset(forget_turns=True)
@@ -325,21 +313,10 @@ class Simulation:
                 )
         if self._renderer is None:
             self._renderer = create_renderer(
-                self.config.renderer,
-                self.world.client,
-                self._materials,
-                self._sunlight(),
+                self.config.renderer, self.world, self._sunlight()
             )
             log.info("cameras are drawn by %s", self._renderer.name)
         sensor = CameraSensor(config, self._renderer)
         sensor.check_time_step(self.step_ns)
         sensor.reset(self.time_ns)
         return sensor
-
-    def _colour(self, model: Model) -> None:
-        """Give the renderer Gazebo's colours; links without a material are white."""
-        colours = {model.link_index(link): rgba
-                   for link, rgba in model.description.colours.items()}
-        self._materials.set_body(model.body_id, colours)
-        if self.config.gui:
-            model.paint(colours, WHITE)

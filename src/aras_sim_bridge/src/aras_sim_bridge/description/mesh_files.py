@@ -1,63 +1,40 @@
-"""Mesh files, checked before Bullet gets them.
+"""STL, OBJ and COLLADA files: read once and checked, by everybody who needs them.
 
-Bullet's loaders trust what they read: numbers of elements, indices and references that lead
-nowhere end the process with a segmentation fault, and an empty file silently leaves a link
-without its shape. What passes here Bullet reads to the end.
+What a file says wrongly is refused: a face that names a point that is not there, a number that is
+none, a file without a triangle. Libraries that guess there draw and collide with something else.
+STL and OBJ are read here for that reason: of OBJ files trimesh 5.2 takes corner 0 for corner 1,
+`f -4 -3 -2` for the last points of the file and `v 1 2` for a point, and importing it takes 0.6 s.
 """
 
+from __future__ import annotations
+
+import math
 import os
-import tempfile
-from dataclasses import replace
-from functools import lru_cache
-from math import isfinite
+import stat
+import threading
+from collections import OrderedDict
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-from aras_sim_bridge.description import collada_check
-from aras_sim_bridge.description.types import Geometry, RobotDescription
+from aras_sim_bridge.description.mesh import Mesh, from_corners, from_indices
+from aras_sim_bridge.description.types import Rgba, RobotDescription
 from aras_sim_bridge.errors import DescriptionError
 
 LARGEST_FILE = 256 * 1024 * 1024  # bytes
-_LEAST_AREA = 1e-18  # of a parallelogram; cameras leave out what is smaller
+MOST_TRIANGLES = 1_000_000  # read in 10 s and 1 GB (STL)
+_LARGEST_CACHE = 256 * 1024 * 1024  # bytes of arrays
 _STL_HEAD = 84  # bytes before the triangles of a binary STL file, the last four their number
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
 
-
-def with_binary_stl(description: RobotDescription, directory: str) -> RobotDescription:
-    """The description with collisions' STL files as Bullet reads them: binary, nothing behind.
-
-    Others are written anew into `directory`; Bullet would silently make no body of them. The files
-    have to be sound, see `check_meshes`.
-    """
-    links = {
-        link.name: replace(link, collisions=tuple(
-            replace(shape, geometry=_as_binary_stl(shape.geometry, directory))
-            for shape in link.collisions
-        ))
-        for link in description.links.values()
-    }
-    return replace(description, links=links)
+_State = tuple[int, int]  # size and time of the last change, ns
+_cache: OrderedDict[str, tuple[dict[Path, _State | None], tuple[Mesh, ...]]] = OrderedDict()
+_cache_lock = threading.Lock()
 
 
-def _as_binary_stl(geometry: Geometry, directory: str) -> Geometry:
-    if geometry.kind != "mesh" or Path(geometry.filename).suffix.lower() != ".stl":
-        return geometry
-    data = Path(geometry.filename).read_bytes()
-    corners = stl_corners(data)
-    if len(data) == _STL_HEAD + len(corners) * _STL_TRIANGLE.itemsize:
-        return geometry
-    triangles = np.zeros(len(corners), _STL_TRIANGLE)
-    triangles["corners"] = corners
-    handle, path = tempfile.mkstemp(suffix=".stl", dir=directory)
-    with os.fdopen(handle, "wb") as file:
-        file.write(bytes(_STL_HEAD - 4) + len(triangles).to_bytes(4, "little"))
-        file.write(triangles.tobytes())
-    return replace(geometry, filename=path)
-
-
-def check_meshes(description: RobotDescription, model: str) -> None:
-    """Check every mesh file of a description; `model` is its name for messages.
+def read_all(description: RobotDescription, model: str) -> None:
+    """Read every mesh file of a description; `model` is its name for messages.
 
     Raises:
         DescriptionError: naming model, link and file, what is wrong with it and how to mend it.
@@ -67,58 +44,91 @@ def check_meshes(description: RobotDescription, model: str) -> None:
             for shape in shapes:
                 if shape.geometry.kind == "mesh":
                     try:
-                        check(shape.geometry.filename, solid=kind == "collision")
+                        read(shape.geometry.filename)
                     except DescriptionError as error:
                         raise DescriptionError(
                             f"model '{model}', link '{link.name}', {kind}: {error}"
                         ) from None
 
 
-def check(path: str, solid: bool = False) -> None:
-    """Check one STL, OBJ or COLLADA (.dae) file.
+def read(path: str) -> tuple[Mesh, ...]:
+    """The meshes of an STL, OBJ or COLLADA (.dae) file, one for each material and each group.
 
-    Args:
-        solid: it is to be collided with; Bullet makes no body of some COLLADA files.
+    In the file's own unit, COLLADA in m; of COLLADA's axes none is turned, as in Gazebo and rviz.
+    Files that did not change since are not read again.
 
     Raises:
         DescriptionError: naming the file, what is wrong with it and how to mend it.
     """
+    with _cache_lock:
+        known = _cache.get(path)
+        if known is not None and all(_state(p) == state for p, state in known[0].items()):
+            _cache.move_to_end(path)
+            return known[1]
+        _cache.pop(path, None)
+    file = Path(path)
+    reader = _READERS.get(file.suffix.lower())
+    if reader is None:
+        raise DescriptionError(f"mesh file {path} is of no kind that is read; convert it to one of "
+                               + ", ".join(sorted(_READERS)))
+    states = {file: _state(file)}
+    try:
+        meshes = tuple(reader(_contents(file), file.parent, states))
+        count = sum(len(mesh.triangles) for mesh in meshes)
+        if count == 0:
+            raise DescriptionError("it has no triangles")
+        _check_count(count)
+    except DescriptionError as error:
+        mend = "" if "simplify" in str(error) else "; export it again"
+        raise DescriptionError(f"mesh file {path} cannot be used: {error}{mend}") from None
+    with _cache_lock:
+        _cache[path] = states, meshes
+        while sum(m.nbytes for _, kept in _cache.values() for m in kept) > _LARGEST_CACHE:
+            _cache.popitem(last=False)
+    return meshes
+
+
+def _state(path: Path) -> _State | None:
     try:
         state = os.stat(path)
-        fault = _fault(path, solid, state.st_mtime_ns, state.st_size)
-    except OSError as error:
-        fault = f"cannot be read: {error.strerror}"
-    if fault:
-        raise DescriptionError(f"mesh file {path} {fault}")
+    except OSError:
+        return None
+    return state.st_size, state.st_mtime_ns
 
 
-@lru_cache(maxsize=256)
-def _fault(path: str, solid: bool, _mtime_ns: int, size: int) -> str:
-    """What is wrong with a file in this state; '' when nothing is."""
-    kind = Path(path).suffix.lower()
-    if kind not in _CHECKS:
-        return f"is of no kind that is read; convert it to one of {', '.join(sorted(_CHECKS))}"
-    if size > LARGEST_FILE:
-        return f"has {size} bytes, more than the limit of {LARGEST_FILE}; simplify it"
+def _contents(path: Path) -> bytes:
+    """What is in a file, unless it is huge, or a device or pipe that might never end."""
     try:
-        _CHECKS[kind](Path(path).read_bytes(), solid)
-    except DescriptionError as error:
-        return f"cannot be used: {error}; export it again"
-    return ""
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        with os.fdopen(handle, "rb") as file:
+            state = os.fstat(handle)
+            if not stat.S_ISREG(state.st_mode):
+                raise DescriptionError("it is no regular file")
+            if state.st_size > LARGEST_FILE:
+                raise DescriptionError(f"it has {state.st_size} bytes, more than the limit of "
+                                       f"{LARGEST_FILE}; simplify it")
+            return file.read(LARGEST_FILE)
+    except OSError as error:
+        raise DescriptionError(f"it cannot be read: {error.strerror}") from None
 
 
-def stl_corners(data: bytes) -> np.ndarray:
-    """(T, 3, 3) corners of the triangles of an STL file, binary or ASCII, in its own unit.
+def _check_count(count: int) -> None:
+    if count > MOST_TRIANGLES:
+        raise DescriptionError(f"it has {count} triangles, more than the limit of "
+                               f"{MOST_TRIANGLES}; simplify it")
 
-    Raises:
-        DescriptionError: when it is neither, has no triangle, or one that is not finite.
-    """
+
+# ---------------------------------------------------------------------- STL
+
+def _read_stl(data: bytes, _folder: Path, _states: dict[Path, _State | None]) -> list[Mesh]:
     count = int.from_bytes(data[_STL_HEAD - 4:_STL_HEAD], "little")
     whole = len(data) - _STL_HEAD >= count * _STL_TRIANGLE.itemsize
     if len(data) >= _STL_HEAD and whole and not _is_ascii(data, count):
+        _check_count(count)
         corners = np.frombuffer(data, _STL_TRIANGLE, count, _STL_HEAD)["corners"]
     elif data[:5].lower() == b"solid":
         words = [line.split()[1:4] for line in data.splitlines() if line.split()[:1] == [b"vertex"]]
+        _check_count(len(words) // 3)
         try:
             corners = np.array(words, dtype=float).reshape(-1, 3, 3)
         except ValueError:
@@ -131,10 +141,7 @@ def stl_corners(data: bytes) -> np.ndarray:
         )
     if not np.isfinite(corners).all():
         raise DescriptionError("a corner is not finite")
-    edges = np.diff(corners.astype(float), axis=1)
-    if not (np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) > _LEAST_AREA).any():
-        raise DescriptionError("it has no triangle with an area")
-    return corners
+    return [from_corners(corners)]
 
 
 def _is_ascii(data: bytes, count: int) -> bool:
@@ -143,38 +150,120 @@ def _is_ascii(data: bytes, count: int) -> bool:
     return data[:5].lower() == b"solid" and not plain and b"vertex" in data
 
 
-def _check_stl(data: bytes, _solid: bool) -> None:
-    stl_corners(data)
+def write_stl(meshes: tuple[Mesh, ...], path: str) -> None:
+    """Write triangles as the one kind of STL that Bullet reads: binary, nothing behind."""
+    corners = np.concatenate([mesh.positions[mesh.triangles] for mesh in meshes])
+    triangles = np.zeros(len(corners), _STL_TRIANGLE)
+    triangles["corners"] = corners
+    with open(path, "wb") as file:
+        file.write(bytes(_STL_HEAD - 4) + len(triangles).to_bytes(4, "little"))
+        file.write(triangles.tobytes())
 
 
-def _check_obj(data: bytes, _solid: bool) -> None:
-    counts = {b"v": 0, b"vt": 0, b"vn": 0}
-    triangles = 0
-    for number, line in enumerate(data.splitlines(), 1):
-        kind, *words = line.split() or [b""]
+# ---------------------------------------------------------------------- OBJ
+
+def write_obj(meshes: tuple[Mesh, ...], path: str) -> None:
+    """Write triangles as an OBJ file with an object for each piece."""
+    lines, first = [], 1
+    for number in sorted({mesh.piece for mesh in meshes}):
+        lines.append(f"o piece{number}")
+        for mesh in (mesh for mesh in meshes if mesh.piece == number):
+            lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.positions.tolist()]
+            lines += [f"f {a} {b} {c}" for a, b, c in (mesh.triangles + first).tolist()]
+            first += len(mesh.positions)
+    Path(path).write_text("\n".join(lines) + "\n", encoding="ascii")
+
+
+def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> list[Mesh]:
+    """One mesh for each material in each group; normals of the file where all corners have one."""
+    elements: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
+    faces: dict[tuple[int, str], list[list[tuple[int, ...]]]] = {}
+    materials: dict[str, tuple[Rgba | None, str | None]] = {}
+    material, piece, count = "", 0, 0
+    for number, line in enumerate(data.decode(errors="replace").splitlines(), 1):
+        kind, *words = line.split() or [""]
         try:
-            if kind == b"v" and not (len(words) >= 3 and all(map(isfinite, map(float, words[:3])))):
-                raise DescriptionError("a vertex needs three finite numbers")
-            if kind in counts:
-                counts[kind] += 1
-            elif kind == b"f":
-                for word in words:
-                    _check_corner(word, tuple(counts.values()))
-                triangles += max(len(words) - 2, 0)
+            if kind in elements:
+                elements[kind].append(_element(kind, words))
+            elif kind == "f":
+                counts = [len(values) for values in elements.values()]
+                corners = [_corner(word, counts) for word in words]
+                faces.setdefault((piece, material), []).extend(
+                    [corners[0], corners[i], corners[i + 1]] for i in range(1, len(corners) - 1))
+                count += max(len(corners) - 2, 0)
+            elif kind in ("g", "o"):
+                piece += 1
+            elif kind == "usemtl":
+                material = " ".join(words)
+            elif kind == "mtllib":
+                materials |= _read_mtl(folder / " ".join(words), states)
+            _check_count(count)
         except ValueError:
             raise DescriptionError(f"line {number}: what should be a number is none") from None
         except DescriptionError as error:
             raise DescriptionError(f"line {number}: {error}") from None
-    if triangles == 0:
+    if count == 0:
         raise DescriptionError("it has no faces")
+    v, vt, vn = (np.array(values, dtype=float).reshape(-1, width)
+                 for values, width in zip(elements.values(), (3, 2, 3), strict=True))
+    return [from_indices(np.array(corners), v, vt, vn, *materials.get(name, (None, None)), group)
+            for (group, name), corners in faces.items() if corners]
 
 
-def _check_corner(word: bytes, counts: tuple[int, ...]) -> None:
-    """A face's corner v/vt/vn: each part counts from 1, or from -1 backwards."""
-    for part, count in zip(word.split(b"/"), counts, strict=False):
+def _element(kind: str, words: list[str]) -> list[float]:
+    count = 2 if kind == "vt" else 3
+    values = [float(word) for word in words[:count]]
+    if kind == "vt" and len(values) == 1:
+        values.append(0.0)  # v is optional
+    if len(values) < count or not all(map(math.isfinite, values)):
+        what = {"v": "vertex", "vt": "texture coordinate", "vn": "normal"}[kind]
+        raise DescriptionError(f"a {what} needs {'two' if count == 2 else 'three'} finite numbers")
+    return values
+
+
+def _corner(word: str, counts: list[int]) -> tuple[int, ...]:
+    """Zero-based v/vt/vn numbers of a corner, -1 where one is missing. The file's count from 1, or
+    from -1 backwards."""
+    indices = []
+    for part, count in zip((word.split("/") + ["", ""])[:3], counts, strict=True):
         index = int(part) if part else None
         if index is not None and not (1 <= index <= count or -count <= index <= -1):
             raise DescriptionError(f"a face refers to element {index} of {count}")
+        indices.append(-1 if index is None else index - 1 if index > 0 else count + index)
+    if indices[0] < 0:
+        raise DescriptionError("a face has a corner without a vertex")
+    return tuple(indices)
 
 
-_CHECKS = {".stl": _check_stl, ".obj": _check_obj, ".dae": collada_check.check}
+def _read_mtl(path: Path, states: dict[Path, _State | None]
+              ) -> dict[str, tuple[Rgba | None, str | None]]:
+    """Material name -> (rgba, texture file); a file that is not there names none."""
+    materials: dict[str, tuple[Rgba | None, str | None]] = {}
+    states[path] = _state(path)
+    if states[path] is None:
+        return materials
+    name, rgba, texture = "", None, None
+    for line in _contents(path).decode(errors="replace").splitlines():
+        kind, *words = line.split() or [""]
+        if kind == "newmtl":
+            name, rgba, texture = " ".join(words), None, None
+        elif kind == "Kd":
+            rgba = (*(float(word) for word in words[:3]), 1.0)
+            if len(rgba) != 4 or not all(map(math.isfinite, rgba)):
+                raise DescriptionError(f"{path.name}: material '{name}': Kd needs three numbers")
+        elif kind == "map_Kd" and words:
+            file = path.parent / words[-1]
+            texture = str(file) if file.is_file() else None
+        materials[name] = (rgba, texture)
+    return materials
+
+
+def _read_dae(data: bytes, folder: Path, _states: dict[Path, _State | None]) -> list[Mesh]:
+    from aras_sim_bridge.description import collada_files  # takes 0.07 s that few need
+
+    return collada_files.read(data, folder, _check_count)
+
+
+_READERS: dict[str, Callable[[bytes, Path, dict[Path, _State | None]], list[Mesh]]] = {
+    ".stl": _read_stl, ".obj": _read_obj, ".dae": _read_dae,
+}

@@ -1,4 +1,4 @@
-"""Renderers: one interface, pictures of what Bullet holds."""
+"""Renderers: one interface, pictures of what a World holds."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from typing import Protocol
 
 import numpy as np
 
-from ..description.gazebo_materials import COLOURS
 from ..errors import RenderingError
-from .view import SENSOR_R_OPTICAL, Light, MaterialTable, View
+from ..world import World
+from .view import SENSOR_R_OPTICAL, Light, View
 
-__all__ = ["COLOURS", "RENDERERS", "SENSOR_R_OPTICAL", "Light", "MaterialTable", "Renderer",
+__all__ = ["RENDERERS", "SENSOR_R_OPTICAL", "Light", "Renderer",
            "View", "create_renderer"]
 
 _log = logging.getLogger(__name__)
@@ -20,7 +20,7 @@ RENDERERS = ("opengl", "tiny")
 
 
 class Renderer(Protocol):
-    """Draws views of one Bullet client.
+    """Draws views of one World.
 
     name: which renderer this is; reason: why it was chosen, where that was not asked for.
     """
@@ -45,18 +45,14 @@ class Renderer(Protocol):
     def snapshot(self) -> None:
         """Remember where everything is; `blend` < 1 draws between there and the present."""
 
-    def forget(self) -> None:
-        """Read all shapes from Bullet again before the next picture."""
-
     def close(self) -> None:
         """Give the graphics memory back."""
 
 
 def create_renderer(
-    name: str, client: int, materials: MaterialTable | None = None, light: Light | None = None,
-    antialiasing: str = "edges",
+    name: str, world: World, light: Light | None = None, antialiasing: str = "edges",
 ) -> Renderer:
-    """Renderer `name` of Bullet client `client`.
+    """Renderer `name` of a World.
 
     'opengl' draws with moderngl on EGL, 'tiny' with PyBullet's software renderer; 'auto' takes
     the first that works and says in `.reason` why not the others. `antialiasing`: 'edges',
@@ -64,7 +60,6 @@ def create_renderer(
 
     Raises RenderingError for an unknown name, and when a renderer asked for by name does not work.
     """
-    materials = MaterialTable() if materials is None else materials
     light = light or Light()
     makers = {"opengl": _opengl, "tiny": _tiny}
     if name != "auto" and name not in makers:
@@ -72,27 +67,27 @@ def create_renderer(
             f"there is no renderer '{name}'; there are {', '.join(RENDERERS)} and auto"
         )
     if name != "auto":
-        return makers[name](client, materials, light, antialiasing)
+        return makers[name](world, light, antialiasing)
     try:
-        return _opengl(client, materials, light, antialiasing)
+        return _opengl(world, light, antialiasing)
     except RenderingError as error:
-        renderer = _tiny(client, materials, light, "none")
+        renderer = _tiny(world, light, "none")
         renderer.reason = f"drawing with 'tiny', which is slow, because {error}"
         _log.warning(renderer.reason)
         return renderer
 
 
-def _opengl(client, materials, light, antialiasing) -> Renderer:
+def _opengl(world: World, light: Light, antialiasing: str) -> Renderer:
     try:
         from .opengl import OpenGLRenderer
     except ImportError as error:
         raise RenderingError(
             f"the Python package {error.name} is missing; install the requirements"
         ) from error
-    return OpenGLRenderer(client, materials, light, antialiasing)
+    return OpenGLRenderer(world, light, antialiasing)
 
 
-def _tiny(client, materials, light, antialiasing) -> Renderer:
+def _tiny(world: World, light: Light, antialiasing: str) -> Renderer:
     from .tiny import TinyRenderer
 
-    return TinyRenderer(client, materials, light, antialiasing)
+    return TinyRenderer(world, light, antialiasing)

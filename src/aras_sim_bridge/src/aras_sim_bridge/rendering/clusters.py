@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .indexed_mesh import normalised
+from ..description.mesh import normalised
 from .scene import Part
 
 CLUSTER_TRIANGLES = 64

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..description.mesh import normalised
 from .clusters import Clusters
 from .compiled import compiled
 from .faces import Faces
-from .indexed_mesh import normalised
 
 MOST = 8
 # A plane before which everything is.

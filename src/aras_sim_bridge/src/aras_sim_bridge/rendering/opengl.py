@@ -16,6 +16,7 @@ import moderngl
 import numpy as np
 
 from ..errors import RenderingError
+from ..world import World
 from . import refinement, shaders
 from .faces import Faces, tiles, whole
 from .gl_geometry import Geometry, Shown
@@ -27,7 +28,7 @@ from .recent import Recent
 from .refinement import THRESHOLD, TILE, EdgeFinder
 from .regions import Regions
 from .scene import Scene
-from .view import Light, MaterialTable, View
+from .view import Light, View
 from .visibility import TOUCHING
 
 ANTIALIASING = ("edges", "multisample", "none")
@@ -65,8 +66,7 @@ class OpenGLRenderer:
     name = "opengl"
 
     def __init__(
-        self, client: int, materials: MaterialTable, light: Light,
-        antialiasing: str = "edges",
+        self, world: World, light: Light, antialiasing: str = "edges",
     ) -> None:
         if antialiasing not in ANTIALIASING:
             raise RenderingError(
@@ -76,7 +76,7 @@ class OpenGLRenderer:
         self.reason = ""
         self.antialiasing = antialiasing
         self._samples = MULTISAMPLES if antialiasing == "multisample" else 1
-        self.scene = Scene(client, materials)
+        self.scene = Scene(world)
         self.light = light
         self._ctx: moderngl.Context | None = create_context()
         self._programs: dict[tuple, moderngl.Program] = {}
@@ -89,9 +89,6 @@ class OpenGLRenderer:
 
     def snapshot(self) -> None:
         self.scene.snapshot()
-
-    def forget(self) -> None:
-        self.scene.forget()
 
     def close(self) -> None:
         if self._ctx is not None:

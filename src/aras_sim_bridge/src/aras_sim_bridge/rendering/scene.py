@@ -1,22 +1,21 @@
-"""What Bullet holds, as meshes in link frames and link poses in the world."""
+"""What a World shows: the shapes of its models' descriptions at the poses of their links."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from aras_sim_bridge.description import shapes
+from aras_sim_bridge.description.gazebo_materials import WHITE
+from aras_sim_bridge.description.mesh import Mesh
+from aras_sim_bridge.description.types import Link, Rgba
+from aras_sim_bridge.errors import DescriptionError
+from aras_sim_bridge.poses import Pose
+from aras_sim_bridge.rendering.compiled import compiled
+from aras_sim_bridge.world import Model, World
 from aras_sim_bridge.world.bullet import pybullet
-
-from ..description.gazebo_materials import COLOURS, Rgba
-from ..errors import RenderingError
-from ..poses import Pose
-from . import meshes
-from .compiled import compiled
-from .indexed_mesh import Mesh
-from .view import MaterialTable
 
 _log = logging.getLogger(__name__)
 
@@ -26,21 +25,19 @@ class Part:
     """One visual: a mesh in its link's frame, the row of that link in `Scene.poses`, a colour."""
 
     row: int
-    body: int
-    link: int
     mesh: Mesh
     rgba: Rgba
 
 
-@dataclass
-class _Body:
-    """Where one body's links stand in the pose table."""
+@dataclass(frozen=True)
+class _Rows:
+    """Where the links of a model that have visuals stand in the pose table: the root, if it has
+    any, and behind it those of Bullet's numbers `links`."""
 
-    body: int
-    rows: slice
+    model: Model
+    first: int
+    has_root: bool
     links: list[int]
-    has_base: bool
-    base_from_com: np.ndarray
 
 
 @compiled("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8")
@@ -66,47 +63,35 @@ def _blended_poses(before_p, before_q, p, q, blend):
 
 
 class Scene:
-    """Follows one Bullet client: `refresh` finds models spawned and removed, `poses` reads links.
+    """Follows one World: `refresh` finds models that came, changed and went, `poses` reads links.
 
-    client: Bullet physics client id.
-    materials: colour overrides; read again whenever its version changes.
+    parts: what there is to see. version: counts the changes of it.
     """
 
-    def __init__(self, client: int, materials: MaterialTable) -> None:
-        self.client = client
-        self.materials = materials
+    def __init__(self, world: World) -> None:
         self.parts: list[Part] = []
         self.version = 0
-        self._signature: tuple = ()
-        self._bodies: list[_Body] = []
-        self._mesh_files: dict[str, list[Mesh]] = {}
-        self._shapes: dict[tuple, list[Mesh]] = {}
-        self._warned: set[tuple] = set()
-        self._rows = 0
+        self._world = world
+        self._revision = -1
+        self._models: list[_Rows] = []
+        self._names: list[str] = []
+        self._warned: set[str] = set()
+        self._labels = np.zeros(0, np.int32)
         self._previous: tuple[np.ndarray, np.ndarray] | None = None
         self._positions = np.zeros((0, 3))
         self._quaternions = np.zeros((0, 4))
 
     def refresh(self) -> bool:
-        """Read the shapes again if models or colours changed; True if they did.
+        """Read the shapes again if models came, changed or went; True if they did.
 
-        What cannot be drawn is left out, with a log line that names the link and the mend.
+        A mesh file that was damaged since its model was spawned is left out, with a log line.
         """
-        n = pybullet.getNumBodies(physicsClientId=self.client)
-        ids = tuple(
-            pybullet.getBodyUniqueId(i, physicsClientId=self.client) for i in range(n)
-        )
-        signature = (self.materials.version, ids)
-        if signature == self._signature:
+        if self._world.revision == self._revision:
             return False
-        self._load(ids)
-        self._signature = signature
+        self._load()
+        self._revision = self._world.revision
         self.version += 1
         return True
-
-    def forget(self) -> None:
-        """Read every shape again at the next refresh (visuals changed, simulation reset)."""
-        self._signature = ()
 
     def poses(self) -> np.ndarray:
         """Poses of all links that carry a visual, (rows, 4, 4), link to world."""
@@ -118,12 +103,7 @@ class Scene:
         before = self._previous
         if before is None or len(before[0]) != len(now[0]):
             before = now
-        matrices = _blended_poses(*before, *now, min(blend, 1.0))
-        for body in self._bodies:
-            if body.has_base:
-                row = body.rows.start
-                matrices[row] = matrices[row] @ body.base_from_com
-        return matrices
+        return _blended_poses(*before, *now, min(blend, 1.0))
 
     def snapshot(self) -> None:
         """Remember the present poses, for `poses_at`."""
@@ -131,131 +111,75 @@ class Scene:
         p, q = self._read_all()
         self._previous = p.copy(), q.copy()
 
-    def _read_all(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (rows, 3) and quaternions (rows, 4) now, in arrays that are used again."""
-        p, q = self._positions, self._quaternions
-        for body in self._bodies:
-            self._read(body, p, q)
-        return p, q
-
-    def _read(self, body: _Body, p: np.ndarray, q: np.ndarray) -> None:
-        row = body.rows.start
-        if body.has_base:
-            p[row], q[row] = pybullet.getBasePositionAndOrientation(
-                body.body, physicsClientId=self.client
-            )
-            row += 1
-        if body.links:
-            states = pybullet.getLinkStates(
-                body.body, body.links, 0, 1, physicsClientId=self.client
-            )
-            p[row:body.rows.stop] = [s[4] for s in states]
-            q[row:body.rows.stop] = [s[5] for s in states]
-
     def labels(self) -> np.ndarray:
         """(rows,) int32 segmentation values: body id + (link index + 1) << 24, as in Bullet."""
-        return np.array([body.body + ((link + 1) << 24) for body in self._bodies
-                         for link in ([-1] if body.has_base else []) + body.links], np.int32)
+        return self._labels
 
     def bodies_around(self, point: np.ndarray) -> list[str]:
-        """Names of the links whose closed visuals contain the point (3,), world frame."""
+        """Names 'model::link' of the links whose closed visuals contain the point (3,), world
+        frame."""
         self.refresh()
         poses = self.poses()
         names = []
         for part in self.parts:
             T = poses[part.row]
-            local = (np.asarray(point) - T[:3, 3]) @ T[:3, :3]
-            if meshes.contains(part.mesh, local):
-                names.append(self.link_name(part.body, part.link))
+            if part.mesh.contains((np.asarray(point) - T[:3, 3]) @ T[:3, :3]):
+                names.append(self._names[part.row])
         return list(dict.fromkeys(names))
 
-    def _load(self, ids: tuple[int, ...]) -> None:
+    def _read_all(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (rows, 3) and quaternions (rows, 4) now, in arrays that are used again."""
+        p, q = self._positions, self._quaternions
+        for rows in self._models:
+            row = rows.first
+            if rows.has_root:
+                p[row], q[row] = rows.model.pose()
+                row += 1
+            if rows.links:
+                states = pybullet.getLinkStates(
+                    rows.model.body_id, rows.links, 0, 1, self._world.client)
+                p[row:row + len(states)] = [s[4] for s in states]
+                q[row:row + len(states)] = [s[5] for s in states]
+        return p, q
+
+    def _load(self) -> None:
         parts: list[Part] = []
-        bodies: list[_Body] = []
-        row = 0
-        for body in ids:
-            visuals = pybullet.getVisualShapeData(body, physicsClientId=self.client)
-            by_link: dict[int, list] = {}
-            for visual in visuals:
-                by_link.setdefault(visual[1], []).append(visual)
-            if not by_link:
+        models: list[_Rows] = []
+        names = self._names = []
+        labels: list[int] = []
+        for model in self._world.models.values():
+            links = [(model.link_index(link.name), link)
+                     for link in model.description.links.values() if link.visuals]
+            if not links:
                 continue
-            links = sorted(by_link)
-            for offset, link in enumerate(links):
-                for visual in by_link[link]:
-                    parts += self._parts(row + offset, body, link, visual)
-            bodies.append(self._body(body, links, row))
-            row += len(links)
-        self.parts, self._bodies, self._rows = parts, bodies, row
+            links.sort(key=lambda pair: pair[0])
+            indices = [index for index, _ in links]
+            models.append(_Rows(model, len(names), indices[0] == -1,
+                                [index for index in indices if index >= 0]))
+            for index, link in links:
+                names.append(f"{model.name}::{link.name}")
+                parts += self._parts(len(names) - 1, link, model.description.colours.get(link.name))
+                labels.append(model.body_id + ((index + 1) << 24))
+        self.parts, self._models = parts, models
+        self._labels = np.array(labels, np.int32)
         self._previous = None
-        self._positions = np.zeros((row, 3))
-        self._quaternions = np.tile([0.0, 0.0, 0.0, 1.0], (row, 1))
-        for body in bodies:
-            self._read(body, self._positions, self._quaternions)
+        self._positions = np.zeros((len(names), 3))
+        self._quaternions = np.tile([0.0, 0.0, 0.0, 1.0], (len(names), 1))
 
-    def _body(self, body: int, links: list[int], row: int) -> _Body:
-        info = pybullet.getDynamicsInfo(body, -1, physicsClientId=self.client)
-        com = Pose(info[3], info[4]).matrix()
-        return _Body(
-            body=body, rows=slice(row, row + len(links)),
-            links=[link for link in links if link >= 0], has_base=links[0] == -1,
-            base_from_com=np.linalg.inv(com),
-        )
-
-    def _parts(self, row: int, body: int, link: int, visual: tuple) -> list[Part]:
-        _, _, kind, dims, file, position, orientation, rgba = visual[:8]
-        override = self.materials.lookup(body, link)
-        plain = tuple(rgba) == (1.0, 1.0, 1.0, 1.0)
-        if plain and kind == pybullet.GEOM_PLANE:
-            rgba = COLOURS["Gazebo/Grey"]  # Gazebo's ground plane; Bullet gives planes no colour
-        local = np.array(Pose(position, orientation).matrix())
+    def _parts(self, row: int, link: Link, colour: Rgba | None) -> list[Part]:
+        """As in Gazebo, a link's colour goes before those of its mesh files, white comes last."""
         parts = []
-        for mesh in self._meshes(kind, dims, file, (body, link)):
-            colour = override or (mesh.rgba if mesh.rgba and plain else rgba)
-            if colour[3] <= 0.0:
+        for visual in link.visuals:
+            try:
+                meshes = shapes.triangles(visual.geometry)
+            except DescriptionError as error:  # the rest of the world is still worth seeing
+                if str(error) not in self._warned:
+                    _log.warning("%s is not drawn: %s", self._names[row], error)
+                self._warned.add(str(error))
                 continue
-            scale = np.array(dims) if kind == pybullet.GEOM_MESH else 1.0
-            parts.append(Part(row, body, link, mesh.transformed(local, scale), tuple(colour)))
+            link_T_visual = np.array(Pose.from_rpy(visual.origin_xyz, visual.origin_rpy).matrix())
+            for mesh in meshes:
+                rgba = colour or mesh.rgba or WHITE
+                if rgba[3] > 0.0:
+                    parts.append(Part(row, mesh.transformed(link_T_visual), rgba))
         return parts
-
-    def _meshes(self, kind: int, dims: tuple, file: bytes, where: tuple[int, int]) -> list[Mesh]:
-        if kind == pybullet.GEOM_MESH:
-            name = file.decode()
-            if not name or name == "unknown_file":
-                self._warn_once(where, "is a mesh without a file, which Bullet does not give "
-                                       "back; it is not drawn. Load it from a mesh file")
-                return []
-            if name not in self._mesh_files:
-                try:
-                    self._mesh_files[name] = meshes.load(name)
-                except RenderingError as error:  # the rest of the world is still worth seeing
-                    self._warn_once(where, f"is not drawn: {error}")
-                    return []
-            return self._mesh_files[name]
-        makers: dict[int, Callable[[], Mesh]] = {
-            pybullet.GEOM_BOX: lambda: meshes.box(np.array(dims)),
-            pybullet.GEOM_SPHERE: lambda: meshes.sphere(dims[0]),
-            pybullet.GEOM_CYLINDER: lambda: meshes.cylinder(dims[1], dims[0]),
-            pybullet.GEOM_CAPSULE: lambda: meshes.capsule(dims[1], dims[0]),
-            pybullet.GEOM_PLANE: lambda: meshes.plane(dims if any(dims) else (0.0, 0.0, 1.0)),
-        }
-        if kind not in makers:
-            self._warn_once(where, f"has a visual of Bullet's kind {kind}, which is not drawn")
-            return []
-        key = (kind, tuple(dims))
-        if key not in self._shapes:
-            self._shapes[key] = [makers[kind]()]
-        return self._shapes[key]
-
-    def _warn_once(self, where: tuple[int, int], what: str) -> None:
-        if (where, what) not in self._warned:
-            self._warned.add((where, what))
-            _log.warning("%s %s", self.link_name(*where), what)
-
-    def link_name(self, body: int, link: int) -> str:
-        """'model::link' of a Bullet body and link index."""
-        base, model = pybullet.getBodyInfo(body, physicsClientId=self.client)
-        if link < 0:
-            return f"{model.decode()}::{base.decode()}"
-        name = pybullet.getJointInfo(body, link, physicsClientId=self.client)[12]
-        return f"{model.decode()}::{name.decode()}"

@@ -8,28 +8,28 @@ import numpy as np
 from aras_sim_bridge.world.bullet import pybullet
 
 from ..errors import RenderingError
+from ..world import World
 from .scene import Part, Scene
-from .view import Light, MaterialTable, View
+from .view import Light, View
 
 
 class TinyRenderer:
     """Draws with getCameraImage.
 
-    The shapes are copied to a Bullet client of its own, each visual as a fixed body, so the colour
-    overrides never touch the client that simulates.
+    The shapes are copied to a Bullet client of its own, each visual as a fixed body.
     """
 
     name = "tiny"
 
     def __init__(
-        self, client: int, materials: MaterialTable, light: Light, antialiasing: str = "none"
+        self, world: World, light: Light, antialiasing: str = "none"
     ) -> None:
         if antialiasing not in ("none", "edges"):
             raise RenderingError(
                 f"'tiny' has no anti-aliasing '{antialiasing}'; choose edges or none"
             )
         self.reason = ""
-        self.scene = Scene(client, materials)
+        self.scene = Scene(world)
         self.light = light
         self._factor = 3 if antialiasing == "edges" else 1
         self._client: int | None = pybullet.connect(pybullet.DIRECT)
@@ -39,9 +39,6 @@ class TinyRenderer:
 
     def snapshot(self) -> None:
         self.scene.snapshot()
-
-    def forget(self) -> None:
-        self.scene.forget()
 
     def close(self) -> None:
         if self._client is not None:

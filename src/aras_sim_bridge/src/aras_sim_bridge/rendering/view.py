@@ -1,13 +1,13 @@
-"""What a renderer is asked for: a view of the world, its light, and the colour overrides."""
+"""What a renderer is asked for: a view of the world, and its light."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from ..description.gazebo_materials import WHITE, Rgba
+from ..description.types import Rgba
 from ..errors import RenderingError
 from .raymap import RayMap
 
@@ -87,49 +87,3 @@ class Light:
         if not norm > 0.0:
             raise RenderingError("the sun's direction is the zero vector")
         return d / norm
-
-
-@dataclass
-class MaterialTable:
-    """Colours that replace Bullet's own, per (body id, link index; -1 is the base).
-
-    default: colour of links that have no entry, in bodies that have at least one
-    (`set_body`), as Gazebo draws links without a material white. Bodies never mentioned keep the
-    colours that Bullet holds.
-    """
-
-    overrides: dict[tuple[int, int], Rgba] = field(default_factory=dict)
-    defaults: dict[int, Rgba] = field(default_factory=dict)
-    version: int = 0
-
-    def __setitem__(self, key: tuple[int, int], rgba: Rgba) -> None:
-        self.overrides[key] = rgba
-        self.version += 1
-
-    def __getitem__(self, key: tuple[int, int]) -> Rgba:
-        return self.overrides[key]
-
-    def __len__(self) -> int:
-        return len(self.overrides)
-
-    def set_body(
-        self, body_id: int, links: dict[int, Rgba], default: Rgba | None = WHITE
-    ) -> None:
-        """Colours of one body's links by link index; the rest get `default` (None: Bullet's)."""
-        self.forget(body_id)
-        self.overrides.update({(body_id, link): rgba for link, rgba in links.items()})
-        if default is not None:
-            self.defaults[body_id] = default
-        self.version += 1
-
-    def forget(self, body_id: int) -> None:
-        """Drop what is known of a deleted body."""
-        for key in [k for k in self.overrides if k[0] == body_id]:
-            del self.overrides[key]
-        self.defaults.pop(body_id, None)
-        self.version += 1
-
-    def lookup(self, body_id: int, link: int) -> Rgba | None:
-        """The override for a link, or None where Bullet's colour stands."""
-        rgba = self.overrides.get((body_id, link))
-        return rgba if rgba is not None else self.defaults.get(body_id)

@@ -1,15 +1,20 @@
-"""RobotDescription -> the URDF text that Bullet is given.
+"""RobotDescription -> the files that Bullet is given.
 
-Bullet never sees the user's file: only what was checked reaches it, with absolute mesh paths,
+Bullet never sees the user's files: only what was read and checked reaches it, written anew, with
 principal inertias, and without what the World does itself (damping, friction, limits in effort).
+Cameras draw the description, so only Bullet's own window needs visuals.
 """
 
+import os
 from dataclasses import replace
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from aras_sim_bridge.description import mesh_files, shapes
+from aras_sim_bridge.description.gazebo_materials import WHITE
 from aras_sim_bridge.description.inertia import principal_axes
+from aras_sim_bridge.description.mesh_files import write_obj, write_stl
 from aras_sim_bridge.description.types import (
     ZERO,
     Collision,
@@ -17,6 +22,7 @@ from aras_sim_bridge.description.types import (
     Inertial,
     Joint,
     Link,
+    Rgba,
     RobotDescription,
     Visual,
 )
@@ -80,16 +86,48 @@ def principal_inertial(inertial: Inertial) -> tuple[Pose, tuple[float, float, fl
     return Pose(inertial.origin_xyz, normalised(quat)), tuple(float(m) for m in moments)
 
 
-def to_urdf(description: RobotDescription, fixed_base: bool) -> str:
-    """URDF text of the model for Bullet's loader."""
+def write(description: RobotDescription, fixed_base: bool, visible: bool, directory: str) -> str:
+    """Write the model's URDF and meshes into `directory`; the path of the URDF.
+
+    visible: with visuals, for Bullet's window.
+    """
+    meshes = _Meshes(directory)
     parts = ['<?xml version="1.0"?>', f"<robot name={quoteattr(description.name)}>"]
-    parts += [
-        _link(link, concave=fixed_base and link.name == description.root)
-        for link in description.links.values()
-    ]
+    for link in description.links.values():
+        colour = description.colours.get(link.name, WHITE) if visible else None
+        parts.append(_link(link, fixed_base and link.name == description.root, colour, meshes))
     parts += [_joint(joint, description.static) for joint in description.joints.values()]
     parts.append("</robot>")
-    return "\n".join(parts)
+    path = os.path.join(directory, "model.urdf")
+    with open(path, "w", encoding="utf-8") as file:
+        file.write("\n".join(parts))
+    return path
+
+
+class _Meshes:
+    """Mesh files as Bullet reads them, each written when it is first asked for."""
+
+    def __init__(self, directory: str) -> None:
+        self._directory = directory
+        self._paths: dict[str, str] = {}
+
+    def path(self, filename: str) -> str:
+        """Where the mesh file `filename` stands for Bullet, in its own unit."""
+        if filename not in self._paths:
+            meshes = mesh_files.read(filename)
+            pieces = {mesh.piece for mesh in meshes}
+            # Bullet makes a convex hull of a whole STL file, and of each object of an OBJ file.
+            write_file, kind = (write_obj, "obj") if len(pieces) > 1 else (write_stl, "stl")
+            path = os.path.join(self._directory, f"mesh{len(self._paths)}.{kind}")
+            write_file(meshes, path)
+            self._paths[filename] = path
+        return self._paths[filename]
+
+    def plane(self, geometry: Geometry) -> str:
+        """A file with a plane's picture, of which Bullet has none."""
+        path = os.path.join(self._directory, f"plane{len(os.listdir(self._directory))}.stl")
+        write_stl(shapes.triangles(geometry), path)
+        return path
 
 
 def _numbers(values: tuple) -> str:
@@ -100,7 +138,7 @@ def _origin(xyz: tuple, rpy: tuple) -> str:
     return f"<origin xyz={_numbers(xyz)} rpy={_numbers(rpy)}/>"
 
 
-def _link(link: Link, concave: bool) -> str:
+def _link(link: Link, concave: bool, colour: Rgba | None, meshes: _Meshes) -> str:
     if link.inertial is None:
         pose, mass, moments = Pose(), 0.0, ZERO
     else:
@@ -111,47 +149,26 @@ def _link(link: Link, concave: bool) -> str:
         f"<inertial>{_origin(pose.xyz, rpy_from_quaternion(pose.quat))}<mass value=\"{mass!r}\"/>"
         f'<inertia ixx="{ixx!r}" ixy="0" ixz="0" iyy="{iyy!r}" iyz="0" izz="{izz!r}"/></inertial>'
     )
-    body += "".join(_visual(v) for v in link.visuals)
-    body += "".join(_collision(c, concave) for c in link.collisions)
+    if colour is not None:
+        look = f'<material name="m"><color rgba={_numbers(colour)}/></material>'
+        body += "".join(f"<visual>{_shape(visual, meshes)}{look}</visual>"
+                        for visual in link.visuals)
+    for collision in link.collisions:
+        # A mesh that never moves keeps its hollows (a table inside a frame); Bullet wants moving
+        # meshes convex.
+        hollow = ' concave="yes"' if concave and collision.geometry.kind == "mesh" else ""
+        body += f"<collision{hollow}>{_shape(collision, meshes)}</collision>"
     return f"<link name={quoteattr(link.name)}>{body}</link>"
 
 
-def _visual(visual: Visual) -> str:
-    colour = ""
-    if visual.geometry.kind == "plane":
-        visual = _slab(visual)
-    if visual.rgba is not None:
-        colour = f'<material name="m"><color rgba={_numbers(visual.rgba)}/></material>'
-    return (
-        f"<visual>{_origin(visual.origin_xyz, visual.origin_rpy)}"
-        f"<geometry>{_geometry(visual.geometry)}</geometry>{colour}</visual>"
-    )
+def _shape(part: Visual | Collision, meshes: _Meshes) -> str:
+    shape = _geometry(part.geometry, meshes)
+    if isinstance(part, Visual) and part.geometry.kind == "plane":
+        shape = f"<mesh filename={quoteattr(meshes.plane(part.geometry))}/>"
+    return f"{_origin(part.origin_xyz, part.origin_rpy)}<geometry>{shape}</geometry>"
 
 
-def _slab(visual: Visual) -> Visual:
-    """A thin box whose top is the plane: Bullet has no picture of a plane."""
-    width, depth, _ = visual.geometry.size
-    size = (width or 100.0, depth or 100.0, 0.02)
-    normal = np.array(visual.geometry.normal)
-    axis = np.cross((0.0, 0.0, 1.0), normal)
-    tilt = Pose((0.0, 0.0, 0.0), normalised((*axis.tolist(), 1.0 + float(normal[2])))) \
-        if normal[2] > -1.0 else Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
-    pose = Pose.from_rpy(visual.origin_xyz, visual.origin_rpy) @ tilt @ Pose((0.0, 0.0, -0.01))
-    return Visual(visual.name, pose.xyz, rpy_from_quaternion(pose.quat),
-                  Geometry("box", size=size), visual.rgba)
-
-
-def _collision(collision: Collision, concave: bool) -> str:
-    # A mesh that never moves keeps its hollows (a table inside a frame); Bullet wants moving
-    # meshes convex.
-    attribute = ' concave="yes"' if concave and collision.geometry.kind == "mesh" else ""
-    return (
-        f"<collision{attribute}>{_origin(collision.origin_xyz, collision.origin_rpy)}"
-        f"<geometry>{_geometry(collision.geometry)}</geometry></collision>"
-    )
-
-
-def _geometry(geometry: Geometry) -> str:
+def _geometry(geometry: Geometry, meshes: _Meshes) -> str:
     if geometry.kind == "box":
         return f"<box size={_numbers(geometry.size)}/>"
     if geometry.kind in ("cylinder", "capsule"):
@@ -160,7 +177,8 @@ def _geometry(geometry: Geometry) -> str:
         return f'<sphere radius="{geometry.radius!r}"/>'
     if geometry.kind == "plane":
         return f"<plane normal={_numbers(geometry.normal)}/>"
-    return f"<mesh filename={quoteattr(geometry.filename)} scale={_numbers(geometry.scale)}/>"
+    path = quoteattr(meshes.path(geometry.filename))
+    return f"<mesh filename={path} scale={_numbers(geometry.scale)}/>"
 
 
 def _joint(joint: Joint, static: bool) -> str:

@@ -71,10 +71,3 @@ class Model(ModelFrames):
         for name, mass in self._weightless.items():
             centre = self.link_pose(name).apply(self._inertial_poses[name].xyz)
             self.apply_force(name, tuple(-mass * g for g in self.gravity), centre)
-
-    def paint(self, colours: dict[int, tuple], default: tuple) -> None:
-        """Colours (rgba) in PyBullet's window by Bullet link index; the others get `default`."""
-        shapes = pybullet.getVisualShapeData(self.body_id, physicsClientId=self.client)
-        for index in {shape[1] for shape in shapes}:
-            pybullet.changeVisualShape(self.body_id, index, rgbaColor=colours.get(index, default),
-                                       physicsClientId=self.client)

@@ -1,10 +1,8 @@
 """A description brought into Bullet: the body, its numbering, its dynamics, its mimic gears."""
 
-import os
 import tempfile
 from collections.abc import Callable
 
-from aras_sim_bridge.description import mesh_files
 from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.world import bullet_file
@@ -64,10 +62,8 @@ class LoadedModel:
     def _load(self) -> None:
         """Bring the model into Bullet at its spawn pose and configuration, at rest."""
         with tempfile.TemporaryDirectory(prefix="aras_sim_bridge_") as directory:
-            bodies = mesh_files.with_binary_stl(self._bodies, directory)
-            path = os.path.join(directory, "model.urdf")
-            with open(path, "w", encoding="utf-8") as file:
-                file.write(bullet_file.to_urdf(bodies, self.fixed_base))
+            window = pybullet.getConnectionInfo(self.client)["connectionMethod"] == pybullet.GUI
+            path = bullet_file.write(self._bodies, self.fixed_base, window, directory)
             try:
                 self.body_id = pybullet.loadURDF(
                     path, self.spawn_pose.xyz, self.spawn_pose.quat, useFixedBase=self.fixed_base,

@@ -4,8 +4,8 @@ import logging
 import math
 from collections.abc import Mapping
 
+from aras_sim_bridge.description import mesh_files
 from aras_sim_bridge.description.gazebo_materials import COLOURS
-from aras_sim_bridge.description.mesh_files import check_meshes
 from aras_sim_bridge.description.types import (
     Collision,
     Geometry,
@@ -158,7 +158,7 @@ class World:
         if name in self.models:
             raise WorldError(f"a model named '{name}' exists already; delete it or take another")
         _check_simulable(description, name)
-        check_meshes(description, name)
+        mesh_files.read_all(description, name)
         pose = checked_pose(pose, f"model '{name}'", zero_is_identity=True)
         start = _start_positions(description, name, joint_positions or {})
         fixed = bullet_file.root_is_fixed(description) if fixed_base is None else fixed_base
@@ -213,7 +213,7 @@ class World:
         """
         model = self.model(name)
         _check_simulable(description, name)
-        check_meshes(description, name)
+        mesh_files.read_all(description, name)
         model.rebuild(description)
         self._models_changed()
 
@@ -261,7 +261,7 @@ class World:
             DescriptionError: a mesh file was damaged since; nothing is changed then.
         """
         for model in self.models.values():
-            check_meshes(model.description, model.name)
+            mesh_files.read_all(model.description, model.name)
         pybullet.resetSimulation(physicsClientId=self.client)
         self._direct = False
         self._configure()

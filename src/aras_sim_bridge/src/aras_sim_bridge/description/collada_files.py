@@ -1,0 +1,198 @@
+"""COLLADA files (.dae), read by pycollada; what it would pass over in silence is refused here."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import collada
+import numpy as np
+
+from aras_sim_bridge.description import safe_xml
+from aras_sim_bridge.description.mesh import Mesh, from_indices
+from aras_sim_bridge.description.types import Rgba
+from aras_sim_bridge.errors import DescriptionError
+
+# Parts of a look that pycollada does not know or that refer to nothing are left out.
+_LEFT_OUT = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]
+_MOST_NODES = 100_000  # a few kB of nodes that show each other twice make more than any memory
+
+
+def read(data: bytes, folder: Path, check_count: Callable[[int], None]) -> list[Mesh]:
+    """One mesh for each primitive that the scene shows, in metres.
+
+    The unit is applied and the up axis is not, as in Gazebo and rviz.
+
+    Args:
+        folder: what texture files are relative to.
+        check_count: refuses a number of triangles.
+
+    Raises:
+        DescriptionError: saying what is missing or wrong.
+    """
+    root = _checked(data)
+    try:
+        checked = ElementTree.tostring(root)  # without comments, which cost pycollada the text
+        document = collada.Collada(io.BytesIO(checked), ignore=_LEFT_OUT)
+    except Exception as error:  # what it meets in a damaged file it does not foresee everywhere
+        raise DescriptionError(f"its parts do not fit together: {_said(error)}") from None
+    known = {geometry.id for geometry in document.geometries}
+    for geometry in root.findall("library_geometries/geometry"):
+        if geometry.find("mesh") is not None and geometry.get("id") not in known:
+            why = "; ".join(_said(error) for error in document.errors) or "it has no id"
+            raise DescriptionError(f"geometry '{safe_xml.shorten(geometry.get('id') or '')}' "
+                                   f"cannot be read: {safe_xml.shorten(why, 200)}")
+    for instance in root.iter("instance_geometry"):
+        if _reference(instance, "url") not in known:
+            raise DescriptionError("its scene shows a geometry that is not there: "
+                                   f"'{safe_xml.shorten(instance.get('url'))}'")
+    unit = document.assetInfo.unitmeter or 1.0
+    metres = np.diag([unit, unit, unit, 1.0])
+    meshes: list[Mesh] = []
+    for node, placed in _shown(document.scene):
+        looks = {look.symbol: _look(look.target, folder) for look in node.materials}
+        for primitive in node.geometry.primitives:
+            if isinstance(primitive, collada.polylist.Polylist):
+                primitive = _triangulated(primitive)
+            if isinstance(primitive, collada.triangleset.TriangleSet) and len(primitive):
+                look = looks.get(primitive.material, (None, None))
+                meshes.append(_mesh(primitive, metres @ placed, *look))
+                check_count(sum(len(mesh.triangles) for mesh in meshes))
+    if not meshes:
+        raise DescriptionError("its scene shows no triangles")
+    return meshes
+
+
+def _said(error: Exception) -> str:
+    return str(getattr(error, "msg", error)) or type(error).__name__
+
+
+def _checked(data: bytes) -> Element:
+    """The root element, once every array holds as many finite numbers as it says: pycollada takes
+    zero for what is not finite and does not ask for the count."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise DescriptionError("it is not UTF-8 text") from None
+    root = safe_xml.parse(text, "COLLADA", largest=len(data))
+    if root.tag != "COLLADA":
+        tag = safe_xml.shorten(root.tag)
+        raise DescriptionError(f"its root element is <{tag}>, not <COLLADA>")
+    unit = root.find("asset/unit")
+    if unit is not None and safe_xml.number(unit.get("meter"), "<unit>: meter", 1.0) <= 0.0:
+        raise DescriptionError(f"<unit>: meter {unit.get('meter')} must be positive")
+    for array in root.iterfind("library_geometries/geometry/mesh/source/float_array"):
+        values = _numbers(array, float)
+        count = safe_xml.integer(array.get("count"), "<float_array>: count", len(values))
+        if count != len(values):
+            raise DescriptionError(f"<float_array> of {count} has {len(values)} numbers")
+        if not np.isfinite(values).all():
+            raise DescriptionError("<float_array> holds a number that is not finite")
+    for tag in ("instance_geometry", "instance_node", "instance_visual_scene"):
+        for instance in root.iter(tag):
+            _reference(instance, "url")
+    for mesh in root.iterfind("library_geometries/geometry/mesh"):
+        sources = {part.get("id") for part in mesh}
+        for part in mesh.iter("input"):
+            if _reference(part, "source") not in sources:
+                raise DescriptionError(
+                    f"there is no <source> '{safe_xml.shorten(part.get('source'))}'")
+        for primitive in mesh:
+            if primitive.tag in ("triangles", "polylist"):
+                _check_primitive(primitive)
+    for tag, count in (("matrix", 16), ("translate", 3), ("scale", 3), ("rotate", 4)):
+        for transform in root.iter(tag):
+            if len(_numbers(transform, float)) != count or not np.isfinite(
+                    _numbers(transform, float)).all():
+                raise DescriptionError(f"<{tag}>: needs {count} finite numbers")
+    return root
+
+
+def _check_primitive(primitive: Element) -> None:
+    """As many indices as the counts ask for."""
+    what = f"<{primitive.tag}>"
+    count = safe_xml.integer(primitive.get("count"), f"{what}: count")
+    offsets = [safe_xml.integer(part.get("offset"), "<input>: offset")
+               for part in primitive.findall("input")]
+    if not offsets or min(offsets) < 0 or max(offsets) > 64:
+        raise DescriptionError(f"{what} has no <input>, or one at an offset that cannot be")
+    corners = 3 * count
+    if primitive.tag == "polylist":
+        each = primitive.find("vcount")
+        each = np.zeros(0) if each is None else _numbers(each, float)
+        if len(each) != count or (each < 3).any():
+            raise DescriptionError(f"{what} of {count}: <vcount> has {len(each)} numbers; each "
+                                   "polygon has three corners or more")
+        corners = each.sum()
+    found = 0 if primitive.find("p") is None else len(_numbers(primitive.find("p"), float))
+    if count < 0 or found != corners * (max(offsets) + 1):
+        raise DescriptionError(f"{what} of {count}: <p> has {found} indices")
+
+
+def _reference(element: Element, name: str) -> str:
+    """What '#name' refers to; other files are never read."""
+    value = element.get(name) or ""
+    if not value.startswith("#"):
+        raise DescriptionError(f"<{element.tag}>: {name} '{safe_xml.shorten(value)}' does not "
+                               "begin with #")
+    return value[1:]
+
+
+def _numbers(element: Element, kind: type) -> np.ndarray:
+    try:
+        return np.array((element.text or "").split(), dtype=kind)
+    except (ValueError, OverflowError):
+        raise DescriptionError(f"<{element.tag}> holds what is no number") from None
+
+
+def _shown(scene: collada.scene.Scene | None
+           ) -> Iterator[tuple[collada.scene.GeometryNode, np.ndarray]]:
+    """Geometries that the scene shows, with their places in it (4, 4)."""
+    pending = [(node, np.eye(4)) for node in reversed(scene.nodes)] if scene is not None else []
+    for _ in range(_MOST_NODES):
+        if not pending:
+            return
+        node, placed = pending.pop()
+        if isinstance(node, collada.scene.GeometryNode):
+            yield node, placed
+        elif isinstance(node, collada.scene.Node):
+            inside = placed @ node.matrix
+            pending += [(child, inside) for child in reversed(node.children)]
+    raise DescriptionError(f"its scene has more than {_MOST_NODES} nodes; simplify it")
+
+
+def _triangulated(polygons: collada.polylist.Polylist) -> collada.triangleset.TriangleSet:
+    if (polygons.vcounts < 3).any():  # in <polygons>, which _check_primitive leaves out
+        raise DescriptionError("<polygons> has one of fewer than three corners")
+    return polygons.triangleset()
+
+
+def _mesh(triangles: collada.triangleset.TriangleSet, placed: np.ndarray, rgba: Rgba | None,
+          texture: str | None) -> Mesh:
+    index = np.full((*triangles.vertex_index.shape, 3), -1)
+    index[..., 0] = triangles.vertex_index
+    uv = normals = np.zeros((0, 3))
+    if triangles.texcoordset:
+        uv = triangles.texcoordset[0]
+        index[..., 1] = triangles.texcoord_indexset[0]
+    turn = placed[:3, :3]
+    flip = np.linalg.det(turn) < 0.0
+    if triangles.normal is not None and np.linalg.det(turn) != 0.0:
+        normals = triangles.normal @ np.linalg.inv(turn)
+        index[..., 2] = triangles.normal_index
+    vertices = triangles.vertex @ turn.T + placed[:3, 3]
+    return from_indices(index[:, ::-1] if flip else index, vertices, uv, normals, rgba, texture)
+
+
+def _look(material: collada.material.Material, folder: Path) -> tuple[Rgba | None, str | None]:
+    """Colour and texture file of a material's diffuse light, None where it has none."""
+    diffuse = getattr(getattr(material, "effect", None), "diffuse", None)
+    if isinstance(diffuse, collada.material.Map):
+        file = folder / diffuse.sampler.surface.image.path
+        return None, str(file) if file.is_file() else None
+    if diffuse is None:
+        return None, None
+    return (*(float(x) for x in diffuse[:3]), 1.0), None

@@ -1,0 +1,187 @@
+"""Mesh: indexed triangles, and how they are made of loose ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from aras_sim_bridge.description.types import Rgba
+from aras_sim_bridge.errors import DescriptionError
+
+# Faces that meet at less than this angle are shaded as one smooth surface.
+CREASE_ANGLE = np.radians(35.0)
+# Points with more corners than this (the tip of a cone) keep the normals of their faces: comparing
+# each corner with each takes a time that grows with the square of their number.
+_MOST_CORNERS = 128
+_LEAST_AREA = 1e-18  # m², of a parallelogram; smaller triangles are left out
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles with what they look like, in m or in a file's unit.
+
+    positions (V, 3) and unit normals (V, 3) float32, triangles (T, 3) int32, counter-clockwise
+    seen from outside. uv: (V, 2) float32 places in the image file `texture`, v upwards. rgba: the
+    material's colour, None without one. piece: meshes of one file with the same number are one
+    body to collide with, others are bodies of their own (an OBJ file's groups).
+    """
+
+    positions: np.ndarray
+    normals: np.ndarray
+    triangles: np.ndarray
+    uv: np.ndarray | None = None
+    texture: str | None = None
+    rgba: Rgba | None = None
+    piece: int = 0
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it takes."""
+        arrays = (self.positions, self.normals, self.triangles, self.uv)
+        return sum(array.nbytes for array in arrays if array is not None)
+
+    def transformed(self, a_T_b: np.ndarray, scale: np.ndarray | float = 1.0) -> Mesh:
+        """The mesh scaled, then carried from frame b to frame a by (4, 4) a_T_b."""
+        scale = np.broadcast_to(np.asarray(scale, dtype=float), (3,))
+        positions = (self.positions * scale) @ a_T_b[:3, :3].T + a_T_b[:3, 3]
+        normals = normalised((self.normals / scale) @ a_T_b[:3, :3].T)
+        triangles = self.triangles[:, ::-1] if np.prod(scale) < 0 else self.triangles
+        return Mesh(positions.astype(np.float32), normals.astype(np.float32), triangles,
+                    self.uv, self.texture, self.rgba, self.piece)
+
+    def contains(self, point: np.ndarray) -> bool:
+        """Whether a point (3,) is inside, if this is closed: a ray leaves it an odd number of
+        times."""
+        low, high = self.positions.min(axis=0), self.positions.max(axis=0)
+        if (point < low).any() or (point > high).any():
+            return False
+        direction = np.array([0.5773, 0.5411, 0.6119])  # along no edge of anything man-made
+        a, b, c = self.positions[self.triangles].astype(float).transpose(1, 0, 2)
+        e1, e2, to = b - a, c - a, point - a
+        p = np.cross(direction, e2)
+        det = (e1 * p).sum(axis=1)
+        det = np.where(np.abs(det) > 1e-18, det, np.inf)
+        u = (to * p).sum(axis=1) / det
+        q = np.cross(to, e1)
+        v = q @ direction / det
+        t = (e2 * q).sum(axis=1) / det
+        hits = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)
+        return bool(np.count_nonzero(hits) % 2)
+
+
+def normalised(v: np.ndarray) -> np.ndarray:
+    """Vectors (..., 3) scaled to length 1; zero stays zero."""
+    norm = np.linalg.norm(v, axis=-1, keepdims=True)
+    return np.divide(v, norm, out=np.zeros_like(v, dtype=float), where=norm > 1e-20)
+
+
+def from_corners(corners: np.ndarray, crease: float = CREASE_ANGLE) -> Mesh:
+    """Mesh from (T, 3, 3) triangle corners; normals are averaged over faces within `crease` rad.
+
+    Triangles without an area are left out.
+
+    Raises:
+        DescriptionError: none has an area.
+    """
+    corners = np.asarray(corners, dtype=float).reshape(-1, 3, 3)
+    cross = _crosses(corners)
+    keep = np.linalg.norm(cross, axis=1) > _LEAST_AREA
+    corners, cross = corners[keep], cross[keep]
+    flat = corners.reshape(-1, 3)
+    size = np.ptp(flat, axis=0).max() or 1.0
+    _, point = _unique_rows(np.round(flat / (size * 1e-6)).astype(np.int64))
+    normals = _smooth(point, np.repeat(cross, 3, axis=0),
+                      np.repeat(normalised(cross), 3, axis=0), np.cos(crease))
+    key = np.concatenate([point[:, None], np.round(normals * 1e4).astype(np.int64)], axis=1)
+    first, inverse = _unique_rows(key)
+    return Mesh(flat[first].astype(np.float32), normals[first].astype(np.float32),
+                inverse.reshape(-1, 3).astype(np.int32))
+
+
+def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarray,
+                 rgba: Rgba | None, texture: str | None, piece: int = 0) -> Mesh:
+    """Mesh of a file that counts positions, texture coordinates and normals apart.
+
+    index: (T, 3 corners, 3) numbers into v (V, 3), vt (., 2) and vn (., 3), -1 where one lacks.
+    Normals are made where a corner has none; a texture without coordinates is left out.
+
+    Raises:
+        DescriptionError: a position, coordinate or normal that is not there or not finite, or no
+            triangle with an area.
+    """
+    named = ("position", "texture coordinate", "normal")
+    for part, (what, values) in enumerate(zip(named, (v, vt, vn), strict=True)):
+        numbers = index[..., part]
+        wrong = (numbers >= len(values)) | (numbers < (0 if part == 0 else -1))
+        if wrong.any():
+            raise DescriptionError(f"a face names {what} {numbers[wrong][0]} of {len(values)}")
+        if not np.isfinite(values).all():
+            raise DescriptionError(f"a {what} is not finite")
+    textured = texture is not None and len(vt) and (index[..., 1] >= 0).all()
+    if not textured:
+        texture = None
+    given = len(vn) and (index[..., 2] >= 0).all()
+    if not given and not textured:
+        return replace(from_corners(v[index[..., 0]]), rgba=rgba, piece=piece)
+    faces = _crosses(v[index[..., 0]])
+    key, inverse = _unique_rows(index.reshape(-1, 3))
+    key = index.reshape(-1, 3)[key]
+    positions = v[key[:, 0]]
+    triangles = inverse.reshape(-1, 3)
+    if given:
+        normals = vn[key[:, 2]]
+    else:
+        normals = np.zeros_like(positions)
+        np.add.at(normals, triangles.reshape(-1), np.repeat(faces, 3, axis=0))
+    return Mesh(positions.astype(np.float32), normalised(normals).astype(np.float32),
+                triangles.astype(np.int32), vt[key[:, 1]].astype(np.float32) if textured else None,
+                texture, rgba, piece)
+
+
+def _crosses(corners: np.ndarray) -> np.ndarray:
+    """(T, 3) normals of triangles (T, 3, 3), twice as long as their areas."""
+    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    if not (np.linalg.norm(crosses, axis=1) > _LEAST_AREA).any():
+        raise DescriptionError("it has no triangle with an area")
+    return crosses
+
+
+def _unique_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First places and inverse of the sorted unique rows of whole numbers (N, columns).
+
+    As np.unique(axis=0), by one sort of packed numbers instead of a sort of rows.
+    """
+    key = np.zeros(len(rows), np.int64)
+    room = 1
+    for column in rows.T:
+        low = column.min()
+        span = int(column.max() - low) + 1
+        if room * span >= 2**62:
+            _, key = np.unique(key, return_inverse=True)
+            room = len(rows)
+        key = key * span + (column - low)
+        room *= span
+    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
+    return first, inverse
+
+
+def _smooth(point: np.ndarray, weighted: np.ndarray, unit: np.ndarray, cosine: float) -> np.ndarray:
+    """Corner normals: the area-weighted mean over the faces at a point within the crease angle."""
+    order = np.argsort(point, kind="stable")
+    counts = np.bincount(point)
+    starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    start, count = starts[point[order]], counts[point[order]]
+    rank = np.arange(len(order)) - start
+    total = np.zeros_like(weighted)
+    crowded = count > _MOST_CORNERS
+    total[order[crowded]] = weighted[order[crowded]]
+    count = np.where(crowded, 0, count)
+    # Corner i of a point meets corner i + k of the same point, for every k there is.
+    for shift in range(int(count.max())):
+        some = np.flatnonzero(count > shift)
+        corner = order[some]
+        other = order[start[some] + (rank[some] + shift) % count[some]]
+        near = (unit[corner] * unit[other]).sum(axis=1) >= cosine
+        total[corner] += np.where(near[:, None], weighted[other], 0.0)
+    return normalised(total)

@@ -1,0 +1,82 @@
+"""Every shape of a description as triangles: what cameras draw and what meshes collide with."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aras_sim_bridge.description import mesh_files
+from aras_sim_bridge.description.mesh import Mesh, from_corners
+from aras_sim_bridge.description.types import Geometry, Vector3
+from aras_sim_bridge.poses import normalised, rotate
+
+
+def triangles(geometry: Geometry) -> tuple[Mesh, ...]:
+    """The shape in its own frame, m: one mesh, or one for each part of a mesh file.
+
+    Raises:
+        DescriptionError: a mesh file that cannot be used.
+    """
+    if geometry.kind == "mesh":
+        scale = np.array(geometry.scale)
+        return tuple(part.transformed(np.eye(4), scale) for part in mesh_files.read(
+            geometry.filename))
+    if geometry.kind == "plane":
+        return (_plane(geometry.normal, geometry.size[:2]),)
+    makers = {
+        "box": lambda: _box(np.array(geometry.size)),
+        "sphere": lambda: _sphere(geometry.radius),
+        "cylinder": lambda: _cylinder(geometry.radius, geometry.length),
+        "capsule": lambda: _capsule(geometry.radius, geometry.length),
+    }
+    return (makers[geometry.kind](),)
+
+
+def _box(extents: np.ndarray) -> Mesh:
+    """Axis-aligned box of full side lengths `extents` (3,), m."""
+    corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    corners = corners * extents
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    tris = [corners[[q[i] for i in t]] for q in quads for t in ((0, 1, 2), (0, 2, 3))]
+    return from_corners(np.array(tris), crease=0.01)
+
+
+def _sphere(radius: float, rings: int = 16) -> Mesh:
+    """Sphere of latitude rings and longitude sectors."""
+    return _revolved([(radius * np.sin(t), -radius * np.cos(t)) for t in
+                      np.linspace(0.0, np.pi, rings + 1)])
+
+
+def _cylinder(radius: float, length: float) -> Mesh:
+    """Cylinder along z, centred."""
+    h = length / 2.0
+    return _revolved([(0.0, -h), (radius, -h), (radius, h), (0.0, h)])
+
+
+def _capsule(radius: float, length: float, rings: int = 8) -> Mesh:
+    """Capsule along z: a cylinder of `length` with half spheres at its ends."""
+    arc = np.linspace(0.0, np.pi / 2, rings + 1)
+    low = [(radius * np.sin(t), -length / 2 - radius * np.cos(t)) for t in arc]
+    return _revolved(low + [(r, -z) for r, z in reversed(low)])
+
+
+def _revolved(profile: list[tuple[float, float]], sectors: int = 32) -> Mesh:
+    """Surface of the (radius, z) profile, bottom to top, turned about z."""
+    angle = np.linspace(0.0, 2 * np.pi, sectors + 1)
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    ring[-1] = ring[0]
+    tris = []
+    for (r0, z0), (r1, z1) in zip(profile, profile[1:], strict=False):
+        for a, b in zip(ring, ring[1:], strict=False):
+            p = [(*(r0 * a), z0), (*(r0 * b), z0), (*(r1 * b), z1), (*(r1 * a), z1)]
+            tris += [(p[0], p[1], p[2]), (p[0], p[2], p[3])]
+    return from_corners(np.array(tris))
+
+
+def _plane(normal: Vector3, size: tuple[float, float]) -> Mesh:
+    """Rectangle about the origin; 100 m wide, as Gazebo's ground, where no size is given."""
+    x, y, z = normal
+    tilt = normalised((-y, x, 0.0, 1.0 + z)) if z > -1.0 else (1.0, 0.0, 0.0, 0.0)
+    wide, deep = (0.5 * (side or 100.0) for side in size)
+    corners = np.array([rotate(tilt, (a * wide, b * deep, 0.0))
+                        for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+    return from_corners(corners[[[0, 1, 2], [0, 2, 3]]])

@@ -4,6 +4,7 @@
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from aras_sim_bridge.errors import WorldError
@@ -123,6 +124,19 @@ def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
         cr * cp * sy - sr * sp * cy,
         cr * cp * cy + sr * sp * sy,
     )
+
+
+def quaternion_from_matrix(rotation: Sequence[Sequence[float]]) -> Quaternion:
+    """Unit quaternion of a (3, 3) rotation, from its largest component (Shepperd 1978)."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = ([float(v) for v in row] for row in rotation)
+    squares = (1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz, 1.0 + xx + yy + zz)
+    rows = (
+        (squares[0], xy + yx, xz + zx, zy - yz),
+        (xy + yx, squares[1], yz + zy, xz - zx),
+        (xz + zx, yz + zy, squares[2], yx - xy),
+        (zy - yz, xz - zx, yx - xy, squares[3]),
+    )
+    return normalised(rows[squares.index(max(squares))])
 
 
 def rpy_from_quaternion(quat: Quaternion) -> Vector3:

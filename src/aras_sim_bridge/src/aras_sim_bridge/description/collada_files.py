@@ -161,7 +161,7 @@ def _shown(scene: collada.scene.Scene | None
         elif isinstance(node, collada.scene.Node):
             inside = placed @ node.matrix
             pending += [(child, inside) for child in reversed(node.children)]
-    raise DescriptionError(f"its scene has more than {_MOST_NODES} nodes; simplify it")
+    raise DescriptionError(f"its scene has more than {_MOST_NODES} nodes", "simplify it")
 
 
 def _triangulated(polygons: collada.polylist.Polylist) -> collada.triangleset.TriangleSet:

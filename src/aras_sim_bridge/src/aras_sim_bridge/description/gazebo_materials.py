@@ -8,8 +8,9 @@ are given by their mean colour.
 from __future__ import annotations
 
 import difflib
+from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.safe_xml import shorten
+from aras_sim_bridge.description.safe_xml import numbers, shorten, text_of
 from aras_sim_bridge.description.types import Rgba
 
 WHITE: Rgba = (1.0, 1.0, 1.0, 1.0)
@@ -68,3 +69,25 @@ def colour(name: str, link: str, warnings: list[str]) -> Rgba:
         warnings.append(f"link '{link}': material '{shorten(name)}' is none of Gazebo's; drawn "
                         f"white. The nearest is '{near}'")
     return COLOURS.get(name, WHITE)
+
+
+def sdf_colour(link: Element, name: str, warnings: list[str]) -> Rgba | None:
+    """The colour of an SDF link: that of its first visual that has one, for all of them."""
+    found = [text_of(visual.find("material/script"), "name") or _painted(visual, f"link '{name}'")
+             for visual in link.findall("visual")]
+    found = [paint for paint in found if paint is not None]
+    if any(paint != found[0] for paint in found):
+        warnings.append(f"link '{name}': its visuals have several colours; all get the first")
+    first = found[0] if found else None
+    return colour(first, name, warnings) if isinstance(first, str) else first
+
+
+def _painted(visual: Element, where: str) -> Rgba | None:
+    """Diffuse colour of an SDF visual's material, else its ambient one, else None."""
+    material = visual.find("material")
+    for tag in ("diffuse", "ambient"):
+        text = text_of(material, tag)
+        if text is not None:
+            full = f"{text} 1" if len(text.split()) == 3 else text
+            return numbers(full, 4, f"{where}: material {tag}")
+    return None

@@ -119,7 +119,6 @@ def _control_plugin(plugin: Element) -> ControlPlugin:
         robot_namespace=text_of(plugin, "robotNamespace"),
         control_period=value,
         robot_param=text_of(plugin, "robotParam") or ControlPlugin.robot_param,
-        robot_sim_type=text_of(plugin, "robotSimType") or ControlPlugin.robot_sim_type,
         e_stop_topic=text_of(plugin, "eStopTopic"),
     )
 
@@ -168,7 +167,6 @@ def camera(sensor: Element, link: str) -> CameraDescription:
         format=text_of(image, "format") or "R8G8B8", near=near, far=far,
         noise=_noise(node, where), distortion=distortion, distortion_center=center,
         lens=_lens(node, where), plugin=None if plugin is None else _camera_plugin(plugin, where),
-        always_on=truth(text_of(sensor, "always_on"), f"{where}: always_on", False),
     )
 
 
@@ -204,20 +202,11 @@ def _lens(node: Element, where: str) -> LensDescription | None:
         raise DescriptionError(
             f"{where}: lens type '{shorten(kind)}' is unknown; use one of {', '.join(_LENSES)}"
         )
-    custom = lens.find("custom_function")
-    constants = {
-        key: None if text_of(custom, key) is None
-        else number(text_of(custom, key), f"{where}: lens {key}")
-        for key in ("c1", "c2", "c3", "f")
-    }
     return LensDescription(
         kind=kind,
         scale_to_hfov=truth(text_of(lens, "scale_to_hfov"), f"{where}: scale_to_hfov", True),
         cutoff_angle=number(text_of(lens, "cutoff_angle"), f"{where}: cutoff_angle",
                             LensDescription.cutoff_angle),
-        env_texture_size=integer(text_of(lens, "env_texture_size"),
-                                 f"{where}: env_texture_size", 256),
-        fun=text_of(custom, "fun"), **constants,
     )
 
 
@@ -237,7 +226,6 @@ def _camera_plugin(plugin: Element, where: str) -> CameraPlugin:
         distortion=(value("distortionK1"), value("distortionK2"), value("distortionK3"),
                     value("distortionT1"), value("distortionT2")),
         auto_distortion=truth(text_of(plugin, "autoDistortion"), f"{where}: autoDistortion", False),
-        border_crop=truth(text_of(plugin, "borderCrop"), f"{where}: borderCrop", True),
     )
 
 

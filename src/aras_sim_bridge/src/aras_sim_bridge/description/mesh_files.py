@@ -46,9 +46,9 @@ def read_all(description: RobotDescription, model: str) -> None:
                     try:
                         read(shape.geometry.filename)
                     except DescriptionError as error:
+                        where = f"model '{model}', link '{link.name}', {kind}"
                         raise DescriptionError(
-                            f"model '{model}', link '{link.name}', {kind}: {error}"
-                        ) from None
+                            f"{where}: {error.fault}", error.mend, error.path) from None
 
 
 def read(path: str) -> tuple[Mesh, ...]:
@@ -69,8 +69,8 @@ def read(path: str) -> tuple[Mesh, ...]:
     file = Path(path)
     reader = _READERS.get(file.suffix.lower())
     if reader is None:
-        raise DescriptionError(f"mesh file {path} is of no kind that is read; convert it to one of "
-                               + ", ".join(sorted(_READERS)))
+        raise DescriptionError(f"mesh file {path} is of no kind that is read",
+                               f"convert it to one of {', '.join(sorted(_READERS))}", path)
     states = {file: _state(file)}
     try:
         meshes = tuple(reader(_contents(file), file.parent, states))
@@ -79,8 +79,8 @@ def read(path: str) -> tuple[Mesh, ...]:
             raise DescriptionError("it has no triangles")
         _check_count(count)
     except DescriptionError as error:
-        mend = "" if "simplify" in str(error) else "; export it again"
-        raise DescriptionError(f"mesh file {path} cannot be used: {error}{mend}") from None
+        raise DescriptionError(f"mesh file {path} cannot be used: {error.fault}",
+                               error.mend or "export it again", path) from None
     with _cache_lock:
         _cache[path] = states, meshes
         while sum(m.nbytes for _, kept in _cache.values() for m in kept) > _LARGEST_CACHE:
@@ -105,8 +105,9 @@ def _contents(path: Path) -> bytes:
             if not stat.S_ISREG(state.st_mode):
                 raise DescriptionError("it is no regular file")
             if state.st_size > LARGEST_FILE:
-                raise DescriptionError(f"it has {state.st_size} bytes, more than the limit of "
-                                       f"{LARGEST_FILE}; simplify it")
+                raise DescriptionError(
+                    f"it has {state.st_size} bytes, more than the limit of {LARGEST_FILE}",
+                    "simplify it")
             return file.read(LARGEST_FILE)
     except OSError as error:
         raise DescriptionError(f"it cannot be read: {error.strerror}") from None
@@ -114,8 +115,8 @@ def _contents(path: Path) -> bytes:
 
 def _check_count(count: int) -> None:
     if count > MOST_TRIANGLES:
-        raise DescriptionError(f"it has {count} triangles, more than the limit of "
-                               f"{MOST_TRIANGLES}; simplify it")
+        raise DescriptionError(
+            f"it has {count} triangles, more than the limit of {MOST_TRIANGLES}", "simplify it")
 
 
 # ---------------------------------------------------------------------- STL
@@ -201,7 +202,7 @@ def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> l
         except ValueError:
             raise DescriptionError(f"line {number}: what should be a number is none") from None
         except DescriptionError as error:
-            raise DescriptionError(f"line {number}: {error}") from None
+            raise DescriptionError(f"line {number}: {error.fault}", error.mend) from None
     if count == 0:
         raise DescriptionError("it has no faces")
     v, vt, vn = (np.array(values, dtype=float).reshape(-1, width)

@@ -5,6 +5,7 @@ from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
 from aras_sim_bridge.errors import DescriptionError
+from aras_sim_bridge.poses import Vector3
 
 LARGEST_TEXT = 16 * 1024 * 1024  # characters; the largest robots in the wild have some 1e6
 LARGEST_DEPTH = 64
@@ -122,6 +123,15 @@ def numbers(text: str | None, count: int, where: str,
     if len(parts) != count:
         raise DescriptionError(f"{where}: needs {count} numbers, got '{shorten(text)}'")
     return tuple(number(part, where) for part in parts)
+
+
+def direction(text: str | None, where: str, default: Vector3) -> Vector3:
+    """Three numbers scaled to length 1; raises DescriptionError as `number` does, and for zero."""
+    vector = numbers(text, 3, where, default)
+    length = math.sqrt(sum(v * v for v in vector))
+    if length < 1e-9:
+        raise DescriptionError(f"{where} is zero; it needs a direction")
+    return tuple(v / length for v in vector)
 
 
 def integer(text: str | None, where: str, default: int | None = None) -> int:

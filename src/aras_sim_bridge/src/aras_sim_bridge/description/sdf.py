@@ -5,20 +5,22 @@ planes and meshes, with colours, several links with fixed, revolute and prismati
 and lights. Everything else that would change what is simulated is refused by name, never skipped.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import TypeVar
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import gazebo_materials, gazebo_tags, packages, safe_xml
+from aras_sim_bridge.description.geometry import Resolve, sdf_geometry
 from aras_sim_bridge.description.inertia import checked_inertial
-from aras_sim_bridge.description.safe_xml import number, numbers, shorten, text_of, truth
-from aras_sim_bridge.description.sdf_shapes import colour, geometry, material_name
+from aras_sim_bridge.description.safe_xml import direction, number, numbers, shorten, text_of, truth
 from aras_sim_bridge.description.types import (
     ZERO,
     CameraDescription,
     Collision,
+    Inertial,
     Joint,
     JointLimits,
     Light,
@@ -27,11 +29,8 @@ from aras_sim_bridge.description.types import (
     RobotDescription,
     Visual,
 )
-from aras_sim_bridge.description.urdf import unit
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.poses import Pose, rpy_from_quaternion
-
-Resolve = Callable[[str, str], str]
 
 _MODEL_TAGS = {"static", "pose", "link", "joint", "plugin", "self_collide", "allow_auto_disable",
                "enable_wind"}
@@ -40,6 +39,7 @@ _LINK_TAGS = {"pose", "inertial", "visual", "collision", "gravity", "kinematic",
 _WORLD_TAGS = {"model", "light", "gravity", "physics", "scene", "include", "plugin", "gui", "wind",
                "atmosphere", "magnetic_field", "spherical_coordinates", "audio"}
 _JOINT_KINDS = ("revolute", "prismatic", "fixed")
+_Placed = TypeVar("_Placed", Inertial, Visual, Collision)
 _ENDLESS = 1e16  # SDF's way to say that a joint has no limit
 
 
@@ -55,7 +55,7 @@ class SdfContent:
 
 def parse_sdf(
     xml: str,
-    resolve_package: Callable[[str], str] = packages.find,
+    resolve_package: packages.ResolvePackage = packages.find,
     base_directory: str | None = None,
 ) -> RobotDescription:
     """The one model of an SDF text; arguments as `parse_urdf`'s.
@@ -75,7 +75,7 @@ def parse_sdf(
 
 def read_sdf(
     xml: str,
-    resolve_package: Callable[[str], str] = packages.find,
+    resolve_package: packages.ResolvePackage = packages.find,
     base_directory: str | None = None,
 ) -> SdfContent:
     """All models and lights of an SDF text, a `<world>` around them or not.
@@ -180,7 +180,7 @@ def _model(element: Element, resolve: Resolve) -> RobotDescription:
             raise DescriptionError(f"{where}: two links are named '{link.name}'; rename one")
         links[link.name] = link
         poses[link.name] = _pose(node, f"{where}, link '{link.name}'")
-        paint = _paint(node, link.name, warnings)
+        paint = gazebo_materials.sdf_colour(node, link.name, warnings)
         if paint is not None:
             colours[link.name] = paint
         cameras += _cameras(node, link.name, warnings)
@@ -226,10 +226,10 @@ def _link(element: Element, model: str, resolve: Resolve, warnings: list[str]) -
         for part in element.findall(kind):
             inside = f"{where}, {kind} '{shorten(_name(part, where))}'"
             at = _pose(part, inside)
-            shape = geometry(part, inside, resolve)
+            shape = sdf_geometry(part, inside, resolve)
             rpy = rpy_from_quaternion(at.quat)
             if kind == "visual":
-                visuals.append(Visual(part.get("name"), at.xyz, rpy, shape, colour(part, inside)))
+                visuals.append(Visual(part.get("name"), at.xyz, rpy, shape))
             else:
                 collisions.append(Collision(part.get("name"), at.xyz, rpy, shape))
                 friction = part.find("surface/friction/ode")
@@ -240,17 +240,6 @@ def _link(element: Element, model: str, resolve: Resolve, warnings: list[str]) -
     return Link(name, inertial, tuple(visuals), tuple(collisions),
                 truth(text_of(element, "gravity"), f"{where}: gravity", True),
                 truth(text_of(element, "kinematic"), f"{where}: kinematic", False), mu)
-
-
-def _paint(element: Element, link: str, warnings: list[str]) -> Rgba | None:
-    """The link's colour: that of its first visual that has one, for all of them."""
-    found = [material_name(visual) or colour(visual, f"link '{link}'")
-             for visual in element.findall("visual")]
-    found = [paint for paint in found if paint is not None]
-    if any(paint != found[0] for paint in found):
-        warnings.append(f"link '{link}': its visuals have several colours; all get the first")
-    first = found[0] if found else None
-    return gazebo_materials.colour(first, link, warnings) if isinstance(first, str) else first
 
 
 def _cameras(element: Element, link: str, warnings: list[str]) -> list[CameraDescription]:
@@ -284,7 +273,7 @@ def _joint(element: Element, model: str, poses: Mapping[str, Pose]) -> Joint:
     if truth(text_of(axis, "use_parent_model_frame"), f"{where}: use_parent_model_frame", False):
         raise DescriptionError(f"{where}: <use_parent_model_frame> is not supported; give <xyz> in "
                                "the child link's frame")
-    direction = numbers(text_of(axis, "xyz"), 3, f"{where}: axis xyz", (0.0, 0.0, 1.0))
+    along = direction(text_of(axis, "xyz"), f"{where}: axis", (0.0, 0.0, 1.0))
     limit = None if axis is None else axis.find("limit")
     dynamics = None if axis is None else axis.find("dynamics")
     lower = number(text_of(limit, "lower"), f"{where}: lower", -_ENDLESS)
@@ -302,7 +291,7 @@ def _joint(element: Element, model: str, poses: Mapping[str, Pose]) -> Joint:
     if damping < 0.0 or friction < 0.0:
         raise DescriptionError(f"{where}: damping {damping} and friction {friction} must be ≥ 0")
     return Joint(name, "continuous" if free else kind, parent, child,
-                 axis=unit(direction, f"{where}: axis"), limits=limits, damping=damping,
+                 axis=along, limits=limits, damping=damping,
                  friction=friction)
 
 
@@ -343,7 +332,7 @@ def _tree(where: str, links: dict[str, Link], joints: dict[str, Joint], poses: M
 
 def _shifted(link: Link, pose: Pose) -> Link:
     """The link in the model's frame instead of its own."""
-    def moved(part: object) -> object:
+    def moved(part: _Placed) -> _Placed:
         at = pose @ Pose.from_rpy(part.origin_xyz, part.origin_rpy)
         return replace(part, origin_xyz=at.xyz, origin_rpy=rpy_from_quaternion(at.quat))
 
@@ -376,11 +365,10 @@ def _light(element: Element) -> Light:
             return default
         return numbers(text if len(text.split()) != 3 else f"{text} 1", 4, f"{where}: {tag}")
 
-    direction = numbers(text_of(element, "direction"), 3, f"{where}: direction", (0.0, 0.0, -1.0))
     return Light(
         name, kind, pose.xyz, rpy_from_quaternion(pose.quat) if pose.quat != Pose().quat else ZERO,
         rgba("diffuse", (1.0, 1.0, 1.0, 1.0)), rgba("specular", (0.1, 0.1, 0.1, 1.0)),
-        unit(direction, f"{where}: direction"),
+        direction(text_of(element, "direction"), f"{where}: direction", (0.0, 0.0, -1.0)),
         number(text_of(fade, "constant"), f"{where}: attenuation constant", 1.0),
         number(text_of(fade, "linear"), f"{where}: attenuation linear", 1.0),
         number(text_of(fade, "quadratic"), f"{where}: attenuation quadratic", 0.0),

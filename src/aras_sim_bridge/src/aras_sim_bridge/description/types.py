@@ -30,13 +30,12 @@ class Geometry:
 
 @dataclass(frozen=True)
 class Visual:
-    """What a camera sees of a link. rgba is the URDF's colour (rviz), not Gazebo's material."""
+    """What a camera sees of a link. Its colour is the link's: `RobotDescription.colours`."""
 
     name: str
     origin_xyz: Vector3
     origin_rpy: Vector3
     geometry: Geometry
-    rgba: Rgba | None = None
 
 
 @dataclass(frozen=True)
@@ -155,7 +154,6 @@ class ControlPlugin:
     robot_namespace: str | None = None
     control_period: float | None = None
     robot_param: str = "robot_description"
-    robot_sim_type: str = "gazebo_ros_control/DefaultRobotHWSim"
     e_stop_topic: str | None = None
 
 
@@ -170,17 +168,11 @@ class Noise:
 
 @dataclass(frozen=True)
 class LensDescription:
-    """`<lens>` of a wideanglecamera: r = c1 f fun(theta / c2 + c3)."""
+    """`<lens>` of a wideanglecamera."""
 
     kind: str = "gnomonical"
     scale_to_hfov: bool = True
     cutoff_angle: float = 1.5707963267948966
-    env_texture_size: int = 256
-    c1: float | None = None
-    c2: float | None = None
-    c3: float | None = None
-    f: float | None = None
-    fun: str | None = None
 
 
 @dataclass(frozen=True)
@@ -200,7 +192,6 @@ class CameraPlugin:
     focal_length: float = 0.0
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
     auto_distortion: bool = False
-    border_crop: bool = True
 
 
 @dataclass(frozen=True)
@@ -227,7 +218,6 @@ class CameraDescription:
     distortion_center: tuple[float, float] = (0.5, 0.5)
     lens: LensDescription | None = None
     plugin: CameraPlugin | None = None
-    always_on: bool = False
 
 
 @dataclass(frozen=True)

@@ -3,19 +3,17 @@
 Follows http://wiki.ros.org/urdf/XML; where urdfdom would fail or guess, this says what is wrong.
 """
 
-import math
-from collections.abc import Callable
 from types import MappingProxyType
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import gazebo_tags, packages, safe_xml
+from aras_sim_bridge.description.geometry import Resolve, urdf_geometry
 from aras_sim_bridge.description.inertia import checked_inertial
-from aras_sim_bridge.description.safe_xml import number, numbers, shorten
+from aras_sim_bridge.description.safe_xml import direction, number, numbers, shorten
 from aras_sim_bridge.description.types import (
     ZERO,
     Collision,
-    Geometry,
     Joint,
     JointLimits,
     Link,
@@ -23,6 +21,7 @@ from aras_sim_bridge.description.types import (
     RobotDescription,
     SoftLimits,
     Transmission,
+    Vector3,
     Visual,
 )
 from aras_sim_bridge.errors import DescriptionError
@@ -32,7 +31,7 @@ JOINT_KINDS = ("revolute", "continuous", "prismatic", "fixed", "floating", "plan
 
 def parse_urdf(
     xml: str,
-    resolve_package: Callable[[str], str] = packages.find,
+    resolve_package: packages.ResolvePackage = packages.find,
     base_directory: str | None = None,
 ) -> RobotDescription:
     """Read and check a URDF.
@@ -52,14 +51,13 @@ def parse_urdf(
     if not name:
         raise DescriptionError("URDF: <robot> has no name")
     warnings: list[str] = []
-    colours = _materials(root)
 
     def resolve(uri: str, where: str) -> str:
         return packages.resolve_uri(uri, where, resolve_package, base_directory)
 
     links: dict[str, Link] = {}
     for element in root.findall("link"):
-        link = _link(element, colours, resolve, warnings)
+        link = _link(element, resolve, warnings)
         if link.name in links:
             raise DescriptionError(f"URDF: two links are named '{link.name}'; rename one")
         links[link.name] = link
@@ -89,17 +87,7 @@ def parse_urdf(
     )
 
 
-def _materials(root: Element) -> dict[str, tuple | None]:
-    """Colours of the named materials, wherever in the file they are defined."""
-    colours: dict[str, tuple | None] = {}
-    for element in root.iter("material"):
-        name, colour = element.get("name"), element.find("color")
-        if name and colour is not None and colour.get("rgba") is not None:
-            colours[name] = numbers(colour.get("rgba"), 4, f"material '{shorten(name)}': rgba")
-    return colours
-
-
-def _origin(element: Element, where: str) -> tuple[tuple, tuple]:
+def _origin(element: Element, where: str) -> tuple[Vector3, Vector3]:
     origin = element.find("origin")
     if origin is None:
         return ZERO, ZERO
@@ -109,7 +97,7 @@ def _origin(element: Element, where: str) -> tuple[tuple, tuple]:
     )
 
 
-def _link(element: Element, colours: dict, resolve: Callable, warnings: list[str]) -> Link:
+def _link(element: Element, resolve: Resolve, warnings: list[str]) -> Link:
     name = element.get("name")
     if not name:
         raise DescriptionError("URDF: a link has no name")
@@ -131,80 +119,17 @@ def _link(element: Element, colours: dict, resolve: Callable, warnings: list[str
         inertial = checked_inertial(
             where, number(mass.get("value"), f"{where}: mass value"), xyz, rpy, values, warnings
         )
-    visuals = tuple(
-        _visual(v, f"{where}, visual {i + 1}", colours, resolve)
-        for i, v in enumerate(element.findall("visual"))
-    )
-    collisions = []
+    visuals, collisions = [], []
+    for i, node in enumerate(element.findall("visual")):
+        inside = f"{where}, visual {i + 1}"
+        visuals.append(Visual(node.get("name") or "", *_origin(node, inside),
+                              urdf_geometry(node, inside, resolve)))
     for i, node in enumerate(element.findall("collision")):
         inside = f"{where}, collision {i + 1}"
-        xyz, rpy = _origin(node, inside)
         label = node.get("name") or (f"{name}_collision" + (f"_{i}" if i else ""))
-        collisions.append(Collision(label, xyz, rpy, _geometry(node, inside, resolve)))
-    return Link(name, inertial, visuals, tuple(collisions))
-
-
-def _visual(element: Element, where: str, colours: dict, resolve: Callable) -> Visual:
-    xyz, rpy = _origin(element, where)
-    material = element.find("material")
-    rgba = None
-    if material is not None:
-        colour = material.find("color")
-        if colour is not None and colour.get("rgba") is not None:
-            rgba = numbers(colour.get("rgba"), 4, f"{where}: material rgba")
-        elif material.get("name"):
-            rgba = colours.get(material.get("name"))
-    return Visual(element.get("name") or "", xyz, rpy, _geometry(element, where, resolve), rgba)
-
-
-def _positive(element: Element, key: str, where: str) -> float:
-    value = number(element.get(key), f"{where}: {element.tag} {key}")
-    if value <= 0.0:
-        raise DescriptionError(f"{where}: {element.tag} {key} is {value}; it must be positive")
-    return value
-
-
-def _geometry(element: Element, where: str, resolve: Callable) -> Geometry:
-    node = element.find("geometry")
-    shape = next(iter(node), None) if node is not None else None
-    if shape is None:
-        raise DescriptionError(f"{where}: has no <geometry> with a shape in it")
-    if shape.tag == "box":
-        size = numbers(shape.get("size"), 3, f"{where}: box size")
-        if min(size) <= 0.0:
-            raise DescriptionError(f"{where}: box size {size} must be positive")
-        return Geometry("box", size=size)
-    if shape.tag in ("cylinder", "capsule"):
-        return Geometry(shape.tag, radius=_positive(shape, "radius", where),
-                        length=_positive(shape, "length", where))
-    if shape.tag == "sphere":
-        return Geometry("sphere", radius=_positive(shape, "radius", where))
-    if shape.tag == "plane":  # Bullet's extension of URDF, used by its data package
-        normal = numbers(shape.get("normal"), 3, f"{where}: plane normal", (0.0, 0.0, 1.0))
-        return Geometry("plane", normal=unit(normal, f"{where}: plane normal"))
-    if shape.tag == "mesh":
-        filename = shape.get("filename")
-        if not filename:
-            raise DescriptionError(f"{where}: <mesh> has no filename")
-        words = (shape.get("scale") or "1 1 1").split()
-        scale = numbers(" ".join(words * 3 if len(words) == 1 else words), 3, f"{where}: scale")
-        if 0.0 in scale:
-            raise DescriptionError(f"{where}: mesh scale {scale} holds a zero")
-        path = resolve(filename, where)
-        shape.set("filename", path)
-        return Geometry("mesh", filename=path, scale=scale)
-    raise DescriptionError(
-        f"{where}: unknown shape <{shorten(shape.tag)}>; "
-        "use box, cylinder, sphere, capsule, plane or mesh"
-    )
-
-
-def unit(vector: tuple, where: str) -> tuple[float, float, float]:
-    """`vector` scaled to length 1; DescriptionError when it has none."""
-    length = math.sqrt(sum(v * v for v in vector))
-    if length < 1e-9:
-        raise DescriptionError(f"{where} is zero; it needs a direction")
-    return tuple(v / length for v in vector)
+        collisions.append(Collision(label, *_origin(node, inside),
+                                    urdf_geometry(node, inside, resolve)))
+    return Link(name, inertial, tuple(visuals), tuple(collisions))
 
 
 def _joint(element: Element) -> Joint:
@@ -227,7 +152,7 @@ def _joint(element: Element) -> Joint:
     axis_node = element.find("axis")
     axis = (1.0, 0.0, 0.0)
     if axis_node is not None and kind in ("revolute", "continuous", "prismatic", "planar"):
-        axis = unit(numbers(axis_node.get("xyz"), 3, f"{where}: axis xyz", axis), f"{where}: axis")
+        axis = direction(axis_node.get("xyz"), f"{where}: axis", axis)
     dynamics = element.find("dynamics")
     damping = friction = 0.0
     if dynamics is not None:

@@ -8,6 +8,7 @@ import numpy as np
 from aras_sim_bridge.world.bullet import pybullet
 
 from ..errors import RenderingError
+from ..poses import quaternion_from_matrix
 from ..world import World
 from .scene import Part, Scene
 from .view import Light, View
@@ -149,7 +150,7 @@ class TinyRenderer:
             self._row_of[body + 1] = part.row + 1
 
     def _place(self, world_T_link: np.ndarray) -> None:
-        quaternions = [_quaternion(T[:3, :3]) for T in world_T_link]
+        quaternions = [quaternion_from_matrix(T[:3, :3]) for T in world_T_link]
         for body, part in self._copies:
             pybullet.resetBasePositionAndOrientation(
                 body, world_T_link[part.row, :3, 3], quaternions[part.row],
@@ -175,20 +176,3 @@ def _slices(part: Part, limit: int = 10000):
         used, inverse = np.unique(chunk, return_inverse=True)
         yield (part.mesh.positions[used].tolist(), part.mesh.normals[used].tolist(),
                inverse.reshape(-1).tolist())
-
-
-def _quaternion(R: np.ndarray) -> np.ndarray:
-    """Unit quaternion xyzw of a rotation matrix, by its largest component."""
-    m = np.array([R[0, 0], R[1, 1], R[2, 2]])
-    trace = m.sum()
-    i = int(np.argmax([*m, trace]))
-    q = np.empty(4)
-    if i == 3:
-        q[3] = 1 + trace
-        q[:3] = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-    else:
-        j, k = (i + 1) % 3, (i + 2) % 3
-        q[i] = 1 - trace + 2 * R[i, i]
-        q[j], q[k] = R[j, i] + R[i, j], R[k, i] + R[i, k]
-        q[3] = R[k, j] - R[j, k]
-    return q / np.linalg.norm(q)

@@ -6,10 +6,9 @@ Cameras draw the description, so only Bullet's own window needs visuals.
 """
 
 import os
+from collections.abc import Sequence
 from dataclasses import replace
 from xml.sax.saxutils import quoteattr
-
-import numpy as np
 
 from aras_sim_bridge.description import mesh_files, shapes
 from aras_sim_bridge.description.gazebo_materials import WHITE
@@ -24,12 +23,14 @@ from aras_sim_bridge.description.types import (
     Link,
     Rgba,
     RobotDescription,
+    Vector3,
     Visual,
 )
-from aras_sim_bridge.world.poses import (
+from aras_sim_bridge.poses import (
     Pose,
     multiply,
     normalised,
+    quaternion_from_matrix,
     quaternion_from_rpy,
     rpy_from_quaternion,
 )
@@ -82,7 +83,7 @@ def with_massive_root(description: RobotDescription) -> RobotDescription:
 def principal_inertial(inertial: Inertial) -> tuple[Pose, tuple[float, float, float]]:
     """link_T_principal: the frame of Bullet's diagonal inertia in the link, and the moments."""
     moments, axes = principal_axes(inertial.inertia)
-    quat = multiply(quaternion_from_rpy(*inertial.origin_rpy), _quaternion(axes))
+    quat = multiply(quaternion_from_rpy(*inertial.origin_rpy), quaternion_from_matrix(axes))
     return Pose(inertial.origin_xyz, normalised(quat)), tuple(float(m) for m in moments)
 
 
@@ -130,11 +131,11 @@ class _Meshes:
         return path
 
 
-def _numbers(values: tuple) -> str:
+def _numbers(values: Sequence[float]) -> str:
     return '"' + " ".join(repr(float(v)) for v in values) + '"'
 
 
-def _origin(xyz: tuple, rpy: tuple) -> str:
+def _origin(xyz: Vector3, rpy: Vector3) -> str:
     return f"<origin xyz={_numbers(xyz)} rpy={_numbers(rpy)}/>"
 
 
@@ -195,21 +196,3 @@ def _joint(joint: Joint, static: bool) -> str:
         f"{_origin(joint.origin_xyz, joint.origin_rpy)}<parent link={quoteattr(joint.parent)}/>"
         f"<child link={quoteattr(joint.child)}/>{axis}{limit}</joint>"
     )
-
-
-def _quaternion(rotation: np.ndarray) -> tuple[float, float, float, float]:
-    """Unit quaternion of a (3, 3) rotation, from its largest component (Shepperd 1978)."""
-    r = rotation
-    squares = (
-        1.0 + r[0, 0] - r[1, 1] - r[2, 2],
-        1.0 - r[0, 0] + r[1, 1] - r[2, 2],
-        1.0 - r[0, 0] - r[1, 1] + r[2, 2],
-        1.0 + r[0, 0] + r[1, 1] + r[2, 2],
-    )
-    rows = (
-        (squares[0], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0], r[2, 1] - r[1, 2]),
-        (r[0, 1] + r[1, 0], squares[1], r[1, 2] + r[2, 1], r[0, 2] - r[2, 0]),
-        (r[0, 2] + r[2, 0], r[1, 2] + r[2, 1], squares[2], r[1, 0] - r[0, 1]),
-        (r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1], squares[3]),
-    )
-    return normalised(tuple(float(v) for v in rows[int(np.argmax(squares))]))

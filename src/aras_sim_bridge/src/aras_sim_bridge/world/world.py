@@ -183,8 +183,7 @@ class World:
     def spawn_ground_plane(self, name: str = "ground_plane") -> Model:
         """Gazebo's ground plane: z = 0, grey, 100 m wide to the eye, endless to the touch."""
         plane = Geometry("plane", size=(100.0, 100.0, 0.0))
-        link = Link("link", None, (Visual("visual", (0, 0, 0), (0, 0, 0), plane,
-                                          (0.7, 0.7, 0.7, 1.0)),),
+        link = Link("link", None, (Visual("visual", (0, 0, 0), (0, 0, 0), plane),),
                     (Collision("collision", (0, 0, 0), (0, 0, 0), plane),))
         return self.spawn(RobotDescription(name, "link", {"link": link}, {}, static=True,
                                            colours={"link": COLOURS["Gazebo/Grey"]}), name)

@@ -15,6 +15,7 @@ from geometry_msgs.msg import TransformStamped
 from tf2_msgs.msg import TFMessage
 
 from aras_sim_bridge.camera.mounting import MountedCamera
+from aras_sim_bridge.poses import quaternion_from_matrix
 from aras_sim_bridge.ros.camera.info import prefixed
 
 _lock = threading.Lock()
@@ -34,7 +35,7 @@ def announce(
     message.child_frame_id = frame_id
     p, q = message.transform.translation, message.transform.rotation
     p.x, p.y, p.z = map(float, parent_T_optical[:3, 3])
-    q.x, q.y, q.z, q.w = _quaternion(parent_T_optical[:3, :3])
+    q.x, q.y, q.z, q.w = quaternion_from_matrix(parent_T_optical[:3, :3])
     with _lock:
         _frames[frame_id] = message
         _publish()
@@ -53,17 +54,3 @@ def _publish() -> None:
     if _publisher is None:
         _publisher = rospy.Publisher("/tf_static", TFMessage, latch=True, queue_size=10)
     _publisher.publish(TFMessage(list(_frames.values())))
-
-
-def _quaternion(R: np.ndarray) -> tuple[float, float, float, float]:
-    """xyzw of a rotation matrix (3, 3): the eigenvector that all its parts agree on."""
-    xx, xy, xz, yx, yy, yz, zx, zy, zz = R.ravel()
-    K = np.array([
-        [xx - yy - zz, yx + xy, zx + xz, zy - yz],
-        [yx + xy, yy - xx - zz, zy + yz, xz - zx],
-        [zx + xz, zy + yz, zz - xx - yy, yx - xy],
-        [zy - yz, xz - zx, yx - xy, xx + yy + zz],
-    ])  # fmt: skip
-    x, y, z, w = np.linalg.eigh(K)[1][:, -1]
-    sign = 1.0 if w >= 0.0 else -1.0
-    return sign * float(x), sign * float(y), sign * float(z), sign * float(w)

@@ -1,0 +1,74 @@
+"""The shape in a visual or collision, of URDF and of SDF."""
+
+from collections.abc import Callable
+from xml.etree.ElementTree import Element
+
+from aras_sim_bridge.description.safe_xml import direction, numbers, shorten, text_of
+from aras_sim_bridge.description.types import Geometry
+from aras_sim_bridge.errors import DescriptionError
+
+SHAPES = ("box", "cylinder", "sphere", "capsule", "plane", "mesh")
+Resolve = Callable[[str, str], str]  # a mesh's URI and who names it -> the path of its file
+
+
+def urdf_geometry(element: Element, where: str, resolve: Resolve) -> Geometry:
+    """The shape in a URDF visual's or collision's `<geometry>`; a mesh's path replaces its URI.
+
+    Raises:
+        DescriptionError: no shape, one that is not among SHAPES, or a size that is not positive.
+    """
+    shape = _shape(element, where)
+    made = _geometry(shape, where, resolve, shape.get, "filename")
+    if made.kind == "mesh":
+        shape.set("filename", made.filename)
+    return made
+
+
+def sdf_geometry(element: Element, where: str, resolve: Resolve) -> Geometry:
+    """The same of an SDF visual or collision, whose planes have a size; no submeshes."""
+    shape = _shape(element, where)
+    if shape.find("submesh") is not None:
+        raise DescriptionError(f"{where}: <submesh> is not supported; give it a file of its own")
+    return _geometry(shape, where, resolve, lambda tag: text_of(shape, tag), "uri", (1.0, 1.0))
+
+
+def _shape(element: Element, where: str) -> Element:
+    node = element.find("geometry")
+    shape = next(iter(node), None) if node is not None else None
+    if shape is None:
+        raise DescriptionError(f"{where}: has no <geometry> with a shape in it")
+    return shape
+
+
+def _geometry(shape: Element, where: str, resolve: Resolve, value: Callable[[str], str | None],
+              file: str, plane: tuple[float, float] = (0.0, 0.0)) -> Geometry:
+    """value: text of one of the shape's settings. file: name of a mesh's. plane: default size."""
+    kind = shape.tag
+
+    def positive(key: str, count: int, default: tuple[float, ...] | None = None) -> tuple:
+        sizes = numbers(value(key), count, f"{where}: {kind} {key}", default)
+        if sizes != default and min(sizes) <= 0.0:
+            shown = sizes[0] if count == 1 else sizes
+            raise DescriptionError(f"{where}: {kind} {key} is {shown}; it must be positive")
+        return sizes
+
+    if kind == "box":
+        return Geometry(kind, size=positive("size", 3))
+    if kind in ("cylinder", "capsule"):
+        return Geometry(kind, radius=positive("radius", 1)[0], length=positive("length", 1)[0])
+    if kind == "sphere":
+        return Geometry(kind, radius=positive("radius", 1)[0])
+    if kind == "plane":  # in URDF an extension of Bullet's
+        normal = direction(value("normal"), f"{where}: plane normal", (0.0, 0.0, 1.0))
+        return Geometry(kind, size=(*positive("size", 2, plane), 0.0), normal=normal)
+    if kind == "mesh":
+        uri = value(file)
+        if not uri:
+            raise DescriptionError(f"{where}: <mesh> has no {file}")
+        words = (value("scale") or "1 1 1").split()
+        scale = numbers(" ".join(words * 3 if len(words) == 1 else words), 3, f"{where}: scale")
+        if 0.0 in scale:
+            raise DescriptionError(f"{where}: mesh scale {scale} holds a zero")
+        return Geometry(kind, filename=resolve(uri, where), scale=scale)
+    raise DescriptionError(
+        f"{where}: shape <{shorten(kind)}> is not supported; use {', '.join(SHAPES)}")

@@ -3,6 +3,7 @@
 Follows http://wiki.ros.org/urdf/XML; where urdfdom would fail or guess, this says what is wrong.
 """
 
+import math
 from types import MappingProxyType
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -189,7 +190,7 @@ def _limits(element: Element, kind: str, where: str) -> JointLimits | None:
     upper = number(node.get("upper"), f"{where}: limit upper", 0.0)
     if bounded and lower > upper:
         raise DescriptionError(f"{where}: limit lower {lower} is above upper {upper}")
-    required = None if bounded else 0.0
+    required = None if bounded else math.inf  # what a continuous joint leaves open is free
     effort = number(node.get("effort"), f"{where}: limit effort", required)
     velocity = number(node.get("velocity"), f"{where}: limit velocity", required)
     if effort < 0.0 or velocity < 0.0:

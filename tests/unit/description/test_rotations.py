@@ -1,0 +1,113 @@
+"""Angles, quaternions and matrices agree, at their poles too; tensors find their axes."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from aras_sim_bridge.description.inertia import checked_inertial, principal_axes, tensor
+from aras_sim_bridge.errors import DescriptionError
+from aras_sim_bridge.poses import (
+    Pose,
+    quaternion_from_matrix,
+    quaternion_from_rpy,
+    rotate,
+    rpy_from_quaternion,
+)
+from aras_sim_bridge.world.bullet_file import principal_inertial
+
+
+def about(axis, angle):
+    """(3, 3) rotation about x, y or z, from its definition."""
+    c, s = math.cos(angle), math.sin(angle)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    R = np.eye(3)
+    R[i, i] = R[j, j] = c
+    R[i, j], R[j, i] = -s, s
+    return R
+
+
+def matrix(rpy):
+    """(3, 3) of URDF's fixed axes: roll about x first, yaw about z last."""
+    return about(2, rpy[2]) @ about(1, rpy[1]) @ about(0, rpy[0])
+
+
+ANGLES = list(itertools.product((-2.0, 0.0, 0.7), (-math.pi / 2, -0.4, 1.1, math.pi / 2),
+                                (-3.0, 0.0, 1.3)))
+
+
+@pytest.mark.parametrize("rpy", ANGLES)
+def test_angles_survive_quaternions_and_matrices(rpy):
+    """At a pitch of ±90° many angles are one rotation, so rotations are compared."""
+    R = matrix(rpy)
+    np.testing.assert_allclose(np.array(Pose.from_rpy((1, 2, 3), rpy).matrix())[:3, :3], R,
+                               atol=1e-15)
+    quat = quaternion_from_rpy(*rpy)
+    np.testing.assert_allclose(matrix(rpy_from_quaternion(quat)), R, atol=2e-7)
+    back = quaternion_from_matrix(R)
+    assert abs(np.dot(back, quat)) == pytest.approx(1.0, abs=1e-14)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_half_turns_have_a_quaternion(axis):
+    quat = quaternion_from_matrix(about(axis, math.pi))
+    expected = np.eye(4)[axis]
+    np.testing.assert_allclose(np.abs(quat), expected, atol=1e-12)
+
+
+def tensors():
+    """Symmetric positive tensors whose eigenvectors come out of numpy as reflections and not."""
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        moments = np.array([1.0, 1.5, 2.0]) * rng.uniform(0.5, 2)
+        R = matrix(rng.uniform(-3, 3, 3))
+        T = R @ np.diag(moments) @ R.T
+        yield T[0, 0], T[0, 1], T[0, 2], T[1, 1], T[1, 2], T[2, 2]
+
+
+def test_principal_axes_turn_and_never_mirror():
+    mirrored = 0
+    for inertia in tensors():
+        moments, axes = principal_axes(inertia)
+        assert np.linalg.det(axes) == pytest.approx(1.0)
+        np.testing.assert_allclose(axes @ np.diag(moments) @ axes.T, tensor(inertia), atol=1e-12)
+        mirrored += np.linalg.det(np.linalg.eigh(tensor(inertia))[1]) < 0.0
+    assert 0 < mirrored < 20
+
+
+def test_a_diagonal_tensor_keeps_its_axes():
+    moments, axes = principal_axes((3.0, 0.0, 0.0, 1.0, 0.0, 2.0))
+    assert moments.tolist() == [3.0, 1.0, 2.0]
+    assert (axes == np.eye(3)).all()
+
+
+def test_what_bullet_gets_is_the_same_tensor_about_the_same_point():
+    rpy = (0.3, -0.2, 0.9)
+    for inertia in tensors():
+        inertial = checked_inertial("link 'a'", 2.0, (1.0, 2.0, 3.0), rpy, inertia, [])
+        pose, moments = principal_inertial(inertial)
+        assert pose.xyz == (1.0, 2.0, 3.0)
+        R = np.array([rotate(pose.quat, tuple(axis)) for axis in np.eye(3)]).T
+        frame = matrix(rpy)
+        np.testing.assert_allclose(R @ np.diag(moments) @ R.T,
+                                   frame @ tensor(inertia) @ frame.T, atol=1e-12)
+
+
+def test_tensors_that_no_body_has():
+    warnings = []
+    assert checked_inertial("link 'a'", 0.0, (0, 0, 0), (0, 0, 0), (1,) * 6, warnings) is None
+    assert not warnings
+    with pytest.raises(DescriptionError, match="mass is -1.0 kg; it must not be negative"):
+        checked_inertial("link 'a'", -1.0, (0, 0, 0), (0, 0, 0), (1, 0, 0, 1, 0, 1), warnings)
+    with pytest.raises(DescriptionError, match=r"negative principal moment \(-1\)"):
+        checked_inertial("link 'a'", 1.0, (0, 0, 0), (0, 0, 0), (1, 2, 0, 1, 0, 5), warnings)
+    assert not warnings
+    ball = checked_inertial("link 'a'", 2.0, (0, 0, 0), (0, 0, 0), (0,) * 6, warnings)
+    assert ball.inertia == pytest.approx((0.002, 0, 0, 0.002, 0, 0.002))  # 2/5 m r², r = 5 cm
+    assert "link 'a': the inertia tensor is zero" in warnings.pop()
+    flat = (1.0, 0.0, 0.0, 100.0, 0.0, 1.0)
+    assert checked_inertial("link 'a'", 1.0, (0, 0, 0), (0, 0, 0), flat, warnings).inertia == flat
+    assert "1, 1, 100 break the triangle inequality" in warnings.pop()
+    checked_inertial("link 'a'", 1.0, (0, 0, 0), (0, 0, 0), (1, 0, 0, 1, 0, 2.003), warnings)
+    assert not warnings, "a CAD export's rounding"

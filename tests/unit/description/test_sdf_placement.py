@@ -1,0 +1,116 @@
+"""Where SDF's poses put links, shapes, joints and cameras; and what it leaves open."""
+
+import math
+
+import numpy as np
+import pytest
+
+from aras_sim_bridge.description import Inertial, parse_sdf
+from aras_sim_bridge.errors import DescriptionError
+from aras_sim_bridge.poses import Pose
+from aras_sim_bridge.world import World
+
+EYE = ("<sensor name='{0}' type='camera'><pose>1 2 3 0.1 0.2 0.3</pose><camera><image><width>32"
+       "</width><height>24</height></image></camera></sensor>")
+BALL = "<visual name='v'><pose>0 0 1 0 0 0</pose><geometry><sphere><radius>1</radius></sphere>" \
+       "</geometry></visual>"
+
+
+def model(inside):
+    """A model of this text."""
+    return parse_sdf(f"<sdf><model name='m'>{inside}</model></sdf>")
+
+
+def link(name, pose, inside=""):
+    """A link at a pose in the model."""
+    return f"<link name='{name}'><pose>{pose}</pose>{inside}</link>"
+
+
+def joint(inside="", kind="revolute", parent="a", child="b"):
+    """A joint between two links."""
+    return (f"<joint name='j' type='{kind}'><parent>{parent}</parent><child>{child}</child>"
+            f"{inside}</joint>")
+
+
+def test_a_camera_looks_from_where_its_link_and_its_own_pose_put_it():
+    """The root link's frame becomes the model's, so its pose goes into what is on it."""
+    made = model(link("a", "4 5 6 0 0 1.5", EYE.format("on_root") + BALL)
+                 + link("b", "7 8 9 0.5 0 0", EYE.format("on_arm")) + joint())
+    on_root, on_arm = made.cameras
+    sensor = Pose.from_rpy((1, 2, 3), (0.1, 0.2, 0.3))
+    placed = {"a": Pose.from_rpy((4, 5, 6), (0, 0, 1.5)),
+              "b": Pose.from_rpy((7, 8, 9), (0.5, 0, 0))}
+    np.testing.assert_allclose(Pose.from_rpy(*on_root.pose).matrix(),
+                               (placed["a"] @ sensor).matrix(), atol=1e-12)
+    assert on_arm.pose == ((1, 2, 3), (0.1, 0.2, 0.3))
+    (ball,) = made.links["a"].visuals
+    assert ball.origin_xyz == pytest.approx((4, 5, 7))
+    with World() as world:
+        robot = world.spawn(made, "m", Pose((10, 0, 0)))
+        seen = robot.link_pose("b") @ Pose.from_rpy(*on_arm.pose)
+        expected = Pose((10, 0, 0)) @ placed["b"] @ sensor
+        np.testing.assert_allclose(seen.matrix(), expected.matrix(), atol=1e-9)
+
+
+@pytest.mark.parametrize("pitch", [-math.pi / 2, math.pi / 2])
+def test_a_link_may_stand_on_its_nose(pitch):
+    """At ±90° of pitch roll and yaw turn about one axis; the link's place is right all the same."""
+    made = model(link("a", "0 0 0 0 0 0") + link("b", f"1 2 3 0.4 {pitch} 0.9") + joint())
+    expected = Pose.from_rpy((1, 2, 3), (0.4, pitch, 0.9)).matrix()
+    at = made.joints["j"]
+    np.testing.assert_allclose(Pose.from_rpy(at.origin_xyz, at.origin_rpy).matrix(), expected,
+                               atol=2e-7)
+    with World() as world:
+        np.testing.assert_allclose(world.spawn(made, "m").link_pose("b").matrix(), expected,
+                                   atol=2e-7)
+
+
+def test_a_joint_s_numbers_and_what_it_leaves_open():
+    links = link("a", "0 0 0 0 0 0") + link("b", "0 0 1 0 0 0")
+    made = model(links + joint("<axis><xyz>0 3 4</xyz><limit><lower>-1</lower><upper>2</upper>"
+                               "<effort>3</effort><velocity>4</velocity></limit><dynamics>"
+                               "<damping>5</damping><friction>6</friction></dynamics></axis>"))
+    found = made.joints["j"]
+    assert found.kind == "revolute" and found.axis == pytest.approx((0, 0.6, 0.8))
+    assert (found.limits.lower, found.limits.upper) == (-1, 2)
+    assert (found.limits.effort, found.limits.velocity) == (3, 4)
+    assert (found.damping, found.friction) == (5, 6)
+    plain = model(links + joint()).joints["j"]
+    assert plain.kind == "continuous" and plain.axis == (0.0, 0.0, 1.0)
+    assert plain.limits.lower is None and plain.limits.effort >= 1e15
+    slide = model(links + joint(kind="prismatic")).joints["j"]
+    assert slide.kind == "prismatic" and slide.limits.lower <= -1e15
+    free = model(links + joint("<axis><limit><effort>-1</effort></limit></axis>")).joints["j"]
+    assert free.limits.effort >= 1e15, "SDF's -1 is no limit"
+
+
+def test_what_a_link_leaves_open():
+    bare = model("<link name='a'/>").links["a"]
+    assert bare.inertial == Inertial(1.0, (0, 0, 0), (0, 0, 0), (1, 0, 0, 1, 0, 1))
+    full = model(
+        "<link name='a'><gravity>0</gravity><kinematic>1</kinematic><inertial><mass>2</mass>"
+        "<inertia><ixx>3</ixx><ixy>.1</ixy><ixz>.2</ixz><iyy>4</iyy><iyz>.3</iyz><izz>5</izz>"
+        "</inertia></inertial><collision name='c'><geometry><plane><size>3 4</size></plane>"
+        "</geometry><surface><friction><ode><mu>.5</mu></ode></friction></surface></collision>"
+        "</link>").links["a"]
+    assert full.inertial.inertia == (3, 0.1, 0.2, 4, 0.3, 5)
+    assert (full.gravity, full.kinematic, full.mu) == (False, True, 0.5)
+    plane = full.collisions[0].geometry
+    assert (plane.size, plane.normal) == ((3, 4, 0), (0, 0, 1))
+
+
+@pytest.mark.parametrize("inside, reason", [
+    (joint(parent="world", child="a") + joint(parent="b", child="a").replace("'j'", "'k'"),
+     "link 'a' has two parents; trees only"),
+    (joint() + joint(parent="b", child="a").replace("'j'", "'k'"), "the joints form a loop"),
+    (joint() + joint(), "two joints are named 'j'"),
+    (joint("<pose>0 0 1 0 0 0</pose>"), "a <pose> of its own is not supported"),
+    (joint("<axis><use_parent_model_frame>1</use_parent_model_frame></axis>"),
+     "<use_parent_model_frame> is not supported"),
+    (joint("<axis><xyz>0 0 0</xyz></axis>"), "axis is zero; it needs a direction"),
+    (joint("<axis><limit><lower>2</lower><upper>1</upper></limit></axis>"), "2.0 is above upper"),
+    (joint("<axis><dynamics><damping>-1</damping></dynamics></axis>"), "must be ≥ 0"),
+])
+def test_joints_that_cannot_be(inside, reason):
+    with pytest.raises(DescriptionError, match=reason):
+        model(link("a", "0 0 0 0 0 0") + link("b", "0 0 1 0 0 0") + inside)

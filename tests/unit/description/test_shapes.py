@@ -1,0 +1,209 @@
+"""Shapes as triangles, and what a renderer is given of a world: where, in which colour."""
+
+import math
+
+import numpy as np
+import pytest
+
+from aras_sim_bridge.description import (
+    Geometry,
+    Inertial,
+    Link,
+    RobotDescription,
+    Visual,
+    shapes,
+)
+from aras_sim_bridge.description.mesh import Mesh, from_corners, from_indices
+from aras_sim_bridge.errors import DescriptionError
+from aras_sim_bridge.poses import Pose
+from aras_sim_bridge.rendering.scene import Scene
+from aras_sim_bridge.world import World
+
+BOX = Geometry("box", size=(0.2, 0.4, 0.6))
+
+
+def corners(mesh):
+    """(T, 3, 3) corners of the triangles."""
+    return mesh.positions[mesh.triangles].astype(float)
+
+
+def volume(mesh):
+    """m³ that the triangles enclose, counter-clockwise from outside."""
+    a, b, c = corners(mesh).transpose(1, 0, 2)
+    return np.einsum("ni,ni->n", np.cross(a, b), c).sum() / 6
+
+
+@pytest.mark.parametrize("shape, expected, extents", [
+    (BOX, 0.048, (0.2, 0.4, 0.6)),
+    (Geometry("sphere", radius=0.5), math.pi / 6, (1, 1, 1)),
+    (Geometry("cylinder", radius=0.5, length=2.0), math.pi / 2, (1, 1, 2)),
+    (Geometry("capsule", radius=0.5, length=2.0), math.pi / 2 + math.pi / 6, (1, 1, 3)),
+])
+def test_solids_have_their_size_and_volume(shape, expected, extents):
+    """Facets lie inside round shapes: up to 2 % of the volume are lost."""
+    (mesh,) = shapes.triangles(shape)
+    assert np.ptp(mesh.positions, axis=0) == pytest.approx(extents, rel=1e-6)
+    assert np.abs(mesh.positions.max(axis=0) + mesh.positions.min(axis=0)).max() < 1e-6
+    assert 0.98 * expected < volume(mesh) <= expected * (1 + 1e-6)
+    assert np.linalg.norm(mesh.normals, axis=1) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("normal", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0, -0.6, 0.8)])
+def test_a_plane_is_a_rectangle_that_its_normal_leaves(normal):
+    (mesh,) = shapes.triangles(Geometry("plane", size=(2.0, 6.0, 0.0), normal=normal))
+    assert len(mesh.triangles) == 2
+    assert np.abs(mesh.normals - normal).max() < 1e-6
+    a, b, c = corners(mesh).transpose(1, 0, 2)
+    assert np.cross(b - a, c - a).sum(axis=0) / 2 == pytest.approx(12.0 * np.array(normal))
+    sides = sorted(np.linalg.norm(corners(mesh)[0] - np.roll(corners(mesh)[0], 1, axis=0), axis=1))
+    assert sides == pytest.approx([2.0, 6.0, math.sqrt(40)])
+    if normal == (0, 0, 1):
+        assert mesh.positions.max(axis=0) == pytest.approx((1, 3, 0))
+    (endless,) = shapes.triangles(Geometry("plane", normal=normal))
+    assert np.linalg.norm(endless.positions, axis=1) == pytest.approx(50 * math.sqrt(2))
+
+
+def test_a_mirrored_mesh_keeps_its_outside_outside():
+    (box,) = shapes.triangles(BOX)
+    T = np.array(Pose.from_rpy((1, 2, 3), (0.1, 0.2, 0.3)).matrix())
+    for scale in ((1, 1, 1), (2, 3, -1), (-1, -2, 1), (-1, -1, -1)):
+        moved = box.transformed(T, scale)
+        assert volume(moved) == pytest.approx(0.048 * abs(np.prod(scale)), rel=1e-5)
+        a, b, c = corners(moved).transpose(1, 0, 2)
+        outward = np.cross(b - a, c - a)
+        assert (np.einsum("ni,ni->n", outward, moved.normals[moved.triangles[:, 0]]) > 0).all()
+        assert moved.positions.mean(axis=0) == pytest.approx((1, 2, 3), abs=1e-5)
+
+
+def test_what_is_inside():
+    (box,) = shapes.triangles(BOX)
+    assert box.contains(np.array([0.09, -0.19, 0.29]))
+    for point in ((0.11, 0, 0), (0, 0.21, 0), (0, 0, -0.31)):
+        assert not box.contains(np.array(point))
+
+
+def test_edges_are_sharp_and_round_things_smooth():
+    def roof(angle):
+        """Two faces that meet at this angle, rad."""
+        s, c = math.sin(angle / 2), math.cos(angle / 2)
+        return from_corners([[(0, 0, 0), (c, 0, -s), (0, 1, 0)], [(0, 0, 0), (0, 1, 0),
+                                                                 (-c, 0, -s)]])
+    assert len(roof(math.radians(34)).positions) == 4
+    assert len(roof(math.radians(36)).positions) == 6
+    assert roof(math.radians(34)).normals[:, 2].max() == pytest.approx(1.0)
+
+
+def test_faces_without_an_area_are_left_out():
+    flat = [(0, 0, 0), (1, 0, 0), (2, 0, 0)]
+    mesh = from_corners([[(0, 0, 0), (1, 0, 0), (0, 1, 0)], flat])
+    assert len(mesh.triangles) == 1
+    with pytest.raises(DescriptionError, match="no triangle with an area"):
+        from_corners([flat])
+
+
+def test_a_file_s_own_normals_and_coordinates():
+    v = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0)], float)
+    vn = np.array([(0, 0, 2.0), (0, 3.0, 4.0)])
+    vt = np.array([(0, 0), (1, 0), (0, 1.0)])
+    index = np.array([[(0, 0, 0), (1, 1, 0), (2, 2, 1)]])
+    mesh = from_indices(index, v, vt, vn, (1, 0, 0, 1), "a.png", 3)
+    assert mesh.normals.tolist() == [[0, 0, 1], [0, 0, 1], pytest.approx([0, 0.6, 0.8])]
+    assert mesh.uv.tolist() == vt.tolist()
+    assert (mesh.rgba, mesh.texture, mesh.piece) == ((1, 0, 0, 1), "a.png", 3)
+    bare = from_indices(np.where([True, False, False], index, -1), v, vt, vn, None, "a.png")
+    assert bare.uv is None and bare.texture is None
+    assert bare.normals.tolist() == [[0, 0, 1]] * 3
+    for part, what in ((0, "position"), (1, "texture coordinate"), (2, "normal")):
+        wrong = index.copy()
+        wrong[0, 1, part] = 3
+        with pytest.raises(DescriptionError, match=f"a face names {what} 3 of"):
+            from_indices(wrong, v, vt, vn, None, None)
+    with pytest.raises(DescriptionError, match="a normal is not finite"):
+        from_indices(index, v, vt, vn * [1, 1, math.inf], None, None)
+
+
+# ------------------------------------------------------------------ a world's shapes
+
+def body(*visuals, colours=(), com=None, name="r"):
+    """A model of one link."""
+    inertial = None if com is None else Inertial(1.0, com, (0.4, 0.5, 0.6), (1, 0, 0, 2, 0, 2.5))
+    return RobotDescription(name, "link", {"link": Link("link", inertial, visuals)}, {},
+                            static=com is None, colours=dict(colours))
+
+
+def test_a_visual_is_drawn_where_its_origin_and_its_link_put_it():
+    """Wherever the centre of mass is, and while the body turns."""
+    origin = ((0.1, 0.2, 0.3), (0.3, -0.4, 0.5))
+    with World(gravity=(0, 0, 0)) as world:
+        at = Pose.from_rpy((1, 2, 3), (0.7, 0.8, -0.9))
+        model = world.spawn(body(Visual("v", *origin, BOX), com=(0.5, 0.1, -0.2)), "m", at)
+        scene = Scene(world)
+        for _ in range(2):
+            scene.refresh()
+            (part,), (pose,) = scene.parts, scene.poses()
+            expected = np.array((model.link_pose("link") @ Pose.from_rpy(*origin)).matrix())
+            drawn = part.mesh.positions @ pose[:3, :3].T + pose[:3, 3]
+            (box,) = shapes.triangles(BOX)
+            exact = box.positions @ expected[:3, :3].T + expected[:3, 3]
+            assert np.abs(drawn - exact).max() < 1e-6
+            model.apply_force("link", (0, 100, 0), (0, 0, 0))
+            for _ in range(500):
+                world.step()
+        assert np.abs(expected[:3, :3] - at.matrix()[0][0]).max() > 0.1
+
+
+def test_colours_go_link_mesh_white_and_the_invisible_is_left_out(tmp_path):
+    path = tmp_path / "a.obj"
+    (tmp_path / "a.mtl").write_text("newmtl m\nKd 0 1 0\n")
+    path.write_text("mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
+                    "usemtl none\nf 1 3 2\n")
+    visual = Visual("v", (0, 0, 0), (0, 0, 0), Geometry("mesh", filename=str(path)))
+
+    def drawn(**colours):
+        with World() as world:
+            world.spawn(body(visual, colours=colours), "m")
+            scene = Scene(world)
+            scene.refresh()
+            return [part.rgba for part in scene.parts]
+
+    assert drawn() == [(0, 1, 0, 1), (1, 1, 1, 1)]
+    assert drawn(link=(1, 0, 0, 0.5)) == [(1, 0, 0, 0.5)] * 2
+    assert drawn(link=(1, 0, 0, 0)) == []
+
+
+def test_the_scene_follows_the_world():
+    with World() as world:
+        scene = Scene(world)
+        visual = Visual("v", (0, 0, 0), (0, 0, 0), BOX)
+        assert scene.refresh() and not scene.refresh()
+        assert scene.version == 1 and not scene.parts
+        world.spawn(body(), "unseen")
+        model = world.spawn(body(visual), "m")
+        assert scene.refresh()
+        assert scene.labels().tolist() == [model.body_id]
+        assert scene.poses().shape == (1, 4, 4)
+        world.reset_simulation()
+        assert scene.refresh(), "a mesh file may have changed"
+        world.delete("m")
+        assert scene.refresh() and not scene.parts and scene.poses().shape == (0, 4, 4)
+        assert scene.version == 4
+
+
+def test_poses_between_the_snapshot_and_now():
+    """Half of the way, the short way round, whatever sign the quaternions have."""
+    with World() as world:
+        model = world.spawn(body(Visual("v", (0, 0, 0), (0, 0, 0), BOX)), "m",
+                            Pose.from_rpy((0, 0, 0), (0, 0, 3.1)))
+        scene = Scene(world)
+        scene.snapshot()
+        model.set_pose(Pose.from_rpy((1, 0, 0), (0, 0, 3.2)))
+        for blend, yaw in ((0.0, 3.1), (0.5, 3.15), (1.0, 3.2), (2.0, 3.2)):
+            (pose,) = scene.poses_at(blend)
+            assert pose[0, 3] == pytest.approx(min(blend, 1.0))
+            assert math.atan2(pose[1, 0], pose[0, 0]) % (2 * math.pi) == pytest.approx(yaw)
+
+
+def test_the_memory_of_a_mesh_is_counted():
+    arrays = np.zeros((4, 3), np.float32), np.zeros((4, 3), np.float32), np.zeros((2, 3), np.int32)
+    assert Mesh(*arrays).nbytes == 48 + 48 + 24
+    assert Mesh(*arrays, uv=np.zeros((4, 2), np.float32)).nbytes == 120 + 32

@@ -1,0 +1,219 @@
+"""URDF: what each element and attribute becomes, and what is said where one is wrong."""
+
+import math
+
+import pytest
+
+from aras_sim_bridge.description import (
+    JointLimits,
+    Mimic,
+    SoftLimits,
+    Transmission,
+    parse_urdf,
+)
+from aras_sim_bridge.errors import DescriptionError
+
+LIMIT = "<limit lower='-1' upper='2' effort='3' velocity='4'/>"
+
+
+def robot(inside, name="r"):
+    """A robot of this text."""
+    return parse_urdf(f"<robot name='{name}'>{inside}</robot>")
+
+
+def joined(joint, kind="revolute", attributes=""):
+    """The joint 'j' of this text between the links a and b."""
+    return robot(f"<link name='a'/><link name='b'/><joint name='j' type='{kind}' {attributes}>"
+                 f"<parent link='a'/><child link='b'/>{joint}</joint>").joints["j"]
+
+
+def shown(shape, tag="visual"):
+    """The parts of a link with this shape."""
+    link = robot(f"<link name='a'><{tag}><geometry>{shape}</geometry></{tag}></link>").links["a"]
+    return link.visuals if tag == "visual" else link.collisions
+
+
+def test_a_joint_s_numbers():
+    joint = joined(f"<origin xyz='1 2 3' rpy='.1 .2 .3'/><axis xyz='0 3 4'/>{LIMIT}"
+                   "<dynamics damping='5' friction='6'/><safety_controller k_velocity='7' "
+                   "k_position='8' soft_lower_limit='-.5' soft_upper_limit='.5'/>")
+    assert (joint.parent, joint.child, joint.kind, joint.moves) == ("a", "b", "revolute", True)
+    assert (joint.origin_xyz, joint.origin_rpy) == ((1, 2, 3), (0.1, 0.2, 0.3))
+    assert joint.axis == pytest.approx((0.0, 0.6, 0.8))
+    assert joint.limits == JointLimits(-1.0, 2.0, 3.0, 4.0)
+    assert (joint.damping, joint.friction) == (5.0, 6.0)
+    assert joint.soft_limits == SoftLimits(-0.5, 0.5, 8.0, 7.0)
+    assert joint.mimic is None
+
+
+def test_what_a_joint_leaves_open():
+    joint = joined(LIMIT, "prismatic")
+    assert joint.axis == (1.0, 0.0, 0.0)
+    assert (joint.origin_xyz, joint.origin_rpy) == ((0, 0, 0), (0, 0, 0))
+    assert (joint.damping, joint.friction, joint.soft_limits) == (0.0, 0.0, None)
+    half = joined("<limit effort='1' velocity='2'/>")
+    assert half.limits == JointLimits(0.0, 0.0, 1.0, 2.0)
+    assert joined("", "continuous").limits is None
+    endless = joined("<limit lower='-1' upper='1' effort='5' velocity='6'/>", "continuous")
+    assert endless.limits == JointLimits(None, None, 5.0, 6.0)
+    assert joined("<limit velocity='6'/>", "continuous").limits.effort == math.inf
+    assert joined("<limit effort='5'/>", "continuous").limits.velocity == math.inf
+    assert not joined("", "fixed").moves
+    open_soft = joined(f"{LIMIT}<safety_controller k_velocity='1'/>").soft_limits
+    assert open_soft == SoftLimits(None, None, 0.0, 1.0)
+
+
+def test_a_mimic_follows_a_joint_that_moves():
+    text = ("<link name='a'/><link name='b'/><link name='c'/>"
+            f"<joint name='j' type='revolute'><parent link='a'/><child link='b'/>{LIMIT}</joint>"
+            f"<joint name='k' type='revolute'><parent link='b'/><child link='c'/>{LIMIT}"
+            "<mimic joint='{}'{}/></joint>")
+    assert robot(text.format("j", "")).joints["k"].mimic == Mimic("j", 1.0, 0.0)
+    full = robot(text.format("j", " multiplier='-2' offset='.5'"))
+    assert full.joints["k"].mimic == Mimic("j", -2.0, 0.5)
+    assert full.moving_joints() == ("j", "k")
+    with pytest.raises(DescriptionError, match="mimics 'x', which is not a moving joint"):
+        robot(text.format("x", ""))
+    with pytest.raises(DescriptionError, match="joint 'k': its mimics form a loop"):
+        robot(text.format("k", ""))
+
+
+def test_shapes():
+    (box,) = shown("<box size='1 2 3'/>")
+    assert (box.geometry.kind, box.geometry.size, box.name) == ("box", (1, 2, 3), "")
+    for kind in ("cylinder", "capsule"):
+        (part,) = shown(f"<{kind} radius='.5' length='2'/>", "collision")
+        assert (part.geometry.kind, part.geometry.radius, part.geometry.length) == (kind, 0.5, 2.0)
+        assert part.name == "a_collision"
+    assert shown("<sphere radius='.5'/>")[0].geometry.radius == 0.5
+    plane = shown("<plane normal='0 3 4'/>")[0].geometry
+    assert plane.normal == pytest.approx((0, 0.6, 0.8))
+    assert plane.size == (0.0, 0.0, 0.0)
+    assert shown("<plane/>")[0].geometry.normal == (0.0, 0.0, 1.0)
+
+
+def test_meshes_name_their_files(tmp_path):
+    file = tmp_path / "a.stl"
+    file.touch()
+    mesh = shown(f"<mesh filename='file://{file}' scale='1 2 -3'/>")[0].geometry
+    assert (mesh.kind, mesh.filename, mesh.scale) == ("mesh", str(file), (1, 2, -3))
+    assert shown(f"<mesh filename='{file}' scale='2'/>")[0].geometry.scale == (2, 2, 2)
+    assert shown(f"<mesh filename='{file}'/>")[0].geometry.scale == (1, 1, 1)
+    text = ("<robot name='r'><link name='a'><visual><geometry><mesh filename='package://p/a.stl'/>"
+            "</geometry></visual></link></robot>")
+    found = parse_urdf(text, lambda package: str(tmp_path) if package == "p" else "")
+    assert found.links["a"].visuals[0].geometry.filename == str(file)
+    assert f'filename="{file}"' in found.xml and "package:" not in found.xml
+
+
+@pytest.mark.parametrize("uri, reason", [
+    ("package://p/../a.stl", "climbs out of package 'p'"), ("package://p/b.stl", "does not exist"),
+    ("http://p/a.stl", "unknown scheme 'http://'"), ("a.stl", "is a relative path"),
+    ("", "has no filename"), ("package://no such/a.stl", "is not a package name"),
+])
+def test_mesh_files_that_are_not_to_be_had(tmp_path, uri, reason):
+    (tmp_path / "p").mkdir()
+    (tmp_path / "a.stl").touch()
+    text = (f"<robot name='r'><link name='a'><visual><geometry><mesh filename='{uri}'/></geometry>"
+            "</visual></link></robot>")
+    from aras_sim_bridge.description import packages
+    with pytest.raises(DescriptionError, match=reason):
+        parse_urdf(text, lambda name: str(tmp_path / "p") if name == "p" else packages.find(name))
+
+
+def test_inertials_origins_and_names_of_parts():
+    link = robot(
+        "<link name='a'><inertial><origin xyz='1 2 3' rpy='.1 .2 .3'/><mass value='2'/>"
+        "<inertia ixx='4' ixy='.1' ixz='.2' iyy='5' iyz='.3' izz='6'/></inertial>"
+        "<visual name='v'><origin xyz='4 5 6' rpy='.4 .5 .6'/><geometry><sphere radius='1'/>"
+        "</geometry></visual><collision><origin xyz='7 8 9'/><geometry><sphere radius='1'/>"
+        "</geometry></collision><collision><geometry><sphere radius='2'/></geometry></collision>"
+        "</link>").links["a"]
+    assert (link.inertial.mass, link.inertial.origin_xyz) == (2.0, (1, 2, 3))
+    assert link.inertial.origin_rpy == (0.1, 0.2, 0.3)
+    assert link.inertial.inertia == (4.0, 0.1, 0.2, 5.0, 0.3, 6.0)
+    (visual,) = link.visuals
+    assert (visual.name, visual.origin_xyz, visual.origin_rpy) == ("v", (4, 5, 6), (0.4, 0.5, 0.6))
+    assert [c.name for c in link.collisions] == ["a_collision", "a_collision_1"]
+    assert link.collisions[0].origin_xyz == (7, 8, 9)
+    assert link.gravity and not link.kinematic and link.mu is None
+
+
+def test_transmissions_are_kept_as_written():
+    found = robot(
+        "<link name='a'/><transmission name='t'><type>x/Simple</type><joint name='j'>"
+        "<hardwareInterface>EffortJointInterface</hardwareInterface></joint><joint name='k'/>"
+        "<actuator name='m'><mechanicalReduction>50</mechanicalReduction></actuator></transmission>"
+        "<transmission name='u' type='Old'><mechanicalReduction>7</mechanicalReduction>"
+        "</transmission>").transmissions
+    assert found == (
+        Transmission("t", "x/Simple", "j", "EffortJointInterface", 50.0, True, ("j", "k"),
+                     ("EffortJointInterface",)),
+        Transmission("u", "Old", "", "", 7.0, False))
+
+
+A = "<link name='a'/>"
+AB = A + "<link name='b'/>"
+JOINT = "<joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint>"
+
+
+@pytest.mark.parametrize("inside, reason", [
+    ("", "robot 'r' has no link"),
+    ("<link/>", "a link has no name"),
+    (f"<link name='{'a' * 257}'/>", "a link name of 257 characters"),
+    (A + A, "two links are named 'a'"),
+    (AB, "needs exactly one root link, found 'a', 'b'"),
+    (AB + JOINT + JOINT, "two joints are named 'j'"),
+    (A + JOINT, "joint 'j': link 'b' does not exist"),
+    (AB + JOINT + JOINT.replace("'j'", "'k'"), "link 'b' already has a parent"),
+    (AB + JOINT + "<joint name='k' type='fixed'><parent link='b'/><child link='a'/></joint>",
+     "found none"),
+    (AB + "<link name='c'/>" + JOINT.replace("'a'", "'c'")
+     + "<joint name='k' type='fixed'><parent link='b'/><child link='c'/></joint>",
+     "link 'b' is in a loop of joints, not in the tree of 'a'"),
+    (AB + JOINT.replace("fixed", "screw"), "type 'screw' is unknown; use one of revolute"),
+    (AB + JOINT.replace("fixed", "revolute"), "a revolute joint needs <limit lower="),
+    (AB + "<joint type='fixed'/>", "a joint has no name"),
+    (AB + "<joint name='j' type='fixed'><parent link='a'/></joint>", "has no <child link=…>"),
+    (AB + JOINT.replace("<child link='b'/>", "<child link='b'/><mimic/>"), "<mimic> names no joi"),
+    (AB + JOINT.replace("<child", "<dynamics damping='-1'/><child"), "damping -1.0 and friction"),
+    (AB + JOINT.replace("fixed", "revolute").replace(
+        "<child", "<limit lower='2' upper='1' effort='1' velocity='1'/><child"),
+     "limit lower 2.0 is above upper 1.0"),
+    (AB + JOINT.replace("fixed", "revolute").replace(
+        "<child", "<limit lower='1' upper='2' effort='-1' velocity='1'/><child"), "be negative"),
+    (AB + JOINT.replace("fixed", "revolute").replace(
+        "<child", "<limit lower='1' upper='2' velocity='1'/><child"), "limit effort is missing"),
+    (AB + JOINT.replace("fixed", "continuous").replace("<child", "<axis xyz='0 0 0'/><child"),
+     "joint 'j': axis is zero; it needs a direction"),
+    ("<link name='a'><inertial/></link>", "link 'a': <inertial> has no <mass>"),
+    ("<link name='a'><visual/></link>", "link 'a', visual 1: has no <geometry>"),
+    ("<link name='a'><visual><geometry><cone/></geometry></visual></link>",
+     "shape <cone> is not supported; use box, cylinder, sphere, capsule, plane, mesh"),
+    ("<link name='a'><visual><geometry><box size='1 1'/></geometry></visual></link>",
+     "link 'a', visual 1: box size: needs 3 numbers, got '1 1'"),
+    ("<link name='a'><visual><geometry><box size='1 0 1'/></geometry></visual></link>",
+     r"box size is \(1.0, 0.0, 1.0\); it must be positive"),
+    ("<link name='a'><collision><geometry><sphere radius='-2'/></geometry></collision></link>",
+     "link 'a', collision 1: sphere radius is -2.0; it must be positive"),
+    ("<link name='a'><collision><geometry><cylinder radius='1'/></geometry></collision></link>",
+     "cylinder length is missing"),
+    ("<link name='a'><visual><geometry><mesh filename='/dev/null' scale='1 0 1'/></geometry>"
+     "</visual></link>", "does not exist|holds a zero"),
+])
+def test_what_is_wrong_is_named(inside, reason):
+    with pytest.raises(DescriptionError, match=reason):
+        robot(inside)
+
+
+@pytest.mark.parametrize("text, reason", [
+    ("", "the description is empty"), ("<robot name='r'>", "line 1, column"),
+    ("<sdf/>", "the root element is <sdf>, not <robot>"), ("<robot/>", "<robot> has no name"),
+    ("<!DOCTYPE r [<!ENTITY a 'b'>]><robot name='r'/>", "document type and entity declarations"),
+    ("<robot name='r'><xacro:if/></robot>", "unexpanded <xacro:if>; run xacro on the file first"),
+    ("<a>" * 65 + "</a>" * 65, "more than 64 elements deep"),
+    ("<robot name='r'>" + " " * 16_777_216 + "</robot>", "more than the limit of 16777216"),
+])
+def test_texts_that_are_no_urdf(text, reason):
+    with pytest.raises(DescriptionError, match=reason):
+        parse_urdf(text)

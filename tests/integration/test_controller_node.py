@@ -22,6 +22,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.before.node import CONTROLLERS, NAMESPACE
+from aras_visual_servo_controller.before.settings import STARTS
 from aras_visual_servo_controller.goals import DESIRED_JOINTS, from_geometry
 from aras_visual_servo_controller.kinematics import (
     JOINT_NAMES,
@@ -31,14 +33,12 @@ from aras_visual_servo_controller.kinematics import (
     transform,
 )
 from aras_visual_servo_controller.mounting import to_xyz_rpy
-from aras_visual_servo_controller.node import CONTROLLERS, NAMESPACE
-from aras_visual_servo_controller.settings import STARTS
 from aras_visual_servo_controller.target import outline
 from aras_visual_servo_controller.virtual_robot import VirtualRobot
 
 SPEED = 2.0  # simulated seconds per second of wall time
 PERIOD = 1.0 / 90.0  # of the joint states; every third carries an image
-NODE = [sys.executable, "-c", "import sys; from aras_visual_servo_controller.node import main; "
+NODE = [sys.executable, "-c", "import sys; from aras_visual_servo_controller.before.node import main; "
         "sys.exit(main())"]
 
 

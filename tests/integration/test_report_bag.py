@@ -17,12 +17,12 @@ from aras_visual_servo_bench.ros.bag import read_bag
 from aras_visual_servo_controller.before.laws import Proportional
 from aras_visual_servo_controller.before.schemes import create
 from aras_visual_servo_controller.before.servo import Servo
+from aras_visual_servo_controller.before.settings import STARTS
 from aras_visual_servo_controller.conversions import fill_state
 from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_controller.goals import DESIRED_JOINTS, from_geometry
 from aras_visual_servo_controller.kinematics import JOINT_NAMES
 from aras_visual_servo_controller.resolver import Resolver
-from aras_visual_servo_controller.settings import STARTS
 from aras_visual_servo_controller.virtual_robot import VirtualRobot
 
 NAMESPACE = "/aras_visual_servo"

@@ -16,9 +16,9 @@ from aras_visual_servo_camera.pipeline import Settings as VisionSettings
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.before.schemes import Measurement
 from aras_visual_servo_controller.before.servo import CONVERGED
+from aras_visual_servo_controller.before.settings import Settings
 from aras_visual_servo_controller.kinematics import JOINT_NAMES, pose_difference
 from aras_visual_servo_controller.mounting import from_description
-from aras_visual_servo_controller.settings import Settings
 
 STREAM = 10  # ticks of 1 ms between commands, as between joint states
 LATENCY = 15  # ticks from an exposure to its answer, as on a graph

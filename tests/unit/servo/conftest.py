@@ -10,10 +10,10 @@ import pytest
 
 from aras_visual_servo_controller.before import laws, schemes
 from aras_visual_servo_controller.before.servo import Servo, ServoSettings
+from aras_visual_servo_controller.before.settings import STARTS
 from aras_visual_servo_controller.goals import DESIRED_JOINTS, from_geometry
 from aras_visual_servo_controller.kinematics import Kinematics
 from aras_visual_servo_controller.resolver import Resolver
-from aras_visual_servo_controller.settings import STARTS
 
 
 class Loops:

@@ -11,6 +11,7 @@ import pytest
 from aras_visual_servo_controller.before import servo
 from aras_visual_servo_controller.before.laws import Proportional
 from aras_visual_servo_controller.before.schemes import create
+from aras_visual_servo_controller.before.settings import STARTS, Settings
 from aras_visual_servo_controller.desired import Desired
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals import DESIRED_JOINTS, from_geometry
@@ -22,7 +23,6 @@ from aras_visual_servo_controller.kinematics import (
     transform,
 )
 from aras_visual_servo_controller.mounting import from_description, same, to_xyz_rpy
-from aras_visual_servo_controller.settings import STARTS, Settings
 from aras_visual_servo_controller.virtual_robot import VirtualRobot
 
 SOURCES = Path(__file__).parents[3] / "src"

@@ -7,10 +7,10 @@ import pytest
 import yaml
 
 from aras_visual_servo_controller.before.laws import Adaptive
+from aras_visual_servo_controller.before.settings import STARTS, Settings
 from aras_visual_servo_controller.desired import Desired
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals import DESIRED_JOINTS, from_geometry
-from aras_visual_servo_controller.settings import STARTS, Settings
 from aras_visual_servo_controller.teach import main as teach
 
 PACKAGE = Path(__file__).parents[3] / "src" / "aras_visual_servo_controller"

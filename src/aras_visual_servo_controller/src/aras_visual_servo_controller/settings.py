@@ -1,90 +1,125 @@
-"""Parameters of the controller node, checked before the first step.
+"""Parameters of the controller: each one listed once, with unit and default, and checked.
 
-Every parameter is one field of `Settings`; the table in the package's README lists the same.
+The node, the runner and the tests build their loop from the same `Settings`, so it is one loop.
 """
 
-import difflib
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from . import mounting
-from .before.laws import Adaptive, Law, Proportional
-from .before.schemes import create
-from .before.servo import Servo, ServoSettings
-from .desired import Desired
-from .errors import ConfigurationError, ServoError
-from .goals import from_geometry
-from .kinematics import J1, JOINT_NAMES, Kinematics
-from .resolver import Resolver, ResolverSettings
-from .tasks import JointLimitAvoidance, JointLimits, Posture, SingularityAvoidance, Task
+from .arm import (
+    Arm,
+    JointLimitAvoidance,
+    Limits,
+    Posture,
+    Resolver,
+    ResolverSettings,
+    SecondaryTask,
+    SingularityAvoidance,
+)
+from .arm.fold import find
+from .errors import ConfigurationError
+from .goal import Goal
+from .laws import Law, create_law
+from .observation import Observer
+from .schemes import JointController, Scheme, create_scheme
+from .servo import Servo
+from .setting_kinds import checked, parameter, suggestion, yaml_mapping
+from .starts import start_joints
+from .state import ServoSettings
 
-# The laboratory's two initial poses: gantry (m), J1, J2, J3, J5, J6 (rad).
-STARTS = {
-    "2015": (0.1, 0.0, *np.radians([10.0, -5.0, -5.0, 0.0]).tolist()),
-    "2016": (-0.1, 0.0, *np.radians([20.0, -15.0, -5.0, 10.0]).tolist()),
+# Parameters that laws take by these names.
+LAW_GAINS = {
+    "proportional": {"gain": "gain"},
+    "adaptive": {"zero": "gain_zero", "infinity": "gain_infinity", "slope": "gain_slope"},
+    "pi": {"gain": "gain"},
+    "sliding_mode": {"gain": "gain"},
 }
-CONFIG = Path("config")
+SERVO = (
+    "hold", "lead", "lag", "delay", "watchdog", "stop_time", "output", "stiffness", "damping",
+    "approach_speed",
+)  # fmt: skip
+# Names of former versions.
+ALIASES = {"pitch_gain": "hold_gain"}
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Private parameters of the node, with their defaults; lengths in m, angles in rad.
+    """Parameters of the loop and its node; lengths in m, angles in rad.
 
-    Attributes:
-        scheme: 'moments', 'moments_2016', 'kernel' or 'package.module:Class'.
-        start: '2015', '2016', 'none' (servo from where the robot stands), or six joint values.
-        desired: 'auto' (that of the start), '2015', '2016', or the path of a YAML file.
-        law: 'proportional' or 'adaptive'.
-        gain: of the proportional law, 1/s.
-        gain_zero, gain_infinity, gain_slope: of the adaptive law, 1/s, 1/s, 1/(s unit).
-        ramp: time constant with which the gain rises at the start, s; 0 for none.
-        smoothing: time constant of the low-pass on the features' errors, s; 0 for none.
-        hold: time that every error must stay below its threshold, s.
-        max_velocity: of the six joints, m/s and rad/s.
-        lower, upper: position limits of the six joints, m and rad.
-        lead: greatest distance of the commands from the measured joints, m and rad.
-        pitch_gain: 1/s with which the camera is kept level.
-        posture_gain: 1/s with which J1 is drawn to 0 by the redundancy.
-        singularity_avoidance: add the laboratory's manipulability gradient to the redundancy.
-        elbow: side of the elbow, +1 or -1, when the arm is straight.
-        lockstep: approach at the camera's pace too, so that every image has exactly one answer;
-            taken from the simulator's speed_mode unless given.
-        listeners: subscribers of controller/state to wait for before moving, 5 s at most, so that
-            a recording has the run from its beginning.
-        image_timeout, joint_timeout: silence after which the node says what it waits for, s.
+    What may be given for each joint is one number for all, a list in the arm's order, or numbers
+    by joint name.
     """
 
-    scheme: str = "moments"
-    start: str | tuple[float, ...] = "2016"
-    desired: str = "auto"
-    law: str = "proportional"
-    gain: float = 3.0
-    gain_zero: float = 5.0
-    gain_infinity: float = 2.0
-    gain_slope: float = 30.0
-    ramp: float = 0.1
-    smoothing: float = 0.1
-    hold: float = 2.0
-    max_velocity: tuple[float, ...] = JointLimits.velocity
-    lower: tuple[float, ...] = JointLimits.lower
-    upper: tuple[float, ...] = JointLimits.upper
-    lead: tuple[float, ...] = ServoSettings.lead
-    pitch_gain: float = 3.0
-    posture_gain: float = 1.0
-    singularity_avoidance: bool = False
-    elbow: int = -1
-    image_timeout: float = 1.0
-    joint_timeout: float = 1.0
-    lockstep: bool = False
-    listeners: float = 0.0
-    package: Path = field(default=Path("."), metadata={"internal": True})
+    scheme: str = parameter("moments", "", "feature, scheme, several joined by '+', or "
+                            "'package.module:Class'")  # fmt: skip
+    interaction: str = parameter("current", "", "L at the view: current, desired, mean, estimated")
+    weights: tuple = parameter((), "", "of stacked features, one each; empty: all alike")
+    smoothing: float = parameter(0.0, "s", "time constant of a low-pass on the errors; 0: none")
+    law: str = parameter("proportional", "", "proportional, adaptive, diagonal, pi, sliding_mode, "
+                         "or 'package.module:Class'")  # fmt: skip
+    gain: float = parameter(5.0, "1/s", "of the law", above=0.0)
+    gain_zero: float = parameter(5.0, "1/s", "of the adaptive law at the goal", above=0.0)
+    gain_infinity: float = parameter(2.0, "1/s", "of the adaptive law far from it", above=0.0)
+    gain_slope: float = parameter(30.0, "1/(s m)", "of the adaptive law", above=0.0)
+    law_options: dict = parameter({}, "", "other arguments of the law, by name")
+    continuous_start: float = parameter(0.0, "1/s", "rate at which the first speed is let in; "
+                                        "0: at once", least=0.0)  # fmt: skip
+    ramp: float = parameter(0.0, "s", "time constant with which the gain rises; 0: none", least=0.0)
+    start: Any = parameter("none", "", "initial pose: a name, none, joints, or {xyz, rpy} of the "
+                           "camera")  # fmt: skip
+    desired: str = parameter("auto", "", "goal: auto (that of the start), a name, or a YAML file")
+    hold: float = parameter(2.0, "s", "over which the mean error has to be small", above=0.0)
+    duration: float = parameter(0.0, "s", "of servoing before it has timed out; 0: no end",
+                                least=0.0)  # fmt: skip
+    max_velocity: Any = parameter(None, "m/s, rad/s", "of each joint; the description's")
+    max_acceleration: Any = parameter(None, "m/s^2, rad/s^2", "of each joint; no limit")
+    lower: Any = parameter(None, "m, rad", "least position of each joint; the description's")
+    upper: Any = parameter(None, "m, rad", "greatest position of each joint; the description's")
+    hold_gain: float = parameter(3.0, "1/s", "at which what the scheme does not model is kept as "
+                                 "at the goal", least=0.0)  # fmt: skip
+    posture: dict = parameter({}, "m, rad", "positions that joints are drawn to, where free")
+    posture_gain: float = parameter(1.0, "1/s", "at which", least=0.0)
+    limit_avoidance: bool = parameter(True, "", "keep joints away from their limits, where free")
+    singularity_avoidance: bool = parameter(False, "", "climb manipulability, where free")
+    elbow: Any = parameter(None, "", "side to which stretched elbows bend: -1 or 1, or by joint")
+    lead: Any = parameter(0.05, "m, rad", "by which a command may be ahead of its joint")
+    lag: float = parameter(0.15, "s", "of joint speed by which it may be ahead besides", least=0.0)
+    approach_speed: float = parameter(0.3, "", "part of max_velocity on the way to the start",
+                                      above=0.0)  # fmt: skip
+    delay: float = parameter(0.0, "s", "from exposure to its answer, in simulated time", least=0.0)
+    watchdog: float = parameter(0.2, "s", "without a fresh answer (or three image periods) before "
+                                "the arm is stopped", above=0.0)  # fmt: skip
+    wall_watchdog: float = parameter(5.0, "s", "of wall time without one, likewise", above=0.0)
+    stop_time: float = parameter(0.15, "s", "in which a stop comes to rest", above=0.0)
+    output: str = parameter("position", "", "what is commanded: position, velocity or effort")
+    stiffness: Any = parameter(0.0, "N/m, N m/rad", "of the effort output")
+    damping: Any = parameter(0.0, "N s/m, N m s/rad", "of the effort output")
+    camera_frame: str = parameter("camera_optical_frame", "", "of the camera, in the description")
+    base_frame: str = parameter("", "", "link that the arm stands on; empty: the root")
+    target_frame: str = parameter("", "", "link that carries the target, where the arm moves it")
+    joints: tuple = parameter((), "", "names of the joints to use; empty: all that move the camera")
+    namespace: str = parameter("/aras_visual_servo", "", "of joint states, features and commands")
+    controllers: dict = parameter({}, "", "name of each joint's controller, in the namespace")
+    command_topic: str = parameter("", "", "one topic of a group of joints, instead of one each")
+    description: str = parameter("robot_description", "", "parameter that holds the URDF")
+    listeners: float = parameter(0.0, "", "subscribers of controller/state to wait for, 5 s at "
+                                 "most", least=0.0)  # fmt: skip
+    image_timeout: float = parameter(1.0, "s", "of silence before it says so", least=0.1)
+    joint_timeout: float = parameter(1.0, "s", "of silence before it says so", least=0.1)
+    lockstep: bool = parameter(False, "", "one answer for each image; from the simulator's "
+                               "speed_mode unless given")  # fmt: skip
+    autostart: bool = parameter(True, "", "servo at once; false: wait for start or the action")
+    dry: bool = parameter(False, "", "send no commands: try a scheme on a recorded bag")
+    package: Path = parameter(Path("."), "", "directory of this package", internal=True)
 
     @classmethod
-    def from_mapping(cls, raw: Mapping[str, Any], package: Path = Path(".")) -> "Settings":
+    def from_mapping(cls, raw: Mapping[str, Any], package: Path = Path(".")) -> Settings:
         """Check what the parameter server holds.
 
         Args:
@@ -96,180 +131,145 @@ class Settings:
         """
         known = {f.name: f for f in fields(cls) if not f.metadata.get("internal")}
         values: dict[str, Any] = {}
-        for name, value in raw.items():
+        for given, value in raw.items():
+            name = ALIASES.get(given, given)
             if name not in known:
-                near = difflib.get_close_matches(name, known, 1)
-                hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known)}"
-                raise ConfigurationError(f"unknown parameter ~{name}: {hint}")
-            values[name] = _convert(name, value, known[name].default)
-        settings = cls(**values, package=package)
-        settings._check()
-        return settings
+                raise ConfigurationError(f"unknown parameter ~{given}: {suggestion(name, known)}")
+            values[name] = checked(known[name], value)
+        return cls(**values, package=package)
 
-    def _check(self) -> None:
-        for name in ("gain", "gain_zero", "gain_infinity", "gain_slope", "hold"):
-            if getattr(self, name) <= 0.0:
-                raise ConfigurationError(f"parameter ~{name} is {getattr(self, name)}, must be > 0")
-        for name in ("ramp", "smoothing", "pitch_gain", "posture_gain", "listeners"):
-            if getattr(self, name) < 0.0:
-                raise ConfigurationError(
-                    f"parameter ~{name} is {getattr(self, name)}, must be >= 0"
-                )
-        for name in ("image_timeout", "joint_timeout"):
-            if getattr(self, name) < 0.1:
-                raise ConfigurationError(
-                    f"parameter ~{name} is {getattr(self, name)}, must be at least 0.1 s"
-                )
-        if min(self.lead) <= 0.0:
-            raise ConfigurationError("parameter ~lead must hold numbers above 0")
-        if self.law not in ("proportional", "adaptive"):
-            raise ConfigurationError(
-                f"parameter ~law is '{self.law}': use proportional or adaptive"
-            )
-        if self.elbow not in (-1, 1):
-            raise ConfigurationError(f"parameter ~elbow is {self.elbow}: use -1 or 1")
-        self._limits()
-        start = self.start_joints()
-        if start is not None:
-            for name, value, low, high in zip(
-                JOINT_NAMES, start, self.lower, self.upper, strict=True
-            ):
-                if not low <= value <= high:
-                    raise ConfigurationError(
-                        f"parameter ~start puts {name} at {value:.4f}, outside its limits "
-                        f"{low:.4f} to {high:.4f}"
-                    )
+    def for_robot(self, name: str, given: Mapping[str, Any] | None = None) -> Settings:
+        """These settings, with config/robots/NAME.yaml for what was not given.
 
-    def start_joints(self) -> tuple[float, ...] | None:
-        """The six joints of the start pose, or None for 'none'."""
-        if not isinstance(self.start, str):
-            return self.start
-        if self.start == "none":
-            return None
-        if self.start not in STARTS:
-            raise ConfigurationError(
-                f"parameter ~start is '{self.start}': use {', '.join(STARTS)}, none or a list of "
-                "six joint values"
-            )
-        return STARTS[self.start]
+        Args:
+            name: of the robot in its description.
+            given: names of what was given (the keys count); None: what differs from the defaults.
+        """
+        path = self.package / "config" / "robots" / f"{Path(name).name}.yaml"
+        if not name or not path.is_file():
+            return self
+        of_robot = Settings.from_mapping(yaml_mapping(path), self.package)
+        plain = Settings(package=self.package)
+        if given is None:
+            given = [
+                f.name for f in fields(self) if getattr(self, f.name) != getattr(plain, f.name)
+            ]
+        given = {ALIASES.get(key, key) for key in given}
+        known = {
+            f.name: getattr(of_robot, f.name)
+            for f in fields(self)
+            if f.name not in given and getattr(of_robot, f.name) != getattr(plain, f.name)
+        }
+        return replace(self, **known)
 
-    def desired_path(self) -> Path:
-        """The YAML file of the desired pose."""
+    def arm(self, urdf: str) -> Arm:
+        """The arm of a description; ConfigurationError as Arm.from_urdf."""
+        return Arm.from_urdf(
+            urdf, self.camera_frame, self.base_frame, self.joints or None, self.target_frame
+        )
+
+    def make_law(self) -> Law:
+        """The law with its gains; ConfigurationError for what it refuses."""
+        known = LAW_GAINS.get(self.law, {})
+        gains = {argument: getattr(self, name) for argument, name in known.items()}
+        return create_law(
+            self.law, self.continuous_start, self.ramp, **{**gains, **self.law_options}
+        )
+
+    def make_scheme(self) -> Scheme | JointController:
+        """The scheme with its law; ConfigurationError naming what is unknown."""
+        return create_scheme(
+            self.scheme,
+            self.make_law(),
+            self.weights or None,
+            interaction=self.interaction,
+            smoothing=self.smoothing,
+        )
+
+    def limits(self, arm: Arm) -> Limits:
+        """Of the commands; ConfigurationError as Limits.of."""
+        return Limits.of(arm, self.lower, self.upper, self.max_velocity, self.max_acceleration)
+
+    def goal_path(self) -> Path:
+        """The YAML file of the goal."""
         name = self.desired
         if name == "auto":
-            name = self.start if isinstance(self.start, str) and self.start in STARTS else "2016"
-        if name in STARTS:
-            return self.package / CONFIG / f"desired_{name}.yaml"
-        return Path(name).expanduser()
+            name = self.start if isinstance(self.start, str) else ""
+            if not self._shipped(name).is_file():
+                name = "2016"
+        shipped = self._shipped(name)
+        return shipped if shipped.is_file() else Path(name).expanduser()
 
-    def load_desired(self, kinematics: Kinematics) -> Desired:
-        """The desired features, for the camera as these kinematics have it mounted.
+    def _shipped(self, name: str) -> Path:
+        return self.package / "config" / f"goal_{Path(name).name}.yaml"
 
-        Those of the laboratory's two goals are worked out anew for a camera that was moved.
+    def resolver(self, arm: Arm, limits: Limits) -> Resolver:
+        """The resolver with its secondary tasks; ConfigurationError for unknown joints."""
+        sides = self.elbow
+        folds = find(arm)
+        if isinstance(sides, int):
+            sides = {arm.names[fold.joint]: sides for fold in folds}
+        if sides:
+            folds = find(arm, sides)
+        tasks: list[SecondaryTask] = []
+        if self.posture:
+            tasks.append(Posture(arm, self.posture, self.posture_gain))
+        if self.limit_avoidance:
+            tasks.append(JointLimitAvoidance(limits))
+        if self.singularity_avoidance:
+            tasks.append(SingularityAvoidance(arm))
+        return Resolver(arm, limits, tasks, ResolverSettings(hold_gain=self.hold_gain), folds)
 
-        Raises:
-            ConfigurationError: the file cannot be used, or was taught with another mounting.
-        """
-        path = self.desired_path()
-        desired = Desired.load(path)
-        if mounting.same(desired.mounting, kinematics.mounting):
-            return desired
-        places = (
-            f"with the camera at {mounting.words(desired.mounting)} of {mounting.FLANGE}; now it "
-            f"is at {mounting.words(kinematics.mounting)}"
-        )
-        if path.parent != self.package / CONFIG:
-            raise ConfigurationError(
-                f"the desired features {path} were taught {places}: teach them anew (rosrun "
-                f"aras_visual_servo_controller teach {path.name})"
-            )
-        try:
-            return from_geometry(desired.joints, f"{desired.name}, camera moved", kinematics)
-        except ServoError as error:
-            raise ConfigurationError(
-                f"{desired.name} is a view {places}, where there is none ({error}): move it less, "
-                "or teach a goal of your own (rosrun aras_visual_servo_controller teach)"
-            ) from error
-
-    def build(self, flange_T_optical: np.ndarray | None = None) -> Servo:
+    def build(
+        self,
+        arm: Arm,
+        goal: Goal | None = None,
+        clock: Callable[[], float] | None = None,
+        scheme: Scheme | JointController | None = None,
+    ) -> Servo:
         """The loop that these parameters describe.
 
         Args:
-            flange_T_optical: the camera's mounting (4, 4); None: the robot's own.
+            arm: that it moves.
+            goal: None: the one that `desired` names.
+            clock: s, to tell a scheme that takes too long.
+            scheme: None: the one that `scheme` names.
 
         Raises:
-            ConfigurationError: the desired features or the scheme cannot be used.
+            ConfigurationError: what cannot be, and what would be right.
         """
-        kinematics = Kinematics(mounting=flange_T_optical)
-        desired = self.load_desired(kinematics)
-        limits = self._limits()
-        tasks: list[Task] = [Posture(J1, 0.0, self.posture_gain), JointLimitAvoidance(limits)]
-        if self.singularity_avoidance:
-            tasks.append(SingularityAvoidance(kinematics))
-        scheme = create(self.scheme, desired, self._law())
-        scheme.smoothing = self.smoothing
+        limits = self.limits(arm)
+        start = start_joints(self.start, arm, self.package)
+        values = {name: getattr(self, name) for name in SERVO}
+        for name in ("lead", "stiffness", "damping"):
+            values[name] = per_joint(name, values[name], arm)
+        settings = ServoSettings(
+            start=None if start is None else tuple(start.tolist()),
+            duration=self.duration or np.inf,
+            **values,
+        )
         return Servo(
-            scheme,
-            Resolver(kinematics, limits, tasks, ResolverSettings(elbow=self.elbow)),
-            ServoSettings(
-                start=self.start_joints(),
-                pitch=kinematics.pitch(desired.joints),
-                pitch_gain=self.pitch_gain,
-                hold=self.hold,
-                lead=self.lead,
-            ),
+            scheme if scheme is not None else self.make_scheme(),
+            arm,
+            goal if goal is not None else Goal.load(self.goal_path()),
+            self.resolver(arm, limits),
+            settings,
+            clock,
+            self.scheme,
         )
 
-    def _law(self) -> Law:
-        if self.law == "adaptive":
-            return Adaptive(self.gain_zero, self.gain_infinity, self.gain_slope)
-        return Proportional(self.gain, self.ramp)
-
-    def _limits(self) -> JointLimits:
-        try:
-            return JointLimits(self.lower, self.upper, self.max_velocity)
-        except ValueError as error:
-            raise ConfigurationError(str(error)) from error
+    def observer(self, arm: Arm, scheme: Scheme | JointController) -> Observer:
+        """What makes observations for that scheme."""
+        return Observer(arm, scheme.needs)
 
 
-def _convert(name: str, value: Any, default: Any) -> Any:
-    """The value in the type of the default; numbers must be finite."""
-    if name == "start":
-        # roslaunch turns start:=2016 into an integer.
-        if isinstance(value, int) and not isinstance(value, bool):
-            return str(value)
-        if isinstance(value, str):
-            return value
-        return _six(name, value)
-    if name == "desired" and isinstance(value, int) and not isinstance(value, bool):
-        return str(value)
-    if isinstance(default, tuple):
-        return _six(name, value)
-    if isinstance(default, bool):
-        if isinstance(value, bool):
-            return value
-    elif isinstance(default, int):
-        if isinstance(value, int) and not isinstance(value, bool):
-            return value
-    elif isinstance(default, float):
-        if _is_number(value):
-            return float(value)
-    elif isinstance(value, str) and value:
+def per_joint(name: str, value: Any, arm: Arm) -> Any:
+    """One number, or numbers in the arm's order, from what may be given by joint name."""
+    if not isinstance(value, Mapping):
         return value
-    kind = {bool: "true or false", int: "an integer", float: "a finite number", str: "a string"}
-    raise ConfigurationError(f"parameter ~{name} is {value!r}, must be {kind[type(default)]}")
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and np.isfinite(value)
-
-
-def _six(name: str, value: Any) -> tuple[float, ...]:
-    if not (
-        isinstance(value, list | tuple) and len(value) == 6 and all(_is_number(v) for v in value)
-    ):
-        raise ConfigurationError(
-            f"parameter ~{name} is {value!r}, must be six finite numbers in the order "
-            f"{', '.join(JOINT_NAMES)}"
-        )
-    return tuple(float(v) for v in value)
+    for joint in value:
+        if joint not in arm.names:
+            raise ConfigurationError(
+                f"parameter ~{name} names the joint {joint}: {suggestion(joint, arm.names)}"
+            )
+    return tuple(float(value.get(joint, 0.0)) for joint in arm.names)

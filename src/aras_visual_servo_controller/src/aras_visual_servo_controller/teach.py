@@ -45,8 +45,8 @@ def _live(arguments: argparse.Namespace) -> Desired:
     from sensor_msgs.msg import JointState
     from std_msgs.msg import Float64, Float64MultiArray
 
+    from .before.node import CONTROLLERS, NAMESPACE, find_mounting
     from .conversions import joint_positions
-    from .node import CONTROLLERS, NAMESPACE, find_mounting
 
     rospy.init_node("teach", anonymous=True)
     images: list[ImageMoments] = []

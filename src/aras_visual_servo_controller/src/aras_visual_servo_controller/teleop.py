@@ -70,8 +70,8 @@ def main() -> int:
     from sensor_msgs.msg import JointState
     from std_msgs.msg import Float64
 
+    from .before.node import CONTROLLERS, NAMESPACE
     from .conversions import joint_positions
-    from .node import CONTROLLERS, NAMESPACE
 
     rospy.init_node("aras_teleop", anonymous=True, disable_signals=True)
     measured: dict[str, np.ndarray] = {}

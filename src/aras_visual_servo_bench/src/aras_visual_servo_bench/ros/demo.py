@@ -100,7 +100,7 @@ class Demo:
 
     def _start(self) -> None:
         """Bring up master, simulator, recorder and nodes."""
-        from aras_visual_servo_controller.node import find_mounting
+        from aras_visual_servo_controller.before.node import find_mounting
 
         from .watch import Watch, wait_for_master
 
@@ -177,7 +177,7 @@ class Demo:
 
     def _report(self) -> int:
         """Write summary, pictures and plots; print the table."""
-        from aras_visual_servo_controller.settings import Settings
+        from aras_visual_servo_controller.before.settings import Settings
 
         from ..report import analysis, plots
         from .bag import read_bag

@@ -21,13 +21,13 @@ from std_msgs.msg import Float64, Float64MultiArray
 from aras_visual_servo_camera.master_watch import MasterWatch
 from aras_visual_servo_camera.shutdown import end_on_signals
 
+from ..errors import ConfigurationError
+from ..kinematics import JOINT_NAMES, MOUNTING
+from ..msg import ServoState
 from . import conversions, mounting
 from .before import servo
 from .before.joint_history import JointHistory
 from .before.servo import Servo, ServoCommand
-from .errors import ConfigurationError
-from .kinematics import JOINT_NAMES, MOUNTING
-from .msg import ServoState
 from .settings import Settings
 
 NAMESPACE = "/aras_visual_servo"

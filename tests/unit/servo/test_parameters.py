@@ -1,0 +1,159 @@
+"""Parameters: each listed once, checked, and made into one loop."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.features.moments import ImageMoments
+from aras_visual_servo_controller.setting_kinds import yaml_mapping
+from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.starts import start_joints
+
+SOURCES = Path(__file__).parents[3] / "src"
+PACKAGE = SOURCES / "aras_visual_servo_controller"
+URDF = (SOURCES / "aras_visual_servo_gazebo/robots/aras_visual_servo.urdf").read_text()
+
+
+def of(**given):
+    return Settings.from_mapping(given, PACKAGE)
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return Settings(package=PACKAGE).arm(URDF)
+
+
+def test_the_laboratory_s_robot_brings_its_own_parameters(arm):
+    settings = of(max_velocity=1.5).for_robot("aras_visual_servo", {"max_velocity": 1.5})
+    assert settings.start == "2016" and settings.posture == {"J1": 0.0}
+    assert settings.max_velocity == 1.5  # what was given comes before
+    assert settings.controllers["J5"] == "joint5_position_controller"
+    loop = settings.build(arm)
+    start = [-0.1, 0.0, *np.radians([20.0, -15.0, -5.0, 10.0])]
+    assert loop.settings.start == pytest.approx(start)
+    assert loop.resolver.folds[0].side == -1.0
+    assert len(loop.resolver.tasks) == 2
+    assert loop.resolver.limits.velocity.tolist() == [1.5] * 6
+    assert loop.goal.depth == pytest.approx(0.19289, abs=1e-4)
+    assert of().for_robot("another") == of()
+    assert of().for_robot("../starts") == of()
+
+
+def test_the_goal_follows_the_start():
+    assert of(start="2015").goal_path().name == "goal_2015.yaml"
+    assert of(start=2016).goal_path().name == "goal_2016.yaml"
+    assert of(start=[0.0] * 6).goal_path().name == "goal_2016.yaml"
+    assert of(start="2015", desired="2016").goal_path().name == "goal_2016.yaml"
+    assert of(desired="~/mine.yaml").goal_path() == Path("~/mine.yaml").expanduser()
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"gian": 3.0}, "unknown parameter ~gian: did you mean 'gain'"),
+        ({"gain": "fast"}, "~gain is 'fast', must be a finite number"),
+        ({"gain": 0.0}, "~gain is 0.0, must be > 0"),
+        ({"gain": True}, "~gain is True, must be a finite number"),
+        ({"gain": float("nan")}, "~gain is nan"),
+        ({"ramp": -1}, "~ramp is -1.0, must be >= 0"),
+        ({"image_timeout": 0.05}, "~image_timeout is 0.05, must be >= 0.1"),
+        ({"lockstep": 1}, "~lockstep is 1, must be true or false"),
+        ({"scheme": ""}, "~scheme is '', must be a string"),
+        ({"posture": [1.0]}, "~posture is .*must be a mapping"),
+        ({"max_velocity": "high"}, "~max_velocity is 'high', must be a number, a list"),
+        ({"max_velocity": {"J1": "x"}}, "~max_velocity"),
+        ({"joints": "J1"}, "~joints is 'J1', must be a list"),
+        ({"package": "/"}, "unknown parameter ~package"),
+    ],
+)
+def test_wrong_parameters_are_named(given, words):
+    with pytest.raises(ConfigurationError, match=words):
+        of(**given)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"scheme": "momnts"}, "unknown scheme 'momnts': did you mean 'moments'"),
+        ({"law": "adaptve"}, "did you mean 'adaptive'"),
+        ({"gain": 1e6}, "more than 1000"),
+        ({"start": "2017"}, "~start is '2017': did you mean '201"),
+        ({"start": [0.0] * 5}, "a finite number for each of gantry, J1"),
+        ({"start": "0 0 0 0 0 far"}, "'far' is no number"),
+        ({"start": {"J4": 0.0}}, "says where J4 is"),
+        ({"start": {"J1": 0.0}}, "says nothing of gantry, J2"),
+        ({"start": [0, 0, 0, 2.5, 0, 0]}, "outside its limits"),
+        ({"start": {"xyz": [0, 0, 5], "rpy": [3.1, 0, 0]}}, "out of the arm's reach"),
+        ({"start": {"xyz": [0, 0], "rpy": [3.1, 0, 0]}}, "xyz is .* must be three numbers"),
+        ({"desired": "/nowhere.yaml"}, "/nowhere.yaml"),
+        ({"posture": {"J4": 0.0}}, "unknown joint J4"),
+        ({"elbow": {"J2": 1}}, "J2 is no elbow"),
+        ({"max_velocity": 9.0}, "beyond the robot's own"),
+        ({"lead": {"J4": 0.1}}, "~lead names the joint J4"),
+        ({"output": "torque"}, "output 'torque' is unknown"),
+        ({"camera_frame": "camera"}, "did you mean camera_link"),
+    ],
+)
+def test_what_cannot_be_built_is_named(given, words):
+    with pytest.raises(ConfigurationError, match=words):
+        settings = of(**given)
+        settings.build(settings.arm(URDF))
+
+
+def test_starts_in_every_way_they_can_be_given(arm):
+    joints = [0.1, 0.0, 0.17, -0.09, -0.09, 2.09]
+    names = dict(zip(arm.names, joints, strict=True))
+    for start in (joints, "0.1 0 0.17 -0.09 -0.09 2.09", "[0.1, 0, 0.17, -0.09, -0.09, 2.09]",
+                  names):  # fmt: skip
+        assert start_joints(start, arm, PACKAGE) == pytest.approx(joints)
+    assert start_joints("none", arm, PACKAGE) is None
+    found = start_joints({"xyz": [0.1, 0.02, 0.8], "rpy": [np.pi, 0.0, 0.5]}, arm, PACKAGE)
+    pose = arm.pose(found)
+    assert pose[:3, 3] == pytest.approx([0.1, 0.02, 0.8], abs=1e-6)
+
+
+def test_laws_and_schemes_get_their_numbers(arm):
+    loop = of(law="adaptive", gain_zero=6.0, continuous_start=3.0, start="none").build(arm)
+    law = loop.scheme.law
+    assert law.mu == 3.0 and law.law.zero == 6.0 and law.law.slope == 30.0
+    diagonal = of(law="diagonal", law_options={"values": [1, 2, 3, 4]}).make_law()
+    assert diagonal.values.tolist() == [1, 2, 3, 4]
+    assert of(pitch_gain=2.0).hold_gain == 2.0  # the name of former versions
+
+
+def test_every_parameter_is_in_the_readme_with_its_unit_and_default():
+    rows = {}
+    for line in (PACKAGE / "README.md").read_text().splitlines():
+        cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
+        if len(cells) == 4 and cells[0].startswith("`"):
+            rows[cells[0].strip("`")] = cells
+    plain = Settings()
+    for field in fields(Settings):
+        if field.metadata["internal"]:
+            continue
+        _, default, unit, text = rows.pop(field.name)
+        assert default.strip("`") == str(getattr(plain, field.name)), field.name
+        assert (unit, text) == (field.metadata["unit"], field.metadata["text"]), field.name
+    assert not rows
+
+
+def test_a_file_that_never_ends_is_no_file_of_parameters():
+    with pytest.raises(ConfigurationError, match="/dev/zero"):
+        yaml_mapping(Path("/dev/zero"))
+
+
+def test_a_user_s_own_feature_by_name(arm, tmp_path, monkeypatch):
+    (tmp_path / "their_package.py").write_text(
+        "from aras_visual_servo_controller.features.moments import ImageMoments\n"
+        "class Theirs(ImageMoments):\n    pass\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    loop = of(scheme="their_package:Theirs", start="none").build(arm)
+    assert loop.scheme.names == ImageMoments.names and loop.name == "their_package:Theirs"
+    sys.modules.pop("their_package")

@@ -38,8 +38,11 @@ from aras_visual_servo_controller.virtual_robot import VirtualRobot
 
 SPEED = 2.0  # simulated seconds per second of wall time
 PERIOD = 1.0 / 90.0  # of the joint states; every third carries an image
-NODE = [sys.executable, "-c", "import sys; from aras_visual_servo_controller.before.node import main; "
-        "sys.exit(main())"]
+NODE = [
+    sys.executable,
+    "-c",
+    "import sys; from aras_visual_servo_controller.before.node import main; sys.exit(main())",
+]
 
 
 class Plant:

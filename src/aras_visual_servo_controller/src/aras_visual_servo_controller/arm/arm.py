@@ -49,6 +49,10 @@ class Arm:
             raise ConfigurationError("robot description: no joint moves the camera")
         for name in ("lower", "upper", "velocity", "effort"):
             setattr(self, name, _fixed([getattr(joint, name) for joint in moving]))
+        span = np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, np.nan)
+        self._least = np.nan_to_num(self.lower - span, nan=-UNLIMITED_SPAN)
+        self._most = np.nan_to_num(self.upper + span, nan=UNLIMITED_SPAN)
+        self._fastest = IMPLAUSIBLE_SPEED * np.clip(self.velocity, 1.0, UNLIMITED_SPAN)
         self.names = tuple(joint.name for joint in moving)
         self.prismatic = np.array([joint.kind == "prismatic" for joint in moving])
         self.prismatic.setflags(write=False)
@@ -193,11 +197,9 @@ class Arm:
         Raises:
             MeasurementError: one is not finite, or implausibly large.
         """
-        span = np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, np.nan)
-        low = np.nan_to_num(self.lower - span, nan=-UNLIMITED_SPAN)
-        high = np.nan_to_num(self.upper + span, nan=UNLIMITED_SPAN)
-        bad = ~((q >= low) & (q <= high))
-        if bad.any():
+        # Numbers that are not finite fail every comparison.
+        bad = ~((q >= self._least) & (q <= self._most))
+        if any(bad.tolist()):
             joint = int(np.flatnonzero(bad)[0])
             raise MeasurementError(
                 f"{self.names[joint]} measured at {q[joint]:g}: no position that it can have "
@@ -205,9 +207,8 @@ class Arm:
             )
         if velocities is None:
             return
-        bad = ~(np.abs(velocities) <= IMPLAUSIBLE_SPEED * np.maximum(self.velocity, 1.0))
-        bad |= ~np.isfinite(velocities)
-        if bad.any():
+        bad = ~(np.abs(velocities) <= self._fastest)
+        if any(bad.tolist()):
             joint = int(np.flatnonzero(bad)[0])
             raise MeasurementError(
                 f"{self.names[joint]} measured at a speed of {velocities[joint]:g}: no speed that "

@@ -13,8 +13,7 @@ from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.loop import ControlLoop
 from aras_sim_bridge.control.manager import ControllerManager
 from aras_sim_bridge.control.switching import STRICT
-from aras_sim_bridge.description import Light as LightDescription
-from aras_sim_bridge.description import RobotDescription
+from aras_sim_bridge.description import Light, RobotDescription
 from aras_sim_bridge.description.lights import SUN, checked_light
 from aras_sim_bridge.errors import (
     CameraError,
@@ -23,7 +22,7 @@ from aras_sim_bridge.errors import (
     SimError,
     WorldError,
 )
-from aras_sim_bridge.rendering import Light, Renderer, create_renderer
+from aras_sim_bridge.rendering import Renderer, Sun, create_renderer
 from aras_sim_bridge.world import Model, Pose, World
 from aras_sim_bridge.world.poses import IDENTITY
 
@@ -44,7 +43,7 @@ class SimulationConfig:
     seed: int = 0
     legacy_camera_info: bool = False
     ground_plane: bool = True
-    lights: tuple[LightDescription, ...] = (SUN,)
+    lights: tuple[Light, ...] = (SUN,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,14 +156,14 @@ class Simulation:
         self.cameras = [camera for camera in self.cameras if camera.model is not model]
         self.world.delete(name)
 
-    def light(self, name: str) -> LightDescription:
+    def light(self, name: str) -> Light:
         """The light called `name`; WorldError naming those that exist."""
         if name not in self.lights:
             known = ", ".join(self.lights) or "none"
             raise WorldError(f"light '{name}' does not exist; there are: {known}")
         return self.lights[name]
 
-    def set_light(self, light: LightDescription) -> None:
+    def set_light(self, light: Light) -> None:
         """Add a light or change the one of its name; the first directional one lights cameras.
 
         Raises:
@@ -180,12 +179,12 @@ class Simulation:
         if self._renderer is not None:
             self._renderer.light = self._sunlight()
 
-    def _sunlight(self) -> Light:
+    def _sunlight(self) -> Sun:
         """What the renderers know of light: one sun, with the strength of its diffuse colour."""
         for light in self.lights.values():
             if light.kind == "directional":
-                return Light(light.direction, diffuse=max(light.diffuse[:3]))
-        return Light(diffuse=0.0)
+                return Sun(light.direction, diffuse=max(light.diffuse[:3]))
+        return Sun(diffuse=0.0)
 
     def change(self, name: str, description: RobotDescription) -> None:
         """Give a model other masses, damping or limits (see world/changes.py); its state goes on.

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import Light, RobotDescription, read_sdf, safe_xml
 from aras_sim_bridge.description.lights import SUN
 from aras_sim_bridge.errors import DescriptionError, SimError
-from aras_sim_bridge.poses import Pose
+from aras_sim_bridge.poses import Pose, Vector3
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def read(path: str) -> WorldFile:
         text = None if physics is None else safe_xml.text_of(physics, tag)
         return safe_xml.number(text, f"{where}: <{tag}>", default)
 
-    def vector(element: object, tag: str, default: tuple) -> tuple:
+    def vector(element: Element | None, tag: str, default: Vector3) -> Vector3:
         text = None if element is None else safe_xml.text_of(element, tag)
         return default if text is None else safe_xml.numbers(text, 3, f"{where}: <{tag}>")
 
@@ -76,10 +77,10 @@ def read(path: str) -> WorldFile:
     )
 
 
-def populate(simulation: Any, world: WorldFile) -> None:
-    """Put the file's models into a Simulation; SimError naming the model that cannot be built."""
+def populate(spawn: Callable[[RobotDescription, str, Pose], object], world: WorldFile) -> None:
+    """Put the file's models into a world by its `spawn`; SimError naming the one that cannot be."""
     for model in world.models:
         try:
-            simulation.spawn(model, model.name, Pose.from_rpy(*model.initial_pose))
+            spawn(model, model.name, Pose.from_rpy(*model.initial_pose))
         except SimError as error:
             raise SimError(f"model '{model.name}' of the world file: {error}") from None

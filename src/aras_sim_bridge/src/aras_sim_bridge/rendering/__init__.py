@@ -9,9 +9,9 @@ import numpy as np
 
 from ..errors import RenderingError
 from ..world import World
-from .view import SENSOR_R_OPTICAL, Light, View
+from .view import SENSOR_R_OPTICAL, Sun, View
 
-__all__ = ["RENDERERS", "SENSOR_R_OPTICAL", "Light", "Renderer",
+__all__ = ["RENDERERS", "SENSOR_R_OPTICAL", "Sun", "Renderer",
            "View", "create_renderer"]
 
 _log = logging.getLogger(__name__)
@@ -50,7 +50,7 @@ class Renderer(Protocol):
 
 
 def create_renderer(
-    name: str, world: World, light: Light | None = None, antialiasing: str = "edges",
+    name: str, world: World, light: Sun | None = None, antialiasing: str = "edges",
 ) -> Renderer:
     """Renderer `name` of a World.
 
@@ -60,7 +60,7 @@ def create_renderer(
 
     Raises RenderingError for an unknown name, and when a renderer asked for by name does not work.
     """
-    light = light or Light()
+    light = light or Sun()
     makers = {"opengl": _opengl, "tiny": _tiny}
     if name != "auto" and name not in makers:
         raise RenderingError(
@@ -77,7 +77,7 @@ def create_renderer(
         return renderer
 
 
-def _opengl(world: World, light: Light, antialiasing: str) -> Renderer:
+def _opengl(world: World, light: Sun, antialiasing: str) -> Renderer:
     try:
         from .opengl import OpenGLRenderer
     except ImportError as error:
@@ -87,7 +87,7 @@ def _opengl(world: World, light: Light, antialiasing: str) -> Renderer:
     return OpenGLRenderer(world, light, antialiasing)
 
 
-def _tiny(world: World, light: Light, antialiasing: str) -> Renderer:
+def _tiny(world: World, light: Sun, antialiasing: str) -> Renderer:
     from .tiny import TinyRenderer
 
     return TinyRenderer(world, light, antialiasing)

@@ -28,7 +28,7 @@ from .recent import Recent
 from .refinement import THRESHOLD, TILE, EdgeFinder
 from .regions import Regions
 from .scene import Scene
-from .view import Light, View
+from .view import Sun, View
 from .visibility import TOUCHING
 
 ANTIALIASING = ("edges", "multisample", "none")
@@ -66,7 +66,7 @@ class OpenGLRenderer:
     name = "opengl"
 
     def __init__(
-        self, world: World, light: Light, antialiasing: str = "edges",
+        self, world: World, light: Sun, antialiasing: str = "edges",
     ) -> None:
         if antialiasing not in ANTIALIASING:
             raise RenderingError(

@@ -15,7 +15,6 @@ from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.poses import Pose
 from aras_sim_bridge.rendering.compiled import compiled
 from aras_sim_bridge.world import Model, World
-from aras_sim_bridge.world.bullet import pybullet
 
 _log = logging.getLogger(__name__)
 
@@ -136,10 +135,8 @@ class Scene:
                 p[row], q[row] = rows.model.pose()
                 row += 1
             if rows.links:
-                states = pybullet.getLinkStates(
-                    rows.model.body_id, rows.links, 0, 1, self._world.client)
-                p[row:row + len(states)] = [s[4] for s in states]
-                q[row:row + len(states)] = [s[5] for s in states]
+                behind = slice(row, row + len(rows.links))
+                p[behind], q[behind] = rows.model.frames(rows.links)
         return p, q
 
     def _load(self) -> None:

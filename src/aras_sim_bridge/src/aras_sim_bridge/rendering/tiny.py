@@ -11,7 +11,7 @@ from ..errors import RenderingError
 from ..poses import quaternion_from_matrix
 from ..world import World
 from .scene import Part, Scene
-from .view import Light, View
+from .view import Sun, View
 
 
 class TinyRenderer:
@@ -23,7 +23,7 @@ class TinyRenderer:
     name = "tiny"
 
     def __init__(
-        self, world: World, light: Light, antialiasing: str = "none"
+        self, world: World, light: Sun, antialiasing: str = "none"
     ) -> None:
         if antialiasing not in ("none", "edges"):
             raise RenderingError(

@@ -66,7 +66,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class Light:
+class Sun:
     """One sun without shadows; the defaults are Gazebo's.
 
     direction: from the sun to the ground, world frame. A surface of albedo a shows

@@ -5,7 +5,16 @@ from types import MappingProxyType
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.model_joints import ModelJoints
-from aras_sim_bridge.world.poses import Pose, Twist, add, cross, rotate, subtract
+from aras_sim_bridge.world.poses import (
+    Pose,
+    Quaternion,
+    Twist,
+    Vector3,
+    add,
+    cross,
+    rotate,
+    subtract,
+)
 
 
 class ModelFrames(ModelJoints):
@@ -54,6 +63,12 @@ class ModelFrames(ModelJoints):
         }
         found[self.description.root] = self.link_state(self.description.root)
         return {n: found[n] for n in self.link_names}
+
+    def frames(self, indices: list[int]) -> tuple[list[Vector3], list[Quaternion]]:
+        """Positions and orientations of the frames of links by Bullet's numbers from 0 on, in one
+        call to Bullet; `pose` is that of the root."""
+        states = pybullet.getLinkStates(self.body_id, indices, 0, 1, self.client)
+        return [state[4] for state in states], [state[5] for state in states]
 
     @property
     def link_indices(self) -> MappingProxyType:

@@ -170,7 +170,7 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
         )
     )
     try:
-        world_file.populate(simulation, world)
+        world_file.populate(simulation.spawn, world)
     except SimError:
         simulation.close()
         raise

@@ -24,7 +24,9 @@ _MEMORY = 6 << 30
 def main() -> None:
     """Serve tasks until stdin ends."""
     answers = os.fdopen(os.dup(1), "w")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # libraries that print while they are imported
+    silence = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(silence, 1)  # some libraries print while they are imported
+    os.dup2(silence, 2)
     top = Path(sys.argv[1]).resolve()
     os.chdir(top)
     tools = str(Path(__file__).parents[1])

@@ -21,7 +21,7 @@ class Area:
     """Sources as globs from the workspace's top; folders of tests, or files without their .py.
 
     `without` are globs of sources that are left out. `graph` are test files that need a ROS
-    graph; they run only with --graph.
+    graph; they run where unit tests find nothing.
     """
 
     name: str

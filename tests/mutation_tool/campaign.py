@@ -18,6 +18,7 @@ from . import trees
 from .areas import Area
 from .coverage_map import CoverageMap
 from .faults import Fault
+from .graph import Graph, GraphError
 
 LIBRARIES = (
     "numpy", "numba", "cv2", "yaml", "pybullet", "scipy.spatial", "scipy.optimize", "moderngl",
@@ -96,12 +97,13 @@ class Campaign:
         patience: processor seconds that a faulty run may take besides four times what its tests
             took without the fault; in wall time, as others may use the machine, thrice as much.
         libraries: what the tests import that takes long.
+        graph: also run the area's integration tests, where its unit tests find nothing.
     """
 
     def __init__(
         self, area: Area, top: Path, folder: Path, jobs: int, deadline: float,
         say: Callable[[str], None], patience: float = 40.0,
-        libraries: tuple[str, ...] = LIBRARIES,
+        libraries: tuple[str, ...] = LIBRARIES, graph: bool = False,
     ) -> None:
         self._area, self._top, self._folder = area, top, folder / area.name
         self._deadline, self._say, self._patience = deadline, say, patience
@@ -113,6 +115,8 @@ class Campaign:
             if name.startswith("src/") and name.endswith(".py")
         }
         self._tests = [str(f.relative_to(top)) for f in area.test_files(top)]
+        self._graph_tests = [test for test in area.graph if (top / test).is_file()] if graph else []
+        self._graph = Graph(top, folder / "copies" / "graph")
 
     def close(self) -> None:
         for worker in self._workers:
@@ -135,7 +139,7 @@ class Campaign:
         files = {
             test: self._folder / "recordings"
             / f"{base}-{trees.digest(self._top, [test])}-{Path(test).stem}.json"
-            for test in self._tests
+            for test in (*self._tests, *self._graph_tests)
         }
         missing = [test for test, file in files.items() if not file.is_file()]
         if missing:
@@ -150,10 +154,17 @@ class Campaign:
         if not all(file.is_file() for file in files.values()):
             return None
         recordings = {test: json.loads(file.read_text()) for test, file in files.items()}
-        self.digest = trees.digest(self._top, [*common, *self._tests])
+        self.digest = trees.digest(self._top, [*common, *self._tests, *self._graph_tests])
         return CoverageMap(recordings, self.sources)
 
     def _record(self, worker: Worker, test: str, file: Path) -> None:
+        if test in self._graph_tests:
+            try:
+                answer = self._graph.record(test)
+            except GraphError as error:
+                raise CampaignError(str(error)) from error
+            _keep(answer, file)
+            return
         answer = worker.ask({"record": test, "cpu": 900, "wall": 1800})
         if answer["status"] != "ended" or answer.get("code") not in (0, 5):
             raise CampaignError(
@@ -163,9 +174,7 @@ class Campaign:
                             "wall": 1800})
         if again.get("failed"):
             raise CampaignError(f"passes under coverage only: {', '.join(again['failed'])}")
-        worker_file = file.with_suffix(f".{os.getpid()}")
-        worker_file.write_text(json.dumps(answer))
-        worker_file.rename(file)
+        _keep(answer, file)
 
     # -- faults ------------------------------------------------------------------------------
 
@@ -197,18 +206,28 @@ class Campaign:
         order = cover.tests_of(fault)
         if not order:
             return Outcome(fault.key, NO_TEST, "", 0, 0.0, self.digest)
+        outcome = Outcome(fault.key, MISSED, "", 0, 0.0, self.digest)
+        if quick := [test for test in order if test not in self._graph_tests]:
+            task = self._task(fault, quick, cover)
+            answer = worker.ask(task)
+            if answer["status"].startswith("crash"):  # counts if it does so again
+                self._say(f"{answer['status']}, again: {worker.output()[-1000:]}")
+                answer = worker.ask(task)
+            outcome = _judged(fault, answer, self.digest)
+        for test in order[len(quick):] if not outcome.found else ():
+            answer = self._graph.run(self._task(fault, [test], cover))
+            outcome = _judged(fault, answer, self.digest, outcome)
+            if outcome.found:
+                break
+        return outcome
+
+    def _task(self, fault: Fault, order: list[str], cover: CoverageMap) -> dict:
         limit = self._patience + 4.0 * cover.total(order)
-        task = {
+        return {
             "file": fault.file, "text": fault.apply(self.sources[fault.file]).decode(),
-            "compiled": bool(fault.compiled), "order": order, "stop": True,
+            "compiled": fault.compiled, "order": order, "stop": True,
             "cpu": int(limit), "wall": 3.0 * limit,
         }
-        answer = worker.ask(task)
-        if answer["status"].startswith("crash"):  # counts if it does so again
-            self._say(f"{answer['status']}, again: {worker.output()[-1000:]}")
-            answer = worker.ask(task)
-        how, by = _judged(answer)
-        return Outcome(fault.key, how, by, answer.get("ran", 0), answer["seconds"], self.digest)
 
     @property
     def _results(self) -> Path:
@@ -250,12 +269,23 @@ class Campaign:
             stop.set()
 
 
-def _judged(answer: dict) -> tuple[str, str]:
-    """How the fault was found, or 'missed'; and the test that found it."""
+def _keep(recording: dict, file: Path) -> None:
+    part = file.with_suffix(f".{os.getpid()}")
+    part.write_text(json.dumps(recording))
+    part.rename(file)
+
+
+def _judged(fault: Fault, answer: dict, digest: str, before: Outcome | None = None) -> Outcome:
+    """How the fault was found, and by which test; or that it was missed."""
     if answer["status"] != "ended":
-        return answer["status"].partition(" ")[0], ""
-    if answer.get("failed"):
-        return "test", answer["failed"][0]
-    if answer.get("code") == 0:
-        return MISSED, ""
-    return "import", ""  # the tests could not even be collected, or pytest itself fell
+        how, by = answer["status"].partition(" ")[0], ""
+    elif answer.get("failed"):
+        how, by = "test", answer["failed"][0]
+    elif answer.get("code") == 0:
+        how, by = MISSED, ""
+    else:
+        how, by = "import", ""  # the tests could not even be collected, or pytest itself fell
+    ran, seconds = answer.get("ran", 0), answer["seconds"]
+    if before is not None:
+        ran, seconds = ran + before.ran, seconds + before.seconds
+    return Outcome(fault.key, how, by, ran, seconds, digest)

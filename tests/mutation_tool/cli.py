@@ -44,6 +44,8 @@ def _parser() -> argparse.ArgumentParser:
                         help="keep what was found before, and misses if nothing has changed")
     parser.add_argument("--minutes", type=float, default=1e6, metavar="M",
                         help="begin nothing new after M minutes; go on with --resume")
+    parser.add_argument("--graph", action=argparse.BooleanOptionalAction, default=True,
+                        help="also run the integration tests that the area names (yes)")
     parser.add_argument("--goal", type=float, default=0.85, help="share to be found (0.85)")
     parser.add_argument("--folder", type=Path, default=TOP / "out" / "mutation",
                         help="for copies and results (out/mutation)")
@@ -63,7 +65,9 @@ def _run(options: argparse.Namespace) -> int:
         return 0
     equivalents = Equivalents.load()
     deadline = time.monotonic() + 60.0 * options.minutes
-    campaign = Campaign(area, TOP, options.folder, options.jobs, deadline, _say)
+    campaign = Campaign(
+        area, TOP, options.folder, options.jobs, deadline, _say, graph=options.graph
+    )
     try:
         report = _campaign(campaign, faults, equivalents, options.resume)
     finally:

@@ -91,10 +91,10 @@ class CoverageMap:
             group = self.seconds[name] > _SLOW_S, file_of(name)
             totals[group] = totals.get(group, 0.0) + self.seconds[name]
 
-        def rank(name: str) -> tuple[bool, float, str, float, str]:
-            slow = self.seconds[name] > _SLOW_S
+        def rank(name: str) -> tuple[bool, bool, float, str, float, str]:
+            slow, graph = self.seconds[name] > _SLOW_S, "::" not in name
             file = file_of(name)
-            return slow, totals[slow, file], file, self.seconds[name], name
+            return graph, slow, totals[slow, file], file, self.seconds[name], name
 
         return sorted(tests, key=rank)
 

@@ -31,7 +31,7 @@ def update(top: Path, copy: Path) -> None:
         if not target.is_file() or target.read_bytes() != source.read_bytes():
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(source, target)
-    known = set(names)
+    known = {*names, "src/CMakeLists.txt"}  # catkin makes that one
     for folder in ("src", "tests"):
         for path in (copy / folder).rglob("*"):
             name = str(path.relative_to(copy))

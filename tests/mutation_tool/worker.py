@@ -11,12 +11,13 @@ import importlib
 import json
 import os
 import resource
-import shutil
 import signal
 import sys
 import time
 from pathlib import Path
 from typing import TextIO
+
+from mutation_tool import planting
 
 _MEMORY = 6 << 30
 
@@ -48,39 +49,10 @@ def serve(top: Path, tasks: TextIO, answers: TextIO) -> None:
     for line in tasks:
         task = json.loads(line)
         stamp += 2
-        faulty = _Faulty(top, task, stamp) if "text" in task else contextlib.nullcontext()
+        faulty = planting.Faulty(top, task, stamp) if "text" in task else contextlib.nullcontext()
         with faulty:
             answer = _forked(top, task)
         print(json.dumps(answer), file=answers, flush=True)
-
-
-class _Faulty:
-    """The copy with one file changed, and as it was afterwards.
-
-    Each change gets a time of its own, since compiled files, Python's and numba's, are told apart
-    by their source's time and size; what numba keeps of a changed file goes into a folder that is
-    thrown away.
-    """
-
-    def __init__(self, top: Path, task: dict, stamp: int) -> None:
-        self._file, self._text, self._stamp = top / task["file"], task["text"].encode(), stamp
-        self._cache = top / ".numba-faulty" if task["compiled"] else None
-        self._top = top
-
-    def __enter__(self) -> None:
-        status = self._file.stat()
-        self._was = self._file.read_bytes(), (status.st_atime, status.st_mtime)
-        self._file.write_bytes(self._text)
-        os.utime(self._file, (status.st_atime, int(status.st_mtime) + self._stamp))
-        if self._cache:
-            shutil.rmtree(self._cache, ignore_errors=True)
-            shutil.copytree(self._top / ".numba", self._cache)
-
-    def __exit__(self, *_: object) -> None:
-        self._file.write_bytes(self._was[0])
-        os.utime(self._file, self._was[1])
-        if self._cache:
-            shutil.rmtree(self._cache, ignore_errors=True)
 
 
 def _forked(top: Path, task: dict) -> dict:

@@ -37,7 +37,7 @@ class CoverageMap:
         self.seconds: dict[str, float] = {}
         self.failed: set[str] = set()
         self._of_line: dict[str, dict[int, set[str]]] = {}
-        self._collected: dict[str, set[str]] = {}
+        self._collected: dict[str, dict[int, set[str]]] = {}
         self._sources = sources
         for test_file, recording in recordings.items():
             self.seconds |= recording["seconds"]
@@ -48,25 +48,24 @@ class CoverageMap:
                     tests = of_line.setdefault(int(line), set())
                     for context in contexts:
                         if context == COLLECTING:
-                            self._collected.setdefault(file, set()).add(test_file)
+                            collected = self._collected.setdefault(file, {})
+                            collected.setdefault(int(line), set()).add(test_file)
                         else:
                             tests |= set(recording["shared"].get(context, (context,)))
 
     def tests_of(self, fault: Fault) -> list[str]:
         """The tests that run the fault, in the order to run them in; none where none does.
 
-        What runs while modules are imported, and what numba compiles, leaves no trace: there, the
-        tests that run a function which uses it, through as many such steps as it takes.
+        What stands outside functions, and what numba compiles, leaves no trace: there, the tests
+        that run a function which uses it, through as many such steps as it takes. A function
+        that runs while a test file is imported may concern all tests of that file.
         """
         if fault.names:
-            found = self._users(fault.names, fault.file)
-            if not found:
-                found = self._tests(fault.file, 1, 10**9)
-            if not found:
-                files = self._collected.get(fault.file, set())
-                found = {name for name in self.seconds if name.partition("::")[0] in files}
+            found = self._users(fault.names, fault.file) or self._tests(fault.file, 1, 10**9)
+            found = found or self._importing(fault.file, 1, 10**9)
         else:
             found = self._tests(fault.file, *fault.lines)
+            found |= self._importing(fault.file, *fault.lines)
         return self._ordered(found - self.failed)
 
     def total(self, tests: list[str]) -> float:
@@ -80,6 +79,11 @@ class CoverageMap:
             if first <= line <= last:
                 found |= tests
         return {name for name in found if name in self.seconds}
+
+    def _importing(self, file: str, first: int, last: int) -> set[str]:
+        lines = self._collected.get(file, {}).items()
+        files = {f for line, several in lines if first <= line <= last for f in several}
+        return {name for name in self.seconds if name.partition("::")[0] in files}
 
     def _ordered(self, tests: set[str]) -> list[str]:
         """Quick tests before slow ones, file by file so that shared fixtures are made once."""

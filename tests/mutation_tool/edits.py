@@ -30,7 +30,10 @@ _COMPARISONS = {
 }
 _DROPPED_CALLS = {"abs", "fabs", "sqrt", "radians", "degrees", "deg2rad", "rad2deg", "square"}
 _LOGGING = re.compile(r"(log)?(debug|info|warn|warning|err|error|exception|critical|fatal)(_once)?")
-_NOT_SWAPPED = {"isinstance", "issubclass", "getattr", "hasattr", "setattr", "cast"}
+_NOT_SWAPPED = {
+    "isinstance", "issubclass", "getattr", "hasattr", "setattr", "cast",  # nobody mistakes them
+    "min", "max", "minimum", "maximum", "hypot", "logical_and", "logical_or", "gcd",  # the same
+}
 _TINY = 1e-5
 
 

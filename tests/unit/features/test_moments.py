@@ -9,8 +9,14 @@ import numpy as np
 import pytest
 from feature_cases import L_SHAPE, SQUARE, coverage_image, exact_moment, random_view
 
+from aras_visual_servo_camera.degeneracy import (
+    anisotropy,
+    asymmetry,
+    gyration_radius,
+    moment_norm,
+)
 from aras_visual_servo_camera.errors import MomentsError
-from aras_visual_servo_camera.moments import Moments, Pinhole, exponents
+from aras_visual_servo_camera.moments import _DEBLUR, Moments, Pinhole, exponents
 
 CAMERA = Pinhole(205.3, 204.1, 161.2, 118.7)
 
@@ -160,3 +166,40 @@ def test_result_cannot_be_changed() -> None:
 def test_bad_shapes_are_refused(make, text: str) -> None:
     with pytest.raises(MomentsError, match=text):
         make()
+
+
+def test_deblurring_weights_undo_the_square_of_a_pixel() -> None:
+    """q_i averaged over one pixel is u^i, for every order that there is."""
+    for i, coefficients in enumerate(_DEBLUR):
+        integral = np.polynomial.Polynomial(coefficients).integ()
+        u = np.linspace(-2.0, 2.0, 9)
+        np.testing.assert_allclose(integral(u + 0.5) - integral(u - 0.5), u**i, atol=1e-11)
+
+
+def test_moments_about_the_centre_of_gravity_have_no_first_order() -> None:
+    for shape in (L_SHAPE, L_SHAPE + [3.0, -7.0]):
+        for moments in (Moments.from_polygon(shape), Moments.from_points(shape)):
+            assert moments.mu(1, 0) == 0.0 and moments.mu(0, 1) == 0.0
+
+
+def test_measures_of_degeneracy_of_a_rectangle() -> None:
+    """Length a along x, width b: rg^2 = (a^2 + b^2) / 12, anisotropy (a^2 - b^2) / (a^2 + b^2)."""
+    a, b = 0.5, 0.2
+    corners = 0.5 * np.array([[-a, -b], [a, -b], [a, b], [-a, b]])
+    for angle in (0.0, 0.7, -1.2):
+        c, s = np.cos(angle), np.sin(angle)
+        moments = Moments.from_polygon(corners @ [[c, s], [-s, c]] + [0.3, -0.1])
+        assert gyration_radius(moments) == pytest.approx(((a**2 + b**2) / 12) ** 0.5, rel=1e-12)
+        expected = (a**2 - b**2) / (a**2 + b**2)
+        assert anisotropy(moments) == pytest.approx(expected, rel=1e-12)
+        assert asymmetry(moments) < 1e-12
+        mu20, mu02, mu22 = a**3 * b / 12, a * b**3 / 12, a**3 * b**3 / 144
+        assert moment_norm(moments, 2) == pytest.approx((mu20**2 + mu02**2) ** 0.5, rel=1e-12)
+        mu40, mu04 = a**5 * b / 80, a * b**5 / 80
+        fourth = (mu40**2 + 6 * mu22**2 + mu04**2) ** 0.5
+        assert moment_norm(moments, 4) == pytest.approx(fourth, rel=1e-12)
+
+
+def test_asymmetry_feels_neither_size_nor_place() -> None:
+    sizes = [asymmetry(Moments.from_polygon(k * L_SHAPE + [k, 0.2])) for k in (0.01, 1.0, 50.0)]
+    assert sizes == pytest.approx([sizes[1]] * 3, rel=1e-9) and sizes[1] > 0.01

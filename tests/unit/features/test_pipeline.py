@@ -14,8 +14,8 @@ from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.overlay import draw
-from aras_visual_servo_camera.pipeline import Measurement, Pipeline, Settings
-from aras_visual_servo_camera.segmentation import Segmentation
+from aras_visual_servo_camera.pipeline import Measurement, Pipeline, Settings, _unfit
+from aras_visual_servo_camera.segmentation import Segmentation, Target
 from aras_visual_servo_camera.undistortion import CameraModel
 
 CAMERA = CameraModel(320, 240, (188.04, 0, 159.5, 0, 188.04, 119.5, 0, 0, 1), (0.0,) * 5)
@@ -142,6 +142,17 @@ def test_diagonal_line_is_no_target() -> None:
     assert not measured.valid and "line" in measured.reason
 
 
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 30.0])
+@pytest.mark.parametrize("angle", [0.0, 0.4])
+def test_a_line_is_told_by_its_slenderness_alone(scale: float, angle: float) -> None:
+    """Whatever its size and direction: 1e-5 of its length is no width, 1e-3 is one."""
+    turn = rotation([0, 0, angle])[:2, :2]
+    target = Target(white(), (10, 10, 20, 20), 400, 128.0)
+    for width, is_line in ((1e-5, True), (1e-3, False)):
+        bar = scale * np.array([[-1, -width], [1, -width], [1, width], [-1, width]]) @ turn.T
+        assert bool(_unfit(target, Moments.from_polygon(bar, 3))) is is_line
+
+
 def test_target_at_the_border_keeps_its_moments_for_show() -> None:
     measured = measure(with_box(0, 100, 40, 40))
     assert measured.target.borders == ("top",) and measured.moments is not None
@@ -180,6 +191,50 @@ def test_nearest_component_follows_the_target() -> None:
     assert measure(grey, pipeline).target.box == (100, 100, 40, 30)
     grey[10:80, 200:300] = 0  # something larger comes into view
     assert measure(grey, pipeline).target.box == (100, 100, 40, 30)
+
+
+@pytest.mark.parametrize(
+    ("near", "far"), [((-10, 0), (12, 0)), ((11, 0), (-11, 0)), ((0, -10), (0, 12)),
+                      ((0, 11), (0, -11))],
+    ids=["left", "right", "above", "below"],
+)
+def test_nearest_is_measured_from_the_middle_of_the_target(near, far) -> None:
+    pipeline = Pipeline(Settings(Segmentation(component="nearest")))
+    pipeline.set_camera(CAMERA)
+    measure(with_box(100, 100, 30, 40), pipeline)  # its middle: column 119.5, row 114.5
+    grey = white()
+    for column, row in (near, far):  # 7 x 7, half a pixel nearer than the other
+        grey[114 + row - 3 : 114 + row + 4, 119 + column - 3 : 119 + column + 4] = 0
+    assert measure(grey, pipeline).target.box == (119 + near[0] - 3, 114 + near[1] - 3, 7, 7)
+
+
+def test_a_lost_target_is_looked_for_anew() -> None:
+    pipeline = Pipeline(Settings(Segmentation(component="nearest")))
+    pipeline.set_camera(CAMERA)
+    grey = with_box(100, 20, 10, 10)
+    measure(grey, pipeline)
+    grey[60:120, 200:260] = 0
+    assert measure(grey, pipeline).target.box == (20, 100, 10, 10)
+    assert not measure(white(), pipeline).valid
+    assert measure(grey, pipeline).target.box == (200, 60, 60, 60)  # the largest again
+
+
+@pytest.mark.parametrize(("height", "width"), [(60, 20), (20, 60)], ids=["upright", "lying"])
+@pytest.mark.parametrize("weighting", ["coverage", "binary"])
+@pytest.mark.parametrize("lens", [(0.0,) * 5, (1e-9, 0, 0, 0, 0)], ids=["pinhole", "lens"])
+def test_moments_of_a_rectangle_of_whole_pixels(height, width, weighting, lens) -> None:
+    camera = CameraModel(320, 240, (200.0, 0, 159.5, 0, 160.0, 119.5, 0, 0, 1), lens)
+    pipeline = Pipeline(Settings(weighting=weighting))
+    pipeline.set_camera(camera)
+    moments = measure(with_box(70, 130, height, width), pipeline).moments
+    a, b = width / 200.0, height / 160.0
+    assert moments.m00 == pytest.approx(a * b, rel=1e-6)
+    assert moments.xg == pytest.approx((130 + (width - 1) / 2 - 159.5) / 200.0, abs=1e-7)
+    assert moments.yg == pytest.approx((70 + (height - 1) / 2 - 119.5) / 160.0, abs=1e-7)
+    # edges that fall between pixels are sampled worst: up to two of 20^2 parts too little
+    assert moments.mu(2, 0) == pytest.approx(a**3 * b / 12, rel=6e-3)
+    assert moments.mu(0, 2) == pytest.approx(a * b**3 / 12, rel=6e-3)
+    assert moments.mu(1, 0) == moments.mu(0, 1) == 0.0
 
 
 def test_colour_segmentation_of_a_grey_image_is_refused() -> None:

@@ -152,6 +152,46 @@ def test_unusable_targets_say_why(grey, text: str) -> None:
     assert text in segment(grey, Segmentation()).reason
 
 
+def test_no_target_is_an_empty_box() -> None:
+    target = segment(scene(), Segmentation())
+    assert (target.box, target.pixel_count, target.borders) == ((0, 0, 0, 0), 0, ())
+    assert cv2.countNonZero(target.mask) == 0
+    region = np.zeros((60, 80), np.uint8)
+    target = segment(scene(BIG), Segmentation(component="mask"), region=region)
+    assert (target.box, target.pixel_count, target.borders) == ((0, 0, 0, 0), 0, ())
+
+
+def test_methods_without_one_threshold_say_minus_one() -> None:
+    grey = scene(BIG)
+    colour = np.repeat(grey[..., None], 3, axis=2)
+    for method, level in (("fixed", 128.0), ("adaptive", -1.0), ("colour", -1.0)):
+        assert segment(grey, Segmentation(method), colour).threshold == level
+    red = Segmentation("colour", colour_low=(170, 0, 0), colour_high=(10, 255, 60))
+    assert segment(grey, red, colour).threshold == -1.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "refused"),
+    [({"threshold": -0.5}, True), ({"threshold": 0}, False), ({"threshold": 255}, False),
+     ({"threshold": 255.5}, True), ({"adaptive_block": 3}, False), ({"adaptive_block": 1}, True),
+     ({"min_pixels": 1}, False), ({"colour_low": (0, 0, 0)}, False),
+     ({"colour_low": (-1, 0, 0)}, True), ({"colour_high": (179, 255, 255)}, False),
+     ({"colour_high": (180, 0, 0)}, True), ({"colour_high": (0, 256, 0)}, True),
+     ({"colour_high": (0, 0, 256)}, True), ({"colour_low": (0, 0, 0, 0)}, True)],
+)
+def test_limits_of_the_settings(changes, refused: bool) -> None:
+    if refused:
+        with pytest.raises(SegmentationError):
+            Segmentation(**changes)
+    else:
+        Segmentation(**changes)
+
+
+def test_min_pixels_is_the_smallest_target() -> None:
+    assert segment(scene((20, 20, 4, 4)), Segmentation(min_pixels=16)).reason == ""
+    assert "fewer than 17" in segment(scene((20, 20, 4, 4)), Segmentation(min_pixels=17)).reason
+
+
 def test_coverage_of_a_soft_edge() -> None:
     grey = scene((20, 20, 20, 15), ground=200, target=20)
     grey[20:35, 40] = 65  # three quarters covered
@@ -177,6 +217,12 @@ def test_coverage_needs_contrast() -> None:
     target = segment(scene(BIG), Segmentation())
     with pytest.raises(SegmentationError, match="no contrast"):
         coverage(np.full((60, 80), 90, np.uint8), target)
+
+
+def test_one_grey_level_is_contrast_enough() -> None:
+    grey = scene(BIG, ground=90, target=89)
+    weights, _, bg, fg = coverage(grey, segment(grey, Segmentation(threshold=89)))
+    assert (bg, fg) == (90.0, 89.0) and weights.sum() == pytest.approx(300)
 
 
 @pytest.mark.parametrize(

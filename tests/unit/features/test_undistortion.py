@@ -12,7 +12,7 @@ from aras_visual_servo_camera.errors import CalibrationError
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.moments import Moments, exponents
 from aras_visual_servo_camera.pipeline import Pipeline, Settings
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_camera.undistortion import CameraModel, PixelTables, _distort_polynomial
 
 K = (195.0507, 0.0, 162.4058, 0.0, 195.0992, 127.1973, 0.0, 0.0, 1.0)
 LAB = CameraModel(320, 240, K, (-0.33060, 0.1170, 0.0, 0.0, 0.0))
@@ -23,8 +23,11 @@ RATIONAL = CameraModel(
 FISHEYE = CameraModel(
     320, 240, (102.0, 0, 159.5, 0, 102.0, 119.5, 0, 0, 1), (0.02, -0.01, 0.003, 0.0), "equidistant"
 )
-MODELS = [LAB, TANGENTIAL, RATIONAL, FISHEYE]
-IDS = ["lab", "tangential", "rational", "fisheye"]
+STRONG_FISHEYE = CameraModel(
+    320, 240, (110.0, 0, 162.5, 0, 120.0, 117.5, 0, 0, 1), (0.03, -0.02, 0.02, 0.05), "fisheye"
+)
+MODELS = [LAB, TANGENTIAL, RATIONAL, FISHEYE, STRONG_FISHEYE]
+IDS = ["lab", "tangential", "rational", "fisheye", "strong fisheye"]
 
 
 @pytest.mark.parametrize("camera", MODELS, ids=IDS)
@@ -44,12 +47,111 @@ def test_projection_equals_opencv(camera: CameraModel) -> None:
     points[..., 2] = 1.0
     matrix, D = np.array(camera.K).reshape(3, 3), np.array(camera.D)
     zero = np.zeros(3)
-    if camera is FISHEYE:
+    if camera in (FISHEYE, STRONG_FISHEYE):
         expected, _ = cv2.fisheye.projectPoints(points, zero, zero, matrix, D)
     else:
         expected, _ = cv2.projectPoints(points, zero, zero, matrix, D)
     ours = np.stack(camera.project(points[:, 0, 0], points[:, 0, 1]), axis=1)
     np.testing.assert_allclose(ours, expected.reshape(-1, 2), atol=1e-7)
+
+
+FOLDING = CameraModel(320, 240, K, (-0.33, 0.0, 1e-3, -2e-3, 0.0))
+
+
+@pytest.mark.parametrize("camera", [FOLDING, FISHEYE, STRONG_FISHEYE],
+                         ids=["folding", "fisheye", "strong fisheye"])
+def test_a_place_has_a_ray_only_if_the_ray_leads_back(camera: CameraModel) -> None:
+    """Far beyond the image, where a polynomial folds over and a fisheye looks behind itself."""
+    u, v = (a.ravel() for a in np.meshgrid(np.arange(-600, 921, 40.0), np.arange(-600, 841, 40.0)))
+    x, y, valid = camera.normalise(u, v)
+    assert valid.any() and not valid.all()
+    back = camera.project(x[valid], y[valid])
+    np.testing.assert_allclose(back[0], u[valid], atol=1e-6)
+    np.testing.assert_allclose(back[1], v[valid], atol=1e-6)
+    assert (x[~valid] == 0.0).all() and (y[~valid] == 0.0).all()
+    # one sign all over: never on the far side of the axis, never further than 88 degrees
+    assert ((x * (u - camera.K[2]))[valid] >= -1e-9).all()
+    assert (np.hypot(x, y) < np.tan(np.deg2rad(88.0))).all()
+
+
+@pytest.mark.parametrize("model", ["plumb_bob", "equidistant"])
+def test_a_pixel_counts_where_its_centre_and_corners_have_rays(model: str) -> None:
+    D = (-0.33, 0.0, 0.0, 0.0) if model == "plumb_bob" else (-0.01, 0.0, 0.0, 0.0)
+    focal = 30.0 if model == "plumb_bob" else 18.0
+    camera = CameraModel(60, 40, (focal, 0, 30.5, 0, focal - 1, 18.0, 0, 0, 1), D, model)
+    table = camera.tables
+    some = 0
+    for row in range(40):
+        for column in range(60):
+            u = column + np.array([0.0, -0.5, 0.5, 0.5, -0.5])
+            v = row + np.array([0.0, -0.5, -0.5, 0.5, 0.5])
+            x, y, valid = camera.normalise(u, v)
+            corners = np.roll(x[1:], -1) * y[1:] - x[1:] * np.roll(y[1:], -1)
+            area = -0.5 * corners.sum() if valid.all() else 0.0
+            assert table.area[row, column] == pytest.approx(max(area, 0.0), rel=1e-9, abs=1e-15)
+            if table.area[row, column]:
+                assert (table.x[row, column], table.y[row, column]) == pytest.approx((x[0], y[0]))
+            else:
+                assert table.x[row, column] == table.y[row, column] == 0.0
+                some += 1
+    assert 0 < some < 2400
+    assert (camera.blind == (table.area == 0.0)).all()
+
+
+@pytest.mark.parametrize("centre", [(1.6, 0.1), (-0.1, -1.2)], ids=["right", "above"])
+def test_a_small_target_far_from_the_axis(centre: tuple[float, float]) -> None:
+    """The blur that is taken out is that of the pixels there, several times a central one's."""
+    outline = 0.09 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]]) + centre
+    exact = Moments.from_polygon(outline)
+    pipeline = Pipeline(Settings())
+    pipeline.set_camera(FISHEYE)
+    moments = pipeline.measure(Image(through(FISHEYE, outline, 32), "mono8")).moments
+    for i, j in ((2, 0), (0, 2)):
+        spread = exact.mu(i, j) / exact.m00
+        assert moments.mu(i, j) / moments.m00 == pytest.approx(spread, rel=0.015)
+
+
+def test_jacobian_of_the_polynomial_by_finite_differences() -> None:
+    """With every coefficient at work; in Newton's method a wrong one would only cost steps."""
+    D = (0.4, 0.3, 0.05, -0.07, 0.2, 0.7, 0.25, 0.15)
+    x, y = np.random.default_rng(1).uniform(-0.8, 0.8, (2, 30))
+    _, _, jxx, jxy, jyy = _distort_polynomial(x, y, D)
+
+    def slope(dx: float, dy: float) -> tuple[np.ndarray, ...]:
+        after = _distort_polynomial(x + dx, y + dy, D)[:2]
+        before = _distort_polynomial(x - dx, y - dy, D)[:2]
+        return tuple((a - b) / (2 * (dx + dy)) for a, b in zip(after, before, strict=True))
+
+    by_x, by_y = slope(1e-5, 0.0), slope(0.0, 1e-5)
+    np.testing.assert_allclose(by_x, [jxx, jxy], atol=1e-9)
+    np.testing.assert_allclose(by_y, [jxy, jyy], atol=1e-9)
+
+
+def test_a_fisheye_without_coefficients_is_the_equidistant_lens() -> None:
+    bare = CameraModel(320, 240, FISHEYE.K, (), "equidistant")
+    x, y = np.tan([0.3, 0.9]) * 0.6, np.tan([0.3, 0.9]) * 0.8
+    u, v = bare.project(x, y)
+    np.testing.assert_allclose(u, 159.5 + 102.0 * np.array([0.3, 0.9]) * 0.6, atol=1e-10)
+    np.testing.assert_allclose(v, 119.5 + 102.0 * np.array([0.3, 0.9]) * 0.8, atol=1e-10)
+    back = bare.normalise(u, v)
+    np.testing.assert_allclose(back[:2], [x, y], atol=1e-10)
+    assert [float(a[0]) for a in bare.project([0.0], [0.0])] == [159.5, 119.5]
+
+
+@pytest.mark.parametrize(
+    "place",
+    [(2, 3), (0, 0), (6, 4)],
+    ids=["inside", "first", "last"],
+)
+def test_variance_of_a_pixel_s_square(place: tuple[int, int]) -> None:
+    """A pixel that is mapped to a parallelogram: J J' / 12, at the image's edge as within."""
+    J = np.array([[0.02, 0.003], [-0.005, 0.03]])
+    u, v = np.meshgrid(np.arange(7.0), np.arange(5.0))
+    x, y = J[0, 0] * u + J[0, 1] * v, J[1, 0] * u + J[1, 1] * v
+    table = PixelTables(x, y, np.full(x.shape, np.linalg.det(J)))
+    variance = J @ J.T / 12.0
+    expected = (variance[0, 0], variance[0, 1], variance[1, 1])
+    assert table.pixel_variance(*place) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("camera", MODELS, ids=IDS)
@@ -133,6 +235,28 @@ def info(**changes):
 def test_reads_camera_info() -> None:
     assert CameraModel.from_message(info()).pinhole.fx == K[0]
     assert CameraModel.from_message(info(D=[], distortion_model="")).distorted is False
+
+
+@pytest.mark.parametrize(
+    ("model", "counts"),
+    [("plumb_bob", (0, 4, 5, 8)), ("rational_polynomial", (0, 4, 5, 8)), ("", (0, 4, 5, 8)),
+     ("equidistant", (0, 4)), ("fisheye", (0, 4))],
+)
+def test_numbers_of_coefficients(model: str, counts: tuple[int, ...]) -> None:
+    for count in range(10):
+        if count in counts:
+            assert CameraModel.from_message(info(D=(0.01,) * count, distortion_model=model))
+        else:
+            with pytest.raises(CalibrationError, match=f"coefficients, got {count}"):
+                CameraModel.from_message(info(D=(0.01,) * count, distortion_model=model))
+
+
+def test_the_smallest_camera_has_one_pixel() -> None:
+    one = CameraModel(1, 1, (0.5, 0, 0, 0, 0.5, 0, 0, 0, 1), (0.0,) * 4, "equidistant")
+    assert one.tables.area.shape == (1, 1)
+    for size in ((0, 1), (1, 0)):
+        with pytest.raises(CalibrationError, match="is empty"):
+            CameraModel(*size, K)
 
 
 @pytest.mark.parametrize(

@@ -26,6 +26,13 @@ def _kernel(a):
 
 def nobody(a):
     return a - 4
+
+
+def made(a):
+    return a - 5
+
+
+FIVE = made(10)
 """
 LIMITS = b"LIMIT = 5.0\n"
 SOURCES = {"src/shapes.py": SHAPES, "src/limits.py": LIMITS}
@@ -35,6 +42,7 @@ RECORDING = {
             "1": [COLLECTING], "2": [COLLECTING],
             "7": ["tests/a.py::quick", "tests/a.py::long", "fixture shared of tests/a.py"],
             "11": ["tests/a.py::other"],
+            "24": [COLLECTING],
         },
         "src/limits.py": {"1": [COLLECTING]},
     },
@@ -43,8 +51,8 @@ RECORDING = {
                 "tests/a.py::other": 0.2, "tests/a.py::failing": 0.1},
     "failed": {},
 }
-SECOND = {"lines": {"src/shapes.py": {"7": ["tests/b.py::brief"]}}, "shared": {},
-          "seconds": {"tests/b.py::brief": 0.01}, "failed": {}}
+SECOND = {"lines": {"src/shapes.py": {"24": ["tests/b.py::brief"], "7": ["tests/b.py::brief"]}},
+          "shared": {}, "seconds": {"tests/b.py::brief": 0.01}, "failed": {}}
 
 
 def found_at(line: int, file: str = "src/shapes.py", failed: tuple[str, ...] = ()) -> list[str]:
@@ -77,6 +85,10 @@ def test_a_compiled_function_is_seen_where_it_is_called() -> None:
 
 def test_a_constant_that_only_imports_see_gets_the_tests_that_import_it() -> None:
     assert set(found_at(1, "src/limits.py")) == {"quick", "long", "user", "other", "failing"}
+
+
+def test_what_runs_when_test_files_are_imported_concerns_all_their_tests() -> None:
+    assert set(found_at(24)) == {"brief", "quick", "long", "user", "other", "failing"}
 
 
 def test_total_is_what_the_tests_took() -> None:

@@ -1,0 +1,88 @@
+"""What goes into the messages, with stand-ins for those that catkin generates."""
+
+from __future__ import annotations
+
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("sensor_msgs.msg")
+
+from std_msgs.msg import Header  # noqa: E402
+
+from aras_visual_servo_camera.errors import MomentsError  # noqa: E402
+from aras_visual_servo_camera.images import Image  # noqa: E402
+from aras_visual_servo_camera.messages import (  # noqa: E402
+    array_message,
+    image_message,
+    moments_from_message,
+    moments_message,
+)
+from aras_visual_servo_camera.pipeline import Measurement, Pipeline, Settings  # noqa: E402
+from aras_visual_servo_camera.undistortion import CameraModel  # noqa: E402
+
+CAMERA = CameraModel(80, 60, (70.0, 0, 39.5, 0, 71.0, 29.5, 0, 0, 1), (0.1, 0, 0, 0, 0))
+HEADER = Header(seq=3, frame_id="camera")
+
+
+@pytest.fixture(autouse=True)
+def generated(monkeypatch: pytest.MonkeyPatch) -> None:
+    stand_in = SimpleNamespace(ImageMoments=SimpleNamespace)
+    monkeypatch.setitem(sys.modules, "aras_visual_servo_camera.msg", stand_in)
+
+
+def measured(column: int = 20, camera: CameraModel | None = CAMERA) -> Measurement:
+    grey = np.full((60, 80), 255, np.uint8)
+    grey[10:30, column : column + 10] = 0
+    pipeline = Pipeline(Settings(weighting="binary"))
+    if camera:
+        pipeline.set_camera(camera)
+    return pipeline.measure(Image(grey, "mono8"))
+
+
+def test_a_measurement_arrives_as_it_was_sent() -> None:
+    measurement = measured()
+    message = moments_message(measurement, HEADER, "fixed")
+    assert message.header is HEADER and message.segmentation == "fixed"
+    assert message.valid is True and message.reason == "" and message.touches_border is False
+    assert (message.pixel_count, message.threshold, message.order) == (200, 128.0, 6)
+    assert (message.width, message.height) == (80, 60)
+    assert message.distortion_model == "plumb_bob"
+    assert tuple(message.K + message.D) == (*CAMERA.K, *CAMERA.D)
+    assert len(message.K) == 9
+    back = moments_from_message(message)
+    np.testing.assert_array_equal(back.m_array, measurement.moments.m_array)
+    np.testing.assert_array_equal(back.mu_array, measurement.moments.mu_array)
+
+
+def test_without_camera_there_are_neither_moments_nor_intrinsics() -> None:
+    message = moments_message(measured(camera=None), HEADER, "otsu")
+    assert message.valid is False and "no camera_info" in message.reason
+    assert not {"m", "mu", "order", "K", "D", "width", "distortion_model"} & set(vars(message))
+    with pytest.raises(MomentsError, match="gave no moments: no camera_info"):
+        moments_from_message(message)
+
+
+def test_a_border_is_told() -> None:
+    message = moments_message(measured(column=0), HEADER, "fixed")
+    assert message.touches_border is True and "left border" in message.reason
+
+
+def test_numbers_of_the_original() -> None:
+    message = array_message([1.0, 2.5, -3.0])
+    (dimension,) = message.layout.dim
+    assert message.data == [1.0, 2.5, -3.0]
+    assert (dimension.label, dimension.size, dimension.stride) == ("features", 3, 3)
+
+
+@pytest.mark.parametrize(("encoding", "channels"), [("mono8", 1), ("rgb8", 3)])
+def test_pictures_are_sent_row_by_row(encoding: str, channels: int) -> None:
+    shape = (4, 5) if channels == 1 else (4, 5, channels)
+    wide = np.arange(2 * np.prod(shape), dtype=np.uint8).reshape(4, 10, *shape[2:])
+    pixels = wide[:, ::2]  # not contiguous
+    message = image_message(pixels, encoding, HEADER)
+    assert (message.height, message.width, message.step) == (4, 5, 5 * channels)
+    assert message.encoding == encoding and message.header is HEADER
+    assert message.data == pixels.tobytes()

@@ -184,7 +184,9 @@ def _undistort_polynomial(xd: Array, yd: Array, D: tuple[float, ...]):
             x = x - (jyy * ex - jxy * ey) / determinant
             y = y - (jxx * ey - jxy * ex) / determinant
         px, py, jxx, jxy, jyy = _distort_polynomial(x, y, D)
-        valid = (np.abs(px - xd) + np.abs(py - yd) < 1e-10) & (jxx * jyy - jxy * jxy > 0.0)
+        valid = np.abs(px - xd) + np.abs(py - yd) < 1e-10
+        # beyond a fold a root on the far side of the axis mirrors twice: its Jacobian is negative
+        valid &= (jxx * jyy - jxy * jxy > 0.0) & (jxx + jyy > 0.0)
         valid &= x * x + y * y < np.tan(_MAX_FIELD_ANGLE) ** 2
     return np.where(valid, x, 0.0), np.where(valid, y, 0.0), valid
 

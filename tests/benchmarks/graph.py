@@ -32,7 +32,7 @@ def robot(**arguments: object) -> Iterator[int]:
     from ros_graph import Launch, RosMaster, wait_for
 
     with tempfile.TemporaryDirectory() as directory:
-        master = RosMaster(Path(directory))
+        master = RosMaster(Path(directory), watched=False)
         names = ("ROS_MASTER_URI", "ROS_IP", "ROS_HOME", "ROS_LOG_DIR")
         os.environ.update({name: master.environment[name] for name in names})
         launched = Launch(

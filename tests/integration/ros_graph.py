@@ -106,7 +106,8 @@ class Collector:
 class RosMaster:
     """A rosmaster of our own on a free port of this machine; ends with `stop()`."""
 
-    def __init__(self, directory: Path) -> None:
+    def __init__(self, directory: Path, watched: bool = True) -> None:
+        """`watched`: nodes `gazebo` tell of touches from other threads; it costs them some time."""
         self.directory = directory
         self.port = _free_port()
         self.uri = f"http://127.0.0.1:{self.port}"
@@ -118,7 +119,8 @@ class RosMaster:
             "ROS_HOME": str(directory),
             "ROS_LOG_DIR": str(directory / "log"),
             "PYTHONUNBUFFERED": "1",
-            "PYTHONPATH": f"{WATCH}{os.pathsep}{os.environ.get('PYTHONPATH', '')}",
+            "PYTHONPATH": (f"{WATCH}{os.pathsep}" if watched else "")
+            + os.environ.get("PYTHONPATH", ""),
             # some of Debian's ROS tools start with `env python3`, which must be one that knows ROS
             "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
             MARK: self.mark,

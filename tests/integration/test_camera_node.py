@@ -275,7 +275,7 @@ def test_master_gone_ends_the_node(tmp_path):
 
 ENDING = """
 import os, signal, threading, rospy
-from aras_visual_servo_camera.shutdown import end_on_signals
+from aras_visual_servo_ros.shutdown import end_on_signals
 held = threading.Lock()
 rospy.on_shutdown(lambda: held.acquire() and print("let go", flush=True))
 end_on_signals()

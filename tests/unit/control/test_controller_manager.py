@@ -289,7 +289,9 @@ class TestSwitching:
 
 
 class TestFaults:
-    def test_a_controller_that_raises_is_aborted_and_the_others_go_on(self, rig):
+    @pytest.mark.parametrize("clock", [None, lambda: 0], ids=["", "with statistics"])
+    def test_a_controller_that_raises_is_aborted_and_the_others_go_on(self, rig, clock):
+        rig.manager.clock_ns = clock
         load(rig, "r_update", "a1")
         switch(rig, ["r_update", "a1"])
         rig.hardware.handles["b"].effort_command = 5.0

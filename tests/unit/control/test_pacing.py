@@ -54,3 +54,61 @@ def test_at_full_speed_events_need_no_care(wall):
     pacer = Pacer(0.0, wall)
     assert pacer.due_until(0, 3 * MS) == BATCH_NS
     assert pacer.wait(0, 3 * MS) == 0.0
+
+
+@pytest.mark.parametrize("factor", [0.25, 0.5, 2.0, 3.0])
+def test_simulated_time_follows_wall_time_times_the_factor(wall, factor):
+    pacer = Pacer(factor, wall)
+    begin, time_ns = wall.now, 0
+    for group in range(1, 200):
+        assert pacer.due_until(time_ns) == time_ns  # not a moment too early
+        wall.now += pacer.wait(time_ns) + 1e-6
+        time_ns = pacer.due_until(time_ns)
+        assert time_ns == group * BATCH_NS
+        assert (wall.now - begin) * factor * 1e9 == pytest.approx(time_ns, abs=1e4)
+
+
+def test_groups_may_be_single_steps(wall):
+    pacer = Pacer(1.0, wall)
+    wall.now += 0.0032
+    assert pacer.due_until(0, group_ns=1 * MS) == 3 * MS
+    assert pacer.wait(3 * MS, group_ns=1 * MS) == pytest.approx(0.0008)
+    assert pacer.due_until(0, group_ns=2 * MS) == 2 * MS  # steps of 2 ms
+    assert pacer.wait(2 * MS, group_ns=2 * MS) == pytest.approx(0.0008)
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_a_lag_is_made_good_up_to_a_limit_and_given_up_beyond(wall, factor):
+    pacer = Pacer(factor, wall)
+    wall.now += 0.150 / factor
+    assert pacer.due_until(0) == 148 * MS
+    wall.now += 0.300 / factor
+    assert pacer.due_until(148 * MS) == 152 * MS
+    assert pacer.wait(152 * MS) == pytest.approx(0.004 / factor, rel=1e-6)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+def test_a_new_factor_counts_from_now_on(wall, factor):
+    pacer = Pacer(1.0, wall)
+    wall.now += 1.0
+    pacer.set_factor(factor, 40 * MS)
+    assert pacer.due_until(40 * MS) == 40 * MS
+    wall.now += 0.1 / factor
+    assert pacer.due_until(40 * MS) == 140 * MS
+
+
+def test_the_factor_that_came_out_is_measured_in_windows(wall):
+    pacer = Pacer(0.5, wall)
+    wall.now += 2.5
+    pacer.due_until(1000 * MS)
+    assert pacer.real_time_factor == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize(("factor", "reached_ms", "warned"), [
+    (0.5, 990, False), (0.5, 900, True), (2.0, 3900, False), (2.0, 2000, True), (0.0, 1, False),
+])  # fmt: skip
+def test_who_falls_short_of_the_wanted_factor_is_warned(wall, caplog, factor, reached_ms, warned):
+    pacer = Pacer(factor, wall)
+    wall.now += 2.0
+    pacer.due_until(reached_ms * MS)
+    assert ("cannot keep up" in caplog.text) == warned

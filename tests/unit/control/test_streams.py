@@ -6,6 +6,7 @@ Waiting turns the clock, and so do steps; messages arrive at their times in real
 from __future__ import annotations
 
 import bisect
+import itertools
 import random
 import socket
 import struct
@@ -98,18 +99,25 @@ class Script(Inbox):
 
 
 def run(
-    arrivals: list[float], end: float, factor: float = 1.0, step_ns: int = 1_000_000
+    arrivals: list[float], end: float, factor: float = 1.0, step_ns: int = 1_000_000, **options
 ) -> tuple[Script, Simulation]:
-    """The thread at `factor` while messages 0, 1, ... arrive after so many seconds."""
+    """The thread at `factor` while messages 0, 1, ... arrive after so many seconds.
+
+    Whatever arrives, no step is made before its time has come.
+    """
     wall = Wall()
     script = Script(wall, arrivals, end)
-    thread = SimulationThread(
-        lambda: Simulation(wall, step_ns), Pacer(factor, wall), inbox=script
-    )
+    pacer = Pacer(factor, wall)
+    simulation = Simulation(wall, step_ns)
+    thread = SimulationThread(lambda: simulation, pacer, inbox=script, **options)
+    begin = wall.now
     thread.start()
     assert script.over.wait(60.0)
     thread.stop()
-    return script, thread.simulation
+    if factor and not options:
+        for number, made in enumerate(simulation.made, 1):
+            assert (made - begin) * factor >= number * step_ns / 1e9 - 1e-9
+    return script, simulation
 
 
 def delays(script: Script) -> list[float]:
@@ -128,27 +136,90 @@ def test_a_stream_in_real_time_acts_in_order_within_two_milliseconds(rate):
     assert simulation.time_ns == pytest.approx(2.1e9, abs=5e6)  # time did not stand behind
 
 
-def test_a_stream_survives_a_pause_of_the_thread(rate=1000.0):
+def test_a_stream_survives_a_pause_of_the_thread():
     """Ten milliseconds in which nothing ran are made good: a step for each message of them."""
-    arrivals = [k / rate for k in range(1000)]
     wall = Wall()
-    script = Script(wall, arrivals, 1.1)
-    stalled = []
+    script = Script(wall, [k / 1000.0 for k in range(1000)], 1.1)
+    simulation = Simulation(wall, 1_000_000)
 
     def stall(time_ns: int) -> None:
-        if time_ns == 500_000_000 and not stalled:
-            stalled.append(wall.now)
+        if time_ns == 500_000_000:
             wall.now += 0.010
 
     thread = SimulationThread(
-        lambda: Simulation(wall, 1_000_000), Pacer(1.0, wall), after_step=stall, inbox=script
+        lambda: simulation, Pacer(1.0, wall), after_step=stall, inbox=script
     )
     thread.start()
     assert script.over.wait(60.0)
     thread.stop()
-    assert stalled
+    assert max(b - a for a, b in itertools.pairwise(simulation.made)) > 0.010
     assert len(script.acted) >= 990
     assert script.order == sorted(script.order)
+
+
+def test_after_a_reset_of_time_the_stream_before_does_not_count():
+    wall = Wall()
+    script = Script(wall, [k / 1000.0 for k in range(500)], 1.0)
+    pacer = Pacer(1.0, wall)
+    simulation = Simulation(wall, 1_000_000)
+    resets = []
+
+    def reset() -> None:
+        resets.append(script.waits)
+        simulation.time_ns = 0
+        pacer.restart(0)
+
+    def after_step(time_ns: int) -> None:
+        if time_ns == 500_000_000 and not resets:
+            thread.post(reset)
+
+    thread = SimulationThread(lambda: simulation, pacer, after_step=after_step, inbox=script)
+    thread.start()
+    assert script.over.wait(60.0)
+    thread.stop()
+    assert script.waits - resets[0] <= 140
+
+
+class Answers:
+    """A gate that closes after each step, until a message acts."""
+
+    closed = True
+
+    def __init__(self, script: Script) -> None:
+        self._script = script
+        self._heard = 0
+
+    def remaining(self) -> float | None:
+        if self._script.over.is_set() or len(self._script.order) > self._heard:
+            self._heard = len(self._script.order)
+            self.closed = False
+            return None
+        return 1.0
+
+    def clear(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("at_once", [1, 2, 4, 8])
+def test_in_lockstep_each_command_acts_in_a_step_of_its_own(at_once):
+    wall = Wall()
+    script = Script(wall, [k // at_once / 100.0 for k in range(80)], 1.0)
+    simulation = Simulation(wall, 1_000_000)
+    gate = Answers(script)
+    acted: list[list[int]] = []
+
+    def after_step(_time_ns: int) -> None:
+        gate.closed = True
+        acted.append(script.order[sum(map(len, acted)):])
+
+    thread = SimulationThread(
+        lambda: simulation, Pacer(0.0, wall), after_step=after_step, inbox=script
+    )
+    thread.gate = gate
+    thread.start()
+    assert script.over.wait(60.0)
+    thread.stop()
+    assert acted[:80] == [[number] for number in range(80)]
 
 
 def test_a_flood_costs_a_message_a_step_and_the_last_one_acts():
@@ -159,6 +230,7 @@ def test_a_flood_costs_a_message_a_step_and_the_last_one_acts():
     assert script.order[-1] == 5999
     assert max(delays(script)) <= 2e-3
     assert simulation.time_ns == pytest.approx(1.2e9, abs=5e6)
+    assert script.waits <= 1200  # one a step: the flood wakes nobody
 
 
 def test_without_commands_the_thread_wakes_for_groups_of_steps():
@@ -188,7 +260,16 @@ def test_longer_steps_hold_real_time_and_take_a_command_each():
 
 
 def test_at_full_speed_what_arrived_before_a_step_acts_in_it():
-    script, simulation = run([k / 1000.0 for k in range(1000)], 0.05, factor=0.0)
+    script, simulation = run([k / 50_000.0 for k in range(2500)], 0.05, factor=0.0)
     assert simulation.time_ns > 0.4e9
-    assert len(script.acted) >= 49
+    assert len(script.acted) >= 0.9 * 0.05 / STEP_COST
+    assert script.order == sorted(script.order)
     assert max(delays(script)) <= 1.01 * STEP_COST
+
+
+def test_while_time_stands_still_the_newest_is_heard_and_a_flood_wakes_now_and_then():
+    script, simulation = run([k / 6000.0 for k in range(600)], 0.2, paused=True)
+    assert simulation.made == []
+    assert script.order[-1] == 599
+    assert max(delays(script)) <= 0.005
+    assert 20 <= script.waits <= 60

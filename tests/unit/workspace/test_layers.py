@@ -10,28 +10,98 @@ import pytest
 SOURCES = Path(__file__).parents[3] / "src"
 LIBRARIES = {package: SOURCES / package / "src" / package for package in (
     "aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller",
-    "aras_visual_servo_bench",
+    "aras_visual_servo_bench", "aras_visual_servo_ros",
 )}
 # What each package may take from the others, besides their generated messages.
 ALLOWED = {
-    "aras_sim_bridge": set(),
-    "aras_visual_servo_camera": set(),
-    "aras_visual_servo_controller": {"aras_visual_servo_camera"},
+    "aras_visual_servo_ros": set(),
+    "aras_sim_bridge": {"aras_visual_servo_ros"},
+    "aras_visual_servo_camera": {"aras_visual_servo_ros"},
+    "aras_visual_servo_controller": {"aras_visual_servo_camera", "aras_visual_servo_ros"},
     "aras_visual_servo_bench": {
         "aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller"
     },
 }
 
 
+# The bridge's floors: a room imports from those below it, never from one beside it.
+FLOORS = (
+    {"errors"},
+    {"angles", "parameters", "poses"},
+    {"description"},
+    {"control", "world"},
+    {"rendering"},
+    {"camera"},
+    {"simulation"},
+    {"ros"},
+)
+# Pure maths in the rooms above: imports nothing of ours but the two lowest floors.
+PURE = ("control/pid.py", "camera/lens.py")
+
+
 def imports(file: Path) -> set[str]:
-    """Absolute names of all modules that `file` imports, wherever in the file."""
+    """Absolute names of all modules that `file` imports, wherever and however it does."""
     names = set()
     for node in ast.walk(ast.parse(file.read_text(), str(file))):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                base = ".".join([*package_of(file, node.level), *filter(None, [node.module])])
+            names |= {base} | {f"{base}.{alias.name}" for alias in node.names}
     return names
+
+
+def package_of(file: Path, level: int) -> list[str]:
+    """The package that so many dots mean in `file`; it lies below a folder `src`."""
+    parts = list(file.parts)
+    inside = parts[len(parts) - parts[::-1].index("src") :]
+    return inside[: len(inside) - level]
+
+
+def test_relative_imports_are_seen(tmp_path: Path) -> None:
+    file = tmp_path / "src" / "aras_sim_bridge" / "camera" / "lens.py"
+    file.parent.mkdir(parents=True)
+    lines = ("from ..rendering import view", "from . import model", "from .sensor import Frame")
+    file.write_text("\n".join(lines))
+    assert imports(file) == {
+        "aras_sim_bridge.rendering", "aras_sim_bridge.rendering.view", "aras_sim_bridge.camera",
+        "aras_sim_bridge.camera.model", "aras_sim_bridge.camera.sensor",
+        "aras_sim_bridge.camera.sensor.Frame",
+    }  # fmt: skip
+
+
+def floor(room: str) -> int:
+    """How high a room of the bridge lies."""
+    found = [height for height, rooms in enumerate(FLOORS) if room in rooms]
+    assert found, f"{room}: a room without a floor; give it one in FLOORS"
+    return found[0]
+
+
+def bridge_imports(file: Path) -> set[str]:
+    """The rooms of the bridge from which `file` takes something."""
+    library = LIBRARIES["aras_sim_bridge"]
+    rooms = {room.stem for room in library.iterdir() if room.suffix in ("", ".py")}
+    names = [name.split(".") for name in imports(file)]
+    return {n[1] for n in names if n[0] == "aras_sim_bridge" and len(n) > 1 and n[1] in rooms}
+
+
+def test_the_bridge_imports_go_down_from_floor_to_floor() -> None:
+    library = LIBRARIES["aras_sim_bridge"]
+    for file in library.rglob("*.py"):
+        room = file.relative_to(library).parts[0].removesuffix(".py")
+        if room == "__init__":
+            continue
+        for other in bridge_imports(file) - {room}:
+            assert floor(other) < floor(room), f"{file.relative_to(library)} imports {other}"
+
+
+@pytest.mark.parametrize("name", PURE)
+def test_pure_maths_needs_no_part(name: str) -> None:
+    file = LIBRARIES["aras_sim_bridge"] / name
+    rooms = bridge_imports(file)
+    assert rooms <= FLOORS[0] | FLOORS[1], f"{name} imports {rooms}"
 
 
 @pytest.mark.parametrize("package", LIBRARIES)

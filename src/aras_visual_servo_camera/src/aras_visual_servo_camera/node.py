@@ -13,14 +13,15 @@ from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import Image as ImageMessage
 from std_msgs.msg import Float64MultiArray
 
+from aras_visual_servo_ros.master_watch import MasterWatch
+from aras_visual_servo_ros.shutdown import end_on_signals
+
 from .errors import CalibrationError, ParameterError, VisionError
 from .images import Image, decode
-from .master_watch import MasterWatch
 from .messages import array_message, image_message, moments_message
 from .overlay import draw
 from .parameters import NodeParameters
 from .pipeline import Measurement, Pipeline
-from .shutdown import end_on_signals
 from .undistortion import CameraModel
 
 IMAGE_TOPIC = "/labrob/camera/image_raw"

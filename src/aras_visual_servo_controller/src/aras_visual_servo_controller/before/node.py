@@ -18,8 +18,8 @@ from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 
-from aras_visual_servo_camera.master_watch import MasterWatch
-from aras_visual_servo_camera.shutdown import end_on_signals
+from aras_visual_servo_ros.master_watch import MasterWatch
+from aras_visual_servo_ros.shutdown import end_on_signals
 
 from ..errors import ConfigurationError
 from ..kinematics import JOINT_NAMES, MOUNTING

@@ -80,14 +80,9 @@ class CameraTopics:
             topic = f"{root}/segmentation/image_raw"
             self._segmentation = self._kept(ImageTopic(topic, self._changed))
             self._labels = self._kept(LabelTopic(f"{root}/segmentation/labels", peers))
-        services = ServiceTable(self.namespace)
+        services = ServiceTable(self.namespace, self._thread)
         self._closing.append(services)
-        services.add(
-            "set_camera_info",
-            SetCameraInfo,
-            self._on_set_camera_info,
-            lambda text: SetCameraInfoResponse(False, text),
-        )
+        services.add("set_camera_info", SetCameraInfo, self._on_set_camera_info, outside=True)
         if config.camera_name:  # as upstream: none without a name of its own
             self._closing.append(self._rate_server(self._thread.call(self._rate)))
         self._announced = frames.announce(

@@ -22,6 +22,8 @@ from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
 COMPLAINT_PERIOD = 5.0  # seconds of wall time between two lines about the same fault
 CLOSED_PERIOD = 1.0  # seconds of wall time between two looks whether rospy closed a connection
+_lock = threading.Lock()
+_feeds: dict[str, _Feed] = {}
 
 
 class CommandTopic:
@@ -36,25 +38,64 @@ class CommandTopic:
     ) -> None:
         """Subscribe; `take`, called in the simulation's thread, may raise SimError."""
         self._topic = topic
-        self._message = message
         self._take = take
-        self._thread = thread
         self._complained = -COMPLAINT_PERIOD
         self._refused = 0
-        self._streams: set[Stream] = set()  # the simulation's thread's
-        self._subscribing = threading.Lock()
-        COUNT.claim(topic)
-        with self._subscribing:
-            self._subscriber = rospy.Subscriber(
-                topic,
-                message,
-                self._hand_over,
-                queue_size=1,
-                buff_size=BUFFER_SIZE,
-                tcp_nodelay=True,
-            )
+        with _lock:
+            if topic not in _feeds:
+                _feeds[topic] = _Feed(topic, message, thread)
+            self._feed = _feeds[topic]
+            self._feed.takers = (*self._feed.takers, self)
 
     def shutdown(self) -> None:
+        """Unsubscribe."""
+        with _lock:
+            self._feed.takers = tuple(t for t in self._feed.takers if t is not self)
+            if not self._feed.takers:
+                del _feeds[self._topic]
+                self._feed.close()
+
+    def act(self, message: Message) -> None:
+        """Have a message taken; a fault becomes a line, at a bounded rate."""
+        try:
+            self._take(message)
+        except SimError as error:
+            self.complain(str(error))
+        except Exception as error:  # of a user's controller: it must not end the simulation
+            self.complain(f"{type(error).__name__}: {error}")
+
+    def complain(self, why: str) -> None:
+        """Say why a message was refused."""
+        self._refused += 1
+        now = time.monotonic()
+        if now - self._complained >= COMPLAINT_PERIOD:
+            more = f" ({self._refused} refused so far)" if self._refused > 1 else ""
+            rospy.logerr("%s: %s%s", self._topic, why, more)
+            self._complained = now
+
+
+class _Feed:
+    """The one subscription of this process to a topic, whoever takes from it."""
+
+    def __init__(self, topic: str, message: type[Message], thread: SimulationThread) -> None:
+        self.takers: tuple[CommandTopic, ...] = ()
+        self._topic = topic
+        self._message = message
+        self._thread = thread
+        self._streams: set[Stream] = set()  # the simulation's thread's
+        self._subscribed = threading.Event()
+        COUNT.claim(topic)
+        self._subscriber = rospy.Subscriber(
+            topic,
+            message,
+            self._hand_over,
+            queue_size=1,
+            buff_size=BUFFER_SIZE,
+            tcp_nodelay=True,
+        )
+        self._subscribed.set()
+
+    def close(self) -> None:
         """Unsubscribe."""
         self._thread.post(self._end_streams)
         self._subscriber.unregister()
@@ -62,8 +103,8 @@ class CommandTopic:
 
     def _hand_over(self, message: Message) -> None:
         """The first message of a connection, in rospy's thread for it."""
-        with self._subscribing:
-            implementation = self._subscriber.impl
+        self._subscribed.wait()
+        implementation = self._subscriber.impl
         connections = [] if implementation is None else implementation.connections
         connection: TCPROSTransport | None = next(
             (c for c in connections if c.header is message._connection_header), None
@@ -99,23 +140,12 @@ class CommandTopic:
         try:
             message = self._message().deserialize(body)
         except DeserializationError as error:
-            self._complain(f"a message of {len(body)} bytes is no {self._message._type}: {error}")
+            reason = f"a message of {len(body)} bytes is no {self._message._type}: {error}"
+            self.takers[0].complain(reason)
         else:
             self._act(message)
 
     def _act(self, message: Message) -> None:
-        try:
-            self._take(message)
-        except SimError as error:
-            self._complain(str(error))
-        except Exception as error:  # of a user's controller: it must not end the simulation
-            self._complain(f"{type(error).__name__}: {error}")
+        for taker in self.takers:
+            taker.act(message)
         COUNT.note(self._topic)
-
-    def _complain(self, why: str) -> None:
-        self._refused += 1
-        now = time.monotonic()
-        if now - self._complained >= COMPLAINT_PERIOD:
-            more = f" ({self._refused} refused so far)" if self._refused > 1 else ""
-            rospy.logerr("%s: %s%s", self._topic, why, more)
-            self._complained = now

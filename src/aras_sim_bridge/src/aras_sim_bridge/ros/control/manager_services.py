@@ -58,7 +58,7 @@ class ManagerServices:
         self._topics: dict[str, ControllerTopics] = {}
         self._joint_pids: list[PidTopics] = []
         self._e_stop: CommandTopic | None = None
-        self._services = ServiceTable(f"{self._namespace}/controller_manager")
+        self._services = ServiceTable(f"{self._namespace}/controller_manager", thread)
         try:
             self._advertise()
         except Exception:
@@ -71,27 +71,15 @@ class ManagerServices:
             namespace = f"{self._namespace}/gazebo_ros_control/pid_gains/{joint}"
             self._joint_pids.append(PidTopics(namespace, pid, self._thread))
         self._e_stop = self._subscribe_e_stop()
-        for name, service, handler, response in (
-            ("list_controllers", ListControllers, self._list, ListControllersResponse),
-            (
-                "list_controller_types",
-                ListControllerTypes,
-                self._types,
-                ListControllerTypesResponse,
-            ),
-            ("load_controller", LoadController, self._load, LoadControllerResponse),
-            ("unload_controller", UnloadController, self._unload, UnloadControllerResponse),
-            ("switch_controller", SwitchController, self._switch, SwitchControllerResponse),
-            (
-                "reload_controller_libraries",
-                ReloadControllerLibraries,
-                self._reload,
-                ReloadControllerLibrariesResponse,
-            ),
+        for name, service, handler in (
+            ("list_controllers", ListControllers, self._list),
+            ("list_controller_types", ListControllerTypes, self._types),
+            ("load_controller", LoadController, self._load),
+            ("unload_controller", UnloadController, self._unload),
+            ("switch_controller", SwitchController, self._switch),
+            ("reload_controller_libraries", ReloadControllerLibraries, self._reload),
         ):
-            self._services.add(
-                name, service, self._serially(handler), lambda _text, make=response: make()
-            )
+            self._services.add(name, service, self._serially(handler), outside=True)
 
     def shutdown(self) -> None:
         """Take services and topics off the graph."""

@@ -115,7 +115,6 @@ class TrajectoryAction:
     ) -> None:
         """Serve `controller` below its `namespace`."""
         self._controller = controller
-        self._thread = thread
         self._goals: dict[str, GoalHandle] = {}  # the simulation's thread's
         self._server = _SimTimeActionServer(
             f"{namespace}/follow_joint_trajectory",
@@ -125,10 +124,8 @@ class TrajectoryAction:
             thread=thread,
         )
         self._server.start()
-        self._services = ServiceTable(namespace)
-        self._services.add(
-            "query_state", QueryTrajectoryState, self._query, lambda text: None, call_fails=True
-        )
+        self._services = ServiceTable(namespace, thread)
+        self._services.add("query_state", QueryTrajectoryState, self._query, call_fails=True)
 
     def shutdown(self) -> None:
         """Take action and service off the graph."""
@@ -169,8 +166,7 @@ class TrajectoryAction:
             self._controller.cancel_goal(handle)
 
     def _query(self, request: QueryTrajectoryState) -> QueryTrajectoryStateResponse:
-        time_ns = from_time(request.time)
-        point = self._thread.call(lambda: self._controller.query_state(time_ns))
+        point = self._controller.query_state(from_time(request.time))
         return QueryTrajectoryStateResponse(
             list(self._controller.joints), point.positions, point.velocities, point.accelerations
         )

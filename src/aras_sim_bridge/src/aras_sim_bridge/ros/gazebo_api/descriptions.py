@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from typing import Any
 
 from aras_sim_bridge.description import Light, RobotDescription, parse_sdf, parse_urdf, read_sdf
 from aras_sim_bridge.description.safe_xml import LARGEST_TEXT
@@ -56,7 +55,7 @@ def parse(text: str) -> RobotDescription | Light:
     raise DescriptionError(f"the model's root is {found}; give URDF (<robot>) or SDF (<sdf>)")
 
 
-def robot_namespace(description: Any, requested: str) -> str:
+def robot_namespace(description: RobotDescription, requested: str) -> str:
     """Return the namespace of a model's controllers: the control plugin's, else the request's."""
     own = [plugin.robot_namespace for plugin in description.control_plugins]
     name = next((value for value in own if value), requested)

@@ -5,15 +5,15 @@ A link is named `model::link`, or plainly `link` when that is enough (first hit 
 
 from __future__ import annotations
 
-from typing import Any
-
 from aras_sim_bridge.errors import WorldError
-from aras_sim_bridge.world.poses import IDENTITY, Pose, Twist
+from aras_sim_bridge.simulation import Simulation
+from aras_sim_bridge.world import Model
+from aras_sim_bridge.world.poses import IDENTITY, Pose, Twist, conjugate, rotate, subtract
 
 WORLD_ALIASES = ("", "world", "map", "/map")
 
 
-def model(simulation: Any, name: str) -> Any:
+def model(simulation: Simulation, name: str) -> Model:
     """Return a model; raises WorldError naming it and those there are."""
     models = simulation.world.models
     if name not in models:
@@ -21,7 +21,7 @@ def model(simulation: Any, name: str) -> Any:
     return models[name]
 
 
-def link(simulation: Any, name: str) -> tuple[Any, str]:
+def link(simulation: Simulation, name: str) -> tuple[Model, str]:
     """Return (model, plain link name); raises WorldError naming the link."""
     found = _part(simulation, name, "links")
     if found is None:
@@ -29,7 +29,7 @@ def link(simulation: Any, name: str) -> tuple[Any, str]:
     return found
 
 
-def joint(simulation: Any, name: str) -> tuple[Any, str]:
+def joint(simulation: Simulation, name: str) -> tuple[Model, str]:
     """Return (model, plain joint name); raises WorldError naming the joint."""
     found = _part(simulation, name, "joints")
     if found is None:
@@ -37,7 +37,7 @@ def joint(simulation: Any, name: str) -> tuple[Any, str]:
     return found
 
 
-def _part(simulation: Any, name: str, kind: str) -> tuple[Any, str] | None:
+def _part(simulation: Simulation, name: str, kind: str) -> tuple[Model, str] | None:
     """(model, plain name) of the first link or joint, in world order, that a name means."""
     model_name, scope, plain = name.rpartition("::")
     for candidate in simulation.world.models.values():
@@ -48,7 +48,7 @@ def _part(simulation: Any, name: str, kind: str) -> tuple[Any, str] | None:
     return None
 
 
-def frame(simulation: Any, name: str) -> tuple[Pose, Twist]:
+def frame(simulation: Simulation, name: str) -> tuple[Pose, Twist]:
     """Return pose and twist in the world of the model or link that serves as reference frame.
 
     Raises:
@@ -69,6 +69,14 @@ def frame(simulation: Any, name: str) -> tuple[Pose, Twist]:
     return entity.link_pose(plain), entity.link_twist(plain)
 
 
-def is_world(simulation: Any, name: str) -> bool:
+def relative(pose: Pose, twist: Twist, frame: Pose, frame_twist: Twist) -> tuple[Pose, Twist]:
+    """Return a pose in a frame, and the twist less the frame's in its axes (no lever arm)."""
+    back = conjugate(frame.quat)
+    linear = rotate(back, subtract(twist.linear, frame_twist.linear))
+    angular = rotate(back, subtract(twist.angular, frame_twist.angular))
+    return frame.inverse() @ pose, Twist(linear, angular)
+
+
+def is_world(simulation: Simulation, name: str) -> bool:
     """Return whether a reference frame's name means the world and no entity."""
     return name in WORLD_ALIASES and name not in simulation.world.models

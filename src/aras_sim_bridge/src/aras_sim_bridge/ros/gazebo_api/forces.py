@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
+import genpy
 from gazebo_msgs.srv import (
     ApplyBodyWrench,
     ApplyBodyWrenchResponse,
@@ -20,6 +21,8 @@ from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.ros.conversions import bounded, from_time, from_vector
 from aras_sim_bridge.ros.gazebo_api import entities
 from aras_sim_bridge.ros.runtime.services import ServiceTable
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.world import Model
 from aras_sim_bridge.world.poses import add, cross, rotate, subtract
 
 
@@ -30,7 +33,7 @@ class _Job:
     `target` is model::link of a wrench, the plain joint name of an effort.
     """
 
-    model: Any
+    model: Model
     target: str
     start_ns: int
     end_ns: int | None
@@ -61,87 +64,61 @@ class _Effort(_Job):
 class ForceServices:
     """Services that push."""
 
-    def __init__(self, table: ServiceTable, node: Any) -> None:
-        """Add the services to `table`; `node` is the GazeboNode."""
-        self._thread = node.thread
+    def __init__(self, table: ServiceTable, thread: SimulationThread) -> None:
+        """Add the services to `table`."""
+        self._thread = thread
         self._jobs: list[_Job] = []
-        table.add(
-            "apply_body_wrench",
-            ApplyBodyWrench,
-            self._apply_wrench,
-            lambda text: ApplyBodyWrenchResponse(False, text),
-        )
-        table.add(
-            "apply_joint_effort",
-            ApplyJointEffort,
-            self._apply_effort,
-            lambda text: ApplyJointEffortResponse(False, text),
-        )
-        table.add(
-            "clear_body_wrenches",
-            BodyRequest,
-            lambda request: self._clear(_Wrench, request.body_name) or BodyRequestResponse(),
-            lambda _text: BodyRequestResponse(),
-        )
-        table.add(
-            "clear_joint_forces",
-            JointRequest,
-            lambda request: self._clear(_Effort, request.joint_name) or JointRequestResponse(),
-            lambda _text: JointRequestResponse(),
-        )
+        table.add("apply_body_wrench", ApplyBodyWrench, self._apply_wrench)
+        table.add("apply_joint_effort", ApplyJointEffort, self._apply_effort)
+        table.add("clear_body_wrenches", BodyRequest, self._clear_wrenches)
+        table.add("clear_joint_forces", JointRequest, self._clear_efforts)
 
-    def forget(self, model: Any) -> None:
+    def forget(self, model: Model) -> None:
         """Drop the jobs of a model that goes; called in the simulation's thread."""
-        self._set([job for job in self._jobs if job.model is not model])
+        self._keep(lambda job: job.model is not model)
 
     def _apply_wrench(self, request: ApplyBodyWrench) -> ApplyBodyWrenchResponse:
         force = from_vector(request.wrench.force, "force")
         point = from_vector(request.reference_point, "reference_point")
         torque = add(from_vector(request.wrench.torque, "torque"), cross(point, force))
-
-        def job() -> None:
-            simulation = self._thread.simulation
-            model, link = entities.link(simulation, request.body_name)
-            if model.description.links[link].inertial is None:
-                raise WorldError(f"link '{request.body_name}' has no mass; nothing can push it")
-            world_force, world_torque = force, torque
-            if not entities.is_world(simulation, request.reference_frame):
-                frame, _ = entities.frame(simulation, request.reference_frame)
-                lever = subtract(frame.xyz, model.link_pose(link).xyz)
-                world_force = rotate(frame.quat, force)
-                world_torque = add(rotate(frame.quat, torque), cross(lever, world_force))
-            span = self._span(request.start_time, request.duration)
-            target = f"{model.name}::{link}"
-            self._set([*self._jobs, _Wrench(model, target, *span, link, world_force, world_torque)])
-
-        self._thread.call(job)
+        simulation = self._thread.simulation
+        model, link = entities.link(simulation, request.body_name)
+        if model.description.links[link].inertial is None:
+            raise WorldError(f"link '{request.body_name}' has no mass; nothing can push it")
+        if not entities.is_world(simulation, request.reference_frame):
+            frame, _ = entities.frame(simulation, request.reference_frame)
+            lever = subtract(frame.xyz, model.link_pose(link).xyz)
+            force = rotate(frame.quat, force)
+            torque = add(rotate(frame.quat, torque), cross(lever, force))
+        span = self._span(request.start_time, request.duration)
+        target = f"{model.name}::{link}"
+        self._set([*self._jobs, _Wrench(model, target, *span, link, force, torque)])
         return ApplyBodyWrenchResponse(True, "")
 
     def _apply_effort(self, request: ApplyJointEffort) -> ApplyJointEffortResponse:
         bounded((request.effort,), f"effort on '{request.joint_name}'")
-
-        def job() -> None:
-            model, joint = entities.joint(self._thread.simulation, request.joint_name)
-            if joint not in model.joint_names:
-                raise WorldError(f"joint '{request.joint_name}' does not move")
-            span = self._span(request.start_time, request.duration)
-            self._set([*self._jobs, _Effort(model, joint, *span, request.effort)])
-
-        self._thread.call(job)
+        model, joint = entities.joint(self._thread.simulation, request.joint_name)
+        if joint not in model.joint_names:
+            raise WorldError(f"joint '{request.joint_name}' does not move")
+        span = self._span(request.start_time, request.duration)
+        self._set([*self._jobs, _Effort(model, joint, *span, request.effort)])
         return ApplyJointEffortResponse(True, "ApplyJointEffort: effort set")
 
-    def _clear(self, kind: type[_Job], target: str) -> None:
-        def job() -> None:
-            self._set(
-                [j for j in self._jobs if not (isinstance(j, kind) and j.target == target)]
-            )
+    def _clear_wrenches(self, request: BodyRequest) -> BodyRequestResponse:
+        self._keep(lambda job: not isinstance(job, _Wrench) or job.target != request.body_name)
+        return BodyRequestResponse()
 
-        self._thread.call(job)
+    def _clear_efforts(self, request: JointRequest) -> JointRequestResponse:
+        self._keep(lambda job: not isinstance(job, _Effort) or job.target != request.joint_name)
+        return JointRequestResponse()
 
-    def _span(self, start: Any, duration: Any) -> tuple[int, int | None]:
+    def _span(self, start: genpy.Time, duration: genpy.Duration) -> tuple[int, int | None]:
         start_ns = max(from_time(start), self._thread.simulation.time_ns)
         length = from_time(duration)
         return start_ns, None if length < 0 else start_ns + length
+
+    def _keep(self, stays: Callable[[_Job], bool]) -> None:
+        self._set([job for job in self._jobs if stays(job)])
 
     def _set(self, jobs: list[_Job]) -> None:
         self._jobs = jobs
@@ -156,4 +133,4 @@ class ForceServices:
             elif time_ns >= job.start_ns:
                 job.act()
         if over:
-            self._set([j for j in self._jobs if j.end_ns is None or time_ns <= j.end_ns])
+            self._keep(lambda job: job.end_ns is None or time_ns <= job.end_ns)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 from gazebo_msgs.srv import (
     DeleteLight,
@@ -17,29 +16,22 @@ from std_msgs.msg import ColorRGBA
 
 from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.runtime.services import ServiceTable
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.world.poses import rpy_from_quaternion
 
 
 class LightServices:
     """Services about lights; the first directional one is the sun of the pictures."""
 
-    def __init__(self, table: ServiceTable, node: Any) -> None:
-        """Add the services to `table`; `node` is the GazeboNode."""
-        self._thread = node.thread
-        for name, service, handler, response in (
-            ("get_light_properties", GetLightProperties, self._get, GetLightPropertiesResponse),
-            ("set_light_properties", SetLightProperties, self._set, SetLightPropertiesResponse),
-            ("delete_light", DeleteLight, self._delete, DeleteLightResponse),
-        ):
-            table.add(
-                name,
-                service,
-                handler,
-                lambda text, make=response: make(success=False, status_message=text),
-            )
+    def __init__(self, table: ServiceTable, thread: SimulationThread) -> None:
+        """Add the services to `table`."""
+        self._thread = thread
+        table.add("get_light_properties", GetLightProperties, self._get)
+        table.add("set_light_properties", SetLightProperties, self._set)
+        table.add("delete_light", DeleteLight, self._delete)
 
     def _get(self, request: GetLightProperties) -> GetLightPropertiesResponse:
-        light = self._thread.call(lambda: self._thread.simulation.light(request.light_name))
+        light = self._thread.simulation.light(request.light_name)
         return GetLightPropertiesResponse(
             diffuse=ColorRGBA(*light.diffuse),
             attenuation_constant=light.attenuation_constant,
@@ -69,15 +61,12 @@ class LightServices:
         else:
             note += "; the zero direction is none, the light keeps the one it had"
 
-        def job() -> None:
-            simulation = self._thread.simulation
-            simulation.set_light(replace(simulation.light(request.light_name), **values))
-
-        self._thread.call(job)
+        simulation = self._thread.simulation
+        simulation.set_light(replace(simulation.light(request.light_name), **values))
         return SetLightPropertiesResponse(True, f"SetLightProperties: {note}")
 
     def _delete(self, request: DeleteLight) -> DeleteLightResponse:
-        self._thread.call(lambda: self._thread.simulation.delete_light(request.light_name))
+        self._thread.simulation.delete_light(request.light_name)
         return DeleteLightResponse(True, f"DeleteLight: deleted '{request.light_name}'")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
 
 import rospy
 from gazebo_msgs.msg import LinkState, ModelState
@@ -20,14 +20,17 @@ from gazebo_msgs.srv import (
     SetLinkState,
     SetLinkStateResponse,
 )
+from genpy import Message
 from geometry_msgs.msg import Point, Pose, Quaternion
 
 from aras_sim_bridge.errors import SimError, WorldError
 from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.gazebo_api import entities
+from aras_sim_bridge.ros.gazebo_api.models import ModelServices
 from aras_sim_bridge.ros.runtime.services import ServiceTable
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.world.changes import with_joint, with_link
-from aras_sim_bridge.world.poses import Twist, conjugate, rotate, subtract
+from aras_sim_bridge.world.poses import Twist, subtract
 
 JOINT_TYPES = {
     "revolute": GetJointPropertiesResponse.REVOLUTE,
@@ -43,63 +46,32 @@ JOINT_FIELDS = {"damping": "damping", "hiStop": "upper", "loStop": "lower", "fma
 class LinkServices:
     """Services about the parts of models, and the topics that set states."""
 
-    def __init__(self, table: ServiceTable, namespace: str, node: Any, models: Any) -> None:
-        """Add the services to `table`; `node` is the GazeboNode, `models` its ModelServices."""
-        self._thread = node.thread
-        self._models = models
-        for name, service, handler, response in (
-            ("get_link_state", GetLinkState, self._get_state, GetLinkStateResponse),
-            ("set_link_state", SetLinkState, self._set_state, SetLinkStateResponse),
-            (
-                "get_link_properties",
-                GetLinkProperties,
-                self._get_link_properties,
-                GetLinkPropertiesResponse,
-            ),
-            (
-                "set_link_properties",
-                SetLinkProperties,
-                self._set_link_properties,
-                SetLinkPropertiesResponse,
-            ),
-            (
-                "get_joint_properties",
-                GetJointProperties,
-                self._get_joint_properties,
-                GetJointPropertiesResponse,
-            ),
-            (
-                "set_joint_properties",
-                SetJointProperties,
-                self._set_joint_properties,
-                SetJointPropertiesResponse,
-            ),
+    def __init__(
+        self, table: ServiceTable, namespace: str, thread: SimulationThread, models: ModelServices
+    ) -> None:
+        """Add the services to `table`, and the topics below `namespace`."""
+        self._thread = thread
+        for name, service, handler in (
+            ("get_link_state", GetLinkState, self._get_state),
+            ("set_link_state", SetLinkState, self._set_state),
+            ("get_link_properties", GetLinkProperties, self._get_link_properties),
+            ("set_link_properties", SetLinkProperties, self._set_link_properties),
+            ("get_joint_properties", GetJointProperties, self._get_joint_properties),
+            ("set_joint_properties", SetJointProperties, self._set_joint_properties),
         ):
-            table.add(
-                name,
-                service,
-                handler,
-                lambda text, make=response: make(success=False, status_message=text),
-            )
-        for topic, message, handler in (
-            ("set_model_state", ModelState, models.set_state),
-            ("set_link_state", LinkState, self.set_state),
+            table.add(name, service, handler)
+        for topic, message, put in (
+            ("set_model_state", ModelState, models.put),
+            ("set_link_state", LinkState, self._put),
         ):
-            callback = _quietly(topic, handler)
+            callback = _in_order(thread, topic, put)
             rospy.Subscriber(f"{namespace}/{topic}", message, callback, queue_size=10)
 
     def _get_state(self, request: GetLinkState) -> GetLinkStateResponse:
-        def job() -> tuple[Any, Twist]:
-            simulation = self._thread.simulation
-            model, link = entities.link(simulation, request.link_name)
-            pose, twist = model.link_state(link)
-            frame, frame_twist = entities.frame(simulation, request.reference_frame)
-            back = conjugate(frame.quat)
-            linear = rotate(back, subtract(twist.linear, frame_twist.linear))
-            angular = rotate(back, subtract(twist.angular, frame_twist.angular))
-            return frame.inverse() @ pose, Twist(linear, angular)
-
-        pose, twist = self._thread.call(job)
+        simulation = self._thread.simulation
+        model, link = entities.link(simulation, request.link_name)
+        frame, frame_twist = entities.frame(simulation, request.reference_frame)
+        pose, twist = entities.relative(*model.link_state(link), frame, frame_twist)
         state = LinkState(
             request.link_name,
             conversions.to_pose(pose),
@@ -109,41 +81,34 @@ class LinkServices:
         return GetLinkStateResponse(state, True, "GetLinkState: got state")
 
     def _set_state(self, request: SetLinkState) -> SetLinkStateResponse:
-        self.set_state(request.link_state)
+        self._put(request.link_state)
         return SetLinkStateResponse(True, "SetLinkState: success")
 
-    def set_state(self, state: LinkState) -> None:
+    def _put(self, state: LinkState) -> None:
         """Move a model by its root link; raises SimError naming what is wrong."""
         what = f"'{state.link_name}'"
         pose = conversions.from_pose(state.pose, f"pose of {what}")
         twist = conversions.from_twist(state.twist, f"twist of {what}")
-
-        def job() -> None:
-            simulation = self._thread.simulation
-            model, link = entities.link(simulation, state.link_name)
-            if link != model.description.root:
-                raise WorldError(
-                    f"link {what} hangs on a joint of '{model.name}'; only the root link "
-                    f"'{model.description.root}' can be put somewhere, joints are set with "
-                    "set_model_configuration"
-                )
-            frame, frame_twist = entities.frame(simulation, state.reference_frame)
-            model.set_pose(frame @ pose)
-            model.set_twist(
-                Twist(
-                    subtract(twist.linear, frame_twist.linear),
-                    subtract(twist.angular, frame_twist.angular),
-                )
+        simulation = self._thread.simulation
+        model, link = entities.link(simulation, state.link_name)
+        if link != model.description.root:
+            raise WorldError(
+                f"link {what} hangs on a joint of '{model.name}'; only the root link "
+                f"'{model.description.root}' can be put somewhere, joints are set with "
+                "set_model_configuration"
             )
-
-        self._thread.call(job)
+        frame, frame_twist = entities.frame(simulation, state.reference_frame)
+        model.set_pose(frame @ pose)
+        model.set_twist(
+            Twist(
+                subtract(twist.linear, frame_twist.linear),
+                subtract(twist.angular, frame_twist.angular),
+            )
+        )
 
     def _get_link_properties(self, request: GetLinkProperties) -> GetLinkPropertiesResponse:
-        def job() -> Any:
-            model, link = entities.link(self._thread.simulation, request.link_name)
-            return model.description.links[link]
-
-        link = self._thread.call(job)
+        model, name = entities.link(self._thread.simulation, request.link_name)
+        link = model.description.links[name]
         response = GetLinkPropertiesResponse(
             gravity_mode=link.gravity,
             success=True,
@@ -159,16 +124,13 @@ class LinkServices:
         return response
 
     def _get_joint_properties(self, request: GetJointProperties) -> GetJointPropertiesResponse:
-        def job() -> tuple[Any, float, float]:
-            model, name = entities.joint(self._thread.simulation, request.joint_name)
-            joint = model.description.joints[name]
-            if name not in model.joint_names:
-                return joint, 0.0, 0.0
+        model, name = entities.joint(self._thread.simulation, request.joint_name)
+        joint = model.description.joints[name]
+        position = rate = 0.0
+        if name in model.joint_names:
             positions, velocities, _ = model.read_joints()
             index = model.joint_names.index(name)
-            return joint, positions[index], velocities[index]
-
-        joint, position, rate = self._thread.call(job)
+            position, rate = positions[index], velocities[index]
         moves = joint.kind in ("revolute", "continuous", "prismatic")
         return GetJointPropertiesResponse(
             type=JOINT_TYPES.get(joint.kind, GetJointPropertiesResponse.BALL),
@@ -184,17 +146,12 @@ class LinkServices:
         inertia = tuple(getattr(request, name) for name in INERTIA)
         conversions.bounded((request.mass, *inertia), f"mass and inertia of '{request.link_name}'")
 
-        def job() -> None:
-            simulation = self._thread.simulation
-            model, link = entities.link(simulation, request.link_name)
-            simulation.change(
-                model.name,
-                with_link(
-                    model.description, link, request.mass, com, inertia, request.gravity_mode
-                ),
-            )
-
-        self._thread.call(job)
+        simulation = self._thread.simulation
+        model, link = entities.link(simulation, request.link_name)
+        changed = with_link(
+            model.description, link, request.mass, com, inertia, request.gravity_mode
+        )
+        simulation.change(model.name, changed)
         return SetLinkPropertiesResponse(True, "SetLinkProperties: properties set")
 
     def _set_joint_properties(self, request: SetJointProperties) -> SetJointPropertiesResponse:
@@ -212,14 +169,11 @@ class LinkServices:
             raise SimError(f"vel is {given['vel']}; a joint is driven by a controller, give 0")
         values = {JOINT_FIELDS[name]: given[name] for name in given if name in JOINT_FIELDS}
 
-        def job() -> None:
-            simulation = self._thread.simulation
-            model, joint = entities.joint(simulation, request.joint_name)
-            changed = with_joint(model.description, joint, **values)
-            if values:
-                simulation.change(model.name, changed)
-
-        self._thread.call(job)
+        simulation = self._thread.simulation
+        model, joint = entities.joint(simulation, request.joint_name)
+        changed = with_joint(model.description, joint, **values)
+        if values:
+            simulation.change(model.name, changed)
         text = "SetJointProperties: properties set"
         idle = [name for name in given if name not in JOINT_FIELDS and name != "vel"]
         if idle:
@@ -227,12 +181,14 @@ class LinkServices:
         return SetJointPropertiesResponse(True, text)
 
 
-def _quietly(topic: str, handler: Any) -> Any:
-    """Return a subscriber's callback that logs what the handler refuses."""
+def _in_order(
+    thread: SimulationThread, topic: str, put: Callable[[Message], None]
+) -> Callable[[Message], None]:
+    """Return a subscriber's callback that waits until its message was put, and logs a refusal."""
 
-    def on_message(message: Any) -> None:
+    def on_message(message: Message) -> None:
         try:
-            handler(message)
+            thread.call(lambda: put(message))
         except SimError as error:
             rospy.logerr_throttle(1.0, f"/gazebo/{topic}: {error}")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import rospy
 from gazebo_msgs.msg import ModelState
@@ -28,55 +27,43 @@ from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.camera import settings
 from aras_sim_bridge.ros.control.manager_services import robot_parameters
 from aras_sim_bridge.ros.gazebo_api import descriptions, entities
+from aras_sim_bridge.ros.gazebo_api.forces import ForceServices
+from aras_sim_bridge.ros.runtime.graph import OnGraph
 from aras_sim_bridge.ros.runtime.services import ServiceTable
-from aras_sim_bridge.world.poses import (
-    Pose,
-    Twist,
-    conjugate,
-    rotate,
-    rpy_from_quaternion,
-    subtract,
-)
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.world import Model
+from aras_sim_bridge.world.poses import Pose, Twist, rotate, rpy_from_quaternion
 
 SPAWN_TIMEOUT = 60.0  # seconds of wall time: a large mesh takes its time
 
 LONGEST_NAME = 256  # characters
 
 
-
 class ModelServices:
     """Services about whole models."""
 
-    def __init__(self, table: ServiceTable, node: Any) -> None:
-        """Add the services to `table`; `node` is the GazeboNode."""
-        self._node = node
-        self._thread = node.thread
+    def __init__(
+        self,
+        table: ServiceTable,
+        thread: SimulationThread,
+        forces: ForceServices,
+        on_graph: OnGraph,
+    ) -> None:
+        """Add the services to `table`; `forces` and `on_graph` hear of models that come and go."""
+        self._thread = thread
+        self._forces = forces
+        self._on_graph = on_graph
         self._calls: dict[str, int] = {}
-        for name, service, handler, response in (
-            ("spawn_urdf_model", SpawnModel, self._spawn_urdf, SpawnModelResponse),
-            ("spawn_sdf_model", SpawnModel, self._spawn_sdf, SpawnModelResponse),
-            ("delete_model", DeleteModel, self._delete, DeleteModelResponse),
-            ("get_model_state", GetModelState, self._get_state, GetModelStateResponse),
-            ("set_model_state", SetModelState, self._set_state, SetModelStateResponse),
-            (
-                "get_model_properties",
-                GetModelProperties,
-                self._get_properties,
-                GetModelPropertiesResponse,
-            ),
-            (
-                "set_model_configuration",
-                SetModelConfiguration,
-                self._set_configuration,
-                SetModelConfigurationResponse,
-            ),
+        for name, service, handler, outside in (
+            ("spawn_urdf_model", SpawnModel, self._spawn_urdf, True),
+            ("spawn_sdf_model", SpawnModel, self._spawn_sdf, True),
+            ("delete_model", DeleteModel, self._delete, True),
+            ("get_model_state", GetModelState, self._get_state, False),
+            ("set_model_state", SetModelState, self._set_state, False),
+            ("get_model_properties", GetModelProperties, self._get_properties, False),
+            ("set_model_configuration", SetModelConfiguration, self._set_configuration, False),
         ):
-            table.add(
-                name,
-                service,
-                handler,
-                lambda text, make=response: make(success=False, status_message=text),
-            )
+            table.add(name, service, handler, outside)
 
     def _spawn_urdf(self, request: SpawnModel) -> SpawnModelResponse:
         text = descriptions.without_prolog(request.model_xml)
@@ -133,7 +120,7 @@ class ModelServices:
 
         self._thread.call(job, SPAWN_TIMEOUT)
         settings.warn_of_unused(presets, self._thread, description)
-        self._node.on_graph.sync()
+        self._on_graph.sync()
         return SpawnModelResponse(True, f"SpawnModel: Successfully spawned entity '{name}'")
 
     def _spawn_light(self, request: SpawnModel, light: Light, pose: Pose) -> SpawnModelResponse:
@@ -158,62 +145,45 @@ class ModelServices:
     def _delete(self, request: DeleteModel) -> DeleteModelResponse:
         def job() -> None:
             model = entities.model(self._thread.simulation, request.model_name)
-            self._node.api.forces.forget(model)
+            self._forces.forget(model)
             self._thread.simulation.delete(request.model_name)
 
         self._thread.call(job)
-        self._node.on_graph.sync()
+        self._on_graph.sync()
         return DeleteModelResponse(True, f"DeleteModel: deleted '{request.model_name}'")
 
     def _get_state(self, request: GetModelState) -> GetModelStateResponse:
-        def job() -> tuple[Any, Any, int]:
-            simulation = self._thread.simulation
-            model = entities.model(simulation, request.model_name)
-            root = model.description.root
-            frame, frame_twist = entities.frame(simulation, request.relative_entity_name)
-            back = conjugate(frame.quat)
-            twist = model.link_twist(root)
-            relative = Twist(
-                rotate(back, subtract(twist.linear, frame_twist.linear)),
-                rotate(back, subtract(twist.angular, frame_twist.angular)),
-            )
-            return frame.inverse() @ model.link_pose(root), relative, simulation.time_ns
-
-        pose, twist, time_ns = self._thread.call(job)
-        calls = self._calls[request.model_name] = self._calls.get(request.model_name, 0) + 1
+        simulation = self._thread.simulation
+        model = entities.model(simulation, request.model_name)
+        root = model.description.root
+        frame, frame_twist = entities.frame(simulation, request.relative_entity_name)
+        pose, twist = entities.relative(*model.link_state(root), frame, frame_twist)
         response = GetModelStateResponse(
             pose=conversions.to_pose(pose), twist=conversions.to_twist(twist), success=True
         )
         response.status_message = "GetModelState: got properties"
+        calls = self._calls[request.model_name] = self._calls.get(request.model_name, 0) + 1
         response.header.seq = calls
-        response.header.stamp = conversions.to_time(time_ns)
+        response.header.stamp = conversions.to_time(simulation.time_ns)
         response.header.frame_id = request.relative_entity_name
         return response
 
     def _set_state(self, request: SetModelState) -> SetModelStateResponse:
-        self.set_state(request.model_state)
+        self.put(request.model_state)
         return SetModelStateResponse(True, "SetModelState: set model state done")
 
-    def set_state(self, state: ModelState) -> None:
-        """Move a whole model; raises SimError naming what is wrong."""
+    def put(self, state: ModelState) -> None:
+        """Move a whole model, in the simulation's thread; raises SimError naming what is wrong."""
         pose = conversions.from_pose(state.pose, f"pose of '{state.model_name}'")
         twist = conversions.from_twist(state.twist, f"twist of '{state.model_name}'")
-
-        def job() -> None:
-            simulation = self._thread.simulation
-            model = entities.model(simulation, state.model_name)
-            frame, _ = entities.frame(simulation, state.reference_frame)
-            moved = Twist(rotate(frame.quat, twist.linear), rotate(frame.quat, twist.angular))
-            model.set_pose(frame @ pose)
-            model.set_twist(moved)
-
-        self._thread.call(job)
+        simulation = self._thread.simulation
+        model = entities.model(simulation, state.model_name)
+        frame, _ = entities.frame(simulation, state.reference_frame)
+        model.set_pose(frame @ pose)
+        model.set_twist(Twist(rotate(frame.quat, twist.linear), rotate(frame.quat, twist.angular)))
 
     def _get_properties(self, request: GetModelProperties) -> GetModelPropertiesResponse:
-        def job() -> Any:
-            return entities.model(self._thread.simulation, request.model_name)
-
-        description = self._thread.call(job).description
+        description = entities.model(self._thread.simulation, request.model_name).description
         links = description.links.values()
         return GetModelPropertiesResponse(
             body_names=[link.name for link in links],
@@ -235,20 +205,16 @@ class ModelServices:
                 f"{len(names)} joint_names but {len(positions)} joint_positions; give as many"
             )
         conversions.bounded(tuple(positions), "joint_positions")
+        model = entities.model(self._thread.simulation, request.model_name)
         plain = [name.rpartition("::")[2] for name in names]
-
-        def job() -> None:
-            model = entities.model(self._thread.simulation, request.model_name)
-            wanted = zip(plain, positions, strict=True)
-            model.set_joint_positions(
-                {n: within_limits(model, n, q) for n, q in wanted if n in model.joint_names}
-            )
-
-        self._thread.call(job)
+        wanted = zip(plain, positions, strict=True)
+        model.set_joint_positions(
+            {n: within_limits(model, n, q) for n, q in wanted if n in model.joint_names}
+        )
         return SetModelConfigurationResponse(True, "SetModelConfiguration: success")
 
 
-def within_limits(model: Any, joint: str, position: float) -> float:
+def within_limits(model: Model, joint: str, position: float) -> float:
     """Return the position moved into the joint's limits, as Gazebo's SetPosition does."""
     limits = model.description.joints[joint].limits
     if limits is None or limits.lower is None or position != position:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from typing import Any
 
 import rospy
 from gazebo_msgs.msg import LinkStates, ModelStates, PerformanceMetrics, SensorPerformanceMetric
 
 from aras_sim_bridge.ros.conversions import to_pose, to_time, to_twist
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.simulation import Simulation
 
 METRICS_PERIOD = 0.2  # seconds of wall time between two performance_metrics
 
@@ -16,9 +17,9 @@ METRICS_PERIOD = 0.2  # seconds of wall time between two performance_metrics
 class StateTopics:
     """The simulation's state for everybody who subscribes."""
 
-    def __init__(self, namespace: str, node: Any) -> None:
-        """Advertise below `namespace`; `node` is the GazeboNode."""
-        self._node = node
+    def __init__(self, namespace: str, thread: SimulationThread) -> None:
+        """Advertise below `namespace`."""
+        self._thread = thread
         self._models = rospy.Publisher(f"{namespace}/model_states", ModelStates, queue_size=10)
         self._links = rospy.Publisher(f"{namespace}/link_states", LinkStates, queue_size=10)
         self._metrics = rospy.Publisher(
@@ -26,7 +27,7 @@ class StateTopics:
         )
         self._next_metrics = 0.0
 
-    def after_batch(self, simulation: Any) -> None:
+    def after_batch(self, simulation: Simulation) -> None:
         """Publish what is listened to; called in the simulation's thread."""
         if self._models.get_num_connections():
             self._models.publish(model_states(simulation))
@@ -38,8 +39,8 @@ class StateTopics:
             if self._metrics.get_num_connections():
                 self._metrics.publish(self._performance(simulation))
 
-    def _performance(self, simulation: Any) -> PerformanceMetrics:
-        message = PerformanceMetrics(real_time_factor=self._node.real_time_factor)
+    def _performance(self, simulation: Simulation) -> PerformanceMetrics:
+        message = PerformanceMetrics(real_time_factor=self._thread.real_time_factor)
         message.header.stamp = to_time(simulation.time_ns)
         for mounted in simulation.cameras:
             config = mounted.sensor.config
@@ -54,7 +55,7 @@ class StateTopics:
         return message
 
 
-def model_states(simulation: Any) -> ModelStates:
+def model_states(simulation: Simulation) -> ModelStates:
     """Return pose and twist of every model's root link in the world."""
     message = ModelStates()
     for name, model in simulation.world.models.items():
@@ -65,7 +66,7 @@ def model_states(simulation: Any) -> ModelStates:
     return message
 
 
-def link_states(simulation: Any) -> LinkStates:
+def link_states(simulation: Simulation) -> LinkStates:
     """Return pose and twist of every link in the world, named model::link."""
     message = LinkStates()
     for name, model in simulation.world.models.items():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import os
-import signal
 import sys
 import threading
 from collections.abc import Mapping
@@ -20,18 +19,18 @@ from aras_sim_bridge.ros.gazebo_api import GazeboApi
 from aras_sim_bridge.ros.runtime.clock import ClockPublisher
 from aras_sim_bridge.ros.runtime.graph import OnGraph
 from aras_sim_bridge.ros.runtime.lockstep import Lockstep
-from aras_sim_bridge.ros.runtime.master_watch import MasterWatch
 from aras_sim_bridge.ros.runtime.node_parameters import NodeParameters
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.real_time_factor import RealTimeFactor
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_visual_servo_ros.master_watch import MasterWatch
+from aras_visual_servo_ros.parameters import InvalidParameterError
+from aras_visual_servo_ros.shutdown import end_on_signals
 
 # A waiting thread gets the interpreter after this long [s]: the simulation must not stand behind
 # five milliseconds (Python's default) of somebody else's messages at every step.
 SWITCH_INTERVAL = 0.0005
-# The main thread looks for signals this often [s].
-SIGNAL_PERIOD = 0.2
 
 
 class GazeboNode:
@@ -69,17 +68,12 @@ class GazeboNode:
             self.thread, None if self.lockstep is None else self.lockstep.before_frame
         )
         if parameters.enable_ros_network:
-            self.api = GazeboApi(self)
+            self.api = GazeboApi(self.thread, self.on_graph, self.on_time_reset)
             mount_world_cameras(self.thread)
-            RealTimeFactor(lambda: self.real_time_factor)
+            RealTimeFactor(lambda: self.thread.real_time_factor)
             self.on_graph.sync()
         if not parameters.paused:
             self.thread.unpause()
-
-    @property
-    def real_time_factor(self) -> float:
-        """Simulated over wall time of the last seconds; 0 while paused."""
-        return 0.0 if self.thread.paused else self.thread.pacer.real_time_factor
 
     def on_time_reset(self) -> None:
         """Simulated time went back to zero; called in the simulation's thread."""
@@ -183,30 +177,14 @@ def _private_parameters() -> dict[str, object]:
 
 
 class _Ending:
-    """What happens on shutdown, whenever it comes: also in the middle of the start.
-
-    Signals are only noted. rospy would end the node inside the handler, which Python runs in the
-    main thread: in the middle of a log line it waits for locks that this line holds. And the kernel
-    may hand a signal to any thread, from which a wait without a limit in the main one never wakes.
-    """
+    """What happens on shutdown, whenever it comes: also in the middle of the start."""
 
     def __init__(self) -> None:
         self.begun = threading.Event()
         self.node: GazeboNode | None = None
-        self._signal: signal.Signals | None = None
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._on_signal)
+        end_on_signals()
         # rospy runs this before it closes the topics, so no step publishes into closed ones.
         rospy.on_shutdown(self._on_shutdown)
-
-    def wait(self) -> None:
-        """Until a shutdown begins, for whatever reason."""
-        while not self.begun.wait(SIGNAL_PERIOD):
-            if self._signal is not None:
-                rospy.signal_shutdown(self._signal.name)
-
-    def _on_signal(self, number: int, _frame: object) -> None:
-        self._signal = signal.Signals(number)
 
     def _on_shutdown(self) -> None:
         self.begun.set()
@@ -231,15 +209,15 @@ def main(given: Mapping[str, object] = MappingProxyType({})) -> int:
         if not rospy.has_param("/use_sim_time"):
             rospy.set_param("/use_sim_time", True)
         node = GazeboNode(parameters)
-    except (SimError, OSError, rospy.ROSException) as error:
+    except (SimError, InvalidParameterError, OSError, rospy.ROSException) as error:
         if not ending.begun.is_set():
             _end_for(f"it cannot start: {error}")
         return 1
     ending.node = node
     if ending.begun.is_set():
         node.stop()
-    MasterWatch(parameters.master_check_period, _end_for)
+    MasterWatch(rospy.get_name(), parameters.master_check_period).tell(_end_for)
     rospy.loginfo("%s is up, process %d", rospy.get_name(), os.getpid())
-    ending.wait()
+    ending.begun.wait()
     node.stop()
     return 0 if node.fault is None else 1

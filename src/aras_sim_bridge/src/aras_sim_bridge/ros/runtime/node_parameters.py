@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-import difflib
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
 
-from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
+from aras_visual_servo_ros.parameters import InvalidParameterError, read
 
 LOG_LEVELS = ("debug", "info", "warn", "error")
 SPEED_MODES = ("real_time", "max", "lockstep")
 RENDERERS = ("auto", "opengl", "tiny")
 # Written by the node itself, or by others who share the namespace with Gazebo.
 FOREIGN = {field.name for field in PHYSICS_FIELDS} | {"cameras", "robot_description"}
-
-
-class ParameterError(SimError):
-    """A parameter of the node `gazebo` is unknown, of the wrong type or out of range."""
 
 
 @dataclass(frozen=True)
@@ -44,25 +37,14 @@ class NodeParameters:
     lockstep_timeout: float = 5.0
 
     @classmethod
-    def from_mapping(cls, values: Mapping[str, Any], namespace: str) -> NodeParameters:
+    def from_mapping(cls, values: Mapping[str, object], namespace: str) -> NodeParameters:
         """Return the parameters of a mapping as the parameter server gives it.
 
         Raises:
-            ParameterError: naming the parameter and the mend.
+            InvalidParameterError: naming the parameter and the mend.
         """
-        known = {field.name: field for field in fields(cls)}
-        checked = {}
-        for name, value in values.items():
-            if name in FOREIGN:
-                continue
-            if name not in known:
-                if isinstance(value, Mapping):
-                    continue  # a namespace below ours, e.g. another node's
-                near = difflib.get_close_matches(name, known, 1)
-                hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}"
-                raise ParameterError(f"unknown parameter {namespace}/{name}; {hint}")
-            checked[name] = _convert(f"{namespace}/{name}", value, known[name].default)
-        parameters = cls(**checked)
+        defaults = {field.name: field.default for field in fields(cls)}
+        parameters = cls(**read(values, defaults, namespace, FOREIGN))
         parameters._check(namespace)
         return parameters
 
@@ -74,7 +56,8 @@ class NodeParameters:
     def _check(self, namespace: str) -> None:
         def require(condition: bool, name: str, what: str) -> None:
             if not condition:
-                raise ParameterError(f"{namespace}/{name} is {getattr(self, name)!r}; {what}")
+                value = getattr(self, name)
+                raise InvalidParameterError(f"{namespace}/{name}", f"is {value!r}; {what}")
 
         require(self.speed_mode in SPEED_MODES, "speed_mode", f"choose one of {SPEED_MODES}")
         require(self.renderer in RENDERERS, "renderer", f"choose one of {RENDERERS}")
@@ -82,22 +65,3 @@ class NodeParameters:
         require(self.clock_rate >= 0, "clock_rate", "give Hz, or 0 for every step")
         require(self.real_time_factor > 0, "real_time_factor", "give a positive factor")
         require(self.master_check_period > 0, "master_check_period", "give seconds above 0")
-
-
-def _convert(name: str, value: Any, default: Any) -> Any:
-    """Return value in the type of default; ints pass for floats, nothing else is bent."""
-    kind = type(default)
-    if kind is float and isinstance(value, (int, float)) and not isinstance(value, bool):
-        if not math.isfinite(value):
-            raise ParameterError(f"{name} is {value}; give a finite number")
-        return float(value)
-    if kind is tuple:
-        if isinstance(value, str):
-            value = value.split()
-        if isinstance(value, list) and all(isinstance(item, str) for item in value):
-            return tuple(value)
-    elif type(value) is kind:
-        return value
-    names = {float: "a number", int: "a whole number", bool: "true or false", str: "text"}
-    wanted = names.get(kind, "a list of texts")
-    raise ParameterError(f"{name} is {value!r}, of type {type(value).__name__}; give {wanted}")

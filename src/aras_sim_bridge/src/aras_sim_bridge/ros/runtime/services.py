@@ -7,8 +7,10 @@ import traceback
 from collections.abc import Callable
 
 import rospy
+from genpy import Message
 
 from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
 log = logging.getLogger("rosout.services")
 
@@ -16,17 +18,18 @@ log = logging.getLogger("rosout.services")
 class ServiceTable:
     """Services of one namespace that come up and go down together."""
 
-    def __init__(self, namespace: str) -> None:
+    def __init__(self, namespace: str, thread: SimulationThread) -> None:
         """Serve below `namespace`, an absolute name."""
         self._namespace = namespace.rstrip("/")
+        self._thread = thread
         self._services: list[rospy.Service] = []
 
     def add(
         self,
         name: str,
         service: type,
-        handler: Callable,
-        on_fault: Callable[[str], object],
+        handler: Callable[[Message], Message],
+        outside: bool = False,
         call_fails: bool = False,
     ) -> None:
         """Advertise one service.
@@ -34,16 +37,19 @@ class ServiceTable:
         Args:
             name: below the namespace.
             handler: takes the request, returns the response; raises SimError for what a client
-                did wrong or the simulation cannot do.
-            on_fault: makes the response that reports such a fault from its text.
-            call_fails: let the client see a failed call (ServiceException) instead.
+                did wrong or the simulation cannot do. Runs in the simulation's thread between two
+                steps, so it neither waits nor speaks to the master.
+            outside: run the handler in rospy's thread instead, for one that does.
+            call_fails: let the client of a fault see a failed call (ServiceException) instead of a
+                response with success false and the reason.
         """
-
         kind = service._type.rpartition("/")[2]  # gazebo_ros begins its texts with the type
 
-        def serve(request: object) -> object:
+        def serve(request: Message) -> Message:
             try:
-                return handler(request)
+                if outside:
+                    return handler(request)
+                return self._thread.call(lambda: handler(request))
             except SimError as error:
                 text = f"{kind}: {error}"
                 rospy.logerr("%s/%s: %s", self._namespace, name, error)
@@ -55,7 +61,10 @@ class ServiceTable:
                 log.debug("%s", traceback.format_exc())
             if call_fails:
                 raise rospy.ServiceException(text)
-            return on_fault(text)
+            response = service._response_class()
+            if hasattr(response, "status_message"):
+                response.status_message = text
+            return response
 
         self._services.append(rospy.Service(f"{self._namespace}/{name}", service, serve))
 

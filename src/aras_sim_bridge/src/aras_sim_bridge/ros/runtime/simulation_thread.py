@@ -121,6 +121,11 @@ class SimulationThread:
         return self._paused
 
     @property
+    def real_time_factor(self) -> float:
+        """Simulated over wall time of the last seconds; 0 while paused."""
+        return 0.0 if self._paused else self._pacer.real_time_factor
+
+    @property
     def held(self) -> bool:
         """Whether no step will come by itself: paused, or a gate is closed."""
         return self._paused or (self.gate is not None and self.gate.closed)

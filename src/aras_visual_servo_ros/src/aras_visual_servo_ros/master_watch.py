@@ -1,16 +1,22 @@
-"""Notice that the ROS master has gone: rospy itself would wait for ever."""
+"""Notices that the ROS master has gone: rospy itself would go on for ever without a word."""
 
+from __future__ import annotations
+
+import threading
 import time
+from collections.abc import Callable
 
 import rosgraph
 
-PATIENCE = 3
+PATIENCE = 2  # so many questions in a row without an answer, and it is gone
+RETRY = 0.5  # seconds of wall time after a question without an answer
 
 
 class MasterWatch:
     """Asks the master for its process id now and then."""
 
     def __init__(self, name: str, every: float = 2.0) -> None:
+        """Ask in the name of the node `name`, `every` so many seconds of wall time."""
         self._master = rosgraph.Master(name)
         self._every = every
         self._next = 0.0
@@ -22,15 +28,25 @@ class MasterWatch:
         now = time.monotonic()
         if now < self._next:
             return ""
-        self._next = now + self._every
         try:
             pid = self._master.getPid()
         except (OSError, rosgraph.MasterException):
             self._failures += 1
+            self._next = now + min(RETRY, self._every)
             if self._failures < PATIENCE:
                 return ""
             return "the ROS master does not answer any more"
         self._failures = 0
-        if self._pid is None:
-            self._pid = pid
+        self._next = now + self._every
+        self._pid = self._pid or pid
         return "" if pid == self._pid else "the ROS master was restarted and does not know us"
+
+    def tell(self, on_lost: Callable[[str], None]) -> None:
+        """Look from a thread of its own, and call `on_lost` with the reason, once."""
+
+        def run() -> None:
+            while not (why := self.lost()):
+                time.sleep(RETRY)
+            on_lost(why)
+
+        threading.Thread(target=run, name="master watch", daemon=True).start()

@@ -1,0 +1,35 @@
+"""Signals end a node from a thread of their own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+
+import rospy
+
+NUMBERS = (signal.SIGINT, signal.SIGTERM)
+
+
+def end_on_signals() -> None:
+    """Take Ctrl-C and SIGTERM over from rospy; call it after init_node, in the main thread.
+
+    rospy ends the node inside the signal handler, which Python runs in the main thread, wherever
+    that is: in the middle of a log line it waits for locks that this line holds. And the kernel may
+    hand a signal to any thread, so that a waiting main thread does not even wake for its handler.
+    Here the kernel's own handler writes the number into a pipe, and a thread reads it.
+    """
+    hear, tell = os.pipe()
+    os.set_blocking(tell, False)
+    for number in NUMBERS:
+        signal.signal(number, lambda _number, _frame: None)
+    signal.set_wakeup_fd(tell, warn_on_full_buffer=False)
+    threading.Thread(target=_end, args=(hear,), name="signals", daemon=True).start()
+
+
+def _end(hear: int) -> None:
+    while (number := os.read(hear, 1)[0]) not in NUMBERS:
+        pass
+    # In a thread that Python waits for: what is done on shutdown must come to its end.
+    reason = signal.Signals(number).name
+    threading.Thread(target=rospy.signal_shutdown, args=(reason,), name="shutdown").start()

@@ -1,0 +1,84 @@
+"""Messages of a command topic on their way to controllers."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from types import SimpleNamespace
+
+import pytest
+from std_msgs.msg import Float64
+
+from aras_sim_bridge.errors import ControllerError
+from aras_sim_bridge.ros.control import command_topic
+from aras_sim_bridge.ros.control.command_topic import CommandTopic
+
+
+class Thread:
+    """As SimulationThread; jobs are done at once."""
+
+    def post(self, job) -> None:
+        job()
+
+
+@pytest.fixture
+def ros(monkeypatch):
+    """rospy's subscriptions, which the test counts, and lines of the log."""
+    it = SimpleNamespace(open=[], lines=[])
+
+    class Subscriber:
+        def __init__(self, topic, *_args, **_options) -> None:
+            it.open.append(topic)
+
+        def unregister(self) -> None:
+            it.open.pop()
+
+    monkeypatch.setattr(command_topic.rospy, "Subscriber", Subscriber)
+    monkeypatch.setattr(
+        command_topic.rospy, "logerr", lambda text, *args: it.lines.append(text % args)
+    )
+    return it
+
+
+def send(topic: CommandTopic, value: float) -> None:
+    buffer = BytesIO()
+    Float64(value).serialize(buffer)
+    topic._feed._on_body(buffer.getvalue())
+
+
+def test_two_who_take_from_one_topic_both_hear_over_one_subscription(ros):
+    """Two robots with one emergency stop: rospy has one connection for both."""
+    heard = [], []
+    first, second = (
+        CommandTopic("/stop", Float64, lambda m, to=to: to.append(m.data), Thread())
+        for to in heard
+    )
+    assert ros.open == ["/stop"]
+    send(first, 1.0)
+    assert heard == ([1.0], [1.0])
+    first.shutdown()
+    send(second, 2.0)
+    assert heard == ([1.0], [1.0, 2.0])
+    second.shutdown()
+    assert ros.open == []
+    third = CommandTopic("/stop", Float64, lambda m: None, Thread())
+    assert ros.open == ["/stop"]
+    third.shutdown()
+
+
+def test_what_cannot_be_taken_is_said_once_in_a_while_and_the_next_is_taken(ros):
+    taken = []
+
+    def take(message: Float64) -> None:
+        if message.data < 0.0:
+            raise ControllerError("below zero")
+        if message.data == 0.0:
+            raise ZeroDivisionError("a user's")
+        taken.append(message.data)
+
+    topic = CommandTopic("/c", Float64, take, Thread())
+    for value in (-1.0, 0.0, -1.0, 5.0):
+        send(topic, value)
+    topic._feed._on_body(b"abc")
+    assert taken == [5.0]
+    assert ros.lines == ["/c: below zero"]
+    topic.shutdown()

@@ -1,0 +1,77 @@
+"""A master that answers, falls silent, or is another one, on a clock that the test turns."""
+
+import threading
+
+import pytest
+
+from aras_visual_servo_ros import master_watch
+from aras_visual_servo_ros.master_watch import MasterWatch
+
+
+class Master:
+    """Gives its process id; None: it does not answer."""
+
+    def __init__(self, _name: str) -> None:
+        self.pid = 7
+        self.asked = 0
+
+    def getPid(self) -> int:
+        self.asked += 1
+        if self.pid is None:
+            raise OSError("nobody there")
+        return self.pid
+
+
+@pytest.fixture
+def wall(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(master_watch.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(master_watch.rosgraph, "Master", Master)
+    return now
+
+
+def test_a_master_that_answers_is_asked_no_more_often_than_said(wall):
+    watch = MasterWatch("/node", every=2.0)
+    for _ in range(100):
+        assert watch.lost() == ""
+        wall[0] += 0.1
+    assert watch._master.asked == 5
+
+
+def test_one_missed_answer_is_no_loss_two_are(wall):
+    watch = MasterWatch("/node", every=2.0)
+    assert watch.lost() == ""
+    watch._master.pid = None
+    wall[0] += 2.1
+    assert watch.lost() == ""
+    wall[0] += 0.6  # asked again soon
+    assert "does not answer any more" in watch.lost()
+
+
+def test_an_answer_between_forgives(wall):
+    watch = MasterWatch("/node", every=2.0)
+    for pid in (7, None, 7, None, 7):
+        watch._master.pid = pid
+        assert watch.lost() == ""
+        wall[0] += 2.1
+
+
+def test_another_master_at_the_same_place_is_noticed(wall):
+    watch = MasterWatch("/node", every=2.0)
+    assert watch.lost() == ""
+    watch._master.pid = 8
+    wall[0] += 2.1
+    assert "was restarted" in watch.lost()
+
+
+def test_a_loss_is_told_once(wall, monkeypatch):
+    monkeypatch.setattr(
+        master_watch.time, "sleep", lambda seconds: wall.__setitem__(0, wall[0] + seconds)
+    )
+    told, lost = [], threading.Event()
+    watch = MasterWatch("/node", every=2.0)
+    assert watch.lost() == ""
+    watch._master.pid = None
+    watch.tell(lambda why: (told.append(why), lost.set()))
+    assert lost.wait(10.0)
+    assert len(told) == 1

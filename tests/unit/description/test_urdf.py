@@ -164,8 +164,8 @@ JOINT = "<joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint
     (A + A, "two links are named 'a'"),
     (AB, "needs exactly one root link, found 'a', 'b'"),
     (AB + JOINT + JOINT, "two joints are named 'j'"),
-    (A + JOINT, "joint 'j': link 'b' does not exist"),
-    (AB + JOINT + JOINT.replace("'j'", "'k'"), "link 'b' already has a parent"),
+    (A + JOINT, "robot 'r', joint 'j': link 'b' does not exist"),
+    (AB + JOINT + JOINT.replace("'j'", "'k'"), "link 'b' has a parent already"),
     (AB + JOINT + "<joint name='k' type='fixed'><parent link='b'/><child link='a'/></joint>",
      "found none"),
     (AB + "<link name='c'/>" + JOINT.replace("'a'", "'c'")
@@ -217,3 +217,15 @@ def test_what_is_wrong_is_named(inside, reason):
 def test_texts_that_are_no_urdf(text, reason):
     with pytest.raises(DescriptionError, match=reason):
         parse_urdf(text)
+
+
+def test_long_chains_and_many_names_are_read_in_our_lifetime():
+    """Each name compared with each, or each chain climbed from every link, would take hours."""
+    count = 40_000
+    links = "".join(f"<link name='l{k}'/>" for k in range(count))
+    joints = "".join(
+        f"<joint name='j{k}' type='continuous'><parent link='l{k}'/><child link='l{k + 1}'/>"
+        + (f"<mimic joint='j{k - 1}'/>" if k else "") + "</joint>" for k in range(count - 1))
+    assert robot(links + joints).root == "l0"
+    eyes = "".join(f"<sensor type='camera' name='e{k}'><camera/></sensor>" for k in range(count))
+    assert len(robot(f"<link name='a'/><gazebo reference='a'>{eyes}</gazebo>").cameras) == count

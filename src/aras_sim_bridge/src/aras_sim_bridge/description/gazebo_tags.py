@@ -5,6 +5,7 @@ from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import gazebo_materials
 from aras_sim_bridge.description.safe_xml import (
+    check_names,
     integer,
     number,
     numbers,
@@ -74,10 +75,7 @@ def parse(root: Element, links: dict[str, Link], joints: dict[str, Joint],
             warnings.append(
                 f"<gazebo reference='{shorten(reference)}'> names no link or joint; ignored"
             )
-    names = [c.name for c in cameras]
-    for name in names:
-        if names.count(name) > 1:
-            raise DescriptionError(f"two cameras are named '{shorten(name)}'; rename one")
+    check_names([camera.name for camera in cameras], "cameras")
     tags.control_plugins, tags.cameras = tuple(plugins), tuple(cameras)
     return tags
 

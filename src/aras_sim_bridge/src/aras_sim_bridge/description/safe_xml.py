@@ -82,6 +82,15 @@ def parse(xml: str, what: str, largest: int = LARGEST_TEXT) -> Element:
     return builder.close()
 
 
+def check_names(names: list[str], what: str) -> None:
+    """DescriptionError where two of `what` ('cameras') have one name."""
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            raise DescriptionError(f"two {what} are named '{shorten(name)}'; rename one")
+        seen.add(name)
+
+
 def shorten(text: str, length: int = 60) -> str:
     """`text` for a message, cut when a stranger made it long."""
     text = " ".join(text.split())

@@ -15,7 +15,15 @@ from xml.etree.ElementTree import Element
 from aras_sim_bridge.description import gazebo_materials, gazebo_tags, packages, safe_xml
 from aras_sim_bridge.description.geometry import Resolve, sdf_geometry
 from aras_sim_bridge.description.inertia import checked_inertial
-from aras_sim_bridge.description.safe_xml import direction, number, numbers, shorten, text_of, truth
+from aras_sim_bridge.description.safe_xml import (
+    check_names,
+    direction,
+    number,
+    numbers,
+    shorten,
+    text_of,
+    truth,
+)
 from aras_sim_bridge.description.types import (
     ZERO,
     CameraDescription,
@@ -29,6 +37,7 @@ from aras_sim_bridge.description.types import (
     RobotDescription,
     Visual,
 )
+from aras_sim_bridge.description.urdf import root_link
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.poses import Pose, rpy_from_quaternion
 
@@ -116,11 +125,8 @@ def read_sdf(
                     f"SDF: <include> of '{shorten(uri)}' is not supported: Gazebo's model "
                     "database is not there; write the <model> into the file"
                 )
-    for kind, things in (("model", models), ("light", lights)):
-        names = [thing.name for thing in things]
-        for name in names:
-            if names.count(name) > 1:
-                raise DescriptionError(f"SDF: two {kind}s are named '{shorten(name)}'; rename one")
+    check_names([model.name for model in models], "models")
+    check_names([light.name for light in lights], "lights")
     if not models and not lights and not worlds:
         raise DescriptionError("SDF: there is no <model> and no <light> in it")
     return SdfContent(tuple(models), tuple(lights), tuple(warnings))
@@ -298,35 +304,23 @@ def _joint(element: Element, model: str, poses: Mapping[str, Pose]) -> Joint:
 def _tree(where: str, links: dict[str, Link], joints: dict[str, Joint], poses: Mapping[str, Pose],
           static: bool) -> tuple[str, dict[str, Joint]]:
     """(root link, joints placed in their parents), from links placed in the model."""
-    children = [joint.child for joint in joints.values()]
-    for child in children:
-        if children.count(child) > 1:
-            raise DescriptionError(f"{where}: link '{child}' has two parents; trees only")
+    children = {joint.child for joint in joints.values()}
     roots = [name for name in links if name not in children]
-    if not roots:
-        raise DescriptionError(f"{where}: the joints form a loop")
-    root = roots[0]
     joined = dict(joints)
     for extra in roots[1:]:
         if not static:
             raise DescriptionError(
-                f"{where}: links '{root}' and '{extra}' are not joined; make them models of their "
-                "own, join them, or make the model static"
+                f"{where}: links '{roots[0]}' and '{extra}' are not joined; make them models of "
+                "their own, join them, or make the model static"
             )
-        joined[f"{extra}_stands"] = Joint(f"{extra}_stands", "fixed", root, extra)
+        joined[f"{extra}_stands"] = Joint(f"{extra}_stands", "fixed", roots[0], extra)
+    root = root_link(links, joined, where)
     placed = {}
     for name, joint in joined.items():
         # The root link's frame becomes the model's, so its children are placed in the model.
         parent = Pose() if joint.parent == root else poses[joint.parent]
         at = parent.inverse() @ poses[joint.child]
         placed[name] = replace(joint, origin_xyz=at.xyz, origin_rpy=rpy_from_quaternion(at.quat))
-    reached, pending = set(), [root]
-    while pending:
-        link = pending.pop()
-        reached.add(link)
-        pending += [j.child for j in placed.values() if j.parent == link]
-    if len(reached) != len(links):
-        raise DescriptionError(f"{where}: the joints form a loop")
     return root, placed
 
 

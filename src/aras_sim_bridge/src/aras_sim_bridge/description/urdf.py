@@ -4,6 +4,7 @@ Follows http://wiki.ros.org/urdf/XML; where urdfdom would fail or guess, this sa
 """
 
 import math
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -70,7 +71,7 @@ def parse_urdf(
         if joint.name in joints:
             raise DescriptionError(f"URDF: two joints are named '{joint.name}'; rename one")
         joints[joint.name] = joint
-    top = _root_link(links, joints)
+    top = root_link(links, joints, f"robot '{shorten(name)}'")
     _check_mimics(joints)
     tags = gazebo_tags.parse(root, links, joints, warnings)
     return RobotDescription(
@@ -213,55 +214,59 @@ def _soft_limits(element: Element, where: str) -> SoftLimits | None:
                       number(node.get("k_velocity"), f"{where}: k_velocity"))
 
 
-def _root_link(links: dict[str, Link], joints: dict[str, Joint]) -> str:
-    """The one link without a parent; refuses unknown ends, second parents and loops."""
+def root_link(links: dict[str, Link], joints: dict[str, Joint], where: str) -> str:
+    """The one link without a parent.
+
+    Raises:
+        DescriptionError: a joint's end that is no link, a second parent, a loop, several roots.
+    """
     parents: dict[str, str] = {}
     for joint in joints.values():
         for end in (joint.parent, joint.child):
             if end not in links:
                 raise DescriptionError(
-                    f"joint '{joint.name}': link '{shorten(end)}' does not exist"
+                    f"{where}, joint '{joint.name}': link '{shorten(end)}' does not exist"
                 )
         if joint.child in parents:
-            raise DescriptionError(
-                f"joint '{joint.name}': link '{joint.child}' already has a parent; "
-                "URDF allows trees only"
-            )
+            raise DescriptionError(f"{where}, joint '{joint.name}': link '{joint.child}' has a "
+                                   "parent already; trees are possible, loops are not")
         parents[joint.child] = joint.parent
     roots = [name for name in links if name not in parents]
     if len(roots) != 1:
         found = ", ".join(f"'{shorten(r)}'" for r in roots[:5]) or "none (the joints form a loop)"
-        raise DescriptionError(f"URDF: needs exactly one root link, found {found}")
-    children: dict[str, list[str]] = {}
-    for child, parent in parents.items():
-        children.setdefault(parent, []).append(child)
-    reached, pending = set(), [roots[0]]
-    while pending:
-        link = pending.pop()
-        reached.add(link)
-        pending += children.get(link, [])
-    if len(reached) != len(links):
-        lost = next(name for name in links if name not in reached)
+        raise DescriptionError(f"{where}: needs exactly one root link, found {found}")
+    lost = _in_a_loop(links, parents)
+    if lost is not None:
         raise DescriptionError(
-            f"link '{lost}' is in a loop of joints, not in the tree of '{roots[0]}'"
-        )
+            f"{where}: link '{lost}' is in a loop of joints, not in the tree of '{roots[0]}'")
     return roots[0]
 
 
+def _in_a_loop(names: Iterable[str], followed: Mapping[str, str]) -> str | None:
+    """A name that `followed` leads back to itself or into such a loop; None when there is none."""
+    settled: set[str] = set()
+    for name in names:
+        path: dict[str, None] = {}
+        at: str | None = name
+        while at is not None and at not in settled:
+            if at in path:
+                return name
+            path[at] = None
+            at = followed.get(at)
+        settled.update(path)
+    return None
+
+
 def _check_mimics(joints: dict[str, Joint]) -> None:
-    for joint in joints.values():
-        seen, current = {joint.name}, joint
-        while current.mimic is not None:
-            leader = joints.get(current.mimic.joint)
-            if leader is None or not leader.moves:
-                raise DescriptionError(
-                    f"joint '{current.name}': mimics '{shorten(current.mimic.joint)}', "
-                    "which is not a moving joint of this robot"
-                )
-            if leader.name in seen:
-                raise DescriptionError(f"joint '{joint.name}': its mimics form a loop")
-            seen.add(leader.name)
-            current = leader
+    leaders = {joint.name: joint.mimic.joint for joint in joints.values()
+               if joint.mimic is not None}
+    for name, leader in leaders.items():
+        if leader not in joints or not joints[leader].moves:
+            raise DescriptionError(f"joint '{name}': mimics '{shorten(leader)}', which is not a "
+                                   "moving joint of this robot")
+    lost = _in_a_loop(leaders, leaders)
+    if lost is not None:
+        raise DescriptionError(f"joint '{lost}': its mimics form a loop")
 
 
 def _transmission(element: Element) -> Transmission:

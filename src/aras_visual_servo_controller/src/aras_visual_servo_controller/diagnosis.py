@@ -15,7 +15,7 @@ from .evidence import CameraEvidence, Oscillation, ShapeEvidence
 from .goal import Goal
 from .observation import Observation
 from .schemes.base import JointController, Scheme
-from .state import CONVERGED, SERVOING, STOPPED, ServoSettings, ServoState
+from .state import CONVERGED, HOLDING, SERVOING, STOPPED, ServoSettings, ServoState
 
 if TYPE_CHECKING:
     from .arm.resolution import Resolution
@@ -122,6 +122,9 @@ class Diagnosis:
         scheme: Scheme | JointController,
         faulty: bool,
     ) -> Outcome:
+        if state.decision is None:
+            self._window.clear()
+            self._camera.interrupt()
         if faulty:
             return Outcome("scheme_fault", state.reason, "mend the scheme; its traceback is logged")
         if state.phase == STOPPED:
@@ -129,9 +132,7 @@ class Diagnosis:
         if observation.touches:
             self._touched = observation.touches
         if state.decision is None:
-            self._window.clear()
-            self._camera.interrupt()
-            if state.phase != "holding":
+            if state.phase != HOLDING:
                 return self.outcome
             if observation.valid:
                 return Outcome("running", state.reason)

@@ -118,7 +118,7 @@ class CameraEvidence:
         self._before = (error, L)
         if before is None or moved is None or len(before[0]) != len(error):
             return
-        motion = np.concatenate([moved[:3, 3], rotation_vector(moved[:3, :3])])
+        motion = body_motion(moved)
         predicted = 0.5 * (before[1] + L) @ motion / tolerances
         measured = (error - before[0]) / tolerances
         if np.abs(measured).max() > 1.0 / tolerances.max():
@@ -151,3 +151,10 @@ class CameraEvidence:
                 "the arm's motion say"
             )
         return ""
+
+
+def body_motion(before_T_after: np.ndarray) -> np.ndarray:
+    """Twist (6,) that gives a small motion (4, 4) in one unit of time: its logarithm."""
+    w, p = rotation_vector(before_T_after[:3, :3]), before_T_after[:3, 3]
+    once = np.cross(w, p)
+    return np.concatenate([p - 0.5 * once + np.cross(w, once) / 12.0, w])

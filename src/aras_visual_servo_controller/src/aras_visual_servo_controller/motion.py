@@ -45,30 +45,33 @@ class Motion:
     def advance(self, velocities: np.ndarray, measured: np.ndarray, dt: float) -> str:
         """Move on with velocities (n,) for dt (s); measured joints (n,).
 
+        Where a joint does not follow, held by friction or an obstacle, all of them wait for it:
+        the others alone would take the camera elsewhere.
+
         Returns:
-            What did not follow, in words; empty when all did.
+            What did not move as asked, in words; empty when all did.
         """
-        self._brake = None
         if dt <= 0.0:
             return ""
         command = self.command
         after, reasons = command + velocities * dt, []
-        # From beyond a limit a joint may come back, not go on.
-        low = np.minimum(np.asarray(self.limits.lower), command)
-        high = np.maximum(np.asarray(self.limits.upper), command)
+        low, high = self._room()
         bounded = np.clip(after, low, high)
         for i in np.flatnonzero(bounded != after):
             bound = (high if after[i] > bounded[i] else low)[i]
             reasons.append(f"{self.names[i]} stopped at its limit of {bound:.4f}")
-        # A joint held by friction: its command does not walk away from it.
-        lead = self._lead + self.settings.lag * np.abs(velocities)
         ahead = np.abs(bounded - measured)
+        lead = self._lead + self.settings.lag * np.abs(self.velocity)
         late = (ahead > lead) & (ahead > np.abs(command - measured))
-        for i in np.flatnonzero(late):
-            reasons.append(f"{self.names[i]} is {ahead[i]:.3f} behind its command, which waits")
-        after = np.where(late, command, bounded)
-        self.velocity = (after - command) / dt
-        self.command = after
+        if late.any():
+            self.brake(dt)
+            return "; ".join(
+                f"waiting for {self.names[i]}, which is {ahead[i]:.3f} behind its command"
+                for i in np.flatnonzero(late)
+            )
+        self._brake = None
+        self.velocity = (bounded - command) / dt
+        self.command = bounded
         return "; ".join(reasons)
 
     def brake(self, dt: float) -> None:
@@ -86,10 +89,13 @@ class Motion:
         self._brake = (first, duration, gone)
         velocity = first * max(0.0, 1.0 - gone / duration)
         after = self.command + velocity * dt
-        low = np.minimum(np.asarray(self.limits.lower), self.command)
-        high = np.maximum(np.asarray(self.limits.upper), self.command)
-        bounded = np.clip(after, low, high)
+        bounded = np.clip(after, *self._room())
         self.command, self.velocity = bounded, np.where(bounded == after, velocity, 0.0)
+
+    def _room(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where the command may go (n,), (n,): from beyond a limit back, not on."""
+        low = np.minimum(self.limits.lower, self.command)
+        return low, np.maximum(self.limits.upper, self.command)
 
     def limited(self, velocities: np.ndarray, dt: float) -> tuple[np.ndarray, str]:
         """Velocities (n,) of a controller of its own, slowed as a whole to the joints' limits.

@@ -35,7 +35,7 @@ class ServoSettings:
         settle: s to stand still at the start before servoing.
         longest_step: s; a longer gap between ticks is integrated as this long.
         lead, lag: a command may be ahead of the measured joint by lead + lag |its speed|, rad or m
-            and s: friction that holds a joint does not let its command walk away.
+            and s; then all wait: friction that holds a joint does not let its command walk away.
         delay: s from an exposure to when its answer counts (simulated time, computing included);
             0: at once.
         watchdog, watchdog_images: without a fresh answer for this long, s, or for so many image
@@ -55,7 +55,7 @@ class ServoSettings:
     settle: float = 0.3
     longest_step: float = 0.1
     lead: float | Sequence[float] = 0.05
-    lag: float = 0.15
+    lag: float = 0.1
     delay: float = 0.0
     watchdog: float = 0.2
     watchdog_images: float = 3.0

@@ -60,9 +60,14 @@ class _AtGoal:
             name, reason = next(iter(found.degenerate.items()))
             raise ConfigurationError(f"{goal.name}: feature {name} is undefined there: {reason}")
         self.s, self.L = found.values, found.L
+        # In the camera's frame, and in the base's where the camera's pose is known.
+        self.camera_normal = np.array(self.plane) / np.linalg.norm(self.plane)
         pose = goal.world_T_camera
-        normal = np.array(self.plane)
-        self.normal = None if pose is None else pose[:3, :3] @ (normal / np.linalg.norm(normal))
+        self.normal = None if pose is None else pose[:3, :3] @ self.camera_normal
+        # A patch of area A at depth Z shows a = A (n . r) / Z^2 along the ray r = (x, y, 1).
+        ray = (goal.moments.xg, goal.moments.yg, 1.0)
+        depth = 1.0 / self.plane.inverse_depth(*ray[:2])
+        self.patch = goal.moments.area * depth**2 / float(self.camera_normal @ ray)
 
 
 class ImageMoments(Feature):
@@ -126,10 +131,11 @@ class ImageMoments(Feature):
         """The target's plane in this view: its attitude by kinematics, its depth by the area."""
         if observation.plane is not None:
             return observation.plane
-        scale = sqrt(moments.area / at.reference.area)
-        if at.normal is None or observation.world_T_camera is None:
-            return Plane(*(scale * v for v in at.plane))
-        normal = observation.world_T_camera[:3, :3].T @ at.normal
-        if abs(normal[2]) < 0.05:
+        normal = at.camera_normal
+        if at.normal is not None and observation.world_T_camera is not None:
+            normal = observation.world_T_camera[:3, :3].T @ at.normal
+        facing = float(normal @ (moments.xg, moments.yg, 1.0))
+        if facing < 0.05:
             raise MeasurementError("the camera looks along the target's plane, not on it")
-        return Plane(*(normal * (scale * at.plane.C / normal[2])).tolist())
+        depth = sqrt(at.patch * facing / moments.area)
+        return Plane(*(normal / (facing * depth)).tolist())

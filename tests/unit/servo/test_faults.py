@@ -1,0 +1,384 @@
+"""A user's scheme that goes wrong in any way holds the arm within the image, and is said once."""
+
+import numpy as np
+import pytest
+from loop_rig import IMAGE_PERIOD, STARTS, TICK, Rig, the_goal, the_servo
+
+from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError, TaskError
+from aras_visual_servo_controller.features import Feature, Measured
+from aras_visual_servo_controller.laws import Law, Proportional
+from aras_visual_servo_controller.schemes import (
+    Composed,
+    Decision,
+    JointController,
+    Scheme,
+    create_scheme,
+)
+from aras_visual_servo_controller.state import HOLDING, SERVOING
+from aras_visual_servo_controller.task import Task
+
+GOOD_FROM, GOOD_TO = 0.3, 0.6  # s between which the scheme goes wrong
+
+
+class Spoiled(Scheme):
+    """moments, until it goes wrong."""
+
+    def __init__(self, fault):
+        super().__init__(Proportional(3.0))
+        self.inner, self.fault = create_scheme("moments", self.law), fault
+        self.names, self.tolerances = self.inner.names, self.inner.tolerances
+        self.needs = self.inner.needs
+
+    def check(self, goal):
+        self.inner.check(goal)
+
+    def compute(self, observation, goal, t):
+        decision = self.inner.compute(observation, goal, t)
+        if not GOOD_FROM <= observation.stamp < GOOD_TO:
+            self.tolerances = self.inner.tolerances
+            return decision
+        return self.fault(self, decision)
+
+
+def raising(error):
+    def fault(scheme, decision):
+        raise error
+
+    return fault
+
+
+def answering(**changes):
+    from dataclasses import replace
+
+    return lambda scheme, decision: replace(decision, **changes)
+
+
+def with_task(**changes):
+    def fault(scheme, decision):
+        fields = {key: getattr(decision.task, key) for key in ("L", "rate", "modelled")}
+        return answering(task=Task(**{**fields, **changes}))(scheme, decision)
+
+    return fault
+
+
+def without_tolerances(scheme, decision):
+    scheme.tolerances = ()
+    return decision
+
+
+def nan_in_L(scheme, decision):
+    L = np.array(decision.task.L)
+    L[1, 2] = np.nan
+    return answering(task=Task.of(L, decision.task.rate))(scheme, decision)
+
+
+FAULTS = {
+    "value error": (raising(ValueError("no such thing")), "raised ValueError: no such thing"),
+    "key error": (raising(KeyError("x")), "raised KeyError: 'x'"),
+    "system exit": (raising(SystemExit(3)), "raised SystemExit: 3"),
+    "assertion": (raising(AssertionError()), "raised AssertionError"),
+    "two lines": (raising(RuntimeError("one\ntwo")), "raised RuntimeError: one two"),
+    "nothing": (lambda scheme, decision: None, "NoneType instead of a Decision"),
+    "a number": (lambda scheme, decision: 3.0, "float instead of a Decision"),
+    "no task": (answering(task=None), "the task NoneType"),
+    "a twist for a task": (answering(task=np.zeros(6)), "the task ndarray"),
+    "short twist": (lambda s, d: answering(task=Task.of_twist(np.zeros(3)))(s, d), "shape (6,)"),
+    "tall twist": (lambda s, d: answering(task=Task.of_twist(np.zeros((6, 1))))(s, d), "(6, 1)"),
+    "NaN in L": (nan_in_L, "not finite"),
+    "NaN in L unchecked": (with_task(L=np.full((4, 6), np.nan)), "task that is not finite"),
+    "inf in the rate": (with_task(rate=np.full(4, np.inf)), "task that is not finite"),
+    "L of five columns": (with_task(L=np.zeros((4, 5))), "L (4, 5)"),
+    "rate of another length": (with_task(rate=np.zeros(3)), "rate (3,)"),
+    "modelled of four": (with_task(modelled=np.ones(4, bool)), "modelled (4,)"),
+    "long error": (answering(error=np.zeros(5)), "error of shape (5,) for 4 names"),
+    "NaN in the error": (answering(error=np.full(4, np.nan)), "error that are not finite"),
+    "text for features": (answering(features="abcd"), "features of no numbers"),
+    "few names": (answering(names=("x",)), "for 1 names"),
+    "no tolerances": (without_tolerances, "has tolerances ()"),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_holds_the_arm_within_the_image(name):
+    fault, words = FAULTS[name]
+    servo = the_servo("2016", Spoiled(fault))
+    rig = Rig(servo, STARTS["2016"])
+    states = rig.run(1.0)
+    bad = [s for s in states if GOOD_FROM <= s.stamp < GOOD_TO]
+    assert {s.phase for s in bad} == {HOLDING}
+    assert all(s.reason.startswith("scheme Spoiled ") and words in s.reason for s in bad)
+    assert all("\n" not in s.reason for s in bad)
+    assert [bool(s.fault) for s in bad] == [True] + [False] * (len(bad) - 1)  # traceback once
+    if "raised" in words:
+        assert "Traceback" in bad[0].fault
+    assert {s.outcome for s in bad} == {"scheme_fault"}
+    commands = np.array([c.positions for c in rig.commands])
+    assert np.isfinite(commands).all()
+    held = [c.positions for c in rig.commands if GOOD_FROM + 0.2 <= c.stamp < GOOD_TO]
+    np.testing.assert_array_equal(held, np.broadcast_to(held[0], np.shape(held)))
+    assert states[-1].phase == SERVOING
+    assert states[-1].outcome == "running"
+
+
+def test_nothing_counts_before_all_is_checked():
+    """Until the faulty image the commands are those of a sound run; from then on the arm brakes."""
+    sound = Rig(the_servo("2016", Spoiled(lambda s, d: d)), STARTS["2016"])
+    wrong = Rig(the_servo("2016", Spoiled(answering(error=np.zeros(5)))), STARTS["2016"])
+    for rig in (sound, wrong):
+        rig.run(1.0)
+    n = int(GOOD_FROM / TICK) + 1
+    one, two = (np.array([c.positions for c in rig.commands]) for rig in (sound, wrong))
+    np.testing.assert_array_equal(one[:n], two[:n])
+    speed = np.abs(np.diff(two, axis=0)).max(axis=1)
+    assert speed[n - 2] > 1e-4
+    assert (np.diff(speed[n - 1 : n + 20]) <= 1e-12).all()
+    assert speed[n + 16] == 0.0
+
+
+def test_measurement_errors_are_the_images_and_not_the_schemes():
+    fault = raising(MeasurementError("a hand before the camera"))
+    states = Rig(the_servo("2016", Spoiled(fault)), STARTS["2016"]).run(0.5)
+    assert states[-1].reason == "a hand before the camera"
+    assert states[-1].fault == ""
+    assert states[-1].outcome != "scheme_fault"
+
+
+def test_keyboard_interrupts_are_not_swallowed():
+    with pytest.raises(KeyboardInterrupt):
+        Rig(the_servo("2016", Spoiled(raising(KeyboardInterrupt()))), STARTS["2016"]).run(0.5)
+
+
+class Tired(Law):
+    """A user's law that answers a wrong shape."""
+
+    def rate(self, error, L, rotated_error, t, dt):
+        self.tired = t > GOOD_FROM or getattr(self, "tired", False)
+        return np.zeros(2) if self.tired else -error
+
+
+def test_a_fault_of_a_users_law_is_the_schemes():
+    states = Rig(the_servo("2016", law=Tired()), STARTS["2016"]).run(0.6)
+    assert states[-1].phase == HOLDING
+    assert states[-1].outcome == "scheme_fault"
+    assert "TaskError" in states[-1].reason
+
+
+@pytest.mark.parametrize(("seconds", "slow"), [(0.12, True), (0.034, True), (0.02, False)])
+def test_a_compute_longer_than_the_image_period_is_named_with_its_time(seconds, slow):
+    readings = iter(np.arange(10000) * seconds)
+    servo = the_servo("2016", clock=lambda: float(next(readings)))
+    state = Rig(servo, STARTS["2016"]).run(0.3)[-1]
+    assert state.computing == pytest.approx(seconds)
+    text = f"took {seconds:.3f} s, longer than the image period of {IMAGE_PERIOD:.3f} s"
+    assert (text in state.reason) is slow
+    assert state.phase == SERVOING
+
+
+class OwnJoints(JointController):
+    """Answers the joints itself; `answer` is put in by the test."""
+
+    names, tolerances = ("x",), (0.1,)
+    answer = staticmethod(lambda controller, t, dt, joints: np.zeros(6))
+
+    def see(self, observation, goal, t):
+        zero = np.zeros(1)
+        return Decision(("x",), zero + 1.0, zero, zero + 1.0)
+
+    def tick(self, t, dt, joints):
+        return self.answer(self, t, dt, joints)
+
+
+def controlled(answer, output, **options):
+    controller = OwnJoints()
+    controller.answer, controller.output = answer, output
+    return Rig(the_servo("2016", controller, **options), STARTS["2016"])
+
+
+CONTROLLER_FAULTS = {
+    "raises": (raising(ZeroDivisionError("division by zero")), "raised ZeroDivisionError"),
+    "exits": (raising(SystemExit()), "raised SystemExit"),
+    "nothing": (lambda *_: None, "joints of no numbers"),
+    "five joints": (lambda *_: np.zeros(5), "joints of shape (5,)"),
+    "NaN": (lambda *_: np.full(6, np.nan), "not finite"),
+}
+
+
+@pytest.mark.parametrize("output", ["position", "velocity", "acceleration"])
+@pytest.mark.parametrize("name", CONTROLLER_FAULTS)
+def test_a_fault_between_images_holds_the_arm_at_once(name, output):
+    fault, words = CONTROLLER_FAULTS[name]
+
+    def answer(controller, t, dt, joints):
+        if t < 0.2:
+            return joints.positions + 0.01 if output == "position" else np.full(6, 0.05)
+        return fault(controller, None)
+
+    rig = controlled(answer, output)
+    rig.run(0.2 + 0.02)
+    assert rig.servo.phase == HOLDING
+    assert words in rig.servo.reason
+    assert rig.servo.outcome.kind == "scheme_fault"
+    assert all(np.isfinite(c.positions).all() for c in rig.commands)
+
+
+@pytest.mark.parametrize("output", ["position", "velocity", "acceleration"])
+def test_controllers_of_joints_are_under_the_same_limits_and_watchdog(output):
+    def answer(controller, t, dt, joints):
+        return joints.positions + np.arange(6.0) if output == "position" else np.arange(6.0) * 9.0
+
+    from loop_rig import the_limits
+
+    limits = the_limits(velocity=0.5, acceleration=3.0, upper={"J1": 0.1})
+    rig = controlled(answer, output, limits=limits, lead=10.0)
+    rig.look = lambda observer, t, joints: observer.of_moments(
+        t, None, True, "", rig_camera(), joints
+    )
+    rig.observer.needs = frozenset()
+    rig.run(1.0)
+    commands = np.array([c.positions for c in rig.commands])
+    speed = np.diff(commands, axis=0) / TICK
+    assert np.abs(speed).max() == pytest.approx(0.5, rel=1e-6)
+    np.testing.assert_allclose(speed[10:40, 2] / speed[10:40, 5], 0.4, atol=0.2)  # direction kept
+    change = np.abs(np.diff(speed, axis=0))
+    inside = commands[2:, 1] < 0.1 - 0.02
+    assert change[inside].max() <= 3.0 * TICK * (1 + 1e-6)
+    assert commands[:, 1].max() <= 0.1 + 1e-12
+    rig._next_image = 100.0
+    rig.run(0.6)
+    assert rig.servo.phase == "waiting"
+    still = np.array([c.positions for c in rig.commands])[-10:]
+    np.testing.assert_array_equal(still, np.broadcast_to(still[0], still.shape))
+
+
+def rig_camera():
+    from loop_rig import CAMERA
+
+    return CAMERA
+
+
+@pytest.mark.parametrize(
+    ("output", "words"), [("torque", "position, velocity, acceleration"), (None, "unknown output")]
+)
+def test_an_output_that_there_is_not(output, words):
+    with pytest.raises(ConfigurationError, match=words):
+        controlled(lambda *_: np.zeros(6), output)
+
+
+# -- what a scheme may say of its goal, and how it is named -----------------------------------
+
+
+class Picky(Feature):
+    """Raises where the goal is looked at."""
+
+    names, tolerances = ("x",), (1.0,)
+
+    def measure(self, observation, goal):
+        return Measured(np.zeros(1), np.zeros(1), np.zeros(1), np.ones((1, 6)))
+
+    def check(self, goal):
+        raise KeyError("desired")
+
+
+def test_a_scheme_that_fails_on_its_goal_is_one_line():
+    with pytest.raises(ConfigurationError, match=r"cannot use goal_2016.yaml: KeyError: 'desired'"):
+        the_servo("2016", Composed(Picky()))
+
+
+class Exits(Feature):
+    names, tolerances = ("x",), (1.0,)
+
+    def __init__(self):
+        raise SystemExit("no GPU")
+
+    def measure(self, observation, goal):
+        return None
+
+
+class Unnamed(Feature):
+    tolerances = (1.0,)
+
+    def measure(self, observation, goal):
+        return None
+
+
+class Loose(Unnamed):
+    names, tolerances = ("x", "y"), (1.0,)
+
+
+HERE = __name__
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("momments", "unknown scheme 'momments': did you mean 'moments'? known are moments, "),
+        ("no_such_package.x:Y", "cannot import no_such_package"),
+        ("aras_visual_servo_controller.laws:Proportinal", "did you mean 'Proportional'?"),
+        ("aras_visual_servo_controller.laws:Proportional", "not a class derived from Scheme"),
+        ("test_faults:Exits", "its constructor raised SystemExit: no GPU"),
+        ("test_faults:Unnamed", "Unnamed has no names"),
+        ("test_faults:Loose", "2 names but tolerances"),
+        ("moments+moments_2016", "'moments_2016' is no feature"),
+        ("", "unknown scheme ''"),
+        ("moments:", "unknown scheme"),
+    ],
+)
+def test_schemes_that_there_are_not(name, words):
+    import re
+    import sys
+    from pathlib import Path
+
+    sys.path.insert(0, str(Path(__file__).parent))
+    with pytest.raises(ConfigurationError, match=re.escape(words)):
+        create_scheme(name)
+
+
+def test_options_that_a_scheme_does_not_take():
+    with pytest.raises(ConfigurationError, match="takes no interaction"):
+        create_scheme("moments_2016", interaction="mean")
+    with pytest.raises(ConfigurationError, match="unknown interaction 'meen': did you mean 'mean'"):
+        create_scheme("moments", interaction="meen")
+    with pytest.raises(ConfigurationError, match="smoothing"):
+        create_scheme("moments", smoothing=-1.0)
+
+
+def test_a_goal_without_what_the_scheme_needs_is_refused_before_anything_moves():
+    from dataclasses import replace
+
+    bare = replace(the_goal("2016"), moments=None, target=None)
+    with pytest.raises(ConfigurationError, match="holds no moments"):
+        the_servo("2016", goal=bare)
+
+
+def test_tasks_are_checked():
+    for L, rate, words in (
+        (np.zeros((2, 5)), np.zeros(2), "(k, 6)"),
+        (np.zeros((2, 6)), np.zeros(3), "(3,)"),
+        (np.zeros((0, 6)), np.zeros(0), "(0, 6)"),
+        ([["a"] * 6], [1.0], "not an array"),
+        (np.full((1, 6), np.inf), [1.0], "not finite"),
+    ):
+        with pytest.raises(TaskError, match=words.replace("(", r"\(").replace(")", r"\)")):
+            Task.of(L, rate)
+    with pytest.raises(TaskError, match="weights"):
+        Task.of(np.ones((2, 6)), np.ones(2), weights=[1.0, -1.0])
+
+
+@pytest.mark.parametrize("rows", [7, 60, 3000])
+@pytest.mark.parametrize("rank", [6, 4])
+def test_tall_tasks_are_reduced_to_the_same_solution(rows, rank):
+    random = np.random.default_rng(rows + rank)
+    L = random.normal(size=(rows, rank)) @ random.normal(size=(rank, 6))
+    rate, weights = random.normal(size=rows), random.uniform(0.1, 2.0, rows)
+    task = Task.of(L, rate, weights=weights)
+    assert task.L.shape == (6, 6)
+    W = np.diag(weights) if rows < 100 else None
+    scaled = weights[:, None] * L if W is None else W @ L
+    wanted = np.linalg.lstsq(scaled, weights * rate, rcond=1e-9)[0]
+    np.testing.assert_allclose(
+        np.linalg.lstsq(task.L, task.rate, rcond=1e-5)[0], wanted, rtol=1e-6, atol=1e-8
+    )
+    np.testing.assert_allclose(
+        task.singular_values[:rank], np.linalg.svd(scaled, compute_uv=False)[:rank], rtol=1e-6
+    )
+    assert task.rank == rank or rows > 512

@@ -1,0 +1,297 @@
+"""Every registered feature against a camera that really moves; the kernel on a fine picture."""
+
+import numpy as np
+import pytest
+from free_camera import exponential, pose
+
+from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.kernel import kernel_features, kernel_of_outline
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
+from aras_visual_servo_controller.features import FEATURES, Stack, create_feature
+from aras_visual_servo_controller.features.points import PointFeature, point_interaction
+from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.observation import Need, Observer
+from aras_visual_servo_controller.schemes import Composed, create_scheme
+
+CAMERA = CameraModel(320, 240, (200.0, 0, 158.3, 0, 201.0, 121.6, 0, 0, 1))
+# A square with a patch that gives it a direction, m.
+OUTLINE = np.array(
+    [[-25, -25], [25, -25], [25, -7.5], [37.5, -7.5], [37.5, 17.5], [25, 17.5], [25, 25], [-25, 25]]
+) / 1000.0  # fmt: skip
+SQUARE = 0.03 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], float)
+GOAL = pose((0.004, -0.003, 0.2), np.radians((2.0, -3.0, 5.0)))
+VIEWS = {
+    "near": pose((0.01, 0.02, 0.23), np.radians((6.0, 4.0, 20.0))),
+    "tilted": pose((-0.05, 0.03, 0.35), np.radians((-25.0, 15.0, -60.0))),
+    "turned": pose((0.02, -0.01, 0.18), np.radians((3.0, -5.0, 150.0))),
+}
+
+
+def look(needs, camera_T_object, shape=OUTLINE, stamp=0.0, plane=True, observer=None):
+    flat = np.c_[shape, np.zeros(len(shape))]
+    seen = flat @ camera_T_object[:3, :3].T + camera_T_object[:3, 3]
+    known = Plane.from_pose(camera_T_object[:3, :3], camera_T_object[:3, 3]) if plane else None
+    return (observer or Observer(None, needs)).of_exact(
+        stamp, CAMERA, contour=seen[:, :2] / seen[:, 2:], plane=known,
+        world_T_camera=np.linalg.inv(camera_T_object),
+    )  # fmt: skip
+
+
+def taught(feature, shape=OUTLINE, view=GOAL, **options):
+    return Goal.teach(Composed(feature), look(feature.needs, view, shape, **options))
+
+
+EXACT = [name for name in FEATURES if Need.KERNEL not in FEATURES[name].needs]
+
+
+@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("name", EXACT)
+def test_the_interaction_matrix_is_the_derivative(name, view):
+    feature = create_feature(name)
+    goal = taught(feature)
+    feature.check(goal)
+    measured = feature.measure(look(feature.needs, VIEWS[view]), goal)
+    step, columns = 1e-5, []
+    for axis in np.eye(6):
+        sides = []
+        for sign in (1.0, -1.0):
+            moved = np.linalg.inv(exponential(sign * step * axis)) @ VIEWS[view]
+            sides.append(feature.measure(look(feature.needs, moved), goal).error)
+        columns.append((sides[0] - sides[1]) / (2.0 * step))
+    scale = np.abs(measured.L).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(measured.L / scale, np.stack(columns, axis=1) / scale, atol=2e-7)
+    assert measured.s.shape == measured.desired.shape == measured.error.shape
+    assert measured.L.shape == (len(feature.names), 6)
+    np.testing.assert_allclose(
+        measured.error[0], measured.s[0] - measured.desired[0], atol=1e-15
+    )
+    assert len(feature.tolerances) == len(feature.names) == len(feature.units)
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_at_the_goal_the_error_is_none_and_L_the_desired_one(name):
+    feature = create_feature(name)
+    goal = taught(feature)
+    feature.check(goal)
+    measured = feature.measure(look(feature.needs, GOAL), goal)
+    np.testing.assert_allclose(measured.error, 0.0, atol=1e-12)
+    np.testing.assert_allclose(measured.L, feature.desired_interaction(goal), atol=1e-9)
+
+
+@pytest.mark.parametrize("turn", [-170.0, -91.0, -30.0, 89.0, 91.0, 179.0])
+def test_moments_know_the_whole_turn_of_a_target_with_a_direction(turn):
+    feature = create_feature("moments")
+    upright = pose((0, 0, 0.2), (0, 0, 0))
+    goal = taught(feature, view=upright)
+    seen = look(feature.needs, pose((0, 0, 0.2), (0, 0, np.radians(turn))))
+    measured = feature.measure(seen, goal)
+    assert measured.error[3] == pytest.approx(np.radians(turn), abs=1e-6)
+    assert measured.up_to == ""
+
+
+def test_moments_say_that_half_a_turn_of_a_symmetric_target_stays_open():
+    feature = create_feature("moments")
+    rectangle = SQUARE * [1.0, 0.6]
+    goal = taught(feature, rectangle, pose((0, 0, 0.2), (0, 0, 0)))
+    turned = look(feature.needs, pose((0, 0, 0.2), (0, 0, np.radians(170.0))), rectangle)
+    measured = feature.measure(turned, goal)
+    assert measured.error[3] == pytest.approx(np.radians(-10.0), abs=1e-9)
+    assert measured.up_to == "180°"
+
+
+def test_a_square_has_no_angle():
+    feature = create_feature("moments")
+    with pytest.raises(ConfigurationError, match="alpha is undefined"):
+        feature.check(taught(feature, SQUARE, pose((0, 0, 0.2), (0, 0, 0))))
+
+
+def test_without_a_known_plane_its_attitude_comes_from_kinematics():
+    """The camera is tilted and turned about the vertical: the plane's normal turns with it."""
+    feature = create_feature("moments")
+    tilt = pose((0, 0, 0.2), np.radians((10.0, 0.0, 0.0)))
+    goal = taught(feature, view=tilt)
+    turned = tilt @ pose((0, 0, 0), np.radians((0.0, 0.0, 70.0)))
+    free = pose((0, 0, 0), np.radians((0.0, 20.0, 0.0))) @ turned
+    for view in (turned, free):
+        exact = feature.measure(look(feature.needs, view), goal)
+        found = feature.measure(look(feature.needs, view, plane=False), goal)
+        scale = np.abs(exact.L).max(axis=1, keepdims=True)
+        np.testing.assert_allclose(found.L / scale, exact.L / scale, atol=5e-3)
+
+
+@pytest.mark.parametrize("turn", [0.0, 80.0, 190.0])
+def test_corners_are_matched_whichever_comes_first(turn):
+    feature = create_feature("points")
+    goal = taught(feature, view=pose((0, 0, 0.2), (0, 0, 0)))
+    view = pose((0.01, 0, 0.25), np.radians((8.0, 0.0, turn)))
+    straight = feature.measure(look(feature.needs, view), goal)
+    for shift, way in ((3, 1), (5, -1), (0, -1)):
+        feature.reset()
+        shifted = np.roll(OUTLINE, shift, axis=0)[::way]
+        measured = feature.measure(look(feature.needs, view, shifted), goal)
+        np.testing.assert_allclose(measured.s, straight.s, atol=1e-12)
+        assert measured.up_to == ""
+    exact = create_feature("points")
+    exact.ordered = True
+    np.testing.assert_allclose(
+        straight.s, exact.measure(look(exact.needs, view), goal).s, atol=1e-12
+    )
+
+
+def test_a_square_is_followed_corner_by_corner():
+    feature = create_feature("points")
+    goal = taught(feature, SQUARE, pose((0, 0, 0.2), (0, 0, 0)))
+    turns = []
+    for turn in np.radians([0, 30, 60, 90, 120, 95, 60, 25, -15]):
+        view = look(feature.needs, pose((0, 0, 0.2), (0, 0, turn)), SQUARE)
+        measured = feature.measure(view, goal)
+        s, g = (v[::2] + 1j * v[1::2] for v in (measured.s, measured.desired))
+        turns.append(np.angle(np.vdot(g, s)))
+        assert measured.up_to == "90°"
+    np.testing.assert_allclose(turns, np.radians([0, 30, 60, 90, 120, 95, 60, 25, -15]), atol=1e-9)
+
+
+def test_depth_of_points_by_plane_by_depth_image_or_by_size():
+    feature = create_feature("points")
+    goal = taught(feature, view=pose((0, 0, 0.2), (0, 0, 0)))
+    view = pose((0, 0, 0.3), (0, 0, 0))
+    known = look(feature.needs, view)
+    plain = look(feature.needs, view, plane=False)
+    depth = Observer(None, feature.needs | {Need.DEPTH}).of_image(
+        0.0, np.zeros((240, 320), np.uint8), CAMERA, depth=np.full((240, 320), 0.3, np.float32)
+    )
+    from dataclasses import replace
+
+    with_depth = replace(plain, depth=depth.depth)
+    for seen in (known, plain, with_depth):
+        np.testing.assert_allclose(
+            feature.measure(seen, goal).L,
+            point_interaction(seen.corners, np.full(8, 1 / 0.3)), rtol=1e-6, atol=1e-9,
+        )  # fmt: skip
+    holed = replace(with_depth, depth=np.full((240, 320), np.nan, np.float32))
+    with pytest.raises(MeasurementError, match="no depth"):
+        feature.measure(holed, goal)
+
+
+def test_points_that_do_not_fit_the_goal_are_refused():
+    feature = create_feature("points")
+    goal = taught(feature)
+    with pytest.raises(MeasurementError, match="4 points are seen, the goal has 8"):
+        feature.measure(look(feature.needs, GOAL, SQUARE), goal)
+    with pytest.raises(ConfigurationError, match="no points of the feature 'points'"):
+        feature.check(Goal(depth=0.2))
+
+
+class TwoSpots(PointFeature):
+    """A user's points, in a known order."""
+
+    name = "spots"
+    needs = frozenset((Need.IMAGE,))
+
+    def points(self, observation):
+        return np.array([[0.0, 0.1], [0.2, np.nan], [0.3, 0.4]])
+
+
+def test_a_users_points_that_are_not_finite_are_refused():
+    goal = Goal(depth=0.2, features={"spots": {"points": [[0, 0], [1, 0], [1, 1]]}})
+    with pytest.raises(MeasurementError, match="not finite"):
+        TwoSpots().measure(look(frozenset(), GOAL), goal)
+
+
+def test_a_stack_has_the_parts_one_under_the_other_with_their_weights():
+    parts = [create_feature("moments"), create_feature("points")]
+    stack = Stack(parts, [2.0, 0.5])
+    scheme = Composed(stack)
+    goal = Goal.teach(scheme, look(stack.needs, GOAL))
+    scheme.check(goal)
+    view = look(stack.needs, VIEWS["near"])
+    measured = stack.measure(view, goal)
+    one, two = (part.measure(view, goal) for part in parts)
+    np.testing.assert_array_equal(measured.error, [*one.error, *two.error])
+    np.testing.assert_array_equal(measured.L, np.vstack([one.L, two.L]))
+    np.testing.assert_array_equal(stack.weights, [2.0] * 4 + [0.5] * 16)
+    assert len(scheme.tolerances) == len(scheme.names) == 20
+    assert stack.needs == {Need.MOMENTS, Need.CORNERS}
+    assert stack.directions == (True,) * 6
+    decision = scheme.compute(view, goal, 0.0)
+    # weighted least squares: the same as rows scaled by the weights
+    W = np.diag(stack.weights)
+    expected = np.linalg.lstsq(W @ measured.L, W @ (-5.0 * measured.error), rcond=None)[0]
+    np.testing.assert_allclose(decision.task.twist, expected, rtol=1e-6, atol=1e-9)
+    np.testing.assert_array_equal(decision.error, measured.error)
+
+
+def test_a_part_that_sees_the_whole_turn_is_enough():
+    rectangle = SQUARE * [1.0, 0.6]
+    scheme = create_scheme("moments+points")
+    goal = Goal.teach(scheme, look(scheme.needs, GOAL, rectangle))
+    scheme.check(goal)
+    assert scheme.compute(look(scheme.needs, GOAL, rectangle), goal, 0.0).up_to == "180°"
+    with_direction = Goal.teach(scheme, look(scheme.needs, GOAL))
+    scheme.check(with_direction)
+    assert scheme.compute(look(scheme.needs, GOAL), with_direction, 0.0).up_to == ""
+
+
+@pytest.mark.parametrize("weights", [[1.0], [1.0, -1.0], [1.0, np.nan]])
+def test_wrong_weights_are_refused(weights):
+    with pytest.raises(ConfigurationError, match="weights"):
+        Stack([create_feature("moments"), create_feature("points")], weights)
+
+
+# -- kernel ------------------------------------------------------------------------------------
+
+
+def kernel_view(camera, camera_T_object, stamp=0.0):
+    flat = np.c_[OUTLINE, np.zeros(len(OUTLINE))]
+    seen = flat @ camera_T_object[:3, :3].T + camera_T_object[:3, 3]
+    outline = seen[:, :2] / seen[:, 2:]
+    numbers = kernel_of_outline(outline, camera.pinhole, camera.width, camera.height).layout()
+    return Observer(None, frozenset((Need.KERNEL,))).of_moments(
+        stamp, None, True, "", camera, kernel=numbers
+    )
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2, 5])
+def test_the_kernels_interaction_matrix_is_the_derivative(axis):
+    """On a picture of 1600 x 1200, over several pixels of motion."""
+    camera = CameraModel(1600, 1200, (800.0, 0, 799.5, 0, 800.0, 599.5, 0, 0, 1))
+    feature = create_feature("kernel")
+    goal = Goal.teach(None, kernel_view(camera, pose((0.01, 0.02, 0.2), (0, 0, 0.3))), depth=0.2)
+    feature.check(goal)
+    view = pose((0.02, 0.01, 0.2), (0, 0, 0.5))
+    # the depth that the area tells, where the target lies square on
+    measured = feature.measure(kernel_view(camera, view), goal)
+    step = 4e-3 if axis < 3 else 2e-2
+    sides = []
+    for sign in (1.0, -1.0):
+        moved = np.linalg.inv(exponential(sign * step * np.eye(6)[axis])) @ view
+        sides.append(feature.measure(kernel_view(camera, moved), goal).error)
+    found = (sides[0] - sides[1]) / (2.0 * step)
+    np.testing.assert_allclose(
+        found, measured.L[:, axis], rtol=0.02, atol=0.02 * np.abs(measured.L[:, axis]).max()
+    )
+
+
+def test_kernel_features_refuse_another_camera_a_dirty_ground_and_emptiness():
+    from dataclasses import replace
+
+    camera = CameraModel(320, 240, (102.7, 0, 159.5, 0, 102.7, 119.5, 0, 0, 1))
+    feature = create_feature("kernel")
+    view = kernel_view(camera, pose((0.01, 0.02, 0.2), (0, 0, 0.3)))
+    goal = Goal.teach(None, view, depth=0.2)
+    feature.check(goal)
+    np.testing.assert_allclose(feature.measure(view, goal).error, 0.0, atol=1e-12)
+    other = replace(camera, K=(110.0, 0, 159.5, 0, 110.0, 119.5, 0, 0, 1))
+    for change, words in (
+        ({"camera": other}, "taught with another camera"),
+        ({"pixel_count": 100}, "counts .* pixels as target"),
+        ({"kernel": None}, "expected the 20 numbers"),
+        ({"kernel": np.zeros(4)}, "got 4"),
+        ({"kernel": np.zeros(20)}, "not visible"),
+    ):
+        with pytest.raises(MeasurementError, match=words):
+            feature.measure(replace(view, **change), goal)
+    with pytest.raises(ConfigurationError, match="no kernel features"):
+        feature.check(Goal(depth=0.2))
+    assert kernel_features(np.ones((240, 320), np.uint8)).values[2] > 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import queue
@@ -114,6 +115,9 @@ class Campaign:
             name: (top / name).read_bytes() for name in self._names
             if name.startswith("src/") and name.endswith(".py")
         }
+        self._digests = {
+            name: hashlib.sha256(source).hexdigest()[:16] for name, source in self.sources.items()
+        }
         self._tests = [str(f.relative_to(top)) for f in area.test_files(top)]
         self._graph_tests = [test for test in area.graph if (top / test).is_file()] if graph else []
         self._graph = Graph(top, folder / "copies" / "graph")
@@ -134,14 +138,9 @@ class Campaign:
         Raises:
             CampaignError: tests fail without any fault.
         """
-        common = [n for n in self._names if n.startswith("src/") or "/test_" not in n]
-        base = trees.digest(self._top, common)
-        files = {
-            test: self._folder / "recordings"
-            / f"{base}-{trees.digest(self._top, [test])}-{Path(test).stem}.json"
-            for test in (*self._tests, *self._graph_tests)
-        }
-        missing = [test for test, file in files.items() if not file.is_file()]
+        tests = (*self._tests, *self._graph_tests)
+        files = {test: self._folder.parent / "recordings" / self._recording(test) for test in tests}
+        missing = [test for test, file in files.items() if not self._holds(file)]
         if missing:
             self._say(f"recording what {len(missing)} of {len(files)} test files cover")
             next(iter(files.values())).parent.mkdir(exist_ok=True)
@@ -151,11 +150,33 @@ class Campaign:
 
         for _ in self._spread(missing, work):
             pass
-        if not all(file.is_file() for file in files.values()):
+        if not all(self._holds(file) for file in files.values()):
             return None
         recordings = {test: json.loads(file.read_text()) for test, file in files.items()}
-        self.digest = trees.digest(self._top, [*common, *self._tests, *self._graph_tests])
+        used = {name for recording in recordings.values() for name in recording["lines"]}
+        names = sorted({*used, *(file.name for file in files.values())})
+        self.digest = hashlib.sha256("".join(
+            self._digests.get(name, name) for name in names
+        ).encode()).hexdigest()[:16]
         return CoverageMap(recordings, self.sources)
+
+    def _recording(self, test: str) -> str:
+        """Name of the recording: of this test file, its helpers, and the data that tests read."""
+        folder = f"{Path(test).parent}/"
+        read = [
+            name for name in self._names
+            if name == test or name in ("tests/conftest.py", "pyproject.toml")
+            or name.startswith(folder) and "/test_" not in name
+            or name.startswith("src/") and not name.endswith((".py", ".md", ".rst"))
+        ]
+        return f"{Path(test).stem}-{trees.digest(self._top, read)}.json"
+
+    def _holds(self, file: Path) -> bool:
+        """Whether there is such a recording, of sources that are still what they were."""
+        if not file.is_file():
+            return False
+        ran = json.loads(file.read_text())["sources"]
+        return all(self._digests.get(name) == digest for name, digest in ran.items())
 
     def _record(self, worker: Worker, test: str, file: Path) -> None:
         if test in self._graph_tests:
@@ -163,7 +184,7 @@ class Campaign:
                 answer = self._graph.record(test)
             except GraphError as error:
                 raise CampaignError(str(error)) from error
-            _keep(answer, file)
+            self._keep(answer, file)
             return
         answer = worker.ask({"record": test, "cpu": 900, "wall": 1800})
         if answer["status"] != "ended" or answer.get("code") not in (0, 5):
@@ -174,7 +195,13 @@ class Campaign:
                             "wall": 1800})
         if again.get("failed"):
             raise CampaignError(f"passes under coverage only: {', '.join(again['failed'])}")
-        _keep(answer, file)
+        self._keep(answer, file)
+
+    def _keep(self, recording: dict, file: Path) -> None:
+        recording["sources"] = {name: self._digests[name] for name in recording["lines"]}
+        part = file.with_suffix(f".{os.getpid()}")
+        part.write_text(json.dumps(recording))
+        part.rename(file)
 
     # -- faults ------------------------------------------------------------------------------
 
@@ -267,12 +294,6 @@ class Campaign:
                     yield result
         finally:
             stop.set()
-
-
-def _keep(recording: dict, file: Path) -> None:
-    part = file.with_suffix(f".{os.getpid()}")
-    part.write_text(json.dumps(recording))
-    part.rename(file)
 
 
 def _judged(fault: Fault, answer: dict, digest: str, before: Outcome | None = None) -> Outcome:

@@ -106,6 +106,23 @@ def test_found_and_missed(top: Path) -> None:
     assert outcome.by == "tests/test_toy.py::test_more"
 
 
+def test_recordings_hold_until_what_they_ran_changes(top: Path) -> None:
+    (top / "src" / "other.py").write_text("A = 1\n")
+    run = campaign(top)
+    run.record()
+    run.close()
+    (kept,) = (top.parent / "out" / "recordings").iterdir()
+    (top / "src" / "other.py").write_text("A = 2\n")
+    assert campaign(top, minutes=0.0).record() is not None
+    (top / "src" / "toy.py").write_text(TOY + "\n\ndef more(a):\n    return a\n")
+    assert campaign(top, minutes=0.0).record() is None
+    (top / "src" / "toy.py").write_text(TOY)
+    assert campaign(top, minutes=0.0).record() is not None
+    (top / "tests" / "conftest.py").write_text("")
+    assert campaign(top, minutes=0.0).record() is None
+    assert list((top.parent / "out" / "recordings").iterdir()) == [kept]
+
+
 def test_failing_tests_are_refused(top: Path) -> None:
     with (top / "tests" / "test_toy.py").open("a") as file:
         file.write("\ndef test_wrong():\n    assert added(1, 1) == 3\n")

@@ -8,7 +8,7 @@ from aras_robot import ArasRobot
 import aras_sim_bridge.world.world as world_module
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
-from aras_sim_bridge.world import Pose, World
+from aras_sim_bridge.world import Pose, World, reach
 from aras_sim_bridge.world.bullet import pybullet
 
 POSE = (0.1, 0.0, 0.17, -0.09, -0.09, 0.0)
@@ -107,6 +107,19 @@ def test_a_body_that_falls_onto_a_link_out_of_the_ground_s_reach_rests_there(mak
         for _ in range(1000):
             world.step()
         assert body.pose().xyz[2] == pytest.approx(3.1, abs=1e-3)
+
+
+def test_pairs_that_are_left_out_are_not_looked_at(make, monkeypatch):
+    """What the reach says is what Bullet does: an arm said to be out of reach falls through."""
+    monkeypatch.setattr(reach, "_may_meet", lambda box, other: False)
+    with World() as world:
+        world.spawn_ground_plane()
+        model = world.spawn(drop(make), "arm", Pose((0, 0, 0.3)))
+        heights = []
+        for _ in range(500):
+            world.step()
+            heights.append(tip_height(model))
+        assert min(heights) < -0.19
 
 
 def trace(steps=700):

@@ -84,6 +84,8 @@ class World:
             enableFileCaching=0,
             # Split impulses leave a joint beyond its limit by more than 4 cm (bullet3#2944).
             useSplitImpulse=0,
+            # Both sides of a pair have to want it; Bullet is content with one.
+            collisionFilterMode=0,
             physicsClientId=self.client)
         pybullet.setGravity(*self._gravity, physicsClientId=self.client)
 

@@ -63,10 +63,10 @@ def principal_axes(inertia: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
 
     A diagonal tensor keeps its axes, so that nothing is permuted for the common case.
     """
-    matrix = tensor(inertia)
-    if not np.any(matrix[np.triu_indices(3, 1)]):
-        return np.diag(matrix).copy(), np.eye(3)
-    moments, axes = np.linalg.eigh(matrix)
+    xx, xy, xz, yy, yz, zz = inertia
+    if not (xy or xz or yz):
+        return np.array([xx, yy, zz]), np.eye(3)
+    moments, axes = np.linalg.eigh(tensor(inertia))
     if np.linalg.det(axes) < 0.0:
         axes[:, 0] = -axes[:, 0]
     return moments, axes

@@ -8,6 +8,7 @@ Cameras draw the description, so only Bullet's own window needs visuals.
 import os
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from xml.sax.saxutils import quoteattr
 
 from aras_sim_bridge.description import mesh_files, shapes
@@ -34,6 +35,9 @@ from aras_sim_bridge.poses import (
     quaternion_from_rpy,
     rpy_from_quaternion,
 )
+
+# Of a link without a visual Bullet makes pictures of the collisions: 4 ms for a plane.
+_NOTHING = '<visual><geometry><box size="0 0 0"/></geometry></visual>'
 
 
 def root_is_fixed(description: RobotDescription) -> bool:
@@ -80,6 +84,7 @@ def with_massive_root(description: RobotDescription) -> RobotDescription:
     return replace(description, links=links)
 
 
+@lru_cache(maxsize=1024)  # asked three times of each link
 def principal_inertial(inertial: Inertial) -> tuple[Pose, tuple[float, float, float]]:
     """link_T_principal: the frame of Bullet's diagonal inertia in the link, and the moments."""
     moments, axes = principal_axes(inertial.inertia)
@@ -154,6 +159,8 @@ def _link(link: Link, concave: bool, colour: Rgba | None, meshes: _Meshes) -> st
         look = f'<material name="m"><color rgba={_numbers(colour)}/></material>'
         body += "".join(f"<visual>{_shape(visual, meshes)}{look}</visual>"
                         for visual in link.visuals)
+    elif link.collisions:
+        body += _NOTHING
     for collision in link.collisions:
         # A mesh that never moves keeps its hollows (a table inside a frame); Bullet wants moving
         # meshes convex.

@@ -99,7 +99,7 @@ class Rig:
         self.q = np.array(self.q, float)
         self.observer = Observer(self.servo.arm, self.servo.scheme.needs)
         self.now = 0.0
-        self._target = self.q.copy()
+        self._target, self._speed = self.q.copy(), np.zeros(len(self.q))
         self._pending: list[Observation] = []
         self._next_tick = self._next_image = 0.0
 
@@ -114,7 +114,7 @@ class Rig:
         names = self.servo.arm.names
         look = self.look or self.exact
         while self.now < end - 1e-9:
-            seen = JointSample.of(self.now, names, self.believe(self.now, self.q))
+            seen = JointSample.of(self.now, names, self.believe(self.now, self.q), self._speed)
             if self.now >= self._next_tick - 1e-9:
                 self._next_tick += TICK
                 command = self.servo.tick(self.now, seen)
@@ -129,7 +129,8 @@ class Rig:
                 self.states.append(self.servo.see(self._pending.pop(0)))
             way = self._target - self.q
             moved = np.where(np.abs(way) > self.friction, way, 0.0)
-            self.q = self.q + (1.0 - np.exp(-self.step / self.lag)) * moved
+            step = (1.0 - np.exp(-self.step / self.lag)) * moved
+            self.q, self._speed = self.q + step, step / self.step
             self.now += self.step
         return self.states
 

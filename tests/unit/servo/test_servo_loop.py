@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from loop_rig import (
+    CAMERA,
     IMAGE_PERIOD,
     STARTS,
     TICK,
@@ -17,8 +18,10 @@ from loop_rig import (
 
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.convergence import Convergence
+from aras_visual_servo_controller.goal import Goal
 from aras_visual_servo_controller.joint_sample import JointSample
 from aras_visual_servo_controller.laws import Adaptive, ContinuousStart, Proportional
+from aras_visual_servo_controller.observation import Observer
 from aras_visual_servo_controller.state import (
     APPROACHING,
     CONVERGED,
@@ -70,8 +73,6 @@ def test_the_other_schemes_reach_it_too(scheme):
     servo = the_servo("2016", scheme, goal=goal)
     rig = Rig(servo, STARTS["2016"])
     if scheme == "points":
-        from loop_rig import CAMERA
-
         rig.look = lambda observer, t, joints: observer.of_exact(
             t, CAMERA, joints, points=points(servo.arm.pose(rig.q)),
             plane=goal.target.plane(servo.arm.pose(rig.q)),
@@ -135,8 +136,21 @@ def test_errors_decay_as_the_gain_says(gain):
 
     e(n+1) = e(n) - gain ((T - d) e(n) + d e(n-1)), hence z^2 - (1 - gain (T - d)) z + gain d = 0.
     """
-    servo = the_servo("2016", law=Proportional(gain), limits=the_limits(velocity=5.0))
-    rig = Rig(servo, STARTS["2016"], lag=1e-4)
+    # The square with its patch, without the thickness that is no matter of the law's.
+    x, y = np.array([[-25, -17.5, -17.5, 7.5, 7.5, 25, 25, -25],
+                     [-25, -25, -37.5, -37.5, -25, -25, 25, 25]]) / 1000.0  # fmt: skip
+    flat = np.c_[x, y, np.full(8, 0.5905)]
+
+    def look(observer, t, joints):
+        pose = the_arm().pose(joints.positions)
+        seen = (flat - pose[:3, 3]) @ pose[:3, :3]
+        return observer.of_exact(t, CAMERA, joints, contour=seen[:, :2] / seen[:, 2:])
+
+    names = the_arm().names
+    there = JointSample.of(0.0, names, the_goal("2016").joint_values(names))
+    goal = Goal.teach(None, look(Observer(the_arm()), 0.0, there), depth=the_goal("2016").depth)
+    servo = the_servo(law=Proportional(gain), limits=the_limits(velocity=5.0), goal=goal)
+    rig = Rig(servo, STARTS["2016"], lag=1e-4, look=look)
     errors = np.array([s.decision.error for s in rig.run(1.5)])[:, [0, 1, 3]]
     part = np.abs(errors / errors[0])
     used = (part < 0.8) & (part > 0.02)

@@ -1,0 +1,52 @@
+"""A user's controller: a second-order law, answering joint accelerations at every tick.
+
+    e_ddot = -2 d w e_dot - w^2 e,   q_ddot = (S J)^+ (e_ddot of the features and of the attitude)
+"""
+
+import numpy as np
+
+from aras_visual_servo_controller.features import create_feature
+from aras_visual_servo_controller.schemes import Decision, JointController
+
+FREQUENCY, DAMPING = 6.0, 1.0  # rad/s, critical
+
+
+class SecondOrder(JointController):
+    """The paper's moments; the camera's attitude is kept as a feature of its own."""
+
+    output = "acceleration"
+
+    def __init__(self):
+        self.feature = create_feature("moments")
+        self.needs, self.names = self.feature.needs, self.feature.names
+        self.tolerances, self.units = self.feature.tolerances, self.feature.units
+
+    def check(self, goal):
+        self.feature.check(goal)
+        self.up = goal.world_T_camera[2, :3]  # the vertical, in the camera's frame at the goal
+
+    def reset(self, arm):
+        super().reset(arm)
+        self.error = None
+
+    def see(self, observation, goal, t):
+        if not observation.valid:
+            from aras_visual_servo_controller.errors import MeasurementError
+
+            raise MeasurementError(observation.reason)
+        measured = self.feature.measure(observation, goal)
+        self.error, self.L = measured.error.copy(), measured.L
+        return Decision(self.names, measured.s, measured.desired, measured.error,
+                        L=measured.L, up_to=measured.up_to)  # fmt: skip
+
+    def tick(self, t, dt, joints):
+        q, q_dot = joints.positions, joints.velocities
+        twist = self.arm.jacobian(q) @ q_dot
+        self.error = self.error + self.L @ twist * dt  # between images it is predicted
+        tilt = np.cross(self.arm.pose(q)[2, :3], self.up)[:2]  # wx, wy that tilted it
+        S = np.vstack([self.L, 0.1 * np.eye(6)[3:5]])
+        error = np.concatenate([self.error, 0.1 * tilt])
+        wanted = -2.0 * DAMPING * FREQUENCY * (S @ twist) - FREQUENCY**2 * error
+        task = np.linalg.pinv(S @ self.arm.jacobian(q), rcond=0.002)
+        idle = np.eye(len(q)) - task @ (S @ self.arm.jacobian(q))
+        return task @ wanted - idle @ (2.0 * DAMPING * FREQUENCY * q_dot)

@@ -1,0 +1,138 @@
+"""The four schemes of docs/examples, each by its name alone, unchanged: they reach the goal."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from loop_rig import CAMERA, STARTS, Rig, lost, the_arm, the_goal, the_servo
+
+from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.goal_file import read_goal
+from aras_visual_servo_controller.joint_sample import JointSample
+from aras_visual_servo_controller.laws import Proportional
+from aras_visual_servo_controller.observation import SEGMENTED, Need, Observer
+from aras_visual_servo_controller.schemes import create_scheme
+
+EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
+NAMES = {
+    "own_corners:OwnCorners": None,
+    "photometric:Photometric": None,
+    "second_order:SecondOrder": None,
+    "joint_mpc:JointMPC": None,
+}
+
+
+@pytest.fixture(autouse=True)
+def examples_to_be_found(monkeypatch):
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+
+
+def picture(outline):
+    """The target drawn with soft edges, 320 x 240."""
+    finer = 8
+    pixels = outline * [CAMERA.K[0], CAMERA.K[4]] + [CAMERA.K[2], CAMERA.K[5]]
+    fixed = np.round(((pixels + 0.5) * finer - 0.5) * 256.0).astype(np.int32)
+    fine = np.full((240 * finer, 320 * finer), 250, np.uint8)
+    cv2.fillPoly(fine, [fixed], 5, shift=8)
+    return cv2.resize(fine, (320, 240), interpolation=cv2.INTER_AREA)
+
+
+def look(observer, stamp, joints):
+    """As the camera does: pictures where they are asked for, exact features else."""
+    outline = the_goal("2016").target.outline(the_arm().pose(joints.positions))
+    if Need.IMAGE in observer.needs:
+        return observer.of_image(stamp, picture(outline), CAMERA, joints)
+    return observer.of_exact(stamp, CAMERA, joints, contour=outline)
+
+
+def taught(scheme):
+    """The goal of 2016 as this scheme sees it, written to a file and read again."""
+    known = the_goal("2016")
+    names = the_arm().names
+    joints = JointSample.of(0.0, names, known.joint_values(names))
+    seen = look(Observer(the_arm(), scheme.needs | {Need.MOMENTS}), 0.0, joints)
+    goal = Goal.teach(scheme, seen, "mine.yaml", depth=known.depth)
+    import yaml
+
+    goal = read_goal(yaml.safe_load(goal.to_yaml("taught")), "mine.yaml")
+    return replace(goal, target=known.target)
+
+
+def closed(name, start, **options):
+    scheme = create_scheme(name, Proportional(options.pop("gain", 5.0)))
+    return Rig(the_servo(scheme=scheme, goal=taught(scheme), **options), start, look=look)
+
+
+@pytest.mark.parametrize(
+    ("name", "part", "seconds", "distance", "angle"),
+    [
+        ("own_corners:OwnCorners", 1.0, 5.0, 0.5e-3, 0.5),
+        ("photometric:Photometric", 0.1, 6.0, 0.3e-3, 0.3),
+        ("second_order:SecondOrder", 1.0, 5.0, 0.2e-3, 0.1),
+        ("joint_mpc:JointMPC", 1.0, 5.0, 0.1e-3, 0.1),
+    ],
+)
+def test_the_goal_is_reached(name, part, seconds, distance, angle):
+    goal = np.array(the_goal("2016").joint_values(the_arm().names))
+    start = goal + part * (np.array(STARTS["2016"]) - goal)
+    rig = closed(name, start)
+    last = rig.run(seconds)[-1]
+    assert last.phase == "converged", (last.reason, last.decision and last.decision.error)
+    assert rig.missed[0] < distance
+    assert rig.missed[1] < np.radians(angle)
+    assert last.outcome == "converged"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_each_is_under_sixty_lines_and_asks_for_little(name):
+    module = EXAMPLES / f"{name.partition(':')[0]}.py"
+    lines = module.read_text().splitlines()
+    assert len(lines) <= 60
+    assert max(map(len, lines)) <= 100
+    scheme = create_scheme(name)
+    if "own_corners" in name or "photometric" in name:
+        assert not scheme.needs & SEGMENTED
+
+
+def test_a_scheme_with_its_own_eyes_decides_itself_what_is_valid():
+    rig = closed("own_corners:OwnCorners", STARTS["2016"])
+    rig.look = lambda observer, t, joints: (
+        replace(look(observer, t, joints), image=np.full((240, 320), 250, np.uint8))
+        if 0.3 <= t < 0.5 else lost(look(observer, t, joints), "the segmentation sees nothing")
+    )  # fmt: skip
+    states = rig.run(0.8)
+    assert states[0].phase == "servoing"  # the segmentation's word does not count
+    assert {s.reason for s in states if 0.3 <= s.stamp < 0.5} == {
+        "own_corners: nothing dark in the picture"
+    }
+    assert states[-1].phase == "servoing"
+
+
+def test_the_photometric_task_is_reduced_and_its_gradient_right():
+    scheme = create_scheme("photometric:Photometric")
+    goal = taught(scheme).for_arm(the_arm())
+    scheme.check(goal)
+    names = the_arm().names
+    q = goal.joint_values(names)
+    observer = Observer(the_arm(), scheme.needs)
+    seen = look(observer, 0.0, JointSample.of(0.0, names, q))
+    assert scheme.compute(seen, goal, 0.0).features[0] < 0.2
+    moved = q + 0.001 * np.array([1.0, 0.5, 0.1, 0.2, -0.3, 0.4])
+    decision = scheme.compute(look(observer, 0.1, JointSample.of(0.1, names, moved)), goal, 0.1)
+    assert decision.task.L.shape == (6, 6)
+    # the way back, to first order: the camera's motion that the joints made
+    back = -5.0 * the_arm().jacobian(q) @ (moved - q)
+    asked = decision.task.twist
+    weights = np.array([1, 1, 1, 0, 0, 0.1])
+    alike = (asked * weights) @ (back * weights)
+    alike /= np.linalg.norm(asked * weights) * np.linalg.norm(back * weights)
+    assert alike > 0.9
+
+
+def test_the_second_orders_limits_hold():
+    rig = closed("second_order:SecondOrder", STARTS["2016"])
+    rig.run(1.0)
+    speed = np.diff([c.positions for c in rig.commands], axis=0) / 0.01
+    assert (np.abs(speed) <= rig.servo.resolver.limits.velocity * (1 + 1e-9)).all()

@@ -291,6 +291,14 @@ def test_what_is_too_much_is_refused_before_it_is_read(tmp_path, monkeypatch):
         (tmp_path / name).write_bytes(SOUND[name])
         with pytest.raises(DescriptionError, match="4 triangles, more than the limit of 3; simpl"):
             read(str(tmp_path / name))
+    many = tmp_path / "many.obj"
+    many.write_bytes(b"v 0 0 0\nv 1 0 0\nv 0 1 0\n" + b"".join(
+        b"usemtl m%d\nf 1 2 3\n" % n for n in range(3)))
+    assert len(read(str(many))) == 3
+    monkeypatch.setattr(mesh_files, "MOST_MESHES", 2)
+    os.utime(many, ns=(1, 1))
+    with pytest.raises(DescriptionError, match="3 groups and materials, more than the limit of 2"):
+        read(str(many))
     monkeypatch.setattr(mesh_files, "LARGEST_FILE", 99)
     with pytest.raises(DescriptionError, match="284 bytes, more than the limit of 99; simplify"):
         read(str(path))

@@ -75,6 +75,21 @@ def test_a_mirrored_mesh_keeps_its_outside_outside():
         assert moved.positions.mean(axis=0) == pytest.approx((1, 2, 3), abs=1e-5)
 
 
+@pytest.mark.parametrize("scale", [(1, 1, 1), (2, 3, -1), (0.5, 4, 1)])
+def test_a_stretched_ball_s_normals_stand_on_its_surface(scale):
+    (ball,) = shapes.triangles(Geometry("sphere", radius=0.5))
+    turn = Pose.from_rpy((1, 2, 3), (0.1, 0.2, 0.3))
+    T = np.array(turn.matrix())
+    stretch = np.diag([*scale, 1.0])
+    for moved in (ball.transformed(T, scale), ball.placed(T @ stretch)):
+        local = (moved.positions - T[:3, 3]) @ T[:3, :3]
+        expected = local / np.square(scale)
+        expected /= np.linalg.norm(expected, axis=1, keepdims=True)
+        cosine = np.einsum("ni,ni->n", expected @ T[:3, :3].T, moved.normals)
+        assert cosine.min() > 0.99
+        assert volume(moved) == pytest.approx(volume(ball) * abs(np.prod(scale)), rel=1e-4)
+
+
 def test_what_is_inside():
     (box,) = shapes.triangles(BOX)
     assert box.contains(np.array([0.09, -0.19, 0.29]))

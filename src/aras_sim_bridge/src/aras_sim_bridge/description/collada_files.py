@@ -21,14 +21,14 @@ _LEFT_OUT = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefErro
 _MOST_NODES = 100_000  # a few kB of nodes that show each other twice make more than any memory
 
 
-def read(data: bytes, folder: Path, check_count: Callable[[int], None]) -> list[Mesh]:
+def read(data: bytes, folder: Path, check_size: Callable[[int, int], None]) -> list[Mesh]:
     """One mesh for each primitive that the scene shows, in metres.
 
     The unit is applied and the up axis is not, as in Gazebo and rviz.
 
     Args:
         folder: what texture files are relative to.
-        check_count: refuses a number of triangles.
+        check_size: refuses numbers of triangles and of meshes.
 
     Raises:
         DescriptionError: saying what is missing or wrong.
@@ -52,15 +52,17 @@ def read(data: bytes, folder: Path, check_count: Callable[[int], None]) -> list[
     unit = document.assetInfo.unitmeter or 1.0
     metres = np.diag([unit, unit, unit, 1.0])
     meshes: list[Mesh] = []
+    count = 0
     for node, placed in _shown(document.scene):
         looks = {look.symbol: _look(look.target, folder) for look in node.materials}
         for primitive in node.geometry.primitives:
             if isinstance(primitive, collada.polylist.Polylist):
                 primitive = _triangulated(primitive)
             if isinstance(primitive, collada.triangleset.TriangleSet) and len(primitive):
+                count += len(primitive)
+                check_size(count, len(meshes) + 1)
                 look = looks.get(primitive.material, (None, None))
-                meshes.append(_mesh(primitive, metres @ placed, *look))
-                check_count(sum(len(mesh.triangles) for mesh in meshes))
+                meshes.append(_mesh(primitive, *look).placed(metres @ placed))
     if not meshes:
         raise DescriptionError("its scene shows no triangles")
     return meshes
@@ -170,21 +172,19 @@ def _triangulated(polygons: collada.polylist.Polylist) -> collada.triangleset.Tr
     return polygons.triangleset()
 
 
-def _mesh(triangles: collada.triangleset.TriangleSet, placed: np.ndarray, rgba: Rgba | None,
-          texture: str | None) -> Mesh:
+def _mesh(triangles: collada.triangleset.TriangleSet, rgba: Rgba | None, texture: str | None
+          ) -> Mesh:
+    """The triangles in their geometry's own frame and unit."""
     index = np.full((*triangles.vertex_index.shape, 3), -1)
     index[..., 0] = triangles.vertex_index
     uv = normals = np.zeros((0, 3))
     if triangles.texcoordset:
         uv = triangles.texcoordset[0]
         index[..., 1] = triangles.texcoord_indexset[0]
-    turn = placed[:3, :3]
-    flip = np.linalg.det(turn) < 0.0
-    if triangles.normal is not None and np.linalg.det(turn) != 0.0:
-        normals = triangles.normal @ np.linalg.inv(turn)
+    if triangles.normal is not None:
+        normals = triangles.normal
         index[..., 2] = triangles.normal_index
-    vertices = triangles.vertex @ turn.T + placed[:3, 3]
-    return from_indices(index[:, ::-1] if flip else index, vertices, uv, normals, rgba, texture)
+    return from_indices(index, triangles.vertex, uv, normals, rgba, texture)
 
 
 def _look(material: collada.material.Material, folder: Path) -> tuple[Rgba | None, str | None]:

@@ -179,7 +179,7 @@ def _noise(node: Element, where: str) -> Noise:
     return Noise(kind, number(text_of(noise, "mean"), f"{where}: noise mean", 0.0), stddev)
 
 
-def _distortion(node: Element, where: str) -> tuple[tuple | None, tuple[float, float]]:
+def _distortion(node: Element, where: str) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
     distortion = node.find("distortion")
     if distortion is None:
         return None, (0.5, 0.5)

@@ -50,6 +50,17 @@ class Mesh:
         return Mesh(positions.astype(np.float32), normals.astype(np.float32), triangles,
                     self.uv, self.texture, self.rgba, self.piece)
 
+    def placed(self, a_T_b: np.ndarray) -> Mesh:
+        """The mesh carried from b to a by any (4, 4) a_T_b, which may stretch, shear and mirror."""
+        turn = a_T_b[:3, :3]
+        flat = abs(np.linalg.det(turn)) < 1e-30  # nothing is left of its normals then
+        normals = self.normals if flat else normalised(self.normals @ np.linalg.inv(turn))
+        mirrored = np.linalg.det(turn) < 0.0
+        return replace(
+            self, positions=(self.positions @ turn.T + a_T_b[:3, 3]).astype(np.float32),
+            normals=normals.astype(np.float32),
+            triangles=self.triangles[:, ::-1] if mirrored else self.triangles)
+
     def contains(self, point: np.ndarray) -> bool:
         """Whether a point (3,) is inside, if this is closed: a ray leaves it an odd number of
         times."""
@@ -116,7 +127,7 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
         wrong = (numbers >= len(values)) | (numbers < (0 if part == 0 else -1))
         if wrong.any():
             raise DescriptionError(f"a face names {what} {numbers[wrong][0]} of {len(values)}")
-        if not np.isfinite(values).all():
+        if not np.isfinite(values[numbers[numbers >= 0]]).all():
             raise DescriptionError(f"a {what} is not finite")
     textured = texture is not None and len(vt) and (index[..., 1] >= 0).all()
     if not textured:

@@ -24,6 +24,7 @@ from aras_sim_bridge.errors import DescriptionError
 
 LARGEST_FILE = 256 * 1024 * 1024  # bytes
 MOST_TRIANGLES = 1_000_000  # read in 10 s and 1 GB (STL)
+MOST_MESHES = 10_000  # of one file
 _LARGEST_CACHE = 256 * 1024 * 1024  # bytes of arrays
 _STL_HEAD = 84  # bytes before the triangles of a binary STL file, the last four their number
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
@@ -77,7 +78,7 @@ def read(path: str) -> tuple[Mesh, ...]:
         count = sum(len(mesh.triangles) for mesh in meshes)
         if count == 0:
             raise DescriptionError("it has no triangles")
-        _check_count(count)
+        _check_size(count)
     except DescriptionError as error:
         raise DescriptionError(f"mesh file {path} cannot be used: {error.fault}",
                                error.mend or "export it again", path) from None
@@ -113,10 +114,12 @@ def _contents(path: Path) -> bytes:
         raise DescriptionError(f"it cannot be read: {error.strerror}") from None
 
 
-def _check_count(count: int) -> None:
-    if count > MOST_TRIANGLES:
-        raise DescriptionError(
-            f"it has {count} triangles, more than the limit of {MOST_TRIANGLES}", "simplify it")
+def _check_size(triangles: int, meshes: int = 1) -> None:
+    for what, count, most in (("triangles", triangles, MOST_TRIANGLES),
+                              ("groups and materials", meshes, MOST_MESHES)):
+        if count > most:
+            raise DescriptionError(f"it has {count} {what}, more than the limit of {most}",
+                                   "simplify it")
 
 
 # ---------------------------------------------------------------------- STL
@@ -125,11 +128,11 @@ def _read_stl(data: bytes, _folder: Path, _states: dict[Path, _State | None]) ->
     count = int.from_bytes(data[_STL_HEAD - 4:_STL_HEAD], "little")
     whole = len(data) - _STL_HEAD >= count * _STL_TRIANGLE.itemsize
     if len(data) >= _STL_HEAD and whole and not _is_ascii(data, count):
-        _check_count(count)
+        _check_size(count)
         corners = np.frombuffer(data, _STL_TRIANGLE, count, _STL_HEAD)["corners"]
     elif data[:5].lower() == b"solid":
         words = [line.split()[1:4] for line in data.splitlines() if line.split()[:1] == [b"vertex"]]
-        _check_count(len(words) // 3)
+        _check_size(len(words) // 3)
         try:
             corners = np.array(words, dtype=float).reshape(-1, 3, 3)
         except ValueError:
@@ -198,7 +201,7 @@ def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> l
                 material = " ".join(words)
             elif kind == "mtllib":
                 materials |= _read_mtl(folder / " ".join(words), states)
-            _check_count(count)
+            _check_size(count, len(faces))
         except ValueError:
             raise DescriptionError(f"line {number}: what should be a number is none") from None
         except DescriptionError as error:
@@ -262,7 +265,7 @@ def _read_mtl(path: Path, states: dict[Path, _State | None]
 def _read_dae(data: bytes, folder: Path, _states: dict[Path, _State | None]) -> list[Mesh]:
     from aras_sim_bridge.description import collada_files  # takes 0.07 s that few need
 
-    return collada_files.read(data, folder, _check_count)
+    return collada_files.read(data, folder, _check_size)
 
 
 _READERS: dict[str, Callable[[bytes, Path, dict[Path, _State | None]], list[Mesh]]] = {

@@ -6,11 +6,12 @@ from io import BytesIO
 from types import SimpleNamespace
 
 import pytest
+from rospy.msg import deserialize_messages, serialize_message
 from std_msgs.msg import Float64
 
 from aras_sim_bridge.errors import ControllerError
 from aras_sim_bridge.ros.control import command_topic
-from aras_sim_bridge.ros.control.command_topic import CommandTopic
+from aras_sim_bridge.ros.control.command_topic import CommandTopic, undecoded
 
 
 class Thread:
@@ -82,3 +83,44 @@ def test_what_cannot_be_taken_is_said_once_in_a_while_and_the_next_is_taken(ros)
     assert taken == [5.0]
     assert ros.lines == ["/c: below zero"]
     topic.shutdown()
+
+
+class Connection:
+    """As rospy's, with what its thread has read."""
+
+    def __init__(self, *values: float) -> None:
+        self.header = {"callerid": "/somebody"}
+        self.read_buff = BytesIO()
+        self.socket = SimpleNamespace(fileno=lambda: 5)
+        self.done = False
+        for value in values:
+            serialize_message(self.read_buff, 0, Float64(value))
+        self.read_buff.write(b"ab")  # of the next one
+
+    def messages(self) -> list:
+        """As rospy reads them."""
+        found = []
+        deserialize_messages(self.read_buff, found, undecoded(Float64))
+        for message in found:
+            message._connection_header = self.header
+        return found
+
+
+def test_all_that_rospy_read_goes_with_the_connection_and_only_once(ros, monkeypatch):
+    streams = []
+    thread = Thread()
+    thread.inbox = SimpleNamespace(add=lambda stream: (streams.append(stream), stream.ended()))
+    taken = []
+    topic = CommandTopic("/c", Float64, lambda m: taken.append(m.data), thread)
+    connection = Connection(1.0, 2.0, 3.0)
+    topic._feed._subscriber = SimpleNamespace(impl=SimpleNamespace(connections=[connection]))
+    messages = connection.messages()
+    assert len(messages) == 3
+    for message in messages:
+        topic._feed._hand_over(message)
+    assert len(streams) == 1
+    for step in range(3):
+        streams[0].act(step, 8)
+    assert taken == [1.0, 2.0, 3.0]
+    assert streams[0]._rest == b"ab"
+    assert connection.read_buff.getvalue() == b""

@@ -1,7 +1,7 @@
 """A topic whose messages are commands: read by the simulation's thread itself, between two steps.
 
 rospy gives every connection a thread, which would decode 6 000 messages a second of an original
-node's loop without sleep. Here that thread hands over its connection with the first message and
+node's loop without sleep. Here that thread hands over its connection, with what it has read, and
 rests until the connection ends; see runtime.inbox for what becomes of the messages.
 """
 
@@ -24,6 +24,7 @@ COMPLAINT_PERIOD = 5.0  # seconds of wall time between two lines about the same 
 CLOSED_PERIOD = 1.0  # seconds of wall time between two looks whether rospy closed a connection
 _lock = threading.Lock()
 _feeds: dict[str, _Feed] = {}
+_read = threading.local()  # .bodies: what rospy's thread has read and nobody has taken
 
 
 class CommandTopic:
@@ -87,9 +88,8 @@ class _Feed:
         COUNT.claim(topic)
         self._subscriber = rospy.Subscriber(
             topic,
-            message,
+            undecoded(message),
             self._hand_over,
-            queue_size=1,
             buff_size=BUFFER_SIZE,
             tcp_nodelay=True,
         )
@@ -102,7 +102,10 @@ class _Feed:
         COUNT.release(self._topic)
 
     def _hand_over(self, message: Message) -> None:
-        """The first message of a connection, in rospy's thread for it."""
+        """The first messages of a connection, in rospy's thread for it."""
+        bodies, _read.bodies = _read.bodies, []
+        if not bodies:  # this one went with those that were read before it
+            return
         self._subscribed.wait()
         implementation = self._subscriber.impl
         connections = [] if implementation is None else implementation.connections
@@ -120,10 +123,9 @@ class _Feed:
             self._streams.discard(stream)
             over.set()
 
-        stream = Stream(connection.socket, self._on_body, end, rest)
+        stream = Stream(connection.socket, self._on_body, end, bodies, rest)
 
         def begin() -> None:
-            self._act(message)
             self._streams.add(stream)
             self._thread.inbox.add(stream)
 
@@ -142,10 +144,17 @@ class _Feed:
         except DeserializationError as error:
             reason = f"a message of {len(body)} bytes is no {self._message._type}: {error}"
             self.takers[0].complain(reason)
-        else:
-            self._act(message)
-
-    def _act(self, message: Message) -> None:
+            return
         for taker in self.takers:
             taker.act(message)
         COUNT.note(self._topic)
+
+
+def undecoded(message: type[Message]) -> type[Message]:
+    """Return a message type as rospy wants it, which keeps the bodies and decodes nothing."""
+
+    def deserialize(self: Message, body: bytes) -> Message:
+        _read.bodies = [*getattr(_read, "bodies", []), body]
+        return self
+
+    return type(message.__name__, (message,), {"__slots__": [], "deserialize": deserialize})

@@ -13,7 +13,7 @@ import os
 import select
 import socket
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 BUFFER_SIZE = 1 << 20  # bytes taken from a socket in one go
 LARGEST = 1 << 24  # bytes of one message: a length beyond it is no length
@@ -28,6 +28,7 @@ class Stream:
         source: socket.socket,
         take: Callable[[bytes], None],
         ended: Callable[[], None],
+        bodies: Iterable[bytes] = (),
         rest: bytes = b"",
     ) -> None:
         """Read `source` from here on.
@@ -35,14 +36,15 @@ class Stream:
         Args:
             take: gets the body of each message that acts.
             ended: called when there will be no more.
-            rest: what has been read from `source` already and not been used.
+            bodies: of messages that have been read from `source` already.
+            rest: what has been read after them.
         """
         self.descriptor = source.fileno()
         self._source = source
         self._take = take
         self.ended = ended
         self._rest = rest
-        self._bodies: collections.deque[bytes] = collections.deque()
+        self._bodies = collections.deque(bodies)
         self._acted_ns = -1
 
     def read(self, buffer: bytearray) -> bool:

@@ -15,11 +15,12 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime.inbox import Inbox
 from aras_sim_bridge.ros.runtime.pacing import BATCH_NS, Pacer
+from aras_sim_bridge.simulation import Simulation
 
 T = TypeVar("T")
 log = logging.getLogger("rosout.simulation")  # rospy shows children of rosout on its console
@@ -48,28 +49,12 @@ class Gate(Protocol):
         """Forget what is being waited for."""
 
 
-class Steppable(Protocol):
-    """What the thread needs of a simulation."""
-
-    time_ns: int
-    step_ns: int
-
-    def step(self) -> None:
-        """Advance one physics step."""
-
-    def next_picture_ns(self) -> int | None:
-        """Simulated time [ns] at which a camera next has something to do, if any."""
-
-    def close(self) -> None:
-        """Release what it holds."""
-
-
 class SimulationThread:
     """Runs a simulation; every public method may be called from any thread."""
 
     def __init__(
         self,
-        build: Callable[[], Steppable],
+        build: Callable[[], Simulation],
         pacer: Pacer,
         after_step: Callable[[int], None] = lambda time_ns: None,
         after_batch: Callable[[int], None] = lambda time_ns: None,
@@ -93,14 +78,14 @@ class SimulationThread:
         self._after_batch = after_batch
         self._on_fault = on_fault
         self._paused = paused
-        self._jobs: collections.deque[tuple[Callable[[], Any], Future]] = collections.deque()
+        self._jobs: collections.deque[tuple[Callable[[], object], Future]] = collections.deque()
         self._inbox = inbox or Inbox()
         self._stream_until_ns = 0
         self._now_ns = 0
         self._stopping = False
         self._ready: Future = Future()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
-        self.simulation: Any = None
+        self.simulation: Simulation | None = None  # None before `start`
         # Called with the time that the coming step ends at; to be set in the simulation's thread.
         self.before_step: Callable[[int], None] | None = None
         # Holds simulated time back while it runs; to be set before `start`. step() ignores it.
@@ -350,7 +335,7 @@ class SimulationThread:
                 return
 
     @staticmethod
-    def _run_job(job: Callable[[], Any], future: Future) -> None:
+    def _run_job(job: Callable[[], object], future: Future) -> None:
         if not future.set_running_or_notify_cancel():
             return
         try:

@@ -15,10 +15,11 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime.inbox import Inbox
+from aras_sim_bridge.ros.runtime.lockstep import Lockstep
 from aras_sim_bridge.ros.runtime.pacing import BATCH_NS, Pacer
 from aras_sim_bridge.simulation import Simulation
 
@@ -35,18 +36,6 @@ STALL = 0.05  # seconds of wall time of one job (a spawn) that simulated time do
 
 class SimulationBusyError(SimError):
     """The simulation did not come round to a job in time, or has ended."""
-
-
-class Gate(Protocol):
-    """What may hold simulated time back: see lockstep."""
-
-    closed: bool
-
-    def remaining(self) -> float | None:
-        """Seconds of wall time for which to wait on; None: go on."""
-
-    def clear(self) -> None:
-        """Forget what is being waited for."""
 
 
 class SimulationThread:
@@ -89,7 +78,7 @@ class SimulationThread:
         # Called with the time that the coming step ends at; to be set in the simulation's thread.
         self.before_step: Callable[[int], None] | None = None
         # Holds simulated time back while it runs; to be set before `start`. step() ignores it.
-        self.gate: Gate | None = None
+        self.gate: Lockstep | None = None
 
     def start(self, timeout: float = 60.0) -> None:
         """Build the simulation in the thread and begin.

@@ -1,0 +1,136 @@
+"""A topic's listeners come, read, leave: what each is sent, and what is kept for it."""
+
+from __future__ import annotations
+
+import socket
+import struct
+from types import SimpleNamespace
+
+import pytest
+from std_msgs.msg import Float64, Header
+
+from aras_sim_bridge.ros.runtime import lane, publisher
+from aras_sim_bridge.ros.runtime.publisher import QuickPublisher
+
+
+class Connection:
+    """A listener's, as rospy keeps it."""
+
+    def __init__(self) -> None:
+        self.socket, self.far = socket.socketpair()
+        self.far.settimeout(5.0)
+
+    def close(self) -> None:
+        self.socket.close()
+
+    def bodies(self, count: int) -> list[bytes]:
+        found = []
+        for _ in range(count):
+            (size,) = struct.unpack("<I", self._read(4))
+            found.append(self._read(size))
+        return found
+
+    def _read(self, size: int) -> bytes:
+        data = b""
+        while len(data) < size:
+            data += self.far.recv(size - len(data))
+        return data
+
+
+@pytest.fixture
+def ros(monkeypatch):
+    """rospy's side of one topic: `connections`, and `tell` for its SubscribeListener."""
+    it = SimpleNamespace(impl=SimpleNamespace(connections=[]))
+
+    class Publisher:
+        def __init__(self, *_args, subscriber_listener, **_options) -> None:
+            it.tell = subscriber_listener.peer_subscribe
+            self.impl = it.impl
+
+        def unregister(self) -> None:
+            self.impl = None
+
+    monkeypatch.setattr(publisher.rospy, "Publisher", Publisher)
+    return it
+
+
+def join(ros) -> Connection:
+    connection = Connection()
+    ros.impl.connections = [*ros.impl.connections, connection]
+    ros.tell()
+    return connection
+
+
+def leave(ros, connection: Connection) -> None:
+    ros.impl.connections = [c for c in ros.impl.connections if c is not connection]
+    connection.close()
+    ros.tell()
+
+
+def test_who_comes_later_gets_the_last_message_of_a_latched_topic_once(ros):
+    topic = QuickPublisher("/t", Float64, 2, latch=True)
+    topic.publish_bytes(b"one")
+    topic.publish_bytes(b"two")
+    first = join(ros)
+    ros.tell()
+    topic.publish_bytes(b"three")
+    assert first.bodies(2) == [b"two", b"three"]
+    second = join(ros)
+    assert second.bodies(1) == [b"three"]
+
+
+def test_without_latch_nothing_is_kept(ros):
+    topic = QuickPublisher("/t", Float64, 2)
+    topic.publish_bytes(b"one")
+    listener = join(ros)
+    topic.publish_bytes(b"two")
+    assert listener.bodies(1) == [b"two"]
+
+
+def test_images_for_who_has_gone_are_let_go(ros):
+    topic = QuickPublisher("/t", Float64, 2)
+    listener = join(ros)
+    for _ in range(4):
+        topic.publish_bytes(bytes(4_000_000))
+    (queued,) = topic._lanes.values()
+    assert queued.left
+    leave(ros, listener)
+    assert not queued.left
+    assert topic._lanes == {}
+    assert queued not in lane._drain._lanes.values()
+
+
+def test_images_on_a_topic_that_is_taken_off_are_let_go(ros):
+    topic = QuickPublisher("/t", Float64, 2)
+    join(ros)
+    for _ in range(4):
+        topic.publish_bytes(bytes(4_000_000))
+    (queued,) = topic._lanes.values()
+    topic.unregister()
+    assert not queued.left
+    assert topic.listeners == 0
+
+
+def test_changes_are_told_and_who_was_quicker_than_the_constructor_is_counted(ros):
+    early = Connection()
+    ros.impl.connections = [early]
+    told = []
+    topic = QuickPublisher("/t", Float64, 2, changed=lambda: told.append(1))
+    assert told
+    assert topic.listeners == 1
+    before = len(told)
+    join(ros)
+    assert len(told) > before
+    assert topic.listeners == 2
+
+
+def test_headers_are_numbered(ros):
+    topic = QuickPublisher("/t", Header, 2)
+    listener = join(ros)
+    message = SimpleNamespace(
+        _has_header=True, header=Header(), serialize=lambda buffer: buffer.write(b"x")
+    )
+    for _ in range(3):
+        topic.publish(message)
+    assert message.header.seq == 3
+    assert listener.bodies(3) == [b"x"] * 3

@@ -46,6 +46,9 @@ def robot(**arguments: object) -> Iterator[int]:
             wait_for(_all_running, 60.0, "the seven controllers")
             yield _process_of("/gazebo", master)
             rospy.signal_shutdown("measured")
+        except Exception:
+            print(launched.output()[-5000:], file=sys.stderr)
+            raise
         finally:
             launched.stop()
             master.stop()

@@ -13,7 +13,7 @@ from aras_sim_bridge.description import (
     Visual,
     shapes,
 )
-from aras_sim_bridge.description.mesh import Mesh, from_corners, from_indices
+from aras_sim_bridge.description.mesh import Mesh, _unique_rows, from_corners, from_indices
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.poses import Pose
 from aras_sim_bridge.rendering.scene import Scene
@@ -106,6 +106,18 @@ def test_edges_are_sharp_and_round_things_smooth():
     assert len(roof(math.radians(34)).positions) == 4
     assert len(roof(math.radians(36)).positions) == 6
     assert roof(math.radians(34)).normals[:, 2].max() == pytest.approx(1.0)
+
+
+def test_rows_of_any_numbers_are_told_apart():
+    rng = np.random.default_rng(5)
+    for reach in (3, 2**20, 2**45):
+        rows = rng.integers(-reach, reach, (500, 4))
+        rows = rows[rng.integers(0, 500, 2000)]
+        first, inverse = _unique_rows(rows)
+        _, expected, expected_inverse = np.unique(rows, axis=0, return_index=True,
+                                                  return_inverse=True)
+        assert (first == expected).all()
+        assert (inverse == expected_inverse.reshape(-1)).all()
 
 
 def test_faces_without_an_area_are_left_out():

@@ -156,7 +156,8 @@ def _link(link: Link, concave: bool, colour: Rgba | None, meshes: _Meshes) -> st
         f'<inertia ixx="{ixx!r}" ixy="0" ixz="0" iyy="{iyy!r}" iyz="0" izz="{izz!r}"/></inertial>'
     )
     if colour is not None:
-        look = f'<material name="m"><color rgba={_numbers(colour)}/></material>'
+        # Bullet keeps one material of each name for the whole model.
+        look = f"<material name={quoteattr(link.name)}><color rgba={_numbers(colour)}/></material>"
         body += "".join(f"<visual>{_shape(visual, meshes)}{look}</visual>"
                         for visual in link.visuals)
     elif link.collisions:

@@ -31,8 +31,11 @@ class Drive:
     ) -> None:
         self.handle = handle
         self.pid: Pid | None = None
-        self._rule = rule
-        self._model = model
+        # Bound once: they are called every physics step.
+        self._enforce = None if rule is None else rule.enforce
+        self._apply_effort = model.apply_effort
+        self._set_position = model.set_position
+        self._set_velocity_motor = model.set_velocity_motor
         self._warn = warn
         self._good = 0.0
         self._limited = Occurrence(_PATIENCE[self.quantity])
@@ -81,12 +84,12 @@ class EffortDrive(Drive):
         wanted = handle.effort_command
         if not -_INF < wanted < _INF:
             wanted = handle.effort_command = self._refuse(wanted, time_ns)
-        if self._rule is not None:
-            self._rule.enforce(handle, dt)
+        if self._enforce is not None:
+            self._enforce(handle, dt)
             if handle.effort_command != wanted:
                 self._report(wanted, handle.effort_command, time_ns)
         self._good = effort = handle.effort_command
-        self._model.apply_effort(handle.name, 0.0 if stopped else effort)
+        self._apply_effort(handle.name, 0.0 if stopped else effort)
 
 
 class PositionDrive(Drive):
@@ -100,7 +103,7 @@ class PositionDrive(Drive):
 
     def write(self, time_ns: int, dt: float, stopped: bool) -> None:
         """Limit the command and set the joint's position."""
-        self._model.set_position(self.handle.name, self._command(time_ns, dt, stopped))
+        self._set_position(self.handle.name, self._command(time_ns, dt, stopped))
 
     def _command(self, time_ns: int, dt: float, stopped: bool) -> float:
         handle = self.handle
@@ -113,8 +116,8 @@ class PositionDrive(Drive):
         wanted = handle.position_command
         if not -_INF < wanted < _INF:
             wanted = handle.position_command = self._refuse(wanted, time_ns)
-        if self._rule is not None:
-            self._rule.enforce(handle, dt)
+        if self._enforce is not None:
+            self._enforce(handle, dt)
             # Slowed by the velocity limit is everyday travel; beyond the range is a mistake.
             travel = self._travel
             if travel is not None and not travel[0] <= wanted <= travel[1]:
@@ -142,7 +145,7 @@ class PositionPidDrive(PositionDrive):
         else:
             error = command - handle.position
         effort = self._clamp_effort(self.pid.compute(error, dt))
-        self._model.apply_effort(handle.name, effort)
+        self._apply_effort(handle.name, effort)
 
 
 class VelocityDrive(Drive):
@@ -153,7 +156,7 @@ class VelocityDrive(Drive):
     def write(self, time_ns: int, dt: float, stopped: bool) -> None:
         """Limit the command and set the motor; 0 in an emergency stop."""
         velocity = self._command(time_ns, dt)
-        self._model.set_velocity_motor(
+        self._set_velocity_motor(
             self.handle.name, 0.0 if stopped else velocity, self._max_effort
         )
 
@@ -162,8 +165,8 @@ class VelocityDrive(Drive):
         wanted = handle.velocity_command
         if not -_INF < wanted < _INF:
             wanted = handle.velocity_command = self._refuse(wanted, time_ns)
-        if self._rule is not None:
-            self._rule.enforce(handle, dt)
+        if self._enforce is not None:
+            self._enforce(handle, dt)
             if handle.velocity_command != wanted:
                 self._report(wanted, handle.velocity_command, time_ns)
         self._good = handle.velocity_command
@@ -182,4 +185,4 @@ class VelocityPidDrive(VelocityDrive):
         command = self._command(time_ns, dt)
         handle = self.handle
         error = (0.0 if stopped else command) - handle.velocity
-        self._model.apply_effort(handle.name, self._clamp_effort(self.pid.compute(error, dt)))
+        self._apply_effort(handle.name, self._clamp_effort(self.pid.compute(error, dt)))

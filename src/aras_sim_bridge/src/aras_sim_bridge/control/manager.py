@@ -226,27 +226,18 @@ class ControllerManager:
             for entry in self._order:
                 if entry.running and self._stop(entry, time_ns):
                     self._start(entry, time_ns)
-        if self.clock_ns is not None:
-            self._update_measured(time_ns, period, self.clock_ns)
-        else:
-            for entry in self._order:
-                if entry.running:
-                    try:
-                        entry.controller.update(time_ns, period)
-                    except Exception as error:
-                        self._abort(entry, "update", error)
-        if self._pending:
-            self.carry_out(time_ns)
-
-    def _update_measured(self, time_ns: int, period: float, clock_ns: Callable[[], int]) -> None:
+        clock_ns = self.clock_ns
         for entry in self._order:
             if entry.running:
-                begin = clock_ns()
+                begin = 0 if clock_ns is None else clock_ns()
                 try:
                     entry.controller.update(time_ns, period)
                 except Exception as error:
                     self._abort(entry, "update", error)
-                entry.timer.add(clock_ns() - begin, time_ns, period)
+                if clock_ns is not None:
+                    entry.timer.add(clock_ns() - begin, time_ns, period)
+        if self._pending:
+            self.carry_out(time_ns)
 
     def reset(self) -> None:
         """The clock or the robot was put back: controllers forget commands not yet acted on."""

@@ -123,21 +123,21 @@ class Pid:
         """∫e dt in the error's unit times s, before the gain."""
         return self._integral
 
-    def compute(self, error: float, dt: float) -> float:
-        """Command for `error` = target - state, `dt` s after the last one."""
-        if dt == 0.0 or not -_INF < error < _INF:
-            return 0.0
-        error_dot = self._error_dot
-        if dt > 0.0:
-            error_dot = (error - self._last_error) / dt
-            self._last_error = error
-        return self.compute_with_derivative(error, error_dot, dt)
+    def compute(self, error: float, dt: float, error_dot: float | None = None) -> float:
+        """Command for `error` = target - state, `dt` s after the last one.
 
-    def compute_with_derivative(self, error: float, error_dot: float, dt: float) -> float:
-        """Command for an error whose derivative is known (unit of the error per s)."""
+        `error_dot`, in the error's unit per s, is taken from the last error unless it is known.
+        """
+        # Comparisons are false for NaN, so one chain refuses NaN and infinities alike.
+        if error_dot is None:
+            if dt == 0.0 or not -_INF < error < _INF:
+                return 0.0
+            error_dot = self._error_dot
+            if dt > 0.0:
+                error_dot = (error - self._last_error) / dt
+                self._last_error = error
         self._error = error
         self._error_dot = error_dot
-        # Comparisons are false for NaN, so one chain refuses NaN and infinities alike.
         if dt == 0.0 or dt != dt or not (-_INF < error < _INF and -_INF < error_dot < _INF):
             return 0.0
         p, i, d, i_max, i_min, antiwindup = self.gains
@@ -158,10 +158,17 @@ class Pid:
             self._report(i_term, dt)
         return command
 
+    def compute_with_derivative(self, error: float, error_dot: float, dt: float) -> float:
+        """Command for an error whose derivative is known (unit of the error per s)."""
+        return self.compute(error, dt, error_dot)
+
     def _report(self, i_term: float, dt: float) -> None:
+        listener = self.on_state  # another thread may take it away at any time
+        if listener is None:
+            return
         gains = self.gains
         error, error_dot = self._error, self._error_dot
-        self.on_state(
+        listener(
             PidState(dt, error, error_dot, error, self._integral, error_dot, gains.p * error,
                      i_term, gains.d * error_dot, gains.i_max, gains.i_min, self.command)
         )

@@ -1,7 +1,7 @@
-"""Which links can never touch what stands still in the world, however their joints move.
+"""Pairs of shapes that never touch, however the joints move: Bullet looks at them in each step.
 
-Bullet looks at every pair whose boxes overlap, and a ground plane's box holds everything: an arm
-that hangs above the ground pays for eleven pairs in each step, a tenth of it, and never touches.
+Their boxes overlap all the same: those of the links of one model, and a ground plane's with
+everything. An arm that hangs above the ground pays a tenth of its step for such pairs.
 """
 
 import math
@@ -25,6 +25,7 @@ from aras_sim_bridge.world.model import Model
 MARGIN = 0.1
 _FAR = 1e9  # m, where a joint has no limits
 _DEFAULT_GROUP, _STATIC_GROUP, _ALL = 1, 2, -1  # Bullet's filter groups
+_OWN_GROUPS = tuple(1 << bit for bit in range(6, 30))  # free ones, for a model each
 
 
 class Box(NamedTuple):
@@ -48,19 +49,26 @@ class Box(NamedTuple):
         return sum(n * (c - p) for n, c, p in zip(normal, corner, point, strict=True)) < 0.0
 
 
-def leave_out_static_pairs(models: list[Model]) -> None:
-    """Take links that can never touch a fixed model's root out of the pairs with such roots.
+def leave_out_pairs(models: list[Model]) -> None:
+    """Keep Bullet from looking at pairs that never touch: links of one model, links out of reach.
 
     To be called whenever models came, went, were moved as a whole or have other joints.
     """
     fixed = [model for model in models if model.fixed_base]
-    for model in fixed:
+    own = iter(_OWN_GROUPS)
+    for model in models:
+        # Bullet has no groups for more models; the links of those that follow are paired in vain.
+        group = next(own, 0)
+        reach = _reach(model) if model.fixed_base else None
         others = [other for other in fixed if other is not model]
-        for link, box in _reach(model).items():
-            meets = any(_may_meet(box.grown(MARGIN), other) for other in others)
-            pybullet.setCollisionFilterGroupMask(
-                model.body_id, model.link_index(link), _DEFAULT_GROUP,
-                _ALL if meets else _ALL & ~_STATIC_GROUP, physicsClientId=model.client)
+        for link, index in model.link_indices.items():
+            if index == -1 and model.fixed_base:
+                continue
+            meets = reach is None or (link in reach and any(
+                _may_meet(reach[link].grown(MARGIN), other) for other in others))
+            left_out = group if meets else group | _STATIC_GROUP
+            pybullet.setCollisionFilterGroupMask(model.body_id, index, group or _DEFAULT_GROUP,
+                                                 _ALL & ~left_out, physicsClientId=model.client)
 
 
 def _reach(model: Model) -> dict[str, Box]:

@@ -18,7 +18,7 @@ from aras_sim_bridge.world import bullet_file
 from aras_sim_bridge.world.bullet import pybullet, quiet
 from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.poses import IDENTITY, Pose, Twist, checked_pose, checked_vector
-from aras_sim_bridge.world.reach import leave_out_static_pairs
+from aras_sim_bridge.world.reach import leave_out_pairs
 
 logger = logging.getLogger(__name__)
 
@@ -226,7 +226,7 @@ class World:
         self._models_moved()
 
     def _models_moved(self) -> None:
-        leave_out_static_pairs(list(self.models.values()))
+        leave_out_pairs(list(self.models.values()))
 
     # ------------------------------------------------------------------ time
 

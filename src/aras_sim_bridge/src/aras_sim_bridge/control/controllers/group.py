@@ -69,7 +69,7 @@ class GroupEffortPositionController(Controller):
             for loop, command in zip(self._loops, self.slot.pop(), strict=True):
                 loop.take(command, time_ns)
         for loop in self._loops:
-            loop.handle.effort_command = loop.compute(time_ns, period)
+            loop.handle.effort_command = loop.compute(period)
 
     def set_command(self, value: Sequence[float]) -> None:
         """Positions in rad or m, in the order of `joints`.

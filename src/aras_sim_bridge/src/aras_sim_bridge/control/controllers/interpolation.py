@@ -30,7 +30,7 @@ class Interpolation:
     half an interval ahead of it at 2.5 times the commanded speed.)
     """
 
-    __slots__ = ("value", "_command", "_line", "_rate", "_left", "_moves", "_interval",
+    __slots__ = ("value", "moves", "_command", "_line", "_rate", "_left", "_interval",
                  "_arrival_ns", "_max_velocity", "_wraps")
 
     def __init__(self, handle: JointHandle) -> None:
@@ -43,7 +43,7 @@ class Interpolation:
         """Rest at `position` and forget the stream before."""
         self.value = self._command = self._line = position
         self._rate = self._left = 0.0
-        self._moves = False
+        self.moves = False
         self._interval = USUAL_INTERVAL
         self._arrival_ns: int | None = None
 
@@ -63,12 +63,10 @@ class Interpolation:
         self._command = command
         self._left = max(self._interval, abs(distance) / self._max_velocity)
         self._rate = distance / self._left
-        self._moves = True
+        self.moves = True
 
     def advance(self, period: float) -> float:
-        """The set point `period` s after the last one."""
-        if not self._moves:
-            return self.value
+        """The set point `period` s after the last one; to be asked for while `moves`."""
         self._left -= period
         if self._left > 0.0:
             self._line += self._rate * period
@@ -77,7 +75,7 @@ class Interpolation:
         behind = self._line - self.value
         if self._left <= 0.0 and abs(behind) < _ARRIVED:
             self.value = self._line
-            self._moves = False
+            self.moves = False
         else:
             self.value += behind * period / (ROUNDING + period)
         return self.value

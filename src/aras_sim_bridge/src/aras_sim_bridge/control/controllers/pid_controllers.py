@@ -36,11 +36,9 @@ class _PidController(Controller):
         self._updates = 0
 
     def _publish(self, time_ns: int, period: float) -> None:
-        if self._updates % STATE_EVERY == 0:
-            listener = self.on_state  # another thread may take it away at any time
-            if listener is not None:
-                listener(self.state(time_ns, period))
-        self._updates += 1
+        listener = self.on_state  # another thread may take it away at any time
+        if listener is not None:
+            listener(self.state(time_ns, period))
 
     def state(self, time_ns: int, period: float) -> JointControllerState:
         """This cycle as the state topic shows it."""
@@ -68,8 +66,10 @@ class PidPositionController(_PidController):
         """Command the PID's output."""
         if self.slot:
             self._loop.take(self.slot.pop(), time_ns)
-        setattr(self.handle, self._target, self._loop.compute(time_ns, period))
-        self._publish(time_ns, period)
+        setattr(self.handle, self._target, self._loop.compute(period))
+        if self._updates % STATE_EVERY == 0:
+            self._publish(time_ns, period)
+        self._updates += 1
 
     def state(self, time_ns: int, period: float) -> JointControllerState:
         """This cycle as the state topic shows it."""
@@ -102,7 +102,9 @@ class PidVelocityController(_PidController):
         self._error = command - self.handle.velocity
         self._output = self.pid.compute(self._error, period)
         setattr(self.handle, self._target, self._output)
-        self._publish(time_ns, period)
+        if self._updates % STATE_EVERY == 0:
+            self._publish(time_ns, period)
+        self._updates += 1
 
     def state(self, time_ns: int, period: float) -> JointControllerState:
         """This cycle as the state topic shows it; process_value_dot stays 0."""

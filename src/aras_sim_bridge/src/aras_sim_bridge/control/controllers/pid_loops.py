@@ -1,6 +1,7 @@
-"""The PID loops that several controllers share: one joint's position, one joint's velocity."""
+"""The position loop that PID controllers of one joint and of several share."""
 
 from collections.abc import Callable
+from math import inf
 
 from aras_sim_bridge import angles
 from aras_sim_bridge.control.controllers.base import JointControllerState
@@ -12,13 +13,12 @@ from aras_sim_bridge.control.pid import Pid
 class PositionLoop:
     """Output of a position PID for one joint (effort or velocity, as the gains mean it).
 
-    The set point is clamped to the URDF's limits in each cycle's copy, `command` stays as it was
-    given; the error goes the short way round where the joint and its limits allow. With
-    `interpolate` the set point moves from command to command instead of stepping.
+    The set point is the last command within the URDF's limits; with `interpolate` it moves there
+    instead of stepping. The error goes the short way round where the joint and its limits allow.
     """
 
-    __slots__ = ("handle", "pid", "command", "set_point", "error", "output", "_wraps", "_lower",
-                 "_upper", "_limited", "_beyond", "_warn", "_label", "_interpolation")
+    __slots__ = ("handle", "pid", "set_point", "error", "output", "_wraps", "_limited", "_lower",
+                 "_upper", "_beyond", "_warn", "_label", "_interpolation")
 
     def __init__(
         self,
@@ -34,7 +34,7 @@ class PositionLoop:
         self._label = label
         travel = handle.travel
         self._limited = travel is not None
-        self._lower, self._upper = travel or (float("-inf"), float("inf"))
+        self._lower, self._upper = travel or (-inf, inf)
         self._wraps = handle.kind in ("revolute", "continuous")
         self._beyond = Occurrence()
         self._interpolation = Interpolation(handle) if interpolate else None
@@ -42,10 +42,9 @@ class PositionLoop:
 
     def start(self) -> None:
         """Hold the present position, within the limits, with a fresh PID."""
-        position = self.handle.position
-        self.command = self.set_point = min(max(position, self._lower), self._upper)
+        self.set_point = min(max(self.handle.position, self._lower), self._upper)
         if self._interpolation is not None:
-            self._interpolation.start(self.command)
+            self._interpolation.start(self.set_point)
         self.error = 0.0
         self.output = 0.0
         self._beyond.reset()
@@ -53,40 +52,34 @@ class PositionLoop:
 
     def take(self, command: float, time_ns: int) -> None:
         """Go to `command` (rad or m), which arrived in the cycle at `time_ns`."""
-        self.command = command
-        if self._interpolation is not None:
-            self._interpolation.take(min(max(command, self._lower), self._upper), time_ns)
-
-    def compute(self, time_ns: int, period: float) -> float:
-        """The PID's output for this cycle."""
-        command = self.command
-        position = self.handle.position
-        lower, upper = self._lower, self._upper
-        if not lower <= command <= upper:
-            command = self._clamp(command, time_ns)
-        if self._interpolation is not None:
-            command = self._interpolation.advance(period)
-        error = command - position
-        # Within half a turn, and inside the limits, the plain difference is the short way.
-        if self._wraps and not (-3.14 < error < 3.14):
-            if self._limited:
-                error = angles.with_large_limits(position, command, lower, upper)
-            else:
-                error = angles.shortest(position, command)
-        self.set_point = command
-        self.error = error
-        self.output = output = self.pid.compute(error, period)
-        return output
-
-    def _clamp(self, command: float, time_ns: int) -> float:
-        clamped = self._lower if command < self._lower else self._upper
-        if self._beyond.note(time_ns):
+        reachable = min(max(command, self._lower), self._upper)
+        if reachable != command and self._beyond.note(time_ns):
             self._warn(
                 f"controller '{self._label}': command {command:g} for joint "
                 f"'{self.handle.name}' is beyond its limits [{self._lower:g}, "
-                f"{self._upper:g}]; {clamped:g} is used"
+                f"{self._upper:g}]; {reachable:g} is used"
             )
-        return clamped
+        if self._interpolation is not None:
+            self._interpolation.take(reachable, time_ns)
+        else:
+            self.set_point = reachable
+
+    def compute(self, period: float) -> float:
+        """The PID's output for this cycle."""
+        interpolation = self._interpolation
+        if interpolation is not None and interpolation.moves:
+            self.set_point = interpolation.advance(period)
+        position = self.handle.position
+        error = self.set_point - position
+        # Within half a turn, and inside the limits, the plain difference is the short way.
+        if self._wraps and not (-3.14 < error < 3.14):
+            if self._limited:
+                error = angles.with_large_limits(position, self.set_point, self._lower, self._upper)
+            else:
+                error = angles.shortest(position, self.set_point)
+        self.error = error
+        self.output = output = self.pid.compute(error, period)
+        return output
 
     def state(self, time_ns: int, period: float) -> JointControllerState:
         """This cycle as the state topic shows it."""

@@ -31,6 +31,8 @@ WINDOW, PROGRESS = 1.5, 0.9
 MOST = 0.6
 # Asked speed of the camera that is worth a word, m/s and (rad/s) x 0.1 m.
 SLOW = 2e-4
+# s for which an oscillation is not forgotten: a swing cut short, or the target lost by it.
+RINGS_ON = 1.0
 # Part of the wanted rate that L can give below which the error is no camera motion's.
 UNREACHED = 0.1
 
@@ -136,7 +138,7 @@ class Diagnosis:
                 return self.outcome
             if observation.valid:
                 return Outcome("running", state.reason)
-            if self._ringing is not None and state.stamp - self._ringing[0] < 1.0:
+            if self._ringing is not None and state.stamp - self._ringing[0] < RINGS_ON:
                 return self._ringing[1]
             if self.outcome.kind in ("target_lost", "wrong_object"):
                 return self.outcome
@@ -165,6 +167,8 @@ class Diagnosis:
             )  # fmt: skip
             self._ringing = (state.stamp, found)
             return found
+        if self._ringing is not None and state.stamp - self._ringing[0] < RINGS_ON:
+            return self._ringing[1]
         return self._stalled(state)
 
     def _add(self, state: ServoState, tolerances: np.ndarray) -> None:

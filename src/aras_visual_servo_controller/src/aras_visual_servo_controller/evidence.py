@@ -53,7 +53,7 @@ class Oscillation:
             else:
                 peaks[-1] = i
         heights = np.abs(np.diff(error[peaks]))
-        if len(heights) < self.REVERSALS or heights[-3:].max() < 0.7 * heights[:-2].max():
+        if len(heights) < self.REVERSALS or heights[-3:].max() < 0.5 * heights[:-2].max():
             return None
         first, last = stamps[peaks[1]], stamps[peaks[-1]]
         return float(0.5 * (len(peaks) - 2) / (last - first)) if last > first else None
@@ -96,8 +96,9 @@ class CameraEvidence:
     mounting or distortion does not.
     """
 
-    PATH = 60.0  # tolerances of predicted way before a feature is judged
-    SPREAD = 0.15  # of the ratios measured over predicted
+    PATH = 40.0  # tolerances of predicted way before a feature is judged
+    # Of the ratios measured over predicted: a target of some thickness is no plane and has 0.16.
+    SPREAD = 0.25
     MISFIT = 0.12  # part of the motion's square that no ratio explains
 
     def __init__(self) -> None:

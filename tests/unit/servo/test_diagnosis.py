@@ -1,0 +1,264 @@
+"""Provoked failures get the right word, healthy runs none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from loop_rig import CAMERA, STARTS, Rig, lost, scaled, the_arm, the_goal, the_limits, the_servo
+
+from aras_visual_servo_controller.arm.poses import transform
+from aras_visual_servo_controller.diagnosis import KINDS
+from aras_visual_servo_controller.evidence import CameraEvidence, Oscillation, body_motion
+from aras_visual_servo_controller.features import Feature, Measured
+from aras_visual_servo_controller.laws import Proportional
+from aras_visual_servo_controller.schemes import Composed
+from aras_visual_servo_controller.target_geometry import TargetGeometry
+
+SEEDS = range(3)
+
+
+def near(seed, size=0.3):
+    """A start some way off the goal, other for each seed, with the target in view."""
+    random = np.random.default_rng(seed)
+    goal = np.array(the_goal("2016").joint_values(the_arm().names))
+    while True:
+        off = np.array([0.1, 0.1, 0.25, -0.3, 0.05, 1.0]) * random.uniform(0.3, 1.0, 6)
+        signs = np.array([*random.choice([-1, 1], 2), 1, 1, 1, random.choice([-1, 1])])
+        start = goal + off * signs * size / 0.3
+        if in_view(the_goal("2016").target.outline(the_arm().pose(start))):
+            return start
+
+
+def in_view(outline):
+    u, v = CAMERA.project(*np.asarray(outline).T)
+    return (u > 1).all() and (u < 318).all() and (v > 1).all() and (v < 238).all()
+
+
+def with_borders(rig):
+    """The camera loses a target that leaves the picture."""
+
+    def look(observer, t, joints):
+        seen = rig.exact(observer, t, joints)
+        if in_view(seen.contour):
+            return seen
+        u, v = CAMERA.project(*seen.contour.T)
+        sides = {"left": u.min() < 1, "right": u.max() > 318, "top": v.min() < 1,
+                 "bottom": v.max() > 238}  # fmt: skip
+        touched = tuple(side for side, out in sides.items() if out)
+        return lost(seen, f"the target touches the {' and '.join(touched)} border", touched)
+
+    rig.look = look
+    return rig
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_healthy_run_is_called_ill_at_no_time(seed):
+    rig = with_borders(
+        Rig(the_servo("2016", hold=1.0), near(seed), latency=0.02 * (seed % 2), lag=0.04)
+    )
+    states = rig.run(3.5)
+    assert {s.outcome for s in states} <= {"running", "converged"}, rig.servo.outcome
+    assert states[-1].outcome == "converged"
+    assert rig.missed[0] < 0.3e-3
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_target_lost_over_a_border(seed):
+    rig = with_borders(Rig(the_servo("2016"), near(seed)))
+    random = np.random.default_rng(seed)
+    side = ("left", "right", "top", "bottom")[int(random.integers(4))]
+    plain, when = rig.look, random.uniform(0.2, 0.8)
+    rig.look = lambda observer, t, joints: (
+        plain(observer, t, joints) if t < when else
+        lost(plain(observer, t, joints), f"the target touches the {side} border", (side,))
+    )  # fmt: skip
+    states = rig.run(2.0)
+    outcome = rig.servo.outcome
+    assert outcome.kind == states[-1].outcome == "target_lost"
+    assert f"over the {side} border" in outcome.reason
+    assert f"lost at {when:.1f}"[:-1] in outcome.reason
+    assert outcome.mend
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_gain_too_high_with_its_frequency(seed):
+    gain = np.random.default_rng(seed).uniform(25.0, 40.0)
+    limits = the_limits(velocity=5.0)
+    rig = with_borders(
+        Rig(the_servo("2016", law=Proportional(gain), limits=limits), near(seed, 0.1), latency=0.06)
+    )
+    rig.run(4.0)
+    assert rig.servo.outcome.kind == "gain_too_high"
+    words = rig.servo.outcome.reason
+    assert 1.0 < float(words.split(" at ")[1].split(" Hz")[0]) < 8.0
+    assert "lower the gain" in rig.servo.outcome.mend
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("focal", [1.4, 1.6])
+def test_a_wrong_focal_length(seed, focal):
+    rig = Rig(the_servo("2016"), near(seed, 0.4))
+
+    def look(observer, t, joints):
+        seen = rig.exact(observer, t, joints)
+        return replace(seen, moments=scaled(seen.moments, focal))
+
+    rig.look = look
+    rig.run(4.0)
+    assert rig.servo.outcome.kind == "wrong_camera_model"
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_camera_mounted_otherwise_than_believed(seed):
+    turn = np.random.default_rng(seed).choice([-1, 1]) * np.radians(35.0)
+    believed_T_true = transform((0.0, 0.0, 0.0), (0.0, 0.0, turn))
+    rig = Rig(the_servo("2016"), near(seed))
+
+    def look(observer, t, joints):
+        pose = rig.servo.arm.pose(rig.q) @ believed_T_true
+        return observer.of_exact(t, CAMERA, joints, contour=rig.servo.goal.target.outline(pose))
+
+    rig.look = look
+    rig.run(5.0)
+    assert rig.servo.outcome.kind == "wrong_camera_model"
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_another_object(seed):
+    random = np.random.default_rng(seed)
+    x, y = random.uniform(-0.05, 0.05, 2)
+    long, wide = random.uniform(0.03, 0.05), random.uniform(0.006, 0.012)
+    other = TargetGeometry.from_mapping(
+        {"boxes": [[[x - long, y - wide, 0.59], [x + long, y + wide, 0.5905]]]}
+    )
+    rig = Rig(the_servo("2016"), near(seed))
+    rig.look = lambda observer, t, joints: observer.of_exact(
+        t, CAMERA, joints, contour=other.outline(rig.servo.arm.pose(rig.q))
+    )
+    rig.run(3.0)
+    assert rig.servo.outcome.kind == "wrong_object"
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_goal_beyond_a_joint_limit(seed):
+    # the gantry ends 60 mm before the goal, and J1 may not stand in for it
+    start = near(seed)
+    start[0], start[1] = -0.1, 0.0
+    limits = the_limits(upper={"gantry": -0.01, "J1": 0.02}, lower={"J1": -0.02})
+    rig = Rig(the_servo("2016", limits=limits), start)
+    rig.run(6.0)
+    assert rig.servo.outcome.kind == "joint_limit"
+    assert "gantry" in rig.servo.outcome.reason
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_goal_out_of_reach(seed):
+    goal = the_goal("2015")
+    lower = goal.world_T_camera.copy()
+    lower[2, 3] -= np.random.default_rng(seed).uniform(0.03, 0.08)
+    far = replace(goal.seen_from(lower), joints={})
+    rig = Rig(the_servo("2015", goal=far), near(seed))
+    rig.run(6.0)
+    assert rig.servo.outcome.kind in ("out_of_reach",)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_saturation(seed):
+    limits = the_limits(velocity=np.random.default_rng(seed).uniform(5e-4, 2e-3))
+    rig = Rig(the_servo("2016", limits=limits), near(seed))
+    rig.run(4.0)
+    assert rig.servo.outcome.kind == "saturation"
+
+
+class Twice(Feature):
+    """The same number twice, for two directions: of rank 1."""
+
+    names, tolerances = ("xg", "again"), (1e-3, 1e-3)
+    directions = (True, True, False, False, False, False)
+
+    def measure(self, observation, goal):
+        m = observation.moments
+        s = np.array([m.xg, m.xg - 0.3])
+        L = np.zeros((2, 6))
+        L[:, 0] = -5.0
+        return Measured(s, np.zeros(2), s, L)
+
+
+class Torn(Feature):
+    """Two numbers that want opposite motions: their sum is at its least, not at zero."""
+
+    names, tolerances = ("right", "left"), (1e-3, 1e-3)
+    directions = (True, False, False, False, False, False)
+
+    def measure(self, observation, goal):
+        x = observation.moments.xg
+        s = np.array([x - 0.1, x + 0.1])
+        L = np.zeros((2, 6))
+        L[:, 0] = -5.0
+        return Measured(s, np.zeros(2), s, L)
+
+
+def test_features_without_rank():
+    rig = Rig(the_servo(scheme=Composed(Twice(), Proportional(3.0))), near(1))
+    rig.run(5.0)
+    assert rig.servo.outcome.kind == "singular"
+    assert "rank 1 of 2" in rig.servo.outcome.reason
+
+
+def test_a_local_minimum():
+    rig = Rig(the_servo(scheme=Composed(Torn(), Proportional(3.0))), near(1))
+    rig.run(5.0)
+    assert rig.servo.outcome.kind == "local_minimum"
+
+
+def test_the_time_is_over():
+    rig = Rig(the_servo("2016", law=Proportional(0.2), duration=1.0), STARTS["2016"])
+    states = rig.run(2.0)
+    assert rig.servo.outcome.kind == "timed_out"
+    assert rig.servo.phase == "stopped"
+    over = next(s for s in states if s.phase == "stopped")
+    assert over.stamp == pytest.approx(1.0, abs=0.1)
+
+
+def test_words_are_among_the_known():
+    assert len(set(KINDS)) == len(KINDS) == 15
+
+
+# -- the evidence by itself ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("frequency", [0.7, 3.0])
+@pytest.mark.parametrize("begin", [0.0, 50.0])
+def test_an_oscillation_is_told_with_its_frequency(frequency, begin):
+    oscillation = Oscillation()
+    stamps = begin + np.arange(0.0, 6.0, 1 / 30)
+    span = 2.0 if frequency > 2 else 6.0
+    oscillation.SPAN = span
+    for t in stamps:
+        found = oscillation.add(t, np.array([0.1, 10.0 * np.sin(2 * np.pi * frequency * t)]))
+    assert found == pytest.approx(frequency, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        lambda t: 10.0 * np.exp(-3 * t),
+        lambda t: 30.0 * np.exp(-2 * t) * np.cos(6.0 * t),  # dies away
+        lambda t: 2.0 * np.sin(20.0 * t),  # no louder than noise
+        lambda t: 40.0 * (t < 1.0),  # the target was moved
+    ],
+)
+def test_what_dies_away_or_is_quiet_is_no_oscillation(error):
+    oscillation = Oscillation()
+    assert all(oscillation.add(t, np.array([error(t)])) is None for t in np.arange(0, 4, 1 / 30))
+
+
+def test_the_logarithm_of_a_small_motion():
+    from free_camera import exponential
+
+    twist = np.array([0.02, -0.01, 0.03, 0.05, -0.08, 0.06])
+    np.testing.assert_allclose(body_motion(exponential(twist)), twist, atol=1e-6)
+
+
+def test_no_evidence_is_no_fault():
+    assert CameraEvidence().fault() == ""

@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import queue
+import re
 import subprocess
 import sys
 import threading
@@ -52,7 +53,8 @@ class Outcome:
 class Worker:
     """A copy of the workspace and the process that runs tests in it."""
 
-    def __init__(self, top: Path, copy: Path, libraries: tuple[str, ...]) -> None:
+    def __init__(self, top: Path, folder: Path, libraries: tuple[str, ...]) -> None:
+        copy, self._lock = trees.free_copy(folder)
         trees.update(top, copy)
         self._libraries = libraries
         self._process: subprocess.Popen[str] | None = None
@@ -86,6 +88,7 @@ class Worker:
         if self._process is not None:
             self._process.stdin.close()
             self._process.wait()
+        self._lock.close()
 
 
 class Campaign:
@@ -98,18 +101,19 @@ class Campaign:
         patience: processor seconds that a faulty run may take besides four times what its tests
             took without the fault; in wall time, as others may use the machine, thrice as much.
         libraries: what the tests import that takes long.
+        skip: regular expression of test files that are left out, the slow ones maybe.
         graph: also run the area's integration tests, where its unit tests find nothing.
     """
 
     def __init__(
         self, area: Area, top: Path, folder: Path, jobs: int, deadline: float,
         say: Callable[[str], None], patience: float = 40.0,
-        libraries: tuple[str, ...] = LIBRARIES, graph: bool = False,
+        libraries: tuple[str, ...] = LIBRARIES, graph: bool = False, skip: str = "",
     ) -> None:
         self._area, self._top, self._folder = area, top, folder / area.name
         self._deadline, self._say, self._patience = deadline, say, patience
         self._folder.mkdir(parents=True, exist_ok=True)
-        self._workers = [Worker(top, folder / "copies" / str(k), libraries) for k in range(jobs)]
+        self._workers = [Worker(top, folder / "copies", libraries) for _ in range(jobs)]
         self._names = trees.tracked(top)
         self.sources = {
             name: (top / name).read_bytes() for name in self._names
@@ -118,9 +122,10 @@ class Campaign:
         self._digests = {
             name: hashlib.sha256(source).hexdigest()[:16] for name, source in self.sources.items()
         }
-        self._tests = [str(f.relative_to(top)) for f in area.test_files(top)]
+        tests = [str(f.relative_to(top)) for f in area.test_files(top)]
+        self._tests = [test for test in tests if not (skip and re.search(skip, test))]
         self._graph_tests = [test for test in area.graph if (top / test).is_file()] if graph else []
-        self._graph = Graph(top, folder / "copies" / "graph")
+        self._graph = Graph(top, folder / "graphs")
 
     def close(self) -> None:
         for worker in self._workers:

@@ -46,6 +46,8 @@ def _parser() -> argparse.ArgumentParser:
                         help="begin nothing new after M minutes; go on with --resume")
     parser.add_argument("--graph", action=argparse.BooleanOptionalAction, default=True,
                         help="also run the integration tests that the area names (yes)")
+    parser.add_argument("--skip", default="", metavar="REGEX",
+                        help="leave test files out whose path has a match")
     parser.add_argument("--goal", type=float, default=0.85, help="share to be found (0.85)")
     parser.add_argument("--folder", type=Path, default=TOP / "out" / "mutation",
                         help="for copies and results (out/mutation)")
@@ -66,7 +68,8 @@ def _run(options: argparse.Namespace) -> int:
     equivalents = Equivalents.load()
     deadline = time.monotonic() + 60.0 * options.minutes
     campaign = Campaign(
-        area, TOP, options.folder, options.jobs, deadline, _say, graph=options.graph
+        area, TOP, options.folder, options.jobs, deadline, _say, graph=options.graph,
+        skip=options.skip,
     )
     try:
         report = _campaign(campaign, faults, equivalents, options.resume)

@@ -39,8 +39,8 @@ class GraphError(Exception):
 class Graph:
     """A copy of the workspace that is built when it is first used."""
 
-    def __init__(self, top: Path, copy: Path) -> None:
-        self._top, self._copy = top, copy
+    def __init__(self, top: Path, folder: Path) -> None:
+        self._top, self._folder = top, folder
         self._lock = threading.Lock()
         self._ready = False
         self._stamp = 0
@@ -81,8 +81,8 @@ class Graph:
     def _prepare(self) -> None:
         if self._ready:
             return
+        self._copy, self._held = trees.free_copy(self._folder.resolve())
         trees.update(self._top, self._copy)
-        self._copy = self._copy.resolve()
         names = [n for n in trees.tracked(self._top) if n.endswith(_BUILT_FROM)]
         digest, built = trees.digest(self._top, names), self._copy / ".built"
         if not built.is_file() or built.read_text() != digest:

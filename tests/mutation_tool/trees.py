@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import shutil
 import subprocess
 from pathlib import Path
+from typing import TextIO
 
 _SKIPPED = ("docs/", "docker/", "tests/benchmarks/", "tests/mutation")
 
@@ -20,6 +22,20 @@ def tracked(top: Path) -> list[str]:
         name for name in listing.split("\0")
         if name and not name.startswith(_SKIPPED) and (top / name).is_file()
     )
+
+
+def free_copy(folder: Path) -> tuple[Path, TextIO]:
+    """The first folder 0, 1, ... below `folder` that no other run works in, and its open lock."""
+    folder.mkdir(parents=True, exist_ok=True)
+    number = 0
+    while True:
+        lock = (folder / f"{number}.lock").open("w")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return folder / str(number), lock
+        except BlockingIOError:
+            lock.close()
+        number += 1
 
 
 def update(top: Path, copy: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mutation_tool import cli
+from mutation_tool import cli, trees
 from mutation_tool.areas import Area, UnknownAreaError, area_named
 from mutation_tool.campaign import Campaign, CampaignError, Outcome
 from mutation_tool.equivalents import Equivalents, EquivalentsError
@@ -121,6 +121,21 @@ def test_recordings_hold_until_what_they_ran_changes(top: Path) -> None:
     (top / "tests" / "conftest.py").write_text("")
     assert campaign(top, minutes=0.0).record() is None
     assert list((top.parent / "out" / "recordings").iterdir()) == [kept]
+
+
+def test_two_runs_never_share_a_copy(tmp_path: Path) -> None:
+    first, held = trees.free_copy(tmp_path)
+    assert trees.free_copy(tmp_path)[0] != first
+    held.close()
+    assert trees.free_copy(tmp_path)[0] == first
+
+
+def test_files_may_be_skipped(top: Path) -> None:
+    (top / "tests" / "test_slow.py").write_text("def test_slow():\n    assert False\n")
+    later = time.monotonic() + 60.0
+    run = Campaign(AREA, top, top.parent / "out", 1, later, print, skip="slow")
+    assert run.record() is not None
+    run.close()
 
 
 def test_failing_tests_are_refused(top: Path) -> None:

@@ -341,6 +341,16 @@ class TestEmergencyStop:
         assert recorder.calls[3:] == ["stopping", "starting", "update", "update"]
         assert idle.calls == []
 
+    def test_release_does_not_start_what_failed_to_stop(self, rig):
+        (recorder,) = load(rig, "r_stopping")
+        switch(rig, ["r_stopping"])
+        rig.hardware.e_stop = True
+        rig.step()
+        rig.hardware.e_stop = False
+        rig.step(2)
+        assert recorder.calls == ["starting", "update", "stopping"]
+        assert states(rig) == {"r_stopping": "aborted"}
+
 
 class TestStatistics:
     def test_times_and_overruns_are_counted_while_a_clock_is_given(self, rig):

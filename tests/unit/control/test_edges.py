@@ -1,0 +1,179 @@
+"""Edges that faults were planted at: exact zeros, nothing given, a second goal, start states."""
+
+from math import inf, pi
+
+import pytest
+
+from aras_sim_bridge.control.controllers.trajectory_types import (
+    ErrorCode,
+    JointTolerance,
+    Trajectory,
+    TrajectoryGoal,
+    TrajectoryPoint,
+)
+from aras_sim_bridge.control.joints import POSITION, VELOCITY, JointHandle, Limits, resolve_limits
+from aras_sim_bridge.control.limits import PositionSaturation, PositionSoft, VelocitySoft
+from aras_sim_bridge.control.loop import ControlLoop
+from aras_sim_bridge.errors import HardwareError
+
+S = 1_000_000_000
+
+
+@pytest.fixture
+def trajectories(make_rig, make_joint):
+    """A rig with a running trajectory controller of one position joint, steps of 10 ms."""
+    joints = [make_joint("a", "revolute", "PositionJointInterface", "none")]
+    parameters = {"c": {"type": "position_controllers/JointTrajectoryController",
+                        "joints": ["a"]}}
+    rig = make_rig(joints, parameters, 10_000_000, physics=False)
+    return rig, rig.run("c")
+
+
+def goal(position, seconds):
+    points = [TrajectoryPoint(round(seconds * S), [position])]
+    return TrajectoryGoal(Trajectory(["a"], points))
+
+
+def test_a_second_goal_has_to_arrive_by_itself(trajectories):
+    rig, controller = trajectories
+    first = controller.submit_goal(goal(1.0, 0.1))
+    rig.step(20)
+    assert first.status == "succeeded"
+    second = controller.submit_goal(goal(0.0, 0.5))
+    rig.step(40)
+    assert second.status == "active"
+    rig.step(15)
+    assert second.status == "succeeded"
+
+
+def test_the_listener_of_a_goal_is_told_at_once_that_another_took_its_place(trajectories):
+    rig, controller = trajectories
+    told = []
+    first = controller.submit_goal(goal(1.0, 1.0))
+    first.on_done = told.append
+    rig.step(5)
+    controller.submit_goal(goal(0.0, 0.5))
+    assert told == [first]
+
+
+def test_a_goal_s_feedback_has_a_rhythm_of_its_own(trajectories):
+    """At 20 a second: 50 ms after the cycle that takes it, whatever went before."""
+    rig, controller = trajectories
+    for pause in (2, 3):
+        times = []
+        handle = controller.submit_goal(goal(1.0, 1.0))
+        handle.on_feedback = lambda state, times=times: times.append(state.stamp_ns)
+        begin = rig.time_ns
+        rig.step(10 + pause)
+        assert [(time - begin) // 10_000_000 for time in times] == [6, 11]
+
+
+def test_the_state_of_the_start_can_be_asked_for(trajectories):
+    rig, controller = trajectories
+    assert controller.query_state(rig.time_ns).positions == [0.0]
+
+
+def test_result_codes_are_those_of_control_msgs():
+    assert [code.value for code in ErrorCode] == [0, -1, -2, -3, -4, -5]
+    assert ErrorCode.INVALID_GOAL == -1 and ErrorCode.GOAL_TOLERANCE_VIOLATED == -5
+
+
+def test_a_joint_begins_at_rest_at_zero_with_no_command():
+    joint = JointHandle("J", "revolute")
+    assert (joint.position, joint.velocity, joint.effort) == (0.0, 0.0, 0.0)
+    commands = joint.position_command, joint.velocity_command, joint.effort_command
+    assert commands == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("periods", [(0, 1000), (1000, 0), (-1, 1000), (1000, -1)])
+def test_periods_must_be_positive(periods):
+    with pytest.raises(HardwareError, match="must be positive"):
+        ControlLoop(None, None, *periods)
+    ControlLoop(None, None, 1, 1)
+
+
+@pytest.mark.parametrize("quantity", ["max_velocity", "max_acceleration", "max_effort"])
+def test_a_limit_of_zero_is_one(make_joint, quantity):
+    joint, _ = make_joint("J")
+    switch = f"has_{quantity.removeprefix('max_')}_limits"
+    limits = resolve_limits(joint, {switch: True, quantity: 0.0}, "/limits/J", print)
+    assert getattr(limits, quantity) == 0.0
+    with pytest.raises(HardwareError, match="must not be negative"):
+        resolve_limits(joint, {switch: True, quantity: -0.1}, "/limits/J", print)
+
+
+@pytest.mark.parametrize("kind", ["revolute", "prismatic"])
+def test_a_range_that_the_urdf_leaves_out_is_zero(make_joint, make_limits, kind):
+    joint, _ = make_joint("J", kind, limits=make_limits(lower=None, upper=None))
+    limits = resolve_limits(joint, {}, "/limits/J", print)
+    assert (limits.min_position, limits.max_position) == (0.0, 0.0)
+    assert JointHandle("J", kind, joint.limits).travel == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("command", [9.0, -9.0])
+def test_position_rules_without_a_range_limit_speed_alone(make_soft, command):
+    limits = Limits(max_velocity=5.0)
+    for rule in (PositionSaturation, PositionSoft):
+        joint = JointHandle("J", "continuous", None, make_soft(), POSITION)
+        joint.position = 3.0  # beyond the soft limits, which need a range
+        joint.position_command = command
+        rule(limits, joint).enforce(joint, 0.1)
+        assert joint.position_command == pytest.approx(3.0 + (0.5 if command > 0 else -0.5))
+    free = JointHandle("J", "continuous", None, None, POSITION)
+    free.position_command = command
+    PositionSaturation(Limits(), free).enforce(free, 0.1)
+    assert free.position_command == command
+
+
+@pytest.mark.parametrize("command", [9.0, -9.0])
+@pytest.mark.parametrize("limits", [Limits(max_velocity=5.0), Limits(-2.0, 2.0, 5.0)])
+def test_soft_velocity_without_soft_limits_is_the_hard_one(make_soft, limits, command):
+    """Even with a gain of zero, times an infinite distance."""
+    joint = JointHandle("J", "revolute", None, make_soft(None, None, 0.0, 0.0), VELOCITY)
+    joint.position = 0.3
+    joint.velocity_command = command
+    VelocitySoft(limits, joint).enforce(joint, 0.1)
+    assert joint.velocity_command == (5.0 if command > 0 else -5.0)
+    assert abs(joint.velocity_command) < inf
+
+
+def test_an_empty_goal_checks_the_tolerance_that_it_brings(make_rig, make_joint):
+    """It holds where it is; a joint pushed away from there does not succeed."""
+    joints = [make_joint("a", "revolute", "EffortJointInterface", "none")]
+    parameters = {"c": {"type": "effort_controllers/JointTrajectoryController", "joints": ["a"],
+                        "gains": {"a": {"p": 0.0}}, "stop_trajectory_duration": 0.5}}
+    rig = make_rig(joints, parameters, 10_000_000)
+    controller = rig.run("c")
+    tight = (JointTolerance("a", position=0.01),)
+    handle = controller.submit_goal(TrajectoryGoal(Trajectory(["a"], []), (), tight))
+    rig.model.v[0] = 1.0
+    rig.step(60)
+    assert handle.status == "aborted"
+    assert handle.result.error_code == ErrorCode.GOAL_TOLERANCE_VIOLATED
+
+
+@pytest.mark.parametrize("turns", [-7, -2, -1, 0, 1, 3, 10])
+def test_a_continuous_joint_sheds_all_full_turns(make_rig, make_joint, turns):
+    joints = [make_joint("a", "continuous", "PositionJointInterface", "none")]
+    parameters = {"c": {"type": "position_controllers/JointTrajectoryController",
+                        "joints": ["a"]}}
+    rig = make_rig(joints, parameters, 10_000_000, physics=False)
+    controller = rig.run("c")
+    controller.submit_goal(goal(0.4 + 2 * pi * turns, 0.1))
+    rig.step(20)
+    assert rig.hardware.handles["a"].position_command == pytest.approx(0.4, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "reached"),
+    [(pi, pi), (-pi, -pi), (pi + 5e-4, 5e-4 - pi), (-pi - 5e-4, pi - 5e-4), (pi - 5e-4, pi - 5e-4)],
+)
+def test_only_at_half_a_turn_the_plain_difference_decides(make_rig, make_joint, wanted, reached):
+    joints = [make_joint("a", "continuous", "PositionJointInterface", "none")]
+    parameters = {"c": {"type": "position_controllers/JointTrajectoryController",
+                        "joints": ["a"]}}
+    rig = make_rig(joints, parameters, 10_000_000, physics=False)
+    controller = rig.run("c")
+    controller.submit_goal(goal(wanted, 0.1))
+    rig.step(20)
+    assert rig.hardware.handles["a"].position_command == pytest.approx(reached, abs=1e-9)

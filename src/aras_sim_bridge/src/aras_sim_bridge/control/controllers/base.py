@@ -22,7 +22,7 @@ JointTrajectoryController. on_state is called synchronously from update() with a
 controller does not touch again; as long as it is None, nothing is built. Every set_command may be
 called from any thread: it checks the command and puts it into the controller's slot, where the
 next update() finds the latest; starting() and a reset empty the slot. All else is the
-simulation's thread's.
+simulation's thread's, trajectories too.
 
 A controller of your own derives from Controller, sets these attributes and is named by parameter
 (see registry.py); it gets its topics without a change here.

@@ -6,7 +6,6 @@ clock that is set back does not lose the trajectory.
 """
 
 from collections.abc import Mapping
-from threading import Lock
 from typing import Any
 
 from aras_sim_bridge import angles
@@ -62,8 +61,8 @@ class _Timer:
 class JointTrajectoryController(Controller):
     """What the three variants share; they differ in how a desired state becomes a command.
 
-    Every public method may be called from any thread; listeners are called without the
-    controller's lock held, so they may call back.
+    The simulation's thread alone calls it, so a trajectory acts at once, without a slot. Listeners
+    are called last in each method; they may call back.
     """
 
     command_kind = "joint_trajectory"
@@ -89,7 +88,6 @@ class JointTrajectoryController(Controller):
             params.section(parameters, "constraints", where), f"{where}/constraints", joints
         )
         self._init_output(parameters, where)
-        self._lock = Lock()
         self._running = False
         self._time_ns = self._uptime_ns = self._period_ns = 0
         self._segments: list[JointSegments] = []
@@ -112,42 +110,41 @@ class JointTrajectoryController(Controller):
 
     def starting(self, time_ns: int) -> None:
         """Hold the measured position."""
-        with self._lock:
-            self._running = False
-            ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "controller restarted")
-            self._time_ns = time_ns
-            self._uptime_ns = 0
-            self._state_timer.start(0)
-            self._hold(0)
-            for k, handle in enumerate(self._handles):
-                self._desired[0][k] = handle.position
-                self._desired[1][k] = self._desired[2][k] = 0.0
-            self._start_output(self._handles)
-            self._running = True
+        super().starting(time_ns)
+        self._running = False
+        ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "controller restarted")
+        self._time_ns = time_ns
+        self._uptime_ns = 0
+        self._state_timer.start(0)
+        self._hold(0)
+        for k, handle in enumerate(self._handles):
+            self._desired[0][k] = handle.position
+            self._desired[1][k] = self._desired[2][k] = 0.0
+        self._start_output(self._handles)
+        self._running = True
         _announce(ended)
 
     def stopping(self, time_ns: int) -> None:
         """Cancel the active goal."""
-        with self._lock:
-            self._running = False
-            ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "controller stopped")
+        self._running = False
+        ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "controller stopped")
         _announce(ended)
 
     def update(self, time_ns: int, period: float) -> None:
         """Sample the trajectory, check tolerances, command."""
-        with self._lock:
-            self._time_ns = time_ns
-            self._period_ns = round(period * _NS_PER_S)
-            self._uptime_ns = now_ns = self._uptime_ns + self._period_ns
-            active = self._goal
-            first = self._sample(now_ns)
-            self._command(period)
-            ended = self._judge(now_ns) if active is not None else None
-            feedback = active is not None and self._feedback_timer.due(now_ns)
-            publish = self._state_timer.due(now_ns) and self.on_state is not None
-            state = self._state(first, now_ns) if publish or feedback else None
-        if publish:
-            self.on_state(state)
+        self._time_ns = time_ns
+        self._period_ns = round(period * _NS_PER_S)
+        self._uptime_ns = now_ns = self._uptime_ns + self._period_ns
+        active = self._goal
+        first = self._sample(now_ns)
+        self._command(period)
+        ended = self._judge(now_ns) if active is not None else None
+        feedback = active is not None and self._feedback_timer.due(now_ns)
+        # Another thread may take the listener away at any time.
+        listener = self.on_state if self._state_timer.due(now_ns) else None
+        state = self._state(first, now_ns) if listener is not None or feedback else None
+        if listener is not None:
+            listener(state)
         if feedback and active.on_feedback is not None:
             active.on_feedback(state)
         _announce(ended)
@@ -211,9 +208,8 @@ class JointTrajectoryController(Controller):
         Ends the active goal. Raises TrajectoryError (a ControllerError) if it cannot be followed,
         and the present one goes on.
         """
-        with self._lock:
-            self._take(value, None)
-            ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "preempted by a command")
+        self._take(value, None)
+        ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "preempted by a command")
         _announce(ended)
 
     def submit_goal(self, goal: TrajectoryGoal) -> GoalHandle:
@@ -223,27 +219,25 @@ class JointTrajectoryController(Controller):
         """
         handle = GoalHandle(goal)
         ended = None
-        with self._lock:
-            try:
-                joints = self._take(goal.trajectory, handle)
-            except TrajectoryError as error:
-                handle.finish(REJECTED, error.code, str(error))
-            else:
-                ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "preempted by a new goal")
-                self._goal = handle
-                self._goal_joints = joints
-                self._arrived = set()
-                self._feedback_timer.start(self._uptime_ns)
+        try:
+            joints = self._take(goal.trajectory, handle)
+        except TrajectoryError as error:
+            handle.finish(REJECTED, error.code, str(error))
+        else:
+            ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "preempted by a new goal")
+            self._goal = handle
+            self._goal_joints = joints
+            self._arrived = set()
+            self._feedback_timer.start(self._uptime_ns)
         _announce(ended)
         return handle
 
     def cancel_goal(self, handle: GoalHandle) -> bool:
         """Stop if `handle` is the active goal; returns whether it was."""
-        with self._lock:
-            if self._goal is not handle:
-                return False
-            self._hold(self._uptime_ns)
-            ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "cancelled")
+        if self._goal is not handle:
+            return False
+        self._hold(self._uptime_ns)
+        ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "cancelled")
         _announce(ended)
         return True
 
@@ -252,23 +246,22 @@ class JointTrajectoryController(Controller):
 
         Raises ControllerError if the controller does not run or the time precedes the trajectory.
         """
-        with self._lock:
-            if not self._running:
-                raise ControllerError(f"controller '{self.context.name}' is not running")
-            at_ns = self._uptime_ns + time_ns - self._time_ns
-            samples = []
-            for segments in self._segments:
-                index = segment_at(segments, at_ns)
-                if index < 0:
-                    raise ControllerError(
-                        f"controller '{self.context.name}': time {time_ns / _NS_PER_S:.3f} s "
-                        f"precedes the trajectory"
-                    )
-                samples.append(segments[index].sample(at_ns))
+        if not self._running:
+            raise ControllerError(f"controller '{self.context.name}' is not running")
+        at_ns = self._uptime_ns + time_ns - self._time_ns
+        samples = []
+        for segments in self._segments:
+            index = segment_at(segments, at_ns)
+            if index < 0:
+                raise ControllerError(
+                    f"controller '{self.context.name}': time {time_ns / _NS_PER_S:.3f} s "
+                    f"precedes the trajectory"
+                )
+            samples.append(segments[index].sample(at_ns))
         return StatePoint(*(list(values) for values in zip(*samples, strict=True)))
 
     def _take(self, trajectory: Trajectory, goal: GoalHandle | None) -> set[int]:
-        """Make `trajectory` the present one; returns the joints it moves. Lock held.
+        """Make `trajectory` the present one; returns the joints it moves.
 
         Raises TrajectoryError, with nothing changed, if it cannot be followed.
         """

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from threading import Lock
 
 from aras_sim_bridge.errors import ControllerError
 
@@ -110,9 +109,9 @@ class GoalHandle:
     """A goal and what became of it.
 
     `status` is 'active', 'rejected', 'succeeded', 'aborted' or 'preempted'; in the last four
-    `result` is set. May be polled from any thread. `on_feedback(TrajectoryState)` is called at
-    the controller's action_monitor_rate and `on_done(GoalHandle)` once, from the thread that
-    caused it, without any lock held; an on_done set after the end is called at once.
+    `result` is set. `on_feedback(TrajectoryState)` is called at the controller's
+    action_monitor_rate and `on_done(GoalHandle)` once; an on_done set after the end is called at
+    once. All in the simulation's thread.
     """
 
     def __init__(self, goal: TrajectoryGoal) -> None:
@@ -122,7 +121,6 @@ class GoalHandle:
         self.on_feedback: Callable[[TrajectoryState], None] | None = None
         self._on_done: Callable[[GoalHandle], None] | None = None
         self._announced = False
-        self._lock = Lock()
 
     @property
     def done(self) -> bool:
@@ -147,9 +145,7 @@ class GoalHandle:
 
     def announce(self) -> None:
         """Call on_done if the goal has ended and it was not called yet."""
-        with self._lock:
-            callback = self._on_done
-            if callback is None or not self.done or self._announced:
-                return
+        callback = self._on_done
+        if callback is not None and self.done and not self._announced:
             self._announced = True
-        callback(self)
+            callback(self)

@@ -1,0 +1,174 @@
+"""Commands wait in slots; listeners that leave, resets and bad code in a controller do no harm."""
+
+from math import nan
+
+import pytest
+
+from aras_sim_bridge.control.controllers import Controller
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.errors import ControllerError
+
+PID = {"p": 10.0}
+KINDS = {
+    "effort_controllers/JointPositionController": {"joint": "a", "pid": PID},
+    "effort_controllers/JointVelocityController": {"joint": "a", "pid": PID},
+    "effort_controllers/JointEffortController": {"joint": "a"},
+    "effort_controllers/JointGroupEffortController": {"joints": ["a"]},
+    "effort_controllers/JointGroupPositionController": {"joints": ["a"], "a": {"pid": PID}},
+}
+
+
+@pytest.fixture(params=KINDS)
+def bench(request, make_rig, make_joint):
+    """(rig, controller 'c' running, give a command, the effort it comes to)."""
+    own = {"type": request.param, **KINDS[request.param]}
+    rig = make_rig([make_joint("a")], {"c": own}, physics=False)
+    controller = rig.run("c")
+    rig.step()
+
+    def give(value):
+        controller.set_command([value] if "Group" in request.param else value)
+
+    return rig, controller, give, lambda: rig.hardware.handles["a"].effort_command
+
+
+def test_the_latest_of_several_commands_acts_in_the_next_cycle_alone(bench):
+    rig, controller, give, effort = bench
+    for value in (0.5, -1.5, 1.0):
+        give(value)
+    assert effort() == 0.0
+    rig.step()
+    acted = effort()
+    assert acted in (1.0, 10.0)
+    rig.step()
+    assert effort() == acted
+    assert not controller.slot
+
+
+def test_a_refused_command_does_not_push_out_a_good_one(bench):
+    rig, controller, give, effort = bench
+    give(1.0)
+    with pytest.raises(ControllerError):
+        give(nan)
+    rig.step()
+    assert effort() in (1.0, 10.0)
+
+
+def test_a_reset_and_a_start_forget_what_no_cycle_has_seen(bench):
+    rig, controller, give, effort = bench
+    give(1.0)
+    rig.loop.reset()
+    rig.step()
+    assert effort() == 0.0
+    rig.manager.switch([], ["c"])
+    rig.step()
+    give(1.0)
+    rig.manager.switch(["c"], [])
+    rig.step(2)
+    assert effort() == 0.0
+
+
+class Leaving:
+    """A listener that is taken away right after it was seen, as another thread may do."""
+
+    def __set_name__(self, owner, name):
+        self.heard = []
+
+    def __get__(self, owner, kind=None):
+        seen, owner.__dict__["left"] = not owner.__dict__.get("left", False), True
+        return self.heard.append if seen else None
+
+    def __set__(self, owner, value):
+        """As if nobody listened yet."""
+
+
+TRAJECTORY = "effort_controllers/JointTrajectoryController"
+
+
+@pytest.mark.parametrize("kind", [
+    "effort_controllers/JointPositionController", "effort_controllers/JointVelocityController",
+    "joint_state_controller/JointStateController", TRAJECTORY])
+def test_a_listener_that_leaves_between_two_looks_aborts_nothing(make_rig, make_joint, kind):
+    own = {"type": kind, "joint": "a", "joints": ["a"], "pid": PID, "publish_rate": 100.0,
+           "gains": {"a": PID}}
+    rig = make_rig([make_joint("a")], {"c": own}, physics=False)
+    controller = rig.manager.load("c")
+    leaving = type("Left", (type(controller),), {"on_state": Leaving()})
+    controller.__class__ = leaving
+    rig.manager.switch(["c"], [])
+    rig.step(60)
+    assert rig.manager.list()[0].state == "running", rig.log
+    assert len(leaving.__dict__["on_state"].heard) == 1
+
+
+def test_a_pid_s_listener_that_leaves_aborts_nothing(make_rig, make_joint):
+    own = {"type": "effort_controllers/JointPositionController", "joint": "a", "pid": PID}
+    rig = make_rig([make_joint("a")], {"c": own}, physics=False)
+    controller = rig.run("c")
+    pid = controller.pids["pid"]
+    # The PID looks once whether anybody listens, and once more to call.
+    looks = iter([lambda state: None, None])
+
+    class Pid(type(pid)):
+        __slots__ = ()
+        on_state = property(lambda self: next(looks, None), lambda self, value: None)
+
+    fresh = Pid(10.0)
+    controller._loop.pid = fresh
+    rig.step(3)
+    assert rig.manager.list()[0].state == "running", rig.log
+
+
+@pytest.mark.parametrize("limit", ['velocity="3"', 'effort="50"', ""])
+def test_a_continuous_joint_whose_limit_is_not_complete_moves(make_rig, make_joint, limit):
+    """No effort in <limit> means none is limited, not that none is allowed."""
+    text = ('<robot name="r"><link name="w"/><link name="a"><inertial><mass value="1"/><inertia '
+            'ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="a" '
+            'type="continuous"><parent link="w"/><child link="a"/>'
+            f'<limit {limit}/></joint></robot>')
+    described = parse_urdf(text).joints["a"]
+    joint = make_joint("a", "continuous", limits=described.limits)
+    rig = make_rig([joint], {"c": {"type": "effort_controllers/JointEffortController",
+                                   "joint": "a"}})
+    controller = rig.run("c")
+    controller.set_command(40.0)
+    rig.step(2)
+    assert rig.model.tau == [40.0]
+    assert rig.model.q[0] > 0.0
+
+
+class Faulty(Controller):
+    """Commands everything it has, then fails."""
+
+    interface = "VelocityJointInterface"
+
+    def init(self, hardware, parameters, context):
+        super().init(hardware, parameters, context)
+        self.handle = self.take_handle(hardware, "a")
+        self.joints = ("a",)
+
+    def update(self, time_ns, period):
+        self.handle.velocity_command = 2.0
+        self.handle.effort_command = 3.0
+        raise ValueError("mine")
+
+
+@pytest.mark.parametrize("measured", [False, True])
+def test_a_controller_that_fails_leaves_no_command_behind(make_rig, make_joint, measured,
+                                                          monkeypatch):
+    """Whether or not statistics are taken, its joint gets velocity 0 and the line says why."""
+    import sys
+
+    monkeypatch.setitem(sys.modules, "faulty_module", sys.modules[__name__])
+    rig = make_rig([make_joint("a", interface="VelocityJointInterface")],
+                   {"c": {"type": "faulty_module:Faulty"}}, physics=False)
+    if measured:
+        rig.manager.clock_ns = lambda: 0
+    rig.run("c")
+    rig.step(2)
+    handle = rig.hardware.handles["a"]
+    assert (handle.velocity_command, handle.effort_command) == (0.0, 0.0)
+    assert rig.model.calls[-1][:3] == ("velocity", "a", 0.0)
+    assert rig.manager.list()[0].state == "aborted"
+    assert any("ValueError in update(): mine" in line for line in rig.log)
+    assert rig.manager.statistics()[0].running is False

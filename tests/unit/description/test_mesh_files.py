@@ -128,6 +128,7 @@ DAMAGED = [
     ("away.dae", dae('url="#g"', 'url="#h"'), "shows a geometry that is not there: '#h'"),
     ("scene.dae", dae('instance_visual_scene url="#scene"', "instance_visual_scene"), "url ''"),
     ("count.dae", dae('count="12"', 'count="2000000000"'), "of 2000000000 has 12 numbers"),
+    ("more.dae", dae('triangles count="4"', 'triangles count="3"'), "<p> has 12 indices"),
     ("few.dae", dae('triangles count="4"', 'triangles count="5"'), "<p> has 12 indices"),
     ("nan.dae", dae(">0 0 0 0.1", ">nan 0 0 0.1"), "not finite"),
     ("word.dae", dae("<p>0 ", "<p>one "), "<p> holds what is no number"),
@@ -238,6 +239,17 @@ def test_collada_s_unit_counts_and_its_up_axis_does_not(tmp_path):
         assert model.link_pose("arm").xyz[2] == pytest.approx(-0.2, abs=0.01)
 
 
+def test_nodes_place_what_is_in_them_from_the_inside_out(tmp_path):
+    path = tmp_path / "a.dae"
+    path.write_bytes(dae(
+        '<translate>0 0 0</translate>\n<instance_geometry url="#g"/>',
+        "<translate>1 0 0</translate><rotate>0 0 1 90</rotate><node><scale>2 3 4</scale>"
+        '<translate>0 0 1</translate><instance_geometry url="#g"/></node>'))
+    (mesh,) = read(str(path))
+    assert mesh.positions.min(axis=0) == pytest.approx([1 - 0.3, 0, 4], abs=1e-6)
+    assert mesh.positions.max(axis=0) == pytest.approx([1, 0.2, 4.4], abs=1e-6)
+
+
 def test_a_mirrored_node_keeps_its_outside_outside(tmp_path):
     path = tmp_path / "a.dae"
     path.write_bytes(dae("<translate>0 0 0</translate>", "<scale>-1 1 2</scale>"))
@@ -277,10 +289,11 @@ def test_pipes_devices_and_folders_are_refused_and_do_not_hang(tmp_path):
     folder = tmp_path / "folder.stl"
     folder.mkdir()
     (tmp_path / "zero.stl").symlink_to("/dev/zero")
-    for name in ("pipe.stl", "folder.stl", "zero.stl", "gone.stl"):
-        with pytest.raises(DescriptionError) as refused:
+    for name, reason in (("pipe.stl", "it is no regular file"), ("folder.stl", "Is a dir"),
+                         ("zero.stl", "it is no regular file"), ("gone.stl", "No such")):
+        with pytest.raises(DescriptionError, match=reason) as refused:
             read(str(tmp_path / name))
-        assert name in str(refused.value)
+        assert refused.value.path == str(tmp_path / name) and name in str(refused.value)
 
 
 def test_what_is_too_much_is_refused_before_it_is_read(tmp_path, monkeypatch):

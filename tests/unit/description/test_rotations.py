@@ -56,6 +56,15 @@ def test_half_turns_have_a_quaternion(axis):
     np.testing.assert_allclose(np.abs(quat), expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("place", [1, 2, 4])
+def test_one_product_of_inertia_turns_the_axes(place):
+    inertia = [2.0, 0.0, 0.0, 2.0, 0.0, 2.0]
+    inertia[place] = 0.5
+    moments, axes = principal_axes(tuple(inertia))
+    assert sorted(moments) == pytest.approx([1.5, 2.0, 2.5])
+    np.testing.assert_allclose(axes @ np.diag(moments) @ axes.T, tensor(inertia), atol=1e-12)
+
+
 def tensors():
     """Symmetric positive tensors whose eigenvectors come out of numpy as reflections and not."""
     rng = np.random.default_rng(4)

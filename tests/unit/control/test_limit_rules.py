@@ -146,6 +146,9 @@ def test_velocity_saturation(proves, acceleration, commands, expected):
         ("vhi = -10 (1.4 - 1.5) = 1", None, 1.4, 0.0, 9.0, 1.0),
         ("beyond the soft limit it must come back", None, 1.6, 0.0, 9.0, -1.0),
         ("amax dt = 1 around the measured velocity", 10.0, 0.0, 2.0, 9.0, 3.0),
+        ("amax dt = 1 below the measured velocity", 10.0, 0.7, 2.0, -9.0, 1.0),
+        ("-vmax", None, 0.0, 0.0, -9.0, -5.0),
+        ("what is within passes", 10.0, 0.0, 2.0, 1.5, 1.5),
     ],
 )
 def test_velocity_soft(make_soft, proves, acceleration, position, velocity, command, expected):

@@ -75,6 +75,7 @@ def test_monotonic_where_the_line_is():
         ((1, 0, 0), 1, 9, True),
         ((1, 0, 0), -1.1, 0, False),
         ((0, 1, 0), 9, -1.1, False),
+        ((0, 1, 0), 9, -1, True),
         ((0, 0, 0.001), 9, 9, True),
     ],
 )

@@ -315,8 +315,12 @@ class TestGoals:
         b = bench()
         handle = b.controller.submit_goal(TrajectoryGoal(line()))
         b.rig.step(51)
+        told = []
+        handle.on_done = told.append
         assert b.controller.cancel_goal(handle)
-        assert handle.status == "preempted"
+        assert (handle.status, told) == ("preempted", [handle])
+        assert handle.result.error_code == ErrorCode.SUCCESSFUL
+        assert handle.result.error_string == "cancelled"
         assert b.after(1.0) == pytest.approx(0.49)
         assert not b.controller.cancel_goal(handle)
 
@@ -398,6 +402,13 @@ class TestOutputsAndState:
         # desired 0.5 at velocity 1 against rest: 3 · 1 + 100 · 0.5 + 10 · 1
         assert b.rig.model.tau[0] == pytest.approx(63.0)
         assert set(b.controller.pids) == {"gains/a"}
+
+    def test_without_feed_forward_the_desired_velocity_alone_moves_nothing(self, bench):
+        b = bench("effort", gains={"a": {"p": 100.0, "d": 10.0}})
+        b.rig.model.stuck.add("a")
+        b.controller.set_command(line())
+        b.rig.step(51)
+        assert b.rig.model.tau[0] == pytest.approx(60.0)
 
     def test_velocity_variant_commands_velocities(self, bench):
         b = bench("velocity", gains={"a": {"p": 2.0}}, velocity_ff={"a": 1.0})

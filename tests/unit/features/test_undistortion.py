@@ -74,6 +74,18 @@ def test_a_place_has_a_ray_only_if_the_ray_leads_back(camera: CameraModel) -> No
     assert (np.hypot(x, y) < np.tan(np.deg2rad(88.0))).all()
 
 
+def test_a_fisheye_is_good_up_to_its_fold() -> None:
+    """theta (1 - 0.02 theta^8) grows up to theta = (1 / 0.18)^(1/8) = 1.239."""
+    K = (100.0, 0, 0, 0, 100.0, 0, 0, 0, 1)
+    folding = CameraModel(320, 240, K, (0.0, 0.0, 0.0, -0.02), "equidistant")
+    theta = np.array([0.3, 1.0, 1.2, 1.232, 1.238])
+    x, y, valid = folding.normalise(*folding.project(np.tan(theta), 0.0 * theta))
+    assert valid.all()
+    np.testing.assert_allclose(np.arctan(x), theta, atol=1e-7)
+    beyond = 100.0 * 1.2392 * (1 - 0.02 * 1.2392**8) + np.array([0.1, 5.0, 50.0])
+    assert not folding.normalise(beyond, 0.0 * beyond)[2].any()
+
+
 @pytest.mark.parametrize("model", ["plumb_bob", "equidistant"])
 def test_a_pixel_counts_where_its_centre_and_corners_have_rays(model: str) -> None:
     D = (-0.33, 0.0, 0.0, 0.0) if model == "plumb_bob" else (-0.01, 0.0, 0.0, 0.0)

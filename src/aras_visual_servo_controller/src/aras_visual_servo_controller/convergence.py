@@ -37,9 +37,11 @@ class Convergence:
             self._seen.popleft()
         if stamp - self._seen[0][0] < self.hold - ROUNDING:
             return False
-        errors = np.array([e for _, e in self._seen])
         limit = np.asarray(tolerances, float) * (FORGIVEN if self.reached else 1.0)
-        near = (np.abs(errors.mean(axis=0)) < limit).all()
-        still = (errors.std(axis=0) < SCATTER * limit).all()
-        self.reached = bool(near and still)
+        errors = np.array([e for _, e in self._seen])
+        mean = errors.sum(axis=0) / len(errors)
+        self.reached = bool((np.abs(mean) < limit).all())
+        if self.reached:
+            spread = np.square(errors - mean).sum(axis=0) / len(errors)
+            self.reached = bool((spread < (SCATTER * limit) ** 2).all())
         return self.reached

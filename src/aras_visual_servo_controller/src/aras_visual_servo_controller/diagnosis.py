@@ -56,7 +56,17 @@ class _Seen:
     resolution: Resolution | None
     rank: int
     full_rank: int
-    reached: float
+    L: np.ndarray | None
+    error: np.ndarray
+
+    def reached(self) -> float:
+        """Part of the error (k,) that some twist could take away, by L (k, 6); both in
+        tolerances."""
+        norm = float(np.linalg.norm(self.error))
+        if self.L is None or len(self.L) != len(self.error) or norm == 0.0:
+            return 1.0
+        answer = np.linalg.lstsq(self.L, self.error, rcond=1e-6)[0]
+        return float(np.linalg.norm(self.L @ answer)) / norm
 
 
 class Diagnosis:
@@ -176,18 +186,13 @@ class Diagnosis:
         size = float(np.max(np.abs(decision.error) / tolerances))
         asked = float(np.linalg.norm(state.twist[:3]) + 0.1 * np.linalg.norm(state.twist[3:]))
         modelled = 6 if decision.task is None else int(np.sum(decision.task.modelled))
-        reached = 1.0
-        if decision.L is not None and len(decision.L) == len(decision.error):
-            scaled = decision.L / tolerances[:, None]
-            wanted = decision.error / tolerances
-            norm = float(np.linalg.norm(wanted))
-            if norm > 0.0:
-                answer = np.linalg.lstsq(scaled, wanted, rcond=1e-6)[0]
-                reached = float(np.linalg.norm(scaled @ answer)) / norm
+        L = decision.L
+        if L is not None and len(L) == len(tolerances):
+            L = L / tolerances[:, None]
         self._window.append(
             _Seen(
                 state.stamp, size, asked, state.resolution, state.rank,
-                min(modelled, len(decision.error)), reached,
+                min(modelled, len(decision.error)), L, decision.error / tolerances,
             )  # fmt: skip
         )
         while self._window[0].stamp < state.stamp - WINDOW:
@@ -231,7 +236,7 @@ class Diagnosis:
 
     @staticmethod
     def _minimum(seen: list[_Seen]) -> Outcome | None:
-        if not all(s.reached < UNREACHED for s in seen[len(seen) // 2 :]):
+        if not all(s.reached() < UNREACHED for s in seen[len(seen) // 2 :]):
             return None
         words = ""
         resolution = seen[-1].resolution
@@ -241,7 +246,7 @@ class Diagnosis:
         return Outcome(
             "local_minimum",
             f"the camera stands still with an error {seen[-1].size:.0f} times its tolerance: L v "
-            f"gives {100.0 * seen[-1].reached:.0f} % of it{words}",
+            f"gives {100.0 * seen[-1].reached():.0f} % of it{words}",
             "begin nearer to the goal, or use L desired or mean",
         )
 

@@ -157,5 +157,7 @@ class CameraEvidence:
 def body_motion(before_T_after: np.ndarray) -> np.ndarray:
     """Twist (6,) that gives a small motion (4, 4) in one unit of time: its logarithm."""
     w, p = rotation_vector(before_T_after[:3, :3]), before_T_after[:3, 3]
-    once = np.cross(w, p)
-    return np.concatenate([p - 0.5 * once + np.cross(w, once) / 12.0, w])
+    (x, y, z), dot = w, float(w @ w)
+    once = np.array([y * p[2] - z * p[1], z * p[0] - x * p[2], x * p[1] - y * p[0]])
+    twice = w * float(w @ p) - p * dot  # w x (w x p)
+    return np.concatenate([p - 0.5 * once + twice / 12.0, w])

@@ -86,27 +86,37 @@ class Task:
         return cls.of(np.eye(6)[modelled], twist[modelled], modelled)
 
     @cached_property
+    def _factors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Singular value decomposition of L in its modelled directions."""
+        return np.linalg.svd(self.L[:, self.modelled], full_matrices=False)
+
+    @property
     def singular_values(self) -> np.ndarray:
         """Of L in its modelled directions, largest first."""
-        return np.linalg.svd(self.L[:, self.modelled], compute_uv=False)
+        return self._factors[1]
 
     @property
     def rank(self) -> int:
         """Rank of L in its modelled directions."""
         s = self.singular_values
-        return int((s > RANK_TOLERANCE * s[0]).sum()) if s[0] > 0.0 else 0
+        return int((s > RANK_TOLERANCE * s[0]).sum()) if s.size and s[0] > 0.0 else 0
 
     @cached_property
     def twist(self) -> np.ndarray:
         """(6,) least-squares twist of a camera that moves in the modelled directions alone."""
         twist = np.zeros(6)
-        twist[self.modelled] = pseudo_inverse(self.L[:, self.modelled]) @ self.rate
+        twist[self.modelled] = _solution(*self._factors, self.rate)
         return twist
 
 
-def pseudo_inverse(L: np.ndarray, tolerance: float = RANK_TOLERANCE) -> np.ndarray:
-    """L^+ (n, k) of L (k, n); singular values below `tolerance` of the greatest count as zero."""
-    return np.linalg.pinv(L, rcond=tolerance)
+def least_squares(L: np.ndarray, e: np.ndarray) -> np.ndarray:
+    """L^+ e (n,) of L (k, n); singular values below RANK_TOLERANCE of the greatest count as 0."""
+    return _solution(*np.linalg.svd(L, full_matrices=False), e)
+
+
+def _solution(u: np.ndarray, s: np.ndarray, vt: np.ndarray, e: np.ndarray) -> np.ndarray:
+    kept = s > RANK_TOLERANCE * s[0] if s.size else s > 0.0
+    return vt[kept].T @ ((u[:, kept].T @ e) / s[kept])
 
 
 def _numbers(values: ArrayLike) -> np.ndarray:

@@ -13,7 +13,7 @@ from ..goal import Goal
 from ..laws import Law
 from ..naming import unknown
 from ..observation import SEGMENTED, Observation
-from ..task import Task, pseudo_inverse
+from ..task import Task, least_squares
 from .base import Decision, Scheme
 
 INTERACTIONS = ("current", "desired", "mean", "estimated")
@@ -148,5 +148,5 @@ def _rotated(L: np.ndarray, error: np.ndarray, weights: np.ndarray | None) -> np
     if weights is not None:
         L, error = weights[:, None] * L, weights * error
     if len(L) > 64:
-        return pseudo_inverse(L.T @ L) @ (L.T @ error)
-    return pseudo_inverse(L) @ error
+        return least_squares(L.T @ L, L.T @ error)
+    return least_squares(L, error)

@@ -1,44 +1,156 @@
-"""Gains of the laws."""
+"""Laws: rates, memory, what reset clears, and what their constructors refuse."""
 
 import numpy as np
 import pytest
 
-from aras_visual_servo_controller.before.laws import Adaptive, Diagonal, Proportional
 from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.laws import (
+    LAWS,
+    Adaptive,
+    ContinuousStart,
+    Diagonal,
+    Law,
+    Proportional,
+    ProportionalIntegral,
+    Ramp,
+    SlidingMode,
+    create_law,
+)
 
-ERROR = np.array([0.2, -0.1])
-L = np.array([[-1.0, 0.0, 0.5], [0.0, -2.0, 0.1]])
-
-
-@pytest.mark.parametrize("law", [Proportional(2.0), Adaptive(), Diagonal([1.0, 4.0])])
-def test_features_decay_at_the_gain(law):
-    v = law.velocity(L, ERROR, elapsed=10.0)
-    np.testing.assert_allclose(L @ v, -law.gain(ERROR, 10.0) * ERROR)
-
-
-def test_ramp_begins_at_zero_and_ends_at_the_gain():
-    law = Proportional(3.0, ramp=0.1)
-    assert law.gain(ERROR, 0.0)[0] == 0.0
-    assert law.gain(ERROR, 0.1)[0] == pytest.approx(3.0 * (1 - np.exp(-1)))
-    assert law.gain(ERROR, 9.0)[0] == pytest.approx(3.0)
-
-
-def test_adaptive_gain_has_its_limits_and_slope():
-    law = Adaptive(zero=5.0, infinity=2.0, slope=30.0)
-    assert law.gain(np.zeros(2), 0.0)[0] == pytest.approx(5.0)
-    assert law.gain(np.full(2, 10.0), 0.0)[0] == pytest.approx(2.0)
-    rise = (law.gain(np.full(2, 1e-6), 0.0)[0] - 5.0) / 1e-6
-    assert rise == pytest.approx(-30.0, rel=1e-3)
+E = np.array([0.2, -0.1, 0.04])
+L = np.random.default_rng(0).normal(size=(3, 6))
+ROTATED = np.linalg.pinv(L) @ E
+DT = 1 / 30
 
 
-def test_wrong_gains_are_refused():
-    for make in (
-        lambda: Proportional(-1.0),
-        lambda: Proportional(float("nan")),
-        lambda: Proportional(1.0, ramp=-0.1),
-        lambda: Adaptive(zero=1.0, infinity=2.0),
-        lambda: Diagonal([1.0, 0.0]),
-        lambda: Diagonal([1.0]).gain(ERROR, 0.0),
-    ):
-        with pytest.raises(ConfigurationError):
-            make()
+def rate(law, error=E, t=0.0, dt=DT, rotated=ROTATED):
+    return law.rate(np.asarray(error, float), L, rotated, t, dt)
+
+
+def test_proportional_and_diagonal():
+    np.testing.assert_allclose(rate(Proportional(3.0)), -3.0 * E)
+    np.testing.assert_allclose(rate(Diagonal([1.0, 2.0, 30.0])), [-0.2, 0.2, -1.2])
+    with pytest.raises(ConfigurationError, match="2 gains for 3 features"):
+        rate(Diagonal([1.0, 2.0]))
+
+
+@pytest.mark.parametrize("size", [0.0, 0.01, 0.07, 5.0])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_adaptive_is_visps_on_the_largest_component(size, sign):
+    rotated = np.array([0.0, 0.0, sign * size, 0.5 * size, 0.0, -0.2 * size])
+    gain = (4.0 - 0.4) * np.exp(-30.0 * size / (4.0 - 0.4)) + 0.4
+    np.testing.assert_allclose(rate(Adaptive(4.0, 0.4, 30.0), rotated=rotated), -gain * E)
+
+
+def test_pi_takes_away_what_a_steady_drift_leaves():
+    """e_dot = drift + law: proportional alone stays behind by drift / gain."""
+    drift = np.array([0.05])
+    for law, left in ((Proportional(4.0), 0.0125), (ProportionalIntegral(4.0, 2.0), 0.0)):
+        e = np.array([0.1])
+        for i in range(600):
+            e = e + DT * (drift + law.rate(e, np.zeros((1, 6)), np.zeros(6), i * DT, DT))
+        assert e[0] == pytest.approx(left, abs=2e-4)
+
+
+def test_the_integral_is_that_of_the_error_is_bounded_and_is_reset():
+    law = ProportionalIntegral(2.0, 3.0, bound=0.5)
+    np.testing.assert_allclose(rate(law, t=0.0, dt=0.0), -2.0 * E)
+    np.testing.assert_allclose(rate(law, dt=0.1), -2.0 * E - 3.0 * 0.1 * E)
+    for _ in range(500):
+        last = rate(law, dt=0.1)
+    np.testing.assert_allclose(last, -2.0 * E - 0.5 * 2.0 * E)  # bound x gain x error
+    law.reset()
+    np.testing.assert_allclose(rate(law, dt=0.0), -2.0 * E)
+
+
+def test_sliding_mode_is_proportional_plus_a_bounded_switch():
+    law = SlidingMode(3.0, 0.02, 0.1)
+    np.testing.assert_allclose(
+        rate(law), -3.0 * E - 0.02 * np.array([1.0, -1.0, 0.4]), atol=1e-15
+    )
+    law = SlidingMode(3.0, 0.02, 0.05)
+    np.testing.assert_allclose(
+        rate(law), -3.0 * E - 0.02 * np.array([1.0, -1.0, 0.8]), atol=1e-15
+    )
+
+
+@pytest.mark.parametrize("begin", [0.0, 7.0])
+def test_continuous_start_begins_at_rest_and_ends_as_the_law(begin):
+    law = ContinuousStart(Proportional(2.0), 4.0)
+    first = rate(law, t=begin)
+    np.testing.assert_allclose(np.linalg.pinv(L) @ first, 0.0, atol=1e-12)
+    later = rate(law, 0.5 * E, t=begin + 0.25, rotated=0.5 * ROTATED)
+    np.testing.assert_allclose(later, -2.0 * (0.5 * E - np.exp(-1.0) * L @ ROTATED))
+    np.testing.assert_allclose(rate(law, t=begin + 10.0), -2.0 * E, rtol=1e-9)
+    law.reset()
+    np.testing.assert_allclose(np.linalg.pinv(L) @ rate(law, t=begin + 11.0), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("begin", [0.0, 7.0])
+def test_ramp(begin):
+    law = Ramp(Proportional(2.0), 0.5)
+    np.testing.assert_allclose(rate(law, t=begin), 0.0)
+    np.testing.assert_allclose(rate(law, t=begin + 0.5), -2.0 * (1 - np.exp(-1.0)) * E)
+    law.reset()
+    np.testing.assert_allclose(rate(law, t=begin + 3.0), 0.0)
+
+
+@pytest.mark.parametrize("wrapper", [ContinuousStart, Ramp])
+def test_wrappers_reset_the_law_inside(wrapper):
+    law = ProportionalIntegral(2.0, 3.0)
+    wrapped = wrapper(law, 1.0)
+    rate(wrapped, t=0.0, dt=1.0)
+    wrapped.reset()
+    np.testing.assert_allclose(rate(law, dt=0.0), -2.0 * E)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_every_law_is_made_by_name_and_answers_its_shape(name):
+    gains = {"values": [1.0, 2.0, 3.0]} if name == "diagonal" else {}
+    law = create_law(name, continuous_start=4.0, ramp=0.1, **gains)
+    assert isinstance(law, ContinuousStart)
+    assert isinstance(law.law, Ramp)
+    answer = rate(law, t=1.0)
+    assert answer.shape == (3,)
+    assert np.isfinite(answer).all()
+    assert isinstance(create_law(name, **gains), LAWS[name])
+
+
+@pytest.mark.parametrize("gain", [0.0, -1.0, np.nan, np.inf, 1e9, "5", True, None])
+@pytest.mark.parametrize("law", ["proportional", "pi", "sliding_mode"])
+def test_gains_that_are_none(law, gain):
+    with pytest.raises(ConfigurationError, match="gain is"):
+        create_law(law, gain=gain)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Adaptive(1.0, 2.0), "must exceed"),
+        (lambda: Adaptive(2.0, 2.0), "must exceed"),
+        (lambda: Adaptive(slope=0.0), "slope"),
+        (lambda: Diagonal([]), "list of gains"),
+        (lambda: Diagonal([1.0, 0.0]), "gain 1"),
+        (lambda: SlidingMode(width=0.0), "width"),
+        (lambda: SlidingMode(reach=10.0, width=1e-3), "widen"),
+        (lambda: ContinuousStart(Proportional(), 0.0), "mu"),
+        (lambda: Ramp(Proportional(), -1.0), "time"),
+        (lambda: create_law("proportionl"), "did you mean 'proportional'"),
+        (lambda: create_law("proportional", gian=3.0), "unexpected keyword"),
+        (lambda: create_law("numpy:ndarray"), "not a class derived from Law"),
+    ],
+)
+def test_laws_that_there_are_not(make, words):
+    with pytest.raises(ConfigurationError, match=words):
+        make()
+
+
+def test_the_named_gains_can_be_changed_while_it_runs():
+    for name in LAWS:
+        law = create_law(name, **({"values": [1.0]} if name == "diagonal" else {}))
+        assert law.gains
+        assert all(hasattr(law, gain) for gain in law.gains)
+    law = Proportional(2.0)
+    law.gain = 4.0
+    np.testing.assert_allclose(rate(law), -4.0 * E)
+    assert issubclass(Law, object)

@@ -1,0 +1,203 @@
+"""Goals: kept whole in a file, checked key by key, refused where they do not fit."""
+
+import os
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from loop_rig import CAMERA, CONFIG, the_arm, the_goal
+
+from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.arm.poses import pose_difference, transform
+from aras_visual_servo_controller.errors import ConfigurationError, ServoError
+from aras_visual_servo_controller.goal import Goal, to_xyz_rpy
+from aras_visual_servo_controller.joint_sample import JointSample
+from aras_visual_servo_controller.observation import Observer
+from aras_visual_servo_controller.schemes import create_scheme
+from aras_visual_servo_controller.target_geometry import TargetGeometry
+
+
+def mapping(**changes):
+    data = yaml.safe_load((CONFIG / "goal_2016.yaml").read_text())
+    for key, value in changes.items():
+        if value is None:
+            data.pop(key)
+        else:
+            data[key] = value
+    return data
+
+
+@pytest.mark.parametrize("year", ["2015", "2016"])
+def test_the_shipped_goals_are_what_an_exact_camera_sees(year):
+    goal = Goal.load(CONFIG / f"goal_{year}.yaml")
+    assert goal.moments.order == 6
+    fitted = goal.for_arm(the_arm())
+    again = fitted.seen_from(fitted.world_T_camera)
+    np.testing.assert_allclose(again.moments.m_array, goal.moments.m_array, rtol=1e-6, atol=1e-12)
+    assert again.depth == pytest.approx(goal.depth, rel=1e-6)
+    np.testing.assert_allclose(again.plane, goal.plane, atol=1e-6)
+    np.testing.assert_allclose(again.kernel.features, goal.kernel.features, rtol=1e-3)
+
+
+def taught():
+    scheme = create_scheme("points+moments")
+    goal = the_goal("2016")
+    names = the_arm().names
+    joints = JointSample.of(1.0, names, goal.joint_values(names) + 0.01)
+    observer = Observer(the_arm(), scheme.needs)
+    outline = goal.target.outline(the_arm().pose(joints.positions))
+    seen = observer.of_exact(1.0, CAMERA, joints, contour=outline)
+    return scheme, seen, Goal.teach(scheme, seen, "mine", depth=0.2, target=goal.target)
+
+
+def test_what_was_seen_is_what_is_taught_and_survives_a_file():
+    scheme, seen, goal = taught()
+    path_text = goal.to_yaml("a heading\nof two lines")
+    assert path_text.startswith("# a heading\n# of two lines\n")
+    back = Goal.from_mapping(yaml.safe_load(path_text), "mine")
+    assert back.joints == dict(zip(the_arm().names, seen.joints.positions, strict=True))
+    np.testing.assert_allclose(back.moments.m_array, seen.moments.m_array, rtol=1e-15)
+    np.testing.assert_allclose(back.moments.mu_array, seen.moments.mu_array, rtol=1e-15)
+    np.testing.assert_allclose(back.features["points"]["points"], seen.corners)
+    np.testing.assert_allclose(back.world_T_camera, seen.world_T_camera, atol=1e-12)
+    assert (back.depth, back.camera) == (0.2, CAMERA)
+    np.testing.assert_allclose(back.target.boxes, goal.target.boxes)
+    scheme.check(back.for_arm(the_arm()))
+
+
+def test_teaching_what_is_not_seen_or_at_no_depth():
+    scheme, seen, _ = taught()
+    with pytest.raises(ConfigurationError, match="not seen: gone"):
+        Goal.teach(scheme, replace(seen, valid=False, reason="gone"), depth=0.2)
+    with pytest.raises(ConfigurationError, match="give the depth"):
+        Goal.teach(scheme, seen)
+    with pytest.raises(ConfigurationError, match="no corners"):
+        Goal.teach(scheme, replace(seen, corners=None), depth=0.2)
+
+
+WRONG = {
+    "moment": ({"moment": 1}, "unknown key 'moment': did you mean 'moments'"),
+    "depth text": ({"depth": "far"}, "'depth' must be 1 finite"),
+    "depth 0": ({"depth": 0.0}, "above 0 m"),
+    "depth nan": ({"depth": float("nan")}, "'depth' must be"),
+    "joint": ({"joints": {"J1": True}}, "joint 'J1' must be"),
+    "joints list": ({"joints": [1, 2]}, "'joints' must be a mapping"),
+    "order": ({"moments": {"order": 9, "m": [], "mu": []}}, "order is 9, 1 to 6"),
+    "few": ({"moments": {"order": 1, "m": [1.0], "mu": [1, 0, 0]}}, "moments.m' must be 3"),
+    "empty": ({"moments": {"order": 1, "m": [0, 0, 0], "mu": [0, 0, 0]}}, "must be positive"),
+    "huge": ({"moments": {"order": 1, "m": [1, 1e308, 0], "mu": [1, 0, 0]}}, "implausible"),
+    "kernel": ({"kernel": {"width": 1}}, "'kernel' width, height"),
+    "camera": ({"camera": {"width": 1, "height": 1, "K": [0] * 9}}, "goal"),
+    "features": ({"features": {"points": 3}}, "'features' must hold"),
+    "pose": ({"camera_pose": {"xyz": [0, 0, 0]}}, "xyz .* and rpy"),
+    "plane": ({"plane": [0, 0]}, "'plane' must be 3"),
+    "target": ({"target": {"boxes": [[[0, 0, 0], [0, 1, 1]]]}}, "lowest"),
+    "boxes": ({"target": {"boxes": [[1, 2]]}}, "'target'"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_files_that_are_wrong_are_one_line(name):
+    changes, words = WRONG[name]
+    with pytest.raises(ConfigurationError, match=words) as caught:
+        Goal.from_mapping(mapping(**changes))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("content", ["[1, 2", "- 1\n- 2\n", "", "\x00", "a: &a [*a]", "{" * 5000])
+def test_what_is_no_goal(tmp_path, content):
+    path = tmp_path / "goal.yaml"
+    path.write_text(content)
+    with pytest.raises(ConfigurationError) as caught:
+        Goal.load(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_never_ends_is_refused(tmp_path):
+    with pytest.raises(ConfigurationError, match="no ordinary file"):
+        Goal.load("/dev/zero")
+    with pytest.raises(ConfigurationError, match="no ordinary file"):
+        Goal.load(tmp_path)
+    os.mkfifo(tmp_path / "fifo")
+    done = []
+    thread = threading.Thread(
+        target=lambda: done.append(pytest.raises(ConfigurationError, Goal.load, tmp_path / "fifo")),
+        daemon=True,
+    )
+    thread.start()
+    thread.join(5.0)
+    assert done
+    large = tmp_path / "large.yaml"
+    large.write_text("# " + "x" * 1_000_001)
+    with pytest.raises(ConfigurationError, match="larger than 1000 kB"):
+        Goal.load(large)
+    with pytest.raises(ConfigurationError, match="cannot read"):
+        Goal.load(tmp_path / "none.yaml")
+
+
+def test_a_goal_for_a_camera_mounted_elsewhere():
+    import re
+
+    from loop_rig import URDF
+
+    text = URDF.read_text()
+    joint = re.search(r'<joint name="camera_joint".*?</joint>', text, re.S)[0]
+    origin = re.search(r"<origin[^>]*/>", joint)[0]
+    elsewhere = joint.replace(origin, '<origin xyz="0 0.03 0.0334" rpy="3.14 -1.4 0"/>')
+    arm = Arm.from_urdf(text.replace(joint, elsewhere))
+    goal = Goal.load(CONFIG / "goal_2016.yaml")
+    moved = goal.for_arm(arm)
+    assert "camera moved" in moved.name
+    pose = arm.pose(goal.joint_values(arm.names))
+    np.testing.assert_allclose(moved.world_T_camera, pose)
+    assert pose_difference(pose, goal.world_T_camera)[0] > 0.02
+    exact = goal.target.outline(pose)
+    from aras_visual_servo_camera.moments import Moments
+
+    np.testing.assert_allclose(moved.moments.m_array, Moments.from_polygon(exact, 6).m_array)
+    with pytest.raises(ConfigurationError, match="camera elsewhere.*teach it anew"):
+        replace(goal, target=None).for_arm(arm)
+
+
+def test_goals_that_do_not_fit_the_arm():
+    goal = Goal.load(CONFIG / "goal_2016.yaml")
+    with pytest.raises(ConfigurationError, match=r"no value for the joint\(s\) J6"):
+        replace(goal, joints={k: v for k, v in goal.joints.items() if k != "J6"}).for_arm(the_arm())
+    with pytest.raises(ConfigurationError, match="J2 at 9.0000, outside its limits"):
+        replace(goal, joints={**goal.joints, "J2": 9.0}).for_arm(the_arm())
+    level = transform((0, 0, 1.0), (np.pi / 2, 0, 0))
+    with pytest.raises(ConfigurationError, match="along the table"):
+        Goal(world_T_camera=level, depth=0.2).level_plane()
+    with pytest.raises(ConfigurationError, match="does not say what the target's geometry"):
+        Goal().seen_from(np.eye(4))
+    with pytest.raises(ConfigurationError, match="not to be seen"):
+        goal.seen_from(transform((0, 0, 1.0), (0, 0, 0)))  # looks up
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_poses_are_written_and_read(seed):
+    random = np.random.default_rng(seed)
+    xyz, rpy = random.uniform(-1, 1, 3), random.uniform(-1.5, 1.5, 3)
+    if seed == 0:
+        rpy[1] = np.pi / 2
+    a_T_b = transform(xyz, rpy)
+    np.testing.assert_allclose(transform(*to_xyz_rpy(a_T_b)), a_T_b, atol=1e-9)
+
+
+def test_targets_geometry():
+    box = TargetGeometry.from_mapping({"boxes": [[[-0.1, -0.05, 0.0], [0.1, 0.05, 0.01]]]})
+    assert box.surface == 0.01
+    above = transform((0.0, 0.0, 1.01), (np.pi, 0.0, 0.0))
+    assert box.depth(above) == pytest.approx(1.0)
+    np.testing.assert_allclose(box.plane(above), (0.0, 0.0, 1.0), atol=1e-12)
+    outline = box.outline(above)
+    assert np.abs(outline).max(axis=0) == pytest.approx([0.1, 0.05], rel=1e-9)
+    with pytest.raises(ServoError, match="behind the camera"):
+        box.outline(transform((0.0, 0.0, -1.0), (np.pi, 0.0, 0.0)))
+    with pytest.raises(ServoError, match="does not look"):
+        box.depth(transform((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)))
+    apart = {"boxes": [[[0, 0, 0], [0.1, 0.1, 0.01]], [[0.5, 0.5, 0], [0.6, 0.6, 0.01]]]}
+    with pytest.raises(ServoError, match="do not overlap"):
+        TargetGeometry.from_mapping(apart).outline(above)

@@ -11,12 +11,13 @@ from aras_sim_bridge.description import (
     Link,
     RobotDescription,
     Visual,
+    parse_urdf,
     shapes,
 )
 from aras_sim_bridge.description.mesh import Mesh, _unique_rows, from_corners, from_indices
 from aras_sim_bridge.errors import DescriptionError
-from aras_sim_bridge.poses import Pose
-from aras_sim_bridge.rendering.scene import Scene
+from aras_sim_bridge.poses import Pose, quaternion_from_rpy
+from aras_sim_bridge.rendering.scene import Scene, _blended_poses
 from aras_sim_bridge.world import World
 
 BOX = Geometry("box", size=(0.2, 0.4, 0.6))
@@ -179,6 +180,32 @@ def test_a_visual_is_drawn_where_its_origin_and_its_link_put_it():
         assert np.abs(expected[:3, :3] - at.matrix()[0][0]).max() > 0.1
 
 
+def test_links_are_drawn_at_their_own_poses_in_whatever_order_the_file_has_them():
+    def link(name, size):
+        return (f"<link name='{name}'><visual><geometry><box size='{size} {size} {size}'/>"
+                "</geometry></visual></link>")
+
+    def joint(child, parent, x):
+        return (f"<joint name='to_{child}' type='fixed'><origin xyz='{x} 0 0'/><parent link="
+                f"'{parent}'/><child link='{child}'/></joint>")
+
+    text = (link("hand", 0.1) + "<link name='bare'/>" + link("root", 0.2) + link("arm", 0.3)
+            + joint("hand", "bare", 3) + joint("bare", "arm", 2) + joint("arm", "root", 1))
+    with World() as world:
+        model = world.spawn(parse_urdf(f"<robot name='r'>{text}</robot>"), "m", Pose((0, 5, 0)))
+        scene = Scene(world)
+        scene.refresh()
+        poses, labels = scene.poses(), scene.labels()
+        assert len(poses) == 3
+        for part in scene.parts:
+            name = {1: "hand", 2: "root", 3: "arm"}[round(10 * np.ptp(part.mesh.positions[:, 0]))]
+            assert poses[part.row][:3, 3] == pytest.approx(model.link_pose(name).xyz)
+            index = model.link_index(name)
+            assert labels[part.row] == model.body_id + ((index + 1) << 24)
+            middle = np.add(model.link_pose(name).xyz, 0.01)
+            assert scene.bodies_around(middle) == [f"m::{name}"]
+
+
 def test_colours_go_link_mesh_white_and_the_invisible_is_left_out(tmp_path):
     path = tmp_path / "a.obj"
     (tmp_path / "a.mtl").write_text("newmtl m\nKd 0 1 0\n")
@@ -217,7 +244,7 @@ def test_the_scene_follows_the_world():
 
 
 def test_poses_between_the_snapshot_and_now():
-    """Half of the way, the short way round, whatever sign the quaternions have."""
+    """Half of the way, the short way round."""
     with World() as world:
         model = world.spawn(body(Visual("v", (0, 0, 0), (0, 0, 0), BOX)), "m",
                             Pose.from_rpy((0, 0, 0), (0, 0, 3.1)))
@@ -228,6 +255,16 @@ def test_poses_between_the_snapshot_and_now():
             (pose,) = scene.poses_at(blend)
             assert pose[0, 3] == pytest.approx(min(blend, 1.0))
             assert math.atan2(pose[1, 0], pose[0, 0]) % (2 * math.pi) == pytest.approx(yaw)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_half_a_turn_is_the_same_with_either_sign_of_a_quaternion(sign):
+    before, after = (np.array([quaternion_from_rpy(0, 0, yaw)]) for yaw in (0.4, 0.6))
+    here = np.zeros((1, 3))
+    (pose,) = _blended_poses(here, before, here + 2.0, sign * after, 0.5)
+    assert pose[:3, 3] == pytest.approx([1, 1, 1])
+    expected = np.array(Pose.from_rpy((0, 0, 0), (0, 0, 0.5)).matrix())[:3, :3]
+    np.testing.assert_allclose(pose[:3, :3], expected, atol=1e-12)
 
 
 def test_the_memory_of_a_mesh_is_counted():

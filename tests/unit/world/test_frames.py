@@ -102,3 +102,21 @@ def test_unknown_names_are_named(make):
             model.apply_effort("fix", 1.0)
         with pytest.raises(WorldError, match="'n' does not exist.*m"):
             world.model("n")
+
+
+def test_a_force_off_the_centre_turns_the_body(make):
+    """1 N along y, 0.5 m along x from the centre: dv = F dt / m, dw = r x F dt / I; once only."""
+    with World(gravity=(0.0, 0.0, 0.0)) as world:
+        body = make.robot(make.link("body", 2.0, "0.1 0 0", (0.4, 0.4, 0.4, 0, 0, 0)))
+        model = world.spawn(parse_urdf(body), "body", Pose((1.0, 2.0, 3.0)))
+        for torque, spin in (((0.0, 0.0, 0.0), 0.5), ((0.3, 0.0, -0.2), 0.3)):
+            model.set_twist(Twist())
+            model.set_pose(Pose((1.0, 2.0, 3.0)))
+            model.apply_force("body", (0.0, 1.0, 0.0), (1.6, 2.0, 3.0), torque)
+            for _ in range(3):
+                world.step()
+            twist = model.twist()
+            assert twist.angular[2] == pytest.approx(spin * 1e-3 / 0.4, rel=1e-3)
+            assert twist.angular[0] == pytest.approx(torque[0] * 1e-3 / 0.4, rel=1e-3, abs=1e-9)
+            # The frame's origin is 0.1 m behind the centre of mass.
+            assert twist.linear[1] == pytest.approx(1e-3 / 2.0 - 0.1 * twist.angular[2], rel=1e-3)

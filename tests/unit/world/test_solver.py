@@ -83,6 +83,25 @@ def test_what_the_joints_above_allow_counts(make, kind, travel):
         assert tip_height(model) > -0.003
 
 
+def test_a_telescope_below_a_turning_joint_reaches_as_far_as_it_extends(make):
+    """A boom of 0.5 m that turns and slides out by 1 m, 1.2 m above the ground."""
+    boom = make.link("boom", 1.0, "0.25 0 0", (0.01, 0.03, 0.03, 0, 0, 0),
+                     make.box("0.5 0.05 0.05", "0.25 0 0"))
+    description = parse_urdf(make.robot(
+        '<link name="world"/>', make.link("hub", 1.0), boom,
+        make.joint("turn", "world", "hub", lower=-3.0, upper=3.0),
+        make.joint("slide", "hub", "boom", "prismatic", axis="1 0 0", lower=0.0, upper=1.0)))
+    with World() as world:
+        world.spawn_ground_plane()
+        model = world.spawn(description, "boom", Pose((0, 0, 1.2)))
+        heights = []
+        for _ in range(2000):
+            model.apply_effort("slide", 20.0)
+            world.step()
+            heights.append(model.link_pose("boom").apply((0.5, 0.0, 0.0))[2])
+        assert -0.01 < min(heights) < 0.1
+
+
 def test_a_pedestal_is_in_reach_as_the_ground_is(make):
     pedestal = parse_urdf(make.robot('<link name="world">' + make.box("0.4 0.4 2.0") + "</link>"))
     with World() as world:

@@ -1,0 +1,66 @@
+"""What a second start, a second emergency stop and another step find: nothing of the first."""
+
+import pytest
+
+PID = {"p": 10.0, "i": 50.0, "d": 0.1, "i_clamp": 100.0}
+KINDS = {
+    "effort_controllers/JointPositionController": {"joint": "a", "pid": PID},
+    "effort_controllers/JointVelocityController": {"joint": "a", "pid": PID},
+    "effort_controllers/JointGroupPositionController": {"joints": ["a"], "a": {"pid": PID}},
+    "effort_controllers/JointTrajectoryController": {"joints": ["a"], "gains": {"a": PID}},
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_restarted_pid_knows_nothing_of_its_first_life(make_rig, make_joint, kind):
+    """The joint is pushed off while it runs; started again there, there is no error and no effort.
+
+    The integral and the last error of the first life would give 1 N m and more.
+    """
+    rig = make_rig([make_joint("a")], {"c": {"type": kind, **KINDS[kind]}}, physics=False)
+    rig.run("c")
+    rig.step(2)
+    rig.model.q[0], rig.model.v[0] = 0.5, 0.5
+    rig.step(100)
+    assert abs(rig.model.tau[0]) > 1.0
+    rig.manager.switch([], ["c"])
+    rig.step(2)
+    rig.model.v[0] = 0.0
+    rig.manager.switch(["c"], [])
+    rig.step(5)
+    assert rig.model.tau[0] == 0.0
+
+
+def test_each_emergency_stop_holds_where_it_found_the_joint(make_rig, make_joint, make_limits):
+    """The first position measured after the stop is held, whatever happens to the joint then."""
+    rig = make_rig(
+        [make_joint("a", "revolute", "PositionJointInterface", make_limits(velocity=1e4))],
+        {"c": {"type": "position_controllers/JointPositionController", "joint": "a"}},
+        physics=False)
+    controller = rig.run("c")
+    rig.model.stuck.add("a")
+    for place in (0.3, -0.6):
+        rig.hardware.e_stop = True
+        rig.model.q[0] = place
+        controller.set_command(1.0)
+        rig.step(2)
+        rig.model.q[0] = place + 0.05
+        rig.step(2)
+        assert rig.model.calls[-1] == ("position", "a", place)
+        rig.hardware.e_stop = False
+        rig.step(3)
+
+
+@pytest.mark.parametrize("step_ns", [500_000, 1_000_000, 4_000_000])
+def test_the_first_write_lasts_one_step_of_the_physics(make_rig, make_joint, step_ns):
+    """A position joint may move by its velocity limit, 5 rad/s, times the step."""
+    rig = make_rig([make_joint("a", interface="PositionJointInterface")], step_ns=step_ns,
+                   physics=False)
+    rig.hardware.handles["a"].position_command = 1.0
+    rig.step()
+    assert rig.model.q[0] == pytest.approx(5.0 * step_ns / 1e9)
+    rig.hardware.handles["a"].position_command = 1.0
+    rig.loop.reset()
+    rig.time_ns = 0
+    rig.step()
+    assert rig.model.q[0] == pytest.approx(10.0 * step_ns / 1e9)

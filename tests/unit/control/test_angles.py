@@ -1,9 +1,13 @@
 """Angle distances: the contract's rules on hand-made cases, and against ROS's own package."""
 
+import itertools
+import os
 import random
+import subprocess
+import sys
 from math import pi
+from pathlib import Path
 
-import angles as ros_angles
 import pytest
 
 from aras_sim_bridge import angles
@@ -49,17 +53,49 @@ def test_with_limits(proves, start, goal, lower, upper, distance):
     assert angles.with_limits(start, goal, lower, upper) == pytest.approx(distance), proves
 
 
-def test_short_cuts_agree_with_the_ros_package_everywhere():
+def grid_and_noise():
+    """(start, goal, lower, upper): a grid of eighths of a turn, then anything."""
+    corners = [k * pi / 4 for k in range(-8, 9)]
+    limits = [k * pi / 4 for k in range(-4, 5)]
+    yield from itertools.product(corners, corners, limits[::2], limits[1::2])
+    yield from itertools.product(corners[::3], corners[::3], limits, limits)
     rng = random.Random(7)
-    for _ in range(3000):
-        start, goal = rng.uniform(-10, 10), rng.uniform(-10, 10)
-        lower, upper = sorted((rng.uniform(-8, 8), rng.uniform(-8, 8)))
+    for _ in range(5000):
+        yield rng.uniform(-10, 10), rng.uniform(-10, 10), rng.uniform(-pi, pi), rng.uniform(-pi, pi)
+
+
+def test_all_agree_with_the_ros_package_everywhere():
+    ros = pytest.importorskip("angles")
+    for start, goal, lower, upper in grid_and_noise():
+        where = (start, goal, lower, upper)
+        assert angles.normalize_angle(start) == pytest.approx(ros.normalize_angle(start)), where
         assert angles.shortest(start, goal) == pytest.approx(
-            ros_angles.shortest_angular_distance(start, goal), abs=1e-12
-        )
-        _, expected = ros_angles.shortest_angular_distance_with_large_limits(
-            start, goal, lower, upper
-        )
-        assert angles.with_large_limits(start, goal, lower, upper) == pytest.approx(
-            expected, abs=1e-12
-        )
+            ros.shortest_angular_distance(start, goal), abs=1e-12), where
+        assert angles.with_limits(start, goal, lower, upper) == pytest.approx(
+            ros.shortest_angular_distance_with_limits(start, goal, lower, upper)[1]), where
+        for scale in (1.0, 4.0):
+            low, high = scale * lower, scale * upper
+            assert angles.with_large_limits(start, goal, low, high) == pytest.approx(
+                ros.shortest_angular_distance_with_large_limits(start, goal, low, high)[1],
+                abs=1e-12), where
+
+
+def test_distances_lead_to_the_goal_s_angle():
+    """Whatever way they go: start + distance is the goal, give or take full turns."""
+    for start, goal, lower, upper in grid_and_noise():
+        for distance in (angles.shortest(start, goal),
+                         angles.with_limits(start, goal, lower, upper),
+                         angles.with_large_limits(start, goal, lower, upper)):
+            turns = (start + distance - goal) / (2 * pi)
+            assert turns == pytest.approx(round(turns), abs=1e-9)
+            assert abs(distance) <= 2 * pi
+
+
+def test_nothing_of_ros_is_needed():
+    """The package must serve programs where no ROS is installed."""
+    code = (
+        "import sys; sys.modules['angles'] = sys.modules['rospy'] = None; "
+        "import aras_sim_bridge.simulation, aras_sim_bridge.control.controllers"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, env={
+        "PYTHONPATH": str(Path(angles.__file__).parents[1]), "PATH": os.environ["PATH"]})

@@ -22,9 +22,9 @@ from aras_sim_bridge.errors import (
     SimError,
     WorldError,
 )
+from aras_sim_bridge.poses import IDENTITY
 from aras_sim_bridge.rendering import Renderer, Sun, create_renderer
 from aras_sim_bridge.world import Model, Pose, World
-from aras_sim_bridge.world.poses import IDENTITY
 
 log = logging.getLogger(__name__)
 

@@ -1,6 +1,6 @@
 """Between ROS messages and the plain numbers of the simulation.
 
-Times are integer nanoseconds of simulated time, poses world.poses.Pose, twists world.poses.Twist.
+Times are integer nanoseconds of simulated time, poses poses.Pose, twists poses.Twist.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import Twist as TwistMessage
 
 from aras_sim_bridge.errors import WorldError
-from aras_sim_bridge.world.poses import Pose, Twist, checked_pose, checked_vector
+from aras_sim_bridge.poses import Pose, Twist, checked_pose, checked_vector
 
 LARGEST = 1e9  # m, m/s, rad/s, N: what a client may ask for; squares of more leave the floats
 

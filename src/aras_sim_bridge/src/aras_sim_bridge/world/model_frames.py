@@ -3,9 +3,7 @@
 from types import MappingProxyType
 
 from aras_sim_bridge.errors import WorldError
-from aras_sim_bridge.world.bullet import pybullet
-from aras_sim_bridge.world.model_joints import ModelJoints
-from aras_sim_bridge.world.poses import (
+from aras_sim_bridge.poses import (
     Pose,
     Quaternion,
     Twist,
@@ -15,6 +13,8 @@ from aras_sim_bridge.world.poses import (
     rotate,
     subtract,
 )
+from aras_sim_bridge.world.bullet import pybullet
+from aras_sim_bridge.world.model_joints import ModelJoints
 
 
 class ModelFrames(ModelJoints):

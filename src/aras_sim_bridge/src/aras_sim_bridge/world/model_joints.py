@@ -4,10 +4,10 @@ import math
 from collections.abc import Sequence
 
 from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.poses import conjugate, rotate
 from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.damping import ViscousDamping
 from aras_sim_bridge.world.model_loading import NO_LIMIT_FORCE, LoadedModel
-from aras_sim_bridge.world.poses import conjugate, rotate
 
 
 class ModelJoints(LoadedModel):

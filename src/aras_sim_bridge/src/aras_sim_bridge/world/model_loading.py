@@ -5,9 +5,9 @@ from collections.abc import Callable
 
 from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.poses import IDENTITY, Pose
 from aras_sim_bridge.world import bullet_file
 from aras_sim_bridge.world.bullet import pybullet
-from aras_sim_bridge.world.poses import IDENTITY, Pose
 
 DEFAULT_FRICTION = 1.0  # Gazebo's mu; Bullet multiplies the two bodies' values
 NO_LIMIT_FORCE = 1e18

@@ -14,10 +14,10 @@ from aras_sim_bridge.description.types import (
     Visual,
 )
 from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.poses import IDENTITY, Pose, Twist, checked_pose, checked_vector
 from aras_sim_bridge.world import bullet_file
 from aras_sim_bridge.world.bullet import pybullet, quiet
 from aras_sim_bridge.world.model import Model
-from aras_sim_bridge.world.poses import IDENTITY, Pose, Twist, checked_pose, checked_vector
 from aras_sim_bridge.world.reach import leave_out_pairs
 
 logger = logging.getLogger(__name__)

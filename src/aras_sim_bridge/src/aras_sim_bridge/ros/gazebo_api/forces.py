@@ -18,12 +18,12 @@ from gazebo_msgs.srv import (
 )
 
 from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.poses import add, cross, rotate, subtract
 from aras_sim_bridge.ros.conversions import bounded, from_time, from_vector
 from aras_sim_bridge.ros.gazebo_api import entities
 from aras_sim_bridge.ros.runtime.services import ServiceTable
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.world import Model
-from aras_sim_bridge.world.poses import add, cross, rotate, subtract
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ from gazebo_msgs.srv import (
 )
 from std_msgs.msg import ColorRGBA
 
+from aras_sim_bridge.poses import rpy_from_quaternion
 from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.runtime.services import ServiceTable
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
-from aras_sim_bridge.world.poses import rpy_from_quaternion
 
 
 class LightServices:

@@ -24,13 +24,13 @@ from genpy import Message
 from geometry_msgs.msg import Point, Pose, Quaternion
 
 from aras_sim_bridge.errors import SimError, WorldError
+from aras_sim_bridge.poses import Twist, subtract
 from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.gazebo_api import entities
 from aras_sim_bridge.ros.gazebo_api.models import ModelServices
 from aras_sim_bridge.ros.runtime.services import ServiceTable
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.world.changes import with_joint, with_link
-from aras_sim_bridge.world.poses import Twist, subtract
 
 JOINT_TYPES = {
     "revolute": GetJointPropertiesResponse.REVOLUTE,

@@ -23,6 +23,7 @@ from gazebo_msgs.srv import (
 
 from aras_sim_bridge.description import Light, packages
 from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.poses import Pose, Twist, rotate, rpy_from_quaternion
 from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.camera import settings
 from aras_sim_bridge.ros.control.manager_services import robot_parameters
@@ -32,7 +33,6 @@ from aras_sim_bridge.ros.runtime.graph import OnGraph
 from aras_sim_bridge.ros.runtime.services import ServiceTable
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.world import Model
-from aras_sim_bridge.world.poses import Pose, Twist, rotate, rpy_from_quaternion
 
 SPAWN_TIMEOUT = 60.0  # seconds of wall time: a large mesh takes its time
 

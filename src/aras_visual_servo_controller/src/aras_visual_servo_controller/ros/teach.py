@@ -1,0 +1,65 @@
+"""Teaching on a running graph."""
+
+from __future__ import annotations
+
+import argparse
+import time
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import rospkg
+import rospy
+
+from ..errors import ServoError
+from ..goal import Goal
+from ..observation import Need
+from ..settings import Settings
+from ..starts import start_joints
+from ..teaching import Teacher, goal_of
+from .face import RosFace
+from .inputs import Inputs
+
+
+def live(arguments: argparse.Namespace) -> Goal:
+    """Collect views from the graph, where asked for after driving to a pose.
+
+    Raises:
+        ServoError: nothing usable is seen in time, with the reason.
+    """
+    rospy.init_node("teach", anonymous=True)
+    package = Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
+    given = {"scheme": arguments.scheme}
+    settings = Settings.from_mapping(given, package)
+    urdf = str(rospy.get_param(settings.description, ""))
+    if not urdf:
+        raise ServoError(f"no robot description on parameter {settings.description}")
+    settings = settings.for_robot(ElementTree.fromstring(urdf).get("name", ""), given)
+    arm, scheme = settings.arm(urdf), settings.make_scheme()
+    observer = settings.observer(arm, scheme)
+    if observer.needs <= {Need.MOMENTS, Need.KERNEL}:
+        observer.needs |= {Need.MOMENTS}
+    joints, face = None, None
+    if arguments.go:
+        path = Path(arguments.go).expanduser()
+        if not path.is_file():
+            path = package / "config" / f"goal_{Path(arguments.go).name}.yaml"
+        if path.is_file():
+            joints = Goal.load(path).for_arm(arm).joint_values(arm.names)
+        if joints is None:
+            joints = start_joints(arguments.go, arm, package)
+        face = RosFace(settings, arm.names)
+    teacher = Teacher(arm, observer, joints, None if face is None else face.put)
+    inputs = Inputs(settings, teacher)
+    deadline = time.monotonic() + arguments.timeout
+    while len(teacher.views) < arguments.images:
+        if rospy.is_shutdown() or time.monotonic() > deadline:
+            raise ServoError(
+                f"after {arguments.timeout:.0f} s only {len(teacher.views)} of {arguments.images} "
+                f"images ({teacher.reason}): are the simulator and the camera node running, and is "
+                "the target in view?"
+            )
+        time.sleep(0.02)
+    inputs.close()
+    like = Goal.load(package / "config" / "goal_2016.yaml") if arguments.depth is None else None
+    views = teacher.views[: arguments.images]
+    return goal_of(views, scheme, arm, arguments.file.name, arguments.depth, like)

@@ -1,0 +1,110 @@
+"""Teaching: what was seen is stored, averaged, to order 6, with a command line that works."""
+
+import shlex
+
+import numpy as np
+import pytest
+from loop_rig import CAMERA, CONFIG, URDF, lost, the_arm, the_goal
+
+from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.observation import Observer
+from aras_visual_servo_controller.schemes import create_scheme
+from aras_visual_servo_controller.teach import main
+from aras_visual_servo_controller.teaching import Teacher, goal_of, mean_of
+
+
+def view_at(observer, stamp, joints):
+    outline = the_goal("2016").target.outline(the_arm().pose(joints.positions))
+    return observer.of_exact(stamp, CAMERA, joints, contour=outline)
+
+
+@pytest.mark.parametrize("begin", [0.0, 20.0])
+def test_the_pose_is_driven_to_and_what_was_seen_is_stored(begin):
+    arm, scheme = the_arm(), create_scheme("moments+points")
+    wanted = the_goal("2016").joint_values(arm.names)
+    sent, q = [], np.zeros(6)
+    teacher = Teacher(arm, Observer(arm, scheme.needs), wanted, sent.append)
+    sag = np.array([0.0, 0.0, 0.002, -0.003, 0.0, 0.004])  # where the joints really come to rest
+    for i in range(600):
+        t = begin + 0.01 * i
+        teacher.joints(arm.names, q, np.zeros(6), t)
+        if sent:
+            q = sent[-1] + sag if np.abs(sent[-1] - wanted).max() < 0.02 else sent[-1]
+        teacher.image(t, lambda joints, commands, t=t: view_at(teacher.observer, t, joints))
+    assert teacher.there
+    assert len(teacher.views) > 50
+    assert np.abs(np.diff(sent, axis=0)).max() < 0.3 * 0.01 * 1.01  # slowly
+    goal = goal_of(teacher.views, scheme, arm, "mine", like=the_goal("2016"))
+    stored = goal.joint_values(arm.names)
+    np.testing.assert_allclose(stored, teacher.views[-1].joints.positions, atol=2e-3)
+    assert np.abs(stored - wanted).max() > 1e-3  # not the nominal ones
+    assert goal.moments.order == 6
+    assert len(goal.features["points"]["points"]) >= 8
+    np.testing.assert_allclose(goal.world_T_camera, arm.pose(stored), atol=1e-12)
+    scheme.check(goal.for_arm(arm))
+
+
+def test_views_are_averaged():
+    arm, scheme = the_arm(), create_scheme("moments")
+    observer = Observer(arm, scheme.needs)
+    q = the_goal("2016").joint_values(arm.names)
+    views = []
+    for i, off in enumerate((-0.001, 0.003, 0.004)):
+        from aras_visual_servo_controller.joint_sample import JointSample
+
+        views.append(view_at(observer, float(i), JointSample.of(i, arm.names, q + off)))
+    goal = goal_of(views, scheme, arm, "mine", depth=0.2)
+    np.testing.assert_allclose(goal.joint_values(arm.names), q + 0.002)
+    expected = np.mean([v.moments.mu_array for v in views], axis=0)
+    np.testing.assert_allclose(goal.moments.mu_array, expected)
+    assert mean_of([{"a": [1.0, 2.0], "b": "x"}, {"a": [3.0, 2.0], "b": "y"}]) == {
+        "a": [2.0, 2.0], "b": "y",
+    }  # fmt: skip
+    assert mean_of([[1.0], [1.0, 2.0]]) == [1.0, 2.0]
+    with pytest.raises(ConfigurationError, match="nothing was seen"):
+        goal_of([], scheme, arm, "mine", depth=0.2)
+
+
+def test_bad_views_and_bad_joints_are_not_kept():
+    arm = the_arm()
+    teacher = Teacher(arm, Observer(arm))
+    teacher.image(0.0, lambda *_: pytest.fail("not there yet"))
+    teacher.joints(arm.names[:3], [0.0] * 3, [], 0.0)
+    assert "lack" in teacher.reason
+    teacher.joints(arm.names, np.zeros(6), [], 0.0)
+    teacher.image(0.1, lambda joints, _: lost(view_at(teacher.observer, 0.1, joints), "gone"))
+    assert (teacher.views, teacher.reason) == ([], "gone")
+
+
+def test_the_command_line_that_is_written_works(tmp_path):
+    one, two = tmp_path / "one.yaml", tmp_path / "two.yaml"
+    arguments = ["--geometry", str(CONFIG / "goal_2016.yaml"), "--urdf", str(URDF), str(one)]
+    assert main(arguments) == 0
+    line = one.read_text().splitlines()[1]
+    assert line.startswith("# Made by: teach ")
+    again = shlex.split(line.removeprefix("# Made by: teach "))
+    assert again == arguments
+    assert main([*again[:-1], str(two)]) == 0
+    a, b = Goal.load(one), Goal.load(two)
+    np.testing.assert_array_equal(a.moments.mu_array, b.moments.mu_array)
+    np.testing.assert_allclose(a.moments.mu_array, the_goal("2016").moments.mu_array, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--geometry", "/dev/zero", "--urdf", str(URDF)], "no ordinary file"),
+        (["--geometry", str(CONFIG / "goal_2016.yaml")], "needs --urdf"),
+        (["--geometry", str(CONFIG / "goal_2016.yaml"), "--urdf", "/none"], "cannot read"),
+        (["--depth", "-1"], "--depth"),
+        (["--images", "0"], "--images"),
+    ],
+)
+def test_what_cannot_be_taught_is_one_line(arguments, words, tmp_path, capsys):
+    assert main([*arguments, str(tmp_path / "x.yaml")]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("teach: ")
+    assert words in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "x.yaml").exists()

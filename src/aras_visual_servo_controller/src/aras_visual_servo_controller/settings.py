@@ -105,6 +105,8 @@ class Settings:
     target_frame: str = parameter("", "", "link that carries the target, where the arm moves it")
     joints: tuple = parameter((), "", "names of the joints to use; empty: all that move the camera")
     namespace: str = parameter("/aras_visual_servo", "", "of joint states, features and commands")
+    camera_namespace: str = parameter("/labrob/camera", "", "of image_raw, camera_info and "
+                                      "depth/image_raw, for schemes that want them")  # fmt: skip
     controllers: dict = parameter({}, "", "name of each joint's controller, in the namespace")
     command_topic: str = parameter("", "", "one topic of a group of joints, instead of one each")
     description: str = parameter("robot_description", "", "parameter that holds the URDF")

@@ -1,0 +1,269 @@
+"""Drives a loop by what arrives: joint states, images, the passing of time. No ROS.
+
+    joint states ─► history ─► Servo.tick ─► commands
+    images ──────► joints of their own instant ─► Observation ─► Servo.see ─► reports
+    watch (a thread of its own) ─► stops the arm smoothly when nothing comes any more
+
+Time is that of the joint states' stamps; between and after them it goes on with the clock. Only
+the clock going back begins the loop anew: messages that are late or have no stamp do not.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from .errors import MeasurementError
+from .joint_history import JointHistory
+from .joint_sample import JointSample
+from .observation import Observation, Observer
+from .servo import Servo
+from .settings import Settings
+from .state import APPROACHING, CONVERGED, HOLDING, SERVOING, STOPPED, WAITING, Command, ServoState
+
+REPORT_PERIOD = 1.0 / 30.0  # s; without images, reports need not be faster than a camera
+SILENT = 0.05  # s without a joint state after which time goes on by the clock
+SKEW = 0.5  # s; stamps further off the clock are of another clock, or of none
+AT_REST = (WAITING, HOLDING, STOPPED)
+
+Look = Callable[[JointSample | None, tuple[JointSample, ...]], Observation]
+
+
+class Face(Protocol):
+    """What a driver tells the world."""
+
+    def send(self, command: Command) -> None:
+        """To the joints."""
+
+    def report(self, state: ServoState) -> None:
+        """What was seen, decided and done."""
+
+    def say(self, text: str) -> None:
+        """One line for a person."""
+
+
+class Driver:
+    """One loop and what it is told; every method may be called from any thread."""
+
+    def __init__(
+        self,
+        servo: Servo,
+        observer: Observer,
+        settings: Settings,
+        face: Face,
+        wall: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """`wall`: s of wall time."""
+        self.servo, self.observer, self.settings = servo, observer, settings
+        self._face, self._wall = face, wall
+        self._lock = threading.RLock()
+        self.history = JointHistory()
+        self._commands: deque[JointSample] = deque(maxlen=256)
+        self._joints_heard = self._images_heard = self._answered = wall()
+        self._said_silence = -1e9
+        self._starved = False
+        self.beginnings = 0  # how often joint states began to come
+        self.source = f"{settings.namespace}/camera/moments"  # of images, for messages
+        self._clear()
+        if not settings.autostart:
+            servo.stop("waiting for start")
+
+    # -- what is heard ---------------------------------------------------------------------
+
+    def joints(
+        self,
+        names: Sequence[str],
+        positions: Sequence[float],
+        velocities: Sequence[float],
+        stamp: float,
+        now: float,
+    ) -> None:
+        """One joint state; `now`: the clock, s."""
+        with self._lock:
+            self._joints_heard = self._wall()
+            self._follow(now)
+            if not stamp > 0.0 or abs(now - stamp) > SKEW and not self.settings.lockstep:
+                stamp = now
+            if self._stamp is None:
+                self.beginnings += 1
+            elif stamp <= self._stamp:
+                return  # late
+            self._stamp, self._arrived = stamp, now
+            try:
+                sample = self.servo.arm.sample(names, positions, velocities, stamp)
+            except (MeasurementError, TypeError, ValueError) as error:
+                self._blind(stamp, str(error))
+                return
+            self.history.add(sample)
+            command = self._tick(stamp, sample)
+            if not self.settings.lockstep:
+                self._send(command)
+            if self._waiting is not None:
+                self._look(*self._waiting)
+            if self.servo.phase in (APPROACHING, WAITING, STOPPED):
+                self._now_and_then(command, sample)
+
+    def image(self, stamp: float, now: float, look: Look) -> None:
+        """One image; `look` makes its observation, given the joints of its instant."""
+        with self._lock:
+            self._images_heard = self._wall()
+            self._follow(now)
+            if self._starved:
+                self._starved = False
+                self.servo.start()
+            self._look(stamp, look)
+
+    def _look(self, stamp: float, look: Look) -> None:
+        self._waiting = None
+        lockstep = self.settings.lockstep
+        if lockstep and not self.history.complete_to(stamp):
+            self._waiting = stamp, look
+            return
+        joints = self.history.at(stamp, earlier_only=lockstep)
+        since = tuple(command for command in self._commands if command.stamp >= stamp)
+        state = self.servo.see(look(joints, since))
+        if state is not self.servo.state:
+            return  # late, or seen before
+        if state.fault:
+            self._face.say(state.fault)
+        if state.phase in (SERVOING, CONVERGED):
+            self._answered = self._wall()
+        at = stamp if self._time is None else max(stamp, self._time)
+        self._send(self._tick(at if lockstep else self._time or at), repeat=lockstep)
+        self._report(state)
+
+    def watch(self, now: float) -> None:
+        """Call often, from a thread of its own: stops the arm when nothing comes any more."""
+        with self._lock:
+            self._follow(now)
+            wall = self._wall()
+            if self._stamp is not None and not self.settings.lockstep:
+                at = self._stamp + (now - self._arrived)
+                if at - self._stamp > SILENT and at > (self._time or 0.0):
+                    self._send(self._tick(at))
+            moving = self.servo.phase in (SERVOING, CONVERGED)
+            if moving and wall - self._answered > self.settings.wall_watchdog:
+                self._starved = True
+                self.servo.hold(f"no answer for {wall - self._answered:.1f} s of wall time")
+            self._tell_silence(wall, now)
+
+    # -- what is asked for -----------------------------------------------------------------
+
+    def start(self) -> None:
+        """Servo."""
+        with self._lock:
+            self._starved = False
+            self._answered = self._wall()
+            self.servo.start()
+
+    def stop(self, reason: str = "stopped") -> None:
+        """Come smoothly to rest until `start`."""
+        with self._lock:
+            self.servo.stop(reason)
+
+    def hold(self, reason: str = "held") -> None:
+        """Come smoothly to rest and hold still until `start`."""
+        with self._lock:
+            self.servo.hold(reason)
+
+    def change(self, apply: Callable[[Servo], None]) -> None:
+        """Change something of the loop between two of its steps."""
+        with self._lock:
+            apply(self.servo)
+
+    # -- shared ----------------------------------------------------------------------------
+
+    def _clear(self) -> None:
+        self.history.clear()
+        self._commands.clear()
+        self._waiting: tuple[float, Look] | None = None
+        self._stamp: float | None = None  # of the latest joint state
+        self._arrived = 0.0  # when that came, by the clock
+        self._time: float | None = None  # that the loop was last told
+        self._now: float | None = None
+        self._sent: np.ndarray | None = None
+        self._reported = -1e9
+
+    def _follow(self, now: float) -> None:
+        """Begin anew when the clock went back."""
+        if self._now is not None and now < self._now:
+            self._face.say(f"simulated time went back to {now:.3f} s: beginning anew")
+            stopped = self.servo.phase == STOPPED
+            self._clear()
+            self.servo.reset()
+            self.observer.reset()
+            if stopped:
+                self.servo.stop("waiting for start")
+        self._now = now
+
+    def _tick(self, t: float, sample: JointSample | None = None) -> Command:
+        self._time = t
+        command = self.servo.tick(t, sample)
+        if command.positions is not None:
+            self._commands.append(JointSample.of(t, command.names, command.positions))
+        return command
+
+    def _blind(self, t: float, reason: str) -> None:
+        """Joints that cannot be measured stop the arm."""
+        unknown = np.full(len(self.servo.arm.names), np.nan)
+        sample = JointSample.of(t, self.servo.arm.names, unknown)
+        command = self._tick(t, sample)
+        if not self.settings.lockstep:
+            self._send(command)
+        self._now_and_then(command, None, reason)
+
+    def _send(self, command: Command, repeat: bool = False) -> None:
+        """Send; positions only when they are new, for their controllers keep them."""
+        values = next(
+            (v for v in (command.positions, command.velocities, command.efforts) if v is not None),
+            None,
+        )
+        if values is None or not np.isfinite(values).all():
+            return
+        same = self._sent is not None and np.array_equal(values, self._sent)
+        if same and command.positions is not None and not repeat:
+            return
+        self._sent = values
+        if not self.settings.dry:
+            self._face.send(command)
+
+    def _now_and_then(
+        self, command: Command, joints: JointSample | None, reason: str = ""
+    ) -> None:
+        """Report without an image, at a camera's pace."""
+        if not 0.0 <= command.stamp - self._reported < REPORT_PERIOD:
+            self._report(
+                ServoState(
+                    command.stamp,
+                    self.servo.phase,
+                    self.servo.outcome.kind,
+                    reason or command.reason,
+                    joints=joints,
+                    command=self.servo.command,
+                )
+            )
+
+    def _report(self, state: ServoState) -> None:
+        self._reported = state.stamp
+        self._face.report(state)
+
+    def _tell_silence(self, wall: float, now: float) -> None:
+        """Say what does not come, once a second."""
+        settings, missing = self.settings, []
+        if wall - self._joints_heard > settings.joint_timeout:
+            missing.append(
+                f"joint states on {settings.namespace}/joint_states (is the simulator running?)"
+            )
+        if wall - self._images_heard > settings.image_timeout and not self.servo.approaching:
+            missing.append(f"features on {self.source} (is the camera node running?)")
+        if not missing or wall - self._said_silence < 1.0 or self.servo.phase == STOPPED:
+            return
+        self._said_silence = wall
+        phase = HOLDING if self.servo.phase == HOLDING else WAITING
+        reason = "no " + " and no ".join(missing)
+        self._report(ServoState(now, phase, self.servo.outcome.kind, reason))

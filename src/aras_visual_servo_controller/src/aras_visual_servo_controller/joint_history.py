@@ -1,0 +1,88 @@
+"""Joints by stamp, so that an image meets the joints of its own instant.
+
+Images and joint states come over different connections. Between two samples the joints are
+interpolated; after the last one they go on at its velocity. Where runs have to repeat bit by bit
+(lockstep) only samples up to the exposure count, and the image waits until none of those can still
+be on its way: then what arrived first does not matter.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+from .joint_sample import JointSample
+
+# Further than this from the nearest sample nothing is known of the joints, s.
+FARTHEST = 0.1
+
+
+class JointHistory:
+    """The last few samples, stamps rising."""
+
+    def __init__(self, length: int = 64) -> None:
+        """`length`: samples to keep."""
+        self._samples: deque[JointSample] = deque(maxlen=length)
+
+    def add(self, sample: JointSample) -> bool:
+        """Note a sample; False for one that is not newer than the last, which is left out."""
+        if self._samples and sample.stamp <= self._samples[-1].stamp:
+            return False
+        self._samples.append(sample)
+        return True
+
+    def clear(self) -> None:
+        """Forget all, as after a reset of the clock."""
+        self._samples.clear()
+
+    @property
+    def newest(self) -> JointSample | None:
+        """The last sample; None where there is none."""
+        return self._samples[-1] if self._samples else None
+
+    def complete_to(self, stamp: float) -> bool:
+        """Whether no sample up to `stamp` can still be on its way, going by the samples' period.
+
+        False with fewer than two samples, which tell no period.
+        """
+        if len(self._samples) < 2:
+            return False
+        newest, before = self._samples[-1].stamp, self._samples[-2].stamp
+        return newest + (newest - before) > stamp
+
+    def at(self, stamp: float, earlier_only: bool = False) -> JointSample | None:
+        """The joints at an instant; None where no sample is near enough.
+
+        Args:
+            stamp: s.
+            earlier_only: go on from the last sample at or before it, whatever came later.
+        """
+        before = after = None
+        for sample in reversed(self._samples):
+            if sample.stamp <= stamp:
+                before = sample
+                break
+            after = sample
+        if earlier_only:
+            after = None
+        if before is None:
+            near = after is not None and after.stamp - stamp <= FARTHEST
+            return _moved(after, stamp) if near else None
+        if before.stamp == stamp:
+            return before
+        if after is None:
+            return _moved(before, stamp) if stamp - before.stamp <= FARTHEST else None
+        part = (stamp - before.stamp) / (after.stamp - before.stamp)
+        return JointSample.of(
+            stamp,
+            before.names,
+            before.positions + part * (after.positions - before.positions),
+            before.velocities + part * (after.velocities - before.velocities),
+        )
+
+
+def _moved(sample: JointSample, stamp: float) -> JointSample:
+    """The sample, gone on at its velocities."""
+    positions = sample.positions + (stamp - sample.stamp) * np.asarray(sample.velocities)
+    return JointSample.of(stamp, sample.names, positions, sample.velocities)

@@ -1,0 +1,1 @@
+"""The controller's ROS faces: messages in and out, nothing that decides."""

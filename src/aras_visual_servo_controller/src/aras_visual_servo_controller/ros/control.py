@@ -1,0 +1,97 @@
+"""Start, stop and hold as services; the action servo_to_target; gains by dynamic_reconfigure."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+import rospy
+from actionlib import SimpleActionServer
+from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
+
+from ..driver import Driver
+from ..msg import ServoToTargetAction, ServoToTargetFeedback, ServoToTargetGoal, ServoToTargetResult
+from ..state import CONVERGED, STOPPED, ServoState
+from .face import RosFace
+
+FEEDBACK_PERIOD = 0.05  # s of wall time
+
+
+class Owner(Protocol):
+    """Who has the driver and its face; both may be made anew for another robot."""
+
+    driver: Driver
+    face: RosFace
+
+
+class Control:
+    """What others may ask of the loop."""
+
+    def __init__(self, space: str, owner: Owner) -> None:
+        """`space`: namespace of the services and the action."""
+        self._owner = owner
+        self._services = [
+            rospy.Service(f"{space}/controller/{name}", Trigger, self._serve(name))
+            for name in ("start", "stop", "hold")
+        ]
+        self._action = SimpleActionServer(
+            f"{space}/servo_to_target", ServoToTargetAction, self._execute, auto_start=False
+        )
+        self._action.start()
+
+    def _serve(self, name: str) -> Callable[[TriggerRequest], TriggerResponse]:
+        def serve(_: TriggerRequest) -> TriggerResponse:
+            getattr(self._owner.driver, name)()
+            return TriggerResponse(True, f"{name}: {self._owner.driver.servo.phase}")
+
+        return serve
+
+    def _execute(self, goal: ServoToTargetGoal) -> None:
+        """Servo until the target is reached, the time is over, or somebody wants otherwise."""
+        began = None
+        self._owner.driver.start()
+        while not rospy.is_shutdown():
+            driver, state = self._owner.driver, self._owner.face.latest
+            if self._action.is_preempt_requested():
+                driver.stop("preempted")
+                self._action.set_preempted(self._result("stopped", "preempted"))
+                return
+            phase, outcome = driver.servo.phase, driver.servo.outcome
+            if state is not None:
+                self._action.publish_feedback(_feedback(state, phase, outcome.kind))
+            if phase == CONVERGED:
+                self._action.set_succeeded(self._result(outcome.kind, outcome.reason))
+                return
+            if phase == STOPPED:
+                self._action.set_aborted(
+                    self._result(outcome.kind, outcome.reason or driver.servo.reason, outcome.mend)
+                )
+                return
+            began = rospy.get_time() if began is None else began
+            if 0.0 < goal.timeout < rospy.get_time() - began:
+                driver.stop("the time for it is over")
+                kind = outcome.kind if outcome.kind != "running" else "timed_out"
+                reason = outcome.reason or f"not converged within {goal.timeout:g} s"
+                self._action.set_aborted(self._result(kind, reason, outcome.mend))
+                return
+            time.sleep(FEEDBACK_PERIOD)
+
+    def _result(self, outcome: str, reason: str, mend: str = "") -> ServoToTargetResult:
+        result = ServoToTargetResult(outcome=outcome, reason=reason, mend=mend)
+        state = self._owner.face.latest
+        if state is not None and state.decision is not None:
+            result.feature_names = list(state.decision.names)
+            result.error = [float(e) for e in state.decision.error]
+        return result
+
+
+def _feedback(state: ServoState, phase: str, outcome: str) -> ServoToTargetFeedback:
+    feedback = ServoToTargetFeedback(phase=phase, outcome=outcome)
+    if state.decision is not None:
+        feedback.feature_names = list(state.decision.names)
+        feedback.error = [float(e) for e in state.decision.error]
+    if state.resolution is not None:
+        feedback.rank = state.resolution.rank
+        feedback.margins = state.resolution.margins.tolist()
+    return feedback

@@ -1,0 +1,27 @@
+"""Depth images."""
+
+from __future__ import annotations
+
+import numpy as np
+from sensor_msgs.msg import Image
+
+from aras_visual_servo_camera.errors import ImageError
+
+
+def depth_of(message: Image) -> np.ndarray:
+    """Depth (rows, columns), m, of a 32FC1 or 16UC1 (mm) image.
+
+    Raises:
+        ImageError: another encoding, or fewer bytes than the size promises.
+    """
+    kinds = {"32FC1": (np.float32, 1.0), "16UC1": (np.uint16, 1e-3)}
+    if message.encoding not in kinds:
+        raise ImageError(f"depth of encoding '{message.encoding}': send one of {', '.join(kinds)}")
+    kind, unit = kinds[message.encoding]
+    kind = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
+    width = message.width * kind.itemsize
+    if message.step < width or len(message.data) < message.step * message.height:
+        raise ImageError(f"depth image of {len(message.data)} bytes is too short for its size")
+    rows = np.frombuffer(message.data, np.uint8)[: message.step * message.height]
+    rows = np.ascontiguousarray(rows.reshape(message.height, message.step)[:, :width])
+    return rows.view(kind).astype(np.float32) * np.float32(unit)

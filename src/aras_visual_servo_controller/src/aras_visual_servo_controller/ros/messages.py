@@ -1,0 +1,89 @@
+"""Between ROS messages and the plain data of the loop."""
+
+from __future__ import annotations
+
+import numpy as np
+from aras_visual_servo_camera.msg import ImageMoments
+from geometry_msgs.msg import Twist
+
+from aras_visual_servo_camera.errors import VisionError
+from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_camera.undistortion import CameraModel
+
+from ..msg import ServoReport, ServoState
+from ..state import ServoState as State
+
+# Of an image that tells no intrinsics; it is not valid, and nothing is computed with it.
+UNKNOWN_CAMERA = CameraModel(1, 1, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))
+
+
+def camera_of(message: ImageMoments) -> tuple[CameraModel, str]:
+    """The camera that measured, and what is wrong with it in words."""
+    try:
+        return CameraModel.from_message(message), ""
+    except VisionError as error:
+        return UNKNOWN_CAMERA, str(error)
+
+
+def moments_of(message: ImageMoments) -> tuple[Moments | None, str]:
+    """The moments of a message, or why there are none."""
+    if not message.valid:
+        return None, message.reason or "the target is not visible"
+    try:
+        return Moments.from_arrays(message.m, message.mu, int(message.order)), ""
+    except (VisionError, ValueError, OverflowError) as error:
+        return None, f"unusable moments: {error}"
+
+
+def state_message(state: State, scheme: str, frame: str, names: tuple[str, ...]) -> ServoState:
+    """The original's record of one image; its stamp is the caller's."""
+    message = ServoState(scheme=scheme, phase=state.phase, reason=state.reason)
+    message.header.frame_id = frame
+    message.joint_names = list(names)
+    decision, resolution = state.decision, state.resolution
+    if decision is not None:
+        message.feature_names = list(decision.names)
+        message.features = np.asarray(decision.features).tolist()
+        message.desired_features = np.asarray(decision.desired).tolist()
+        message.error = np.asarray(decision.error).tolist()
+    message.camera_twist = twist_message(state.twist)
+    if state.joints is not None:
+        message.joint_positions = state.joints.positions.tolist()
+    if state.command is not None:
+        message.joint_commands = state.command.tolist()
+    message.joint_velocities = [0.0] * len(names)
+    if resolution is not None:
+        message.joint_velocities = resolution.velocities.tolist()
+        message.singular_values = resolution.singular_values.tolist()
+    return message
+
+
+def report_message(state: State, frame: str, names: tuple[str, ...]) -> ServoReport:
+    """How the loop stands."""
+    message = ServoReport(
+        phase=state.phase, outcome=state.outcome, reason=state.reason, mend=state.mend
+    )
+    message.header.frame_id = frame
+    message.joint_names = list(names)
+    message.asked, message.achieved = twist_message(state.twist), twist_message(state.achieved)
+    message.rank, message.singular_values_l = int(state.rank), list(state.singular_values_L)
+    message.scale, message.computing = 1.0, state.computing
+    resolution = state.resolution
+    if resolution is not None:
+        message.lost = twist_message(resolution.lost)
+        message.rank_lj = resolution.rank
+        message.singular_values_lj = resolution.singular_values.tolist()
+        message.null_direction = resolution.null_direction.tolist()
+        message.manipulability = resolution.manipulability
+        message.margins = resolution.margins.tolist()
+        message.scale = resolution.scale
+    return message
+
+
+def twist_message(twist: np.ndarray) -> Twist:
+    """A geometry_msgs/Twist of (6,)."""
+    message = Twist()
+    values = [float(v) for v in twist]
+    message.linear.x, message.linear.y, message.linear.z = values[:3]
+    message.angular.x, message.angular.y, message.angular.z = values[3:]
+    return message

@@ -19,7 +19,7 @@ from typing import Protocol
 import numpy as np
 
 from .errors import MeasurementError
-from .joint_history import JointHistory
+from .joint_history import FARTHEST, JointHistory
 from .joint_sample import JointSample
 from .observation import Observation, Observer
 from .servo import Servo
@@ -56,11 +56,12 @@ class Driver:
         observer: Observer,
         settings: Settings,
         face: Face,
+        clock: Callable[[], float],
         wall: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`wall`: s of wall time."""
+        """`clock`: s, of the stamps, simulated or not; `wall`: s of wall time."""
         self.servo, self.observer, self.settings = servo, observer, settings
-        self._face, self._wall = face, wall
+        self._face, self._clock, self._wall = face, clock, wall
         self._lock = threading.RLock()
         self.history = JointHistory()
         self._commands: deque[JointSample] = deque(maxlen=256)
@@ -81,12 +82,11 @@ class Driver:
         positions: Sequence[float],
         velocities: Sequence[float],
         stamp: float,
-        now: float,
     ) -> None:
-        """One joint state; `now`: the clock, s."""
+        """One joint state."""
         with self._lock:
             self._joints_heard = self._wall()
-            self._follow(now)
+            now = self._follow()
             if not stamp > 0.0 or abs(now - stamp) > SKEW and not self.settings.lockstep:
                 stamp = now
             if self._stamp is None:
@@ -108,11 +108,11 @@ class Driver:
             if self.servo.phase in (APPROACHING, WAITING, STOPPED):
                 self._now_and_then(command, sample)
 
-    def image(self, stamp: float, now: float, look: Look) -> None:
+    def image(self, stamp: float, look: Look) -> None:
         """One image; `look` makes its observation, given the joints of its instant."""
         with self._lock:
             self._images_heard = self._wall()
-            self._follow(now)
+            self._follow()
             if self._starved:
                 self._starved = False
                 self.servo.start()
@@ -124,7 +124,9 @@ class Driver:
         if lockstep and not self.history.complete_to(stamp):
             self._waiting = stamp, look
             return
-        joints = self.history.at(stamp, earlier_only=lockstep)
+        joints, newest = self.history.at(stamp, earlier_only=lockstep), self.history.newest
+        if newest is not None and stamp - newest.stamp > FARTHEST:
+            return  # whatever it shows, nothing is known of the joints any more
         since = tuple(command for command in self._commands if command.stamp >= stamp)
         state = self.servo.see(look(joints, since))
         if state is not self.servo.state:
@@ -137,15 +139,16 @@ class Driver:
         self._send(self._tick(at if lockstep else self._time or at), repeat=lockstep)
         self._report(state)
 
-    def watch(self, now: float) -> None:
+    def watch(self) -> None:
         """Call often, from a thread of its own: stops the arm when nothing comes any more."""
         with self._lock:
-            self._follow(now)
-            wall = self._wall()
+            now, wall = self._follow(), self._wall()
             if self._stamp is not None and not self.settings.lockstep:
-                at = self._stamp + (now - self._arrived)
-                if at - self._stamp > SILENT and at > (self._time or 0.0):
-                    self._send(self._tick(at))
+                silent = now - self._arrived
+                if silent > max(self.settings.watchdog, SILENT):
+                    self._blind(self._stamp + silent, f"no joint states for {silent:.2f} s")
+                elif silent > SILENT:
+                    self._send(self._tick(self._stamp + silent))
             moving = self.servo.phase in (SERVOING, CONVERGED)
             if moving and wall - self._answered > self.settings.wall_watchdog:
                 self._starved = True
@@ -189,8 +192,9 @@ class Driver:
         self._sent: np.ndarray | None = None
         self._reported = -1e9
 
-    def _follow(self, now: float) -> None:
-        """Begin anew when the clock went back."""
+    def _follow(self) -> float:
+        """The clock, s; when it went back, the loop begins anew."""
+        now = self._clock()
         if self._now is not None and now < self._now:
             self._face.say(f"simulated time went back to {now:.3f} s: beginning anew")
             stopped = self.servo.phase == STOPPED
@@ -200,6 +204,7 @@ class Driver:
             if stopped:
                 self.servo.stop("waiting for start")
         self._now = now
+        return now
 
     def _tick(self, t: float, sample: JointSample | None = None) -> Command:
         self._time = t
@@ -225,6 +230,8 @@ class Driver:
         )
         if values is None or not np.isfinite(values).all():
             return
+        if self._sent is None and self.servo.phase == STOPPED:
+            return  # standing by: whoever commands the joints now goes on doing so
         same = self._sent is not None and np.array_equal(values, self._sent)
         if same and command.positions is not None and not repeat:
             return

@@ -49,7 +49,7 @@ class Control:
 
     def _execute(self, goal: ServoToTargetGoal) -> None:
         """Servo until the target is reached, the time is over, or somebody wants otherwise."""
-        began = None
+        began, before = None, self._owner.face.latest
         self._owner.driver.start()
         while not rospy.is_shutdown():
             driver, state = self._owner.driver, self._owner.face.latest
@@ -58,11 +58,11 @@ class Control:
                 self._action.set_preempted(self._result("stopped", "preempted"))
                 return
             phase, outcome = driver.servo.phase, driver.servo.outcome
-            if state is not None:
-                self._action.publish_feedback(_feedback(state, phase, outcome.kind))
-            if phase == CONVERGED:
-                self._action.set_succeeded(self._result(outcome.kind, outcome.reason))
-                return
+            if state is not None and state is not before:
+                self._action.publish_feedback(_feedback(state))
+                if state.phase == CONVERGED:
+                    self._action.set_succeeded(self._result(state.outcome, state.reason))
+                    return
             if phase == STOPPED:
                 self._action.set_aborted(
                     self._result(outcome.kind, outcome.reason or driver.servo.reason, outcome.mend)
@@ -86,8 +86,8 @@ class Control:
         return result
 
 
-def _feedback(state: ServoState, phase: str, outcome: str) -> ServoToTargetFeedback:
-    feedback = ServoToTargetFeedback(phase=phase, outcome=outcome)
+def _feedback(state: ServoState) -> ServoToTargetFeedback:
+    feedback = ServoToTargetFeedback(phase=state.phase, outcome=state.outcome)
     if state.decision is not None:
         feedback.feature_names = list(state.decision.names)
         feedback.error = [float(e) for e in state.decision.error]

@@ -61,8 +61,8 @@ class Inputs:
             subscriber.unregister()
 
     def _on_joints(self, message: JointState) -> None:
-        stamp, now = message.header.stamp.to_sec(), rospy.get_time()
-        self._driver.joints(message.name, message.position, message.velocity, stamp, now)
+        stamp = message.header.stamp.to_sec()
+        self._driver.joints(message.name, message.position, message.velocity, stamp)
 
     def _on_moments(self, message: ImageMoments) -> None:
         if not self._kernel:
@@ -91,7 +91,7 @@ class Inputs:
                 touches=("border",) if message.touches_border else (),
             )  # fmt: skip
 
-        self._driver.image(stamp, rospy.get_time(), look)
+        self._driver.image(stamp, look)
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
@@ -123,4 +123,4 @@ class Inputs:
         look: Look = lambda joints, commands: self._observer.of_image(  # noqa: E731
             stamp, image, camera, joints, commands, depth
         )
-        self._driver.image(stamp, rospy.get_time(), look)
+        self._driver.image(stamp, look)

@@ -11,8 +11,8 @@ import numpy as np
 import rospkg
 import rospy
 
-from aras_visual_servo_camera.master_watch import MasterWatch
-from aras_visual_servo_camera.shutdown import end_on_signals
+from aras_visual_servo_ros.master_watch import MasterWatch
+from aras_visual_servo_ros.shutdown import end_on_signals
 
 from ..driver import Driver
 from ..errors import ConfigurationError
@@ -53,7 +53,8 @@ class ControllerNode:
             self.face.close()
         self._urdf, self._beginnings = urdf, 0
         self.face = RosFace(settings, arm.names)
-        self.driver = Driver(servo, settings.observer(arm, servo.scheme), settings, self.face)
+        observer = settings.observer(arm, servo.scheme)
+        self.driver = Driver(servo, observer, settings, self.face, rospy.get_time)
         self.face.await_listeners()
         rospy.loginfo(
             "scheme %s, start %s, goal %s; %s moved by %s", settings.scheme, settings.start,
@@ -75,7 +76,7 @@ class ControllerNode:
             try:
                 self._look_for_robot()
                 if self.driver is not None:
-                    self.driver.watch(rospy.get_time())
+                    self.driver.watch()
             except ConfigurationError as error:
                 rospy.logfatal("%s", error)
                 return 1

@@ -1,0 +1,259 @@
+"""The driver: joints by stamp, images with the joints of their instant, silence that stops the arm.
+
+A played robot with exact vision and lagging joints, in simulated time.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.arm.poses import pose_difference
+from aras_visual_servo_controller.driver import Driver
+from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.joint_history import JointHistory
+from aras_visual_servo_controller.joint_sample import JointSample
+from aras_visual_servo_controller.pairing import ByStamp, InTurn
+from aras_visual_servo_controller.settings import Settings
+
+SOURCES = Path(__file__).parents[3] / "src"
+PACKAGE = SOURCES / "aras_visual_servo_controller"
+URDF = (SOURCES / "aras_visual_servo_gazebo/robots/aras_visual_servo.urdf").read_text()
+CAMERA = CameraModel(320, 240, (100.0, 0.0, 160.0, 0.0, 100.0, 120.0, 0.0, 0.0, 1.0))
+DT = 1.0 / 90.0
+
+
+class Bench:
+    """Steps the played robot and its driver; a Face of its own."""
+
+    def __init__(self, **given):
+        given = {"start": "none", **given}
+        settings = Settings.from_mapping(given, PACKAGE).for_robot("aras_visual_servo", given)
+        self.arm = settings.arm(URDF)
+        self.servo = settings.build(self.arm)
+        self.goal = Goal.load(PACKAGE / "config" / "goal_2016.yaml")
+        self.t, self.wall, self.n = 1.0, 0.0, 0
+        self.sent, self.states, self.words = [], [], []
+        observer = settings.observer(self.arm, self.servo.scheme)
+        self.driver = Driver(
+            self.servo, observer, settings, self, lambda: self.t, lambda: self.wall
+        )
+        self.q = np.array([-0.1, 0.0, 0.349, -0.262, -0.0873, 0.1745])
+        self.command, self.seen = self.q.copy(), []
+        self.images = self.joints = True
+
+    def send(self, command):
+        self.sent.append((self.t, command))
+        if command.positions is not None:
+            self.command = command.positions.copy()
+
+    def report(self, state):
+        self.states.append(state)
+
+    def say(self, text):
+        self.words.append(text)
+
+    def step(self, count=1, stamp=None, image_stamp=None, position=None, valid=True):
+        for _ in range(count):
+            self.n, self.t, self.wall = self.n + 1, self.t + DT, self.wall + DT
+            before = self.q
+            self.q = before + (1.0 - np.exp(-DT / 0.03)) * (self.command - before)
+            if self.joints:
+                q = self.q if position is None else np.full(6, position)
+                speed = (self.q - before) / DT
+                self.driver.joints(self.arm.names, q, speed, self.t if stamp is None else stamp)
+            if self.images and self.n % 3 == 0:
+                self.look(self.t if image_stamp is None else image_stamp, valid)
+            self.driver.watch()
+
+    def look(self, stamp, valid=True):
+        moments = Moments.from_polygon(self.goal.target.outline(self.arm.pose(self.q)), 3)
+
+        def look(joints, commands):
+            self.seen.append((joints, commands))
+            return self.driver.observer.of_moments(
+                stamp, moments if valid else None, valid, "" if valid else "no target", CAMERA,
+                joints, commands,
+            )  # fmt: skip
+
+        self.driver.image(stamp, look)
+
+    def off(self):
+        goal = self.arm.pose(self.servo.goal.joint_values(self.arm.names))
+        return pose_difference(goal, self.arm.pose(self.q))
+
+    def at_rest(self):
+        before = self.command.copy()
+        self.step(20)
+        return np.array_equal(before, self.command)
+
+
+def test_it_goes_to_its_start_and_to_the_goal():
+    bench = Bench(start="2015")
+    bench.step(400)
+    phases = list(dict.fromkeys(state.phase for state in bench.states))
+    assert phases[0] == "approaching" and phases[-2:] == ["servoing", "converged"]
+    assert bench.off()[0] < 1e-5
+    joints, commands = bench.seen[-1]
+    assert joints.stamp == pytest.approx(bench.states[-1].stamp)
+    assert all(command.stamp >= joints.stamp for command in commands)
+
+
+def test_lockstep_sends_once_an_image_and_never_between():
+    bench = Bench(start="2015", lockstep=True)
+    bench.step(300)
+    images = bench.n // 3
+    assert len(bench.sent) in (images - 1, images)
+    assert bench.states[-1].phase == "servoing"
+    assert all(joints is None or joints.stamp <= bench.t for joints, _ in bench.seen)
+
+
+@pytest.mark.parametrize("silent", ["images", "joints"])
+def test_silence_stops_the_arm_smoothly(silent):
+    bench = Bench(gain=1.0)
+    bench.step(60)
+    assert not bench.at_rest()
+    setattr(bench, silent, False)
+    began, count = bench.t, len(bench.sent)
+    bench.step(60)
+    assert bench.at_rest()
+    assert bench.sent[-1][0] - began < 0.2 + 0.15 + 0.1
+    path = np.array([command.positions for _, command in bench.sent[count - 5 :]])
+    times = np.array([t for t, _ in bench.sent[count - 5 :]])
+    speed = np.diff(path, axis=0) / np.diff(times)[:, None]
+    assert np.abs(np.diff(speed, axis=0)).max() < 0.5 * np.abs(speed).max()  # no sudden stop
+    setattr(bench, silent, True)
+    bench.step(1100)
+    assert bench.states[-1].phase == "converged" and bench.off()[0] < 1e-4
+
+
+def test_silence_is_named():
+    bench = Bench(image_timeout=0.5, joint_timeout=0.5)
+    bench.step(30)
+    bench.images = bench.joints = False
+    bench.step(120)
+    assert any("no joint states on /aras_visual_servo/joint_states" in s.reason
+               and "no features on /aras_visual_servo/camera/moments" in s.reason
+               for s in bench.states)  # fmt: skip
+
+
+def test_wall_time_without_an_answer_holds_the_arm_until_images_come():
+    bench = Bench(gain=1.0, wall_watchdog=5.0)
+    bench.step(60)
+    bench.wall += 5.1
+    bench.driver.watch()
+    assert bench.servo.phase == "holding"
+    bench.step(1)
+    assert bench.servo.phase != "servoing"
+    bench.step(1100)
+    assert bench.states[-1].phase == "converged"
+
+
+def test_only_the_clock_going_back_begins_anew():
+    bench = Bench(gain=1.0)
+    bench.step(60)
+    bench.step(3, image_stamp=0.0)
+    bench.step(3, image_stamp=bench.t - 0.02)
+    bench.step(3, stamp=0.0)
+    bench.step(3, stamp=bench.t - 0.05)
+    assert not bench.words and bench.servo.phase in ("servoing", "waiting")
+    bench.t = 1.0
+    bench.step(1)
+    assert bench.words == [f"simulated time went back to {bench.t:.3f} s: beginning anew"]
+    bench.step(700)
+    assert bench.off()[0] < 1e-4
+
+
+def test_implausible_and_missing_joints_stop_the_arm():
+    bench = Bench(gain=1.0)
+    bench.step(60)
+    bench.step(15, position=1e308)
+    assert bench.servo.phase == "holding"
+    assert np.abs([c.positions for _, c in bench.sent]).max() < 10.0
+    bench.step(60)
+    assert bench.servo.phase == "servoing"
+    for _ in range(5):
+        bench.t += DT
+        bench.driver.joints(("J1",), (0.0,), (), bench.t)
+    assert bench.servo.phase == "holding"
+    assert any("joint states lack gantry" in state.reason for state in bench.states)
+
+
+def test_standing_by_sends_nothing():
+    bench = Bench(autostart=False)
+    bench.step(60)
+    assert not bench.sent and bench.states[-1].phase == "stopped"
+    bench.driver.start()
+    bench.step(60)
+    assert bench.sent and bench.servo.phase == "servoing"
+    bench.driver.hold("wait")
+    bench.step(30)
+    assert bench.servo.phase == "holding" and bench.at_rest()
+    bench.driver.start()
+    bench.step(30)
+    assert bench.servo.phase == "servoing"
+    bench.driver.stop()
+    bench.step(30)
+    assert bench.servo.phase == "stopped" and bench.at_rest()
+
+
+def test_a_dry_run_sends_nothing():
+    bench = Bench(dry=True)
+    bench.step(60)
+    assert not bench.sent and bench.states[-1].phase == "servoing"
+    assert np.abs(bench.states[-1].twist).max() > 0.0
+
+
+def sample(stamp, position, speed=0.0):
+    return JointSample.of(stamp, ("a",), [position], [speed])
+
+
+def test_joints_between_and_after_their_samples():
+    history = JointHistory(3)
+    assert history.at(1.0) is None and history.newest is None
+    assert not history.complete_to(1.0)
+    for stamp, position in ((1.0, 0.0), (1.1, 1.0), (1.2, 3.0)):
+        assert history.add(sample(stamp, position, 10.0))
+    assert not history.add(sample(1.2, 9.0)) and not history.add(sample(1.15, 9.0))
+    assert history.at(1.05).positions[0] == pytest.approx(0.5)
+    assert history.at(1.1).positions[0] == 1.0
+    assert history.at(1.175).positions[0] == pytest.approx(2.5)
+    assert history.at(1.25).positions[0] == pytest.approx(3.5)  # goes on at its speed
+    assert history.at(1.5) is None
+    assert history.at(0.95).positions[0] == pytest.approx(-0.5)
+    assert history.at(1.05, earlier_only=True).positions[0] == pytest.approx(0.5)  # 0 + 10 x 0.05
+    assert history.at(1.175, earlier_only=True).positions[0] == pytest.approx(1.75)
+    assert history.complete_to(1.29) and not history.complete_to(1.31)
+    history.add(sample(1.3, 4.0))
+    assert history.at(1.05, earlier_only=True) is None  # the oldest gave way
+    history.clear()
+    assert history.newest is None
+
+
+def test_messages_of_one_stamp_meet_in_any_order():
+    pairs = ByStamp(("image", "depth"))
+    assert pairs.add("image", 1, "i1") is None
+    assert pairs.add("depth", 2, "d2") is None
+    assert pairs.add("image", 2, "i2") == {"image": "i2", "depth": "d2"}
+    assert pairs.add("depth", 1, "d1") is None  # older than what was answered
+    assert pairs.add("depth", 3, "d3") is None
+    assert pairs.add("image", 3, "i3") == {"image": "i3", "depth": "d3"}
+    for stamp in range(10, 30):
+        assert pairs.add("image", stamp, "i") is None
+    assert pairs.add("depth", 10, "d") is None  # forgotten
+    assert pairs.add("depth", 29, "d") is not None
+
+
+def test_data_without_a_stamp_belong_to_the_moments_sent_before():
+    turns = InTurn()
+    assert turns.stamped("m1") is None
+    assert turns.plain("d1") == ("m1", "d1")
+    assert turns.plain("d2") is None  # came first
+    assert turns.stamped("m2") == ("m2", "d2")
+    assert turns.stamped("m3") is None  # its data never come
+    assert turns.stamped("m4") is None
+    assert turns.plain("d4") == ("m4", "d4")

@@ -17,6 +17,8 @@ from aras_sim_bridge.ros.control.command_topic import CommandTopic, undecoded
 class Thread:
     """As SimulationThread; jobs are done at once."""
 
+    gate = None
+
     def post(self, job) -> None:
         job()
 
@@ -34,6 +36,7 @@ def ros(monkeypatch):
             it.open.pop()
 
     monkeypatch.setattr(command_topic.rospy, "Subscriber", Subscriber)
+    monkeypatch.setattr(command_topic, "_feeds", {})
     monkeypatch.setattr(
         command_topic.rospy, "logerr", lambda text, *args: it.lines.append(text % args)
     )
@@ -124,3 +127,32 @@ def test_all_that_rospy_read_goes_with_the_connection_and_only_once(ros, monkeyp
     assert taken == [1.0, 2.0, 3.0]
     assert streams[0]._rest == b"ab"
     assert connection.read_buff.getvalue() == b""
+
+
+class Gate:
+    """Notes what it is told of."""
+
+    def __init__(self) -> None:
+        self.told = []
+
+    def claim(self, topic: str) -> None:
+        self.told.append(f"claim {topic}")
+
+    def heard(self, topic: str) -> None:
+        self.told.append(f"heard {topic}")
+
+    def release(self, topic: str) -> None:
+        self.told.append(f"release {topic}")
+
+
+def test_lockstep_hears_of_a_message_when_all_have_taken_it(ros):
+    thread = Thread()
+    thread.gate = Gate()
+    first, second = (
+        CommandTopic("/c", Float64, lambda m: thread.gate.told.append(m.data), thread)
+        for _ in range(2)
+    )
+    send(first, 1.0)
+    first.shutdown()
+    second.shutdown()
+    assert thread.gate.told == ["claim /c", 1.0, 1.0, "heard /c", "release /c"]

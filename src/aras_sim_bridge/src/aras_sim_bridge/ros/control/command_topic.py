@@ -17,7 +17,6 @@ from rospy.impl.tcpros_base import TCPROSTransport
 
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime.inbox import BUFFER_SIZE, Stream
-from aras_sim_bridge.ros.runtime.lockstep import COUNT
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
 COMPLAINT_PERIOD = 5.0  # seconds of wall time between two lines about the same fault
@@ -85,7 +84,8 @@ class _Feed:
         self._thread = thread
         self._streams: set[Stream] = set()  # the simulation's thread's
         self._subscribed = threading.Event()
-        COUNT.claim(topic)
+        if thread.gate is not None:
+            thread.gate.claim(topic)
         self._subscriber = rospy.Subscriber(
             topic,
             undecoded(message),
@@ -99,7 +99,8 @@ class _Feed:
         """Unsubscribe."""
         self._thread.post(self._end_streams)
         self._subscriber.unregister()
-        COUNT.release(self._topic)
+        if self._thread.gate is not None:
+            self._thread.gate.release(self._topic)
 
     def _hand_over(self, message: Message) -> None:
         """The first messages of a connection, in rospy's thread for it."""
@@ -147,7 +148,8 @@ class _Feed:
             return
         for taker in self.takers:
             taker.act(message)
-        COUNT.note(self._topic)
+        if self._thread.gate is not None:
+            self._thread.gate.heard(self._topic)
 
 
 def undecoded(message: type[Message]) -> type[Message]:

@@ -24,55 +24,12 @@ _WAITED_FOR = (
 )
 
 
-class MessageCount:
-    """How many messages this process has taken from each topic it cares for; thread-safe.
-
-    A topic that the node itself subscribes to (a controller's command) is counted by that
-    subscriber, after it has handed the message on: so a counted command is a taken command.
-    """
-
-    def __init__(self) -> None:
-        self.on_message: Callable[[str], None] | None = None
-        self._lock = threading.Lock()
-        self._claims: dict[str, int] = {}
-        self._listeners: dict[str, rospy.Subscriber] = {}
-
-    def claim(self, topic: str) -> None:
-        """Somebody in this process subscribes to `topic` and will call `note` for it."""
-        with self._lock:
-            self._claims[topic] = self._claims.get(topic, 0) + 1
-            listener = self._listeners.pop(topic, None)
-        if listener is not None:
-            listener.unregister()
-
-    def release(self, topic: str) -> None:
-        """The subscriber that claimed `topic` is gone."""
-        with self._lock:
-            self._claims[topic] -= 1
-            if not self._claims[topic]:
-                del self._claims[topic]
-
-    def note(self, topic: str) -> None:
-        """Count a message of a claimed topic."""
-        if self.on_message is not None:
-            self.on_message(topic)
-
-    def listen(self, topic: str) -> None:
-        """Have the messages of `topic` counted, whoever takes them."""
-        with self._lock:
-            # One process has one subscription a topic, of one type: never a second, of any type.
-            if topic in self._claims or topic in self._listeners:
-                return
-            self._listeners[topic] = rospy.Subscriber(
-                topic, rospy.AnyMsg, lambda _message: self.note(topic), tcp_nodelay=True
-            )
-
-
-COUNT = MessageCount()  # subscriptions are the process's, so is their count
-
-
 class Lockstep:
-    """Says when simulated time may go on. `begin` and `remaining` are the simulation's thread's."""
+    """Says when simulated time may go on. `begin` and `remaining` are the simulation's thread's.
+
+    Who subscribes to a command topic himself claims it, and tells when a message was `heard`, after
+    it was handed on: so a command that counts is a command that acts. Other topics are listened to.
+    """
 
     def __init__(
         self,
@@ -108,15 +65,40 @@ class Lockstep:
         self._period_ns = round(period * 1e9)
         self._next_ns = self._period_ns
         self._lock = threading.Lock()
+        self._claimed: set[str] = set()
+        self._listeners: dict[str, rospy.Subscriber] = {}
         self._missing: set[str] = set()
         self._silent: set[str] = set()
         self._deadline = 0.0
-        COUNT.on_message = self._on_message
 
     @property
     def closed(self) -> bool:
         """Whether a round is open, so that no step may be made."""
         return bool(self._missing)
+
+    def claim(self, topic: str) -> None:
+        """Leave it to the caller to subscribe to `topic`, and to call `heard`."""
+        with self._lock:
+            self._claimed.add(topic)
+            listener = self._listeners.pop(topic, None)
+        if listener is not None:
+            listener.unregister()
+
+    def release(self, topic: str) -> None:
+        """The subscriber that claimed `topic` is gone."""
+        with self._lock:
+            self._claimed.discard(topic)
+
+    def heard(self, topic: str) -> None:
+        """A message of `topic` was taken; from any thread."""
+        with self._lock:
+            self._silent.discard(topic)
+            if topic not in self._missing:
+                return
+            self._missing.discard(topic)
+            if self._missing:
+                return
+        self._wake()
 
     def after_step(self, time_ns: int) -> None:
         """Begin a round when a period of simulated time is over."""
@@ -132,7 +114,7 @@ class Lockstep:
     def begin(self) -> None:
         """Begin a round: messages that came before do not count."""
         for topic in self.topics:
-            COUNT.listen(topic)
+            self._listen(topic)
         with self._lock:
             self._missing = set(self.topics) - self._silent
             self._deadline = self._clock() + self._timeout
@@ -158,15 +140,13 @@ class Lockstep:
         threading.Thread(target=self._complain, args=(late,), daemon=True).start()
         return None
 
-    def _on_message(self, topic: str) -> None:
+    def _listen(self, topic: str) -> None:
         with self._lock:
-            self._silent.discard(topic)
-            if topic not in self._missing:
-                return
-            self._missing.discard(topic)
-            if self._missing:
-                return
-        self._wake()
+            # One process has one subscription a topic, of one type: never a second, of any type.
+            if topic not in self._claimed and topic not in self._listeners:
+                self._listeners[topic] = rospy.Subscriber(
+                    topic, rospy.AnyMsg, lambda _message: self.heard(topic), tcp_nodelay=True
+                )
 
     def _complain(self, topics: list[str]) -> None:
         who = publishers(topics)

@@ -1,0 +1,180 @@
+"""When simulated time waits for answers, on a wall clock that the test turns."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.ros.runtime import lockstep
+from aras_sim_bridge.ros.runtime.lockstep import Lockstep
+
+MS = 1_000_000
+
+
+class Inline:
+    """A thread that is done at once."""
+
+    def __init__(self, target, args, daemon) -> None:
+        self.start = lambda: target(*args)
+
+
+@pytest.fixture
+def ros(monkeypatch):
+    """Subscriptions by topic, lines of the log, and who publishes."""
+    it = SimpleNamespace(subscribed={}, lines=[], publishers={})
+
+    class Subscriber:
+        def __init__(self, topic, _kind, callback, **_options) -> None:
+            assert topic not in it.subscribed
+            it.subscribed[topic] = callback
+            self.unregister = lambda: it.subscribed.pop(topic)
+
+    monkeypatch.setattr(lockstep.rospy, "Subscriber", Subscriber)
+    monkeypatch.setattr(lockstep.rospy, "resolve_name", lambda name: "/" + name.lstrip("/"))
+    monkeypatch.setattr(
+        lockstep.rospy, "logwarn", lambda text, *args: it.lines.append(text % args)
+    )
+    monkeypatch.setattr(lockstep.threading, "Thread", Inline)
+    monkeypatch.setattr(lockstep, "publishers", lambda topics: it.publishers)
+    return it
+
+
+@pytest.fixture
+def made(ros):
+    """Factory of gates; `wall` is their clock, `woken` counts calls of wake."""
+
+    def make(*topics: str, period: float = 0.0) -> Lockstep:
+        make.gate = Lockstep(topics, 5.0, lambda: make.woken.append(1), period, lambda: make.wall)
+        return make.gate
+
+    make.wall = 100.0
+    make.woken = []
+    return make
+
+
+def test_a_round_is_over_when_the_last_topic_was_heard(made):
+    gate = made("a", "b")
+    assert not gate.closed
+    gate.before_frame()
+    assert gate.closed
+    assert gate.remaining() == 5.0
+    gate.heard("/a")
+    gate.heard("/a")
+    gate.heard("/c")
+    assert gate.closed
+    assert made.woken == []
+    gate.heard("/b")
+    assert not gate.closed
+    assert gate.remaining() is None
+    assert made.woken == [1]
+
+
+def test_what_came_before_a_round_does_not_count(made):
+    gate = made("a")
+    gate.heard("/a")
+    gate.before_frame()
+    assert gate.closed
+    gate.heard("/a")
+    gate.before_frame()
+    assert gate.closed
+
+
+def test_topics_are_listened_to_once_unless_they_are_claimed(made, ros):
+    gate = made("a", "b")
+    gate.claim("/a")
+    gate.before_frame()
+    gate.before_frame()
+    assert set(ros.subscribed) == {"/b"}
+    ros.subscribed["/b"](None)
+    assert gate.closed
+    gate.heard("/a")
+    assert not gate.closed
+    gate.claim("/b")  # who subscribes by a type of its own comes in place of the listener
+    assert ros.subscribed == {}
+    gate.release("/b")
+    gate.before_frame()
+    assert set(ros.subscribed) == {"/b"}
+
+
+def test_who_is_silent_too_long_is_named_once_and_left_out_until_heard(made, ros):
+    gate = made("a", "b")
+    ros.publishers = {"/b": ["/late", "/later"]}
+    gate.before_frame()
+    gate.heard("/a")
+    made.wall += 4.0
+    assert gate.remaining() == pytest.approx(1.0)
+    made.wall += 1.1
+    assert gate.remaining() is None
+    assert not gate.closed
+    assert len(ros.lines) == 1
+    assert "5 s" in ros.lines[0]
+    assert "/b (published by /late, /later)" in ros.lines[0]
+    assert "/a" not in ros.lines[0].replace("/later", "").replace("/late", "")
+    gate.before_frame()
+    gate.heard("/a")
+    assert not gate.closed  # not waited for any more
+    gate.heard("/b")
+    gate.before_frame()
+    gate.heard("/a")
+    assert gate.closed  # it is back
+
+
+def test_a_topic_that_nobody_publishes_is_told_so(made, ros):
+    gate = made("a")
+    gate.before_frame()
+    made.wall += 6.0
+    gate.remaining()
+    assert "/a (nobody publishes it)" in ros.lines[0]
+
+
+def test_rounds_may_go_by_periods_instead_of_frames(made):
+    gate = made("a", period=0.01)
+    gate.before_frame()
+    assert not gate.closed
+    gate.after_step(9 * MS)
+    assert not gate.closed
+    gate.after_step(10 * MS)
+    assert gate.closed
+    gate.heard("/a")
+    gate.after_step(19 * MS)
+    assert not gate.closed
+    gate.after_step(23 * MS)  # a step that goes beyond begins one round, at the multiple
+    assert gate.closed
+    gate.heard("/a")
+    gate.after_step(29 * MS)
+    assert not gate.closed
+    gate.after_step(30 * MS)
+    assert gate.closed
+
+
+def test_without_a_period_steps_begin_no_round(made):
+    gate = made("a")
+    for step in range(100):
+        gate.after_step(step * MS)
+    assert not gate.closed
+
+
+def test_a_reset_of_time_ends_the_round_and_begins_the_periods_anew(made):
+    gate = made("a", period=0.01)
+    gate.after_step(500 * MS)
+    gate.clear()
+    assert not gate.closed
+    gate.after_step(10 * MS)
+    assert gate.closed
+
+
+@pytest.mark.parametrize(
+    ("arguments", "mend"),
+    [
+        (((), 5.0, 0.0), "lockstep_topics is empty"),
+        ((("a",), 0.0, 0.0), "lockstep_timeout is 0; give seconds above 0"),
+        ((("a",), -1.0, 0.0), "lockstep_timeout is -1"),
+        ((("a",), 5.0, -0.1), "lockstep_period is -0.1"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_the_mend(ros, arguments, mend):
+    topics, timeout, period = arguments
+    with pytest.raises(SimError, match=mend):
+        Lockstep(topics, timeout, lambda: None, period)

@@ -81,10 +81,12 @@ def test_who_comes_later_gets_the_last_message_of_a_latched_topic_once(ros):
 
 def test_without_latch_nothing_is_kept(ros):
     topic = QuickPublisher("/t", Float64, 2)
+    first = join(ros)
     topic.publish_bytes(b"one")
-    listener = join(ros)
+    second = join(ros)
     topic.publish_bytes(b"two")
-    assert listener.bodies(1) == [b"two"]
+    assert first.bodies(2) == [b"one", b"two"]
+    assert second.bodies(1) == [b"two"]
 
 
 def test_images_for_who_has_gone_are_let_go(ros):

@@ -86,6 +86,13 @@ DAMAGED = [
     ("none.stl", bytes(84), "it has no triangle with an area"),
     ("flat.stl", binary_stl(((0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0))), "with an area"),
     ("nan.stl", binary_stl((*CORNERS[:3], (float("nan"), 0, 0))), "a corner is not finite"),
+    ("far.stl", binary_stl((*CORNERS[:3], (1e30, 0, 0))), "a corner is 1e+30, beyond 1e+09"),
+    ("huge.obj", obj("v 1e200 0 0", "f 1 2 5"), "a position is 1e+200, beyond 1e+09"),
+    ("huge.dae", dae("<translate>0 0 0", "<translate>0 0 1e300"), "<translate> is 1e+300"),
+    ("short.dae", dae("<translate>0 0 0", "<translate>0 0"), "<translate>: needs 3 numbers"),
+    ("node.dae", dae("<translate>0 0 0</translate>", "<scale>1e8 1 1</scale>" * 2),
+     "a transform is 1e+16, beyond 1e+09"),
+    ("unit.dae", dae('meter="1"', 'meter="1e11"'), "a transform is 1e+11, beyond 1e+09"),
     ("nan_ascii.stl", ascii_stl().replace(b"vertex 0.1", b"vertex nan"), "a corner is not finite"),
     ("word_ascii.stl", ascii_stl().replace(b"vertex 0.1", b"vertex one"), "'vertex' lines are no"),
     ("cut_ascii.stl", ascii_stl()[:250].rpartition(b"vertex")[0], "'vertex' lines are no triang"),
@@ -132,7 +139,7 @@ DAMAGED = [
     ("few.dae", dae('triangles count="4"', 'triangles count="5"'), "<p> has 12 indices"),
     ("nan.dae", dae(">0 0 0 0.1", ">nan 0 0 0.1"), "not finite"),
     ("word.dae", dae("<p>0 ", "<p>one "), "<p> holds what is no number"),
-    ("move.dae", dae("<translate>0 0 0", "<translate>0 0 inf"), "<translate>: needs 3 finite"),
+    ("move.dae", dae("<translate>0 0 0", "<translate>0 0 inf"), "<translate> is not finite"),
     # Thirty nodes that each show the one before twice: a thousand million.
     ("twice.dae", dae("</library_geometries>", "</library_geometries><library_nodes>" + "".join(
         f'<node id="n{k}">' + (f'<instance_node url="#n{k - 1}"/>' * 2 if k else "") + "</node>"

@@ -12,7 +12,7 @@ import collada
 import numpy as np
 
 from aras_sim_bridge.description import safe_xml
-from aras_sim_bridge.description.mesh import Mesh, from_indices
+from aras_sim_bridge.description.mesh import Mesh, check_reach, from_indices
 from aras_sim_bridge.description.types import Rgba
 from aras_sim_bridge.errors import DescriptionError
 
@@ -107,9 +107,10 @@ def _checked(data: bytes) -> Element:
                 _check_primitive(primitive)
     for tag, count in (("matrix", 16), ("translate", 3), ("scale", 3), ("rotate", 4)):
         for transform in root.iter(tag):
-            if len(_numbers(transform, float)) != count or not np.isfinite(
-                    _numbers(transform, float)).all():
-                raise DescriptionError(f"<{tag}>: needs {count} finite numbers")
+            values = _numbers(transform, float)
+            if len(values) != count:
+                raise DescriptionError(f"<{tag}>: needs {count} numbers")
+            check_reach(values, f"number of <{tag}>")
     return root
 
 
@@ -162,6 +163,7 @@ def _shown(scene: collada.scene.Scene | None
             yield node, placed
         elif isinstance(node, collada.scene.Node):
             inside = placed @ node.matrix
+            check_reach(inside, "transform")
             pending += [(child, inside) for child in reversed(node.children)]
     raise DescriptionError(f"its scene has more than {_MOST_NODES} nodes", "simplify it")
 

@@ -14,6 +14,7 @@ CREASE_ANGLE = np.radians(35.0)
 # Points with more corners than this (the tip of a cone) keep the normals of their faces: comparing
 # each corner with each takes a time that grows with the square of their number.
 _MOST_CORNERS = 128
+_FARTHEST = 1e9  # of a number in a mesh file, whatever its unit
 _LEAST_AREA = 1e-18  # m², of a parallelogram; smaller triangles are left out
 
 
@@ -53,6 +54,8 @@ class Mesh:
     def placed(self, a_T_b: np.ndarray) -> Mesh:
         """The mesh carried from b to a by any (4, 4) a_T_b, which may stretch, shear and mirror."""
         turn = a_T_b[:3, :3]
+        check_reach(a_T_b, "transform")
+        check_reach(self.positions @ turn.T + a_T_b[:3, 3], "position")
         flat = abs(np.linalg.det(turn)) < 1e-30  # nothing is left of its normals then
         normals = self.normals if flat else normalised(self.normals @ np.linalg.inv(turn))
         mirrored = np.linalg.det(turn) < 0.0
@@ -93,9 +96,10 @@ def from_corners(corners: np.ndarray, crease: float = CREASE_ANGLE) -> Mesh:
     Triangles without an area are left out.
 
     Raises:
-        DescriptionError: none has an area.
+        DescriptionError: a corner is out of reach, or no triangle has an area.
     """
     corners = np.asarray(corners, dtype=float).reshape(-1, 3, 3)
+    check_reach(corners, "corner")
     cross = _crosses(corners)
     keep = np.linalg.norm(cross, axis=1) > _LEAST_AREA
     corners, cross = corners[keep], cross[keep]
@@ -118,7 +122,7 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
     Normals are made where a corner has none; a texture without coordinates is left out.
 
     Raises:
-        DescriptionError: a position, coordinate or normal that is not there or not finite, or no
+        DescriptionError: a position, coordinate or normal that is not there or out of reach, or no
             triangle with an area.
     """
     named = ("position", "texture coordinate", "normal")
@@ -127,8 +131,7 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
         wrong = (numbers >= len(values)) | (numbers < (0 if part == 0 else -1))
         if wrong.any():
             raise DescriptionError(f"a face names {what} {numbers[wrong][0]} of {len(values)}")
-        if not np.isfinite(values[numbers[numbers >= 0]]).all():
-            raise DescriptionError(f"a {what} is not finite")
+        check_reach(values[numbers[numbers >= 0]], what)
     textured = texture is not None and len(vt) and (index[..., 1] >= 0).all()
     if not textured:
         texture = None
@@ -148,6 +151,14 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
     return Mesh(positions.astype(np.float32), normalised(normals).astype(np.float32),
                 triangles.astype(np.int32), vt[key[:, 1]].astype(np.float32) if textured else None,
                 texture, rgba, piece)
+
+
+def check_reach(values: np.ndarray, what: str) -> None:
+    """DescriptionError for numbers that are not finite, or that single precision cannot square."""
+    reach = np.abs(values).max(initial=0.0)
+    if not reach <= _FARTHEST:
+        far = f"{reach:.3g}, beyond {_FARTHEST:g}" if np.isfinite(reach) else "not finite"
+        raise DescriptionError(f"a {what} is {far}")
 
 
 def _crosses(corners: np.ndarray) -> np.ndarray:

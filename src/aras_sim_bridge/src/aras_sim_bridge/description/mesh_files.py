@@ -143,8 +143,6 @@ def _read_stl(data: bytes, _folder: Path, _states: dict[Path, _State | None]) ->
         raise DescriptionError(
             f"its {len(data)} bytes are neither ASCII STL nor a binary one of {count} triangles"
         )
-    if not np.isfinite(corners).all():
-        raise DescriptionError("a corner is not finite")
     return [from_corners(corners)]
 
 

@@ -3,8 +3,14 @@
 import pytest
 
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.errors import (
+    UnknownJointError,
+    UnknownLinkError,
+    UnknownModelError,
+    WorldError,
+)
 from aras_sim_bridge.simulation import Simulation
+from aras_sim_bridge.world import World
 
 INERTIAL = (
     '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
@@ -59,3 +65,20 @@ def test_two_cameras_of_one_name(simulation, caplog, root, image, taken):
     (said,) = [r.getMessage() for r in caplog.records if r.levelname == "ERROR"]
     assert said.startswith("model 'second' goes without its camera 'b': ")
     assert f"there is a camera {taken} already of model 'first'; give this one another" in said
+
+
+def test_unknown_names_carry_what_there_is(make):
+    """For programs that want more than the line."""
+    with World() as world:
+        model = world.spawn(parse_urdf(make.pendulum()), "swing")
+        with pytest.raises(UnknownJointError) as joint:
+            model.apply_effort("elbow", 1.0)
+        with pytest.raises(UnknownLinkError) as link:
+            model.link_pose("hand")
+        with pytest.raises(UnknownModelError) as other:
+            world.model("arm")
+    assert (joint.value.model, joint.value.joint, joint.value.known) == (
+        "swing", "elbow", ("swing",))
+    assert (link.value.link, link.value.known) == ("hand", ("world", "bob"))
+    assert (other.value.name, other.value.known) == ("arm", ("swing",))
+    assert str(joint.value) == "model 'swing' has no moving joint 'elbow'; it has: swing"

@@ -4,6 +4,8 @@ Every message says what is wrong, where (which file, link, joint or parameter), 
 the ROS skin logs the text or returns it as a service's status message, unchanged.
 """
 
+from collections.abc import Iterable
+
 
 class SimError(Exception):
     """Base of every fault that the bridge reports to its user."""
@@ -23,6 +25,36 @@ class DescriptionError(SimError):
 
 class WorldError(SimError):
     """The physics world refuses a request: unknown name, impossible value, name taken."""
+
+
+class UnknownModelError(WorldError):
+    """No model is called `name`; `known` are those that exist."""
+
+    def __init__(self, name: str, known: Iterable[str]) -> None:
+        self.name, self.known = name, tuple(known)
+        super().__init__(f"model '{name}' does not exist; there are: {_listed(self.known)}")
+
+
+class UnknownLinkError(WorldError):
+    """A model has no link of that name; `known` are those it has."""
+
+    def __init__(self, model: str, link: str, known: Iterable[str]) -> None:
+        self.model, self.link, self.known = model, link, tuple(known)
+        super().__init__(f"model '{model}' has no link '{link}'; it has: {_listed(self.known)}")
+
+
+class UnknownJointError(WorldError):
+    """A model has no moving joint of that name; `known` are those it has."""
+
+    def __init__(self, model: str, joint: str, known: Iterable[str]) -> None:
+        self.model, self.joint, self.known = model, joint, tuple(known)
+        super().__init__(
+            f"model '{model}' has no moving joint '{joint}'; it has: {_listed(self.known)}"
+        )
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return ", ".join(names) or "none"
 
 
 class HardwareError(SimError):

@@ -13,50 +13,28 @@ Bullet applies URDF damping explicitly, tau = -d v, which rings past d dt / I = 
   joint has no Coulomb friction of its own.
 """
 
-from collections.abc import Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from aras_sim_bridge.world.bullet import pybullet
 
+if TYPE_CHECKING:
+    from aras_sim_bridge.world.model_joints import ModelJoints
+
 EXPLICIT_BOUND = 0.5
 CHECK_EVERY = 200  # steps; inertia changes with the configuration, slowly at 1 ms
-
-
-class DampedModel(Protocol):
-    """What the damping needs of a model; joints in `joint_names` order (see `Model`)."""
-
-    client: int
-    body_id: int
-    fixed_base: bool
-    damping: list[float]
-    active_friction: list[float]
-    pending_efforts: list[float]
-    dof_order: list[int]
-
-    def read_joints(self) -> tuple[Sequence[float], Sequence[float], Sequence[float]]: ...
-
-    def bullet_positions(self) -> list[float]: ...
-
-    def bias_efforts(self) -> list[float]: ...
-
-    def restore_friction(self, slot: int) -> None: ...
-
-    def set_damping_motor(self, slot: int, share: float) -> None: ...
-
-    def set_bullet_damping(self, slot: int, value: float) -> None: ...
 
 
 class ViscousDamping:
     """Applies the damping of one model's joints; made anew whenever the model is loaded."""
 
-    def __init__(self, model: DampedModel) -> None:
-        self._model = model
+    def __init__(self, joints: "ModelJoints") -> None:
+        self._joints = joints
         self._countdown = 0
         self._implicit = False
         self._motors: set[int] = set()
-        self.coefficients = np.array(model.damping)
+        self.coefficients = np.array(joints.damping_coefficients)
 
     def before_step(self, dt: float) -> np.ndarray | None:
         """Torques to add to this step's efforts, (n,), or None when Bullet does all.
@@ -71,16 +49,16 @@ class ViscousDamping:
 
     def changed(self) -> None:
         """Configuration, damping or inertia jumped: choose again at the next step."""
-        self.coefficients = np.array(self._model.damping)
+        self.coefficients = np.array(self._joints.damping_coefficients)
         self._countdown = 0
 
     def _mass_matrix(self) -> np.ndarray:
-        """Joint-space inertia, base rows first when it is free; joints in `joint_names` order."""
-        model = self._model
+        """Joint-space inertia, base rows first when it is free."""
+        joints = self._joints
         matrix = np.array(pybullet.calculateMassMatrix(
-            model.body_id, model.bullet_positions(), physicsClientId=model.client))
-        offset = 0 if model.fixed_base else 6
-        order = [*range(offset), *(offset + i for i in model.dof_order)]
+            joints.body.body_id, joints.bullet_positions(), physicsClientId=joints.body.client))
+        offset = 0 if joints.body.fixed_base else 6
+        order = [*range(offset), *(offset + i for i in joints.dof_order)]
         return matrix[np.ix_(order, order)]
 
     def _choose(self, dt: float) -> None:
@@ -93,26 +71,26 @@ class ViscousDamping:
             stiffness = d * dt * np.diag(inverse)
             largest = dt * float(np.linalg.eigvalsh(root[:, None] * inverse * root)[-1])
         stiff = largest > EXPLICIT_BOUND
-        self._implicit = stiff and self._model.fixed_base
+        self._implicit = stiff and self._joints.body.fixed_base
         motors: set[int] = set()
         if stiff and not self._implicit:
             motors = {i for i, r in enumerate(stiffness) if r > EXPLICIT_BOUND / len(d)}
         for i in self._motors - motors:
-            self._model.restore_friction(i)
+            self._joints.restore_friction(i)
         self._motors = motors
         for i, value in enumerate(d):
             mine = self._implicit or i in motors
-            self._model.set_bullet_damping(i, 0.0 if mine else float(value))
+            self._joints.set_bullet_damping(i, 0.0 if mine else float(value))
         for i in motors:
-            self._model.set_damping_motor(i, float(stiffness[i] / (1.0 + stiffness[i])))
+            self._joints.set_damping_motor(i, float(stiffness[i] / (1.0 + stiffness[i])))
 
     def _implicit_torques(self, dt: float) -> np.ndarray:
-        model = self._model
-        velocities = model.read_joints()[1]
+        joints = self._joints
+        velocities = joints.read()[1]
         inertia = self._mass_matrix()
-        forces = np.array(model.pending_efforts) - np.array(model.bias_efforts())
+        forces = np.array(joints.pending_efforts) - np.array(joints.bias_efforts())
         momentum = inertia @ np.array(velocities) + dt * forces
-        held = dt * np.array(model.active_friction)
+        held = dt * np.array(joints.active_friction)
         momentum = np.sign(momentum) * np.maximum(np.abs(momentum) - held, 0.0)
         damped = np.linalg.solve(inertia + dt * np.diag(self.coefficients), momentum)
         return -self.coefficients * damped

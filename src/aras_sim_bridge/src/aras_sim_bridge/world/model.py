@@ -1,73 +1,215 @@
-"""Model: one robot or object in the World, its joints and its link frames.
+"""Model: one robot or object in the World: a body in Bullet, its joints, its link frames."""
 
-Its parts are the layers it is derived from: model_loading.py, on it model_joints.py, on that
-model_frames.py. Here is what needs all of them.
-"""
-
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 from aras_sim_bridge.description.types import RobotDescription
+from aras_sim_bridge.errors import UnknownLinkError
+from aras_sim_bridge.poses import Pose, Quaternion, Twist, Vector3, add, cross, rotate, subtract
+from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
-from aras_sim_bridge.world.model_frames import ModelFrames
+from aras_sim_bridge.world.model_joints import ModelJoints
 
 
-class Model(ModelFrames):
+class Model:
     """A spawned description. Made by `World.spawn`; stays the same object over resets.
 
-    joint_names: moving joints (mimicking ones too) in file order; every sequence of joint values
-    is in this order. link_names: all links in file order, root first or not.
-    Efforts are set for one step and gone after it, as a simulator's are.
+    Attributes:
+        body: what Bullet holds of it. joints: its moving joints; what hardware and programs use
+            most of them is at hand here too (read_joints, apply_effort, …).
     """
+
+    def __init__(self, client: int, description: RobotDescription, name: str, pose: Pose,
+                 joint_positions: Mapping[str, float], fixed_base: bool,
+                 gravity: Vector3 = (0.0, 0.0, -9.8),
+                 on_moved: Callable[[], None] = lambda: None) -> None:
+        """`on_moved` is called when a model that is bolted down was put elsewhere."""
+        self.client = client
+        self.name = name
+        self.description = description
+        self.spawn_pose = pose
+        self.fixed_base = fixed_base
+        self._spawn_positions = joint_positions
+        self._on_moved = on_moved
+        self.body = Body(client, name, fixed_base)
+        self.joints = ModelJoints(self.body, gravity)
+        self.reload()
+        self.read_joints = self.joints.read
+        self.apply_effort = self.joints.apply_effort
+        self.set_position = self.joints.set_position
+        self.set_joint_positions = self.joints.set_joint_positions
+        self.set_velocity_motor = self.joints.set_velocity_motor
+        self.release_motor = self.joints.release_motor
+        self.bias_efforts = self.joints.bias_efforts
+        self.check_efforts = self.joints.check_efforts
+        self.after_step = self.joints.after_step
+
+    @property
+    def body_id(self) -> int:
+        """Bullet's; another one after a reset or a change."""
+        return self.body.body_id
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Moving joints, in the order of every sequence of joint values."""
+        return self.joints.names
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """All links in file order, root first or not."""
+        return tuple(self.description.links)
+
+    # ------------------------------------------------------------------ loading and stepping
+
+    def reload(self) -> None:
+        """Load it into a Bullet that has none of it, as it was spawned."""
+        self.body.load(self.description, self.spawn_pose)
+        self.joints.load(self.description, self._spawn_positions)
+
+    def remove(self) -> None:
+        """Take it out of Bullet."""
+        self.joints.remove_gears()
+        self.body.remove()
 
     def rebuild(self, description: RobotDescription) -> None:
         """Go on from the present state as `description`: the same links and joints, other numbers.
 
         Bullet cannot move a centre of mass; so the body is loaded anew, with a new body id.
         """
-        states = [pybullet.getJointState(self.body_id, i, self.client)[:2]
-                  for i in self._bullet_joint]
+        states = self.joints.states()
         pose, twist = self.link_state(self.description.root)
         self.remove()
-        self._describe(description)
-        self._load()
+        self.description = description
+        self.reload()
         self.set_pose(pose)
         if not self.fixed_base:
             self.set_twist(twist)
-        for index, (position, velocity) in zip(self._bullet_joint, states, strict=True):
-            pybullet.resetJointState(self.body_id, index, position, velocity,
-                                     physicsClientId=self.client)
-        self._joint_cache = None
-
-    def before_step(self, dt: float) -> None:
-        """Hand the pending efforts, which are finite, to Bullet; called by `World.step`."""
-        if self.joint_names:
-            efforts = self.pending_efforts
-            torques = self._damping.before_step(dt)
-            if self._dirty or torques is not None:
-                total = efforts if torques is None else [
-                    e + t for e, t in zip(efforts, torques.tolist(), strict=True)
-                ]
-                pybullet.setJointMotorControlArray(
-                    self.body_id, self._bullet_joint, pybullet.TORQUE_CONTROL, forces=total,
-                    physicsClientId=self.client)
-            self._applied, self.pending_efforts = efforts, [0.0] * len(efforts)
-            self._dirty = False
-        if self._weightless:
-            self._carry_weightless()
+        self.joints.restore(states)
 
     @property
     def needs_steps(self) -> bool:
         """Whether `before_step` has anything to do, ever."""
-        return bool(self.joint_names or self._weightless)
+        return bool(self.joint_names or self.body.weightless)
 
-    def physics_changed(self) -> None:
+    def before_step(self, dt: float) -> None:
+        """Hand efforts and what stands in for gravity to Bullet; called by `World.step`."""
+        if self.joints.names:
+            self.joints.before_step(dt)
+        for link, mass in self.body.weightless.items():
+            centre = self.link_pose(link).apply(self.body.inertial_poses[link].xyz)
+            self.apply_force(link, tuple(-mass * g for g in self.joints.gravity), centre)
+
+    def physics_changed(self, gravity: Vector3) -> None:
         """Time step or gravity was changed; called by `World.set_physics`."""
-        self._damping.changed()
+        self.joints.gravity = gravity
+        self.joints.damping.changed()
 
-    def after_step(self) -> None:
-        """Forget what was read before the step; called by `World.step`."""
-        self._joint_cache = None
+    # ------------------------------------------------------------------ frames
 
-    def _carry_weightless(self) -> None:
-        for name, mass in self._weightless.items():
-            centre = self.link_pose(name).apply(self._inertial_poses[name].xyz)
-            self.apply_force(name, tuple(-mass * g for g in self.gravity), centre)
+    def pose(self) -> Pose:
+        """world_T_root: the frame of the root link."""
+        return self.link_pose(self.description.root)
+
+    def twist(self) -> Twist:
+        """Twist of the root link's frame, in world axes."""
+        return self.link_twist(self.description.root)
+
+    def link_pose(self, name: str) -> Pose:
+        """world_T_link of the link's own (URDF) frame, unpacks as (xyz, quat xyzw).
+
+        Raises:
+            WorldError: unknown link.
+        """
+        return self._com_pose(self.link_index(name)) @ self.body.inertial_poses[name].inverse()
+
+    def link_twist(self, name: str) -> Twist:
+        """Twist of the link's frame: velocity of its origin, in world axes (m/s, rad/s)."""
+        return self.link_state(name)[1]
+
+    def link_state(self, name: str) -> tuple[Pose, Twist]:
+        """(world_T_link, twist of the link's origin in world axes)."""
+        index = self.link_index(name)
+        inertial = self.body.inertial_poses[name]
+        if index == -1:
+            com = self._com_pose(index)
+            linear, angular = pybullet.getBaseVelocity(self.body_id, self.client)
+        else:
+            state = pybullet.getLinkState(self.body_id, index, 1, 1, self.client)
+            com, linear, angular = Pose(state[0], state[1]), state[6], state[7]
+        return _frame_state(com, linear, angular, inertial)
+
+    def link_states(self) -> dict[str, tuple[Pose, Twist]]:
+        """`link_state` of every link in file order, in one call to Bullet."""
+        names = [n for n in self.link_names if self.body.links[n] >= 0]
+        indices = [self.body.links[n] for n in names]
+        states = pybullet.getLinkStates(self.body_id, indices, 1, 1, self.client) if names else ()
+        found = {
+            n: _frame_state(Pose(s[0], s[1]), s[6], s[7], self.body.inertial_poses[n])
+            for n, s in zip(names, states, strict=True)
+        }
+        found[self.description.root] = self.link_state(self.description.root)
+        return {n: found[n] for n in self.link_names}
+
+    def frames(self, indices: list[int]) -> tuple[list[Vector3], list[Quaternion]]:
+        """Positions and orientations of the frames of links by Bullet's numbers from 0 on, in one
+        call to Bullet; `pose` is that of the root."""
+        states = pybullet.getLinkStates(self.body_id, indices, 0, 1, self.client)
+        return [state[4] for state in states], [state[5] for state in states]
+
+    @property
+    def link_indices(self) -> Mapping[str, int]:
+        """Bullet's index of each link by name; -1 is the root."""
+        return MappingProxyType(self.body.links)
+
+    def link_index(self, name: str) -> int:
+        """Bullet's index of a link, -1 for the root; WorldError when there is none."""
+        index = self.body.links.get(name)
+        if index is None:
+            raise UnknownLinkError(self.name, name, self.link_names)
+        return index
+
+    def _com_pose(self, index: int) -> Pose:
+        if index == -1:
+            return Pose(*pybullet.getBasePositionAndOrientation(self.body_id, self.client))
+        state = pybullet.getLinkState(self.body_id, index, 0, 1, self.client)
+        return Pose(state[0], state[1])
+
+    def set_pose(self, pose: Pose) -> None:
+        """Move the whole model rigidly so that its root frame is at `pose`; joints keep angles."""
+        com = pose @ self.body.inertial_poses[self.description.root]
+        pybullet.resetBasePositionAndOrientation(self.body_id, com.xyz, com.quat,
+                                                 physicsClientId=self.client)
+        if self.fixed_base:
+            self._on_moved()
+
+    def set_twist(self, twist: Twist) -> None:
+        """Give the model `twist` (of its root frame, world axes) as one rigid body.
+
+        Joint velocities become zero. A model with a fixed base keeps still.
+        """
+        self.joints.stop_joints()
+        if self.fixed_base:
+            return
+        root = self.description.root
+        arm = rotate(self.pose().quat, self.body.inertial_poses[root].xyz)
+        linear = add(twist.linear, cross(twist.angular, arm))
+        pybullet.resetBaseVelocity(self.body_id, linear, twist.angular,
+                                   physicsClientId=self.client)
+
+    def apply_force(self, link: str, force: Vector3, position: Vector3,
+                    torque: Vector3 = (0.0, 0.0, 0.0)) -> None:
+        """Force (N) at a world position and torque (N m), world axes, for the next step only."""
+        index = self.link_index(link)
+        if any(force):
+            pybullet.applyExternalForce(self.body_id, index, force, position,
+                                        pybullet.WORLD_FRAME, physicsClientId=self.client)
+        if any(torque):
+            pybullet.applyExternalTorque(self.body_id, index, torque, pybullet.WORLD_FRAME,
+                                         physicsClientId=self.client)
+
+
+def _frame_state(com: Pose, linear: tuple, angular: tuple, inertial: Pose) -> tuple[Pose, Twist]:
+    """Pose and twist of a link frame from those of its centre of mass."""
+    pose = com @ inertial.inverse()
+    lever = subtract(pose.xyz, com.xyz)
+    return pose, Twist(add(linear, cross(angular, lever)), angular)

@@ -1,28 +1,65 @@
-"""The joints of a model: reading, efforts, placing them, motors."""
+"""The joints of a model: reading, efforts, placing them, motors, mimic gears."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
-from aras_sim_bridge.errors import WorldError
-from aras_sim_bridge.poses import conjugate, rotate
+from aras_sim_bridge.description.types import RobotDescription
+from aras_sim_bridge.errors import UnknownJointError, WorldError
+from aras_sim_bridge.poses import Vector3, conjugate, rotate
+from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.damping import ViscousDamping
-from aras_sim_bridge.world.model_loading import NO_LIMIT_FORCE, LoadedModel
+
+NO_LIMIT_FORCE = 1e18
 
 
-class ModelJoints(LoadedModel):
-    """The part of `Model` that reads and moves its joints."""
+class ModelJoints:
+    """The moving joints of a model, mimicking ones too.
 
-    def _load(self) -> None:
-        super()._load()
-        self.pending_efforts = [0.0] * len(self.joint_names)
-        self._applied = [0.0] * len(self.joint_names)
+    names: in file order; every sequence of joint values is in this order. Efforts are set for one
+    step and gone after it, as a simulator's are.
+    """
+
+    def __init__(self, body: Body, gravity: Vector3) -> None:
+        self.body = body
+        self.gravity = gravity
+
+    def load(self, description: RobotDescription, positions: Mapping[str, float]) -> None:
+        """Take up the joints of a body that was loaded, at `positions`, at rest; 0 where absent."""
+        body = self.body
+        self.names: tuple[str, ...] = () if description.static else description.moving_joints()
+        joints = [description.joints[name] for name in self.names]
+        self.damping_coefficients = [joint.damping for joint in joints]
+        self.friction = [joint.friction for joint in joints]
+        self.active_friction = list(self.friction)
+        self.dof_order = [body.dofs[name] for name in self.names]
+        self._mimics = [joint.mimic for joint in joints]
+        self._slot = {name: slot for slot, name in enumerate(self.names)}
+        self._indices = [body.joint_indices[name] for name in self.names]
+        for slot, index in enumerate(self._indices):
+            pybullet.changeDynamics(body.body_id, index, jointLimitForce=NO_LIMIT_FORCE,
+                                    physicsClientId=body.client)
+            self.restore_friction(slot)
+        for name, position in positions.items():
+            self._set_state(self._slot[name], position)
+        self._gears = self._make_gears()
+        self.pending_efforts = [0.0] * len(self.names)
+        self._applied = [0.0] * len(self.names)
         self._dirty = False
-        self._joint_cache: tuple[Sequence[float], Sequence[float]] | None = None
-        self._damping = ViscousDamping(self)
+        self._cache: tuple[Sequence[float], Sequence[float]] | None = None
+        self.damping = ViscousDamping(self)
 
-    def read_joints(self) -> tuple[Sequence[float], Sequence[float], Sequence[float]]:
-        """(positions, velocities, efforts) in `joint_names` order: rad or m, per s, N m or N.
+    def remove_gears(self) -> None:
+        """Take the mimicking joints' constraints out of Bullet."""
+        for gear in self._gears:
+            pybullet.removeConstraint(gear, physicsClientId=self.body.client)
+
+    def _set_state(self, slot: int, position: float, velocity: float = 0.0) -> None:
+        pybullet.resetJointState(self.body.body_id, self._indices[slot], position, velocity,
+                                 physicsClientId=self.body.client)
+
+    def read(self) -> tuple[Sequence[float], Sequence[float], Sequence[float]]:
+        """(positions, velocities, efforts) in `names` order: rad or m, per s, N m or N.
 
         Efforts are those applied in the last step. The sequences belong to the model: read, don't
         write.
@@ -30,26 +67,26 @@ class ModelJoints(LoadedModel):
         Raises:
             WorldError: the simulation diverged (a position is not finite).
         """
-        cache = self._joint_cache
+        cache = self._cache
         if cache is None:
             cache = self._refresh()
         return cache[0], cache[1], self._applied
 
     def _refresh(self) -> tuple[Sequence[float], Sequence[float]]:
-        if not self.joint_names:
-            self._joint_cache = ((), ())
-            return self._joint_cache
-        states = pybullet.getJointStates(self.body_id, self._bullet_joint, self.client)
+        if not self.names:
+            self._cache = ((), ())
+            return self._cache
+        states = pybullet.getJointStates(self.body.body_id, self._indices, self.body.client)
         positions, velocities, _, _ = zip(*states, strict=True)
         if not math.isfinite(sum(positions) + sum(velocities)):
-            bad = next((n for n, p, v in zip(self.joint_names, positions, velocities, strict=True)
+            bad = next((n for n, p, v in zip(self.names, positions, velocities, strict=True)
                         if not math.isfinite(p + v)), "?")
             raise WorldError(
-                f"model '{self.name}', joint '{bad}': the simulation diverged; lower the gains or "
-                "the time step, then call reset_simulation"
+                f"model '{self.body.name}', joint '{bad}': the simulation diverged; lower the "
+                "gains or the time step, then call reset_simulation"
             )
-        self._joint_cache = (positions, velocities)
-        return self._joint_cache
+        self._cache = (positions, velocities)
+        return self._cache
 
     def apply_effort(self, joint: str, effort: float) -> None:
         """Add `effort` (N m or N) to what acts on `joint` in the next step.
@@ -64,10 +101,38 @@ class ModelJoints(LoadedModel):
     def check_efforts(self) -> None:
         """WorldError when a pending effort is not finite; all of this model's are dropped then."""
         if not math.isfinite(sum(self.pending_efforts)):
-            bad = [n for n, e in zip(self.joint_names, self.pending_efforts, strict=True)
+            bad = [n for n, e in zip(self.names, self.pending_efforts, strict=True)
                    if not math.isfinite(e)]
-            self.pending_efforts = [0.0] * len(self.joint_names)
-            raise WorldError(f"model '{self.name}', joint {bad}: the effort is not finite")
+            self.pending_efforts = [0.0] * len(self.names)
+            raise WorldError(f"model '{self.body.name}', joint {bad}: the effort is not finite")
+
+    def before_step(self, dt: float) -> None:
+        """Hand the pending efforts, which are finite, to Bullet."""
+        efforts = self.pending_efforts
+        torques = self.damping.before_step(dt)
+        if self._dirty or torques is not None:
+            total = efforts if torques is None else [
+                e + t for e, t in zip(efforts, torques.tolist(), strict=True)
+            ]
+            pybullet.setJointMotorControlArray(
+                self.body.body_id, self._indices, pybullet.TORQUE_CONTROL, forces=total,
+                physicsClientId=self.body.client)
+        self._applied, self.pending_efforts = efforts, [0.0] * len(efforts)
+        self._dirty = False
+
+    def after_step(self) -> None:
+        """Forget what was read before the step."""
+        self._cache = None
+
+    def states(self) -> list[tuple[float, float]]:
+        """(position, velocity) of each joint, for `restore`."""
+        return list(zip(*self.read()[:2], strict=True))
+
+    def restore(self, states: Sequence[tuple[float, float]]) -> None:
+        """Put all joints back into `states`."""
+        for slot, (position, velocity) in enumerate(states):
+            self._set_state(slot, position, velocity)
+        self._cache = None
 
     def set_position(self, joint: str, position: float) -> None:
         """Put `joint` there at rest, kinematically, as Gazebo's Joint::SetPosition does.
@@ -88,7 +153,7 @@ class ModelJoints(LoadedModel):
             WorldError: unknown joint or a number that is not finite; nothing is changed then.
         """
         self._place(positions)
-        self._damping.changed()
+        self.damping.changed()
 
     def _place(self, positions: dict[str, float]) -> None:
         slots = {}
@@ -96,20 +161,18 @@ class ModelJoints(LoadedModel):
             slots[self._require(joint)] = float(position)
             if not math.isfinite(position):
                 raise WorldError(
-                    f"model '{self.name}', joint '{joint}': position {position} is not finite"
+                    f"model '{self.body.name}', joint '{joint}': position {position} is not finite"
                 )
         for slot, value in self._with_followers(slots).items():
-            pybullet.resetJointState(self.body_id, self._bullet_joint[slot], value, 0.0,
-                                     physicsClientId=self.client)
-        self._joint_cache = None
+            self._set_state(slot, value)
+        self._cache = None
 
     def _with_followers(self, slots: dict[int, float]) -> dict[int, float]:
         if not self._gears:
             return slots
         result = dict(slots)
         for _ in self._gears:
-            for i, name in enumerate(self.joint_names):
-                mimic = self.description.joints[name].mimic
+            for i, mimic in enumerate(self._mimics):
                 if mimic is not None and i not in slots:
                     leader = self._slot[mimic.joint]
                     if leader in result:
@@ -118,11 +181,10 @@ class ModelJoints(LoadedModel):
 
     def stop_joints(self) -> None:
         """Joint velocities to zero; positions stay."""
-        positions, _, _ = self.read_joints()
-        for index, position in zip(self._bullet_joint, positions, strict=True):
-            pybullet.resetJointState(self.body_id, index, position, 0.0,
-                                     physicsClientId=self.client)
-        self._joint_cache = None
+        positions, _, _ = self.read()
+        for slot, position in enumerate(positions):
+            self._set_state(slot, position)
+        self._cache = None
 
     def set_velocity_motor(self, joint: str, velocity: float, max_effort: float) -> None:
         """Drive `joint` at `velocity` with at most `max_effort`, from now on.
@@ -131,7 +193,7 @@ class ModelJoints(LoadedModel):
         """
         slot = self._require(joint)
         if not (math.isfinite(velocity) and max_effort >= 0.0):
-            raise WorldError(f"model '{self.name}', joint '{joint}': velocity {velocity} and "
+            raise WorldError(f"model '{self.body.name}', joint '{joint}': velocity {velocity} and "
                              f"effort {max_effort} need a finite and a non-negative number")
         self._motor(slot, velocity, min(max_effort, NO_LIMIT_FORCE))
         self.active_friction[slot] = 0.0
@@ -147,19 +209,18 @@ class ModelJoints(LoadedModel):
 
     def set_bullet_damping(self, slot: int, value: float) -> None:
         """Bullet's explicit damping of a joint (see damping.py)."""
-        pybullet.changeDynamics(self.body_id, self._bullet_joint[slot], jointDamping=value,
-                                physicsClientId=self.client)
+        pybullet.changeDynamics(self.body.body_id, self._indices[slot], jointDamping=value,
+                                physicsClientId=self.body.client)
 
     def _require(self, joint: str) -> int:
         slot = self._slot.get(joint)
         if slot is None:
-            known = ", ".join(self.joint_names) or "none"
-            raise WorldError(f"model '{self.name}' has no moving joint '{joint}'; it has: {known}")
+            raise UnknownJointError(self.body.name, joint, self.names)
         return slot
 
     def bullet_positions(self) -> list[float]:
         """Joint positions in Bullet's order of degrees of freedom."""
-        positions = self.read_joints()[0]
+        positions = self.read()[0]
         ordered = [0.0] * len(positions)
         for index, value in zip(self.dof_order, positions, strict=True):
             ordered[index] = value
@@ -168,21 +229,48 @@ class ModelJoints(LoadedModel):
     def bias_efforts(self) -> list[float]:
         """Efforts that gravity, Coriolis and centrifugal forces ask of each joint, N m or N.
 
-        In `joint_names` order: what would keep the joint velocities as they are without friction
+        In `names` order: what would keep the joint velocities as they are without friction
         and damping. For models with a fixed base.
         """
-        positions, velocities, _ = self.read_joints()
+        positions, velocities, _ = self.read()
         count = len(positions)
         q, v = [0.0] * count, [0.0] * count
         for index, position, velocity in zip(self.dof_order, positions, velocities, strict=True):
             q[index], v[index] = position, velocity
         # Bullet's inverse dynamics takes the base's principal frame for the world's: gravity has
         # to be turned into it for the length of the call.
-        base = pybullet.getBasePositionAndOrientation(self.body_id, self.client)[1]
-        pybullet.setGravity(*rotate(conjugate(base), self.gravity), physicsClientId=self.client)
+        client = self.body.client
+        base = pybullet.getBasePositionAndOrientation(self.body.body_id, client)[1]
+        pybullet.setGravity(*rotate(conjugate(base), self.gravity), physicsClientId=client)
         try:
-            bias = pybullet.calculateInverseDynamics(self.body_id, q, v, [0.0] * count,
-                                                     physicsClientId=self.client)
+            bias = pybullet.calculateInverseDynamics(self.body.body_id, q, v, [0.0] * count,
+                                                     physicsClientId=self.body.client)
         finally:
-            pybullet.setGravity(*self.gravity, physicsClientId=self.client)
+            pybullet.setGravity(*self.gravity, physicsClientId=self.body.client)
         return [bias[i] for i in self.dof_order]
+
+    def _make_gears(self) -> list[int]:
+        gears = []
+        for i, mimic in enumerate(self._mimics):
+            if mimic is None:
+                continue
+            leader = self._indices[self._slot[mimic.joint]]
+            gear = pybullet.createConstraint(
+                self.body.body_id, self._indices[i], self.body.body_id, leader, pybullet.JOINT_GEAR,
+                (0, 0, 1), (0, 0, 0), (0, 0, 0), physicsClientId=self.body.client)
+            pybullet.changeConstraint(gear, gearRatio=-mimic.multiplier, maxForce=1e12, erp=0.2,
+                                      relativePositionTarget=mimic.offset,
+                                      physicsClientId=self.body.client)
+            gears.append(gear)
+        return gears
+
+    def restore_friction(self, slot: int) -> None:
+        """Coulomb friction of a joint: a motor towards standstill of at most that effort."""
+        self._motor(slot, 0.0, self.friction[slot])
+        self.active_friction[slot] = self.friction[slot]
+
+    def _motor(self, slot: int, velocity: float, force: float, gain: float = 1.0) -> None:
+        pybullet.setJointMotorControl2(
+            self.body.body_id, self._indices[slot], pybullet.VELOCITY_CONTROL,
+            targetVelocity=velocity, force=force, velocityGain=gain,
+            physicsClientId=self.body.client)

@@ -13,7 +13,7 @@ from aras_sim_bridge.description.types import (
     RobotDescription,
     Visual,
 )
-from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.errors import UnknownJointError, UnknownModelError, WorldError
 from aras_sim_bridge.poses import IDENTITY, Pose, Twist, checked_pose, checked_vector
 from aras_sim_bridge.world import bullet_file
 from aras_sim_bridge.world.bullet import pybullet, quiet
@@ -132,8 +132,7 @@ class World:
         self._time_step, self._gravity, self._iterations = step, down, sweeps
         self._configure()
         for model in self.models.values():
-            model.gravity = down
-            model.physics_changed()
+            model.physics_changed(down)
 
     # ------------------------------------------------------------------ models
 
@@ -194,8 +193,7 @@ class World:
         """The model called `name`; WorldError naming those that exist."""
         model = self.models.get(name)
         if model is None:
-            known = ", ".join(self.models) or "none"
-            raise WorldError(f"model '{name}' does not exist; there are: {known}")
+            raise UnknownModelError(name, self.models)
         return model
 
     def delete(self, name: str) -> None:
@@ -310,8 +308,7 @@ def _start_positions(description: RobotDescription, name: str,
     start: dict[str, float] = {}
     for joint, value in given.items():
         if joint not in moving:
-            raise WorldError(f"model '{name}' has no moving joint '{joint}'; "
-                             f"it has: {', '.join(moving) or 'none'}")
+            raise UnknownJointError(name, joint, moving)
         if not math.isfinite(value):
             raise WorldError(f"model '{name}', joint '{joint}': position {value} is not finite")
         start[joint] = float(value)

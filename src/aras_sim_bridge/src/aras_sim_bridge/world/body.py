@@ -1,0 +1,95 @@
+"""A description brought into Bullet: the body, its numbering, its dynamics."""
+
+import tempfile
+
+from aras_sim_bridge.description.types import RobotDescription
+from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.poses import IDENTITY, Pose
+from aras_sim_bridge.world import bullet_file
+from aras_sim_bridge.world.bullet import pybullet
+
+DEFAULT_FRICTION = 1.0  # Gazebo's mu; Bullet multiplies the two bodies' values
+_UNBOUNDED_VELOCITY = 1e9  # Bullet would cut joint velocities at 100 rad/s
+
+
+class Body:
+    """What Bullet holds of a model: its body, the numbers of its parts, and their dynamics.
+
+    Attributes:
+        body_id: Bullet's, another one after each load.
+        links: Bullet's index by link; -1 is the root.
+        joint_indices, dofs: Bullet's index, and place among the degrees of freedom, by joint.
+        inertial_poses: link_T_principal, Bullet's frame of a link, by link.
+        weightless: mass of the links that gravity does not pull at, kg.
+    """
+
+    def __init__(self, client: int, name: str, fixed_base: bool) -> None:
+        self.client = client
+        self.name = name
+        self.fixed_base = fixed_base
+        self.body_id = -1
+
+    def load(self, description: RobotDescription, pose: Pose) -> None:
+        """Bring a description into Bullet with its root at `pose`, at rest.
+
+        Raises:
+            WorldError: Bullet cannot load it.
+        """
+        bodies = bullet_file.with_massive_root(description)
+        with tempfile.TemporaryDirectory(prefix="aras_sim_bridge_") as directory:
+            window = pybullet.getConnectionInfo(self.client)["connectionMethod"] == pybullet.GUI
+            path = bullet_file.write(bodies, self.fixed_base, window, directory)
+            try:
+                self.body_id = pybullet.loadURDF(
+                    path, pose.xyz, pose.quat, useFixedBase=self.fixed_base,
+                    flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=self.client)
+            except pybullet.error as error:
+                raise WorldError(
+                    f"model '{self.name}': Bullet cannot load it ({error}); check its mesh files"
+                ) from None
+        self.inertial_poses = {
+            link.name: IDENTITY if link.inertial is None
+            else bullet_file.principal_inertial(link.inertial)[0]
+            for link in bodies.links.values()
+        }
+        self.weightless = {
+            link.name: link.inertial.mass for link in bodies.links.values()
+            if not link.gravity and link.inertial is not None
+        }
+        self._number(description)
+        self._set_dynamics(bodies)
+
+    def remove(self) -> None:
+        """Take the body out of Bullet."""
+        pybullet.removeBody(self.body_id, physicsClientId=self.client)
+
+    def _number(self, description: RobotDescription) -> None:
+        links: dict[str, int] = {description.root: -1}
+        joints: dict[str, int] = {}
+        dof: dict[str, int] = {}
+        for index in range(pybullet.getNumJoints(self.body_id, physicsClientId=self.client)):
+            info = pybullet.getJointInfo(self.body_id, index, physicsClientId=self.client)
+            joints[info[1].decode()] = index
+            links[info[12].decode()] = index
+            if info[3] >= 0:
+                dof[info[1].decode()] = len(dof)
+        missing = set(description.links) - set(links)
+        if missing:
+            raise WorldError(f"model '{self.name}': Bullet lost the links {sorted(missing)}")
+        self.links, self.joint_indices, self.dofs = links, joints, dof
+
+    def _set_dynamics(self, bodies: RobotDescription) -> None:
+        """No hidden forces: Bullet's motors, damping and velocity bound off, ours on."""
+        client, body = self.client, self.body_id
+        for name, index in self.links.items():
+            link = bodies.links[name]
+            settings = {
+                "linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0,
+                "maxJointVelocity": _UNBOUNDED_VELOCITY,
+                "lateralFriction": DEFAULT_FRICTION if link.mu is None else link.mu,
+                "restitution": 0.0, "rollingFriction": 0.0, "spinningFriction": 0.0,
+            }
+            if link.inertial is not None and not (index == -1 and self.fixed_base):
+                # Bullet zeroes tensors that break the triangle inequality: say it again.
+                settings["localInertiaDiagonal"] = bullet_file.principal_inertial(link.inertial)[1]
+            pybullet.changeDynamics(body, index, physicsClientId=client, **settings)

@@ -84,7 +84,8 @@ AREAS = {
         Area("servo", (f"{CONTROLLER}/*.py",), ("tests/unit/servo", "tests/unit/loop"),
              without=tuple(f"{CONTROLLER}/{name}.py" for name in (
                  "node", "kinematics", "resolver", "tasks", "mounting", "laws", "diagnosis"))),
-        Area("diagnosis", (f"{CONTROLLER}/diagnosis.py", f"{CONTROLLER}/diagnosis/*.py"),
+        Area("diagnosis", (f"{CONTROLLER}/diagnosis.py", f"{CONTROLLER}/evidence.py",
+                           f"{CONTROLLER}/diagnosis/*.py"),
              ("tests/unit/servo", "tests/unit/diagnosis")),
         Area("bench", (f"{BENCH}/**/*.py",), ("tests/unit/bench",),
              without=(f"{BENCH}/ros/**/*.py",)),

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from mutation_tool import cli, trees
-from mutation_tool.areas import Area, UnknownAreaError, area_named
+from mutation_tool.areas import AREAS, Area, UnknownAreaError, area_named
 from mutation_tool.campaign import Campaign, CampaignError, Outcome
 from mutation_tool.equivalents import Equivalents, EquivalentsError
 from mutation_tool.faults import Fault, sample
@@ -188,6 +188,13 @@ def test_an_area_without_sources_says_so(tmp_path: Path) -> None:
         AREA.source_files(tmp_path)
     with pytest.raises(UnknownAreaError, match="area toy has no tests yet: tests"):
         AREA.test_files(tmp_path)
+
+
+@pytest.mark.parametrize("area", AREAS.values(), ids=list(AREAS))
+def test_areas_are_where_the_table_says(area: Area) -> None:
+    top = Path(__file__).parents[3]
+    assert area.source_files(top) and area.test_files(top)
+    assert [test for test in area.graph if not (top / test).is_file()] == []
 
 
 def test_equivalents_are_known_by_what_they_change(tmp_path: Path) -> None:

@@ -89,13 +89,15 @@ class Graph:
             python = self._top / ".venv" / "bin" / "python"
             environment = _clean() | {"PATH": "/usr/sbin:/usr/bin:/sbin:/bin",
                                       "ROS_LANG_DISABLE": "genlisp"}
+            catkin = shutil.which("catkin_make")
+            if catkin is None:
+                raise GraphError("there is no catkin_make to build the copy with; --no-graph")
             done = subprocess.run(
-                ["catkin_make", f"-DPYTHON_EXECUTABLE={python}"], cwd=self._copy, text=True,
+                [catkin, f"-DPYTHON_EXECUTABLE={python}"], cwd=self._copy, text=True,
                 env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False,
-            ) if shutil.which("catkin_make") else None
-            if done is None or done.returncode:
-                why = done.stdout[-2000:] if done else "there is no catkin_make; --no-graph"
-                raise GraphError(f"the copy for graph tests cannot be built: {why}")
+            )
+            if done.returncode:
+                raise GraphError(f"the copy cannot be built:\n{done.stdout[-2000:]}")
             built.write_text(digest)
         self._ready = True
 

@@ -66,7 +66,10 @@ def test_gazebo_arguments_are_offered_and_passed_on():
 
 def test_both_in_one_offers_what_the_two_offer():
     both = arguments("aras_visual_servo.launch")
-    assert both == arguments("aras_visual_servo_gazebo.launch")
+    assert both == {
+        **arguments("aras_visual_servo_gazebo.launch"),
+        **arguments("aras_visual_servo_controller.launch"),
+    }
 
 
 def test_an_earlier_preset_leaves_nothing_behind():
@@ -79,9 +82,13 @@ def test_an_earlier_preset_leaves_nothing_behind():
 def test_spawner_starts_every_configured_controller():
     controllers = yaml.safe_load((PACKAGE / "config/aras_visual_servo_control.yaml").read_text())
     (spawner,) = root("aras_visual_servo_controller.launch").findall("node[@type='spawner']")
-    names = [word for word in spawner.get("args").split() if not word.startswith("--")]
+    given = arguments("aras_visual_servo_controller.launch")
+    names = ["joint_state_controller", *given["controllers"].split()]
     assert sorted(names) == sorted(controllers["aras_visual_servo"])
-    assert "--namespace=/aras_visual_servo" in spawner.get("args")
+    assert given["namespace"] == "/aras_visual_servo"
+    assert spawner.get("args").split() == [
+        "--namespace=$(arg", "namespace)", "joint_state_controller", "$(arg", "controllers)"
+    ]  # fmt: skip
 
 
 def test_gains():
@@ -96,6 +103,7 @@ def test_gains():
         assert robot[name] == {
             "type": "effort_controllers/JointPositionController",
             "joint": joint,
+            "interpolate": True,
             "pid": {"p": p, "i": i, "d": d, "i_clamp": i_clamp},
         }
         # control_toolbox reads doubles; an integer on the parameter server is another type.

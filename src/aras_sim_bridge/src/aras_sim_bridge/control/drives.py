@@ -4,16 +4,35 @@ write(dt) is called every physics step. A drive never hands on a number that is 
 falls back to the last command that was.
 """
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Protocol
 
 from aras_sim_bridge import angles
 from aras_sim_bridge.control.joints import JointHandle, Limits, Occurrence
+from aras_sim_bridge.control.limits import LimitRule
 from aras_sim_bridge.control.pid import Pid
 
 _INF = float("inf")
 # A saturated effort or velocity is ordinary during a step command; only a lasting one is news.
 _PATIENCE = {"effort": 0.25, "velocity": 0.25, "position": 0.0}
+
+
+class JointModel(Protocol):
+    """The simulated robot as the hardware sees it; efforts in N m or N, names as in the URDF."""
+
+    joint_names: tuple[str, ...]
+
+    def read_joints(self) -> tuple[Sequence[float], Sequence[float], Sequence[float]]:
+        """Positions, velocities and last applied efforts, in joint_names order."""
+
+    def apply_effort(self, joint: str, effort: float) -> None:
+        """Apply an effort during the next physics step."""
+
+    def set_position(self, joint: str, position: float) -> None:
+        """Put the joint at a position."""
+
+    def set_velocity_motor(self, joint: str, velocity: float, max_effort: float) -> None:
+        """Drive the joint at a velocity with at most this effort."""
 
 
 class Drive:
@@ -25,12 +44,14 @@ class Drive:
         self,
         handle: JointHandle,
         limits: Limits | None,
-        rule: Any,
-        model: Any,
+        rule: LimitRule | None,
+        model: JointModel,
         warn: Callable[[str], None],
+        pid: Pid | None = None,
     ) -> None:
         self.handle = handle
-        self.pid: Pid | None = None
+        self.pid = pid
+        self._held: float | None = None  # where an emergency stop holds a position
         # Bound once: they are called every physics step.
         self._enforce = None if rule is None else rule.enforce
         self._apply_effort = model.apply_effort
@@ -97,10 +118,6 @@ class PositionDrive(Drive):
 
     quantity = "position"
 
-    def __init__(self, *args: Any) -> None:
-        super().__init__(*args)
-        self._held: float | None = None
-
     def write(self, time_ns: int, dt: float, stopped: bool) -> None:
         """Limit the command and set the joint's position."""
         self._set_position(self.handle.name, self._command(time_ns, dt, stopped))
@@ -129,10 +146,6 @@ class PositionDrive(Drive):
 
 class PositionPidDrive(PositionDrive):
     """Reaches the commanded position with an effort PID."""
-
-    def __init__(self, *args: Any, pid: Pid) -> None:
-        super().__init__(*args)
-        self.pid = pid
 
     def write(self, time_ns: int, dt: float, stopped: bool) -> None:
         """Limit the command and apply the PID's effort towards it."""
@@ -175,10 +188,6 @@ class VelocityDrive(Drive):
 
 class VelocityPidDrive(VelocityDrive):
     """Reaches the commanded velocity with an effort PID."""
-
-    def __init__(self, *args: Any, pid: Pid) -> None:
-        super().__init__(*args)
-        self.pid = pid
 
     def write(self, time_ns: int, dt: float, stopped: bool) -> None:
         """Limit the command and apply the PID's effort towards it, or towards rest."""

@@ -6,13 +6,13 @@ applies them. Order, unwrapping, limits and emergency stop are gazebo_ros_contro
 
 from collections.abc import Callable, Mapping
 from math import isfinite, pi
-from typing import Any, Protocol
 
 from aras_sim_bridge import angles
 from aras_sim_bridge import parameters as params
 from aras_sim_bridge.control.drives import (
     Drive,
     EffortDrive,
+    JointModel,
     PositionDrive,
     PositionPidDrive,
     VelocityDrive,
@@ -23,6 +23,7 @@ from aras_sim_bridge.control.joints import (
     EFFORT,
     POSITION,
     STATE,
+    VELOCITY,
     JointHandle,
     Limits,
     Occurrence,
@@ -30,32 +31,34 @@ from aras_sim_bridge.control.joints import (
 )
 from aras_sim_bridge.control.limits import rule_for
 from aras_sim_bridge.control.pid import Pid
+from aras_sim_bridge.description.types import RobotDescription, Transmission
 from aras_sim_bridge.errors import ControllerError, HardwareError
 
 _PREFIX = "hardware_interface/"
 _GAINS = "gazebo_ros_control/pid_gains"
 
-
-class JointModel(Protocol):
-    """The simulated robot as the hardware sees it; efforts in N m or N, names as in the URDF."""
-
-    joint_names: tuple[str, ...]
-
-    def read_joints(self) -> tuple[Any, Any, Any]:
-        """Positions, velocities and last applied efforts, in joint_names order."""
-
-    def apply_effort(self, joint: str, effort: float) -> None:
-        """Apply an effort during the next physics step."""
-
-    def set_position(self, joint: str, position: float) -> None:
-        """Put the joint at a position."""
-
-    def set_velocity_motor(self, joint: str, velocity: float, max_effort: float) -> None:
-        """Drive the joint at a velocity with at most this effort."""
+# By command interface: without and with PID gains.
+_DRIVES: dict[str, tuple[type[Drive], type[Drive]]] = {
+    EFFORT: (EffortDrive, EffortDrive),
+    POSITION: (PositionDrive, PositionPidDrive),
+    VELOCITY: (VelocityDrive, VelocityPidDrive),
+}
 
 
 def _ignore(text: str) -> None:
     """Stand-in for a logger."""
+
+
+class Reading:
+    """Where a handle's state comes from; `turns`, rad, are added to what the model says."""
+
+    __slots__ = ("handle", "index", "turns", "turns_over")
+
+    def __init__(self, handle: JointHandle, index: int) -> None:
+        self.handle = handle
+        self.index = index
+        self.turns = 0.0
+        self.turns_over = handle.kind != "prismatic"
 
 
 class RobotHardware:
@@ -73,7 +76,7 @@ class RobotHardware:
 
     def __init__(
         self,
-        description: Any,
+        description: RobotDescription,
         model: JointModel,
         parameters: Mapping | None = None,
         namespace: str = "",
@@ -98,14 +101,10 @@ class RobotHardware:
                 f"'{_PREFIX}' is deprecated"
             )
         index = {name: k for k, name in enumerate(model.joint_names)}
-        # [handle, index in the model's arrays, full turns to add (None: prismatic)]
-        self._readings: list[list[Any]] = [
-            [handle, index[name], None if handle.kind == "prismatic" else 0.0]
-            for name, handle in self.handles.items()
-        ]
+        self._readings = [Reading(handle, index[name]) for name, handle in self.handles.items()]
         self._fresh = True
 
-    def _add(self, transmission: Any) -> list[str]:
+    def _add(self, transmission: Transmission) -> list[str]:
         """Register one transmission; returns its joint if the interface lacks the prefix."""
         label = f"transmission '{transmission.name}'"
         joint_name, interface = transmission.joint, transmission.interface
@@ -147,13 +146,9 @@ class RobotHardware:
         return [] if interface.startswith(_PREFIX) else [joint_name]
 
     def _drive(self, handle: JointHandle, limits: Limits | None) -> Drive:
-        args = (handle, limits, rule_for(handle, limits), self.model, self._warn)
-        if handle.interface == EFFORT:
-            return EffortDrive(*args)
-        pid = self._pid(handle.name)
-        if handle.interface == POSITION:
-            return PositionDrive(*args) if pid is None else PositionPidDrive(*args, pid=pid)
-        return VelocityDrive(*args) if pid is None else VelocityPidDrive(*args, pid=pid)
+        pid = None if handle.interface == EFFORT else self._pid(handle.name)
+        kind = _DRIVES[handle.interface][pid is not None]
+        return kind(handle, limits, rule_for(handle, limits), self.model, self._warn, pid)
 
     def _pid(self, joint: str) -> Pid | None:
         where = f"{self._namespace}/{_GAINS}/{joint}"
@@ -178,27 +173,25 @@ class RobotHardware:
         positions, velocities, efforts = self.model.read_joints()
         fresh = self._fresh
         for reading in self._readings:
-            handle, k, turns = reading
-            position = positions[k]
-            if turns is not None:
-                position += turns
-                if not fresh and not -pi < position - handle.position <= pi:
-                    position = self._unwrap(reading, positions[k], time_ns)
+            handle, k = reading.handle, reading.index
+            position = positions[k] + reading.turns
+            if reading.turns_over and not fresh and not -pi < position - handle.position <= pi:
+                position = self._unwrap(reading, positions[k], time_ns)
             handle.position = position
             handle.velocity = velocities[k]
             handle.effort = efforts[k]
         self._fresh = False
 
-    def _unwrap(self, reading: list[Any], position: float, time_ns: int) -> float:
+    def _unwrap(self, reading: Reading, position: float, time_ns: int) -> float:
         """The value nearest to the last position that is `position` modulo full turns."""
-        handle = reading[0]
+        handle = reading.handle
         if not isfinite(position):
             if self._bad_reading.note(time_ns):
                 self._warn(f"joint '{handle.name}': the simulator reports position {position}")
             return handle.position
         unwrapped = handle.position + angles.shortest(handle.position, position)
-        reading[2] = round((unwrapped - position) / (2.0 * pi)) * 2.0 * pi
-        return position + reading[2]
+        reading.turns = round((unwrapped - position) / (2.0 * pi)) * 2.0 * pi
+        return position + reading.turns
 
     def write(self, time_ns: int, period: float) -> None:
         """Limit the commands and apply them; `period` is the time since the last write, in s."""
@@ -218,5 +211,4 @@ class RobotHardware:
         if forget_turns:
             self._fresh = True
             for reading in self._readings:
-                if reading[2] is not None:
-                    reading[2] = 0.0
+                reading.turns = 0.0

@@ -7,9 +7,9 @@ neither sees the other. Units: rad or m, rad/s or m/s, N m or N.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from aras_sim_bridge import parameters as params
+from aras_sim_bridge.description.types import Joint, JointLimits
 from aras_sim_bridge.errors import HardwareError
 
 EFFORT = "EffortJointInterface"
@@ -40,8 +40,8 @@ class JointHandle:
         self,
         name: str,
         kind: str,
-        limits: Any = None,
-        soft_limits: Any = None,
+        limits: JointLimits | None = None,
+        soft_limits: JointLimits | None = None,
         interface: str = STATE,
     ) -> None:
         self.name = name
@@ -91,7 +91,7 @@ _OVERRIDES = {
 
 
 def resolve_limits(
-    joint: Any, overrides: Mapping, where: str, warn: Callable[[str], None]
+    joint: Joint, overrides: Mapping, where: str, warn: Callable[[str], None]
 ) -> Limits | None:
     """Merge the URDF's limits of `joint` with the parameters <ns>/joint_limits/<joint>.
 
@@ -100,7 +100,7 @@ def resolve_limits(
     has_..._limits: true is ignored, as upstream does, but not silently.
     Raises HardwareError on ill-typed, negative or crossed limits.
     """
-    values: dict[str, Any] = {}
+    values: dict[str, float | bool] = {}
     if joint.limits is not None:
         values["max_velocity"] = joint.limits.velocity
         values["max_effort"] = joint.limits.effort
@@ -123,7 +123,7 @@ def resolve_limits(
 
 
 def _override(
-    values: dict[str, Any],
+    values: dict[str, float | bool],
     overrides: Mapping,
     quantity: str,
     keys: tuple[str, ...],

@@ -5,9 +5,9 @@ nobody renews stays at its limited value. dt is the write period in s.
 """
 
 from math import isnan, nan
-from typing import Any
 
 from aras_sim_bridge.control.joints import EFFORT, POSITION, JointHandle, Limits
+from aras_sim_bridge.description.types import SoftLimits
 from aras_sim_bridge.errors import HardwareError
 
 _INF = float("inf")
@@ -64,7 +64,7 @@ class _SoftBounds:
 
     __slots__ = ("_limited", "_lower", "_upper", "_gain", "_velocity")
 
-    def __init__(self, limits: Limits, soft: Any) -> None:
+    def __init__(self, limits: Limits, soft: SoftLimits) -> None:
         # A soft limit that the URDF does not give is none, not urdfdom's default of 0, which
         # would freeze the joint at 0.
         self._limited = limits.has_position
@@ -191,7 +191,11 @@ class VelocitySoft:
         handle.velocity_command = _saturate(handle.velocity_command, low, high)
 
 
-def rule_for(handle: JointHandle, limits: Limits | None) -> Any:
+LimitRule = (EffortSaturation | EffortSoft | PositionSaturation | PositionSoft
+             | VelocitySaturation | VelocitySoft)
+
+
+def rule_for(handle: JointHandle, limits: Limits | None) -> LimitRule | None:
     """The rule of the joint's interface and limits, or None where nothing limits it.
 
     A <safety_controller> in the URDF makes it the soft rule. Raises HardwareError where a limit

@@ -1,7 +1,7 @@
 """gazebo_ros_control's part of a physics step: read, update controllers, write."""
 
-from typing import Any
-
+from aras_sim_bridge.control.hardware import RobotHardware
+from aras_sim_bridge.control.manager import ControllerManager
 from aras_sim_bridge.errors import HardwareError
 
 _NS_PER_S = 1e9
@@ -17,7 +17,8 @@ class ControlLoop:
     __slots__ = ("hardware", "manager", "_step_ns", "_control_ns", "_updated_ns", "_written_ns")
 
     def __init__(
-        self, hardware: Any, manager: Any, step_ns: int, control_period_ns: int | None = None
+        self, hardware: RobotHardware, manager: ControllerManager, step_ns: int,
+        control_period_ns: int | None = None,
     ) -> None:
         """Raises HardwareError if a period is not positive."""
         self.hardware = hardware

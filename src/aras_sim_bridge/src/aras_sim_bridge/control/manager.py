@@ -7,12 +7,12 @@ simulation is paused simply stays open: nothing here blocks.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 from aras_sim_bridge import parameters as params
 from aras_sim_bridge.control.controllers import Registry
 from aras_sim_bridge.control.controllers.base import Context, Controller
 from aras_sim_bridge.control.controllers.registry import BASE_CLASS
+from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.statistics import ControllerStatistics
 from aras_sim_bridge.control.switching import (
     ABORTED,
@@ -44,7 +44,7 @@ class ControllerManager:
 
     def __init__(
         self,
-        hardware: Any,
+        hardware: RobotHardware,
         parameters: Mapping | Callable[[], Mapping] | None = None,
         namespace: str = "",
         warn: Callable[[str], None] = _ignore,

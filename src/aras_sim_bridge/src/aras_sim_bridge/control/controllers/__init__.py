@@ -3,14 +3,7 @@
 base.py documents the ports a ROS skin attaches to, registry.py how a class of your own is found.
 """
 
-from aras_sim_bridge.control.controllers import (
-    effort,
-    group,
-    joint_state,
-    position,
-    trajectory,
-    velocity,
-)
+from aras_sim_bridge.control.controllers import forward, joint_state, pid_controllers, trajectory
 from aras_sim_bridge.control.controllers.base import (
     ClaimedResources,
     Context,
@@ -27,11 +20,9 @@ __all__ = [
     "JointControllerState",
     "JointStates",
     "Registry",
-    "effort",
-    "group",
+    "forward",
     "joint_state",
-    "position",
+    "pid_controllers",
     "register",
     "trajectory",
-    "velocity",
 ]

@@ -34,8 +34,10 @@ from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any, ClassVar
 
+from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.joints import JointHandle
 from aras_sim_bridge.control.pid import Pid
+from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import ControllerError
 
 STATE_EVERY = 10  # updates per published state, as in ros_controllers
@@ -56,7 +58,7 @@ class Context:
 
     name: str
     namespace: str = ""
-    description: Any = None
+    description: RobotDescription | None = None
     robot_parameters: Mapping = field(default_factory=dict)
     warn: Callable[[str], None] = _ignore
     error: Callable[[str], None] = _ignore
@@ -125,7 +127,7 @@ class Controller:
         self.on_state: Callable[[Any], None] | None = None
         self.slot: deque[Any] = deque(maxlen=1)
 
-    def init(self, hardware: Any, parameters: Mapping, context: Context) -> None:
+    def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
         """Read the parameters and take the handles.
 
         `hardware` is a RobotHardware, `parameters` the mapping of the controller's namespace.
@@ -147,7 +149,7 @@ class Controller:
     def stopping(self, time_ns: int) -> None:
         """Called when the controller stops; commands in the handles stay."""
 
-    def set_command(self, value: Any) -> None:
+    def set_command(self, value: object) -> None:
         """Take a command, from any thread. Raises ControllerError if it cannot be used."""
         raise ControllerError(f"controller '{self.context.name}' takes no commands")
 
@@ -158,7 +160,7 @@ class Controller:
             ClaimedResources(f"hardware_interface::{self.interface}", tuple(sorted(self.joints))),
         )
 
-    def take_handle(self, hardware: Any, joint: str) -> JointHandle:
+    def take_handle(self, hardware: RobotHardware, joint: str) -> JointHandle:
         """The handle of `joint` through `interface`.
 
         Raises ControllerError naming the joint and those there are.
@@ -175,7 +177,7 @@ class Controller:
         return hardware.handles[joint]
 
 
-def checked_number(value: Any, controller: str, what: str = "command") -> float:
+def checked_number(value: object, controller: str, what: str = "command") -> float:
     """`value` as float. Raises ControllerError if it is no finite number."""
     try:
         number = float(value)

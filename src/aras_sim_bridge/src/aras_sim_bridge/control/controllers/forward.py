@@ -1,14 +1,16 @@
-"""Controllers that hand a command on as it is: the base of the position, velocity, effort ones.
+"""Controllers that hand commands on as they are: positions, velocities, efforts.
 
 None of them zeroes its output when it stops, as upstream's do not.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from aras_sim_bridge import parameters as params
 from aras_sim_bridge.control.controllers.base import Context, Controller, checked_number
-from aras_sim_bridge.control.joints import POSITION, JointHandle
+from aras_sim_bridge.control.controllers.registry import register
+from aras_sim_bridge.control.hardware import RobotHardware
+from aras_sim_bridge.control.joints import EFFORT, POSITION, VELOCITY, JointHandle
 from aras_sim_bridge.errors import ControllerError
 
 # The handle's command that belongs to an interface.
@@ -24,7 +26,7 @@ def resting_command(interface: str, handle: JointHandle) -> float:
     return handle.position if interface == POSITION else 0.0
 
 
-def checked_numbers(values: Any, joints: Sequence[str], controller: str) -> list[float]:
+def checked_numbers(values: object, joints: Sequence[str], controller: str) -> list[float]:
     """`values` as floats. Raises ControllerError on a wrong length or a number not finite."""
     try:
         given = list(values)
@@ -46,7 +48,7 @@ class ForwardController(Controller):
 
     command_kind = "float64"
 
-    def init(self, hardware: Any, parameters: Mapping, context: Context) -> None:
+    def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
         """Raises ControllerError for a missing joint."""
         super().init(hardware, parameters, context)
         joint = params.name(parameters, "joint", context.where)
@@ -77,7 +79,7 @@ class ForwardGroupController(Controller):
     command_kind = "float64_array"
     interface: ClassVar[str]
 
-    def init(self, hardware: Any, parameters: Mapping, context: Context) -> None:
+    def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
         """Raises ControllerError for a missing joint."""
         super().init(hardware, parameters, context)
         joints = params.names(parameters, "joints", context.where)
@@ -105,3 +107,45 @@ class ForwardGroupController(Controller):
         not finite.
         """
         self.slot.append(checked_numbers(value, self.joints, self.context.name))
+
+
+@register("effort_controllers/JointEffortController")
+class EffortJointEffortController(ForwardController):
+    """Hands an effort on, N m or N."""
+
+    interface = EFFORT
+
+
+@register("position_controllers/JointPositionController")
+class PositionJointPositionController(ForwardController):
+    """Hands a position on, rad or m; its limits are the handle's affair."""
+
+    interface = POSITION
+
+
+@register("velocity_controllers/JointVelocityController")
+class VelocityJointVelocityController(ForwardController):
+    """Hands a velocity on, rad/s or m/s."""
+
+    interface = VELOCITY
+
+
+@register("effort_controllers/JointGroupEffortController")
+class GroupEffortController(ForwardGroupController):
+    """Hands efforts on."""
+
+    interface = EFFORT
+
+
+@register("position_controllers/JointGroupPositionController")
+class GroupPositionController(ForwardGroupController):
+    """Hands positions on."""
+
+    interface = POSITION
+
+
+@register("velocity_controllers/JointGroupVelocityController")
+class GroupVelocityController(ForwardGroupController):
+    """Hands velocities on."""
+
+    interface = VELOCITY

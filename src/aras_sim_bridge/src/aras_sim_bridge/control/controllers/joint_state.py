@@ -1,7 +1,6 @@
 """joint_state_controller/JointStateController: reads all joints, commands none."""
 
 from collections.abc import Mapping
-from typing import Any
 
 from aras_sim_bridge import parameters as params
 from aras_sim_bridge.control.controllers.base import (
@@ -11,6 +10,7 @@ from aras_sim_bridge.control.controllers.base import (
     JointStates,
 )
 from aras_sim_bridge.control.controllers.registry import register
+from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.joints import STATE
 from aras_sim_bridge.errors import ControllerError
 
@@ -28,7 +28,7 @@ class JointStateController(Controller):
     interface = STATE
     state_kind = "joint_states"
 
-    def init(self, hardware: Any, parameters: Mapping, context: Context) -> None:
+    def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
         """Raises ControllerError without publish_rate or with an unknown joint in `joints`."""
         super().init(hardware, parameters, context)
         where = context.where

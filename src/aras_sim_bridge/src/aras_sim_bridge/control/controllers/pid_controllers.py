@@ -1,7 +1,6 @@
-"""Single-joint PID controllers, whatever their output means."""
+"""PID controllers of single joints and of groups."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 from aras_sim_bridge import parameters as params
 from aras_sim_bridge.control.controllers.base import (
@@ -11,8 +10,11 @@ from aras_sim_bridge.control.controllers.base import (
     JointControllerState,
     checked_number,
 )
-from aras_sim_bridge.control.controllers.forward import COMMAND_OF
+from aras_sim_bridge.control.controllers.forward import COMMAND_OF, checked_numbers
 from aras_sim_bridge.control.controllers.pid_loops import PositionLoop
+from aras_sim_bridge.control.controllers.registry import register
+from aras_sim_bridge.control.hardware import RobotHardware
+from aras_sim_bridge.control.joints import EFFORT, VELOCITY
 from aras_sim_bridge.control.pid import Pid
 
 
@@ -22,7 +24,7 @@ class _PidController(Controller):
     command_kind = "float64"
     state_kind = "joint_controller_state"
 
-    def init(self, hardware: Any, parameters: Mapping, context: Context) -> None:
+    def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
         """Raises ControllerError for a missing joint, gain, or joint of that interface."""
         super().init(hardware, parameters, context)
         joint = params.name(parameters, "joint", context.where)
@@ -51,7 +53,7 @@ class PidPositionController(_PidController):
     Parameter beside those of the base: `interpolate` (see PositionLoop).
     """
 
-    def init(self, hardware: Any, parameters: Mapping, context: Context) -> None:
+    def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
         """Raises ControllerError for a missing joint, gain, or joint of that interface."""
         super().init(hardware, parameters, context)
         interpolate = bool(params.flag(parameters, "interpolate", context.where))
@@ -83,7 +85,7 @@ class PidPositionController(_PidController):
 class PidVelocityController(_PidController):
     """output = PID(velocity error)."""
 
-    def init(self, hardware: Any, parameters: Mapping, context: Context) -> None:
+    def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
         """Raises ControllerError for a missing joint, gain, or joint of that interface."""
         super().init(hardware, parameters, context)
         self._command = self._set_point = self._error = self._output = 0.0
@@ -117,3 +119,71 @@ class PidVelocityController(_PidController):
     def set_command(self, value: float) -> None:
         """Velocity in rad/s or m/s. Raises ControllerError if it is not finite."""
         self.slot.append(checked_number(value, self.context.name))
+
+
+@register("effort_controllers/JointPositionController")
+class EffortJointPositionController(PidPositionController):
+    """effort = PID(position error); not clamped here but by the limit handle."""
+
+    interface = EFFORT
+
+
+@register("velocity_controllers/JointPositionController")
+class VelocityJointPositionController(PidPositionController):
+    """velocity = PID(position error)."""
+
+    interface = VELOCITY
+
+
+@register("effort_controllers/JointVelocityController")
+class EffortJointVelocityController(PidVelocityController):
+    """effort = PID(velocity error)."""
+
+    interface = EFFORT
+
+
+@register("effort_controllers/JointGroupPositionController")
+class GroupEffortPositionController(Controller):
+    """effort = PID(position error), joint by joint. Parameters: `joints`, `<joint>/pid/...`,
+    `interpolate` (see PositionLoop).
+    """
+
+    interface = EFFORT
+    command_kind = "float64_array"
+
+    def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
+        """Raises ControllerError for a missing joint or gain."""
+        super().init(hardware, parameters, context)
+        joints = params.names(parameters, "joints", context.where)
+        interpolate = bool(params.flag(parameters, "interpolate", context.where))
+        self._loops = []
+        for joint in joints:
+            own = params.section(parameters, joint, context.where)
+            where = f"{context.where}/{joint}"
+            pid = Pid.from_parameters(params.section(own, "pid", where), f"{where}/pid")
+            handle = self.take_handle(hardware, joint)
+            self._loops.append(PositionLoop(handle, pid, context.warn, context.name, interpolate))
+            self.pids[f"{joint}/pid"] = pid
+        self.joints = joints
+
+    def starting(self, time_ns: int) -> None:
+        """Hold the present positions."""
+        super().starting(time_ns)
+        for loop in self._loops:
+            loop.start()
+
+    def update(self, time_ns: int, period: float) -> None:
+        """Command each PID's effort."""
+        if self.slot:
+            for loop, command in zip(self._loops, self.slot.pop(), strict=True):
+                loop.take(command, time_ns)
+        for loop in self._loops:
+            loop.handle.effort_command = loop.compute(period)
+
+    def set_command(self, value: Sequence[float]) -> None:
+        """Positions in rad or m, in the order of `joints`.
+
+        Raises ControllerError, keeping the last command, on a wrong length or a number that is
+        not finite.
+        """
+        self.slot.append(checked_numbers(value, self.joints, self.context.name))

@@ -6,7 +6,6 @@ clock that is set back does not lose the trajectory.
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 from aras_sim_bridge import angles
 from aras_sim_bridge import parameters as params
@@ -33,6 +32,7 @@ from aras_sim_bridge.control.controllers.trajectory_types import (
     TrajectoryGoal,
     TrajectoryState,
 )
+from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.joints import JointHandle
 from aras_sim_bridge.errors import ControllerError
 
@@ -69,7 +69,7 @@ class JointTrajectoryController(Controller):
     state_kind = "joint_trajectory_state"
     action_kind = "follow_joint_trajectory"
 
-    def init(self, hardware: Any, parameters: Mapping, context: Context) -> None:
+    def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
         """Raises ControllerError on missing joints or gains and ill-typed parameters."""
         super().init(hardware, parameters, context)
         where = context.where

@@ -4,13 +4,16 @@ set -euo pipefail
 
 usage() {
     cat <<'TEXT'
-Usage: ./demo.sh [--scheme moments|kernel] [--start 2015|2016] [--camera NAME] [--rviz] [--out DIR]
+Usage: ./demo.sh [--scheme NAME] [--start POSE] [--law NAME] [--gain NUMBER] [--camera NAME] [--rviz] [--out DIR]
 
 Sets up the workspace if need be, simulates the ARAS robot while it servoes its camera to the target,
 and ends by itself. The status is 0 only when the robot has converged.
 
-  --scheme NAME   features and control law: moments (default) or kernel
-  --start YEAR    initial pose: 2015 (default) or 2016
+  --scheme NAME   features: moments (default), kernel, points, or package.module:Class of your own
+  --start POSE    initial pose: 2015 (default), 2016, or gantry (m), J1, J2, J3, J5, J6 (rad), as
+                  '0.1 0 0.17 -0.09 -0.09 2.09'
+  --law NAME      control law: proportional (default), adaptive, diagonal, pi, sliding_mode
+  --gain NUMBER   of the law, 1/s; without it the controller's own
   --camera NAME   camera preset: original (default), calibrated, wide, fisheye, noisy, or a file of
                   your own in src/aras_visual_servo_gazebo/config/cameras
   --rviz          show the robot and its camera in rviz (needs a display)
@@ -26,13 +29,13 @@ fail() {
 }
 
 root=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")
-scheme=moments start=2015 camera=original out=$root/out rviz=()
+scheme=moments start=2015 law= gain= camera=original out=$root/out rviz=()
 while (($#)); do
     case "$1" in
-        --scheme=* | --start=* | --camera=* | --out=*) set -- "${1%%=*}" "${1#*=}" "${@:2}" ;;
+        --scheme=* | --start=* | --law=* | --gain=* | --camera=* | --out=*) set -- "${1%%=*}" "${1#*=}" "${@:2}" ;;
     esac
     case "$1" in
-        --scheme | --start | --camera | --out)
+        --scheme | --start | --law | --gain | --camera | --out)
             [[ -n ${2-} ]] || fail "$1 needs a value"
             declare "${1#--}=$2"
             shift 2
@@ -42,8 +45,14 @@ while (($#)); do
         *) fail "unknown argument $1" ;;
     esac
 done
-[[ $scheme == moments || $scheme == kernel ]] || fail "--scheme is moments or kernel, not $scheme"
-[[ $start == 2015 || $start == 2016 ]] || fail "--start is 2015 or 2016, not $start"
+number='[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?'
+[[ $scheme =~ ^(moments|moments_2016|kernel|points|[A-Za-z_][A-Za-z0-9_.]*:[A-Za-z_][A-Za-z0-9_]*)$ ]] ||
+    fail "--scheme is moments, moments_2016, kernel, points or package.module:Class, not $scheme"
+[[ $start == 2015 || $start == 2016 || $start =~ ^\ *($number\ +){5}$number\ *$ ]] ||
+    fail "--start is 2015, 2016 or six numbers, not $start"
+[[ -z $law || $law =~ ^[a-z_]+$ || $law =~ ^[A-Za-z_][A-Za-z0-9_.]*:[A-Za-z_][A-Za-z0-9_]*$ ]] ||
+    fail "--law is proportional, adaptive, diagonal, pi, sliding_mode or package.module:Class, not $law"
+[[ -z $gain || $gain =~ ^$number$ ]] || fail "--gain is a number above 0, not $gain"
 presets=$root/src/aras_visual_servo_gazebo/config/cameras
 [[ -f $presets/$camera.yaml ]] || fail "--camera: there is no preset $presets/$camera.yaml"
 [[ ${#rviz[@]} == 0 || -n ${DISPLAY-} ]] || fail "--rviz needs a display, and DISPLAY is not set"
@@ -58,5 +67,8 @@ set +u # catkin's file reads variables that may be unset
 set -u
 # Some of Debian's ROS tools start with `env python3`, which another Python in PATH would answer.
 export PATH=$root/.venv/bin:$PATH
-exec rosrun aras_visual_servo_bench demo --scheme "$scheme" --start "$start" --camera "$camera" \
-    --out "$out" "${rviz[@]}"
+options=()
+[[ -z $law ]] || options+=(--law "$law")
+[[ -z $gain ]] || options+=(--gain "$gain")
+exec rosrun aras_visual_servo_bench demo --scheme "$scheme" "--start=$start" --camera "$camera" \
+    --out "$out" "${options[@]}" "${rviz[@]}"

@@ -7,23 +7,18 @@ import pytest
 import rosbag
 import rospy
 from aras_visual_servo_camera.msg import ImageMoments
-from aras_visual_servo_controller.msg import ServoState
 from geometry_msgs.msg import TransformStamped
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from tf2_msgs.msg import TFMessage
 
+from aras_visual_servo_bench.assembly import assemble
+from aras_visual_servo_bench.experiment import Experiment
 from aras_visual_servo_bench.report import analysis
 from aras_visual_servo_bench.ros.bag import read_bag
-from aras_visual_servo_controller.before.laws import Proportional
-from aras_visual_servo_controller.before.schemes import create
-from aras_visual_servo_controller.before.servo import Servo
-from aras_visual_servo_controller.before.settings import STARTS
-from aras_visual_servo_controller.conversions import fill_state
+from aras_visual_servo_bench.runner import Loop
+from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.errors import ServoError
-from aras_visual_servo_controller.goals import DESIRED_JOINTS, from_geometry
-from aras_visual_servo_controller.kinematics import JOINT_NAMES
-from aras_visual_servo_controller.resolver import Resolver
-from aras_visual_servo_controller.virtual_robot import VirtualRobot
+from aras_visual_servo_controller.ros.messages import report_message, state_message
 
 NAMESPACE = "/aras_visual_servo"
 
@@ -44,21 +39,18 @@ def transform(parent, child, pose, stamp):
 
 
 def write_run(path, year="2016", optical=True, seconds=4.0):
-    """Record a run of the virtual robot as the recorder would; returns its last camera pose."""
-    desired = from_geometry(DESIRED_JOINTS[year], year)
-    robot = VirtualRobot(np.array(STARTS[year]))
-    servo = Servo(create("moments", desired, Proportional(3.0, 0.1)), Resolver(robot.kinematics))
+    """Record a run of the runner as the recorder would; returns last joints, arm and goal."""
+    experiment = Experiment(plant="chain", start=year, duration=seconds, linger=None)
+    loop = Loop(experiment, assemble(experiment))
+    arm = loop.plant.arm
     # The camera hangs upside down: split its turn, for a half turn has no unique small quaternion.
     flip = np.diag([1.0, -1.0, -1.0, 1.0])
     link_T_optical = np.eye(4)
     link_T_optical[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
     seen = []
+    while (state := loop.to_image()) is not None:
+        seen.append((state, loop.plant.joints()[0], loop.reading.outline))
 
-    def look(stamp):
-        seen.append((stamp, robot.q.copy(), robot.measure(stamp)))
-        return seen[-1][2]
-
-    history = robot.run(servo, seconds, look)
     with rosbag.Bag(str(path), "w") as bag:
         half = transform("base_link", "upside_down", np.eye(4), rospy.Time(1))
         half.transform.rotation.x, half.transform.rotation.w = 1.0, 0.0
@@ -68,15 +60,16 @@ def write_run(path, year="2016", optical=True, seconds=4.0):
                 transform("camera_link", "camera_optical_frame", link_T_optical, rospy.Time(1))
             )
         bag.write("/tf_static", TFMessage(static), rospy.Time(1))
-        for command, (stamp, q, measurement) in zip(history, seen, strict=True):
+        for seen_state, q, outline in seen:
+            stamp = seen_state.stamp
             time = rospy.Time.from_sec(1.0 + stamp)
             later = rospy.Time.from_sec(1.004 + stamp)
 
-            joints = JointState(name=[*JOINT_NAMES[1:], "gantry"], position=[*q[1:], q[0]])
+            joints = JointState(name=[*arm.names[1:], "gantry"], position=[*q[1:], q[0]])
             joints.header.stamp = time
             bag.write(f"{NAMESPACE}/joint_states", joints, later)
 
-            pose = flip @ robot.kinematics.pose(q) @ np.linalg.inv(link_T_optical)
+            pose = flip @ arm.pose(q) @ np.linalg.inv(link_T_optical)
             bag.write(
                 "/tf", TFMessage([transform("upside_down", "camera_link", pose, time)]), later
             )
@@ -88,33 +81,35 @@ def write_run(path, year="2016", optical=True, seconds=4.0):
             image.header.stamp = time
             bag.write("/labrob/camera/image_raw", image, later)
 
-            moments = ImageMoments(valid=True, order=3)
+            moments = ImageMoments(valid=True, order=4)
             moments.header.stamp = time
-            moments.m = measurement.moments.m_array.tolist()
-            moments.mu = measurement.moments.mu_array.tolist()
+            measured = Moments.from_polygon(outline, 4)
+            moments.m = measured.m_array.tolist()
+            moments.mu = measured.mu_array.tolist()
             bag.write(f"{NAMESPACE}/camera/moments", moments, later)
 
-            state = fill_state(ServoState(), command, "moments")
-            state.header.stamp = time
+            state = state_message(seen_state, "moments", "camera_optical_frame", arm.names)
+            report = report_message(seen_state, "camera_optical_frame", arm.names)
+            state.header.stamp = report.header.stamp = time
             bag.write(f"{NAMESPACE}/controller/state", state, later)
-    return seen[-1][1], desired
+            bag.write(f"{NAMESPACE}/controller/diagnosis", report, later)
+    return seen[-1][1], arm, loop.servo.goal
 
 
 @pytest.mark.parametrize("optical", [True, False])
 def test_bag_gives_the_run_back(tmp_path, optical):
     path = tmp_path / "run.bag"
-    last, desired = write_run(path, optical=optical)
+    last, arm, goal = write_run(path, optical=optical)
     run = read_bag(path)
     np.testing.assert_allclose(run.joints[-1], last)
-    np.testing.assert_allclose(
-        run.camera_pose[-1], VirtualRobot(last).kinematics.pose(last), atol=1e-6
-    )
+    np.testing.assert_allclose(run.camera_pose[-1], arm.pose(last), atol=1e-6)
+    assert run.outcome == "converged"
     assert run.images.first.shape == (2, 4, 3)
     assert run.images.first[0, 1, 2] == 5
     column, row = run.images.camera.project([1.0], [0.0])  # 45 degrees to the right
     np.testing.assert_allclose([column[0], row[0]], [160 + 100 * np.pi / 4, 120])
 
-    summary = analysis.summarise(run, desired)
+    summary = analysis.summarise(run, goal)
     assert summary["converged"] is True
     assert summary["final_camera_error"]["position_mm"] < 0.1
     assert summary["image_rate_hz"] == pytest.approx(30.0, abs=0.01)

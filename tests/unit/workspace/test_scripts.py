@@ -30,8 +30,12 @@ def test_help_names_every_option(script: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["--scheme", "hand"], "--scheme is moments or kernel, not hand"),
-        (["--start=1999"], "--start is 2015 or 2016, not 1999"),
+        (["--scheme", "hand"], "or package.module:Class, not hand"),
+        (["--start=1999"], "--start is 2015, 2016 or six numbers, not 1999"),
+        (["--start", "0 0 0 0 0 x"], "six numbers"),
+        (["--start", "0 0 0 0 0"], "six numbers"),
+        (["--law", "P I"], "--law is proportional"),
+        (["--gain", "high"], "--gain is a number"),
         (["--scheme"], "--scheme needs a value"),
         (["--camera=pinhole"], "--camera: there is no preset"),
         (["--fast"], "unknown argument --fast"),

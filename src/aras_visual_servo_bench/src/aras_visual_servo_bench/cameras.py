@@ -19,7 +19,6 @@ from .packages import PackagePath
 
 PRESETS = "config/cameras"
 WHITE, DARK = 255, 0  # grey levels of a drawn picture, as the renderer has table and target
-FINER = 8  # a pixel is drawn as so many by so many
 
 
 @dataclass(frozen=True)
@@ -130,20 +129,38 @@ def draw(outline: np.ndarray | None, camera: CameraModel) -> np.ndarray:
 def _coverage(polygon: np.ndarray, width: int, height: int) -> np.ndarray:
     """Part (height, width) of each pixel that a polygon (n, 2), px, covers; centres are whole.
 
-    FINER lines a pixel, each exact along its length: the part of a pixel left of an edge counts
-    with the sign of the edge's direction.
+    Exact: what of a pixel is left of an edge counts with the sign of the edge's direction. Along a
+    piece of an edge within a row, the part to its left runs linearly between 0 and 1.
     """
     ends = np.roll(polygon, -1, axis=0)
-    lines = (np.arange(height * FINER) + 0.5) / FINER - 0.5
-    y0, y1 = polygon[:, 1], ends[:, 1]
-    crossed = (y0 <= lines[:, None]) != (y1 <= lines[:, None])
-    line, edge = np.nonzero(crossed)
-    part = (lines[line] - y0[edge]) / (y1 - y0)[edge]
-    x = polygon[edge, 0] + part * (ends - polygon)[edge, 0]
-    left = np.clip(x[:, None] - (np.arange(width) - 0.5), 0.0, 1.0)
+    rising = ends[:, 1] != polygon[:, 1]
+    begin, end = polygon[rising], ends[rising]
+    sign = np.sign(end[:, 1] - begin[:, 1])
+    rows = np.arange(height)[:, None] - 0.5
+    low = np.clip(np.minimum(begin[:, 1], end[:, 1]), rows, rows + 1.0)
+    high = np.clip(np.maximum(begin[:, 1], end[:, 1]), rows, rows + 1.0)
+    row, edge = np.nonzero(high > low)
+    low, high = low[row, edge], high[row, edge]
+    slope = ((end - begin)[:, 0] / (end - begin)[:, 1])[edge]
+    left = (np.arange(width) - 0.5)[None]
+    first = (begin[edge, 0] + slope * (low - begin[edge, 1]))[:, None] - left
+    last = (begin[edge, 0] + slope * (high - begin[edge, 1]))[:, None] - left
+    across = last - first
+    steep = np.abs(across) < 1e-6
+    mean = np.where(
+        steep,
+        np.clip(0.5 * (first + last), 0.0, 1.0),
+        (_ramp(last) - _ramp(first)) / np.where(steep, 1.0, across),
+    )
     coverage = np.zeros((height, width))
-    np.add.at(coverage, line // FINER, np.sign(y1 - y0)[edge, None] * left)
-    return np.clip(np.abs(coverage) / FINER, 0.0, 1.0)
+    np.add.at(coverage, row, (sign[edge] * (high - low))[:, None] * mean)
+    return np.clip(np.abs(coverage), 0.0, 1.0)
+
+
+def _ramp(x: np.ndarray) -> np.ndarray:
+    """Integral from -inf to x of clip(x, 0, 1)."""
+    within = np.clip(x, 0.0, 1.0)
+    return 0.5 * within * within + np.maximum(x - 1.0, 0.0)
 
 
 def _dense(outline: np.ndarray, parts: int = 8) -> np.ndarray:

@@ -44,14 +44,14 @@ class Run:
         asked, achieved: (n, 6) twists of the camera in its own frame, m/s and rad/s.
         pose: (n, 4, 4) true world_T_camera when each image's answer was given.
         joints: (n, j) as the controller had them at the exposures.
-        phase, outcome, reason: n words of the loop.
+        phases, outcomes, reasons: n words of the loop.
         rank: (n,) of the task; -1 where none. smallest: (n,) least singular value.
         joint_names: j names.
-        joint_stamp: (m,) s. measured, speed: (m, j) joints and their speeds, rad, m, /s.
+        joint_stamp: (m,) s. measured, speed: (m, j) true joints and speeds then, rad, m, /s.
         commanded: (m, j) the latest command at each joint state; NaN before the first.
-        true_stamp: (m,) s. true_pose: (m, 4, 4) world_T_camera from the plant at them.
+        true_pose: (m, 4, 4) world_T_camera from the plant at them.
         goal_pose: (4, 4) where the camera ought to be at the end.
-        final: outcome, its reason and mend, in words, as the loop gives them.
+        outcome, reason, mend: of the whole run, as the loop gives them.
         verdict: what the physics knows.
         peak_speed: (j,) greatest speed at any step, or None where it was not traced.
     """
@@ -65,7 +65,7 @@ class Run:
     achieved: np.ndarray
     pose: np.ndarray
     joints: np.ndarray
-    phase: tuple[str, ...]
+    phases: tuple[str, ...]
     outcomes: tuple[str, ...]
     reasons: tuple[str, ...]
     rank: np.ndarray
@@ -75,7 +75,6 @@ class Run:
     measured: np.ndarray
     speed: np.ndarray
     commanded: np.ndarray
-    true_stamp: np.ndarray
     true_pose: np.ndarray
     goal_pose: np.ndarray
     outcome: str
@@ -89,8 +88,14 @@ class Run:
         """Whether the loop holds that it has reached its goal."""
         return self.outcome.startswith("converged")
 
+    def commanded_speed(self) -> np.ndarray:
+        """Greatest speed (j,) at which position commands moved, rad/s or m/s."""
+        moved = np.diff(self.commanded, axis=0) / np.diff(self.joint_stamp)[:, None]
+        known = moved[np.isfinite(moved).all(axis=1)]
+        return np.abs(known).max(axis=0, initial=0.0)
+
     def way(self) -> tuple[np.ndarray, np.ndarray]:
-        """Distance (m,) m and angle (m,) rad of the true camera from its goal, at true_stamp."""
+        """Distance (m,) m and angle (m,) rad of the true camera from its goal, at joint_stamp."""
         pairs = [pose_difference(self.goal_pose, pose) for pose in self.true_pose]
         distance, angle = np.array(pairs).reshape(-1, 2).T
         return distance, angle
@@ -100,12 +105,12 @@ class Run:
 
         floor: m and rad (0.1 mm, 0.1 degrees) that count as there however short the way was.
         """
-        after = self.true_stamp >= self.stamp[0] if len(self.stamp) else np.array([], bool)
+        after = self.joint_stamp >= self.stamp[0] if len(self.stamp) else np.array([], bool)
         if not after.any():
             return float("inf")
         latest = 0.0
         for way, least in zip(self.way(), floor, strict=True):
-            latest = max(latest, _settling(self.true_stamp[after], way[after], least))
+            latest = max(latest, _settling(self.joint_stamp[after], way[after], least))
         return latest
 
     def feature_settling(self) -> dict[str, float]:

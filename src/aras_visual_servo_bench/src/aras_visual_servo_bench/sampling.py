@@ -6,8 +6,8 @@ import numpy as np
 
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.poses import rotation_rpy
-from aras_visual_servo_controller.errors import ServoError
+from aras_visual_servo_controller.arm.poses import inverse, rotation_rpy
+from aras_visual_servo_controller.errors import ServoError, UnreachableError
 
 from . import rigid
 from .cameras import in_view
@@ -15,6 +15,10 @@ from .errors import ExperimentError, ViewError
 from .experiment import Sampler
 from .plants.free_body import FreeBody
 from .targets import PlacedTarget
+
+NEWTON_STEPS, BEGINNINGS, BEND = 30, 4, 0.5  # the last in rad or m
+FOUND = 1e-6  # m and rad: what the arm has not (a roll) is asked for up to its rounding
+DAMPING = 1e-6
 
 
 def draw_start(
@@ -49,7 +53,7 @@ def draw_start(
             if isinstance(arm, Arm):  # the last joint turns the camera: begin at the turn drawn
                 near = goal_joints.copy()
                 near[-1] = np.clip(near[-1] - turn, arm.lower[-1], arm.upper[-1])
-            joints = arm.inverse(pose, near)
+            joints = _joints_at(arm, pose, near, random)
         except ViewError:
             why["out of view"] += 1
         except ServoError:
@@ -61,6 +65,31 @@ def draw_start(
         f"no start found in {sampler.attempts} attempts ({told}): make start.height, side, turn "
         "or tilt smaller"
     )
+
+
+def _joints_at(
+    arm: Arm | FreeBody, pose: np.ndarray, near: np.ndarray, random: np.random.Generator
+) -> np.ndarray:
+    """Joints (n,) of a pose by Newton's method alone: what is hard to find is no start.
+
+    Raises:
+        UnreachableError: they are not found, or beyond a limit.
+    """
+    for _ in range(BEGINNINGS):
+        # From a stretched elbow the method finds no way: hence the bends.
+        q = near + random.uniform(-BEND, BEND, len(near)) * (arm.upper - arm.lower < np.inf)
+        q[-1] = near[-1]
+        for _ in range(NEWTON_STEPS):
+            now, jacobian = arm.view(q)
+            error = rigid.logarithm(inverse(now) @ pose)
+            if np.abs(error).max() < FOUND:
+                if ((q < arm.lower) | (q > arm.upper)).any():
+                    break
+                return q
+            # Damped, for the elbow may come near to stretched.
+            step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + DAMPING * np.eye(6), error)
+            q = q + np.clip(step, -0.5, 0.5)
+    raise UnreachableError("no joints of the arm give this pose", float("nan"))
 
 
 def _drawn(

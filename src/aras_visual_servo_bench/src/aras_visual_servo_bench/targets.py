@@ -8,10 +8,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_controller.arm.poses import inverse
+from aras_visual_servo_controller.errors import ServoError
+from aras_visual_servo_controller.target_geometry import TargetGeometry
 
 from . import rigid
 from .checked import require
@@ -44,37 +48,53 @@ class Target(ABC):
         """Z (m) where the optical axis meets the plane of the face."""
         return float((self.height - target_T_camera[2, 3]) / target_T_camera[2, 2])
 
-    def plane(self, target_T_camera: np.ndarray) -> tuple[float, float, float]:
-        """(A, B, C) with 1/Z = A x + B y + C of the face in this view."""
-        normal = target_T_camera[2, :3]
+    def plane(self, target_T_camera: np.ndarray) -> Plane:
+        """1/Z = A x + B y + C of the face in this view."""
         distance = self.height - target_T_camera[2, 3]
-        return tuple(float(part / distance) for part in normal)
+        return Plane(*(target_T_camera[2, :3] / distance).tolist())
 
 
-@dataclass(frozen=True)
-class PlatesTarget(Target):
-    """Thin boxes that overlap in the view, as the demo's square with a patch over one side.
+@dataclass(frozen=True, eq=False)
+class BoxesTarget(Target):
+    """Thin boxes on a ground, one or two that overlap in the view; see TargetGeometry."""
 
-    plates: lowest and highest corner of each, m. table: nothing below this height is seen, m.
-    """
-
-    plates: tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ...]
-    table: float = -np.inf
+    geometry: TargetGeometry
 
     def outline(self, target_T_camera: np.ndarray) -> np.ndarray:
-        """Outline of two overlapping silhouettes."""
-        square, patch = (self._silhouette(*plate, target_T_camera) for plate in self.plates)
-        return _star_union(square, patch)
+        """Outline of all boxes together."""
+        try:
+            return self.geometry.outline(target_T_camera)
+        except ServoError as error:
+            raise ViewError(str(error)) from error
 
     def vertices(self) -> np.ndarray:
-        """Upper corners of the first plate."""
-        (x0, y0, _), (x1, y1, z) = self.plates[0]
-        return np.array([(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)])
+        """Corners of the upper faces' union, each at its height, in order around it."""
+        return self._vertices
 
-    def _silhouette(self, low: tuple, high: tuple, target_T_camera: np.ndarray) -> np.ndarray:
-        heights = (max(low[2], self.table), high[2])
-        corners = [(x, y, z) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in heights]
-        return _convex_hull(project(np.array(corners), target_T_camera))
+    @cached_property
+    def _vertices(self) -> np.ndarray:
+        boxes = self.geometry.boxes
+        places = [
+            (x, y, high[2])
+            for k, (low, high) in enumerate(boxes)
+            for x in (low[0], high[0])
+            for y in (low[1], high[1])
+            if not any(_covers(other, x, y) for i, other in enumerate(boxes) if i != k)
+        ]
+        for one in boxes:
+            for other in boxes:
+                if one is not other:
+                    places += _crossings(one, other)
+        x, y, _ = np.array(places).T
+        return np.array(places)[np.argsort(np.arctan2(y - y.mean(), x - x.mean()))]
+
+    def depth(self, target_T_camera: np.ndarray) -> float:
+        """Z (m) where the optical axis meets the surface that the geometry names."""
+        return self.geometry.depth(target_T_camera)
+
+    def plane(self, target_T_camera: np.ndarray) -> Plane:
+        """That surface in this view."""
+        return self.geometry.plane(target_T_camera)
 
 
 @dataclass(frozen=True)
@@ -97,12 +117,17 @@ class PolygonTarget(Target):
 
 # The demo's target in base_link, where robots/aras_visual_servo.urdf has it: its table is the
 # plane z = 0.59, which hides the lower half of the square's plate.
-ARAS = PlatesTarget(
-    (
-        ((-0.025, -0.025, 0.5895), (0.025, 0.025, 0.5905)),
-        ((-0.0175, -0.0375, 0.59025), (0.0075, -0.0125, 0.59075)),
-    ),
-    table=0.59,
+ARAS = BoxesTarget(
+    TargetGeometry.checked(
+        np.array(
+            [
+                [(-0.025, -0.025, 0.5895), (0.025, 0.025, 0.5905)],
+                [(-0.0175, -0.0375, 0.59025), (0.0075, -0.0125, 0.59075)],
+            ]
+        ),
+        ground=0.59,
+        surface=0.5905,
+    )
 )
 
 
@@ -179,54 +204,15 @@ def project(points: np.ndarray, frame_T_camera: np.ndarray) -> np.ndarray:
     return seen[:, :2] / seen[:, 2:]
 
 
-def _cross(o: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
-    return (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0])
+def _covers(box: np.ndarray, x: float, y: float) -> bool:
+    (x0, y0, _), (x1, y1, _) = box
+    return bool(x0 < x < x1 and y0 < y < y1)
 
 
-def _convex_hull(points: np.ndarray) -> np.ndarray:
-    """Hull (n, 2) with positive turn (Andrew's monotone chain)."""
-    ordered = sorted(map(tuple, points))
-    hull: list[tuple] = []
-    for chain in (ordered, ordered[::-1]):
-        start = len(hull)
-        for point in chain:
-            while len(hull) - start >= 2 and _cross(hull[-2], hull[-1], point) <= 0.0:
-                hull.pop()
-            hull.append(point)
-        hull.pop()
-    return np.array(hull)
-
-
-def _inside(point: np.ndarray, polygon: np.ndarray) -> bool:
-    ends = np.roll(polygon, -1, axis=0)
-    return all(_cross(a, b, point) > 0.0 for a, b in zip(polygon, ends, strict=True))
-
-
-def _crossings(one: np.ndarray, other: np.ndarray) -> list[np.ndarray]:
-    """Points where edges of two polygons cross."""
-    found = []
-    for a, b in zip(one, np.roll(one, -1, axis=0), strict=True):
-        for c, d in zip(other, np.roll(other, -1, axis=0), strict=True):
-            across = (b[0] - a[0]) * (c[1] - d[1]) - (b[1] - a[1]) * (c[0] - d[0])
-            if abs(across) < 1e-15:
-                continue
-            u, v = c - a
-            s = (u * (c[1] - d[1]) - v * (c[0] - d[0])) / across
-            t = ((b[0] - a[0]) * v - (b[1] - a[1]) * u) / across
-            if 0.0 <= s <= 1.0 and 0.0 <= t <= 1.0:
-                found.append(a + s * (b - a))
-    return found
-
-
-def _star_union(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Outline of two overlapping convex polygons: star-shaped about a point they share."""
-    crossings = _crossings(one, other)
-    if len(crossings) < 2:
-        raise ViewError("the plates of the target do not overlap in the picture")
-    inner = [p for p in one if _inside(p, other)] + [p for p in other if _inside(p, one)]
-    middle = np.mean([*crossings, *inner], axis=0)
-    corners = [p for p in one if not _inside(p, other)]
-    corners += [p for p in other if not _inside(p, one)]
-    points = np.array([*corners, *crossings])
-    angles = np.arctan2(points[:, 1] - middle[1], points[:, 0] - middle[0])
-    return points[np.argsort(angles)]
+def _crossings(one: np.ndarray, other: np.ndarray) -> list[tuple[float, float, float]]:
+    """Where sides of `one` along y cross sides of `other` along x, at the upper one's height."""
+    (x0, y0, _), (x1, y1, top) = one
+    (u0, v0, _), (u1, v1, high) = other
+    return [
+        (x, y, max(top, high)) for x in (x0, x1) if u0 < x < u1 for y in (v0, v1) if y0 < y < y1
+    ]

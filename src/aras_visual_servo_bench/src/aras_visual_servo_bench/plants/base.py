@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.undistortion import CameraModel
 
 
@@ -43,6 +44,11 @@ class CameraReading:
     def pictured(self) -> bool:
         """Whether it is a picture and not exact features."""
         return self.image is not None
+
+    @property
+    def picture(self) -> Image:
+        """The picture as the camera package reads it."""
+        return Image(self.image, self.encoding)
 
 
 Reading = JointReading | CameraReading

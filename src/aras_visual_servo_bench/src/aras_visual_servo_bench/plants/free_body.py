@@ -59,9 +59,15 @@ class FreeBody:
         """The target stands in the world: identity."""
         return np.eye(4)
 
-    def inverse(self, world_T_camera: np.ndarray, q0: np.ndarray | None = None) -> np.ndarray:
-        """The q (6,) of a pose (4, 4)."""
+    def inverse(
+        self, world_T_camera: np.ndarray, q0: np.ndarray | None = None, attempts: int = 1
+    ) -> np.ndarray:
+        """The q (6,) of a pose (4, 4), whatever it is looked for from."""
         return self.coordinates(world_T_camera)
+
+    def joint_frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Places (6, 3) and axes (6, 3): none is parallel to another of its kind."""
+        return np.zeros((6, 3)), np.vstack([np.eye(3), np.eye(3)])
 
     def check(self, q: np.ndarray, velocities: np.ndarray | None = None) -> None:
         """Refuse what is not finite; MeasurementError."""

@@ -30,6 +30,7 @@ class Sight:
     camera: the true one. target: in the world. rate: pictures a second.
     pictures: draw them; otherwise outlines and corners are exact.
     grey_noise: standard deviation of drawn pixels, grey levels. jitter: of exact points, px.
+    depth: deliver a depth image too. drop: probability that an image is lost.
     """
 
     camera: CameraModel
@@ -39,6 +40,7 @@ class Sight:
     grey_noise: float = 0.0
     jitter: float = 0.0
     depth: bool = False
+    drop: float = 0.0
 
     def look(self, pose: np.ndarray, stamp_ns: int, random: np.random.Generator) -> CameraReading:
         """What the camera sees from world_T_camera (4, 4)."""
@@ -125,6 +127,8 @@ class KinematicPlant(Plant):
             readings.append(JointReading(time_ns, self.joint_names, q.tolist(), speed.tolist()))
         if image_ns == time_ns:
             self._images += 1
+            if self.sight.drop and self._random.random() < self.sight.drop:
+                return readings
             readings.append(self.sight.look(self.pose(), time_ns, self._random))
         return readings
 

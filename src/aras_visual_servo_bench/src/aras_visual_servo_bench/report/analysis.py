@@ -5,19 +5,19 @@ from typing import Any
 import numpy as np
 
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.before.laws import Proportional
-from aras_visual_servo_controller.before.schemes import find
-from aras_visual_servo_controller.before.schemes.base import Measurement
-from aras_visual_servo_controller.before.schemes.moments import MomentsScheme
-from aras_visual_servo_controller.before.servo import CONVERGED
-from aras_visual_servo_controller.desired import Desired
 from aras_visual_servo_controller.errors import MeasurementError
-from aras_visual_servo_controller.kinematics import pose_difference
+from aras_visual_servo_controller.features.moments import ImageMoments
+from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.observation import Observer
+from aras_visual_servo_controller.schemes import create_scheme
+from aras_visual_servo_controller.state import CONVERGED
 
-from .recording import Images, MomentsTrack, Recording
+from ..run import Verdict
+from .recording import Images, Recording
 
 SETTLED = 0.02  # part of the initial error norm
 LATE = 1.5  # image periods
+REACHED_WITHIN = (0.3e-3, np.radians(0.3))  # m and rad of the camera
 FINAL_WINDOW = 1.0  # s over which the final error is averaged
 
 
@@ -36,18 +36,23 @@ def settling_time(stamp: np.ndarray, error: np.ndarray, part: float = SETTLED) -
     return None if after >= len(stamp) else float(stamp[after] - stamp[0])
 
 
-def moment_errors(track: MomentsTrack, desired: Desired) -> tuple[np.ndarray, np.ndarray]:
+def moment_errors(recording: Recording, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
     """Stamps (n,) and errors (n, 4) of xn, yn, an (m) and alpha (rad), whatever the scheme was."""
-    scheme = MomentsScheme(desired, Proportional())
+    feature, observer = ImageMoments(), Observer(None)
+    track, camera = recording.moments, recording.images.camera
     stamps, errors = [], []
     for stamp, m, mu in zip(track.stamp, track.m, track.mu, strict=True):
         moments = Moments.from_arrays(m, mu, track.order)
+        nearest = int(np.argmin(np.abs(recording.camera_stamp - stamp)))
+        seen = observer.of_moments(
+            float(stamp), moments, True, "", camera,
+            world_T_camera=recording.camera_pose[nearest],
+        )  # fmt: skip
         try:
-            result = scheme.compute(Measurement(float(stamp), moments=moments), 0.0)
+            errors.append(feature.measure(seen, goal).error)
         except MeasurementError:
             continue
         stamps.append(stamp)
-        errors.append(result.error)
     return np.array(stamps), np.array(errors).reshape(-1, 4)
 
 
@@ -70,32 +75,35 @@ def image_figures(images: Images) -> dict[str, Any]:
     }
 
 
-def summarise(run: Recording, desired: Desired, **extra: Any) -> dict[str, Any]:
+def summarise(run: Recording, goal: Goal, **extra: Any) -> dict[str, Any]:
     """The contents of summary.json.
 
     Args:
         run: what was recorded.
-        desired: what was to be reached.
+        goal: what was to be reached, as the arm sees it.
         extra: entries of the caller (scheme, start, real_time_factor, versions).
     """
     states = run.states
-    stamp, error = moment_errors(run.moments, desired)
+    stamp, error = moment_errors(run, goal)
     servoing = stamp >= run.began
     stamp, error = stamp[servoing], error[servoing]
     settled = settling_time(states.stamp, states.error)
     late = stamp >= stamp[-1] - FINAL_WINDOW
     final = error[late].mean(axis=0)
     worst = np.abs(error[stamp >= stamp[-1] - 2.0]).max(axis=0)
-    distance, angle = pose_difference(desired.camera_pose, run.camera_pose[-1])
-    names = MomentsScheme.feature_names
+    verdict = Verdict.of(goal.world_T_camera, run.camera_pose[-1], REACHED_WITHIN)
+    names = ImageMoments.names
     return {
         "converged": states.phase[-1] == CONVERGED,
+        "outcome": run.outcome or states.phase[-1],
+        "verdict": verdict.word,
+        "reason": run.reason or states.reason[-1],
         "settling_time_s": None if settled is None else round(settled, 3),
         "final_error": {n: float(f"{v:.3g}") for n, v in zip(names, final, strict=True)},
         "worst_error_last_2_s": {n: float(f"{v:.3g}") for n, v in zip(names, worst, strict=True)},
         "final_camera_error": {
-            "position_mm": round(1e3 * distance, 4),
-            "rotation_deg": round(float(np.degrees(angle)), 4),
+            "position_mm": round(1e3 * verdict.distance, 4),
+            "rotation_deg": round(float(np.degrees(verdict.angle)), 4),
         },
         "servoing_time_s": round(float(states.stamp[-1] - states.stamp[0]), 3),
         "smallest_singular_value": float(f"{np.nanmin(states.singular_values):.3g}"),
@@ -104,9 +112,11 @@ def summarise(run: Recording, desired: Desired, **extra: Any) -> dict[str, Any]:
     }
 
 
-def thresholds(scheme: str) -> tuple[float, ...]:
+def tolerances(scheme: str, goal: Goal) -> tuple[float, ...]:
     """Errors that count as reached for the scheme of that name."""
-    return find(scheme).thresholds
+    made = create_scheme(scheme)
+    made.check(goal)
+    return tuple(made.tolerances)
 
 
 def table(summary: dict[str, Any]) -> str:
@@ -115,7 +125,8 @@ def table(summary: dict[str, Any]) -> str:
     settling = summary["settling_time_s"]
     factor = summary.get("real_time_factor")
     rows = [
-        ("Target reached", "yes, and held" if summary["converged"] else "NO"),
+        ("Target reached", "yes, and held" if summary["converged"] else
+         f"NO: {summary['outcome']}" + (f" ({summary['reason']})" if summary["reason"] else "")),
         ("Error under 2 % after", "never" if settling is None else f"{settling:.2f} s"),
         ("Camera off its goal by", f"{camera['position_mm']:.2f} mm, "
          f"{camera['rotation_deg']:.2f} degrees"),

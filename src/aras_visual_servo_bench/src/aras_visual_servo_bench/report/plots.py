@@ -11,9 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from aras_visual_servo_controller.kinematics import JOINT_NAMES
-from aras_visual_servo_controller.target import PLATES
-
+from ..targets import ARAS
 from .recording import Recording
 
 # Okabe and Ito's palette: told apart by colour-blind readers too.
@@ -150,15 +148,17 @@ def joint_positions(run: Recording) -> Figure:
     """Measured joints with their commands, a panel each."""
     time = run.joint_stamp - run.began
     commanded = run.states.stamp - run.began
-    figure, axes = plt.subplots(3, 2, sharex=True, figsize=(9.0, 6.4))
-    for index, (axis, name) in enumerate(zip(axes.T.flat, JOINT_NAMES, strict=True)):
+    names = run.states.joint_names
+    rows = -(-len(names) // 2)
+    figure, axes = plt.subplots(rows, 2, sharex=True, figsize=(9.0, 0.4 + 2.0 * rows))
+    for index, (axis, name) in enumerate(zip(axes.T.flat, names, strict=False)):
         shown = (time >= -0.3) & (time <= commanded[-1] + 0.1)
         axis.plot(time[shown], run.joints[shown, index], color=COLOURS[0], label="measured")
         axis.plot(
             commanded, run.states.commands[:, index], color=COLOURS[1], lw=1.1, ls="--",
             label="command",
         )
-        axis.set_ylabel(f"{name} ({'m' if index == 0 else 'rad'})")
+        axis.set_ylabel(f"{name} ({'m' if name == 'gantry' else 'rad'})")
         low, high = axis.get_ylim()
         if high - low < 0.01:  # a joint that stands still shall look like one
             middle = 0.5 * (low + high)
@@ -179,8 +179,9 @@ def camera_path(run: Recording, goal_pose: np.ndarray) -> Figure:
     goal = goal_pose[:3, 3]
     figure = plt.figure(figsize=(7.5, 6.2))
     axis = figure.add_subplot(projection="3d", computed_zorder=False)
-    surface = PLATES[0][1][2]
-    for low, high in PLATES:
+    plates = ARAS.geometry.boxes
+    surface = ARAS.geometry.surface
+    for low, high in plates:
         xs = [low[0], high[0], high[0], low[0], low[0]]
         ys = [low[1], low[1], high[1], high[1], low[1]]
         axis.plot_surface(
@@ -198,7 +199,7 @@ def camera_path(run: Recording, goal_pose: np.ndarray) -> Figure:
                  depthshade=False, label="goal")
     axis.scatter(*path[-1], color=COLOURS[0], s=25, zorder=7, depthshade=False, label="end")
     axis.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
-    corners = np.vstack([path, [goal], [p for plate in PLATES for p in plate]])
+    corners = np.vstack([path, [goal], [p for plate in plates for p in plate]])
     low, high = corners.min(axis=0) - 0.01, corners.max(axis=0) + 0.01
     axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(surface - 0.005, high[2]))
     axis.set_box_aspect((high[0] - low[0], high[1] - low[1], high[2] - surface), zoom=0.9)

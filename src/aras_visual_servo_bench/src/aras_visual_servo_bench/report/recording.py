@@ -17,8 +17,8 @@ class States:
         names: of the k features.
         features, desired, error: (n, k).
         twist: (n, 6) of the camera, optical frame.
-        commands: (n, 6) joint commands.
-        singular_values: (n, 5), NaN where nothing was inverted.
+        joint_names: j names. commands: (n, j) joint commands.
+        singular_values: (n, m), NaN where nothing was inverted.
     """
 
     stamp: np.ndarray
@@ -29,6 +29,7 @@ class States:
     desired: np.ndarray
     error: np.ndarray
     twist: np.ndarray
+    joint_names: tuple[str, ...]
     commands: np.ndarray
     singular_values: np.ndarray
 
@@ -66,10 +67,11 @@ class Recording:
 
     Attributes:
         states: of the controller.
-        joint_stamp, joints: (n,) s and (n, 6) measured.
+        joint_stamp, joints: (n,) s and (n, j) measured, in the order of states.joint_names.
         camera_stamp, camera_pose: (n,) s and (n, 4, 4) `base_T_optical` from TF.
         images: of the camera.
         moments: of the target.
+        outcome, reason, mend: of the loop, at the end; empty where they were not recorded.
     """
 
     states: States
@@ -79,6 +81,9 @@ class Recording:
     camera_pose: np.ndarray
     images: Images
     moments: MomentsTrack
+    outcome: str = ""
+    reason: str = ""
+    mend: str = ""
 
     @property
     def began(self) -> float:

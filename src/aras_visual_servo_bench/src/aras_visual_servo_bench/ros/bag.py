@@ -10,7 +10,6 @@ import numpy as np
 from aras_visual_servo_camera.errors import CalibrationError
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ServoError
-from aras_visual_servo_controller.kinematics import JOINT_NAMES
 
 from ..report.recording import Images, MomentsTrack, Recording, States
 
@@ -46,13 +45,15 @@ class _Collector:
             "/tf",
             f"{NAMESPACE}/joint_states",
             f"{NAMESPACE}/controller/state",
+            f"{NAMESPACE}/controller/diagnosis",
             f"{NAMESPACE}/camera/moments",
             "/labrob/camera/image_raw",
             "/labrob/camera/camera_info",
         ]
         self._transforms: dict[str, tuple[str, np.ndarray]] = {}
         self._camera: list[tuple[float, np.ndarray]] = []
-        self._joints: list[tuple[float, list[float]]] = []
+        self._joints: list[tuple[float, dict[str, float]]] = []
+        self._diagnosis: Any = None
         self._states: list[Any] = []
         self._moments: list[Any] = []
         self._images: list[tuple[float, float]] = []
@@ -65,9 +66,9 @@ class _Collector:
             self._take_transforms(message, topic == "/tf")
         elif topic.endswith("joint_states"):
             values = dict(zip(message.name, message.position, strict=False))
-            if all(name in values for name in JOINT_NAMES):
-                row = [values[name] for name in JOINT_NAMES]
-                self._joints.append((message.header.stamp.to_sec(), row))
+            self._joints.append((message.header.stamp.to_sec(), values))
+        elif topic.endswith("controller/diagnosis"):
+            self._diagnosis = message
         elif topic.endswith("controller/state"):
             if len(message.error) > 0:
                 self._states.append(message)
@@ -121,7 +122,13 @@ class _Collector:
             if not found:
                 raise ServoError(f"{path} holds no {what}: nothing to report on")
         camera_stamp, camera_pose = zip(*self._camera, strict=True)
-        joint_stamp, joints = zip(*self._joints, strict=True)
+        names = tuple(self._states[0].joint_names)
+        known = [(t, q) for t, q in self._joints if all(name in q for name in names)]
+        if not known:
+            raise ServoError(f"{path} holds no joint states of {', '.join(names)}")
+        joint_stamp = [stamp for stamp, _ in known]
+        joints = [[values[name] for name in names] for _, values in known]
+        last = self._diagnosis
         stamp, arrival = np.array(self._images).T
         return Recording(
             states=_states(self._states),
@@ -142,6 +149,8 @@ class _Collector:
                 np.array([m.m for m in self._moments]),
                 np.array([m.mu for m in self._moments]),
             ),
+            **({} if last is None else
+               {"outcome": last.outcome, "reason": last.reason, "mend": last.mend}),
         )
 
 
@@ -161,8 +170,14 @@ def _states(messages: Iterable[Any]) -> States:
                 for t in (m.camera_twist for m in messages)
             ]
         ),
-        commands=np.array([_padded(m.joint_commands, 6) for m in messages]),
-        singular_values=np.array([_padded(m.singular_values, 5) for m in messages]),
+        joint_names=tuple(messages[0].joint_names),
+        commands=np.array([
+            _padded(m.joint_commands, len(messages[0].joint_names)) for m in messages
+        ]),
+        singular_values=np.array([
+            _padded(m.singular_values, max(len(m.singular_values) for m in messages))
+            for m in messages
+        ]),
     )
 
 

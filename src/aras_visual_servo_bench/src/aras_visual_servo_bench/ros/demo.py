@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 import rospy
 
-from aras_visual_servo_controller.before.servo import HOLDING
 from aras_visual_servo_controller.errors import ServoError
-from aras_visual_servo_controller.kinematics import Kinematics
+from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.state import HOLDING
 
 from .processes import Launch, free_port
 
@@ -38,8 +39,14 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
         help="moments (default), moments_2016, kernel, or package.module:Class of your own",
     )
     parser.add_argument(
-        "--start", default="2016", choices=("2015", "2016"), help="initial pose (default 2016)"
+        "--start", type=_start, default="2016",
+        help="initial pose: 2015, 2016 (default), or gantry (m), J1, J2, J3, J5, J6 (rad), as "
+             "'0.1 0 0.17 -0.09 -0.09 2.09'",
     )
+    parser.add_argument(
+        "--law", default="", help="control law: proportional (default), adaptive, pi, sliding_mode"
+    )
+    parser.add_argument("--gain", type=_gain, help="of the law, 1/s (default: the controller's)")
     parser.add_argument(
         "--out", type=Path, default=Path("out"), help="directory for the results (default out/)"
     )
@@ -61,15 +68,30 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     return arguments
 
 
-def _three(text: str) -> str:
-    """Three finite numbers, as one text for roslaunch."""
+def _numbers(text: str, count: int, example: str) -> str:
+    """So many finite numbers, as one text for roslaunch."""
     try:
         numbers = [float(word) for word in text.split()]
     except ValueError:
         numbers = []
-    if len(numbers) != 3 or not np.isfinite(numbers).all():
-        raise argparse.ArgumentTypeError(f"'{text}' must be three finite numbers, as '0 0.03 0'")
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        raise argparse.ArgumentTypeError(f"'{text}' must be {count} finite numbers, as '{example}'")
     return text
+
+
+def _three(text: str) -> str:
+    return _numbers(text, 3, "0 0.03 0")
+
+
+def _start(text: str) -> str:
+    return text if text in ("2015", "2016") else _numbers(text, 6, "0.1 0 0.17 -0.09 -0.09 2.09")
+
+
+def _gain(text: str) -> float:
+    value = float(_numbers(text, 1, "3"))
+    if value <= 0.0:
+        raise argparse.ArgumentTypeError(f"{text} must be above 0")
+    return value
 
 
 class Demo:
@@ -82,7 +104,7 @@ class Demo:
         self.uri = f"http://localhost:{free_port()}"
         self.launches: list[Launch] = []
         self.progress: Any = None
-        self.mounting: np.ndarray | None = None
+        self.urdf = ""
         self._checked = 0.0
         self._holds_since: float | None = None
 
@@ -100,8 +122,6 @@ class Demo:
 
     def _start(self) -> None:
         """Bring up master, simulator, recorder and nodes."""
-        from aras_visual_servo_controller.before.node import find_mounting
-
         from .watch import Watch, wait_for_master
 
         _say("starting the simulator")
@@ -129,9 +149,13 @@ class Demo:
             STARTUP_TIMEOUT,
             "the simulated robot and the recorder",
         )
-        self.mounting = find_mounting()
+        self.urdf = str(rospy.get_param("robot_description"))
         # The recorder and this process: rosbag takes a second to connect to a new topic.
-        rospy.set_param("/aras_visual_servo_controller/listeners", 2)
+        node = "/aras_visual_servo_controller"
+        rospy.set_param(f"{node}/listeners", 2)
+        for name, value in (("law", self.arguments.law), ("gain", self.arguments.gain)):
+            if value:
+                rospy.set_param(f"{node}/{name}", value)
         _say("starting the camera and controller nodes")
         self._launch(
             "nodes",
@@ -177,20 +201,17 @@ class Demo:
 
     def _report(self) -> int:
         """Write summary, pictures and plots; print the table."""
-        from aras_visual_servo_controller.before.settings import Settings
-
         from ..report import analysis, plots
         from .bag import read_bag
 
         _say("reading the bag, drawing the plots")
         run = read_bag(self.bag)
-        settings = Settings(start=self.arguments.start, package=_package())
-        desired = settings.load_desired(Kinematics(mounting=self.mounting))
+        goal = self._goal()
         scheme = self.arguments.scheme
         factor = self.progress.real_time_factor
         summary = analysis.summarise(
             run,
-            desired,
+            goal,
             scheme=scheme,
             start=self.arguments.start,
             camera=self.arguments.camera,
@@ -200,21 +221,25 @@ class Demo:
         )
         path = self.out / "summary.json"
         path.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-        thresholds = analysis.thresholds(scheme)
         plots.write_all(
             run,
-            desired.camera_pose,
-            np.array(desired.m[1:3]) / desired.m[0],
+            goal.world_T_camera,
+            np.array([goal.moments.xg, goal.moments.yg]),
             self.out,
-            thresholds,
+            analysis.tolerances(scheme, goal),
             summary["settling_time_s"],
         )
         plots.write_images(run, self.out)
-        print(f"\nVisual servoing by scheme '{scheme}' from the initial pose of "
+        print(f"\nVisual servoing by scheme '{scheme}' from the initial pose "
               f"{self.arguments.start}, camera '{self.arguments.camera}':\n\n"
               f"{analysis.table(summary)}\n\n"
               f"  Results in {self.out}/\n", flush=True)
         return 0 if summary["converged"] else 1
+
+    def _goal(self) -> Goal:
+        """The goal that the controller had, as its arm sees it."""
+        settings = Settings.from_mapping({"start": self.arguments.start}, _package())
+        return Goal.load(settings.goal_path()).for_arm(settings.arm(self.urdf))
 
     def _moved(self) -> dict[str, str]:
         """Launch arguments of a camera that was moved."""

@@ -1,0 +1,85 @@
+"""Collects a run while it goes on, and makes arrays of it at the end."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from aras_visual_servo_controller.state import ServoState
+
+from .run import Run
+
+
+class History:
+    """What was answered to each image, and where the plant was at each joint state."""
+
+    def __init__(self, joints: int) -> None:
+        """`joints`: how many there are."""
+        self._unknown = np.full(joints, np.nan)
+        self._states: list[tuple[ServoState, np.ndarray]] = []
+        self._stamps: list[float] = []
+        self._joints: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self._poses: list[np.ndarray] = []
+        self._asked = self._unknown
+
+    def image(self, state: ServoState, pose: np.ndarray) -> None:
+        """One answered image; pose: the true one then."""
+        self._states.append((state, pose))
+
+    def commanded(self, values: np.ndarray) -> None:
+        """What was sent last, (n,)."""
+        self._asked = values
+
+    def joints(
+        self, stamp: float, positions: np.ndarray, speeds: np.ndarray, pose: np.ndarray
+    ) -> None:
+        """One joint state, after the latest command; pose: the true one then."""
+        self._stamps.append(stamp)
+        self._joints.append((positions, speeds, self._asked))
+        self._poses.append(pose)
+
+    def run(self, **known: Any) -> Run:
+        """The arrays; `known`: the fields of Run that are not collected here."""
+        states = [state for state, _ in self._states]
+        decisions = [state.decision for state in states]
+        names = next((tuple(d.names) for d in decisions if d is not None), ())
+        count, joints = len(names), len(self._unknown)
+
+        def rows(values: list, width: int) -> np.ndarray:
+            empty = np.full(width, np.nan)
+            known = [empty if value is None else value for value in values]
+            return np.array(known, float).reshape(len(values), width)
+
+        def of(attribute: str) -> np.ndarray:
+            return rows(
+                [
+                    getattr(d, attribute) if d is not None and len(d.names) == count else None
+                    for d in decisions
+                ],
+                count,
+            )
+
+        smallest = [s.singular_values_L[-1] if len(s.singular_values_L) else np.nan for s in states]
+        return Run(
+            stamp=np.array([state.stamp for state in states]),
+            names=names,
+            features=of("features"),
+            desired=of("desired"),
+            error=of("error"),
+            asked=rows([state.twist for state in states], 6),
+            achieved=rows([state.achieved for state in states], 6),
+            pose=np.array([pose for _, pose in self._states]).reshape(-1, 4, 4),
+            joints=rows([s.joints.positions if s.joints else None for s in states], joints),
+            phases=tuple(state.phase for state in states),
+            outcomes=tuple(state.outcome for state in states),
+            reasons=tuple(state.reason for state in states),
+            rank=np.array([state.rank for state in states], int),
+            smallest=np.array(smallest, float),
+            joint_stamp=np.array(self._stamps),
+            measured=rows([positions for positions, _, _ in self._joints], joints),
+            speed=rows([speeds for _, speeds, _ in self._joints], joints),
+            commanded=rows([asked for _, _, asked in self._joints], joints),
+            true_pose=np.array(self._poses).reshape(-1, 4, 4),
+            **known,
+        )

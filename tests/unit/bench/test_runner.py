@@ -1,0 +1,201 @@
+"""The runner over plants without physics: milliseconds a run, and exact."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_bench.cameras import Belief
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment import CameraPose, Experiment, Sampler, TargetSpec
+from aras_visual_servo_bench.runner import Loop, assemble, run
+from aras_visual_servo_bench.targets import Motion
+from aras_visual_servo_controller.arm.poses import inverse
+from aras_visual_servo_controller.features import Feature
+from aras_visual_servo_controller.features.base import Measured
+from aras_visual_servo_controller.schemes import Scheme
+
+CHAIN = Experiment(plant="chain")
+FREE = Experiment(plant="free", lag=0.0)
+
+
+class TwoMeans(Feature):
+    """A user's own: the target's centre, from the contour alone."""
+
+    name = "two_means"
+    names, tolerances = ("x", "y"), (1e-3, 1e-3)
+    directions = (True, True, False, False, False, False)
+
+    def measure(self, observation, goal):
+        m, wanted = observation.moments, goal.moments
+        s, goal_s = np.array([m.xg, m.yg]), np.array([wanted.xg, wanted.yg])
+        L = np.zeros((2, 6))
+        L[0, 0] = L[1, 1] = -1.0 / goal.depth
+        return Measured(s, goal_s, s - goal_s, L)
+
+
+class Failing(Scheme):
+    """A user's own that fails at its tenth image."""
+
+    names, tolerances = ("x",), (1e-3,)
+
+    def compute(self, observation, goal, t):
+        raise RuntimeError("no idea")
+
+
+@pytest.mark.parametrize("experiment", [
+    CHAIN,
+    FREE,
+    CHAIN.with_(features="pictures"),
+    FREE.with_(features="pictures", camera="fisheye"),
+    CHAIN.with_(scheme="points"),
+    FREE.with_(scheme="points"),
+    FREE.with_(scheme="points", target={"pose": [0, 0, 0.59, 0, 0, 0], "shape": [
+                   [-0.03, -0.02], [0.03, -0.02], [0.02, 0.03], [-0.03, 0.01]]},
+               goal={"pose": [0, 0, 0.8, 3.141592653589793, 0, 0]}, start={"pose": [
+                   0.05, 0.03, 0.9, 3.05, 0.05, 0.3]}),
+    CHAIN.with_(commands="images", delay=0.0),
+])  # fmt: skip
+def test_reaches_its_goal(experiment):
+    result = run(experiment)
+    assert result.outcome == "converged", result.reason
+    assert result.verdict.reached, result.verdict
+    assert result.converged
+    assert result.settled() < 1.5
+    assert result.error.shape == (len(result.stamp), len(result.names))
+    np.testing.assert_allclose(np.diff(result.stamp), 1.0 / 30.0, atol=1e-8)
+
+
+def test_a_users_own_feature_is_named_by_its_class():
+    result = run(FREE.with_(scheme=f"{__name__}:TwoMeans"))
+    assert result.names == ("x", "y")
+    assert result.outcome == "converged"
+    assert result.verdict.reached  # the directions that it does not model are held at the goal
+
+
+def test_what_goes_wrong_while_it_runs_is_an_outcome():
+    result = run(CHAIN.with_(scheme=f"{__name__}:Failing", duration=0.5))
+    assert result.outcome == "scheme_fault"
+    assert "no idea" in result.reason
+    assert not result.verdict.reached
+    assert np.isnan(result.commanded).all() or np.ptp(result.measured, axis=0).max() < 1e-9
+
+
+def test_a_target_that_leaves_the_view_is_an_outcome():
+    moving = TargetSpec(motion=Motion((0.8, 0.0, 0.0, 0.0, 0.0, 0.0), begin=0.3))
+    result = run(CHAIN.with_(target=dataclasses.asdict(moving), duration=3.0))
+    assert result.outcome == "target_lost"
+    assert not result.verdict.reached
+    assert np.isnan(result.error[-1]).all()
+
+
+def test_true_poses_are_the_plants_and_not_the_controllers_belief():
+    wrong = Belief(xyz=(0.0, 0.01, 0.0), rpy=(0.0, 0.02, 0.0))
+    experiment = CHAIN.with_(believed=dataclasses.asdict(wrong), duration=3.0)
+    loop = Loop(experiment, assemble(experiment))
+    loop.to_end()
+    result = loop.result()
+    arm = loop.plant.arm
+    for q, pose in zip(result.measured[::50], result.true_pose[::50], strict=True):
+        np.testing.assert_allclose(arm.pose(q), pose, atol=1e-12)
+    believed = loop.servo.arm.pose(result.measured[-1])
+    assert np.linalg.norm(believed[:3, 3] - result.true_pose[-1][:3, 3]) > 5e-3
+
+
+def test_a_believed_camera_measures_what_it_believes():
+    believed = {"focal": 1.1, "centre": [4.0, -2.0]}
+    experiment = FREE.with_(features="pictures", believed=believed, duration=0.2)
+    parts = assemble(experiment)
+    true = parts.plant.camera
+    assert parts.camera.K[0] == pytest.approx(1.1 * true.K[0])
+    assert parts.camera.K[2] == pytest.approx(true.K[2] + 4.0)
+    assert parts.camera.K[5] == pytest.approx(true.K[5] - 2.0)
+    reading = next(r for _ in range(9) for r in parts.plant.advance(10**9) if hasattr(r, "image"))
+    seen, = (parts.observe(reading, None) for _ in range(1))
+    exact = assemble(FREE).plant.sight.look(parts.plant.pose(), 0, np.random.default_rng(0))
+    u = true.project(*exact.outline.mean(axis=0))[0]
+    assert seen.moments.xg == pytest.approx((u - parts.camera.K[2]) / parts.camera.K[0], abs=0.03)
+
+
+def test_a_believed_depth_scales_the_goals():
+    plain, deep = (assemble(FREE.with_(believed={"depth": d})).goal for d in (1.0, 1.5))
+    assert deep.depth == pytest.approx(1.5 * plain.depth)
+    assert pytest.approx(plain.plane.C / 1.5) == deep.plane.C
+
+
+def test_delay_is_simulated_time():
+    """The first command after an exposure comes with the first joint state after the delay."""
+    for delay, first in ((0.0, 0.041), (0.015, 0.051), (0.03, 0.071)):
+        result = run(CHAIN.with_(delay=delay, lag=0.0, duration=0.2))
+        moving = result.joint_stamp[np.flatnonzero(np.diff(result.commanded[:, 0], prepend=np.nan))]
+        still = result.commanded[0]
+        moved = result.joint_stamp[np.any(np.abs(result.commanded - still) > 1e-12, axis=1)]
+        assert len(moving) and moved[0] == pytest.approx(first, abs=0.0105), delay
+
+
+def test_a_moving_target_takes_its_goal_along():
+    shift = TargetSpec(motion=Motion((0.05, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    experiment = FREE.with_(target=dataclasses.asdict(shift), duration=1.0, linger=None)
+    loop = Loop(experiment, assemble(experiment))
+    loop.to_end()
+    seconds = loop.plant.time_ns * 1e-9
+    moved = loop.goal_pose() @ inverse(loop.parts.goal_pose)
+    np.testing.assert_allclose(moved[:3, 3], [0.05 * seconds, 0.0, 0.0], atol=1e-12)
+
+
+def test_starts_are_drawn_within_their_ranges_and_in_view():
+    sampler = Sampler(height=(0.15, 0.3), side=0.05)
+    for plant in ("chain", "free"):
+        drawn = set()
+        for seed in range(5):
+            experiment = Experiment(plant=plant, start=sampler, seed=seed)
+            parts = assemble(experiment)
+            x, y, z = parts.plant.pose()[:3, 3]
+            centre = parts.target.shape.vertices().mean(axis=0)
+            assert abs(x - centre[0]) <= 0.05 + 1e-6 and abs(y - centre[1]) <= 0.05 + 1e-6
+            assert 0.15 - 1e-6 <= z - centre[2] <= 0.3 + 1e-6
+            reading = parts.plant.sight.look(parts.plant.pose(), 0, np.random.default_rng(0))
+            assert reading.outline is not None
+            drawn.add((x, y, z))
+            again = assemble(experiment).plant.pose()
+            np.testing.assert_array_equal(again[:3, 3], (x, y, z))
+        assert len(drawn) == 5
+
+
+def test_starts_in_every_form_are_one():
+    named = assemble(CHAIN).plant
+    joints = assemble(CHAIN.with_(start=list(named.joints()[0]))).plant
+    np.testing.assert_array_equal(named.pose(), joints.pose())
+    free = assemble(FREE).plant
+    np.testing.assert_allclose(free.pose(), named.pose(), atol=1e-12)
+    x, y, z = named.pose()[:3, 3].tolist()
+    from aras_visual_servo_bench.rigid import to_xyz_rpy
+
+    xyz, rpy = to_xyz_rpy(named.pose())
+    posed = assemble(CHAIN.with_(start=dataclasses.asdict(CameraPose((*xyz, *rpy))))).plant
+    np.testing.assert_allclose(posed.pose(), named.pose(), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"scheme": "momments"}, "unknown scheme 'momments': did you mean 'moments'"),
+        ({"scheme": "nowhere.at_all:Class"}, "nowhere"),
+        ({"law": "proportionel"}, "unknown law 'proportionel': did you mean 'proportional'"),
+        ({"options": {"gian": 2.0}}, "unknown parameter ~gian.*gain"),
+        ({"start": "2017"}, "start is '2017'"),
+        ({"start": "none"}, "has to begin somewhere"),
+        ({"start": [0.0, 0.0]}, "start is .0.0, 0.0.*for each of gantry, J1"),
+        ({"start": [9.0, 0, 0, 0, 0, 0]}, "start puts gantry at 9.0000, outside its limits"),
+        ({"goal": "/nowhere/goal.yaml"}, "cannot read the goal /nowhere/goal.yaml"),
+        ({"goal": "/dev/zero"}, "no ordinary file"),
+        ({"goal": {"pose": [0, 0, 0.8, 0, 0, 0]}}, "behind|not see|not seen|look"),
+        ({"start": {"height": [3.0, 4.0], "attempts": 3}}, "no start found in 3 attempts"),
+        ({"camera": "orignal"}, "camera 'orignal' is no preset: did you mean 'original'"),
+        ({"camera": {"widht": 3}}, "widht"),
+    ],
+)
+def test_what_cannot_be_run_is_refused(changes, complaint):
+    with pytest.raises(ExperimentError, match=complaint) as caught:
+        run(CHAIN.with_(**changes))
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,40 @@
+"""What is shipped, whole: the simulated arm before rendered pictures, closed by the runner."""
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_bench.experiment import Experiment
+from aras_visual_servo_bench.runner import run
+
+# m and rad at the end: friction lets the joints rest up to 0.11 mm and 0.1 degrees away.
+NEAR = (1.5e-4, np.radians(0.12))
+MOVED = {"camera_xyz": (0.0, 0.03, 0.0), "camera_rpy": (0.0, 0.1745, 0.0)}
+
+
+@pytest.mark.parametrize("start", ["2015", "2016"])
+@pytest.mark.parametrize("camera", ["original", "calibrated", "wide", "fisheye", "noisy"])
+def test_settles_at_the_goal(camera, start):
+    result = run(Experiment(camera=camera, start=start, reached=NEAR, traced=True))
+    assert result.outcome == "converged"
+    assert result.verdict.reached, result.verdict
+    assert result.settled() <= 1.05
+    commanded = result.commanded_speed()
+    moved = commanded > 0.02
+    assert moved.any()
+    assert (result.peak_speed <= 1.5 * commanded)[moved].all(), result.peak_speed / commanded
+
+
+@pytest.mark.parametrize("start", ["2015", "2016"])
+def test_settles_at_the_goal_with_a_camera_moved_and_tilted(start):
+    result = run(Experiment(start=start, **MOVED))
+    assert result.outcome == "converged"
+    assert result.verdict.reached, result.verdict
+    assert result.settled(floor=(3e-4, np.radians(0.2))) <= 1.3
+
+
+def test_a_run_repeats_bit_by_bit():
+    one, two = (run(Experiment(camera="noisy", duration=0.5, seed=3)) for _ in range(2))
+    np.testing.assert_array_equal(one.measured, two.measured)
+    np.testing.assert_array_equal(one.error, two.error)
+    other = run(Experiment(camera="noisy", duration=0.5, seed=4))
+    assert not np.array_equal(one.error, other.error)

@@ -120,9 +120,9 @@ def main() -> None:
     out = parser.parse_args().out
     bench, _ = robot_scene()
     lay_bricks(bench)
-    opengl, tiny = (create_renderer(name, bench.world)
-                    for name in ("opengl", "tiny"))
-    panels = [panel(tiny if "tiny" in title else opengl, title, settings)
+    exact, tiny = (create_renderer(name, bench.world)
+                    for name in ("exact", "tiny"))
+    panels = [panel(tiny if "tiny" in title else exact, title, settings)
               for title, settings in PANELS.items()]
     rows = [np.hstack(panels[i:i + COLUMNS]) for i in range(0, len(panels), COLUMNS)]
     sheet = np.pad(np.vstack(rows)[..., ::-1], ((0, 0), (GAP, 0), (0, 0)), constant_values=255)

@@ -1,15 +1,15 @@
 #!/usr/bin/env python3
-"""How long the renderers take for a picture of the robot, and of a scene of 40 000 triangles.
+"""How long pictures take, how exact they are, and both beside another commit and other renderers.
 
-    python3 tests/benchmarks/render.py [--repeat 60] [--rounds 5]
+    python3 tests/benchmarks/render.py [--before ../checkout] [--others] [--poses 12]
 
-Everything is measured in one run, renderer after renderer in rounds, and the best round's median
-counts, so that other load on the machine falls on all alike. Views: `servo`, the demo's camera
-that looks down on the target, and `room`, the whole robot. Compared with PyBullet's TinyRenderer
-and EGL plugin (which draw Bullet's own copy of the robot) and, if `pip install mujoco` was done,
-with MuJoCo's offscreen renderer on the same meshes. The accuracy of the target's centroid comes
-along.
-Prints a table and, as its last line, JSON with milliseconds and ratios.
+First a table: pictures from 320 x 240 to 1920 x 1200, of a table with a target and with 40 000
+triangles around that, through lenses from a pinhole to 220 degrees; processor time of all threads
+(the median of the poses), and how far centroid, area and angle of the target (50 px and more wide,
+second moments 1.44 : 1) are from exact projection, RMS over the poses. Then the demo's views,
+beside the commit in `--before` (a worktree of it with its own tests/benchmarks/render.py), in
+turns, each in a process of its own. `--others` adds PyBullet's own renderers and, where it is
+installed, MuJoCo, on the same triangles. The last line is JSON.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import argparse
 import importlib.util
 import itertools
 import json
-import multiprocessing
 import os
+import subprocess
 import sys
 import tempfile
 import time
@@ -46,8 +46,6 @@ from aras_sim_bridge.rendering import (  # noqa: E402
 
 ROBOT = REPOSITORY / "src/aras_visual_servo_gazebo"
 NEAR, FAR = 0.02, 100.0
-ANTIALIASING = {"opengl": "edges", "opengl_multisample_4x": "multisample",
-                "opengl_no_antialiasing": "none"}
 LENSES = {
     "pinhole": dict(horizontal_fov=2.0),
     "pinhole_640x480": dict(horizontal_fov=2.0, width=640, height=480),
@@ -72,8 +70,8 @@ def robot_scene() -> tuple[Bench, np.ndarray]:
     return bench, T
 
 
-def large_scene(folder: Path) -> tuple[Bench, np.ndarray]:
-    """40 000 triangles: twenty balls of 2 000 each over the target; and an eye above them."""
+def ball_file(folder: Path) -> Path:
+    """A ball of 1 m radius and 2 000 triangles."""
     rings, sectors = 26, 40
     theta, phi = np.linspace(0, np.pi, rings), np.linspace(0, 2 * np.pi, sectors + 1)
     grid = np.stack([np.outer(np.sin(theta), np.cos(phi)), np.outer(np.sin(theta), np.sin(phi)),
@@ -84,6 +82,12 @@ def large_scene(folder: Path) -> tuple[Bench, np.ndarray]:
     record["v"] = corners
     path = folder / "ball.stl"
     path.write_bytes(bytes(80) + len(record).to_bytes(4, "little") + record.tobytes())
+    return path
+
+
+def large_scene(folder: Path) -> tuple[Bench, np.ndarray]:
+    """40 000 triangles: twenty balls of 2 000 each over the target; and an eye above them."""
+    path = ball_file(folder)
     bench = Bench()
     table_and_target(bench)
     for n in range(20):
@@ -99,7 +103,7 @@ def flat_view(pose: np.ndarray, width: int, height: int, fov: float) -> View:
 
 def visible_copy(bench: Bench) -> int:
     """A Bullet client with the triangles that ours draws, for Bullet's own renderers."""
-    tiny = create_renderer("tiny", bench.world, antialiasing="none")
+    tiny = create_renderer("tiny", bench.world)
     tiny._prepare(1.0)
     return tiny._client
 
@@ -122,7 +126,7 @@ def mujoco_picture(bench: Bench, view: View, shadows: bool = True) -> Callable[[
     os.environ.setdefault("MUJOCO_GL", "egl")
     import mujoco
 
-    scene = create_renderer("tiny", bench.world, antialiasing="none").scene
+    scene = create_renderer("tiny", bench.world).scene
     scene.refresh()
     poses = scene.poses()
     assets, bodies = [], []
@@ -181,8 +185,7 @@ def picture_of(case: str, what: str, folder: Path) -> Callable[[], object]:
         return bullet_picture(client, view, pybullet.ER_BULLET_HARDWARE_OPENGL)
     if what.startswith("mujoco"):
         return mujoco_picture(bench, view, shadows=what == "mujoco")
-    renderer = create_renderer("opengl", bench.world,
-                               antialiasing=ANTIALIASING.get(what, "edges"))
+    renderer = create_renderer("exact", bench.world)
     if what in LENSES:
         sensor = CameraSensor(CameraConfig.from_mapping({"near": NEAR, **LENSES[what]}), renderer)
         T = view.world_T_optical
@@ -195,91 +198,193 @@ def picture_of(case: str, what: str, folder: Path) -> Callable[[], object]:
     return lambda: renderer.render(view)
 
 
-def worker(case: str, what: str, folder: Path, repeat: int, pipe) -> None:
-    """Measure a round each time the parent asks; every renderer has a process to itself, because
-    several of them in one disturb each other's OpenGL."""
-    silence = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(silence, 1)  # PyBullet prints a great deal
-    draw = picture_of(case, what, folder)
-    for _ in range(5):
+DRIVER = """
+import os, sys, time
+from pathlib import Path
+out = os.fdopen(os.dup(1), "w")
+os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # PyBullet prints a great deal
+sys.path.insert(0, "tests/benchmarks")
+import render
+draw = render.picture_of(sys.argv[1], sys.argv[2], Path(sys.argv[3]))
+for _ in range(8):
+    draw()
+print("ready", file=out, flush=True)
+for line in sys.stdin:
+    times = []
+    for _ in range(int(line)):
+        start = time.process_time()
         draw()
-    pipe.send(None)
-    while pipe.recv():
-        times, until = [], time.perf_counter() + 1.0
-        while len(times) < 5 or (len(times) < repeat and time.perf_counter() < until):
-            start = time.perf_counter()
-            draw()
-            times.append(time.perf_counter() - start)
-        pipe.send(1e3 * float(np.median(times)))
+        times.append(time.process_time() - start)
+    print(1e3 * sorted(times)[len(times) // 4], file=out, flush=True)
+"""
 
 
-def measure(case: str, names: list[str], folder: Path, repeat: int, rounds: int
-            ) -> dict[str, float]:
-    """Milliseconds of each: the lowest over the rounds of a round's median."""
-    context = multiprocessing.get_context("spawn")
-    pipes = {}
-    for name in names:
-        pipes[name], theirs = context.Pipe()
-        context.Process(target=worker, args=(case, name, folder, repeat, theirs),
-                        daemon=True).start()
-        theirs.close()
-        pipes[name].recv()
-    best = dict.fromkeys(names, np.inf)
+def side_by_side(case: str, checkouts: dict[str, tuple[Path, str]], folder: Path, rounds: int,
+                 pictures: int) -> dict[str, float]:
+    """Processor milliseconds a picture, of all threads: the median over the rounds, in turns, of
+    what a quarter of a round's pictures took less than.
+
+    checkouts: the folder of a commit and what it is to draw with, by name.
+    """
+    running = {}
+    for name, (checkout, what) in checkouts.items():
+        running[name] = subprocess.Popen(
+            [sys.executable, "-c", DRIVER, case, what, str(folder)], cwd=checkout, text=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
+        if running[name].stdout.readline().strip() != "ready":
+            sys.exit(f"{name} does not draw {case}")
+    times: dict[str, list[float]] = {name: [] for name in running}
     for _ in range(rounds):
-        for name, pipe in pipes.items():
-            pipe.send(True)
-            best[name] = min(best[name], pipe.recv())
-    for pipe in pipes.values():
-        pipe.send(False)
-    return {name: round(value, 3) for name, value in best.items()}
+        for name, process in running.items():
+            process.stdin.write(f"{pictures}\n")
+            process.stdin.flush()
+            times[name].append(float(process.stdout.readline()))
+    for process in running.values():
+        process.stdin.close()
+        process.wait()
+    return {name: round(float(np.median(values)), 3) for name, values in times.items()}
 
 
-def accuracy() -> dict[str, float]:
-    """Centroid and area of the target over 150 poses, against exact geometry."""
-    from test_accuracy import rms, target_errors
+SIZES = [(320, 240), (640, 480), (1280, 960), (1920, 1200)]
+ANGLES = {
+    "pinhole 57": dict(horizontal_fov=1.0),
+    "pinhole 115": dict(horizontal_fov=2.0),
+    "plumb_bob 85": dict(horizontal_fov=1.5,
+                         distortion_coefficients=(-0.2, 0.04, 0.001, -0.001, 0.0)),
+    "fisheye 180": dict(lens="equidistant", horizontal_fov=np.pi),
+    "fisheye 220": dict(lens="equidistant", horizontal_fov=np.radians(220)),
+}
+HALF = np.array([0.03, 0.025])  # m, of the target
 
+
+def target_scene(triangles: int, folder: Path) -> Bench:
+    """A black target on a white table, and balls around it that have so many triangles."""
     bench = Bench()
-    table_and_target(bench)
-    centroid, area = target_errors(create_renderer("opengl", bench.world), 150)
-    bench.close()
-    return {"centroid_rms_px": round(float(rms(centroid)), 5),
-            "area_rms_percent": round(100 * float(np.sqrt((area**2).mean())), 4)}
+    bench.box([3.0, 3.0, 0.295], [0, 0, 0.295])
+    bench.box([*HALF, 1e-5], [0, 0, 0.59], "Gazebo/Black")
+    if triangles:
+        path = ball_file(folder)
+        for n in range(20):
+            ball = Geometry("mesh", filename=str(path), scale=(0.012,) * 3)
+            turn = 2 * np.pi * n / 20
+            bench.body(ball, (0.085 * np.cos(turn), 0.085 * np.sin(turn), 0.602))
+    return bench
 
 
-def report(title: str, times: dict[str, float]) -> None:
-    print(f"\n{title}")
-    for name, value in times.items():
-        print(f"  {name:26s} {value:9.3f} ms")
+def outline_moments(outline: np.ndarray) -> np.ndarray:
+    """Area, centroid x, y, and angle of the long axis, rad, of a polygon (N, 2)."""
+    (x, y), (x2, y2) = outline.T, np.roll(outline, -1, axis=0).T
+    cross = x * y2 - x2 * y
+    area = cross.sum() / 2
+    cx, cy = (((a + a2) * cross).sum() / (6 * area) for a, a2 in ((x, x2), (y, y2)))
+    xx = ((x * x + x * x2 + x2 * x2) * cross).sum() / 12 - area * cx * cx
+    yy = ((y * y + y * y2 + y2 * y2) * cross).sum() / 12 - area * cy * cy
+    xy = ((x * y2 + 2 * x * y + 2 * x2 * y2 + x2 * y) * cross).sum() / 24 - area * cx * cy
+    sign = np.sign(area)
+    return np.array([abs(area), cx, cy, 0.5 * np.arctan2(2 * sign * xy, sign * (xx - yy))])
+
+
+def picture_moments(image: np.ndarray, outline: np.ndarray) -> np.ndarray:
+    """The same of what is dark around an outline."""
+    low, high = outline.min(axis=0).astype(int) - 3, outline.max(axis=0).astype(int) + 4
+    dark = 1.0 - image[low[1]:high[1], low[0]:high[0], 0] / 255.0
+    v, u = np.mgrid[low[1]:high[1], low[0]:high[0]]
+    area = dark.sum()
+    cx, cy = (dark * u).sum() / area, (dark * v).sum() / area
+    xx, yy = (dark * (u - cx) ** 2).sum(), (dark * (v - cy) ** 2).sum()
+    xy = (dark * (u - cx) * (v - cy)).sum()
+    return np.array([area, cx, cy, 0.5 * np.arctan2(2 * xy, xx - yy)])
+
+
+def cell(bench: Bench, size: tuple[int, int], settings: dict, poses: int) -> dict[str, float]:
+    """Time and errors of pictures of one size through one lens."""
+    config = CameraConfig.from_mapping({"near": 0.01, "far": 20.0, "width": size[0],
+                                        "height": size[1], **settings})
+    renderer = create_renderer("exact", bench.world)
+    sensor = CameraSensor(config, renderer)
+    border = np.linspace(-1, 1, 60)[:-1]
+    side = np.stack([border, -np.ones_like(border)], axis=1)
+    turns = [np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]])
+             for a in np.pi / 2 * np.arange(4)]
+    around = np.concatenate([side @ turn.T for turn in turns]) * HALF
+    around = np.column_stack([around, np.full(len(around), 0.59001)])
+    rng = np.random.default_rng(1)
+    errors, times = [], []
+    # As far away as makes the target some 55 px wide.
+    away = 2 * HALF[0] * config.K[0, 0] / max(55.0, size[0] / 8)
+    while len(errors) < poses:
+        turn = rng.uniform(0, 2 * np.pi)
+        eye = [*rng.uniform(-0.15, 0.15, 2) * away, 0.59 + away * rng.uniform(0.8, 1.0)]
+        T = looking(eye, [*rng.uniform(-0.1, 0.1, 2) * away, 0.59],
+                    (np.cos(turn), np.sin(turn), 0))
+        outline = config.model.project((around - T[:3, 3]) @ T[:3, :3])
+        if (outline < 4).any() or (outline > np.array(size) - 5).any():
+            continue
+        view = sensor._view(link_pose(T))
+        renderer.render(view)
+        start = time.process_time()
+        image = renderer.render(view)
+        times.append(time.process_time() - start)
+        found, exact = picture_moments(image, outline), outline_moments(outline)
+        area, x, y, angle = found - exact
+        errors.append([x, y, area / exact[0], (angle + np.pi / 2) % np.pi - np.pi / 2])
+    x, y, area, angle = np.array(errors).T
+    return {"ms": round(1e3 * float(np.median(times)), 2),
+            "centroid_rms_px": round(float(np.sqrt((x**2 + y**2).mean())), 5),
+            "area_rms_percent": round(100 * float(np.sqrt((area**2).mean())), 4),
+            "angle_mrad": round(1e3 * float(np.sqrt((angle**2).mean())), 4)}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--repeat", type=int, default=60, help="pictures a round, at most")
-    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--before", type=Path, help="a checkout of the commit to compare with")
+    parser.add_argument("--others", action="store_true", help="PyBullet's renderers and MuJoCo too")
+    parser.add_argument("--poses", type=int, default=12, help="of each cell of the table")
+    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--pictures", type=int, default=40, help="a round, of each renderer")
     arguments = parser.parse_args()
     result: dict[str, object] = {}
-    names = [*ANTIALIASING, "pybullet_tiny"]
-    for module, name in (("eglRenderer", "pybullet_egl"), ("mujoco", "mujoco"),
-                         ("mujoco", "mujoco_without_shadows")):
-        if importlib.util.find_spec(module):
-            names.append(name)
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        cells = {}
+        print(f"{'picture':>11} {'lens, deg':>13} {'triangles':>9} {'ms':>7} {'centroid px':>11} "
+              f"{'area %':>7} {'angle mrad':>10}")
+        for triangles in (0, 40_000):
+            bench = target_scene(triangles, folder)
+            for lens, settings in ANGLES.items():
+                for size in SIZES:
+                    one = cell(bench, size, settings, arguments.poses)
+                    cells[f"{size[0]}x{size[1]} {lens} {triangles}"] = one
+                    print(f"{size[0]:>6}x{size[1]:<4} {lens:>13} {triangles:>9} {one['ms']:>7} "
+                          f"{one['centroid_rms_px']:>11} {one['area_rms_percent']:>7} "
+                          f"{one['angle_mrad']:>10}")
+            bench.close()
+        result["worst_centroid_rms_px"] = max(c["centroid_rms_px"] for c in cells.values())
+        result["worst_angle_mrad"] = max(c["angle_mrad"] for c in cells.values())
+        result["worst_area_rms_percent"] = max(c["area_rms_percent"] for c in cells.values())
+        checkouts = {"now": (REPOSITORY, "exact")}
+        if arguments.before:
+            checkouts["before"] = (arguments.before.resolve(), "opengl")
+        if arguments.others:
+            checkouts["pybullet_tiny"] = (REPOSITORY, "pybullet_tiny")
+            for module, other in (("eglRenderer", "pybullet_egl"), ("mujoco", "mujoco"),
+                                  ("mujoco", "mujoco_without_shadows")):
+                if importlib.util.find_spec(module):
+                    checkouts[other] = (REPOSITORY, other)
         for case in ("servo", "servo_640x480", "room", "triangles_40000"):
-            times = measure(case, names, Path(folder), arguments.repeat, arguments.rounds)
-            report(case, times)
-            result[case] = {"ms": times, "opengl_to": {
-                other: round(times["opengl"] / times[other], 4)
-                for other in names if not other.startswith("opengl")
-            }}
-        lenses = measure("servo", [*LENSES, "noise_alone"], Path(folder), arguments.repeat,
-                         arguments.rounds)
-    report("lenses and noise, opengl, the robot's camera", lenses)
-    result["lenses_ms"] = lenses
-    result["large_to_small"] = round(lenses["pinhole_640x480"] / lenses["pinhole"], 3)
-    result["fisheye_to_pinhole"] = round(lenses["fisheye"] / lenses["pinhole"], 3)
-    result["noise_ms"] = lenses["noise_alone"]
-    result["accuracy"] = accuracy()
-    print(f"\ntarget over 150 poses: {result['accuracy']}")
+            times = side_by_side(case, checkouts, folder, arguments.rounds, arguments.pictures)
+            result[case] = {"ms": times, "now_to": {
+                other: round(times["now"] / value, 3) for other, value in times.items()
+                if other != "now"}}
+            print(case, result[case])
+        for lens in LENSES:
+            if lens.startswith("pinhole"):
+                continue
+            own = {name: (path, lens) for name, (path, _) in checkouts.items()
+                   if name in ("now", "before")}
+            times = side_by_side("servo", own, folder, arguments.rounds, arguments.pictures)
+            result[f"servo_{lens}"] = times
+            print("servo through", lens, times)
     print(json.dumps(result))
 
 

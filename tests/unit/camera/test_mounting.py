@@ -19,7 +19,7 @@ BOX = """<robot name="box"><link name="box">
 PLACE = {"parent": "world", "pose": [0, 0, 1, 0, 0, 0], "width": 32, "height": 24}
 
 
-@pytest.mark.parametrize("renderer", ["opengl", "tiny"])
+@pytest.mark.parametrize("renderer", ["exact", "tiny"])
 def test_a_model_spawned_while_the_camera_runs_is_seen(renderer):
     """At 30 Hz pictures fall between two steps, so the renderer is asked before and after one."""
     simulation = Simulation(SimulationConfig(renderer=renderer))

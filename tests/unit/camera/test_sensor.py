@@ -71,7 +71,7 @@ def test_moving_body_is_drawn_where_it_was_at_the_stamp(bench):
     body = bench.box([0.02, 0.02, 0.001], [0, 0, 0], "Gazebo/Black")
     sensor = CameraSensor(
         CameraConfig.from_mapping({"horizontal_fov": 0.5, "update_rate": 30.0, "near": 0.01}),
-        create_renderer("opengl", bench.world),
+        create_renderer("exact", bench.world),
     )
     pose = link_pose(looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0)))
     centre = None
@@ -284,7 +284,7 @@ def test_depth_and_segmentation_come_with_the_frame(bench):
     sensor = CameraSensor(
         CameraConfig.from_mapping({"horizontal_fov": 2.0, "near": 0.02, "depth": True,
                                    "segmentation": True, "format": "mono8"}),
-        create_renderer("opengl", bench.world),
+        create_renderer("exact", bench.world),
     )
     frame = sensor.capture(DOWN, 40 * MS)
     assert frame.image.shape == (240, 320)

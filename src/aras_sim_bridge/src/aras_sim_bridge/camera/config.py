@@ -14,12 +14,12 @@ import numpy as np
 from ..errors import CameraError
 from .effects import Effects, hint, is_number
 from .formats import encoding_of
+from .intrinsics import CameraIntrinsics, CameraModel, camera_matrix, projection_matrix
 from .lens import COEFFICIENTS, RADIUS, REACH, BrownLens, FisheyeLens, check_fisheye
 from .lens import fisheye_coefficients as ideal_coefficients
-from .model import CameraIntrinsics, CameraModel, camera_matrix, projection_matrix
 
-LARGEST_SIDE = 16384  # px; what OpenGL draws
-LARGEST_AREA = 1 << 25  # px; drawing a frame of this size takes 0.8 GB
+LARGEST_SIDE = 16384  # px
+LARGEST_AREA = 1 << 25  # px; drawing a frame of this size takes 0.5 GB
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)  # a part of a name in the ROS graph
 
 

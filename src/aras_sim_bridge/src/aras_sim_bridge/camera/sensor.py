@@ -9,13 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import CameraError, RenderingError
-from ..poses import Pose
+from ..poses import Pose, quaternion_from_matrix
 from ..rendering import SENSOR_R_OPTICAL, Renderer, View
-from ..rendering.raymap import RayMap
+from ..rendering.scene import blended_poses
+from ..rendering.tiles import Tiles
 from . import formats
 from .config import CameraConfig
 from .effects import EffectChain
-from .model import CameraIntrinsics
+from .intrinsics import CameraIntrinsics
 
 _log = logging.getLogger(__name__)
 
@@ -62,7 +63,7 @@ class CameraSensor:
         self._lens = None
         if not model.is_pinhole:
             try:
-                self._lens = RayMap(model.unproject, config.width, config.height)
+                self._lens = Tiles.of_lens(config.width, config.height, model.unproject)
             except (RenderingError, MemoryError) as error:
                 reason = str(error) or "not enough memory"
                 raise CameraError(f"camera '{config.name}': {reason}") from None
@@ -267,14 +268,11 @@ class CameraSensor:
                          "mounting pose", self.config.name, where)
 
 
-def _blended(a: np.ndarray, b: np.ndarray, s: float) -> np.ndarray:
-    """The pose (4, 4) s of the way from a to b; for turns of a few degrees at most."""
-    out = (1.0 - s) * a + s * b
-    x = out[:3, 0] / np.linalg.norm(out[:3, 0])
-    y = out[:3, 1] - (out[:3, 1] @ x) * x
-    y /= np.linalg.norm(y)
-    out[:3, 0], out[:3, 1], out[:3, 2] = x, y, np.cross(x, y)
-    return out
+def _blended(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
+    """The pose (4, 4) that is `share` of the way from a to b, as those of the links are."""
+    before, now = ((T[None, :3, 3].copy(), np.array([quaternion_from_matrix(T[:3, :3].tolist())]))
+                   for T in (a, b))
+    return blended_poses(*before, *now, share)[0]
 
 
 def mounting(xyz: tuple[float, float, float], rpy: tuple[float, float, float]) -> np.ndarray:

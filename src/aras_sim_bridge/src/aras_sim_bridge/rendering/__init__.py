@@ -1,8 +1,21 @@
-"""Renderers: one interface, pictures of what a World holds."""
+"""Renderers: one interface, pictures of what a World holds.
+
+How a picture is made, by ExactRenderer. A picture is cut into tiles of 8 x 8 px, each seen as
+through a pinhole of its own (tiles): a pinhole camera's tiles are exact, a lens's are made small
+enough to be. The triangles of the scene lie in clusters (geometry); a cluster that is turned away,
+out of view or behind what covers its tiles is left out by one look, the others' triangles are
+sorted into the tiles that they touch (binning). In a tile that one triangle covers nothing more is
+to be done; in the others the centre of each pixel is asked which triangle is nearest (sampling),
+and lit (shading). Where a pixel's colour differs from a neighbour's without the shading being the
+cause, an edge runs through it, and its colour is worked out from the areas that its triangles
+cover (edges). Depth and segmentation are those of the centres (measuring). All of it runs on the
+processor: over a table as the servo's camera sees it there is so little to draw that a graphics
+card's picture would still be on its way back, and pictures are the same on every machine, to the
+bit. 'tiny' draws with PyBullet's software renderer, to compare.
+"""
 
 from __future__ import annotations
 
-import logging
 from typing import Protocol
 
 import numpy as np
@@ -11,28 +24,24 @@ from ..errors import RenderingError
 from ..world import World
 from .view import SENSOR_R_OPTICAL, Sun, View
 
-__all__ = ["RENDERERS", "SENSOR_R_OPTICAL", "Sun", "Renderer",
-           "View", "create_renderer"]
+__all__ = ["RENDERERS", "SENSOR_R_OPTICAL", "Renderer", "Sun", "View", "create_renderer"]
 
-_log = logging.getLogger(__name__)
-
-RENDERERS = ("opengl", "tiny")
+RENDERERS = ("exact", "tiny")
+# What launch files of earlier versions ask for.
+_OTHER_NAMES = {"auto": "exact", "opengl": "exact"}
 
 
 class Renderer(Protocol):
-    """Draws views of one World.
-
-    name: which renderer this is; reason: why it was chosen, where that was not asked for.
-    """
+    """Draws views of one World. name: which renderer this is."""
 
     name: str
-    reason: str
+    light: Sun
 
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
         """Picture of the view, (height, width, 3) uint8 rgb, top row first."""
 
     def measure(self, view: View, blend: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-        """Depth and segmentation of the view, one sample a pixel.
+        """Depth and segmentation of the view, at the centre of each pixel.
 
         Depth (height, width) float32, m, inf where nothing is: along the optical axis, or
         along the ray through lenses with pixels that look sideways or back. Segmentation
@@ -46,48 +55,22 @@ class Renderer(Protocol):
         """Remember where everything is; `blend` < 1 draws between there and the present."""
 
     def close(self) -> None:
-        """Give the graphics memory back."""
+        """Give the memory back."""
 
 
-def create_renderer(
-    name: str, world: World, light: Sun | None = None, antialiasing: str = "edges",
-) -> Renderer:
-    """Renderer `name` of a World.
+def create_renderer(name: str, world: World, light: Sun | None = None) -> Renderer:
+    """Renderer `name` of a World: 'exact' (as is 'auto', and the old name 'opengl') or 'tiny'.
 
-    'opengl' draws with moderngl on EGL, 'tiny' with PyBullet's software renderer; 'auto' takes
-    the first that works and says in `.reason` why not the others. `antialiasing`: 'edges',
-    'multisample' or 'none'; 'tiny' knows 'edges' (9 samples a pixel) and 'none'.
-
-    Raises RenderingError for an unknown name, and when a renderer asked for by name does not work.
+    Raises RenderingError for an unknown name.
     """
-    light = light or Sun()
-    makers = {"opengl": _opengl, "tiny": _tiny}
-    if name != "auto" and name not in makers:
-        raise RenderingError(
-            f"there is no renderer '{name}'; there are {', '.join(RENDERERS)} and auto"
-        )
-    if name != "auto":
-        return makers[name](world, light, antialiasing)
-    try:
-        return _opengl(world, light, antialiasing)
-    except RenderingError as error:
-        renderer = _tiny(world, light, "none")
-        renderer.reason = f"drawing with 'tiny', which is slow, because {error}"
-        _log.warning(renderer.reason)
-        return renderer
+    name = _OTHER_NAMES.get(name, name)
+    if name == "exact":
+        from .renderer import ExactRenderer
 
+        return ExactRenderer(world, light or Sun())
+    if name == "tiny":
+        from .tiny import TinyRenderer
 
-def _opengl(world: World, light: Sun, antialiasing: str) -> Renderer:
-    try:
-        from .opengl import OpenGLRenderer
-    except ImportError as error:
-        raise RenderingError(
-            f"the Python package {error.name} is missing; install the requirements"
-        ) from error
-    return OpenGLRenderer(world, light, antialiasing)
-
-
-def _tiny(world: World, light: Sun, antialiasing: str) -> Renderer:
-    from .tiny import TinyRenderer
-
-    return TinyRenderer(world, light, antialiasing)
+        return TinyRenderer(world, light or Sun())
+    raise RenderingError(
+        f"there is no renderer '{name}'; there are {', '.join(RENDERERS)} and auto")

@@ -33,6 +33,12 @@ def compiled(signature: str) -> Callable[[Callable], Callable]:
     return compile_function
 
 
+def inlined(function: Callable) -> Callable:
+    """Decorator for a small function that becomes part of the compiled ones that call it: a call
+    with three arrays costs more than a triangle's test."""
+    return numba.njit(inline="always", nogil=True, error_model="numpy")(function)
+
+
 @cache
 def _tell_once() -> None:
     _log.warning("the renderer's compiled loops cannot be kept, so every start takes some ten "

@@ -40,7 +40,7 @@ class _Rows:
 
 
 @compiled("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8")
-def _blended_poses(before_p, before_q, p, q, blend):
+def blended_poses(before_p, before_q, p, q, blend):
     """Poses (N, 4, 4) `blend` of the way from one list to another of positions (N, 3) and unit
     quaternions xyzw (N, 4).
 
@@ -102,7 +102,7 @@ class Scene:
         before = self._previous
         if before is None or len(before[0]) != len(now[0]):
             before = now
-        return _blended_poses(*before, *now, min(blend, 1.0))
+        return blended_poses(*before, *now, min(blend, 1.0))
 
     def snapshot(self) -> None:
         """Remember the present poses, for `poses_at`."""

@@ -1,6 +1,8 @@
-"""Renderer on PyBullet's TinyRenderer: plain software, slow, works everywhere."""
+"""Renderer on PyBullet's TinyRenderer: slow, and a second opinion."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import cv2
 import numpy as np
@@ -13,6 +15,17 @@ from ..world import World
 from .scene import Part, Scene
 from .view import Sun, View
 
+FINE = 3  # samples along a pixel's side
+# face_R_optical of the forward, right, left, lower, upper and backward faces of a cube.
+CUBE = np.array([
+    [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+    [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+    [[0, 0, 1], [0, 1, 0], [-1, 0, 0]],
+    [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+    [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+    [[-1, 0, 0], [0, 1, 0], [0, 0, -1]],
+], dtype=float)
+
 
 class TinyRenderer:
     """Draws with getCameraImage.
@@ -22,17 +35,9 @@ class TinyRenderer:
 
     name = "tiny"
 
-    def __init__(
-        self, world: World, light: Sun, antialiasing: str = "none"
-    ) -> None:
-        if antialiasing not in ("none", "edges"):
-            raise RenderingError(
-                f"'tiny' has no anti-aliasing '{antialiasing}'; choose edges or none"
-            )
-        self.reason = ""
+    def __init__(self, world: World, light: Sun) -> None:
         self.scene = Scene(world)
         self.light = light
-        self._factor = 3 if antialiasing == "edges" else 1
         self._client: int | None = pybullet.connect(pybullet.DIRECT)
         self._copies: list[tuple[int, Part]] = []
         self._row_of = np.zeros(1, np.float32)
@@ -49,36 +54,27 @@ class TinyRenderer:
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
         self._prepare(blend)
         if view.lens is None:
-            return self._flat(view)
-        k = self._factor
-        w, h = view.lens.atlas_size
-        atlas = np.zeros((h * k, w * k, 3), np.uint8)
-        for (x, y, fw, fh), part in _parts(view):
-            atlas[y * k:(y + fh) * k, x * k:(x + fw) * k] = self._image(part, k)[0]
-        lookup = view.lens.lookup
-        if k == 1:
-            return cv2.remap(atlas, lookup, None, cv2.INTER_LINEAR)
-        # Four places of each pixel; a jump between faces says nothing about the pixel's size.
-        across, down = (np.where(np.abs(step) < 8.0, step / 4, 0.0).astype(np.float32)
-                        for step in np.gradient(lookup, axis=(1, 0)))
-        total = np.zeros((*lookup.shape[:2], 3), np.uint16)
-        for sign in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-            at = (lookup + sign[0] * across + sign[1] * down) * k + np.float32((k - 1) / 2)
-            total += cv2.remap(atlas, at, None, cv2.INTER_LINEAR)
-        total[~view.lens.valid] = 0
-        return ((total + 2) // 4).astype(np.uint8)
+            return self._fine(view)
+        picture = np.zeros((view.height, view.width, 3), np.uint8)
+        for part, own, at in _faces(view):
+            face = self._fine(part)
+            picture[own] = cv2.remap(face, at, None, cv2.INTER_LINEAR)[own]
+        return picture
 
     def measure(self, view: View, blend: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
         self._prepare(blend)
         if view.lens is None:
             _, depth, row = self._image(view, 1)
         else:
-            w, h = view.lens.atlas_size
-            depth, row = np.zeros((h, w), np.float32), np.zeros((h, w), np.float32)
-            for (x, y, fw, fh), part in _parts(view):
-                block = np.s_[y:y + fh, x:x + fw]
-                _, depth[block], row[block] = self._image(part, 1)
-            depth, row = view.lens.look_up_depth(depth), view.lens.look_up(row)
+            depth, row = (np.zeros((view.height, view.width), np.float32) for _ in range(2))
+            rays = view.lens.rays()
+            for part, own, at in _faces(view):
+                _, face_depth, face_row = self._image(part, 1)
+                axis = view.world_T_optical[:3, :3].T @ part.world_T_optical[:3, 2]
+                # From along the face's axis to along the optical axis, or along the ray.
+                scale = (rays[own][:, 2] if view.lens.forward else 1.0) / (rays[own] @ axis)
+                depth[own] = scale * cv2.remap(face_depth, at, None, cv2.INTER_NEAREST)[own]
+                row[own] = cv2.remap(face_row, at, None, cv2.INTER_NEAREST)[own]
         labels = np.concatenate([[-1], self.scene.labels()]).astype(np.int32)
         return np.where(row > 0, depth, np.float32(np.inf)), labels[row.astype(int)]
 
@@ -94,13 +90,10 @@ class TinyRenderer:
             self._copy()
         self._place(self.scene.poses_at(blend))
 
-    def _flat(self, view: View) -> np.ndarray:
-        """Picture of a pinhole, (height, width, 3)."""
-        k = self._factor
-        image = self._image(view, k)[0]
-        if k > 1:
-            image = cv2.resize(image, (view.width, view.height), interpolation=cv2.INTER_AREA)
-        return image
+    def _fine(self, view: View) -> np.ndarray:
+        """Picture of a pinhole, (height, width, 3), with FINE x FINE samples a pixel."""
+        size = (view.width, view.height)
+        return cv2.resize(self._image(view, FINE)[0], size, interpolation=cv2.INTER_AREA)
 
     def _image(self, view: View, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Picture k times as wide and high, depths along the axis, m, and link rows plus one."""
@@ -158,13 +151,28 @@ class TinyRenderer:
             )
 
 
-def _parts(view: View):
-    """Rectangle in the atlas and pinhole view of each face of a view's lens."""
-    for face in view.lens.faces:
+def _faces(view: View) -> Iterator[tuple[View, np.ndarray, np.ndarray]]:
+    """Pinhole views in the six directions that together see what a lens does; of each the pixels of
+    the picture that lie nearest to its axis, (height, width) bool, and where in it each pixel is,
+    (height, width, 2) float32 px."""
+    rays = view.lens.rays()
+    ahead = np.isfinite(rays[..., 0])
+    nearest = np.where(ahead[..., None], rays @ CUBE[:, 2].T, -np.inf).argmax(axis=2)
+    apart = np.linalg.norm(np.diff(rays, axis=1), axis=2)
+    focal = 1.2 / max(np.nanpercentile(apart, 30), 1e-4)
+    for number, rotation in enumerate(CUBE):
+        own = ahead & (nearest == number)
+        if not own.any():
+            continue
+        p = rays @ rotation.T
+        at = focal * p[..., :2] / np.where(own, p[..., 2], 1.0)[..., None]
+        low, high = np.floor(at[own].min(axis=0)) - 2, np.ceil(at[own].max(axis=0)) + 2
         pose = view.world_T_optical.copy()
-        pose[:3, :3] = pose[:3, :3] @ face.rotation.T
-        width, height = face.rectangle[2:]
-        yield face.rectangle, View(width, height, pose, face.K(), view.near, view.far)
+        pose[:3, :3] = pose[:3, :3] @ rotation.T
+        K = np.array([[focal, 0, -low[0]], [0, focal, -low[1]], [0, 0, 1.0]])
+        width, height = (high - low + 1).astype(int)
+        part = View(int(width), int(height), pose, K, view.near, view.far)
+        yield part, own, np.nan_to_num(at - low).astype(np.float32)
 
 
 def _slices(part: Part, limit: int = 10000):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from ..description.types import Rgba
 from ..errors import RenderingError
-from .raymap import RayMap
+from .tiles import Tiles
 
 # sensor frame (x forward, y left, z up; Gazebo's cameras) -> optical frame (z forward, x right,
 # y down; REP 103)
@@ -25,8 +26,8 @@ class View:
     K: (3, 3) without skew; pixel centres have integer coordinates, so the centre of the image
         is ((width - 1) / 2, (height - 1) / 2).
     near, far: nothing nearer or farther along the optical axis is drawn, m.
-    lens: where it is given, the picture is seen through it and K is not used; near and far are
-        then measured along the axis of each of its faces.
+    lens: the tiles of a picture through a lens; K is not used then. Where rays go sideways or
+        back, near and far are measured along each tile's own axis.
     """
 
     width: int
@@ -35,7 +36,7 @@ class View:
     K: np.ndarray
     near: float = 0.02
     far: float = 300.0
-    lens: RayMap | None = None
+    lens: Tiles | None = None
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:
@@ -54,15 +55,14 @@ class View:
         out[:3, 3] = -t @ R
         return out
 
-    def in_plane(self, origins: np.ndarray, sizes: np.ndarray | int
-                 ) -> tuple[np.ndarray, np.ndarray]:
-        """Low and high corners (N, 2), in x / z and y / z, of rectangles of whole pixels.
+    @property
+    def rays_key(self) -> Hashable:
+        """Equal for views whose pixels have the same rays in the optical frame."""
+        return self.lens or (self.width, self.height, self.K.tobytes())
 
-        origins: (N, 2) first pixels u, v. sizes: px, (N, 2) or one for all.
-        """
-        focal, centre = self.K[[0, 1], [0, 1]], self.K[:2, 2]
-        low = (origins - 0.5 - centre) / focal
-        return low, low + sizes / focal
+    def tiles(self) -> Tiles:
+        """The tiles that the picture is drawn in."""
+        return self.lens or Tiles.of_pinhole(self.width, self.height, self.K)
 
 
 @dataclass(frozen=True)

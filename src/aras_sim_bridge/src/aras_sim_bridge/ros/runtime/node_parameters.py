@@ -10,7 +10,7 @@ from aras_visual_servo_ros.parameters import InvalidParameterError, read
 
 LOG_LEVELS = ("debug", "info", "warn", "error")
 SPEED_MODES = ("real_time", "max", "lockstep")
-RENDERERS = ("auto", "opengl", "tiny")
+RENDERERS = ("auto", "exact", "tiny", "opengl")
 # Written by the node itself, or by others who share the namespace with Gazebo.
 FOREIGN = {field.name for field in PHYSICS_FIELDS} | {"cameras", "robot_description"}
 

@@ -1,0 +1,306 @@
+"""Which triangles may be seen in which tiles.
+
+A triangle is seen along the rays r that are positive sums of its corners p0, p1, p2. With
+s0 = p1 x p2 / det, s1 = p2 x p0 / det, s2 = p0 x p1 / det and det = p0 . (p1 x p2), the shares are
+s_k . r, for rays in any direction: nothing is projected and nothing need be cut off at the eye.
+The sum of the shares is one over the distance, in lengths of r, at which r meets its plane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .compiled import compiled, inlined
+from .geometry import CLUSTER, Geometry
+from .tiles import Tiles
+
+
+@dataclass(frozen=True)
+class Seen:
+    """The triangles that turn their front to the eye and touch tiles.
+
+    triangle: (N,) in the geometry. side: (N, 3, 3), s0, s1, s2 in the optical frame, 1/m.
+    light: (N, 3) at the corners. cut: (N,) bool, whether it reaches beyond near or far.
+    start: (tiles + 1,) where the triangles of each tile begin in member (P,), which counts them
+        by their place here; full: (P,) bool, whether it covers the whole tile.
+    """
+
+    triangle: np.ndarray
+    side: np.ndarray
+    light: np.ndarray
+    cut: np.ndarray
+    start: np.ndarray
+    member: np.ndarray
+    full: np.ndarray
+
+
+class Binning:
+    """Finds what views of one geometry show; its arrays are used again for the next view."""
+
+    def __init__(self, geometry: Geometry) -> None:
+        self._g = geometry
+        count = len(geometry.corners)
+        self._triangle, self._cut = np.empty(count, np.int64), np.empty(count, np.bool_)
+        self._side, self._light = np.empty((count, 3, 3)), np.empty((count, 3))
+        self._room = 4096
+
+    def seen(self, tiles: Tiles, optical_T_link: np.ndarray, sun: np.ndarray, light: np.ndarray,
+             near: float, far: float) -> Seen:
+        """What tiles show of links at poses (rows, 4, 4).
+
+        sun: (rows, 3) unit vectors towards it, link frames. light: (2,) ambient, diffuse.
+        near, far: clip distances along the tiles' axes, m.
+        """
+        g, c = self._g, self._g.clusters
+        while True:
+            tile = np.empty(self._room, np.int64)
+            member, full = np.empty(self._room, np.int64), np.empty(self._room, np.bool_)
+            count, pairs = _bin(
+                optical_T_link, sun, light, c.first, c.count, c.row, c.centre, c.half, c.radius,
+                c.axis, c.cosine, c.height, c.opaque, c.quad, g.corners, g.normals, g.plane,
+                tiles.nodes, tiles.levels,
+                near * tiles.widest, far, self._triangle, self._side, self._light, self._cut,
+                tile, member, full,
+            )
+            if pairs <= self._room:
+                break
+            self._room = 2 * pairs
+        start, member, full = _by_tile(tile, member, full, pairs, tiles.rows * tiles.columns)
+        return Seen(self._triangle[:count], self._side[:count], self._light[:count],
+                    self._cut[:count], start, member, full)
+
+
+@inlined
+def _beside(x, y, z, cosine, sine, nodes, n):
+    """Whether a cone around the unit vector x, y, z is beside the cone of node n."""
+    if nodes[n, 3] > 1.5:
+        return True
+    if nodes[n, 4] * cosine + nodes[n, 3] * sine < 0.0:  # together more than half a turn
+        return False
+    between = x * nodes[n, 0] + y * nodes[n, 1] + z * nodes[n, 2]
+    return between < cosine * nodes[n, 3] - sine * nodes[n, 4] - 1e-12
+
+
+@inlined
+def _outside(side, length2, m, nodes, n):
+    """Whether the cone of node n is beyond a side of triangle m; length2 (., 3) of the sides."""
+    if nodes[n, 3] <= 0.0:
+        return False
+    x, y, z, sine = nodes[n, 0], nodes[n, 1], nodes[n, 2], nodes[n, 4]
+    for k in range(3):
+        at = side[m, k, 0] * x + side[m, k, 1] * y + side[m, k, 2] * z
+        if at < 0.0 and at * at > sine * sine * length2[m, k]:
+            return True
+    return False
+
+
+@inlined
+def _covers(side, length2, m, first, nodes, n):
+    """Whether the cone of node n is within the sides of triangle m from `first` on."""
+    if nodes[n, 3] <= 0.0:
+        return False
+    x, y, z, sine = nodes[n, 0], nodes[n, 1], nodes[n, 2], nodes[n, 4]
+    for k in range(first, 3):
+        at = side[m, k, 0] * x + side[m, k, 1] * y + side[m, k, 2] * z
+        if at < 0.0 or at * at < sine * sine * length2[m, k]:
+            return False
+    return True
+
+
+@compiled("f8[:,:,::1], f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], "
+          "f8[::1], f8[:,::1], f8[::1], f8[::1], b1[::1], b1[::1], f8[:,:,::1], f8[:,:,::1], "
+          "f8[:,::1], f8[:,::1], "
+          "i8[:,::1], f8, f8, i8[::1], f8[:,:,::1], f8[:,::1], b1[::1], i8[::1], i8[::1], b1[::1]")
+def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, height, opaque, quad,
+         corners, normals, plane, nodes, levels, near, far, out_triangle, out_side, out_light,
+         out_cut, out_tile,
+         out_member, out_full):
+    """See Seen; numbers of triangles and of pairs (tile, member), of which as many are stored as
+    there is room for."""
+    seen = pairs = 0
+    top = len(levels) - 1
+    root = levels[top, 0]
+    p, eye = np.empty((3, 3)), np.empty(3)
+    length2 = np.empty((len(out_triangle), 3))
+    # A node waits with level, row, column, and its triangles' stretch of a list.
+    waiting = np.empty((4 * (top + 1) + 1, 5), np.int64)
+    listed = np.empty(4 * (top + 2) * CLUSTER, np.int64)
+    children = np.empty((4, 3), np.int64)
+    # Of each node, the plane q . x = 1 of what covers and so hides what is behind.
+    cover = np.zeros((len(nodes), 3))
+    for c in range(len(first)):
+        r = row[c]
+        # In the link's frame: does the cluster show a front to the eye?
+        for k in range(3):
+            eye[k] = -(T[r, 0, 3] * T[r, 0, k] + T[r, 1, 3] * T[r, 1, k] + T[r, 2, 3] * T[r, 2, k])
+        x, y, z = eye[0] - centre[c, 0], eye[1] - centre[c, 1], eye[2] - centre[c, 2]
+        distance = np.sqrt(x * x + y * y + z * z)
+        along = axis[c, 0] * x + axis[c, 1] * y + axis[c, 2] * z
+        highest = distance
+        if along < cosine[c] * distance:
+            across = np.sqrt(max(distance * distance - along * along, 0.0))
+            highest = along * cosine[c] + across * np.sqrt(max(1.0 - cosine[c] * cosine[c], 0.0))
+        if highest <= height[c]:
+            continue
+        sine_c, cosine_c = 0.0, -1.0
+        if distance > radius[c]:
+            sine_c = radius[c] / distance
+            cosine_c = np.sqrt(1.0 - sine_c * sine_c)
+        scale = 1.0 / max(distance, 1e-12)
+        x, y, z = -x * scale, -y * scale, -z * scale
+        xc = T[r, 0, 0] * x + T[r, 0, 1] * y + T[r, 0, 2] * z
+        yc = T[r, 1, 0] * x + T[r, 1, 1] * y + T[r, 1, 2] * z
+        zc = T[r, 2, 0] * x + T[r, 2, 1] * y + T[r, 2, 2] * z
+        if _beside(xc, yc, zc, cosine_c, sine_c, nodes, root):
+            continue
+        begin, seen_before = 0, seen
+        for t in range(first[c], first[c] + count[c]):
+            if plane[t, 0] * eye[0] + plane[t, 1] * eye[1] + plane[t, 2] * eye[2] <= plane[t, 3]:
+                continue
+            farthest = 0.0
+            for k in range(3):
+                x, y, z = corners[t, k, 0], corners[t, k, 1], corners[t, k, 2]
+                squared = 0.0
+                for j in range(3):
+                    p[k, j] = T[r, j, 0] * x + T[r, j, 1] * y + T[r, j, 2] * z + T[r, j, 3]
+                    squared += p[k, j] * p[k, j]
+                farthest = max(farthest, squared)
+            for k in range(3):
+                a, b = (k + 1) % 3, (k + 2) % 3
+                out_side[seen, k, 0] = p[a, 1] * p[b, 2] - p[a, 2] * p[b, 1]
+                out_side[seen, k, 1] = p[a, 2] * p[b, 0] - p[a, 0] * p[b, 2]
+                out_side[seen, k, 2] = p[a, 0] * p[b, 1] - p[a, 1] * p[b, 0]
+            det = (p[0, 0] * out_side[seen, 0, 0] + p[0, 1] * out_side[seen, 0, 1]
+                   + p[0, 2] * out_side[seen, 0, 2])
+            if det >= 0.0:
+                continue
+            scale = 1.0 / det
+            x = y = z = 0.0
+            for k in range(3):
+                squared = 0.0
+                for j in range(3):
+                    out_side[seen, k, j] *= scale
+                    squared += out_side[seen, k, j] * out_side[seen, k, j]
+                length2[seen, k] = squared
+                x += out_side[seen, k, 0]
+                y += out_side[seen, k, 1]
+                z += out_side[seen, k, 2]
+            if _outside(out_side, length2, seen, nodes, root):
+                continue
+            out_cut[seen] = (x * x + y * y + z * z) * near * near > 1.0 or farthest > far * far
+            for k in range(3):
+                out_light[seen, k] = light[0] + light[1] * max(
+                    normals[t, k, 0] * sun[r, 0] + normals[t, k, 1] * sun[r, 1]
+                    + normals[t, k, 2] * sun[r, 2], 0.0)
+            out_triangle[seen] = t
+            listed[begin] = seen
+            begin += 1
+            seen += 1
+        if begin == 0:
+            continue
+        # A quad covers what is within its four outer sides; then one triangle stands for both.
+        whole = (quad[c] and seen == seen_before + 2 and not out_cut[seen - 1]
+                 and not out_cut[seen - 2])
+        one = seen_before
+        waiting[0, 0], waiting[0, 1], waiting[0, 2] = top, 0, 0
+        waiting[0, 3], waiting[0, 4] = 0, begin
+        left = 1
+        while left > 0:
+            left -= 1
+            level, i0, j0 = waiting[left, 0], waiting[left, 1], waiting[left, 2]
+            start, end = waiting[left, 3], waiting[left, 4]
+            node = levels[level, 0] + i0 * levels[level, 2] + j0
+            covered = False
+            if whole or end == start + 1:
+                m = listed[start]
+                if whole:
+                    covered = (_covers(out_side, length2, one, 1, nodes, node)
+                               and _covers(out_side, length2, one + 1, 1, nodes, node))
+                elif not out_cut[m]:
+                    covered = _covers(out_side, length2, m, 0, nodes, node)
+                if covered and whole:
+                    m, listed[start], end = one, one, start + 1
+                if covered and opaque[c]:
+                    x = out_side[m, 0, 0] + out_side[m, 1, 0] + out_side[m, 2, 0]
+                    y = out_side[m, 0, 1] + out_side[m, 1, 1] + out_side[m, 2, 1]
+                    z = out_side[m, 0, 2] + out_side[m, 1, 2] + out_side[m, 2, 2]
+                    if (x * nodes[node, 0] + y * nodes[node, 1] + z * nodes[node, 2]
+                            > cover[node, 0] * nodes[node, 0] + cover[node, 1] * nodes[node, 1]
+                            + cover[node, 2] * nodes[node, 2]):
+                        cover[node, 0], cover[node, 1], cover[node, 2] = x, y, z
+            if level == 0:
+                x, y, z = nodes[node, 0], nodes[node, 1], nodes[node, 2]
+                sine2 = nodes[node, 4] * nodes[node, 4] if nodes[node, 3] > 0.0 else np.inf
+                for k in range(start, end):
+                    if pairs < len(out_tile):
+                        m = listed[k]
+                        out_tile[pairs], out_member[pairs] = node, m
+                        at = (out_side[m, 0, 0] * x + out_side[m, 0, 1] * y
+                              + out_side[m, 0, 2] * z)
+                        out_full[pairs] = covered or (
+                            at > 0.0 and at * at > sine2 * length2[m, 0] and not out_cut[m]
+                            and _covers(out_side, length2, m, 1, nodes, node))
+                    pairs += 1
+                continue
+            level -= 1
+            touched = 0
+            for child in range(4):
+                i, j = 2 * i0 + child // 2, 2 * j0 + child % 2
+                if i >= levels[level, 1] or j >= levels[level, 2]:
+                    continue
+                node = levels[level, 0] + i * levels[level, 2] + j
+                if _beside(xc, yc, zc, cosine_c, sine_c, nodes, node):
+                    continue
+                # All of the cluster behind what covers the node?
+                x, y, z = cover[node, 0], cover[node, 1], cover[node, 2]
+                nearest = distance * (x * xc + y * yc + z * zc)
+                for k in range(3):
+                    nearest -= half[c, k] * abs(T[r, 0, k] * x + T[r, 1, k] * y + T[r, 2, k] * z)
+                if nearest > 1.0:
+                    continue
+                children[touched, 0], children[touched, 1], children[touched, 2] = node, i, j
+                touched += 1
+            free = end
+            for child in range(touched):
+                begin = free
+                if touched == 1 or covered:  # all of them are there
+                    begin, free = start, end
+                else:
+                    node = children[child, 0]
+                    x, y, z = nodes[node, 0], nodes[node, 1], nodes[node, 2]
+                    sine2 = nodes[node, 4] * nodes[node, 4] if nodes[node, 3] > 0.0 else np.inf
+                    for k in range(start, end):
+                        m = listed[k]
+                        at0 = out_side[m, 0, 0] * x + out_side[m, 0, 1] * y + out_side[m, 0, 2] * z
+                        at1 = out_side[m, 1, 0] * x + out_side[m, 1, 1] * y + out_side[m, 1, 2] * z
+                        at2 = out_side[m, 2, 0] * x + out_side[m, 2, 1] * y + out_side[m, 2, 2] * z
+                        listed[free] = m
+                        beyond = ((at0 < 0.0) & (at0 * at0 > sine2 * length2[m, 0])
+                                  | (at1 < 0.0) & (at1 * at1 > sine2 * length2[m, 1])
+                                  | (at2 < 0.0) & (at2 * at2 > sine2 * length2[m, 2]))
+                        free += not beyond
+                if free > begin:
+                    waiting[left, 0], waiting[left, 1] = level, children[child, 1]
+                    waiting[left, 2] = children[child, 2]
+                    waiting[left, 3], waiting[left, 4] = begin, free
+                    left += 1
+    return seen, pairs
+
+
+@compiled("i8[::1], i8[::1], b1[::1], i8, i8")
+def _by_tile(tile, member, full, pairs, tiles):
+    """Pairs sorted by tile, in their order in each: start (tiles + 1,), member, full (pairs,)."""
+    start = np.zeros(tiles + 1, np.int64)
+    for n in range(pairs):
+        start[tile[n] + 1] += 1
+    for n in range(tiles):
+        start[n + 1] += start[n]
+    place = start.copy()
+    out_member, out_full = np.empty(pairs, np.int64), np.empty(pairs, np.bool_)
+    for n in range(pairs):
+        at = place[tile[n]]
+        out_member[at], out_full[at] = member[n], full[n]
+        place[tile[n]] = at + 1
+    return start, out_member, out_full

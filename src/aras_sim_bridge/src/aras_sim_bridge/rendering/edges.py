@@ -1,0 +1,514 @@
+"""Pixels with edges in them, as exactly as geometry says.
+
+Where a pixel differs from a neighbour, an edge runs through one of them. Such a pixel is looked at
+as a square: each triangle in it is cut to the square, and what others hide of it is cut away, all
+by straight lines. Its colour is that of the pieces that are left, by their areas: there is nothing
+that samples could miss, and an edge is right wherever it runs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .binning import Seen
+from .compiled import compiled, inlined
+from .sampling import NOTHING, SEVERAL, Samples
+from .tiles import TILE, Tiles
+
+# Grey levels. What differs by less is as smooth as shading, and an edge of so little contrast that
+# the centre of the pixel decides moves a target of 100 levels by a thirtieth of a pixel at most.
+THRESHOLD = 6
+# Pixels with more triangles than this take FINE x FINE samples instead: the effort for areas grows
+# with the square of the number.
+CROWD = 4
+FINE = 8
+# The samples from the pixel's centre, px: each in a column and a row of its own.
+_ACROSS = (np.arange(FINE) + 0.5) / FINE
+SAMPLE_X = (np.add.outer(_ACROSS / FINE, np.arange(FINE) / FINE) - 0.5).ravel().astype(np.float32)
+SAMPLE_Y = (np.add.outer(np.arange(FINE) / FINE, _ACROSS / FINE) - 0.5).ravel().astype(np.float32)
+# Relative difference in distance below which two triangles lie in one plane.
+TOUCHING = 1e-8
+# Room for the corners of a piece, and for pieces.
+CORNERS, PIECES = 24, 64
+
+
+@dataclass(frozen=True)
+class Fragments:
+    """What pixels with edges consist of.
+
+    pixel: (P,) row * width + column, of the padded picture. start: (P + 1,), the stretch of each
+        in the lists that follow.
+    member: (F,) number in Seen. share: (F,) of the pixel's area. at: (F, 2) the middle of the
+        fragment, x, y in its cell, px. Opaque ones first, then the others from far to near.
+    """
+
+    pixel: np.ndarray
+    start: np.ndarray
+    member: np.ndarray
+    share: np.ndarray
+    at: np.ndarray
+
+
+class Edges:
+    """Finds and resolves the edges of pictures through the same tiles."""
+
+    def __init__(self, tiles: Tiles) -> None:
+        self._tiles = tiles
+        self._room = 4096
+
+    def fragments(self, seen: Seen, samples: Samples, opaque: np.ndarray, words: np.ndarray,
+                  plain: np.ndarray, part: np.ndarray, near: float, far: float) -> Fragments:
+        """Fragments of the pixels with edges; words: the picture with one sample a pixel."""
+        t = self._tiles
+        found = _found(samples.tile, samples.pixel, samples.start, samples.member, opaque, words,
+                       plain, part, seen.side, seen.light, t.matrices, t.cells, t.columns)
+        while True:
+            room = self._room
+            pixel, start = np.empty(len(found), np.int64), np.empty(len(found) + 1, np.int64)
+            member, share, at = np.empty(room, np.int64), np.empty(room), np.empty((room, 2))
+            pixels, count = _resolved(
+                found, samples.start, samples.member, samples.full, seen.side, seen.cut, opaque,
+                plain, t.matrices,
+                t.axis, t.cells, t.columns, near, far, pixel, start, member, share, at)
+            if count <= room:
+                return Fragments(pixel[:pixels], start[:pixels + 1], member[:count],
+                                 share[:count], at[:count])
+            self._room = 2 * count
+
+
+@inlined
+def _apart(a, b):
+    """Whether two colours differ by more than THRESHOLD."""
+    apart = False
+    for k in range(3):
+        shift = np.uint32(8 * k)
+        one = np.int32((a >> shift) & np.uint32(255))
+        other = np.int32((b >> shift) & np.uint32(255))
+        apart |= abs(one - other) > THRESHOLD
+    return apart
+
+
+@inlined
+def _brightness(side, light, m, matrices, c, x, y):
+    """Light on triangle m, or where it would go on, at x, y of cell c."""
+    lit = w = 0.0
+    rx = matrices[c, 0, 0] * x + matrices[c, 0, 1] * y + matrices[c, 0, 2]
+    ry = matrices[c, 1, 0] * x + matrices[c, 1, 1] * y + matrices[c, 1, 2]
+    rz = matrices[c, 2, 0] * x + matrices[c, 2, 1] * y + matrices[c, 2, 2]
+    for k in range(3):
+        share = side[m, k, 0] * rx + side[m, k, 1] * ry + side[m, k, 2] * rz
+        w += share
+        lit += share * light[m, k]
+    return lit / w
+
+
+@compiled("i8[::1], i4[:,::1], i8[::1], i8[::1], b1[::1], u4[:,::1], u4[::1], i8[::1], "
+          "f8[:,:,::1], f8[:,::1], f8[:,:,::1], i8, i8")
+def _found(tile, pixel, start, member, opaque, words, plain, part, side, light, matrices, cells,
+           columns):
+    """(P,) pixels that differ from one of their eight neighbours, tile by tile, and those of tiles
+    with triangles that one sees through."""
+    height, width = words.shape
+    size = TILE // cells
+    out = np.empty(1024, np.int64)
+    found = 0
+    for n in range(len(tile)):
+        if tile[n] != SEVERAL:
+            continue
+        if found + TILE * TILE > len(out):
+            longer = np.empty(2 * len(out), np.int64)
+            for k in range(found):
+                longer[k] = out[k]
+            out = longer
+        through = False
+        for k in range(start[n], start[n + 1]):
+            through |= not opaque[member[k]]
+        u0, v0 = TILE * (n % columns), TILE * (n // columns)
+        for v in range(v0, v0 + TILE):
+            above, below = max(v - 1, 0), min(v + 1, height - 1)
+            for u in range(u0, u0 + TILE):
+                m = pixel[v, u]
+                if m == NOTHING:
+                    continue
+                # Beyond the border no neighbour would tell.
+                edge = through or u == 0 or v == 0 or u == width - 1 or v == height - 1
+                word = words[v, u]
+                left, right = max(u - 1, 0), min(u + 1, width - 1)
+                if not edge and (word == words[above, left] and word == words[above, u]
+                                 and word == words[above, right] and word == words[v, left]
+                                 and word == words[v, right] and word == words[below, left]
+                                 and word == words[below, u] and word == words[below, right]):
+                    continue
+                for i in range(above, below + 1):
+                    for j in range(left, right + 1):
+                        if words[i, j] >> np.uint32(24) == 0:
+                            edge = True
+                        if edge or words[i, j] == word or not _apart(words[i, j], word):
+                            continue
+                        edge = True
+                        # On one smooth part the colour differs by what the slope makes of it.
+                        other = tile[(i // TILE) * columns + j // TILE]
+                        if other == SEVERAL:
+                            other = pixel[i, j]
+                        if (m == other or (m >= 0 and other >= 0 and part[m] == part[other]
+                                           and plain[m] == 0 and plain[other] == 0)):
+                            c = n * cells * cells + ((v - v0) // size) * cells + (u - u0) // size
+                            x, y = float(u % size) + (j - u), float(v % size) + (i - v)
+                            # Both at the neighbour.
+                            edge = abs(_brightness(side, light, m, matrices, c, x, y)
+                                       - _brightness(side, light, other, matrices, c, x, y)
+                                       ) > THRESHOLD / 255.0
+                if edge:
+                    out[found] = v * width + u
+                    found += 1
+    return out[:found]
+
+
+@inlined
+def _cut(shape, p, count, a, b, c, kept, rest):
+    """Cut the convex polygon shape[p] (count corners) by the line a + b x + c y = 0: what is above
+    becomes shape[kept], what is below shape[rest]; the numbers of their corners."""
+    n_kept = n_rest = 0
+    x, y = shape[p, count - 1, 0], shape[p, count - 1, 1]
+    at = a + b * x + c * y
+    for n in range(count):
+        x2, y2 = shape[p, n, 0], shape[p, n, 1]
+        at2 = a + b * x2 + c * y2
+        if (at < 0.0) != (at2 < 0.0):
+            share = at / (at - at2)
+            xc, yc = x + share * (x2 - x), y + share * (y2 - y)
+            shape[kept, n_kept, 0], shape[kept, n_kept, 1] = xc, yc
+            shape[rest, n_rest, 0], shape[rest, n_rest, 1] = xc, yc
+            n_kept += 1
+            n_rest += 1
+        if at2 < 0.0:
+            shape[rest, n_rest, 0], shape[rest, n_rest, 1] = x2, y2
+            n_rest += 1
+        else:
+            shape[kept, n_kept, 0], shape[kept, n_kept, 1] = x2, y2
+            n_kept += 1
+        x, y, at = x2, y2, at2
+    return n_kept, n_rest
+
+
+@inlined
+def _area(polygon, p, count):
+    """Area of the convex polygon p, either way round."""
+    total = 0.0
+    x, y = polygon[p, 0, 0], polygon[p, 0, 1]
+    for n in range(2, count):
+        total += ((polygon[p, n - 1, 0] - x) * (polygon[p, n, 1] - y)
+                  - (polygon[p, n, 0] - x) * (polygon[p, n - 1, 1] - y))
+    return abs(total) / 2.0
+
+
+@compiled("f8[:,:,::1], i8[::1], i8, i8, f8[:,:,::1], i8[::1], f8[:,::1]")
+def _visible(shape, sizes, i, count, line, lines, plane):
+    """The area of polygon i that none of the first `count` polygons hides.
+
+    line, lines, plane: the lines of each that cross the pixel, and one over its distance.
+    """
+    first, spare = CROWD, CROWD + PIECES
+    end = first + 1
+    sizes[first] = sizes[i]
+    for n in range(sizes[i]):
+        shape[first, n, 0], shape[first, n, 1] = shape[i, n, 0], shape[i, n, 1]
+    for j in range(count):
+        if j == i or sizes[j] == 0:
+            continue
+        # Where is j nearer than i?
+        a = plane[j, 0] - plane[i, 0]
+        b, c = plane[j, 1] - plane[i, 1], plane[j, 2] - plane[i, 2]
+        low, high = np.inf, -np.inf
+        for n in range(sizes[i]):
+            at = a + b * shape[i, n, 0] + c * shape[i, n, 1]
+            low, high = min(low, at), max(high, at)
+        touching = TOUCHING * abs(plane[i, 0])
+        if high <= touching and (low < -touching or j > i):
+            continue
+        crossing = low < -touching
+        now, last = first, end
+        while now < last:
+            # Beside j if one of its lines has all of the piece below.
+            beside = False
+            for n in range(lines[j]):
+                above = False
+                for m in range(sizes[now]):
+                    if (line[j, n, 0] + line[j, n, 1] * shape[now, m, 0]
+                            + line[j, n, 2] * shape[now, m, 1] > 1e-12 * abs(line[j, n, 0])):
+                        above = True
+                        break
+                if not above:
+                    beside = True
+                    break
+            if beside:
+                now += 1
+                continue
+            size, source = sizes[now], now
+            for n in range(lines[j] + (1 if crossing else 0)):
+                if n < lines[j]:
+                    an, bn, cn = line[j, n, 0], line[j, n, 1], line[j, n, 2]
+                else:
+                    an, bn, cn = a, b, c
+                goal = spare + n % 2
+                size, below = _cut(shape, source, size, an, bn, cn, goal, end)
+                source = goal
+                # What finds no room is lost; there is room for far more than any pixel needed.
+                if below > 2 and end < first + PIECES - 1:
+                    sizes[end] = below
+                    end += 1
+                if size < 3:
+                    break
+            # The piece is gone: the last of those not looked at yet takes its place, and the last
+            # of all takes that one's.
+            last -= 1
+            end -= 1
+            for move in range(2):
+                goal, other = (now, last) if move == 0 else (last, end)
+                if goal != other:
+                    sizes[goal] = sizes[other]
+                    for m in range(sizes[other]):
+                        shape[goal, m, 0] = shape[other, m, 0]
+                        shape[goal, m, 1] = shape[other, m, 1]
+    total = 0.0
+    for n in range(first, end):
+        total += _area(shape, n, sizes[n])
+    return total
+
+
+@compiled("i8, i8[::1], i8, i8, i8[::1], f8[:,:,::1], i8[::1], f8[:,::1], f8, f8, f4[::1], "
+          "i4[::1], i8, i8[::1], f8[::1], f8[:,::1]")
+def _crowd(first, here, left, solid, member, line, lines, plane, xc, yc, nearest, sample, count,
+           out_member, out_share, out_at):
+    """Add fragments of a pixel by samples; the number of all fragments then."""
+    for i in range(FINE * FINE):
+        nearest[i], sample[i] = 0.0, -1
+    for n in range(left):
+        k = here[n]
+        # From the pixel's centre; lines that are not there are above everywhere.
+        a0 = a1 = a2 = a3 = a4 = np.float32(1.0)
+        b0 = b1 = b2 = b3 = b4 = c0 = c1 = c2 = c3 = c4 = np.float32(0.0)
+        if lines[k] > 0:
+            a0 = np.float32(line[k, 0, 0] + line[k, 0, 1] * xc + line[k, 0, 2] * yc)
+            a1 = np.float32(line[k, 1, 0] + line[k, 1, 1] * xc + line[k, 1, 2] * yc)
+            a2 = np.float32(line[k, 2, 0] + line[k, 2, 1] * xc + line[k, 2, 2] * yc)
+            b0, c0 = np.float32(line[k, 0, 1]), np.float32(line[k, 0, 2])
+            b1, c1 = np.float32(line[k, 1, 1]), np.float32(line[k, 1, 2])
+            b2, c2 = np.float32(line[k, 2, 1]), np.float32(line[k, 2, 2])
+        if lines[k] > 3:
+            a3 = np.float32(line[k, 3, 0] + line[k, 3, 1] * xc + line[k, 3, 2] * yc)
+            a4 = np.float32(line[k, 4, 0] + line[k, 4, 1] * xc + line[k, 4, 2] * yc)
+            b3, c3 = np.float32(line[k, 3, 1]), np.float32(line[k, 3, 2])
+            b4, c4 = np.float32(line[k, 4, 1]), np.float32(line[k, 4, 2])
+        a = np.float32(plane[k, 0] + plane[k, 1] * xc + plane[k, 2] * yc)
+        b, c = np.float32(plane[k, 1]), np.float32(plane[k, 2])
+        name, hits = np.int32(n), 0
+        for i in range(FINE * FINE):
+            x, y = SAMPLE_X[i], SAMPLE_Y[i]
+            w = a + b * x + c * y
+            hit = ((a0 + b0 * x + c0 * y >= np.float32(0.0))
+                   & (a1 + b1 * x + c1 * y >= np.float32(0.0))
+                   & (a2 + b2 * x + c2 * y >= np.float32(0.0))
+                   & (a3 + b3 * x + c3 * y >= np.float32(0.0))
+                   & (a4 + b4 * x + c4 * y >= np.float32(0.0)) & (w > nearest[i]))
+            if n < solid:
+                nearest[i] = w if hit else nearest[i]
+                sample[i] = name if hit else sample[i]
+            else:
+                hits += hit
+        if n >= solid and hits > 0:
+            if count < len(out_member):
+                out_member[count], out_share[count] = member[first + k], hits / (FINE * FINE)
+                out_at[count, 0], out_at[count, 1] = xc, yc
+            count += 1
+        if n == solid - 1:
+            for i in range(FINE * FINE):
+                m = sample[i]
+                if m < 0:
+                    continue
+                hits = 0
+                xm = ym = np.float32(0.0)
+                for j in range(i, FINE * FINE):
+                    if sample[j] == m:
+                        sample[j] = -1
+                        hits += 1
+                        xm += SAMPLE_X[j]
+                        ym += SAMPLE_Y[j]
+                if count < len(out_member):
+                    out_member[count] = member[first + here[m]]
+                    out_share[count] = hits / (FINE * FINE)
+                    out_at[count, 0], out_at[count, 1] = xc + xm / hits, yc + ym / hits
+                count += 1
+    return count
+
+
+@compiled("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], b1[::1], b1[::1], u4[::1], "
+          "f8[:,:,::1], f8[:,::1], i8, i8, f8, f8, i8[::1], i8[::1], i8[::1], f8[::1], f8[:,::1]")
+def _resolved(found, start, member, full, side, cut, opaque, plain, matrices, axis, cells, columns,
+              near, far, out_pixel, out_start, out_member, out_share, out_at):
+    """See Fragments; the numbers of pixels and of fragments, of which as many are stored as there
+    is room for."""
+    size = TILE // cells
+    width = columns * TILE
+    longest = 1
+    for n in range(len(start) - 1):
+        longest = max(longest, start[n + 1] - start[n])
+    # Of a cell's triangles: their lines a + b x + c y, and one over the distance likewise.
+    line, lines = np.empty((longest, 5, 3)), np.empty(longest, np.int64)
+    plane = np.empty((longest, 3))
+    here = np.empty(longest, np.int64)
+    # Of those in a pixel, from its centre: the lines that cross it, and so on.
+    own_line, own_lines = np.empty((CROWD, 5, 3)), np.empty(CROWD, np.int64)
+    own_plane = np.empty((CROWD, 3))
+    # Their polygons, pieces of those, and two more to work with.
+    shape = np.empty((CROWD + PIECES + 2, CORNERS, 2))
+    sizes = np.empty(CROWD + PIECES + 2, np.int64)
+    spare = CROWD + PIECES
+    nearest, sample = np.empty(FINE * FINE, np.float32), np.empty(FINE * FINE, np.int32)
+    pixels = count = 0
+    cell_before, many = -1, 0
+    for number in range(len(found)):
+        v, u = found[number] // width, found[number] % width
+        tile = (v // TILE) * columns + u // TILE
+        first = start[tile]
+        x0, y0 = u % TILE, v % TILE
+        cell = tile * cells * cells + (y0 // size) * cells + x0 // size
+        if cell != cell_before:
+            cell_before, many = cell, start[tile + 1] - first
+            for k in range(many):
+                m = member[first + k]
+                lines[k] = 0 if full[first + k] else 5 if cut[m] else 3
+                for j in range(3):
+                    column = (j + 2) % 3  # the constant first
+                    x, y = matrices[cell, 0, column], matrices[cell, 1, column]
+                    z = matrices[cell, 2, column]
+                    plane[k, j] = 0.0
+                    for i in range(3):
+                        line[k, i, j] = side[m, i, 0] * x + side[m, i, 1] * y + side[m, i, 2] * z
+                        plane[k, j] += line[k, i, j]
+                    if cut[m]:
+                        along = axis[tile, 0] * x + axis[tile, 1] * y + axis[tile, 2] * z
+                        line[k, 3, j] = along - near * plane[k, j]
+                        line[k, 4, j] = far * plane[k, j] - along
+        xc, yc = float(x0 % size), float(y0 % size)
+        # Triangles in the pixel; the nearest of those that fill it hides what is behind it.
+        left, best, top = 0, -1, 0.0
+        for k in range(many):
+            inside, fills = True, True
+            for i in range(lines[k]):
+                at = line[k, i, 0] + line[k, i, 1] * xc + line[k, i, 2] * yc
+                reach = 0.5 * (abs(line[k, i, 1]) + abs(line[k, i, 2]))
+                if at + reach <= 0.0:
+                    inside = False
+                    break
+                if at < reach:
+                    fills = False
+            if not inside:
+                continue
+            here[left] = k
+            left += 1
+            w = plane[k, 0] + plane[k, 1] * xc + plane[k, 2] * yc
+            if fills and w > top and opaque[member[first + k]]:
+                best, top = k, w
+        if best >= 0:
+            some, left = left, 0
+            for n in range(some):
+                k = here[n]
+                b, c = plane[best, 1] - plane[k, 1], plane[best, 2] - plane[k, 2]
+                at = plane[best, 0] - plane[k, 0] + b * xc + c * yc
+                if k == best or at - 0.5 * (abs(b) + abs(c)) < -TOUCHING * top:
+                    here[left] = k
+                    left += 1
+        if left == 0 or (best >= 0 and left == 1):
+            continue
+        # Of one colour all over?
+        same = best >= 0 and plain[member[first + best]] != 0
+        for n in range(left):
+            same = same and plain[member[first + here[n]]] == plain[member[first + best]]
+        if same:
+            continue
+        out_pixel[pixels] = found[number]
+        out_start[pixels] = count
+        pixels += 1
+        # Opaque ones first, then those one sees through from far to near.
+        solid = 0
+        for n in range(left):
+            if opaque[member[first + here[n]]]:
+                here[solid], here[n] = here[n], here[solid]
+                solid += 1
+        for n in range(solid + 1, left):
+            for m in range(n, solid, -1):
+                one, other = here[m], here[m - 1]
+                if (plane[other, 0] + plane[other, 1] * xc + plane[other, 2] * yc
+                        <= plane[one, 0] + plane[one, 1] * xc + plane[one, 2] * yc):
+                    break
+                here[m], here[m - 1] = other, one
+        if left > CROWD:
+            count = _crowd(first, here, left, solid, member, line, lines, plane, xc, yc, nearest,
+                           sample, count, out_member, out_share, out_at)
+            continue
+        for n in range(left):
+            k = here[n]
+            own_plane[n, 0] = plane[k, 0] + plane[k, 1] * xc + plane[k, 2] * yc
+            own_plane[n, 1], own_plane[n, 2] = plane[k, 1], plane[k, 2]
+            for i in range(4):
+                shape[n, i, 0] = 0.5 if i == 1 or i == 2 else -0.5
+                shape[n, i, 1] = 0.5 if i > 1 else -0.5
+            size_n, own_lines[n] = 4, 0
+            for i in range(lines[k]):
+                b, c = line[k, i, 1], line[k, i, 2]
+                a = line[k, i, 0] + b * xc + c * yc
+                if a >= 0.5 * (abs(b) + abs(c)):
+                    continue  # the whole pixel is above
+                j = own_lines[n]
+                own_line[n, j, 0], own_line[n, j, 1], own_line[n, j, 2] = a, b, c
+                own_lines[n] += 1
+                size_n, _ = _cut(shape, n, size_n, a, b, c, spare, spare + 1)
+                if size_n < 3:
+                    size_n = 0
+                    break
+                for m in range(size_n):
+                    shape[n, m, 0], shape[n, m, 1] = shape[spare, m, 0], shape[spare, m, 1]
+            sizes[n] = size_n
+        # What fills the pixel shows where nothing before it does.
+        last = -1
+        if best >= 0:
+            for n in range(solid):
+                if here[n] == best:
+                    last = n
+            for n in range(solid):
+                if n != last:
+                    b = own_plane[n, 1] - own_plane[last, 1]
+                    c = own_plane[n, 2] - own_plane[last, 2]
+                    if (own_plane[n, 0] - own_plane[last, 0]
+                            < 0.5 * (abs(b) + abs(c)) - TOUCHING * top):
+                        last = -1
+                        break
+        remaining = 1.0
+        for turn in range(left):
+            # The filling one after the other opaque ones.
+            n = turn
+            if last >= 0 and turn < solid:
+                n = last if turn == solid - 1 else turn + (1 if turn >= last else 0)
+            if sizes[n] == 0:
+                continue
+            share = remaining
+            if n != last:
+                share = _visible(shape, sizes, n, solid, own_line, own_lines, own_plane)
+            if n < solid:
+                remaining -= share
+            if share <= 1e-9:
+                continue
+            if count < len(out_member):
+                xm = ym = 0.0
+                for m in range(sizes[n]):
+                    xm += shape[n, m, 0]
+                    ym += shape[n, m, 1]
+                out_member[count], out_share[count] = member[first + here[n]], share
+                out_at[count, 0] = xc + xm / sizes[n]
+                out_at[count, 1] = yc + ym / sizes[n]
+            count += 1
+    out_start[pixels] = count
+    return pixels, count

@@ -1,0 +1,43 @@
+"""Depth and segmentation: where the ray of each pixel's centre meets what it shows."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .binning import Seen
+from .compiled import compiled
+from .sampling import Samples
+from .tiles import TILE, Tiles
+
+
+def measured(tiles: Tiles, seen: Seen, samples: Samples, labels: np.ndarray
+             ) -> tuple[np.ndarray, np.ndarray]:
+    """Depth (height, width) float32, m, and segmentation (height, width) int32, as
+    Renderer.measure has them. labels: (N,) int32 of the triangles seen."""
+    depth = np.empty((tiles.height, tiles.width), np.float32)
+    label = np.empty((tiles.height, tiles.width), np.int32)
+    _measure(samples.tile, samples.pixel, seen.side, labels, tiles.matrices, tiles.cells,
+             tiles.columns, tiles.forward, depth, label)
+    return depth, label
+
+
+@compiled("i8[::1], i4[:,::1], f8[:,:,::1], i4[::1], f8[:,:,::1], i8, i8, b1, f4[:,::1], i4[:,::1]")
+def _measure(tile, pixel, side, labels, matrices, cells, columns, forward, depth, label):
+    size = TILE // cells
+    ray = np.empty(3)
+    for v in range(depth.shape[0]):
+        for u in range(depth.shape[1]):
+            n = (v // TILE) * columns + u // TILE
+            m = tile[n] if tile[n] > -3 else pixel[v, u]
+            if m < 0:
+                depth[v, u], label[v, u] = np.inf, -1
+                continue
+            x, y = u % TILE, v % TILE
+            M = matrices[n * cells * cells + (y // size) * cells + x // size]
+            w = length = 0.0
+            for j in range(3):
+                ray[j] = M[j, 0] * (x % size) + M[j, 1] * (y % size) + M[j, 2]
+                w += (side[m, 0, j] + side[m, 1, j] + side[m, 2, j]) * ray[j]
+                length += ray[j] * ray[j]
+            depth[v, u] = (ray[2] if forward else np.sqrt(length)) / w
+            label[v, u] = labels[m]

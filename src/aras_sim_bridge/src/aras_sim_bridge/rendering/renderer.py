@@ -1,0 +1,104 @@
+"""The renderer: from a view to its picture, depth and segmentation."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from ..errors import RenderingError
+from ..world import World
+from .binning import Binning, Seen
+from .edges import Edges
+from .geometry import Geometry
+from .measuring import measured
+from .recent import Recent
+from .sampling import Sampler, Samples
+from .scene import Scene
+from .shading import Shader
+from .tiles import Tiles
+from .view import Sun, View
+
+# Memory for what is prepared for views that come again, bytes: 20 cameras of 1920 x 1200.
+KEPT = 1 << 28
+
+
+class _Canvas:
+    """What pictures through the same tiles need."""
+
+    def __init__(self, tiles: Tiles) -> None:
+        self.tiles = tiles
+        self.sampler, self.shader, self.edges = Sampler(tiles), Shader(tiles), Edges(tiles)
+        self.nbytes = tiles.nbytes + 8 * tiles.valid.size
+
+
+@dataclass(frozen=True)
+class _Sampled:
+    canvas: _Canvas
+    seen: Seen
+    samples: Samples
+    opaque: np.ndarray
+
+
+class ExactRenderer:
+    """Draws on the processor, the same picture on every machine."""
+
+    name = "exact"
+
+    def __init__(self, world: World, light: Sun) -> None:
+        self.scene = Scene(world)
+        self.light = light
+        self._canvases: Recent[Hashable, _Canvas] = Recent(KEPT)
+        self._geometry: Geometry | None = None
+        self._binning: Binning | None = None
+        self._drawn_version = -1
+        self._closed = False
+
+    def snapshot(self) -> None:
+        self.scene.snapshot()
+
+    def close(self) -> None:
+        self._closed = True
+        self._canvases.clear()
+
+    def render(self, view: View, blend: float = 1.0) -> np.ndarray:
+        one = self._sample(view, blend)
+        canvas, geometry = one.canvas, self._geometry
+        background = 255.0 * np.array(self.light.background[:3])
+        plain = canvas.shader.plain(geometry, one.seen)
+        words = canvas.shader.words(geometry, one.seen, one.samples, plain, background)
+        fragments = canvas.edges.fragments(
+            one.seen, one.samples, one.opaque, words, plain, geometry.part[one.seen.triangle],
+            view.near, view.far)
+        canvas.shader.blend(geometry, one.seen, fragments, background, words)
+        rgba = words.view(np.uint8).reshape(*words.shape, 4)
+        return cv2.cvtColor(rgba[:view.height, :view.width], cv2.COLOR_RGBA2RGB)
+
+    def measure(self, view: View, blend: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        one = self._sample(view, blend)
+        labels = self.scene.labels()[self._geometry.row[one.seen.triangle]]
+        return measured(one.canvas.tiles, one.seen, one.samples, labels)
+
+    def bodies_around(self, point: np.ndarray) -> list[str]:
+        return self.scene.bodies_around(point)
+
+    def _sample(self, view: View, blend: float) -> _Sampled:
+        if self._closed:
+            raise RenderingError("the renderer is closed")
+        self.scene.refresh()
+        # By number, not by what refresh says: a snapshot may have been the one to see the change.
+        if self.scene.version != self._drawn_version:
+            self._drawn_version = self.scene.version
+            self._geometry = Geometry.of(self.scene.parts)
+            self._binning = Binning(self._geometry)
+        canvas = self._canvases.get(view.rays_key, lambda: _Canvas(view.tiles()))
+        world_T_link = self.scene.poses_at(blend)
+        seen = self._binning.seen(
+            canvas.tiles, view.optical_T_world @ world_T_link,
+            self.light.to_sun @ world_T_link[:, :3, :3],
+            np.array([self.light.ambient, self.light.diffuse]), view.near, view.far)
+        opaque = self._geometry.albedo[seen.triangle, 3] >= 1.0
+        return _Sampled(canvas, seen, canvas.sampler.samples(seen, opaque, view.near, view.far),
+                        opaque)

@@ -1,0 +1,202 @@
+"""The colours of samples and fragments: albedo or texture, lit by one sun, smooth between corners.
+
+A pixel is a word: red, green, blue from the lowest byte up, and 255, or 0 where the lens shows
+nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .binning import Seen
+from .compiled import compiled, inlined
+from .edges import Fragments
+from .geometry import Geometry
+from .sampling import BACKGROUND, NOTHING, Samples
+from .textures import SIZE
+from .tiles import TILE, Tiles
+
+
+class Shader:
+    """Colours one picture after another through the same tiles."""
+
+    def __init__(self, tiles: Tiles) -> None:
+        self._tiles = tiles
+        self._words = np.empty((tiles.rows * TILE, tiles.columns * TILE), np.uint32)
+
+    def plain(self, geometry: Geometry, seen: Seen) -> np.ndarray:
+        """(N,) words of the triangles seen that have one colour, 0 for the others."""
+        return _plain(seen.triangle, seen.light, geometry.albedo, geometry.layer)
+
+    def words(self, geometry: Geometry, seen: Seen, samples: Samples, plain: np.ndarray,
+              background: np.ndarray) -> np.ndarray:
+        """The picture with one sample a pixel, in an array that the next picture overwrites.
+
+        background: (3,) rgb 0..255.
+        """
+        t, g = self._tiles, geometry
+        sky = _word(*background)
+        if samples.most == BACKGROUND:
+            self._words.fill(sky)
+        elif plain[samples.most]:
+            self._words.fill(plain[samples.most])
+        _colour(samples.tile, samples.pixel, samples.most, plain, sky, seen.triangle, seen.side,
+                seen.light, g.albedo, g.layer, g.uv, g.textures.texels, t.matrices, t.cells,
+                t.columns, self._words)
+        return self._words
+
+    def blend(self, geometry: Geometry, seen: Seen, fragments: Fragments, background: np.ndarray,
+              words: np.ndarray) -> None:
+        """Put the pixels that consist of fragments into words."""
+        g, t, f = geometry, self._tiles, fragments
+        _blend(f.pixel, f.start, f.member, f.share, f.at, seen.triangle, seen.side, seen.light,
+               g.albedo, g.layer, g.uv, g.textures.texels, t.matrices, t.cells, t.columns,
+               background, words)
+
+
+@compiled("f8, f8, f8")
+def _word(red, green, blue):
+    r = np.uint32(np.rint(min(max(red, 0.0), 255.0)))
+    g = np.uint32(np.rint(min(max(green, 0.0), 255.0)))
+    b = np.uint32(np.rint(min(max(blue, 0.0), 255.0)))
+    return np.uint32(r | (g << np.uint32(8)) | (b << np.uint32(16)) | np.uint32(0xFF000000))
+
+
+@compiled("i8[::1], f8[:,::1], f8[:,::1], i8[::1]")
+def _plain(triangle, light, albedo, layer):
+    out = np.zeros(len(triangle), np.uint32)
+    for n in range(len(triangle)):
+        t, lit = triangle[n], light[n]
+        if layer[t] < 0 and lit[0] == lit[1] and lit[1] == lit[2]:
+            out[n] = _word(albedo[t, 0] * lit[0], albedo[t, 1] * lit[0], albedo[t, 2] * lit[0])
+    return out
+
+
+@compiled("u1[:,::1], i8, f8, f8, f8, f8[::1]")
+def _texel(texels, layer, area, u, v, out):
+    """Bilinear colour at u, v, repeated beyond 0..1, of the half in which a pixel of `area` texels
+    is about one; into out (3,)."""
+    size, at = SIZE, layer * ((4 * SIZE * SIZE - 1) // 3)
+    while area > 2.0 and size > 1:
+        at += size * size
+        size //= 2
+        area /= 4.0
+    x, y = u * size - 0.5, v * size - 0.5
+    column, row = np.floor(x), np.floor(y)
+    for k in range(3):
+        out[k] = 0.0
+    for down in range(2):
+        for right in range(2):
+            weight = ((x - column) if right else 1.0 - (x - column)) * (
+                (y - row) if down else 1.0 - (y - row))
+            i, j = (int(row) + down) % size, (int(column) + right) % size
+            for k in range(3):
+                out[k] += weight * texels[at + i * size + j, k]
+
+
+@compiled("f8[:,:,::1], i8, f8[:,:,::1], i8, i8, f8[:,:,::1], i8, u1[:,::1], f8, f8, f8[::1]")
+def _textured(matrices, c, side, m, layer, uv, t, texels, x, y, rgb):
+    """Multiply the colour rgb (3,) by the texture of triangle m, t in the geometry, at x, y of
+    cell c."""
+    # Texture coordinates here, one pixel on and one pixel down.
+    place = np.zeros((3, 2))
+    for n in range(3):
+        total = 0.0
+        xn, yn = x + (1.0 if n == 1 else 0.0), y + (1.0 if n == 2 else 0.0)
+        for k in range(3):
+            share = 0.0
+            for j in range(3):
+                share += side[m, k, j] * (matrices[c, j, 0] * xn + matrices[c, j, 1] * yn
+                                          + matrices[c, j, 2])
+            total += share
+            place[n, 0] += share * uv[t, k, 0]
+            place[n, 1] += share * uv[t, k, 1]
+        place[n, 0] /= total
+        place[n, 1] /= total
+    area = abs((place[1, 0] - place[0, 0]) * (place[2, 1] - place[0, 1])
+               - (place[1, 1] - place[0, 1]) * (place[2, 0] - place[0, 0])) * SIZE * SIZE
+    texel = np.empty(3)
+    _texel(texels, layer, area, place[0, 0], place[0, 1], texel)
+    for k in range(3):
+        rgb[k] = min(rgb[k] * texel[k] / 255.0, 255.0)
+
+
+@inlined
+def _light(matrices, c, side, light, m, x, y):
+    """Light on triangle m at x, y of cell c."""
+    rx = matrices[c, 0, 0] * x + matrices[c, 0, 1] * y + matrices[c, 0, 2]
+    ry = matrices[c, 1, 0] * x + matrices[c, 1, 1] * y + matrices[c, 1, 2]
+    rz = matrices[c, 2, 0] * x + matrices[c, 2, 1] * y + matrices[c, 2, 2]
+    lit = w = 0.0
+    for k in range(3):
+        share = side[m, k, 0] * rx + side[m, k, 1] * ry + side[m, k, 2] * rz
+        w += share
+        lit += share * light[m, k]
+    return lit / w
+
+
+@compiled("i8[::1], i4[:,::1], i8, u4[::1], u4, i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], "
+          "i8[::1], f8[:,:,::1], u1[:,::1], f8[:,:,::1], i8, i8, u4[:,::1]")
+def _colour(tile, pixel, most, plain, sky, triangle, side, light, albedo, layer, uv, texels,
+            matrices, cells, columns, words):
+    size = TILE // cells
+    rgb = np.empty(3)
+    for n in range(len(tile)):
+        u, v = TILE * (n % columns), TILE * (n // columns)
+        one = tile[n]
+        if one in (NOTHING, BACKGROUND) or (one >= 0 and plain[one] != 0):
+            if one == NOTHING:
+                words[v:v + TILE, u:u + TILE] = 0
+            elif one != most:
+                words[v:v + TILE, u:u + TILE] = sky if one == BACKGROUND else plain[one]
+            continue
+        for y in range(TILE):
+            for x in range(TILE):
+                m = one if one >= 0 else pixel[v + y, u + x]
+                if m < 0:
+                    words[v + y, u + x] = 0 if m == NOTHING else sky
+                elif plain[m] != 0:
+                    words[v + y, u + x] = plain[m]
+                else:
+                    t = triangle[m]
+                    c = n * cells * cells + (y // size) * cells + x // size
+                    xc, yc = float(x % size), float(y % size)
+                    lit = _light(matrices, c, side, light, m, xc, yc)
+                    for k in range(3):
+                        rgb[k] = albedo[t, k] * lit
+                    if layer[t] >= 0:
+                        _textured(matrices, c, side, m, layer[t], uv, t, texels, xc, yc, rgb)
+                    words[v + y, u + x] = _word(rgb[0], rgb[1], rgb[2])
+
+
+@compiled("i8[::1], i8[::1], i8[::1], f8[::1], f8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1], "
+          "f8[:,::1], i8[::1], f8[:,:,::1], u1[:,::1], f8[:,:,::1], i8, i8, f8[::1], u4[:,::1]")
+def _blend(pixel, start, member, share, at, triangle, side, light, albedo, layer, uv, texels,
+           matrices, cells, columns, background, words):
+    size = TILE // cells
+    rgb, total = np.empty(3), np.empty(3)
+    width = words.shape[1]
+    for n in range(len(pixel)):
+        v, u = pixel[n] // width, pixel[n] % width
+        x, y = u % TILE, v % TILE
+        cell = (y // size) * cells + x // size
+        c = ((v // TILE) * columns + u // TILE) * cells * cells + cell
+        left = 1.0
+        for k in range(start[n], start[n + 1]):
+            if albedo[triangle[member[k]], 3] >= 1.0:
+                left -= share[k]
+        for j in range(3):
+            total[j] = left * background[j]
+        for k in range(start[n], start[n + 1]):
+            m = member[k]
+            t = triangle[m]
+            lit = _light(matrices, c, side, light, m, at[k, 0], at[k, 1])
+            for j in range(3):
+                rgb[j] = min(albedo[t, j] * lit, 255.0)
+            if layer[t] >= 0:
+                _textured(matrices, c, side, m, layer[t], uv, t, texels, at[k, 0], at[k, 1], rgb)
+            through = albedo[t, 3] < 1.0
+            weight = share[k] * albedo[t, 3]
+            for j in range(3):
+                total[j] += weight * (rgb[j] - total[j] if through else rgb[j])
+        words[v, u] = _word(total[0], total[1], total[2])

@@ -1,0 +1,235 @@
+"""A picture cut into tiles, each seen as through a pinhole of its own.
+
+A pinhole is the lens whose tiles are exact. Through any other lens a few pixels are as good as
+straight: the projective map through the rays of a tile's four corners is right inside as well, to
+MISFIT. Tiles are too large for that where a lens bends much; then each is cut into cells.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..errors import RenderingError
+
+TILE = 8  # px a side
+# How far a pixel may be beside its ray at the middle of a cell, px, where it is farthest. Over a
+# target that adds up to far less: see tests/benchmarks/render.py.
+MISFIT = 0.01
+# What is seen only beyond this angle from the axis has no depth along it, rad.
+SIDEWAYS = np.radians(89.9)
+
+Unproject = Callable[[np.ndarray], np.ndarray]
+
+
+class Tiles:
+    """The rays of a picture of width x height px.
+
+    columns, rows: of tiles. cells: how many a tile has along each side.
+    matrices: (rows * columns * cells**2, 3, 3); the ray of the pixel x, y of a cell, counted from
+        the centre of its first, is matrix @ (x, y, 1), of any length. Tiles row by row, and
+        cells in them likewise.
+    axis: (rows * columns, 3), along which a tile measures near, far and depth. forward: whether
+        that is the optical axis for all of them.
+    valid: (rows * TILE, columns * TILE) bool, pixels of the picture that the lens shows.
+    whole: (rows * columns,) bool, tiles with none but valid pixels.
+    nodes, levels: the tree over the tiles: cones (M, 5) axis, cosine, sine (cosine 2: shows
+        nothing) and (L, 3) first node, rows, columns; level 0 are the tiles, each further one
+        joins 2 x 2.
+    widest: 1 / cosine of the widest angle between a ray and its axis.
+    """
+
+    def __init__(self, width: int, height: int, matrices: np.ndarray, cells: int,
+                 corners: np.ndarray, valid: np.ndarray) -> None:
+        """corners: (rows + 1, columns + 1, 3) unit rays of the tiles' corners."""
+        self.width, self.height, self.cells = width, height, cells
+        self.rows, self.columns = corners.shape[0] - 1, corners.shape[1] - 1
+        self.matrices, self.valid = matrices, valid
+        blocks = valid.reshape(self.rows, TILE, self.columns, TILE)
+        seen = blocks.any(axis=(1, 3)).reshape(-1)
+        self.whole = blocks.all(axis=(1, 3)).reshape(-1)
+        around = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]])
+        around = around.reshape(4, -1, 3)
+        middle = around.sum(axis=0)
+        middle[~seen] = (0.0, 0.0, 1.0)
+        middle /= np.linalg.norm(middle, axis=1, keepdims=True)
+        cosine = np.clip((around * middle).sum(axis=2).min(axis=0), -1.0, 1.0)
+        self.forward = bool((around[:, seen, 2] > np.cos(SIDEWAYS)).all())
+        self.axis = np.tile([0.0, 0.0, 1.0], (len(middle), 1)) if self.forward else middle
+        self.widest = 1.0 / float((around * self.axis).sum(axis=2)[:, seen].min())
+        self.nodes, self.levels = _tree(middle, np.arccos(cosine), seen, self.rows, self.columns)
+
+    @classmethod
+    def of_pinhole(cls, width: int, height: int, K: np.ndarray) -> Tiles:
+        """Those of a picture with camera matrix K (3, 3), without skew."""
+        columns, rows = -(-width // TILE), -(-height // TILE)
+        u, v = np.arange(columns) * TILE - K[0, 2], np.arange(rows) * TILE - K[1, 2]
+        matrices = np.zeros((rows, columns, 3, 3))
+        matrices[..., 0, 0], matrices[..., 1, 1] = 1 / K[0, 0], 1 / K[1, 1]
+        matrices[..., 0, 2], matrices[..., 1, 2] = u / K[0, 0], v[:, None] / K[1, 1]
+        matrices[..., 2, 2] = 1.0
+        corners = np.ones((rows + 1, columns + 1, 3))
+        corners[..., 0] = (np.arange(columns + 1) * TILE - 0.5 - K[0, 2]) / K[0, 0]
+        corners[..., 1] = ((np.arange(rows + 1) * TILE - 0.5 - K[1, 2]) / K[1, 1])[:, None]
+        corners /= np.linalg.norm(corners, axis=2, keepdims=True)
+        return cls(width, height, matrices.reshape(-1, 3, 3), 1, corners,
+                   _inside(width, height, rows, columns))
+
+    @classmethod
+    def of_lens(cls, width: int, height: int, unproject: Unproject) -> Tiles:
+        """Those of a picture through a lens.
+
+        unproject: pixels (N, 2) -> unit rays (N, 3) in the optical frame, NaN outside the lens.
+
+        Raises RenderingError where the lens shows nothing.
+        """
+        columns, rows = -(-width // TILE), -(-height // TILE)
+        valid = _inside(width, height, rows, columns)
+        u, v = (np.append(np.arange(0, n - 1, TILE), n - 1) for n in (width, height))
+        coarse = np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2).astype(float)
+        forward = np.nan_to_num(unproject(coarse)[:, 2], nan=-2.0)
+        best, centre = forward.max(), coarse[forward.argmax()]
+        # Lenses see a disc: only where a tile's corner is beyond it are there pixels that are.
+        if forward.min() == -2.0:
+            best = -2.0
+            for row in range(height):  # large pictures have more pixels than memory
+                pixels = np.stack([np.arange(width), np.full(width, row)], axis=1).astype(float)
+                forward = np.nan_to_num(unproject(pixels)[:, 2], nan=-2.0)
+                valid[row, :width] = forward > -2.0
+                if forward.max() > best:
+                    best, centre = forward.max(), pixels[forward.argmax()]
+        if best == -2.0:
+            raise RenderingError("the lens shows nothing on any pixel of the image")
+        lens = _Continued(unproject, centre)
+        for cells in (1, 2, 4, 8):
+            size = TILE // cells
+            shown = valid.reshape(rows * cells, size, columns * cells, size).any(axis=(1, 3))
+            corners = lens.corners(shown, size)
+            matrices = _through(corners, size)
+            middle = lens.middles(shown, size)
+            there = matrices[shown] @ np.array([(size - 1) / 2, (size - 1) / 2, 1.0])
+            there /= np.linalg.norm(there, axis=1, keepdims=True)
+            across = np.linalg.norm(corners[1:, 1:] - corners[:-1, :-1], axis=2)[shown]
+            aside = np.linalg.norm(there - middle, axis=1) / across * size * np.sqrt(2)
+            # Cells on the rim have corners where there is no lens.
+            inner = valid.reshape(rows * cells, size, columns * cells, size).all(axis=(1, 3))
+            if cells == 8 or aside[inner[shown]].max(initial=0.0) <= MISFIT:
+                break
+        matrices = matrices.reshape(rows, cells, columns, cells, 3, 3).swapaxes(1, 2)
+        return cls(width, height, np.ascontiguousarray(matrices).reshape(-1, 3, 3), cells,
+                   corners[::cells, ::cells], valid)
+
+    def rays(self) -> np.ndarray:
+        """(height, width, 3) unit rays of the pixels' centres, NaN outside the lens."""
+        n, size = self.cells, TILE // self.cells
+        x, y = np.meshgrid(np.arange(size), np.arange(size))
+        pixels = np.stack([x, y, np.ones_like(x)], axis=2).astype(float)
+        cells = self.matrices.reshape(self.rows, self.columns, n, n, 3, 3)
+        rays = np.einsum("rcijkl,yxl->riycjxk", cells, pixels)
+        rays = rays.reshape(self.rows * TILE, self.columns * TILE, 3)
+        rays /= np.linalg.norm(rays, axis=2, keepdims=True)
+        rays[~self.valid] = np.nan
+        return rays[:self.height, :self.width]
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that the tiles take."""
+        return sum(one.nbytes for one in (self.matrices, self.axis, self.valid, self.nodes))
+
+
+class _Continued:
+    """A lens's rays, continued straight on where it has none.
+
+    centre: (2,) a pixel with a ray, from which all of the picture is seen along straight lines.
+    """
+
+    def __init__(self, unproject: Unproject, centre: np.ndarray) -> None:
+        self._unproject, self._centre = unproject, centre
+
+    def corners(self, shown: np.ndarray, size: int) -> np.ndarray:
+        """Unit rays (rows + 1, columns + 1, 3) of the corners of those cells of `size` px that are
+        shown (rows, columns); straight ahead for the others."""
+        wanted = np.zeros((shown.shape[0] + 1, shown.shape[1] + 1), bool)
+        for down, across in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            wanted[down:down + shown.shape[0], across:across + shown.shape[1]] |= shown
+        out = np.tile([0.0, 0.0, 1.0], (*wanted.shape, 1))
+        out[wanted] = self.rays(np.argwhere(wanted)[:, ::-1] * float(size) - 0.5)
+        return out
+
+    def middles(self, shown: np.ndarray, size: int) -> np.ndarray:
+        """Unit rays (N, 3) of the centres of the cells that are shown."""
+        return self.rays((np.argwhere(shown)[:, ::-1] + 0.5) * size - 0.5)
+
+    def rays(self, points: np.ndarray) -> np.ndarray:
+        """Unit rays (N, 3) of pixels (N, 2)."""
+        rays = self._unproject(points)
+        beyond = ~np.isfinite(rays[:, 0])
+        if not beyond.any():
+            return rays
+        way = points[beyond] - self._centre
+        near, far = np.zeros(len(way)), np.ones(len(way))
+        for _ in range(30):
+            share = (near + far) / 2
+            there = np.isfinite(self._unproject(self._centre + share[:, None] * way)[:, 0])
+            near, far = np.where(there, share, near), np.where(there, far, share)
+        length = np.linalg.norm(way, axis=1)
+        back = np.maximum(near - 0.01 / np.maximum(length, 1e-9), 0.0)
+        rim, inner = (self._unproject(self._centre + share[:, None] * way)
+                      for share in (near, back))
+        rate = (rim - inner) / np.maximum(near - back, 1e-12)[:, None]
+        # Tiles whose corners are farther than this have no pixel on the lens.
+        share = np.minimum(1.0 - near, 2 * TILE / np.maximum(length, 1e-9))
+        beside = rim + share[:, None] * rate
+        rays[beyond] = beside / np.linalg.norm(beside, axis=1, keepdims=True)
+        return rays
+
+
+def _inside(width: int, height: int, rows: int, columns: int) -> np.ndarray:
+    valid = np.zeros((rows * TILE, columns * TILE), bool)
+    valid[:height, :width] = True
+    return valid
+
+
+def _through(corners: np.ndarray, size: int) -> np.ndarray:
+    """Matrices (rows, columns, 3, 3) of cells of `size` px with corner rays (rows + 1, columns + 1,
+    3): with weights a, b, c the fourth corner is b + c - a."""
+    a, b, c, d = corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]
+    sides = np.stack([-a, b, c], axis=3)
+    # Where a cell shows nothing its corners may coincide.
+    flat = np.abs(np.linalg.det(sides)) < 1e-18
+    sides[flat] = np.eye(3)
+    weight = np.linalg.solve(sides, d[..., None])[..., 0]
+    weight[flat] = 1.0
+    first, right, down = (weight[..., k, None] * ray for k, ray in enumerate((a, b, c)))
+    x, y = (right - first) / size, (down - first) / size
+    return np.stack([x, y, first + (x + y) / 2], axis=3)
+
+
+def _tree(axis: np.ndarray, angle: np.ndarray, seen: np.ndarray, rows: int, columns: int
+          ) -> tuple[np.ndarray, np.ndarray]:
+    """nodes and levels of Tiles, from the tiles' cones."""
+    nodes, levels, first = [], [], 0
+    axis, angle = axis.reshape(rows, columns, 3), angle.reshape(rows, columns)
+    seen = seen.reshape(rows, columns)
+    while True:
+        limit = np.minimum(angle + 1e-9, np.pi)
+        one = np.concatenate([axis, np.cos(limit)[..., None], np.sin(limit)[..., None]], axis=2)
+        one[~seen] = (0.0, 0.0, 1.0, 2.0, 0.0)
+        nodes.append(one.reshape(-1, 5))
+        levels.append((first, rows, columns))
+        if rows == columns == 1:
+            return np.concatenate(nodes), np.array(levels)
+        first += rows * columns
+        rows, columns = -(-rows // 2), -(-columns // 2)
+        pad = [(0, 2 * rows - axis.shape[0]), (0, 2 * columns - axis.shape[1])]
+        children = [np.pad(x, [*pad, (0, 0)][:x.ndim]).reshape(rows, 2, columns, 2, *x.shape[2:])
+                    .swapaxes(1, 2).reshape(rows, columns, 4, *x.shape[2:])
+                    for x in (axis, angle, seen)]
+        axes, angles, some = children
+        axis = (axes * some[..., None]).sum(axis=2)
+        norm = np.linalg.norm(axis, axis=2, keepdims=True)
+        axis = np.where(norm > 1e-6, axis / np.maximum(norm, 1e-6), [0.0, 0.0, 1.0])
+        apart = np.arccos(np.clip((axes * axis[:, :, None]).sum(axis=3), -1.0, 1.0))
+        angle = np.where(some, apart + angles, 0.0).max(axis=2)
+        seen = some.any(axis=2)

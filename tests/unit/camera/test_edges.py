@@ -1,0 +1,219 @@
+"""Pictures against samples as fine as one likes, whatever is in view and however large they are."""
+
+import numpy as np
+import pytest
+from scenes import Bench, chessboard, looking, table_and_target
+from test_accuracy import LENSES, camera, sensor_of, target_errors
+
+from aras_sim_bridge.camera import CameraConfig, CameraSensor
+from aras_sim_bridge.description import Geometry
+from aras_sim_bridge.rendering import View, create_renderer
+from aras_sim_bridge.rendering.tiles import TILE, Tiles
+
+K = np.array([[150.0, 0, 80.3], [0, 155.0, 55.8], [0, 0, 1]])
+
+
+def finely_sampled(renderer, view, fine=16):
+    """(height, width, 3) mean of fine x fine centres a pixel."""
+    finer = view.K * np.array([[fine], [fine], [1.0]])
+    finer[:2, 2] += (fine - 1) / 2
+    large = View(fine * view.width, fine * view.height, view.world_T_optical, finer, view.near,
+                 view.far)
+    one = renderer._sample(large, 1.0)
+    shader, background = one.canvas.shader, 255.0 * np.array(renderer.light.background[:3])
+    plain = shader.plain(renderer._geometry, one.seen)
+    words = shader.words(renderer._geometry, one.seen, one.samples, plain, background)
+    rgba = words.view(np.uint8).reshape(*words.shape, 4)[:large.height, :large.width, :3]
+    return rgba.reshape(view.height, fine, view.width, fine, 3).mean(axis=(1, 3))
+
+
+def clutter(bench, rng, count=12):
+    """Boxes and balls all around, near and far, many through each other."""
+    colours = ["Gazebo/Red", "Gazebo/Green", "Gazebo/Blue", "Gazebo/White", "Gazebo/Black"]
+    for n in range(count):
+        turn = rng.normal(size=4)
+        bench.box(rng.uniform(0.02, 0.6, 3), rng.uniform(-1.5, 1.5, 3), colours[n % 5],
+                  turn / np.linalg.norm(turn))
+        bench.body(Geometry("sphere", radius=rng.uniform(0.05, 0.3)), rng.uniform(-1.5, 1.5, 3),
+                   colours[(n + 2) % 5])
+
+
+def test_pixels_are_as_bright_as_256_samples_say(bench):
+    rng = np.random.default_rng(3)
+    clutter(bench, rng)
+    renderer = create_renderer("exact", bench.world)
+    off, edges = [], 0
+    for _ in range(12):
+        eye = rng.uniform(-2.5, 2.5, 3)
+        view = View(160, 120, looking(eye, rng.uniform(-0.5, 0.5, 3)), K, 0.02)
+        fine = finely_sampled(renderer, view)
+        off.append(np.abs(renderer.render(view) - fine).max(axis=2))
+        edges += ((fine % 1.0) > 0.0).any(axis=2).sum()
+    off = np.array(off)
+    assert edges > 10_000
+    # 16 x 16 samples know an edge along the pixels to 1/32 of 255.
+    assert np.sqrt((off**2).mean()) < 0.9
+    assert (off > 12.0).mean() < 5e-4, "besides what pokes into a pixel unnoticed by its neighbours"
+
+
+def test_crossing_faces_meet_along_a_straight_line(bench):
+    """Two boxes through each other: where they cross is an edge like any other."""
+    bench.box([0.5, 0.5, 0.1], [0, 0, 0], "Gazebo/Red")
+    bench.box([0.5, 0.5, 0.1], [0, 0, 0], "Gazebo/White", (0.0, np.sin(0.05), 0.0, np.cos(0.05)))
+    renderer = create_renderer("exact", bench.world)
+    view = View(160, 120, looking([0.03, 0.02, 2.0], [0, 0, 0], (0.2, 1, 0)), 3 * K, 0.02)
+    off = np.abs(renderer.render(view) - finely_sampled(renderer, view)).max(axis=2)
+    assert off.max() < 14.0
+
+
+def test_glass_dims_what_is_behind_it_by_its_opacity(bench):
+    bench.box([1.0, 1.0, 0.1], [0, 0, 0], "Gazebo/White")
+    bench.box([0.2, 0.2, 0.01], [0, 0, 0.3], "Gazebo/GreyTransparent")
+    renderer = create_renderer("exact", bench.world)
+    image = renderer.render(View(160, 120, looking([0, 0, 2.0], [0, 0, 0], (0, 1, 0)),
+                                 np.array([[150.0, 0, 79.5], [0, 150.0, 59.5], [0, 0, 1]]), 0.02))
+    lit = 255 * 0.5 * (0.4 + 0.8 * 0.9 / np.linalg.norm([0.5, 0.1, 0.9]))
+    assert image[60, 80] == pytest.approx(np.full(3, (255 + lit) / 2), abs=1)
+    assert image[60, 50].tolist() == [255, 255, 255]
+
+
+@pytest.mark.parametrize("size", [(1024, 768), (1280, 960)])
+def test_a_chessboard_is_drawn_in_hd(bench, size):
+    chessboard(bench)
+    config = CameraConfig(width=size[0], height=size[1], near=0.01)
+    view = View(*size, looking([0, 0, 0.4], [0, 0, 0], (0, 1, 0)), config.K, 0.01)
+    image = create_renderer("exact", bench.world).render(view)
+    assert image.shape == (size[1], size[0], 3)
+    assert 0.1 < (image == 0).all(axis=2).mean() < 0.5
+
+
+@pytest.mark.parametrize("size", [(5462, 8), (16384, 16), (16, 16384)])
+def test_what_a_config_accepts_is_drawn(bench, size):
+    table_and_target(bench)
+    config = CameraConfig.from_mapping({"width": size[0], "height": size[1], "horizontal_fov": 1.0})
+    sensor = CameraSensor(config, create_renderer("exact", bench.world))
+    view = View(*size, looking([0, 0, 1.0], [0, 0, 0.59], (0, 1, 0)), config.K, 0.01)
+    assert sensor.renderer.render(view).shape == (size[1], size[0], 3)
+
+
+def test_edges_are_as_good_among_many_triangles(bench):
+    """40 balls of 1024 triangles in the corners of the view: the target's edges do not know."""
+    table_and_target(bench)
+    alone, alone_area = target_errors(create_renderer("exact", bench.world), 30)
+    for n in range(40):
+        bench.body(Geometry("sphere", radius=0.02), [0.25 * np.cos(n), 0.25 * np.sin(n), 0.61],
+                   "Gazebo/White")
+    crowded, area = target_errors(create_renderer("exact", bench.world), 30)
+    assert np.sqrt((alone**2).sum(axis=1).mean()) < 0.005
+    assert np.abs(crowded - alone).max() < 1e-3
+    assert np.abs(area - alone_area).max() < 1e-4
+
+
+def test_views_that_differ_in_their_intrinsics_alone_are_told_apart(bench):
+    table_and_target(bench)
+    renderer = create_renderer("exact", bench.world)
+    pose = looking([0, 0, 0.8], [0, 0, 0.59], (1, 0, 0))
+    at = []
+    for fx, fy, cx in ((150.0, 150.0, 80.0), (150.0, 150.0, 84.0), (300.0, 150.0, 80.0),
+                       (150.0, 300.0, 80.0)):
+        dark = 255.0 - renderer.render(
+            View(160, 120, pose, np.array([[fx, 0, cx], [0, fy, 60.0], [0, 0, 1]]), 0.02))[..., 0]
+        total = dark.sum()
+        mean = (dark * np.arange(160)).sum() / total
+        wide = np.sqrt((dark * (np.arange(160) - mean) ** 2).sum() / total)
+        rows = (dark.sum(axis=1) * np.arange(120)).sum() / total
+        high = np.sqrt((dark.sum(axis=1) * (np.arange(120) - rows) ** 2).sum() / total)
+        at.append((mean, wide, high))
+    (m, w, h), moved, wider, higher = at
+    assert moved == pytest.approx((m + 4.0, w, h), abs=0.01)
+    assert wider == pytest.approx((m, 2 * w, h), rel=0.01)
+    assert higher == pytest.approx((m, w, 2 * h), rel=0.01)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_tiles_follow_the_rays(bench, lens):
+    config = camera(lens)
+    tiles = Tiles.of_lens(config.width, config.height, config.model.unproject)
+    v, u = np.mgrid[:config.height, :config.width]
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
+    rays = config.model.unproject(pixels).reshape(config.height, config.width, 3)
+    there = tiles.rays()
+    assert (np.isfinite(there[..., 0]) == np.isfinite(rays[..., 0])).all()
+    # In pixels: by how far apart the rays of neighbours are.
+    apart = np.linalg.norm(there - rays, axis=2)[:, 1:] / np.linalg.norm(np.diff(rays, axis=1),
+                                                                         axis=2)
+    # At its rim an orthographic lens shows any angle on a pixel.
+    assert np.nanpercentile(apart, 99) < 0.03
+    assert np.nanmedian(apart) < 0.006
+
+
+def test_a_pinhole_is_the_lens_whose_tiles_are_exact(bench):
+    rng = np.random.default_rng(1)
+    clutter(bench, rng)
+    sensor = sensor_of(camera("off_centre"), bench)
+    config = sensor.config
+    pose = looking([2.0, 1.0, 1.0], [0, 0, 0])
+    flat = View(config.width, config.height, pose, config.K, 0.02)
+    lens = View(config.width, config.height, pose, config.K, 0.02,
+                lens=Tiles.of_lens(config.width, config.height, config.model.unproject))
+    assert lens.lens.cells == 1
+    assert np.abs(sensor.renderer.render(flat).astype(int) - sensor.renderer.render(lens)).max() < 2
+
+
+@pytest.mark.parametrize("size", [(1, 1), (5, 3), (37, 41), (161, 121)])
+@pytest.mark.parametrize("lens", ["pinhole", "plumb_bob", "equidistant_220"])
+def test_pictures_have_any_size(size, lens):
+    bench = Bench()
+    clutter(bench, np.random.default_rng(0), 3)
+    settings = {**LENSES[lens], "width": size[0], "height": size[1]}
+    if "camera_matrix" in settings:
+        focal = 0.5 * size[0] + 1
+        settings["camera_matrix"] = [focal, focal, size[0] / 2, size[1] / 2]
+    config = CameraConfig.from_mapping(settings)
+    sensor = CameraSensor(config, create_renderer("exact", bench.world))
+    view = sensor._view(np.eye(4))
+    assert sensor.renderer.render(view).shape == (size[1], size[0], 3)
+    depth, label = sensor.renderer.measure(view)
+    assert depth.shape == label.shape == size[::-1]
+    assert (np.isfinite(depth) == (label >= 0)).all()
+    bench.close()
+
+
+def test_what_covers_a_view_hides_only_what_is_behind_it(bench):
+    """A table that fills the view, a thing below it and one through it, against tiny's picture."""
+    bench.box([1.5, 1.5, 0.05], [0, 0, 0.5])
+    bench.box([0.1, 0.1, 0.1], [0, 0, 0.2], "Gazebo/Red")
+    bench.box([0.05, 0.05, 0.3], [0.1, 0.1, 0.5], "Gazebo/Blue")
+    exact, tiny = (create_renderer(name, bench.world) for name in ("exact", "tiny"))
+    rng = np.random.default_rng(0)
+    seen = 0
+    for _ in range(20):
+        eye = [*rng.uniform(-0.9, 0.9, 2), rng.uniform(0.6, 1.5)]
+        turn = rng.uniform(0, 6)
+        view = View(160, 120, looking(eye, [*(eye[:2] + rng.uniform(-0.4, 0.4, 2)), 0.55],
+                                      (np.cos(turn), np.sin(turn), 0)), K, 0.02)
+        labels = exact.measure(view)[1], tiny.measure(view)[1]
+        assert (labels[0] != labels[1]).mean() < 0.004
+        seen += (labels[0] == 2).any()
+    assert 3 < seen < 20
+
+
+def test_depth_through_lenses_is_that_of_the_pixel_s_own_ray(bench):
+    bench.box([0.01, 50.0, 50.0], [0.51, 0.0, 0.0])
+    config = CameraConfig.from_mapping({"width": 160, "height": 120, "far": 50.0,
+                                        "lens": "equidistant", "horizontal_fov": np.pi})
+    sensor = CameraSensor(config, create_renderer("exact", bench.world))
+    depth, _ = sensor.renderer.measure(sensor._view(np.eye(4)))
+    v, u = np.mgrid[:120, :160]
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
+    forward = config.model.unproject(pixels)[:, 2].reshape(120, 160)
+    near = np.nan_to_num(forward) > 0.3
+    assert near.mean() > 0.5
+    np.testing.assert_allclose(depth[near] * forward[near], 0.5, rtol=3e-4)
+
+
+def test_tiles_are_numbered_row_by_row():
+    tiles = Tiles.of_pinhole(20, 12, K)
+    assert (tiles.columns, tiles.rows, TILE) == (3, 2, 8)
+    ray = tiles.matrices[4] @ np.array([3.0, 2.0, 1.0])
+    np.testing.assert_allclose(ray, np.linalg.inv(K) @ [11.0, 10.0, 1.0])

@@ -31,6 +31,8 @@ from aras_visual_servo_ros.shutdown import end_on_signals
 # A waiting thread gets the interpreter after this long [s]: the simulation must not stand behind
 # five milliseconds (Python's default) of somebody else's messages at every step.
 SWITCH_INTERVAL = 0.0005
+# What the answers to those who wait at the end have for their way [s]: written by rospy's threads.
+ANSWER_TIME = 0.3
 
 
 class GazeboNode:
@@ -190,6 +192,8 @@ class _Ending:
         self.begun.set()
         if self.node is not None:
             self.node.stop()
+            # Who waited for the simulation is told that it ends, before rospy cuts the line.
+            rospy.rostime.wallsleep(ANSWER_TIME)
 
 
 def main(given: Mapping[str, object] = MappingProxyType({})) -> int:

@@ -32,4 +32,6 @@ def _end(hear: int) -> None:
         pass
     # In a thread that Python waits for: what is done on shutdown must come to its end.
     reason = signal.Signals(number).name
-    threading.Thread(target=rospy.signal_shutdown, args=(reason,), name="shutdown").start()
+    ending = threading.Thread(target=rospy.signal_shutdown, args=(reason,), name="shutdown")
+    ending.daemon = False  # as this one is, it would be by default
+    ending.start()

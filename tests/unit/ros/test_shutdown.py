@@ -1,0 +1,43 @@
+"""Signals end a node whatever its main thread is at, and what is done on shutdown is finished."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+NODE = """
+import os, sys, threading, time, rospy
+from aras_visual_servo_ros.shutdown import end_on_signals
+
+def last_words():
+    time.sleep(0.5)  # the main thread is gone by then
+    print("done", flush=True)
+
+begun = threading.Event()
+rospy.on_shutdown(begun.set)
+rospy.on_shutdown(last_words)
+end_on_signals()
+print("up", flush=True)
+begun.wait()  # without a limit
+print("main ends", flush=True)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_waiting_main_thread_and_hooks_come_to_their_end(number):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    node = subprocess.Popen(
+        [sys.executable, "-c", NODE], env=environment, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert node.stdout.readline() == "up\n"
+        node.send_signal(number)
+        output, _ = node.communicate(timeout=30.0)
+    finally:
+        node.kill()
+    assert output == "main ends\ndone\n"
+    assert node.returncode == 0

@@ -1,0 +1,62 @@
+"""Pictures between two ticks: links and the camera itself are where they were at the instant."""
+
+import numpy as np
+import pytest
+from scenes import link_pose, looking
+
+from aras_sim_bridge.camera import CameraConfig, CameraSensor
+from aras_sim_bridge.camera.effects import EffectChain, Effects
+from aras_sim_bridge.camera.sensor import _blended
+from aras_sim_bridge.poses import Pose, quaternion_from_rpy
+from aras_sim_bridge.rendering import create_renderer
+from aras_sim_bridge.rendering.scene import blended_poses
+
+MS = 1_000_000
+
+
+def matrix(yaw: float, x: float = 0.0) -> np.ndarray:
+    return np.array(Pose.from_rpy((x, 0.0, 0.0), (0.0, 0.0, yaw)).matrix())
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_quaternion_and_its_negative_are_one_turn(sign):
+    before = np.array([quaternion_from_rpy(0.0, 0.0, 0.1)])
+    now = sign * np.array([quaternion_from_rpy(0.0, 0.0, 0.2)])
+    (pose,) = blended_poses(np.zeros((1, 3)), before, np.array([[1.0, 2.0, 3.0]]), now, 0.25)
+    np.testing.assert_allclose(pose[:3, :3], matrix(0.125)[:3, :3], atol=1e-4)
+    np.testing.assert_allclose(pose[:3, 3], [0.25, 0.5, 0.75])
+
+
+@pytest.mark.parametrize("yaw", [0.3, np.pi - 0.005, -np.pi + 0.002])
+def test_the_camera_turns_the_short_way(yaw):
+    blended = _blended(matrix(yaw, 1.0), matrix(yaw + 0.01, 2.0), 0.3)
+    np.testing.assert_allclose(blended, matrix(yaw + 0.003, 1.3), atol=1e-6)
+
+
+def test_a_snapshot_is_of_the_last_step_alone(bench):
+    """A body that jumps twice: the second picture does not know where it was at first."""
+    bench.box([1, 1, 0.01], [0, 0, -0.02])
+    body = bench.box([0.03, 0.03, 0.001], [-0.1, 0, 0], "Gazebo/Black")
+    config = CameraConfig.from_mapping({"update_rate": 30.0, "near": 0.01, "horizontal_fov": 0.5})
+    sensor = CameraSensor(config, create_renderer("exact", bench.world))
+    pose = link_pose(looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0)))
+    columns = []
+    for k, x in ((34, 0.0), (67, 0.1)):
+        assert sensor.needs_before(k * MS)
+        sensor.before_step(pose, (k - 1) * MS)
+        body.set_pose(Pose((x, 0.0, 0.0)))
+        dark = 255.0 - sensor.capture(pose, k * MS).image[..., 0]
+        columns.append((dark * np.arange(320)).sum() / dark.sum())
+    pixel = config.K[0, 0] / 0.999
+    # The instants lie 1/3 and 2/3 into their steps.
+    assert columns == pytest.approx(
+        [159.5 + pixel * (-0.1 + 0.1 / 3), 159.5 + pixel * 0.1 * 2 / 3], abs=0.05)
+
+
+def test_gain_amplifies_shot_noise_and_not_the_readout_s():
+    grey = np.full((240, 320, 3), 60, np.uint8)
+    chain = EffectChain(Effects(shot_noise=0.25, gain=2.0, noise_stddev=3.0, noise_mean=7.0),
+                        grey.shape, seed=0)
+    out = chain.apply(grey, 5)
+    assert out.mean() == pytest.approx(127.0, abs=0.1)
+    assert out.std() == pytest.approx(np.sqrt(4 * 0.25 * 60 + 9 + 1 / 12), rel=0.02)

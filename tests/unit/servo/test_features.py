@@ -8,9 +8,16 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.kernel import kernel_features, kernel_of_outline
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
-from aras_visual_servo_controller.features import FEATURES, Stack, create_feature
+from aras_visual_servo_controller.features import (
+    FEATURES,
+    Feature,
+    Measured,
+    Stack,
+    create_feature,
+)
 from aras_visual_servo_controller.features.points import PointFeature, point_interaction
 from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.observation import Need, Observer
 from aras_visual_servo_controller.schemes import Composed, create_scheme
 
@@ -98,6 +105,31 @@ def test_moments_say_that_half_a_turn_of_a_symmetric_target_stays_open():
     measured = feature.measure(turned, goal)
     assert measured.error[3] == pytest.approx(np.radians(-10.0), abs=1e-9)
     assert measured.up_to == "180°"
+
+
+def test_the_shorter_way_of_a_symmetric_target_goes_through_the_wrap():
+    feature = create_feature("moments")
+    rectangle = SQUARE * [1.0, 0.6]
+    goal = taught(feature, rectangle, pose((0, 0, 0.2), (0, 0, np.radians(80.0))))
+    turned = look(feature.needs, pose((0, 0, 0.2), (0, 0, np.radians(100.0))), rectangle)
+    error = feature.measure(turned, goal).error[3]
+    assert error == pytest.approx(np.radians(20.0), abs=1e-9)
+
+
+class Moving(Feature):
+    """Of a target that moves by itself."""
+
+    names, tolerances, needs = ("x", "y"), (1.0, 1.0), frozenset()
+
+    def measure(self, observation, goal):
+        L = np.eye(6)[:2]
+        return Measured(np.ones(2), np.zeros(2), np.ones(2), L, rate=np.array([0.3, -0.1]))
+
+
+def test_the_motion_of_the_target_is_fed_forward():
+    scheme = Composed(Moving(), Proportional(2.0))
+    task = scheme.compute(look(frozenset(), GOAL), Goal(), 0.0).task
+    np.testing.assert_allclose(task.rate, [-2.0 - 0.3, -2.0 + 0.1])
 
 
 def test_a_square_has_no_angle():

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from loop_rig import CAMERA, STARTS, Rig, lost, scaled, the_arm, the_goal, the_limits, the_servo
 
+from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.arm.poses import transform
 from aras_visual_servo_controller.diagnosis import KINDS
 from aras_visual_servo_controller.evidence import CameraEvidence, Oscillation, body_motion
@@ -60,6 +61,28 @@ def test_a_healthy_run_is_called_ill_at_no_time(seed):
     assert {s.outcome for s in states} <= {"running", "converged"}, rig.servo.outcome
     assert states[-1].outcome == "converged"
     assert rig.missed[0] < 0.3e-3
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_noise_at_the_goal_is_no_wrong_camera(seed):
+    """Nothing moves any more, and the picture's noise goes on for long."""
+    random = np.random.default_rng(seed)
+    rig = Rig(the_servo("2016", hold=1.0), near(seed))
+
+    def look(observer, t, joints):
+        seen = rig.exact(observer, t, joints)
+        m = seen.moments
+        second = np.add.outer(*(np.arange(7),) * 2) == 2
+        shaken = m.centred + 2e-3 * random.normal(size=(7, 7)) * m.mu(2, 0) * second
+        place = m.m00 * (1.0 + 5e-3 * random.normal()), *(
+            g + 1e-3 * random.normal() for g in (m.xg, m.yg)
+        )
+        return replace(seen, moments=Moments(m.order, m.kind, *place, shaken))
+
+    rig.look = look
+    states = rig.run(9.0)
+    assert {s.outcome for s in states} <= {"running", "converged"}, rig.servo.outcome
+    assert states[-1].outcome == "converged"
 
 
 @pytest.mark.parametrize("seed", SEEDS)

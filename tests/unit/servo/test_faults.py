@@ -163,6 +163,28 @@ def test_a_fault_of_a_users_law_is_the_schemes():
     assert "TaskError" in states[-1].reason
 
 
+class Forgetful(Spoiled):
+    """Raises where it is reset."""
+
+    broken = True
+
+    def reset(self):
+        if self.broken:
+            raise KeyError("what was I doing?")
+        super().reset()
+
+
+def test_a_fault_in_reset_holds_the_arm_and_is_over_when_it_is():
+    rig = Rig(the_servo("2016", Forgetful(lambda s, d: d)), STARTS["2016"])
+    states = rig.run(0.3)
+    assert {s.phase for s in states} == {HOLDING}
+    assert all("KeyError" in s.reason for s in states)
+    rig.servo.reset()
+    assert rig.servo.phase == HOLDING
+    rig.servo.scheme.broken = False
+    assert rig.run(0.2)[-1].phase == SERVOING
+
+
 @pytest.mark.parametrize(("seconds", "slow"), [(0.12, True), (0.034, True), (0.02, False)])
 def test_a_compute_longer_than_the_image_period_is_named_with_its_time(seconds, slow):
     readings = iter(np.arange(10000) * seconds)

@@ -21,6 +21,7 @@ from aras_visual_servo_controller.convergence import Convergence
 from aras_visual_servo_controller.goal import Goal
 from aras_visual_servo_controller.joint_sample import JointSample
 from aras_visual_servo_controller.laws import Adaptive, ContinuousStart, Proportional
+from aras_visual_servo_controller.motion import Motion
 from aras_visual_servo_controller.observation import Observer
 from aras_visual_servo_controller.state import (
     APPROACHING,
@@ -29,6 +30,7 @@ from aras_visual_servo_controller.state import (
     SERVOING,
     STOPPED,
     WAITING,
+    ServoSettings,
 )
 
 
@@ -251,7 +253,7 @@ def test_coming_to_rest_is_smooth():
     )
     rig.run(0.7)
     speed = speeds(rig)
-    stopping = speed[30:52]
+    stopping = speed[29:52]
     top = np.abs(speed[29]).max()
     assert (np.diff(np.abs(stopping).max(axis=1)) <= 1e-9).all()
     assert np.abs(np.diff(stopping, axis=0)).max() <= 0.06 * top  # 0.2 s are twenty ticks
@@ -459,6 +461,60 @@ def test_commands_keep_to_their_limits_of_speed_and_acceleration():
     assert (np.abs(speed) <= limits.velocity * (1 + 1e-9)).all()
     assert np.abs(speed).max() > 0.29
     assert (np.abs(np.diff(speed, axis=0)) <= limits.acceleration * TICK * (1 + 1e-6)).all()
+
+
+@pytest.mark.parametrize("begin", [0.0, 40.0])
+def test_a_scheme_is_told_the_time_since_servoing_began(begin):
+    rig = Rig(the_servo("2016"), STARTS["2016"])
+    rig.now = rig._next_tick = rig._next_image = begin
+    told, compute = [], rig.servo.scheme.compute
+    rig.servo.scheme.compute = lambda observation, goal, t: (
+        told.append((observation.stamp - begin, t)) or compute(observation, goal, t)
+    )
+    plain = rig.exact
+    rig.look = lambda observer, t, joints: (
+        lost(plain(observer, t, joints), "gone") if 0.3 <= t - begin < 0.9 else
+        plain(observer, t, joints)
+    )  # fmt: skip
+    rig.run(1.2)
+    first = [(stamp, t) for stamp, t in told if stamp < 0.3]
+    np.testing.assert_allclose(*np.transpose(first), atol=1e-9)
+    back = [t for stamp, t in told if stamp >= 0.9]
+    assert back[0] == pytest.approx(0.0, abs=1e-9)  # it came to rest, and begins again
+    assert back[1] == pytest.approx(IMAGE_PERIOD, abs=1e-9)
+
+
+def test_reset_forgets_that_it_had_converged():
+    rig = Rig(the_servo("2016", hold=0.3), STARTS["2016"])
+    assert rig.run(2.0)[-1].phase == CONVERGED
+    rig.servo.reset()
+    assert rig.servo.phase == WAITING
+    rig.observer.reset()
+    states = [s for s in rig.run(0.5) if s.stamp >= 2.0]
+    assert phases(states)[0] == SERVOING
+    assert phases(states)[-1] == CONVERGED
+
+
+@pytest.mark.parametrize(("side", "sign"), [("upper", 1.0), ("lower", -1.0)])
+def test_the_command_stops_at_its_limits_by_itself(side, sign):
+    """Whatever the resolver answers."""
+    limits = the_limits(**{side: {"J1": sign * 0.1}})
+    motion = Motion(the_arm().names, limits, ServoSettings(lead=10.0))
+    motion.begin(np.zeros(6))
+    for _ in range(30):
+        said = motion.advance(np.full(6, sign * 0.5), np.zeros(6), 0.01)
+    assert motion.command[1] == pytest.approx(sign * 0.1)
+    assert "J1 stopped at its limit" in said
+    assert motion.command[5] == pytest.approx(sign * 0.15)
+    motion.velocity = np.full(6, sign * 0.5)
+    for _ in range(30):
+        motion.brake(0.01)
+    assert motion.command[1] == pytest.approx(sign * 0.1)
+    motion.begin(np.full(6, sign * 0.2))  # from beyond it a joint comes back, and does not jump
+    motion.advance(np.full(6, sign * 0.5), np.full(6, sign * 0.2), 0.01)
+    assert motion.command[1] == pytest.approx(sign * 0.2)
+    motion.advance(np.full(6, -sign * 0.5), np.full(6, sign * 0.2), 0.01)
+    assert motion.command[1] == pytest.approx(sign * 0.195)
 
 
 def test_no_command_crosses_a_position_limit():

@@ -96,10 +96,12 @@ class CameraEvidence:
     mounting or distortion does not.
     """
 
+    # Tolerances in one image: of slower motion noise and the joints' friction would be judged.
+    LEAST = 3.0
     PATH = 40.0  # tolerances of predicted way before a feature is judged
     # Of the ratios measured over predicted: a target of some thickness is no plane and has 0.16.
-    SPREAD = 0.25
-    MISFIT = 0.12  # part of the motion's square that no ratio explains
+    SPREAD = 0.3
+    MISFIT = 0.06  # part of the motion's square that no one ratio explains
 
     def __init__(self) -> None:
         self._before: tuple[np.ndarray, np.ndarray] | None = None
@@ -127,6 +129,8 @@ class CameraEvidence:
         now = np.stack([
             predicted**2, predicted * measured, measured**2, np.abs(predicted)
         ])  # fmt: skip
+        if np.abs(predicted).max() < self.LEAST:
+            return
         if self._sums is None or self._sums.shape != now.shape:
             self._sums = np.zeros_like(now)
         self._sums += now
@@ -140,11 +144,11 @@ class CameraEvidence:
         if judged.size == 0:
             return ""
         ratio = pm[judged] / pp[judged]
-        misfit = 1.0 - pm[judged] ** 2 / (pp[judged] * np.maximum(mm[judged], 1e-300))
-        if (ratio <= 0.0).any() or misfit.max() > self.MISFIT:
+        misfit = 1.0 - float(pm.sum() ** 2 / (pp.sum() * mm.sum()))
+        if (ratio <= 0.0).any() or misfit > self.MISFIT:
             return (
                 f"the features move otherwise than L and the arm's motion say: "
-                f"{100.0 * misfit.max():.0f} % of the motion is not explained"
+                f"{100.0 * misfit:.0f} % of the motion is not explained"
             )
         if ratio.max() - ratio.min() > self.SPREAD:
             return (

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .state import ServoSettings
+from .joint_sample import JointSample
+from .state import Command, ServoSettings
 
 if TYPE_CHECKING:
     from .arm.limits import Limits
@@ -96,6 +97,24 @@ class Motion:
         """Where the command may go (n,), (n,): from beyond a limit back, not on."""
         low = np.minimum(self.limits.lower, self.command)
         return low, np.maximum(self.limits.upper, self.command)
+
+    def sent(
+        self, t: float, measured: JointSample | None, effort: np.ndarray, reason: str, phase: str
+    ) -> Command:
+        """What goes to the joints' controllers at t (s), in the chosen output; nothing before
+        joints were measured. `effort`: (n,) greatest, N m or N."""
+        if self.command is None or measured is None:
+            return Command(t, self.names, reason=reason, phase=phase)
+        settings, positions, velocities, efforts = self.settings, None, None, None
+        if settings.output == "position":
+            positions = self.command.copy()
+        elif settings.output == "velocity":
+            velocities = self.velocity.copy()
+        else:
+            efforts = np.asarray(settings.stiffness) * (self.command - measured.positions)
+            efforts += np.asarray(settings.damping) * (self.velocity - measured.velocities)
+            efforts = np.clip(efforts, -effort, effort)
+        return Command(t, self.names, positions, velocities, efforts, reason, phase)
 
     def limited(self, velocities: np.ndarray, dt: float) -> tuple[np.ndarray, str]:
         """Velocities (n,) of a controller of its own, slowed as a whole to the joints' limits.

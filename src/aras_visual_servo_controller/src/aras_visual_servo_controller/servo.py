@@ -120,8 +120,11 @@ class Servo:
         self._began = 0.0
         self._fault = ""
         self._pause()
-        self._begin_scheme()
         self.resolver.reset()
+        try:
+            guarded(self.name, self._begin_scheme)
+        except SchemeError as error:
+            self._halt(HOLDING, str(error))  # the next image tries again
 
     def start(self) -> None:
         """Go on after `stop` or `hold`; the goal is taken up anew."""
@@ -399,22 +402,7 @@ class Servo:
         self.arm.check(joints.positions, joints.velocities)
 
     def _sent(self, t: float, measured: JointSample | None, reason: str) -> Command:
-        names, motion = tuple(self.arm.names), self._motion
-        if motion.command is None or measured is None:
-            return Command(t, names, reason=reason, phase=self.phase)
-        output = self.settings.output
-        positions = velocities = efforts = None
-        if output == "position":
-            positions = motion.command.copy()
-        elif output == "velocity":
-            velocities = motion.velocity.copy()
-        else:
-            efforts = np.asarray(self.settings.stiffness) * (motion.command - measured.positions)
-            efforts = efforts + np.asarray(self.settings.damping) * (
-                motion.velocity - measured.velocities
-            )
-            efforts = np.clip(efforts, -self.arm.effort, self.arm.effort)
-        return Command(t, names, positions, velocities, efforts, reason, self.phase)
+        return self._motion.sent(t, measured, self.arm.effort, reason, self.phase)
 
     def _record(
         self,
@@ -428,23 +416,10 @@ class Servo:
         faulty: bool = False,
     ) -> ServoState:
         """The state of this image, with what the diagnosis makes of it."""
-        task = None if decision is None else decision.task
-        zero = np.zeros(6)
-        state = ServoState(
-            stamp=float(observation.stamp),
-            phase=self.phase,
-            reason=self.reason if reason is None else reason,
-            decision=decision,
-            resolution=resolution,
-            joints=joints if joints is not None else observation.joints or self._joints,
-            command=self.command,
-            twist=zero if task is None else task.twist,
-            achieved=zero if resolution is None else resolution.twist,
-            rank=0 if task is None else task.rank,
-            singular_values_L=np.zeros(0) if task is None else task.singular_values,
-            computing=seconds,
-            fault=fault,
-        )
+        state = ServoState.of(
+            observation.stamp, self.phase, self.reason if reason is None else reason, decision,
+            resolution, joints or observation.joints or self._joints, self.command, seconds, fault,
+        )  # fmt: skip
         if reason is None:
             outcome = self.diagnosis.see(state, observation, self.goal, self.scheme, faulty)
             object.__setattr__(state, "outcome", outcome.kind)

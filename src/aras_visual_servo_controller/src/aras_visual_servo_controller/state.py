@@ -123,6 +123,31 @@ class ServoState:
     computing: float = 0.0
     fault: str = ""
 
+    @classmethod
+    def of(
+        cls,
+        stamp: float,
+        phase: str,
+        reason: str,
+        decision: Decision | None,
+        resolution: Resolution | None,
+        joints: JointSample | None,
+        command: np.ndarray | None,
+        computing: float = 0.0,
+        fault: str = "",
+    ) -> ServoState:
+        """With what follows from the decision and the resolution."""
+        task = None if decision is None else decision.task
+        asked = {} if task is None else {
+            "twist": task.twist, "rank": task.rank, "singular_values_L": task.singular_values,
+        }  # fmt: skip
+        if resolution is not None:
+            asked["achieved"] = resolution.twist
+        return cls(
+            float(stamp), phase, reason=reason, decision=decision, resolution=resolution,
+            joints=joints, command=command, computing=computing, fault=fault, **asked,
+        )  # fmt: skip
+
     @property
     def error(self) -> np.ndarray | None:
         """(k,) as measured; None without a decision."""

@@ -67,15 +67,15 @@ class Interpolation:
 
     def advance(self, period: float) -> float:
         """The set point `period` s after the last one; to be asked for while `moves`."""
-        self._left -= period
-        if self._left > 0.0:
-            self._line += self._rate * period
+        left = self._left = self._left - period
+        value = self.value
+        if left > 0.0:
+            line = self._line = self._line + self._rate * period
         else:
-            self._line = self._command
-        behind = self._line - self.value
-        if self._left <= 0.0 and abs(behind) < _ARRIVED:
-            self.value = self._line
-            self.moves = False
-        else:
-            self.value += behind * period / (ROUNDING + period)
-        return self.value
+            line = self._line = self._command
+            if -_ARRIVED < line - value < _ARRIVED:
+                self.moves = False
+                self.value = line
+                return line
+        self.value = value = value + (line - value) * period / (ROUNDING + period)
+        return value

@@ -17,7 +17,7 @@ from aras_sim_bridge.description import (
 from aras_sim_bridge.description.mesh import Mesh, _unique_rows, from_corners, from_indices
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.poses import Pose, quaternion_from_rpy
-from aras_sim_bridge.rendering.scene import Scene, _blended_poses
+from aras_sim_bridge.rendering.scene import Scene, blended_poses
 from aras_sim_bridge.world import World
 
 BOX = Geometry("box", size=(0.2, 0.4, 0.6))
@@ -261,7 +261,7 @@ def test_poses_between_the_snapshot_and_now():
 def test_half_a_turn_is_the_same_with_either_sign_of_a_quaternion(sign):
     before, after = (np.array([quaternion_from_rpy(0, 0, yaw)]) for yaw in (0.4, 0.6))
     here = np.zeros((1, 3))
-    (pose,) = _blended_poses(here, before, here + 2.0, sign * after, 0.5)
+    (pose,) = blended_poses(here, before, here + 2.0, sign * after, 0.5)
     assert pose[:3, 3] == pytest.approx([1, 1, 1])
     expected = np.array(Pose.from_rpy((0, 0, 0), (0, 0, 0.5)).matrix())[:3, :3]
     np.testing.assert_allclose(pose[:3, :3], expected, atol=1e-12)

@@ -76,7 +76,7 @@ def _parts(experiment: Experiment) -> tuple[dict[str, float], float]:
     watch.wrap(loop.parts, "observe", "features")
     watch.wrap(loop.servo, "see", "scheme, law and diagnosis of images")
     watch.wrap(loop.servo, "tick", "resolver and limits at joint states")
-    watch.wrap(loop, "_send", "sending")
+    watch.wrap(loop, "send", "sending")
     images, before = [], dict(watch.spent)
     began = clock()
     for _ in range(2 * RATE):

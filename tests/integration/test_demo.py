@@ -103,7 +103,7 @@ def test_converges_with_other_cameras(tmp_path, camera, start, moved):
 def test_kernel_features_of_another_camera_end_the_demo_with_the_mend(tmp_path):
     done = demo(tmp_path, "--scheme", "kernel", "--start", "2015", "--camera", "fisheye")
     assert done.returncode == 1
-    assert "the controller holds still: the kernel features of desired_2015.yaml" in done.stderr
+    assert "the controller holds still: the kernel features of goal_2015.yaml" in done.stderr
     assert "were taught with another camera" in done.stderr
     assert "teach them anew" in done.stderr
     assert leftovers(tmp_path) == []

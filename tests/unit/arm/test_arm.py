@@ -5,6 +5,7 @@ import numpy as np
 import pinocchio
 import pytest
 from arms import NAMES, exact_urdf, make, urdf, within
+from closed_form import Kinematics
 
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.arm.poses import (
@@ -19,7 +20,6 @@ from aras_visual_servo_controller.errors import (
     MeasurementError,
     UnreachableError,
 )
-from aras_visual_servo_controller.kinematics import Kinematics
 
 ARAS_JOINTS = ("gantry", "J1", "J2", "J3", "J5", "J6")
 

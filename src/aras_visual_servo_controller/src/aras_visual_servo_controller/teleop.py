@@ -1,7 +1,9 @@
-"""Drive the gantry and J2 by the arrow keys, in steps of 0.05 (m, rad), as the original did.
+"""Drive two joints by the arrow keys, in steps of 0.05 (m, rad), as the original did.
 
-    left, right     gantry          up, down     J2
-    space           where are we    q, ^C        end
+    left, right     the first (gantry)     up, down     the second (J2)
+    space           where are we           q, ^C        end
+
+Others than gantry and J2: ~across and ~along.
 """
 
 import contextlib
@@ -11,36 +13,45 @@ import sys
 import termios
 import threading
 import tty
-from collections.abc import Iterator
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 
 import numpy as np
 
-from .kinematics import GANTRY, J2, JOINT_NAMES
-from .tasks import JointLimits
+from .arm import Limits
+from .errors import ConfigurationError, MeasurementError, ServoError
+from .naming import unknown
+from .settings import Settings
 
 STEP = 0.05
+JOINTS = {"across": "gantry", "along": "J2"}
 KEYS = {
-    "\x1b[D": (GANTRY, -STEP),
-    "\x1b[C": (GANTRY, STEP),
-    "\x1b[A": (J2, STEP),
-    "\x1b[B": (J2, -STEP),
+    "\x1b[D": ("across", -STEP),
+    "\x1b[C": ("across", STEP),
+    "\x1b[A": ("along", STEP),
+    "\x1b[B": ("along", -STEP),
 }
 
 
-def command_for(key: str, command: np.ndarray, limits: JointLimits) -> tuple[np.ndarray, str]:
-    """The command (6,) after a key, and what to tell the driver.
+def command_for(
+    key: str, command: np.ndarray, limits: Limits, joints: Mapping[str, str]
+) -> tuple[np.ndarray, str]:
+    """The command (n,) after a key, and what to tell the driver.
 
-    A step that would leave the limits is not taken.
+    A step that would leave the limits is not taken. `joints`: names by 'across' and 'along'.
     """
     if key not in KEYS:
         return command, ""
-    joint, step = KEYS[key]
+    way, step = KEYS[key]
+    name = joints[way]
+    joint = limits.names.index(name)
     value = command[joint] + step
     if not limits.lower[joint] <= value <= limits.upper[joint]:
-        return command, f"{JOINT_NAMES[joint]} is at its limit ({command[joint]:.3f})"
+        return command, f"{name} is at its limit ({command[joint]:.3f})"
     after = command.copy()
     after[joint] = value
-    return after, f"{JOINT_NAMES[joint]} to {value:.3f}"
+    return after, f"{name} to {value:.3f}"
 
 
 @contextlib.contextmanager
@@ -67,48 +78,68 @@ def main() -> int:
         print("aras_teleop: needs a terminal for its keys: start it with rosrun", file=sys.stderr)
         return 1
     import rospy
+
+    rospy.init_node("aras_teleop", anonymous=True, disable_signals=True)
+    try:
+        return _drive()
+    except ServoError as error:
+        print(f"aras_teleop: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 0
+
+
+def _drive() -> int:
+    import rospkg
+    import rospy
     from sensor_msgs.msg import JointState
     from std_msgs.msg import Float64
 
-    from .before.node import CONTROLLERS, NAMESPACE
-    from .conversions import joint_positions
-
-    rospy.init_node("aras_teleop", anonymous=True, disable_signals=True)
+    package = Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
+    settings = Settings(package=package)
+    urdf = str(rospy.get_param(settings.description, ""))
+    if not urdf:
+        raise ConfigurationError(f"no robot description on parameter {settings.description}")
+    settings = settings.for_robot(ElementTree.fromstring(urdf).get("name", ""), ())
+    arm = settings.arm(urdf)
+    limits, space = settings.limits(arm), settings.namespace.rstrip("/")
+    joints = {way: str(rospy.get_param(f"~{way}", name)) for way, name in JOINTS.items()}
+    for name in joints.values():
+        if name not in arm.names:
+            raise unknown("joint", name, arm.names)
     measured: dict[str, np.ndarray] = {}
     heard = threading.Event()
 
     def on_joints(message: JointState) -> None:
-        with contextlib.suppress(KeyError, ValueError):
-            measured["q"] = joint_positions(message.name, message.position)
+        with contextlib.suppress(MeasurementError):
+            measured["q"] = arm.sample(message.name, message.position).positions
             heard.set()
 
-    rospy.Subscriber(f"{NAMESPACE}/joint_states", JointState, on_joints, queue_size=1)
+    rospy.Subscriber(f"{space}/joint_states", JointState, on_joints, queue_size=1)
     publishers = {
-        joint: rospy.Publisher(
-            f"{NAMESPACE}/{CONTROLLERS[JOINT_NAMES[joint]]}_position_controller/command",
+        way: rospy.Publisher(
+            f"{space}/{settings.controllers.get(name, f'{name}_position_controller')}/command",
             Float64,
             queue_size=1,
         )
-        for joint in (GANTRY, J2)
+        for way, name in joints.items()
     }
     print(__doc__)
-    try:
-        while not heard.wait(2.0):
-            print(f"waiting for joint states on {NAMESPACE}/joint_states")
-        command, limits = measured["q"].copy(), JointLimits()
-        with _raw_terminal():
-            while not rospy.is_shutdown():
-                key = _key(0.2)
-                if key in ("q", "\x04"):
-                    break
-                if key == " ":
-                    print("  ".join(f"{n} {v:.3f}" for n, v in
-                                    zip(JOINT_NAMES, measured["q"], strict=True)))
-                command, told = command_for(key, command, limits)
-                if told:
-                    print(told)
-                    joint = KEYS[key][0]
-                    publishers[joint].publish(Float64(float(command[joint])))
-    except KeyboardInterrupt:
-        pass
+    while not heard.wait(2.0):
+        print(f"waiting for joint states on {space}/joint_states")
+    command = measured["q"].copy()
+    with _raw_terminal():
+        while not rospy.is_shutdown():
+            key = _key(0.2)
+            if key in ("q", "\x04"):
+                break
+            if key == " ":
+                print("  ".join(f"{n} {v:.3f}" for n, v in
+                                zip(arm.names, measured["q"], strict=True)))
+            command, told = command_for(key, command, limits, joints)
+            if told:
+                print(told)
+                way = KEYS[key][0]
+                value = command[limits.names.index(joints[way])]
+                publishers[way].publish(Float64(float(value)))
     return 0

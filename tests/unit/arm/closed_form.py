@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .errors import UnreachableError
+from aras_visual_servo_controller.errors import UnreachableError
 
 JOINT_NAMES = ("gantry", "J1", "J2", "J3", "J5", "J6")
 GANTRY, J1, J2, J3, J5, J6 = range(6)

@@ -193,6 +193,22 @@ def test_saturation(seed):
     assert rig.servo.outcome.kind == "saturation"
 
 
+def test_starving_again_and_again_is_remembered():
+    rig = Rig(the_servo("2016", law=Proportional(0.3)), STARTS["2016"])
+    for starving in range(2):
+        rig.run(0.2)
+        assert rig.servo.outcome.kind == "running"
+        rig._next_image = rig.now + 0.4
+        rig.run(0.39)
+        assert rig.servo.outcome.kind == "too_few_images", starving
+    rig.run(0.2)
+    assert rig.states[-1].phase == "servoing"
+    assert rig.states[-1].outcome == "too_few_images"
+    rig.servo.diagnosis.reset()
+    rig.run(0.1)
+    assert rig.states[-1].outcome == "running"
+
+
 class Twice(Feature):
     """The same number twice, for two directions: of rank 1."""
 

@@ -85,6 +85,7 @@ class Diagnosis:
         self._shape = ShapeEvidence()
         self._touched: tuple[str, ...] = ()
         self._ended: Outcome | None = None
+        self._starvings, self._starved = 0, Outcome()
         self._ringing: tuple[float, Outcome] | None = None
 
     # -- events that are no image ------------------------------------------------------------
@@ -95,7 +96,8 @@ class Diagnosis:
 
     def starved(self, t: float, period: float) -> None:
         """The watchdog stopped the arm at t (s); period of the images before, s."""
-        self.outcome = Outcome(
+        self._starvings += 1
+        self.outcome = self._starved = Outcome(
             "too_few_images",
             f"no image came for longer than the watchdog's time, at {t:.2f} s"
             + (f" (before that one every {period:.3f} s)" if period > 0.0 else ""),
@@ -123,7 +125,10 @@ class Diagnosis:
     ) -> Outcome:
         """Take in the state of one image; answers the outcome as of now."""
         if self._ended is None:
-            self.outcome = self._judged(state, observation, goal, scheme, faulty)
+            found = self._judged(state, observation, goal, scheme, faulty)
+            # Stopped by the watchdog again and again: the images between do not mend it.
+            starved = found.kind == "running" and self._starvings > 1
+            self.outcome = self._starved if starved else found
         return self.outcome
 
     def _judged(

@@ -1,0 +1,175 @@
+"""A UR5 and a Panda of a public registry servoed on the graph: launch arguments and one YAML."""
+
+from __future__ import annotations
+
+import os
+import sysconfig
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from aras_visual_servo_controller.msg import ServoReport, ServoState
+from ros_graph import wait_for
+from sensor_msgs.msg import JointState
+
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.arm.poses import pose_difference, transform
+from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.observation import Need, Observer
+from aras_visual_servo_controller.schemes import create_scheme
+from aras_visual_servo_controller.target_geometry import TargetGeometry
+
+REGISTRY = Path(sysconfig.get_paths()["purelib"], "cmeel.prefix/share/example-robot-data/robots")
+ARMS = {
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", "tool0", [0.2, -1.6, 1.6, -1.5, -1.5, 0.3]),
+    "panda": (
+        "panda_description/urdf/panda.urdf", "panda_hand_tcp", [0.2, 0.0, 0.0, -2.0, 0.0, 2.0, 0.8]
+    ),
+}  # fmt: skip
+SPACE = "/aras_visual_servo"
+SURFACE = 0.05  # m, height of the table's top
+PLATE = (0.2, 0.12, 0.0004)  # m
+CENTRE = (0.45, 0.1)  # m, of the plate
+DEPTH = 0.3  # m
+SENSOR = """<robot>
+<gazebo reference="camera_link"><sensor type="camera" name="camera"><update_rate>30</update_rate>
+  <camera name="labrob"><horizontal_fov>2.0</horizontal_fov><image><width>320</width>
+  <height>240</height><format>R8G8B8</format></image><clip><near>0.02</near><far>100</far></clip>
+  </camera><plugin name="camera_controller" filename="libgazebo_ros_camera.so">
+  <alwaysOn>true</alwaysOn><updateRate>0.0</updateRate><cameraName>labrob/camera</cameraName>
+  <imageTopicName>image_raw</imageTopicName><cameraInfoTopicName>camera_info</cameraInfoTopicName>
+  <frameName>camera_link</frameName></plugin></sensor></gazebo>
+<gazebo reference="plate"><material>Gazebo/Black</material></gazebo>
+<gazebo><plugin name="control" filename="libgazebo_ros_control.so">
+  <robotNamespace>{space}</robotNamespace></plugin></gazebo>
+</robot>""".replace("{space}", SPACE)
+
+
+def description(name: str) -> str:
+    """The registry's arm without its meshes, a camera in its hand, a plate on a table below."""
+    path = REGISTRY / ARMS[name][0]
+    if not path.is_file():
+        missing = f"{path} is missing: install the packages of requirements/developing.txt"
+        (pytest.fail if os.environ.get("ARAS_REQUIRE_GRAPH") else pytest.skip)(missing)
+    robot = ElementTree.fromstring(path.read_text())
+    for link in robot.findall("link"):
+        for part in (*link.findall("visual"), *link.findall("collision")):
+            link.remove(part)
+    for part in (*robot.findall("transmission"), *robot.findall("gazebo")):
+        robot.remove(part)
+    if robot.find("link[@name='world']") is None:
+        root = robot.find("link").get("name")
+        ElementTree.SubElement(robot, "link", name="world")
+        _fixed(robot, "world", root, "0 0 0")
+    for joint in robot.findall("joint"):
+        if "finger" in joint.get("name"):
+            joint.set("type", "fixed")
+            for mimic in joint.findall("mimic"):
+                joint.remove(mimic)
+        elif joint.get("type") != "fixed":
+            robot.append(_transmission(joint.get("name")))
+    ElementTree.SubElement(robot, "link", name="camera_link")
+    _fixed(robot, ARMS[name][1], "camera_link", "0 0 0.02", f"0 {-np.pi / 2!r} 0")
+    _box(robot, "table", (2.0, 2.0, 0.02), (0.6, 0.0, SURFACE - 0.01))
+    _box(robot, "plate", PLATE, (*CENTRE, SURFACE + 0.5 * PLATE[2]))
+    robot.extend(ElementTree.fromstring(SENSOR))
+    return ElementTree.tostring(robot, encoding="unicode")
+
+
+def _fixed(robot, parent: str, child: str, xyz: str, rpy: str = "0 0 0") -> None:
+    joint = ElementTree.SubElement(robot, "joint", name=f"{child}_fixed", type="fixed")
+    ElementTree.SubElement(joint, "parent", link=parent)
+    ElementTree.SubElement(joint, "child", link=child)
+    ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
+
+
+def _box(robot, name: str, size, place) -> None:
+    link = ElementTree.SubElement(robot, "link", name=name)
+    shape = ElementTree.SubElement(ElementTree.SubElement(link, "visual"), "geometry")
+    ElementTree.SubElement(shape, "box", size=" ".join(map(str, size)))
+    _fixed(robot, "world", name, " ".join(map(str, place)))
+
+
+def _transmission(joint: str) -> ElementTree.Element:
+    return ElementTree.fromstring(
+        f'<transmission name="{joint}_t"><type>transmission_interface/SimpleTransmission</type>'
+        f'<joint name="{joint}"><hardwareInterface>hardware_interface/PositionJointInterface'
+        f'</hardwareInterface></joint><actuator name="{joint}_motor"/></transmission>'
+    )
+
+
+def goal_of(arm: Arm, near: list[float]) -> Goal:
+    """What an exact camera sees of the plate, straight from above and a little aside."""
+    focal = 160.0 / np.tan(1.0)
+    camera = CameraModel(320, 240, (focal, 0, 159.5, 0, focal, 119.5, 0, 0, 1))
+    x, y = CENTRE
+    above = transform((x + 0.02, y + 0.01, SURFACE + DEPTH), (np.pi, 0.0, 0.2))
+    joints = arm.inverse(above, np.array(near))
+    half = 0.5 * np.array(PLATE[:2])
+    low = (*(np.array(CENTRE) - half), SURFACE)
+    high = (*(np.array(CENTRE) + half), SURFACE + PLATE[2])
+    target = TargetGeometry.from_mapping({"boxes": [[low, high]], "ground": SURFACE})
+    pose = arm.pose(joints)
+    observation = Observer(arm, frozenset(Need)).of_exact(
+        0.0, camera, arm.sample(arm.names, joints), contour=target.outline(pose)
+    )
+    return Goal.teach(create_scheme("points"), observation, "above", target=target)
+
+
+@pytest.mark.parametrize("scheme", ["moments", "points"])
+@pytest.mark.parametrize("name", ARMS)
+def test_another_arm_is_servoed(name, scheme, launch, ros_node, collect, tmp_path):
+    urdf = tmp_path / f"{name}.urdf"
+    urdf.write_text(description(name))
+    arm = Arm.from_urdf(urdf.read_text())
+    goal = goal_of(arm, ARMS[name][2])
+    (tmp_path / "goal.yaml").write_text(goal.to_yaml("for a test"))
+    reached = goal.joint_values(arm.names)
+    away = arm.pose(reached).copy()
+    away[:3, 3] += (0.04, -0.03, 0.05)
+    turn = transform((0, 0, 0), (0.0, 0.0, 0.3))
+    away[:3, :3] = turn[:3, :3] @ away[:3, :3]
+    start = arm.inverse(away, reached)
+    controllers = [f"{joint}_position_controller" for joint in arm.names]
+    entries = {
+        controller: {"type": "position_controllers/JointPositionController", "joint": joint}
+        for controller, joint in zip(controllers, arm.names, strict=True)
+    }
+    entries["joint_state_controller"] = {
+        "type": "joint_state_controller/JointStateController", "publish_rate": 100
+    }  # fmt: skip
+    gains = tmp_path / "controllers.yaml"
+    gains.write_text(yaml.safe_dump({SPACE[1:]: entries}))
+    states = collect(f"{SPACE}/controller/state", ServoState)
+    reports = collect(f"{SPACE}/controller/diagnosis", ServoReport)
+    joints = collect(f"{SPACE}/joint_states", JointState)
+    robot = launch(
+        "aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
+        urdf=str(urdf), gains=str(gains), controllers=" ".join(controllers), robot=name,
+    )  # fmt: skip
+    try:
+        wait_for(lambda: joints.messages, 40.0, "joint states")
+    finally:
+        print(robot.log.read_text()[-3000:] if not joints.messages else "")
+    nodes = launch(
+        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch",
+        nodes=["/aras_visual_servo_controller"], scheme=scheme, goal=str(tmp_path / "goal.yaml"),
+        start=str([round(float(q), 6) for q in start]), gain=3.0,
+    )  # fmt: skip
+    try:
+        wait_for(
+            lambda: states.messages and states.messages[-1].phase == "converged", 40.0, "the goal"
+        )
+        q = arm.sample(joints.messages[-1].name, joints.messages[-1].position).positions
+        distance, angle = pose_difference(arm.pose(reached), arm.pose(q))
+        print(name, scheme, distance, np.degrees(angle))
+        assert distance < 1e-3 and angle < np.radians(0.4)
+        assert reports.messages[-1].rank_lj == (6 if scheme == "points" else 4)
+    finally:
+        if states.messages:
+            print(states.messages[-1].phase, states.messages[-1].reason, states.messages[-1].error)
+        nodes.stop()
+        robot.stop()

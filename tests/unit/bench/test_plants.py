@@ -43,7 +43,7 @@ def test_the_simulated_arm_measures_when_a_graph_does(robot, preset):
         plant.close()
     joints = [r.stamp_ns for r in readings if isinstance(r, JointReading)]
     pictures = [r.stamp_ns for r in readings if isinstance(r, CameraReading)]
-    assert joints[:3] == [2_000_000, 11_000_000, 21_000_000]
+    assert joints[:3] == [1_000_000, 10_000_000, 20_000_000]
     assert pictures == [33_333_333, 66_666_667, 100_000_000]
     assert [r for r in readings if isinstance(r, CameraReading)][0].image.shape == (240, 320, 3)
 

@@ -80,7 +80,10 @@ class BulletArm(Plant):
         self._model = self._robot.model
         self._rows = [self._model.joint_names.index(name) for name in self.joint_names]
         self._robot.start([spec.joint_states, *self._controllers])
-        simulation.step()  # controllers run from the first step on: now commands count
+        # As the switching service does while time stands still: so controllers run, and commands
+        # count, from the first step on, and joint states come in the graph's rhythm.
+        self._robot.hardware.read(simulation.time_ns, 0.0)
+        self._robot.manager.carry_out(simulation.time_ns)
         self._robot.manager.get(spec.joint_states).on_state = self._on_joints
         mounted = simulation.camera("/" + camera.strip("/"))
         mounted.on_frame, mounted.enabled = self._on_frame, True

@@ -68,12 +68,13 @@ FAILURES: dict[str, dict[str, Any]] = {
     "target_lost": {"target": LEAVING},
     "singular": {"scheme": f"{__name__}:Dependent"},
     "out_of_reach": {"goal": {"pose": [0.0, 0.0, 0.70, 3.141592653589793, 0.0, 0.0]}},
-    "joint_limit": {"options": {"lower": {"J2": 0.1, "J3": -2.0}}},
+    "joint_limit": {"options": {"upper": {"gantry": -0.1}}, "start": {
+        "height": [0.2, 0.32], "side": 0.02, "turn": 0.8}},
     "saturation": {"options": {"max_velocity": 0.01}},
     "gain_too_high": {"gain": 45.0},
     "too_few_images": {"gain": 1.0, "camera": {
         "horizontal_fov": 2.0, "effects": {"drop_probability": 0.96}}},
-    "wrong_camera_model": {"believed": {"focal": 0.7}, "features": "pictures"},
+    "wrong_camera_model": {"believed": {"focal": 1.6}, "features": "pictures"},
     "wrong_object": {"target": {"shape": LONG, "pose": ON_TABLE}, "goal": "2016"},
     "scheme_fault": {"scheme": f"{__name__}:Broken"},
     "timed_out": {"gain": 0.15, "duration": 4.0},

@@ -73,16 +73,15 @@ packages=(
     ros-tf2-msgs ros-trajectory-msgs
     libactionlib-msgs-dev libgeometry-msgs-dev libsensor-msgs-dev libstd-msgs-dev libtrajectory-msgs-dev
     # running: the ROS tools, and the Python side of the messages and libraries that the nodes import
-    ros-base rosbash python3-rospy python3-rosbag python3-actionlib python3-angles python3-dynamic-reconfigure
+    ros-base rosbash python3-rospy python3-rosbag python3-actionlib python3-dynamic-reconfigure
     python3-rosgraph-msgs python3-sensor-msgs python3-std-srvs python3-trajectory-msgs
     python3-tf python3-tf2-ros ros-robot-state-publisher rviz
     # the messages that dynamic_reconfigure's Python side loads are in its development package
     libdynamic-reconfigure-config-init-mutex-dev
-    # rendering without a screen: EGL and Mesa's software rasteriser
-    libegl1 libgl1-mesa-dri
     "${of_this_system[@]}"
 )
-[[ $tier != developing ]] || packages+=(catkin-lint liburdfdom-tools)
+# Linters; EGL with Mesa's rasteriser and ROS's angles to compare with.
+[[ $tier != developing ]] || packages+=(catkin-lint liburdfdom-tools libegl1 libgl1-mesa-dri python3-angles)
 if [[ -n $list ]]; then
     printf '%s\n' "${packages[@]}"
     exit
@@ -98,9 +97,10 @@ step() {
     else
         printf 'failed\n'
         tail -n 20 "$log" >&2
-        local why="is there a network?"
-        (($(df --output=avail -k . | tail -n 1) > 100000)) || why="the disk is full"
-        fail "this step failed: $text ($why)" "the whole output is in $log; start again when it is mended"
+        local why=""
+        [[ "$*" != *apt-get* && "$*" != *pip* ]] || why=" (is there a network?)"
+        (($(df --output=avail -k . | tail -n 1) > 100000)) || why=" (the disk is full)"
+        fail "this step failed: $text$why" "the whole output is in $log; start again when it is mended"
     fi
 }
 
@@ -221,6 +221,6 @@ rendering=src/aras_sim_bridge/src/aras_sim_bridge/rendering
 if [[ ! -e devel/loops.stamp || -n $(find "$rendering" -name '*.py' -newer devel/loops.stamp -print -quit) ]]; then
     touch devel/loops.begun
     step "Compiling the renderer's loops" env PYTHONPATH="${rendering%/*/*}" \
-        .venv/bin/python -c "import aras_sim_bridge.rendering.opengl"
+        .venv/bin/python -c "import aras_sim_bridge.rendering.renderer"
     mv devel/loops.begun devel/loops.stamp
 fi

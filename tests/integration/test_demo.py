@@ -126,7 +126,7 @@ def test_interrupt_leaves_no_process_behind(tmp_path):
 def test_wrong_scheme_ends_with_the_controllers_own_words(tmp_path):
     done = demo(tmp_path, "--scheme", "momments", timeout=120.0)
     assert done.returncode == 1
-    assert "scheme 'momments' is unknown" in done.stderr
+    assert "unknown scheme 'momments': did you mean 'moments'?" in done.stderr
     assert "Traceback" not in done.stderr
     assert leftovers(tmp_path) == []
 

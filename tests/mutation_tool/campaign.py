@@ -23,8 +23,8 @@ from .faults import Fault
 from .graph import Graph, GraphError
 
 LIBRARIES = (
-    "numpy", "numba", "cv2", "yaml", "pybullet", "scipy.spatial", "scipy.optimize", "moderngl",
-    "trimesh", "collada", "pinocchio", "coverage", "pytest",
+    "numpy", "numba", "cv2", "yaml", "pybullet", "scipy.spatial", "scipy.optimize",
+    "collada", "pinocchio", "coverage", "pytest",
 )
 Task = TypeVar("Task")
 MISSED, NO_TEST = "missed", "no test"

@@ -295,7 +295,7 @@ def _versions() -> dict[str, str]:
     import importlib.metadata as metadata
 
     found = {"python": platform.python_version()}
-    for name in ("numpy", "opencv-python-headless", "pybullet", "moderngl", "matplotlib"):
+    for name in ("numpy", "opencv-python-headless", "pybullet", "pin", "matplotlib"):
         try:
             found[name] = metadata.version(name)
         except metadata.PackageNotFoundError:

@@ -8,7 +8,7 @@ from test_accuracy import LENSES, camera, sensor_of, target_errors
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.description import Geometry
 from aras_sim_bridge.rendering import View, create_renderer
-from aras_sim_bridge.rendering.tiles import TILE, Tiles
+from aras_sim_bridge.rendering.tiles import MISFIT, TILE, Tiles
 
 K = np.array([[150.0, 0, 80.3], [0, 155.0, 55.8], [0, 0, 1]])
 
@@ -143,8 +143,44 @@ def test_tiles_follow_the_rays(bench, lens):
     apart = np.linalg.norm(there - rays, axis=2)[:, 1:] / np.linalg.norm(np.diff(rays, axis=1),
                                                                          axis=2)
     # At its rim an orthographic lens shows any angle on a pixel.
-    assert np.nanpercentile(apart, 99) < 0.03
-    assert np.nanmedian(apart) < 0.006
+    assert np.nanpercentile(apart, 99) < MISFIT
+    assert np.nanmedian(apart) < MISFIT / 2
+    # And to all sides alike: what covers some tiles is not shifted.
+    rows, columns = config.height // TILE, config.width // TILE
+    across = np.gradient(rays, axis=1)
+    shift = ((there - rays) * across).sum(axis=2) / (across**2).sum(axis=2)
+    shift = shift[:rows * TILE, :columns * TILE].reshape(rows, TILE, columns, TILE)
+    assert np.nanpercentile(np.abs(shift.mean(axis=(1, 3))), 95) < 0.003
+
+
+def test_the_cones_of_tiles_are_around_what_they_show_and_little_more():
+    config = camera("equidistant_220")
+    tiles = Tiles.of_lens(config.width, config.height, config.model.unproject)
+    rays = np.full((tiles.rows * TILE, tiles.columns * TILE, 3), np.nan)
+    rays[:tiles.height, :tiles.width] = tiles.rays()
+    rays = rays.reshape(tiles.rows, TILE, tiles.columns, TILE, 3).swapaxes(1, 2)
+    rays = rays.reshape(len(tiles.axis), TILE * TILE, 3)
+    shown = np.isfinite(rays[..., 0]).any(axis=1)
+    cones = tiles.nodes[:len(rays)]
+    between = np.einsum("tpi,ti->tp", rays, cones[:, :3])[shown]
+    assert (np.nanmin(between, axis=1) >= cones[shown, 3]).all()
+    assert (cones[~shown, 3] == 2.0).all()
+    # A tile on the rim has corners where there is no lens.
+    assert np.arccos(cones[shown, 3]).max() < 1.5 * TILE / config.K[0, 0]
+
+
+@pytest.mark.parametrize("lens", ["equidistant_220", "stereographic"])
+def test_tiles_as_one_cell_are_beside_their_cells_by_no_more_than_their_spread(lens):
+    config = camera(lens)
+    tiles = Tiles.of_lens(config.width, config.height, config.model.unproject)
+    rays = tiles.rays()
+    v, u = np.nonzero(np.isfinite(rays[..., 0]))
+    tile = (v // TILE) * tiles.columns + u // TILE
+    x, y, w = np.einsum("nij,nj->in", tiles.inverse[tile], rays[v, u])
+    known = np.isfinite(tiles.spread[tile])
+    assert known.mean() > 0.9 and (w[known] > 0.0).all()
+    aside = np.hypot(x / w - u % TILE, y / w - v % TILE)[known]
+    assert (aside <= tiles.spread[tile][known]).all()
 
 
 def test_a_pinhole_is_the_lens_whose_tiles_are_exact(bench):
@@ -209,7 +245,8 @@ def test_depth_through_lenses_is_that_of_the_pixel_s_own_ray(bench):
     forward = config.model.unproject(pixels)[:, 2].reshape(120, 160)
     near = np.nan_to_num(forward) > 0.3
     assert near.mean() > 0.5
-    np.testing.assert_allclose(depth[near] * forward[near], 0.5, rtol=3e-4)
+    # MISFIT of a pixel of 1.1 degrees, on a plane seen at up to 72 degrees.
+    np.testing.assert_allclose(depth[near] * forward[near], 0.5, rtol=1.2e-3)
 
 
 def test_tiles_are_numbered_row_by_row():

@@ -21,13 +21,15 @@ from .tiles import Tiles
 class Seen:
     """The triangles that turn their front to the eye and touch tiles.
 
-    triangle: (N,) in the geometry. side: (N, 3, 3), s0, s1, s2 in the optical frame, 1/m.
+    triangle: (N,) in the geometry. corner: (N, 3, 3), p0, p1, p2 in the optical frame,
+        m. side: (N, 3, 3), s0, s1, s2 likewise, 1/m.
     light: (N, 3) at the corners. cut: (N,) bool, whether it reaches beyond near or far.
     start: (tiles + 1,) where the triangles of each tile begin in member (P,), which counts them
         by their place here; full: (P,) bool, whether it covers the whole tile.
     """
 
     triangle: np.ndarray
+    corner: np.ndarray
     side: np.ndarray
     light: np.ndarray
     cut: np.ndarray
@@ -43,7 +45,8 @@ class Binning:
         self._g = geometry
         count = len(geometry.corners)
         self._triangle, self._cut = np.empty(count, np.int64), np.empty(count, np.bool_)
-        self._side, self._light = np.empty((count, 3, 3)), np.empty((count, 3))
+        self._corner, self._side = np.empty((count, 3, 3)), np.empty((count, 3, 3))
+        self._light = np.empty((count, 3))
         self._room = 4096
 
     def seen(self, tiles: Tiles, optical_T_link: np.ndarray, sun: np.ndarray, light: np.ndarray,
@@ -61,15 +64,15 @@ class Binning:
                 optical_T_link, sun, light, c.first, c.count, c.row, c.centre, c.half, c.radius,
                 c.axis, c.cosine, c.height, c.opaque, c.quad, g.corners, g.normals, g.plane,
                 tiles.nodes, tiles.levels,
-                near * tiles.widest, far, self._triangle, self._side, self._light, self._cut,
-                tile, member, full,
+                near * tiles.widest, far, self._triangle, self._corner, self._side, self._light,
+                self._cut, tile, member, full,
             )
             if pairs <= self._room:
                 break
             self._room = 2 * pairs
         start, member, full = _by_tile(tile, member, full, pairs, tiles.rows * tiles.columns)
-        return Seen(self._triangle[:count], self._side[:count], self._light[:count],
-                    self._cut[:count], start, member, full)
+        return Seen(self._triangle[:count], self._corner[:count], self._side[:count],
+                    self._light[:count], self._cut[:count], start, member, full)
 
 
 @inlined
@@ -112,11 +115,11 @@ def _covers(side, length2, m, first, nodes, n):
 @compiled("f8[:,:,::1], f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], "
           "f8[::1], f8[:,::1], f8[::1], f8[::1], b1[::1], b1[::1], f8[:,:,::1], f8[:,:,::1], "
           "f8[:,::1], f8[:,::1], "
-          "i8[:,::1], f8, f8, i8[::1], f8[:,:,::1], f8[:,::1], b1[::1], i8[::1], i8[::1], b1[::1]")
+          "i8[:,::1], f8, f8, i8[::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], b1[::1], i8[::1], "
+          "i8[::1], b1[::1]")
 def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, height, opaque, quad,
-         corners, normals, plane, nodes, levels, near, far, out_triangle, out_side, out_light,
-         out_cut, out_tile,
-         out_member, out_full):
+         corners, normals, plane, nodes, levels, near, far, out_triangle, out_corner,
+         out_side, out_light, out_cut, out_tile, out_member, out_full):
     """See Seen; numbers of triangles and of pairs (tile, member), of which as many are stored as
     there is room for."""
     seen = pairs = 0
@@ -165,6 +168,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                 squared = 0.0
                 for j in range(3):
                     p[k, j] = T[r, j, 0] * x + T[r, j, 1] * y + T[r, j, 2] * z + T[r, j, 3]
+                    out_corner[seen, k, j] = p[k, j]
                     squared += p[k, j] * p[k, j]
                 farthest = max(farthest, squared)
             for k in range(3):

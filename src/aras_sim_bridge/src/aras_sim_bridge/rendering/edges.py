@@ -69,9 +69,9 @@ class Edges:
             pixel, start = np.empty(len(found), np.int64), np.empty(len(found) + 1, np.int64)
             member, share, at = np.empty(room, np.int64), np.empty(room), np.empty((room, 2))
             pixels, count = _resolved(
-                found, samples.start, samples.member, samples.full, seen.side, seen.cut, opaque,
-                plain, t.matrices,
-                t.axis, t.cells, t.columns, near, far, pixel, start, member, share, at)
+                found, samples.start, samples.member, samples.full, samples.touched,
+                seen.side, seen.cut, opaque, plain, t.matrices, t.axis, t.cells, t.columns, near,
+                far, pixel, start, member, share, at)
             if count <= room:
                 return Fragments(pixel[:pixels], start[:pixels + 1], member[:count],
                                  share[:count], at[:count])
@@ -108,7 +108,7 @@ def _brightness(side, light, m, matrices, c, x, y):
           "f8[:,:,::1], f8[:,::1], f8[:,:,::1], i8, i8")
 def _found(tile, pixel, start, member, opaque, words, plain, part, side, light, matrices, cells,
            columns):
-    """(P,) pixels that differ from one of their eight neighbours, tile by tile, and those of tiles
+    """(P,) pixels that differ from one of their eight neighbours, cell by cell, and those of tiles
     with triangles that one sees through."""
     height, width = words.shape
     size = TILE // cells
@@ -126,9 +126,12 @@ def _found(tile, pixel, start, member, opaque, words, plain, part, side, light, 
         for k in range(start[n], start[n + 1]):
             through |= not opaque[member[k]]
         u0, v0 = TILE * (n % columns), TILE * (n // columns)
-        for v in range(v0, v0 + TILE):
-            above, below = max(v - 1, 0), min(v + 1, height - 1)
-            for u in range(u0, u0 + TILE):
+        for cell in range(cells * cells):
+            c = n * cells * cells + cell
+            v1, u1 = v0 + cell // cells * size, u0 + cell % cells * size
+            for place in range(size * size):
+                v, u = v1 + place // size, u1 + place % size
+                above, below = max(v - 1, 0), min(v + 1, height - 1)
                 m = pixel[v, u]
                 if m == NOTHING:
                     continue
@@ -154,7 +157,6 @@ def _found(tile, pixel, start, member, opaque, words, plain, part, side, light, 
                             other = pixel[i, j]
                         if (m == other or (m >= 0 and other >= 0 and part[m] == part[other]
                                            and plain[m] == 0 and plain[other] == 0)):
-                            c = n * cells * cells + ((v - v0) // size) * cells + (u - u0) // size
                             x, y = float(u % size) + (j - u), float(v % size) + (i - v)
                             # Both at the neighbour.
                             edge = abs(_brightness(side, light, m, matrices, c, x, y)
@@ -344,10 +346,10 @@ def _crowd(first, here, left, solid, member, line, lines, plane, xc, yc, nearest
     return count
 
 
-@compiled("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], b1[::1], b1[::1], u4[::1], "
+@compiled("i8[::1], i8[::1], i8[::1], b1[::1], u8[::1], f8[:,:,::1], b1[::1], b1[::1], u4[::1], "
           "f8[:,:,::1], f8[:,::1], i8, i8, f8, f8, i8[::1], i8[::1], i8[::1], f8[::1], f8[:,::1]")
-def _resolved(found, start, member, full, side, cut, opaque, plain, matrices, axis, cells, columns,
-              near, far, out_pixel, out_start, out_member, out_share, out_at):
+def _resolved(found, start, member, full, touched, side, cut, opaque, plain, matrices, axis, cells,
+              columns, near, far, out_pixel, out_start, out_member, out_share, out_at):
     """See Fragments; the numbers of pixels and of fragments, of which as many are stored as there
     is room for."""
     size = TILE // cells
@@ -355,7 +357,9 @@ def _resolved(found, start, member, full, side, cut, opaque, plain, matrices, ax
     longest = 1
     for n in range(len(start) - 1):
         longest = max(longest, start[n + 1] - start[n])
-    # Of a cell's triangles: their lines a + b x + c y, and one over the distance likewise.
+    # Of a tile's triangles, in the cell where they were last wanted: their lines a + b x + c y,
+    # and one over the distance likewise.
+    lines_of = np.full(longest, -1)
     line, lines = np.empty((longest, 5, 3)), np.empty(longest, np.int64)
     plane = np.empty((longest, 3))
     here = np.empty(longest, np.int64)
@@ -368,17 +372,22 @@ def _resolved(found, start, member, full, side, cut, opaque, plain, matrices, ax
     spare = CROWD + PIECES
     nearest, sample = np.empty(FINE * FINE, np.float32), np.empty(FINE * FINE, np.int32)
     pixels = count = 0
-    cell_before, many = -1, 0
     for number in range(len(found)):
         v, u = found[number] // width, found[number] % width
         tile = (v // TILE) * columns + u // TILE
         first = start[tile]
         x0, y0 = u % TILE, v % TILE
         cell = tile * cells * cells + (y0 // size) * cells + x0 // size
-        if cell != cell_before:
-            cell_before, many = cell, start[tile + 1] - first
-            for k in range(many):
-                m = member[first + k]
+        bit = np.uint64(1) << np.uint64(y0 * TILE + x0)
+        xc, yc = float(x0 % size), float(y0 % size)
+        # Triangles in the pixel; the nearest of those that fill it hides what is behind it.
+        left, best, top = 0, -1, 0.0
+        for k in range(start[tile + 1] - first):
+            if touched[first + k] & bit == 0:
+                continue
+            m = member[first + k]
+            if lines_of[k] != cell:
+                lines_of[k] = cell
                 lines[k] = 0 if full[first + k] else 5 if cut[m] else 3
                 for j in range(3):
                     column = (j + 2) % 3  # the constant first
@@ -392,10 +401,6 @@ def _resolved(found, start, member, full, side, cut, opaque, plain, matrices, ax
                         along = axis[tile, 0] * x + axis[tile, 1] * y + axis[tile, 2] * z
                         line[k, 3, j] = along - near * plane[k, j]
                         line[k, 4, j] = far * plane[k, j] - along
-        xc, yc = float(x0 % size), float(y0 % size)
-        # Triangles in the pixel; the nearest of those that fill it hides what is behind it.
-        left, best, top = 0, -1, 0.0
-        for k in range(many):
             inside, fills = True, True
             for i in range(lines[k]):
                 at = line[k, i, 0] + line[k, i, 1] * xc + line[k, i, 2] * yc
@@ -410,7 +415,7 @@ def _resolved(found, start, member, full, side, cut, opaque, plain, matrices, ax
             here[left] = k
             left += 1
             w = plane[k, 0] + plane[k, 1] * xc + plane[k, 2] * yc
-            if fills and w > top and opaque[member[first + k]]:
+            if fills and w > top and opaque[m]:
                 best, top = k, w
         if best >= 0:
             some, left = left, 0

@@ -27,6 +27,8 @@ class Samples:
     pixel: (rows * TILE, columns * TILE) int32; only of tiles with SEVERAL.
     most: what most tiles show.
     start (tiles + 1,), member (P,), full (P,): as in Seen, of the triangles that are left.
+    touched: (P,) uint64, in tiles with SEVERAL, the pixels that each may touch: row * TILE +
+        column is the number of the bit.
     """
 
     tile: np.ndarray
@@ -35,6 +37,7 @@ class Samples:
     start: np.ndarray
     member: np.ndarray
     full: np.ndarray
+    touched: np.ndarray
 
 
 class Sampler:
@@ -50,9 +53,11 @@ class Sampler:
         tile, most, start, member, full = _settled(
             seen.start, seen.member, seen.full, seen.side, opaque, t.matrices, t.axis, t.nodes,
             t.whole, t.cells)
-        _sample(tile, start, member, full, seen.side, seen.cut, opaque, t.matrices, t.axis, t.valid,
-                t.cells, t.columns, near, far, self._pixel)
-        return Samples(tile, self._pixel, most, start, member, full)
+        touched = np.empty(len(member), np.uint64)
+        _sample(tile, start, member, full, seen.corner, seen.side, seen.cut, opaque, t.matrices,
+                t.inverse, t.spread, t.axis, t.valid, t.cells, t.columns, near, far, self._pixel,
+                touched)
+        return Samples(tile, self._pixel, most, start, member, full, touched)
 
 
 @compiled("i8[::1], i8[::1], b1[::1], f8[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], "
@@ -123,73 +128,113 @@ def _settled(start, member, full, side, opaque, matrices, axis, nodes, whole, ce
     return out, most, new_start, new_member[:left], new_full[:left]
 
 
-@compiled("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], b1[::1], b1[::1], f8[:,:,::1], "
-          "f8[:,::1], b1[:,::1], i8, i8, f8, f8, i4[:,::1]")
-def _sample(tile, start, member, full, side, cut, opaque, matrices, axis, valid, cells, columns,
-            near, far, pixel):
-    """Fill `pixel` where tiles show several."""
+@compiled("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], f8[:,:,::1], b1[::1], b1[::1], "
+          "f8[:,:,::1], f8[:,:,::1], f8[::1], f8[:,::1], b1[:,::1], i8, i8, f8, f8, i4[:,::1], "
+          "u8[::1]")
+def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inverse, spread, axis,
+            valid, cells, columns, near, far, pixel, touched):
+    """Fill `pixel` and `touched` where tiles show several."""
     size = TILE // cells
-    last = size - 1.0
     nearest = np.empty(TILE * TILE)
     shown = np.empty(TILE * TILE, np.int32)
+    one = np.uint64(1)
     for n in range(len(tile)):
         if tile[n] != SEVERAL:
             continue
-        for cell in range(cells * cells):
-            c = n * cells * cells + cell
-            for i in range(size * size):
-                nearest[i], shown[i] = 0.0, BACKGROUND
-            for k in range(start[n], start[n + 1]):
-                m = member[k]
-                if not opaque[m]:
-                    continue
-                x, y, z = matrices[c, 0, 0], matrices[c, 1, 0], matrices[c, 2, 0]
-                a0 = side[m, 0, 0] * x + side[m, 0, 1] * y + side[m, 0, 2] * z
-                a1 = side[m, 1, 0] * x + side[m, 1, 1] * y + side[m, 1, 2] * z
-                a2 = side[m, 2, 0] * x + side[m, 2, 1] * y + side[m, 2, 2] * z
-                x, y, z = matrices[c, 0, 1], matrices[c, 1, 1], matrices[c, 2, 1]
-                b0 = side[m, 0, 0] * x + side[m, 0, 1] * y + side[m, 0, 2] * z
-                b1 = side[m, 1, 0] * x + side[m, 1, 1] * y + side[m, 1, 2] * z
-                b2 = side[m, 2, 0] * x + side[m, 2, 1] * y + side[m, 2, 2] * z
-                x, y, z = matrices[c, 0, 2], matrices[c, 1, 2], matrices[c, 2, 2]
-                c0 = side[m, 0, 0] * x + side[m, 0, 1] * y + side[m, 0, 2] * z
-                c1 = side[m, 1, 0] * x + side[m, 1, 1] * y + side[m, 1, 2] * z
-                c2 = side[m, 2, 0] * x + side[m, 2, 1] * y + side[m, 2, 2] * z
-                if full[k]:
-                    a, b, w0 = a0 + a1 + a2, b0 + b1 + b2, c0 + c1 + c2
-                    for y0 in range(size):
-                        for x0 in range(size):
-                            w = w0 + a * x0 + b * y0
-                            if w > nearest[y0 * size + x0]:
-                                nearest[y0 * size + x0], shown[y0 * size + x0] = w, m
-                    continue
-                # The most that each can become along a row, and from row to row.
-                most0, most1, most2 = max(a0 * last, 0.0), max(a1 * last, 0.0), max(a2 * last, 0.0)
-                if (c0 + most0 + max(b0 * last, 0.0) < 0.0
-                        or c1 + most1 + max(b1 * last, 0.0) < 0.0
-                        or c2 + most2 + max(b2 * last, 0.0) < 0.0):
-                    continue
-                for y0 in range(size):
-                    row0, row1, row2 = c0 + b0 * y0, c1 + b1 * y0, c2 + b2 * y0
-                    if row0 + most0 < 0.0 or row1 + most1 < 0.0 or row2 + most2 < 0.0:
+        for i in range(TILE * TILE):
+            nearest[i], shown[i] = 0.0, BACKGROUND
+        i00, i01, i02 = inverse[n, 0, 0], inverse[n, 0, 1], inverse[n, 0, 2]
+        i10, i11, i12 = inverse[n, 1, 0], inverse[n, 1, 1], inverse[n, 1, 2]
+        i20, i21, i22 = inverse[n, 2, 0], inverse[n, 2, 1], inverse[n, 2, 2]
+        for k in range(start[n], start[n + 1]):
+            m = member[k]
+            left = top = 0.0
+            right = bottom = TILE - 1.0
+            touched[k] = ~np.uint64(0)
+            if not full[k]:
+                # The box around it.
+                left = top = np.inf
+                right = bottom = -np.inf
+                for j in range(3):
+                    x, y, z = corner[m, j, 0], corner[m, j, 1], corner[m, j, 2]
+                    u = i00 * x + i01 * y + i02 * z
+                    v = i10 * x + i11 * y + i12 * z
+                    w = i20 * x + i21 * y + i22 * z
+                    if w <= 1e-6 * (abs(u) + abs(v)):  # the corner is beside or behind
+                        left = top = -np.inf
+                        right = bottom = np.inf
+                        break
+                    u, v = u / w, v / w
+                    left, right = min(left, u), max(right, u)
+                    top, bottom = min(top, v), max(bottom, v)
+                left, right = max(left - spread[n], -1.0), min(right + spread[n], TILE + 0.0)
+                top, bottom = max(top - spread[n], -1.0), min(bottom + spread[n], TILE + 0.0)
+                u0, u1 = int(np.floor(left + 0.5)), int(np.floor(right + 0.5))
+                v0, v1 = int(np.floor(top + 0.5)), int(np.floor(bottom + 0.5))
+                u0, u1, v0, v1 = max(u0, 0), min(u1, TILE - 1), max(v0, 0), min(v1, TILE - 1)
+                touched[k] = 0
+                if u0 <= u1 and v0 <= v1:
+                    row = ((one << np.uint64(u1 - u0 + 1)) - one) << np.uint64(u0)
+                    # A row in each byte, those beyond the last pushed out.
+                    rows = np.uint64(0x0101010101010101) >> np.uint64(8 * (TILE - 1 - v1 + v0))
+                    touched[k] = row * (rows << np.uint64(8 * v0))
+            if not opaque[m]:
+                continue
+            u0, u1 = max(int(np.ceil(left)), 0), min(int(np.floor(right)), TILE - 1)
+            v0, v1 = max(int(np.ceil(top)), 0), min(int(np.floor(bottom)), TILE - 1)
+            if u0 > u1 or v0 > v1:
+                continue
+            for cell_v in range(v0 // size, v1 // size + 1):
+                for cell_u in range(u0 // size, u1 // size + 1):
+                    c = (n * cells + cell_v) * cells + cell_u
+                    x, y, z = matrices[c, 0, 0], matrices[c, 1, 0], matrices[c, 2, 0]
+                    a0 = side[m, 0, 0] * x + side[m, 0, 1] * y + side[m, 0, 2] * z
+                    a1 = side[m, 1, 0] * x + side[m, 1, 1] * y + side[m, 1, 2] * z
+                    a2 = side[m, 2, 0] * x + side[m, 2, 1] * y + side[m, 2, 2] * z
+                    x, y, z = matrices[c, 0, 1], matrices[c, 1, 1], matrices[c, 2, 1]
+                    b0 = side[m, 0, 0] * x + side[m, 0, 1] * y + side[m, 0, 2] * z
+                    b1 = side[m, 1, 0] * x + side[m, 1, 1] * y + side[m, 1, 2] * z
+                    b2 = side[m, 2, 0] * x + side[m, 2, 1] * y + side[m, 2, 2] * z
+                    x, y, z = matrices[c, 0, 2], matrices[c, 1, 2], matrices[c, 2, 2]
+                    c0 = side[m, 0, 0] * x + side[m, 0, 1] * y + side[m, 0, 2] * z
+                    c1 = side[m, 1, 0] * x + side[m, 1, 1] * y + side[m, 1, 2] * z
+                    c2 = side[m, 2, 0] * x + side[m, 2, 1] * y + side[m, 2, 2] * z
+                    x_first, x_last = max(u0 - cell_u * size, 0), min(u1 - cell_u * size, size - 1)
+                    y_first, y_last = max(v0 - cell_v * size, 0), min(v1 - cell_v * size, size - 1)
+                    begin = cell_v * size * TILE + cell_u * size
+                    if full[k]:
+                        a, b, w0 = a0 + a1 + a2, b0 + b1 + b2, c0 + c1 + c2
+                        for y0 in range(size):
+                            for x0 in range(size):
+                                w = w0 + a * x0 + b * y0
+                                i = begin + TILE * y0 + x0
+                                if w > nearest[i]:
+                                    nearest[i], shown[i] = w, m
                         continue
-                    for x0 in range(size):
-                        l0, l1, l2 = row0 + a0 * x0, row1 + a1 * x0, row2 + a2 * x0
-                        w = l0 + l1 + l2
-                        i = y0 * size + x0
-                        if l0 >= 0.0 and l1 >= 0.0 and l2 >= 0.0 and w > nearest[i]:
-                            if cut[m]:
-                                depth = 0.0
-                                for j in range(3):
-                                    depth += axis[n, j] * (matrices[c, j, 0] * x0
-                                                           + matrices[c, j, 1] * y0
-                                                           + matrices[c, j, 2])
-                                if depth < near * w or depth > far * w:
-                                    continue
-                            nearest[i], shown[i] = w, m
-            u = TILE * (n % columns) + size * (cell % cells)
-            v = TILE * (n // columns) + size * (cell // cells)
-            for y0 in range(size):
-                for x0 in range(size):
-                    there = valid[v + y0, u + x0]
-                    pixel[v + y0, u + x0] = shown[y0 * size + x0] if there else NOTHING
+                    # The most that each can become along a row.
+                    most0 = max(a0 * x_first, a0 * x_last)
+                    most1 = max(a1 * x_first, a1 * x_last)
+                    most2 = max(a2 * x_first, a2 * x_last)
+                    for y0 in range(y_first, y_last + 1):
+                        row0, row1, row2 = c0 + b0 * y0, c1 + b1 * y0, c2 + b2 * y0
+                        if row0 + most0 < 0.0 or row1 + most1 < 0.0 or row2 + most2 < 0.0:
+                            continue
+                        for x0 in range(x_first, x_last + 1):
+                            l0, l1, l2 = row0 + a0 * x0, row1 + a1 * x0, row2 + a2 * x0
+                            w = l0 + l1 + l2
+                            i = begin + TILE * y0 + x0
+                            if l0 >= 0.0 and l1 >= 0.0 and l2 >= 0.0 and w > nearest[i]:
+                                if cut[m]:
+                                    depth = 0.0
+                                    for j in range(3):
+                                        depth += axis[n, j] * (matrices[c, j, 0] * x0
+                                                               + matrices[c, j, 1] * y0
+                                                               + matrices[c, j, 2])
+                                    if depth < near * w or depth > far * w:
+                                        continue
+                                nearest[i], shown[i] = w, m
+        u, v = TILE * (n % columns), TILE * (n // columns)
+        for y0 in range(TILE):
+            for x0 in range(TILE):
+                there = valid[v + y0, u + x0]
+                pixel[v + y0, u + x0] = shown[y0 * TILE + x0] if there else NOTHING

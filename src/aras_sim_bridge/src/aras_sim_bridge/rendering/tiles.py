@@ -1,8 +1,9 @@
 """A picture cut into tiles, each seen as through a pinhole of its own.
 
 A pinhole is the lens whose tiles are exact. Through any other lens a few pixels are as good as
-straight: the projective map through the rays of a tile's four corners is right inside as well, to
-MISFIT. Tiles are too large for that where a lens bends much; then each is cut into cells.
+straight: the projective map through the rays of a tile's four corners, shifted by the mean of what
+it is beside the lens, is right inside as well, to MISFIT. Tiles are too large for that where a lens
+bends much; then each is cut into cells.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ import numpy as np
 from ..errors import RenderingError
 
 TILE = 8  # px a side
-# How far a pixel may be beside its ray at the middle of a cell, px, where it is farthest. Over a
-# target that adds up to far less: see tests/benchmarks/render.py.
-MISFIT = 0.01
+# How far a pixel may be beside its ray, px, where it is farthest. As the middle of a cell is beside
+# it to one side and its corners to the other, it adds up to far less over a target: see
+# tests/benchmarks/render.py.
+MISFIT = 0.05
 # What is seen only beyond this angle from the axis has no depth along it, rad.
 SIDEWAYS = np.radians(89.9)
 
@@ -30,6 +32,9 @@ class Tiles:
     matrices: (rows * columns * cells**2, 3, 3); the ray of the pixel x, y of a cell, counted from
         the centre of its first, is matrix @ (x, y, 1), of any length. Tiles row by row, and
         cells in them likewise.
+    inverse: (rows * columns, 3, 3), of a tile as if it were one cell: a ray to s * (x, y, 1) with
+        s > 0, x and y from its first pixel. spread: (rows * columns,), px, how far that is beside
+        the cells, inf where that is not known.
     axis: (rows * columns, 3), along which a tile measures near, far and depth. forward: whether
         that is the optical axis for all of them.
     valid: (rows * TILE, columns * TILE) bool, pixels of the picture that the lens shows.
@@ -41,23 +46,28 @@ class Tiles:
     """
 
     def __init__(self, width: int, height: int, matrices: np.ndarray, cells: int,
-                 corners: np.ndarray, valid: np.ndarray) -> None:
-        """corners: (rows + 1, columns + 1, 3) unit rays of the tiles' corners."""
+                 valid: np.ndarray) -> None:
         self.width, self.height, self.cells = width, height, cells
-        self.rows, self.columns = corners.shape[0] - 1, corners.shape[1] - 1
+        self.rows, self.columns = valid.shape[0] // TILE, valid.shape[1] // TILE
         self.matrices, self.valid = matrices, valid
         blocks = valid.reshape(self.rows, TILE, self.columns, TILE)
         seen = blocks.any(axis=(1, 3)).reshape(-1)
         self.whole = blocks.all(axis=(1, 3)).reshape(-1)
-        around = np.stack([corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]])
-        around = around.reshape(4, -1, 3)
-        middle = around.sum(axis=0)
+        # The rays of the corners of a tile's cells, corner by corner of each.
+        end = TILE // cells - 0.5
+        square = np.array([[-0.5, end, -0.5, end], [-0.5, -0.5, end, end], np.ones(4)])
+        around = (matrices @ square).reshape(-1, cells, cells, 3, 4).transpose(1, 2, 4, 0, 3)
+        around = around / np.maximum(np.linalg.norm(around, axis=-1, keepdims=True), 1e-300)
+        outer = around[0, 0, 0], around[0, -1, 1], around[-1, 0, 2], around[-1, -1, 3]
+        around = around.reshape(4 * cells * cells, -1, 3)
+        middle = np.sum(outer, axis=0)
         middle[~seen] = (0.0, 0.0, 1.0)
         middle /= np.linalg.norm(middle, axis=1, keepdims=True)
         cosine = np.clip((around * middle).sum(axis=2).min(axis=0), -1.0, 1.0)
         self.forward = bool((around[:, seen, 2] > np.cos(SIDEWAYS)).all())
         self.axis = np.tile([0.0, 0.0, 1.0], (len(middle), 1)) if self.forward else middle
         self.widest = 1.0 / float((around * self.axis).sum(axis=2)[:, seen].min())
+        self.inverse, self.spread = self._as_one_cell(np.stack(outer))
         self.nodes, self.levels = _tree(middle, np.arccos(cosine), seen, self.rows, self.columns)
 
     @classmethod
@@ -69,11 +79,7 @@ class Tiles:
         matrices[..., 0, 0], matrices[..., 1, 1] = 1 / K[0, 0], 1 / K[1, 1]
         matrices[..., 0, 2], matrices[..., 1, 2] = u / K[0, 0], v[:, None] / K[1, 1]
         matrices[..., 2, 2] = 1.0
-        corners = np.ones((rows + 1, columns + 1, 3))
-        corners[..., 0] = (np.arange(columns + 1) * TILE - 0.5 - K[0, 2]) / K[0, 0]
-        corners[..., 1] = ((np.arange(rows + 1) * TILE - 0.5 - K[1, 2]) / K[1, 1])[:, None]
-        corners /= np.linalg.norm(corners, axis=2, keepdims=True)
-        return cls(width, height, matrices.reshape(-1, 3, 3), 1, corners,
+        return cls(width, height, matrices.reshape(-1, 3, 3), 1,
                    _inside(width, height, rows, columns))
 
     @classmethod
@@ -104,21 +110,21 @@ class Tiles:
         lens = _Continued(unproject, centre)
         for cells in (1, 2, 4, 8):
             size = TILE // cells
-            shown = valid.reshape(rows * cells, size, columns * cells, size).any(axis=(1, 3))
-            corners = lens.corners(shown, size)
-            matrices = _through(corners, size)
-            middle = lens.middles(shown, size)
-            there = matrices[shown] @ np.array([(size - 1) / 2, (size - 1) / 2, 1.0])
-            there /= np.linalg.norm(there, axis=1, keepdims=True)
-            across = np.linalg.norm(corners[1:, 1:] - corners[:-1, :-1], axis=2)[shown]
-            aside = np.linalg.norm(there - middle, axis=1) / across * size * np.sqrt(2)
+            # Whole tiles, so that a tile's cone is around what it shows and no more.
+            tiles = valid.reshape(rows, TILE, columns, TILE).any(axis=(1, 3))
+            corners = lens.corners(np.kron(tiles, np.ones((cells, cells))) > 0, size)
+            a, b, c, d = corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]
+            matrices = _through(a, b, c, d, size)
             # Cells on the rim have corners where there is no lens.
             inner = valid.reshape(rows * cells, size, columns * cells, size).all(axis=(1, 3))
-            if cells == 8 or aside[inner[shown]].max(initial=0.0) <= MISFIT:
+            at = np.linalg.solve(matrices[inner], lens.middles(inner, size)[..., None])[..., 0]
+            aside = at[:, :2] / at[:, 2:] - (size - 1) / 2
+            # The mean over a cell is two thirds of what it is at its middle.
+            matrices[inner, :, 2] += (matrices[inner, :, :2] @ (aside[..., None] * 2 / 3))[..., 0]
+            if cells == 8 or 2 / 3 * np.linalg.norm(aside, axis=1).max(initial=0.0) <= MISFIT:
                 break
         matrices = matrices.reshape(rows, cells, columns, cells, 3, 3).swapaxes(1, 2)
-        return cls(width, height, np.ascontiguousarray(matrices).reshape(-1, 3, 3), cells,
-                   corners[::cells, ::cells], valid)
+        return cls(width, height, np.ascontiguousarray(matrices).reshape(-1, 3, 3), cells, valid)
 
     def rays(self) -> np.ndarray:
         """(height, width, 3) unit rays of the pixels' centres, NaN outside the lens."""
@@ -132,10 +138,32 @@ class Tiles:
         rays[~self.valid] = np.nan
         return rays[:self.height, :self.width]
 
+    def _as_one_cell(self, outer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """inverse and spread; outer: (4, tiles, 3) unit rays of the tiles' corners."""
+        n, size = self.cells, TILE // self.cells
+        one = self.matrices if n == 1 else _through(*outer, TILE)
+        flat = np.abs(np.linalg.det(one)) < 1e-18
+        inverse = np.linalg.inv(np.where(flat[:, None, None], np.eye(3), one))
+        spread = np.where(flat, np.inf, 0.0)
+        if n > 1:
+            cells = self.matrices.reshape(-1, n, n, 3, 3)
+            at = np.arange(n) * size
+            for x in (-0.5, (size - 1) / 2, size - 0.5):
+                for y in (-0.5, (size - 1) / 2, size - 0.5):
+                    there = np.einsum("tij,tvujk,k->tvui", inverse, cells, [x, y, 1.0])
+                    with np.errstate(all="ignore"):
+                        aside = np.hypot(there[..., 0] / there[..., 2] - at - x,
+                                         there[..., 1] / there[..., 2] - at[:, None] - y)
+                    aside[~((there[..., 2] > 0.0) & np.isfinite(aside))] = np.inf
+                    spread = np.maximum(spread, aside.max(axis=(1, 2)))
+        # Between those points it may be a little more.
+        return inverse, 1.5 * spread + 1e-6
+
     @property
     def nbytes(self) -> int:
         """Memory that the tiles take."""
-        return sum(one.nbytes for one in (self.matrices, self.axis, self.valid, self.nodes))
+        return sum(one.nbytes for one in (self.matrices, self.axis, self.inverse, self.valid,
+                                         self.nodes))
 
 
 class _Continued:
@@ -191,11 +219,10 @@ def _inside(width: int, height: int, rows: int, columns: int) -> np.ndarray:
     return valid
 
 
-def _through(corners: np.ndarray, size: int) -> np.ndarray:
-    """Matrices (rows, columns, 3, 3) of cells of `size` px with corner rays (rows + 1, columns + 1,
-    3): with weights a, b, c the fourth corner is b + c - a."""
-    a, b, c, d = corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]
-    sides = np.stack([-a, b, c], axis=3)
+def _through(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, size: int) -> np.ndarray:
+    """Matrices (..., 3, 3) of cells of `size` px with corner rays (..., 3), row by row: with
+    weights a, b, c the fourth corner is b + c - a."""
+    sides = np.stack([-a, b, c], axis=-1)
     # Where a cell shows nothing its corners may coincide.
     flat = np.abs(np.linalg.det(sides)) < 1e-18
     sides[flat] = np.eye(3)
@@ -203,7 +230,7 @@ def _through(corners: np.ndarray, size: int) -> np.ndarray:
     weight[flat] = 1.0
     first, right, down = (weight[..., k, None] * ray for k, ray in enumerate((a, b, c)))
     x, y = (right - first) / size, (down - first) / size
-    return np.stack([x, y, first + (x + y) / 2], axis=3)
+    return np.stack([x, y, first + (x + y) / 2], axis=-1)
 
 
 def _tree(axis: np.ndarray, angle: np.ndarray, seen: np.ndarray, rows: int, columns: int

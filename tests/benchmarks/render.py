@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
 """How long pictures take, how exact they are, and both beside another commit and other renderers.
 
-    python3 tests/benchmarks/render.py [--before ../checkout] [--others] [--poses 12]
+    python3 tests/benchmarks/render.py [--before COMMIT] [--others] [--poses 12]
 
 First a table: pictures from 320 x 240 to 1920 x 1200, of a table with a target and with 40 000
 triangles around that, through lenses from a pinhole to 220 degrees; processor time of all threads
 (the median of the poses), and how far centroid, area and angle of the target (50 px and more wide,
 second moments 1.44 : 1) are from exact projection, RMS over the poses. Then the demo's views,
-beside the commit in `--before` (a worktree of it with its own tests/benchmarks/render.py), in
-turns, each in a process of its own. `--others` adds PyBullet's own renderers and, where it is
+beside the commit `--before` (in a worktree made for that, with its own tests/benchmarks/render.py),
+in turns, each in a process of its own. `--others` adds PyBullet's own renderers and, where it is
 installed, MuJoCo, on the same triangles. The last line is JSON.
 """
 
@@ -23,7 +23,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -245,6 +246,8 @@ def side_by_side(case: str, checkouts: dict[str, tuple[Path, str]], folder: Path
     return {name: round(float(np.median(values)), 3) for name, values in times.items()}
 
 
+# The last commit that drew with OpenGL.
+BEFORE = "dd000ac"
 SIZES = [(320, 240), (640, 480), (1280, 960), (1920, 1200)]
 ANGLES = {
     "pinhole 57": dict(horizontal_fov=1.0),
@@ -321,7 +324,8 @@ def cell(bench: Bench, size: tuple[int, int], settings: dict, poses: int) -> dic
         if (outline < 4).any() or (outline > np.array(size) - 5).any():
             continue
         view = sensor._view(link_pose(T))
-        renderer.render(view)
+        if not errors:  # what the first picture prepares is for all
+            renderer.render(view)
         start = time.process_time()
         image = renderer.render(view)
         times.append(time.process_time() - start)
@@ -335,16 +339,32 @@ def cell(bench: Bench, size: tuple[int, int], settings: dict, poses: int) -> dic
             "angle_mrad": round(1e3 * float(np.sqrt((angle**2).mean())), 4)}
 
 
+@contextmanager
+def checkout_of(commit: str) -> Iterator[Path | None]:
+    """A worktree of a commit for as long as it is wanted; None for no commit."""
+    if not commit:
+        yield None
+        return
+    git = ["git", "-C", str(REPOSITORY), "worktree"]
+    with tempfile.TemporaryDirectory() as name:
+        subprocess.run([*git, "add", "--detach", "--quiet", name + "/it", commit], check=True)
+        try:
+            yield Path(name) / "it"
+        finally:
+            subprocess.run([*git, "remove", "--force", name + "/it"], check=True)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--before", type=Path, help="a checkout of the commit to compare with")
+    parser.add_argument("--before", default=BEFORE, help="the commit to compare with; '' for none")
     parser.add_argument("--others", action="store_true", help="PyBullet's renderers and MuJoCo too")
-    parser.add_argument("--poses", type=int, default=12, help="of each cell of the table")
-    parser.add_argument("--rounds", type=int, default=7)
-    parser.add_argument("--pictures", type=int, default=40, help="a round, of each renderer")
+    parser.add_argument("--poses", type=int, default=12,
+                        help="of each cell of the table, fewer in large pictures")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--pictures", type=int, default=15, help="a round, of each renderer")
     arguments = parser.parse_args()
     result: dict[str, object] = {}
-    with tempfile.TemporaryDirectory() as name:
+    with tempfile.TemporaryDirectory() as name, checkout_of(arguments.before) as before:
         folder = Path(name)
         cells = {}
         print(f"{'picture':>11} {'lens, deg':>13} {'triangles':>9} {'ms':>7} {'centroid px':>11} "
@@ -353,18 +373,19 @@ def main() -> None:
             bench = target_scene(triangles, folder)
             for lens, settings in ANGLES.items():
                 for size in SIZES:
-                    one = cell(bench, size, settings, arguments.poses)
+                    one = cell(bench, size, settings,
+                               max(arguments.poses * SIZES[0][0] // size[0], 3))
                     cells[f"{size[0]}x{size[1]} {lens} {triangles}"] = one
                     print(f"{size[0]:>6}x{size[1]:<4} {lens:>13} {triangles:>9} {one['ms']:>7} "
                           f"{one['centroid_rms_px']:>11} {one['area_rms_percent']:>7} "
-                          f"{one['angle_mrad']:>10}")
+                          f"{one['angle_mrad']:>10}", flush=True)
             bench.close()
         result["worst_centroid_rms_px"] = max(c["centroid_rms_px"] for c in cells.values())
         result["worst_angle_mrad"] = max(c["angle_mrad"] for c in cells.values())
         result["worst_area_rms_percent"] = max(c["area_rms_percent"] for c in cells.values())
         checkouts = {"now": (REPOSITORY, "exact")}
-        if arguments.before:
-            checkouts["before"] = (arguments.before.resolve(), "opengl")
+        if before:
+            checkouts["before"] = (before, "opengl")
         if arguments.others:
             checkouts["pybullet_tiny"] = (REPOSITORY, "pybullet_tiny")
             for module, other in (("eglRenderer", "pybullet_egl"), ("mujoco", "mujoco"),

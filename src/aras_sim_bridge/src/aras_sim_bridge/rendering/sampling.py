@@ -164,7 +164,8 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
                         left = top = -np.inf
                         right = bottom = np.inf
                         break
-                    u, v = u / w, v / w
+                    w = 1.0 / w
+                    u, v = u * w, v * w
                     left, right = min(left, u), max(right, u)
                     top, bottom = min(top, v), max(bottom, v)
                 left, right = max(left - spread[n], -1.0), min(right + spread[n], TILE + 0.0)

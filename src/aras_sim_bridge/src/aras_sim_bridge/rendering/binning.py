@@ -151,6 +151,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
         if distance > radius[c]:
             sine_c = radius[c] / distance
             cosine_c = np.sqrt(1.0 - sine_c * sine_c)
+        small_c = sine_c if distance > radius[c] else np.inf
         scale = 1.0 / max(distance, 1e-12)
         x, y, z = -x * scale, -y * scale, -z * scale
         xc = T[r, 0, 0] * x + T[r, 0, 1] * y + T[r, 0, 2] * z
@@ -267,9 +268,12 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                 children[touched, 0], children[touched, 1], children[touched, 2] = node, i, j
                 touched += 1
             free = end
+            # All of them are in each child, or the cluster is so small that most of them are.
+            together = touched == 1 or covered or (
+                touched > 0 and level > 0 and small_c < nodes[children[0, 0], 4])
             for child in range(touched):
                 begin = free
-                if touched == 1 or covered:  # all of them are there
+                if together:
                     begin, free = start, end
                 else:
                     node = children[child, 0]

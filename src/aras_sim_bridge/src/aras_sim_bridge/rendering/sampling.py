@@ -26,9 +26,9 @@ class Samples:
     tile: (tiles,) what the whole tile shows, or SEVERAL.
     pixel: (rows * TILE, columns * TILE) int32; only of tiles with SEVERAL.
     most: what most tiles show.
-    start (tiles + 1,), member (P,), full (P,): as in Seen, of the triangles that are left.
-    touched: (P,) uint64, in tiles with SEVERAL, the pixels that each may touch: row * TILE +
-        column is the number of the bit.
+    start (tiles + 1,), member (P,), full (P,): as in Seen, of the triangles that are left in tiles
+        with SEVERAL. touched: (P,) uint64, the pixels that each may touch: row * TILE + column is
+        the number of the bit.
     """
 
     tile: np.ndarray
@@ -54,10 +54,11 @@ class Sampler:
             seen.start, seen.member, seen.full, seen.side, opaque, t.matrices, t.axis, t.nodes,
             t.whole, t.cells)
         touched = np.empty(len(member), np.uint64)
-        _sample(tile, start, member, full, seen.corner, seen.side, seen.cut, opaque, t.matrices,
-                t.inverse, t.spread, t.axis, t.valid, t.cells, t.columns, near, far, self._pixel,
-                touched)
-        return Samples(tile, self._pixel, most, start, member, full, touched)
+        left = _sample(
+            tile, start, member, full, seen.corner, seen.side, seen.cut, opaque, t.matrices,
+            t.inverse, t.spread, t.axis, t.valid, t.cells, t.columns, near, far, self._pixel,
+            touched)
+        return Samples(tile, self._pixel, most, start, member[:left], full[:left], touched[:left])
 
 
 @compiled("i8[::1], i8[::1], b1[::1], f8[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], "
@@ -133,12 +134,16 @@ def _settled(start, member, full, side, opaque, matrices, axis, nodes, whole, ce
           "u8[::1]")
 def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inverse, spread, axis,
             valid, cells, columns, near, far, pixel, touched):
-    """Fill `pixel` and `touched` where tiles show several."""
+    """Fill `pixel` and `touched` where tiles show several, and leave in start, member and full only
+    what touches pixels of those; the number of that."""
     size = TILE // cells
     nearest = np.empty(TILE * TILE)
     shown = np.empty(TILE * TILE, np.int32)
     one = np.uint64(1)
+    kept, end = 0, start[0]
     for n in range(len(tile)):
+        begin, end = end, start[n + 1]
+        start[n] = kept
         if tile[n] != SEVERAL:
             continue
         for i in range(TILE * TILE):
@@ -146,12 +151,12 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
         i00, i01, i02 = inverse[n, 0, 0], inverse[n, 0, 1], inverse[n, 0, 2]
         i10, i11, i12 = inverse[n, 1, 0], inverse[n, 1, 1], inverse[n, 1, 2]
         i20, i21, i22 = inverse[n, 2, 0], inverse[n, 2, 1], inverse[n, 2, 2]
-        for k in range(start[n], start[n + 1]):
-            m = member[k]
+        for k in range(begin, end):
+            m, all_over = member[k], full[k]
             left = top = 0.0
             right = bottom = TILE - 1.0
-            touched[k] = ~np.uint64(0)
-            if not full[k]:
+            pixels = ~np.uint64(0)
+            if not all_over:
                 # The box around it.
                 left = top = np.inf
                 right = bottom = -np.inf
@@ -173,12 +178,14 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
                 u0, u1 = int(np.floor(left + 0.5)), int(np.floor(right + 0.5))
                 v0, v1 = int(np.floor(top + 0.5)), int(np.floor(bottom + 0.5))
                 u0, u1, v0, v1 = max(u0, 0), min(u1, TILE - 1), max(v0, 0), min(v1, TILE - 1)
-                touched[k] = 0
-                if u0 <= u1 and v0 <= v1:
-                    row = ((one << np.uint64(u1 - u0 + 1)) - one) << np.uint64(u0)
-                    # A row in each byte, those beyond the last pushed out.
-                    rows = np.uint64(0x0101010101010101) >> np.uint64(8 * (TILE - 1 - v1 + v0))
-                    touched[k] = row * (rows << np.uint64(8 * v0))
+                if u0 > u1 or v0 > v1:
+                    continue
+                row = ((one << np.uint64(u1 - u0 + 1)) - one) << np.uint64(u0)
+                # A row in each byte, those beyond the last pushed out.
+                rows = np.uint64(0x0101010101010101) >> np.uint64(8 * (TILE - 1 - v1 + v0))
+                pixels = row * (rows << np.uint64(8 * v0))
+            member[kept], full[kept], touched[kept] = m, all_over, pixels
+            kept += 1
             if not opaque[m]:
                 continue
             u0, u1 = max(int(np.ceil(left)), 0), min(int(np.floor(right)), TILE - 1)
@@ -202,13 +209,13 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
                     c2 = side[m, 2, 0] * x + side[m, 2, 1] * y + side[m, 2, 2] * z
                     x_first, x_last = max(u0 - cell_u * size, 0), min(u1 - cell_u * size, size - 1)
                     y_first, y_last = max(v0 - cell_v * size, 0), min(v1 - cell_v * size, size - 1)
-                    begin = cell_v * size * TILE + cell_u * size
-                    if full[k]:
+                    corner_i = cell_v * size * TILE + cell_u * size
+                    if all_over:
                         a, b, w0 = a0 + a1 + a2, b0 + b1 + b2, c0 + c1 + c2
                         for y0 in range(size):
                             for x0 in range(size):
                                 w = w0 + a * x0 + b * y0
-                                i = begin + TILE * y0 + x0
+                                i = corner_i + TILE * y0 + x0
                                 if w > nearest[i]:
                                     nearest[i], shown[i] = w, m
                         continue
@@ -223,7 +230,7 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
                         for x0 in range(x_first, x_last + 1):
                             l0, l1, l2 = row0 + a0 * x0, row1 + a1 * x0, row2 + a2 * x0
                             w = l0 + l1 + l2
-                            i = begin + TILE * y0 + x0
+                            i = corner_i + TILE * y0 + x0
                             if l0 >= 0.0 and l1 >= 0.0 and l2 >= 0.0 and w > nearest[i]:
                                 if cut[m]:
                                     depth = 0.0
@@ -239,3 +246,5 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
             for x0 in range(TILE):
                 there = valid[v + y0, u + x0]
                 pixel[v + y0, u + x0] = shown[y0 * TILE + x0] if there else NOTHING
+    start[len(tile)] = kept
+    return kept

@@ -41,6 +41,7 @@ from aras_sim_bridge.camera.effects import EffectChain, Effects  # noqa: E402
 from aras_sim_bridge.description import Geometry, parse_urdf  # noqa: E402
 from aras_sim_bridge.rendering import (  # noqa: E402
     SENSOR_R_OPTICAL,
+    Renderer,
     View,
     create_renderer,
 )
@@ -299,11 +300,11 @@ def picture_moments(image: np.ndarray, outline: np.ndarray) -> np.ndarray:
     return np.array([area, cx, cy, 0.5 * np.arctan2(2 * xy, xx - yy)])
 
 
-def cell(bench: Bench, size: tuple[int, int], settings: dict, poses: int) -> dict[str, float]:
+def cell(renderer: Renderer, size: tuple[int, int], settings: dict, poses: int
+         ) -> dict[str, float]:
     """Time and errors of pictures of one size through one lens."""
     config = CameraConfig.from_mapping({"near": 0.01, "far": 20.0, "width": size[0],
                                         "height": size[1], **settings})
-    renderer = create_renderer("exact", bench.world)
     sensor = CameraSensor(config, renderer)
     border = np.linspace(-1, 1, 60)[:-1]
     side = np.stack([border, -np.ones_like(border)], axis=1)
@@ -360,8 +361,8 @@ def main() -> None:
     parser.add_argument("--others", action="store_true", help="PyBullet's renderers and MuJoCo too")
     parser.add_argument("--poses", type=int, default=12,
                         help="of each cell of the table, fewer in large pictures")
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--pictures", type=int, default=15, help="a round, of each renderer")
+    parser.add_argument("--rounds", type=int, default=4)
+    parser.add_argument("--pictures", type=int, default=12, help="a round, of each renderer")
     arguments = parser.parse_args()
     result: dict[str, object] = {}
     with tempfile.TemporaryDirectory() as name, checkout_of(arguments.before) as before:
@@ -371,14 +372,16 @@ def main() -> None:
               f"{'area %':>7} {'angle mrad':>10}")
         for triangles in (0, 40_000):
             bench = target_scene(triangles, folder)
+            renderer = create_renderer("exact", bench.world)
             for lens, settings in ANGLES.items():
                 for size in SIZES:
-                    one = cell(bench, size, settings,
+                    one = cell(renderer, size, settings,
                                max(arguments.poses * SIZES[0][0] // size[0], 3))
                     cells[f"{size[0]}x{size[1]} {lens} {triangles}"] = one
                     print(f"{size[0]:>6}x{size[1]:<4} {lens:>13} {triangles:>9} {one['ms']:>7} "
                           f"{one['centroid_rms_px']:>11} {one['area_rms_percent']:>7} "
                           f"{one['angle_mrad']:>10}", flush=True)
+            renderer.close()
             bench.close()
         result["worst_centroid_rms_px"] = max(c["centroid_rms_px"] for c in cells.values())
         result["worst_angle_mrad"] = max(c["angle_mrad"] for c in cells.values())

@@ -228,10 +228,21 @@ def test_joints_between_and_after_their_samples():
     assert history.at(1.05, earlier_only=True).positions[0] == pytest.approx(0.5)  # 0 + 10 x 0.05
     assert history.at(1.175, earlier_only=True).positions[0] == pytest.approx(1.75)
     assert history.complete_to(1.29) and not history.complete_to(1.31)
+    assert history.complete_to(1.2)
     history.add(sample(1.3, 4.0))
     assert history.at(1.05, earlier_only=True) is None  # the oldest gave way
     history.clear()
     assert history.newest is None
+
+
+def test_an_image_waits_for_the_sample_of_its_own_stamp_however_that_is_rounded():
+    for k in range(2, 1000):
+        history = JointHistory()
+        history.add(sample((k - 2) / 100, 0.0))
+        history.add(sample((k - 1) / 100, 0.0))
+        assert not history.complete_to(k / 100), k
+        history.add(sample(k / 100, 0.0))
+        assert history.complete_to(k / 100)
 
 
 def test_messages_of_one_stamp_meet_in_any_order():
@@ -257,3 +268,18 @@ def test_data_without_a_stamp_belong_to_the_moments_sent_before():
     assert turns.stamped("m3") is None  # its data never come
     assert turns.stamped("m4") is None
     assert turns.plain("d4") == ("m4", "d4")
+
+
+def test_data_of_an_image_that_was_passed_over_are_not_taken_for_the_next():
+    turns = InTurn()
+    turns.passed_over()
+    assert turns.plain("d1") is None  # they come all the same, after their moments
+    assert turns.stamped("m2") is None
+    assert turns.plain("d2") == ("m2", "d2")
+    assert turns.plain("d3") is None
+    turns.passed_over()  # they came before their moments
+    assert turns.plain("d4") is None
+    assert turns.stamped("m4") == ("m4", "d4")
+    turns.passed_over()  # none come
+    assert turns.stamped("m6") is None
+    assert turns.plain("d6") == ("m6", "d6")

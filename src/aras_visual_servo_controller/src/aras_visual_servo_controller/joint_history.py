@@ -16,6 +16,7 @@ from .joint_sample import JointSample
 
 # Further than this from the nearest sample nothing is known of the joints, s.
 FARTHEST = 0.1
+ROUNDING = 1e-6  # s, more than what stamps in s are rounded to, less than any period of samples
 
 
 class JointHistory:
@@ -49,7 +50,7 @@ class JointHistory:
         if len(self._samples) < 2:
             return False
         newest, before = self._samples[-1].stamp, self._samples[-2].stamp
-        return newest + (newest - before) > stamp
+        return newest == stamp or newest + (newest - before) > stamp + ROUNDING
 
     def at(self, stamp: float, earlier_only: bool = False) -> JointSample | None:
         """The joints at an instant; None where no sample is near enough.

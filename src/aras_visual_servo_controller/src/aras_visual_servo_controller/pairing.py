@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Hashable, Sequence
 from typing import Any
 
@@ -47,26 +48,35 @@ class InTurn:
     """
 
     def __init__(self) -> None:
+        self._lock = threading.Lock()
         self._stamped: Any = None
         self._plain: Any = None
+        self._to_come = False  # the numbers of an image that was passed over
 
     def stamped(self, message: Any) -> tuple[Any, Any] | None:
         """Take in the message with the stamp; the pair when its other half is there."""
-        self._stamped = message
-        return self._pair()
+        with self._lock:
+            self._stamped, self._to_come = message, False
+            return self._pair()
 
     def plain(self, message: Any) -> tuple[Any, Any] | None:
         """Take in the message without a stamp; likewise."""
-        self._plain = message
-        return self._pair()
+        with self._lock:
+            if self._to_come and self._stamped is None:
+                self._to_come = False
+                return None
+            self._plain = message
+            return self._pair()
 
-    def clear(self) -> None:
-        """Forget what waits."""
-        self._stamped = self._plain = None
+    def passed_over(self) -> None:
+        """The stamped message was of no use: its other half, which may come yet, is not either."""
+        with self._lock:
+            self._to_come = self._plain is None
+            self._stamped = self._plain = None
 
     def _pair(self) -> tuple[Any, Any] | None:
         if self._stamped is None or self._plain is None:
             return None
         pair = self._stamped, self._plain
-        self.clear()
+        self._stamped = self._plain = None
         return pair

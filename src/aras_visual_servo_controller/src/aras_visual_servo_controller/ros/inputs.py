@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+
 import rospy
 from aras_visual_servo_camera.msg import ImageMoments
 from sensor_msgs.msg import CameraInfo, Image, JointState
@@ -29,6 +31,8 @@ class Inputs:
         self._driver = driver
         self._observer, needs = driver.observer, driver.observer.needs
         self._camera: CameraModel | None = None
+        self._early: dict[str, Image] = {}  # the newest of each kind that came before camera_info
+        self._lock = threading.Lock()
         self._turns, space = InTurn(), settings.namespace.rstrip("/")
         self._images = ByStamp(("image", "depth") if Need.DEPTH in needs else ("image",))
         options = {"queue_size": 1, "tcp_nodelay": True}
@@ -68,7 +72,7 @@ class Inputs:
         if not self._kernel:
             self._measured(message, None)
         elif not message.valid:
-            self._turns.clear()  # no data come of it
+            self._turns.passed_over()
             self._measured(message, None)
         elif pair := self._turns.stamped(message):
             self._measured(*pair)
@@ -95,10 +99,17 @@ class Inputs:
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
-            self._camera = CameraModel.from_message(message)
+            camera = CameraModel.from_message(message)
         except VisionError as error:
-            self._camera = None
+            camera = None
             rospy.logwarn_throttle(5.0, f"camera_info is of no use: {error}")
+        with self._lock:
+            self._camera = camera
+            early = {}
+            if camera is not None:
+                early, self._early = self._early, early
+        for kind, image in early.items():
+            self._seen(kind, image)
 
     def _on_image(self, message: Image) -> None:
         self._seen("image", message)
@@ -107,13 +118,18 @@ class Inputs:
         self._seen("depth", message)
 
     def _seen(self, kind: str, message: Image) -> None:
-        if self._camera is None:
-            rospy.logwarn_throttle(5.0, "images wait for their camera_info")
-            return
-        together = self._images.add(kind, message.header.stamp, message)
+        with self._lock:
+            camera = self._camera
+            if camera is None:
+                # The first image may overtake its camera_info; in lockstep time waits for it.
+                if kind in self._early:
+                    rospy.logwarn_throttle(5.0, "images wait for their camera_info")
+                self._early[kind] = message
+                return
+            together = self._images.add(kind, message.header.stamp, message)
         if together is None:
             return
-        stamp, camera = message.header.stamp.to_sec(), self._camera
+        stamp = message.header.stamp.to_sec()
         try:
             image = decode(together["image"])
             depth = depth_of(together["depth"]) if "depth" in together else None

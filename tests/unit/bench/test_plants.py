@@ -4,11 +4,14 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_bench import rigid
+from aras_visual_servo_bench.assembly import assemble
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment import Experiment
 from aras_visual_servo_bench.plants import CameraReading, JointReading
 from aras_visual_servo_bench.plants.bullet_arm import BulletArm
 from aras_visual_servo_bench.plants.free_body import FreeBody
 from aras_visual_servo_bench.plants.kinematic import FreeCamera, KinematicChain, Sight
+from aras_visual_servo_bench.runner import Loop
 from aras_visual_servo_bench.targets import PlacedTarget, PolygonTarget
 
 START = np.array([0.1, 0.0, 0.17, -0.09, -0.09, 0.3])
@@ -214,3 +217,26 @@ def test_noise_is_the_seeds(arm, sight):
 
         np.testing.assert_array_equal(seen(1), seen(1))
         assert not np.array_equal(seen(1), seen(2))
+
+
+def test_measured_joints_are_those_of_the_joint_states_and_not_of_the_step_after():
+    loop = Loop(Experiment(), assemble(Experiment()))
+    heard = {}
+    advance = loop.plant.advance
+
+    def listened(until_ns):
+        readings = advance(until_ns)
+        for reading in readings:
+            if isinstance(reading, JointReading):
+                heard[reading.stamp] = dict(zip(reading.names, reading.positions, strict=True))
+        return readings
+
+    loop.plant.advance = listened
+    for _ in range(10):
+        loop.to_image()
+    result = loop.result()
+    loop.close()
+    assert list(heard) == result.joint_stamp.tolist()
+    for told, measured in zip(heard.values(), result.measured, strict=True):
+        assert [told[name] for name in result.joint_names] == measured.tolist()
+    assert np.abs(result.true_joints - result.measured).max() > 1e-5

@@ -62,7 +62,7 @@ class Assembly:
 
     def observe(self, reading: CameraReading, joints: Any, commands: tuple = ()) -> Observation:
         """The observation of a camera's reading, as the controller makes it."""
-        stamp = reading.stamp_ns * 1e-9
+        stamp = reading.stamp
         if reading.pictured:
             return self.observer.of_image(
                 stamp, reading.picture, self.camera, joints, commands, reading.depth

@@ -19,7 +19,7 @@ class History:
         self._unknown = np.full(joints, np.nan)
         self._states: list[tuple[ServoState, np.ndarray]] = []
         self._stamps: list[float] = []
-        self._joints: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        self._joints: list[tuple[np.ndarray, ...]] = []
         self._poses: list[np.ndarray] = []
         self._asked = self._unknown
 
@@ -32,11 +32,19 @@ class History:
         self._asked = values
 
     def joints(
-        self, stamp: float, positions: np.ndarray, speeds: np.ndarray, pose: np.ndarray
+        self,
+        stamp: float,
+        measured: tuple[np.ndarray, np.ndarray],
+        true: tuple[np.ndarray, np.ndarray],
+        pose: np.ndarray,
     ) -> None:
-        """One joint state, after the latest command; pose: the true one then."""
+        """One joint state, after the latest command.
+
+        measured, true: positions and velocities (n,) that it tells, and of the plant when it came.
+        pose: the true one then.
+        """
         self._stamps.append(stamp)
-        self._joints.append((positions, speeds, self._asked))
+        self._joints.append((*measured, *true, self._asked))
         self._poses.append(pose)
 
     def run(self, **known: Any) -> Run:
@@ -77,9 +85,11 @@ class History:
             rank=np.array([state.rank for state in states], int),
             smallest=np.array(smallest, float),
             joint_stamp=np.array(self._stamps),
-            measured=rows([positions for positions, _, _ in self._joints], joints),
-            speed=rows([speeds for _, speeds, _ in self._joints], joints),
-            commanded=rows([asked for _, _, asked in self._joints], joints),
+            measured=rows([row[0] for row in self._joints], joints),
+            measured_speed=rows([row[1] for row in self._joints], joints),
+            true_joints=rows([row[2] for row in self._joints], joints),
+            true_speed=rows([row[3] for row in self._joints], joints),
+            commanded=rows([row[4] for row in self._joints], joints),
             true_pose=np.array(self._poses).reshape(-1, 4, 4),
             **known,
         )

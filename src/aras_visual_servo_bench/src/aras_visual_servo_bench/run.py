@@ -47,9 +47,11 @@ class Run:
         phases, outcomes, reasons: n words of the loop.
         rank: (n,) of the task; -1 where none. smallest: (n,) least singular value.
         joint_names: j names.
-        joint_stamp: (m,) s. measured, speed: (m, j) true joints and speeds then, rad, m, /s.
+        joint_stamp: (m,) s. measured, measured_speed: (m, j) what the joint states say, rad, m, /s.
         commanded: (m, j) the latest command at each joint state; NaN before the first.
-        true_pose: (m, 4, 4) world_T_camera from the plant at them.
+        true_joints, true_speed: (m, j) of the plant when each came: with physics a step later, for
+            joint states are taken before the step that they are sent in. true_pose: (m, 4, 4)
+            world_T_camera then.
         goal_pose: (4, 4) where the camera ought to be at the end.
         outcome, reason, mend: of the whole run, as the loop gives them.
         verdict: what the physics knows.
@@ -73,7 +75,9 @@ class Run:
     joint_names: tuple[str, ...]
     joint_stamp: np.ndarray
     measured: np.ndarray
-    speed: np.ndarray
+    measured_speed: np.ndarray
+    true_joints: np.ndarray
+    true_speed: np.ndarray
     commanded: np.ndarray
     true_pose: np.ndarray
     goal_pose: np.ndarray

@@ -15,6 +15,7 @@ from .assembly import Assembly, assemble
 from .experiment import Experiment
 from .history import History
 from .plants import CameraReading
+from .plants.base import seconds
 from .run import Run, Verdict
 
 NS = 1_000_000_000
@@ -54,7 +55,7 @@ class Loop:
         # Wall time stands still: what is late here is late in simulated time.
         self._driver = Driver(
             parts.servo, parts.observer, parts.settings, self,
-            clock=lambda: self.plant.time_ns / NS, wall=lambda: 0.0,
+            clock=lambda: seconds(self.plant.time_ns), wall=lambda: 0.0,
         )  # fmt: skip
         self._answered = False
         self._began_ns: int | None = None
@@ -120,7 +121,7 @@ class Loop:
         self._answered = False
         while not (self.over or self._answered):
             for reading in plant.advance(plant.time_ns + NS):
-                stamp = reading.stamp_ns / NS
+                stamp = reading.stamp
                 if isinstance(reading, CameraReading):
                     self.reading = reading
                     if self._began_ns is None:
@@ -128,7 +129,8 @@ class Loop:
                     driver.image(stamp, partial(self.parts.observe, reading))
                 else:
                     driver.joints(reading.names, reading.positions, reading.velocities, stamp)
-                    self._history.joints(stamp, *plant.joints(), plant.pose())
+                    measured = reading.of(plant.joint_names)
+                    self._history.joints(stamp, measured, plant.joints(), plant.pose())
         return self.state if self._answered else None
 
     def goal_pose(self) -> np.ndarray:

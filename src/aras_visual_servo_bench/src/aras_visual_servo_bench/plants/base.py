@@ -11,6 +11,13 @@ import numpy as np
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.undistortion import CameraModel
 
+NS = 1_000_000_000
+
+
+def seconds(stamp_ns: int) -> float:
+    """A stamp in s, rounded as ROS rounds it, so that it is the same number on a graph."""
+    return float(stamp_ns // NS) + (stamp_ns % NS) / 1e9
+
 
 @dataclass(frozen=True, eq=False)
 class JointReading:
@@ -23,6 +30,16 @@ class JointReading:
     names: tuple[str, ...]
     positions: Sequence[float]
     velocities: Sequence[float]
+
+    @property
+    def stamp(self) -> float:
+        """`stamp_ns` in s."""
+        return seconds(self.stamp_ns)
+
+    def of(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and velocities (n,) of the named joints."""
+        rows = [self.names.index(name) for name in names]
+        return np.array(self.positions)[rows], np.array(self.velocities)[rows]
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +56,11 @@ class CameraReading:
     depth: np.ndarray | None = None
     outline: np.ndarray | None = None
     points: np.ndarray | None = None
+
+    @property
+    def stamp(self) -> float:
+        """`stamp_ns` in s."""
+        return seconds(self.stamp_ns)
 
     @property
     def pictured(self) -> bool:

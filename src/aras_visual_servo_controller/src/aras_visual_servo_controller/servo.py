@@ -236,6 +236,8 @@ class Servo:
                 self._pending.append((stamp + self.settings.delay, decision.task))
             else:
                 self._task, self._resolved = decision.task, None
+                if resolution.lasts > 0.0 and self._now is not None:
+                    self._resolved = (self._now, resolution)
         else:
             self._controlled = True
         reached = self._convergence.add(stamp, decision.error, np.asarray(self.scheme.tolerances))
@@ -316,8 +318,8 @@ class Servo:
 
     def _of_task(self, t: float, dt: float, measured: JointSample) -> tuple[np.ndarray, str]:
         period = self.settings.resolve_period
-        due = self._resolved is None or t - self._resolved[0] >= period - 1e-9
-        if due:
+        kept = self._resolved
+        if kept is None or t - kept[0] >= max(kept[1].lasts, period) - 1e-9:
             resolution = self.resolver.resolve(
                 measured.positions, self._task, max(dt, period), self._motion.velocity
             )

@@ -41,7 +41,9 @@ class ServoSettings:
         watchdog, watchdog_images: without a fresh answer for this long, s, or for so many image
             periods, whichever is longer, the arm is stopped smoothly.
         stop_time: s in which a smooth stop comes to rest, if the acceleration limits allow it.
-        resolve_period: s for which joint velocities are kept before they are worked out anew.
+        resolve_period: s for which joint velocities are kept before they are worked out anew;
+            those of an arm that moves slowly, away from its limits, serve until the next image
+            or for 0.05 s.
         output: what is sent: 'position', 'velocity' or 'effort'.
         stiffness, damping: of the effort output, per rad or m of what the command is ahead.
         duration: s of servoing after which the run has timed out; inf: never.

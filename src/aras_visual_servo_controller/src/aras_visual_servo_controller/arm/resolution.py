@@ -11,6 +11,7 @@ DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
 UNITS = ("m/s",) * 3 + ("rad/s",) * 3
 # Below this part of the greatest singular value of L or LJ there is nothing but noise.
 RANK_TOLERANCE = 1e-4
+LASTING = 0.05  # s that steady velocities may be kept; a slow camera's image period
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +29,8 @@ class Resolution:
         stopped: names of joints that were stopped at their limits.
         slowing: name of the joint whose limit slowed the task; '' when none did.
         reasons: what held the motion back, in words; empty when nothing did.
+        lasts: s that the velocities may be kept: LASTING where the arm moves slowly, and nothing
+            but the task and what is held shapes its motion, nor will before then; else 0.
         L: (k, 6) of the task; jacobian: (6, n) of the arm; both in SI units.
         modelled: (6,) bool, of the task.
     """
@@ -45,6 +48,7 @@ class Resolution:
     L: np.ndarray
     jacobian: np.ndarray
     modelled: np.ndarray
+    lasts: float = 0.0
 
     @cached_property
     def _of_task(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -41,7 +41,7 @@ from .fold import Fold, find
 from .held import Held
 from .limits import Limits
 from .linear import svd
-from .resolution import DIRECTIONS, RANK_TOLERANCE, UNITS, Resolution
+from .resolution import DIRECTIONS, LASTING, RANK_TOLERANCE, UNITS, Resolution
 from .secondary import SecondaryTask
 
 if TYPE_CHECKING:
@@ -50,6 +50,8 @@ if TYPE_CHECKING:
 SMALLEST = 1e-9  # a singular value below is a rounding error
 # From this part of L's greatest singular value on all twists are seen alike.
 WELL_SEEN = 0.05
+# Joints that move less than this leave the Jacobian as it is, beside an elbow too, rad or m.
+STILL = 0.002
 # A weak joint motion is damped at least as if the demand saw so much of it.
 LEAST_SEEN = 0.3
 
@@ -180,6 +182,7 @@ class Resolver:
             q, primary, secondary, low, high, dt, previous
         )
         names = self.arm.names
+        steady = not (stopped or straight or slowest is not None)
         reasons = self._reasons(asked, missing, stopped, straight)
         if slowest is not None:
             reasons.append(f"slowed to {100.0 * scale:.0f} % for a limit of {names[slowest]}")
@@ -197,7 +200,18 @@ class Resolver:
             L=L,
             jacobian=jacobian,
             modelled=task.modelled,
+            lasts=LASTING if steady and self._steady(q, velocities, free) else 0.0,
         )
+
+    def _steady(self, q: np.ndarray, velocities: np.ndarray, free: np.ndarray) -> bool:
+        """Whether velocities (n,) stay right for LASTING: the posture hardly changes, and no limit
+        and no elbow asks for others."""
+        if max(map(abs, velocities.tolist())) * LASTING > STILL:
+            return False
+        low, high = self._bounds.positions(q, LASTING)
+        if ((velocities < low) | (velocities > high)).any():
+            return False
+        return not any(self._passes(fold, q, velocities, LASTING, free) for fold in self.folds)
 
     def _demand(self, task: Task, view: np.ndarray, scaled: np.ndarray) -> _Demand:
         """Rows for the task, and those for what it does not model.

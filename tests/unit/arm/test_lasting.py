@@ -1,0 +1,53 @@
+"""How long the resolver's velocities may be kept: between images, where nothing changes them."""
+
+import numpy as np
+import pytest
+from arms import make
+
+from aras_visual_servo_controller.arm import Limits, Resolver
+from aras_visual_servo_controller.arm.resolution import LASTING
+from aras_visual_servo_controller.task import Task
+
+Q = [0.1, 0.2, 0.6, -0.9, 0.4, 0.5]
+SLOW = np.array([0.002, 0.001, 0.001, 0.0, 0.0, 0.002])
+
+
+def resolve(q, twist, dt=0.01, **limits):
+    arm = make("aras")
+    return Resolver(arm, Limits.of(arm, **limits)).resolve(np.array(q), Task.of_twist(twist), dt)
+
+
+def test_slow_motion_away_from_limits_lasts():
+    assert resolve(Q, SLOW).lasts == LASTING
+
+
+def test_fast_motion_does_not():
+    assert resolve(Q, 20.0 * SLOW).lasts == 0.0
+
+
+@pytest.mark.parametrize("joint", range(6))
+def test_near_a_limit_that_this_motion_reaches_it_does_not(joint):
+    velocities = resolve(Q, SLOW).velocities
+    speed = velocities[joint]
+    if abs(speed) < 1e-6:
+        pytest.skip("this joint stands still")
+    side = "upper" if speed > 0.0 else "lower"
+    room = 0.5 * LASTING * abs(speed)  # more than one step takes
+    name = make("aras").names[joint]
+    bound = Q[joint] + np.sign(speed) * room
+    assert resolve(Q, SLOW, **{side: {name: bound}}).lasts == 0.0
+    assert resolve(Q, SLOW, **{side: {name: bound + 3.0 * (bound - Q[joint])}}).lasts == LASTING
+
+
+def test_an_elbow_about_to_straighten_is_looked_at_in_every_step():
+    resolver = Resolver(make("aras"))
+    fold = resolver.folds[0]
+    q = fold.bent(np.array(Q), 1e-4 - fold.bend(np.array(Q)))
+    lasting = 0
+    for part in np.linspace(-1.0, 1.0, 21):
+        answer = resolver.resolve(q, Task.of_twist(part * np.eye(6)[0] * 1e-3), 0.01)
+        passes = fold.bend(q) + LASTING * answer.velocities[fold.joint] < 0.5 * fold.bend(q)
+        assert not (passes and answer.lasts > 0.0)
+        lasting += answer.lasts > 0.0
+        resolver.reset()
+    assert lasting

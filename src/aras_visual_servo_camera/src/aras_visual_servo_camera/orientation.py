@@ -13,13 +13,17 @@ the image itself.
 
 from __future__ import annotations
 
+from cmath import exp
+from functools import cache
 from math import atan2, comb, pi, remainder, sqrt
+from operator import mul
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .interaction import Plane
-from .moments import DENSE, Array, Moments, translate
+from .moments import DENSE, Array, Moments, exponents, translate
 
 # |mu3| / (m00 rg^3) below which a shape counts as symmetric. Pixels and the truncated expansion
 # leave up to 2e-3 of a rectangle; shapes that have a direction to the eye have 1e-2 and more.
@@ -77,8 +81,8 @@ def rotate_third(third: tuple[float, ...], angle: float) -> tuple[float, float, 
     a, b, c, d = third
     # The complex moments mu30 + mu12 + i (mu21 + mu03) and mu30 - 3 mu12 + i (3 mu21 - mu03)
     # turn by once and three times the angle.
-    once = complex(a + c, b + d) * np.exp(1j * angle)
-    thrice = complex(a - 3 * c, 3 * b - d) * np.exp(3j * angle)
+    once = complex(a + c, b + d) * exp(1j * angle)
+    thrice = complex(a - 3 * c, 3 * b - d) * exp(3j * angle)
     m30, m12 = (3 * once.real + thrice.real) / 4, (once.real - thrice.real) / 4
     m03, m21 = (3 * once.imag - thrice.imag) / 4, (once.imag + thrice.imag) / 4
     return m30, m21, m12, m03
@@ -101,33 +105,54 @@ def upright(moments: Moments, plane: Plane) -> Array:
     Returns:
         (4, 4), up to a common factor per order: mu_ij at [i, j].
     """
-    n = moments.order
     inverse_depth = plane.inverse_depth(moments.xg, moments.yg)
     ex, ey = plane.A / inverse_depth, plane.B / inverse_depth
-    # times[r] = moments with (e.d)^r under the integral
-    times = [moments.centred]
-    for _ in range(n):
-        times.append(_times(times[-1], ex, ey))
     gx, gy = _in_plane(plane, moments.xg, moments.yg, ex, ey)
-    delta = 3 if moments.kind == DENSE else 0
+    x, y, factors, i, j = _expansion(moments.order, moments.kind == DENSE)
+    rising = np.arange(moments.order + 1)
+    terms = (float(ex) ** rising)[x] * (float(ey) ** rising)[y]
+    # seen[s(s+1)/2 + b]: integral of x^(s-b) y^b / (1 + e.d)^k
+    seen = ((factors * moments.centred[i, j]) @ terms).tolist()
     result = np.zeros((4, 4))
+    (p, q), (u, v) = gx.tolist(), gy.tolist()
+    first = 0
     for order in range(4):
-        k = order + delta
-        # (1 + t)^-k = sum of (-1)^r C(k+r-1, r) t^r
-        binomial = [1.0] + [float((-1) ** r * comb(k + r - 1, r)) for r in range(1, n - order + 1)]
-        series = sum(c * times[r][: order + 1, : order + 1] for r, c in enumerate(binomial))
-        for i in range(order + 1):
-            table = series
+        for of_x in range(order + 1):
+            # (p x + q y)^of_x (u x + v y)^(order - of_x), by rising power of y
+            form = [1.0]
             for step in range(order):
-                table = _times(table, *(gx if step < i else gy))
-            result[i, order - i] = table[0, 0]
+                a, b = (p, q) if step < of_x else (u, v)
+                form = [a * m + b * n for m, n in zip([*form, 0.0], [0.0, *form], strict=True)]
+            result[of_x, order - of_x] = sum(map(mul, form, seen[first : first + order + 1]))
+        first += order + 1
     m00 = result[0, 0]
     return translate(result, -result[1, 0] / m00, -result[0, 1] / m00)
 
 
-def _times(table: Array, a: float, b: float) -> Array:
-    """Moments with the factor a x + b y under the integral; one order fewer is left."""
-    return a * table[1:, :-1] + b * table[:-1, 1:]
+@cache
+def _expansion(order: int, dense: bool) -> tuple[NDArray[np.intp] | Array, ...]:
+    """The terms of (1 + e.d)^-k and where their moments stand, for what upright() sums.
+
+    Returns:
+        Powers of ex and ey of each term, (t,) each; then (10, t), for x^(s-b) y^b in exchange
+        order up to s = 3: each term's factor, 0 where it goes beyond the order that is known, and
+        the moment (i, j) that it takes.
+    """
+    powers, wanted = exponents(order), exponents(min(3, order))
+    factors = np.zeros((10, len(powers)))
+    i, j = np.zeros((2, 10, len(powers)), int)
+    for row, (a, b) in enumerate(wanted):
+        k = a + b + (3 if dense else 0)
+        for column, (x, y) in enumerate(powers):
+            r = x + y
+            if a + b + r > order:
+                continue
+            # (1 + t)^-k = sum of (-1)^r C(k+r-1, r) t^r with t = ex x + ey y
+            binomial = comb(k + r - 1, r) if r else 1
+            factors[row, column] = (-1) ** r * binomial * comb(r, y)
+            i[row, column], j[row, column] = a + x, b + y
+    x, y = np.array(powers).T
+    return x, y, factors, i, j
 
 
 def _in_plane(plane: Plane, xg: float, yg: float, ex: float, ey: float) -> tuple[Array, Array]:

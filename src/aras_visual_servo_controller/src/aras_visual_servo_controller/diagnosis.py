@@ -48,16 +48,30 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """What one servoed image leaves behind; sizes in tolerances, `asked` in m/s."""
+    """What one servoed image leaves behind; sizes in tolerances."""
 
     stamp: float
     size: float
-    asked: float
-    resolution: Resolution | None
-    rank: int
+    state: ServoState
     full_rank: int
     L: np.ndarray | None
     error: np.ndarray
+
+    @property
+    def resolution(self) -> Resolution | None:
+        """Of the state."""
+        return self.state.resolution
+
+    @property
+    def rank(self) -> int:
+        """Of L; worked out when first asked for."""
+        return self.state.rank
+
+    @property
+    def asked(self) -> float:
+        """Speed of the camera that was asked for, m/s and (rad/s) x 0.1 m."""
+        twist = self.state.twist
+        return float(np.linalg.norm(twist[:3]) + 0.1 * np.linalg.norm(twist[3:]))
 
     def reached(self) -> float:
         """Part of the error (k,) that some twist could take away, by L (k, 6); both in
@@ -189,14 +203,13 @@ class Diagnosis:
     def _add(self, state: ServoState, tolerances: np.ndarray) -> None:
         decision = state.decision
         size = float(np.max(np.abs(decision.error) / tolerances))
-        asked = float(np.linalg.norm(state.twist[:3]) + 0.1 * np.linalg.norm(state.twist[3:]))
         modelled = 6 if decision.task is None else int(np.sum(decision.task.modelled))
         L = decision.L
         if L is not None and len(L) == len(tolerances):
             L = L / tolerances[:, None]
         self._window.append(
             _Seen(
-                state.stamp, size, asked, state.resolution, state.rank,
+                state.stamp, size, state,
                 min(modelled, len(decision.error)), L, decision.error / tolerances,
             )  # fmt: skip
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from .errors import ConfigurationError
 from .joint_sample import JointSample
 from .schemes.base import Decision
+from .task import Task
 
 if TYPE_CHECKING:
     from .arm.limits import Limits
@@ -102,9 +103,6 @@ class ServoState:
         resolution: of the resolver for it: joint velocities, singular values of L J, and so on.
         joints: measured, at the exposure.
         command: (n,) positions that the integration stands at; None before the first.
-        twist: (6,) asked of the camera, optical frame; zero where none was.
-        achieved: (6,) of it that the joint velocities give.
-        rank, singular_values_L: of L in its modelled directions.
         computing: s that the scheme took, where a clock was handed in.
         fault: traceback of the scheme's fault, in the state where it came up first.
     """
@@ -118,10 +116,6 @@ class ServoState:
     resolution: Resolution | None = None
     joints: JointSample | None = None
     command: np.ndarray | None = None
-    twist: np.ndarray = field(default_factory=lambda: np.zeros(6))
-    achieved: np.ndarray = field(default_factory=lambda: np.zeros(6))
-    rank: int = 0
-    singular_values_L: np.ndarray = field(default_factory=lambda: np.zeros(0))
     computing: float = 0.0
     fault: str = ""
 
@@ -138,17 +132,35 @@ class ServoState:
         computing: float = 0.0,
         fault: str = "",
     ) -> ServoState:
-        """With what follows from the decision and the resolution."""
-        task = None if decision is None else decision.task
-        asked = {} if task is None else {
-            "twist": task.twist, "rank": task.rank, "singular_values_L": task.singular_values,
-        }  # fmt: skip
-        if resolution is not None:
-            asked["achieved"] = resolution.twist
+        """In the order of what is known of an image."""
         return cls(
             float(stamp), phase, reason=reason, decision=decision, resolution=resolution,
-            joints=joints, command=command, computing=computing, fault=fault, **asked,
+            joints=joints, command=command, computing=computing, fault=fault,
         )  # fmt: skip
+
+    @property
+    def _task(self) -> Task | None:
+        return None if self.decision is None else self.decision.task
+
+    @property
+    def twist(self) -> np.ndarray:
+        """(6,) asked of the camera, optical frame; zero where none was."""
+        return np.zeros(6) if self._task is None else self._task.twist
+
+    @property
+    def achieved(self) -> np.ndarray:
+        """(6,) of it that the joint velocities give."""
+        return np.zeros(6) if self.resolution is None else self.resolution.twist
+
+    @property
+    def rank(self) -> int:
+        """Of L in its modelled directions."""
+        return 0 if self._task is None else self._task.rank
+
+    @property
+    def singular_values_L(self) -> np.ndarray:
+        """Of L in its modelled directions, largest first."""
+        return np.zeros(0) if self._task is None else self._task.singular_values
 
     @property
     def error(self) -> np.ndarray | None:

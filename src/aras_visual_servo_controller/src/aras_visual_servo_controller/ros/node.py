@@ -25,6 +25,8 @@ from .reconfigure import NAMESPACE as GAINS
 from .reconfigure import GainServer
 
 WATCH_PERIOD = 0.02  # s of wall time
+# s of wall time: rospy sends from threads of its own, and closes the topics after the last hook
+LAST_WORDS = 0.2
 
 
 class ControllerNode:
@@ -86,8 +88,10 @@ class ControllerNode:
     def close(self) -> None:
         """Leave no speed and no effort behind."""
         if self.driver is not None and self._settings.output != "position":
+            self._inputs.close()  # nothing that still comes in may answer after the zeros
             self.driver.stop("the node ends")
             self.face.put(np.zeros(len(self.face.names)))
+            time.sleep(LAST_WORDS)
 
     def _look_for_robot(self) -> None:
         """Build when there is a robot, and anew when another one begins to send joint states."""

@@ -24,7 +24,7 @@ def urdf(name: str) -> str:
         return (ROBOTS / "aras_visual_servo.urdf").read_text()
     path = FOREIGN / FOREIGN_ARMS[name][0]
     if not path.is_file():
-        missing = f"{path} is missing: pip install -r requirements.txt (example-robot-data)"
+        missing = f"{path} is missing: run ./setup.sh --for developing (example-robot-data)"
         if os.environ.get("ARAS_REQUIRE_GRAPH"):
             pytest.fail(missing)
         pytest.skip(missing)

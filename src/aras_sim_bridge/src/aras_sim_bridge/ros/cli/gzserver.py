@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
+import sys
 from pathlib import Path
 
 import rospkg
@@ -65,7 +66,7 @@ def main() -> int:
     try:
         world = find_world(arguments.world)
     except DescriptionError as error:
-        print(f"gzserver: {error}")
+        print(f"gzserver: {error}", file=sys.stderr)
         return 1
     given = {"world": world, "paused": arguments.paused}
     if arguments.seed is not None:

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Set up the workspace and run every check and test; ends with pytest's summary line.
+# Set up the workspace and run every check and test: unit tests, then graph tests, each ending in pytest's summary line.
 # Arguments go to pytest: ./test.sh -k moments, ./test.sh tests/unit/workspace. Benchmarks are not run.
 set -euo pipefail
 cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")"
@@ -16,11 +16,18 @@ export PATH=$PWD/.venv/bin:$PATH
 .venv/bin/python -m ruff check --quiet .
 catkin_lint --quiet --offline src
 
-# The two suites, unless the arguments name files or folders themselves.
-suites=(tests/unit tests/integration)
-for argument in "$@"; do
-    [[ -e ${argument%%::*} ]] && suites=()
-done
 # A graph test that cannot run is a failure here, not a skip (tests/integration/conftest.py).
 export ARAS_REQUIRE_GRAPH=1
-exec .venv/bin/python -m pytest "${suites[@]}" "$@"
+for argument in "$@"; do
+    # Arguments that name files or folders themselves are all that is run.
+    [[ -e ${argument%%::*} ]] && exec .venv/bin/python -m pytest "$@"
+done
+
+# Unit tests share nothing and run on all cores; a graph has the machine to itself.
+no_test=5 unit=0 graph=0
+.venv/bin/python -m pytest -n auto --dist worksteal tests/unit "$@" || unit=$?
+.venv/bin/python -m pytest tests/integration "$@" || graph=$?
+# -k may choose tests of one suite alone.
+[[ $unit == "$no_test" ]] && exit "$graph"
+[[ $graph == "$no_test" || $graph == 0 ]] && exit "$unit"
+exit "$graph"

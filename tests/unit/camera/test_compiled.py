@@ -5,7 +5,7 @@ import logging
 import numba
 import numpy as np
 
-from aras_sim_bridge.rendering import compiled
+from aras_sim_bridge import compiled
 
 
 def test_without_a_place_to_keep_them_loops_work_all_the_same(monkeypatch, caplog):

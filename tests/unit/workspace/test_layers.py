@@ -27,7 +27,7 @@ ALLOWED = {
 # The bridge's floors: a room imports from those below it, never from one beside it.
 FLOORS = (
     {"errors"},
-    {"angles", "parameters", "poses"},
+    {"angles", "compiled", "parameters", "poses"},
     {"description"},
     {"control", "world"},
     {"rendering"},

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .compiled import compiled, inlined
+from aras_sim_bridge.compiled import compiled, inlined
+
 from .geometry import CLUSTER, Geometry
 from .tiles import Tiles
 

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aras_sim_bridge.compiled import compiled, inlined
+
 from .binning import Seen
-from .compiled import compiled, inlined
 from .finding import found_edges
 from .sampling import Samples
 from .tiles import TILE, Tiles

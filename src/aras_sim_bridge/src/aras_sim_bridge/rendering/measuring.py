@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from aras_sim_bridge.compiled import compiled
+
 from .binning import Seen
-from .compiled import compiled
 from .sampling import Samples
 from .tiles import TILE, Tiles
 

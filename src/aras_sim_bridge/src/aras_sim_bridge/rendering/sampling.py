@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aras_sim_bridge.compiled import compiled
+
 from .binning import Seen
-from .compiled import compiled
 from .tiles import TILE, Tiles
 
 # What a tile or a pixel shows, besides triangles from 0 up.

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aras_sim_bridge.compiled import compiled
 from aras_sim_bridge.description import shapes
 from aras_sim_bridge.description.gazebo_materials import WHITE
 from aras_sim_bridge.description.mesh import Mesh
 from aras_sim_bridge.description.types import Link, Rgba
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.poses import Pose
-from aras_sim_bridge.rendering.compiled import compiled
 from aras_sim_bridge.world import Model, World
 
 _log = logging.getLogger(__name__)

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from aras_sim_bridge.compiled import compiled, inlined
+
 from .binning import Seen
-from .compiled import compiled, inlined
 from .edges import Fragments
 from .geometry import Geometry
 from .sampling import BACKGROUND, NOTHING, Samples

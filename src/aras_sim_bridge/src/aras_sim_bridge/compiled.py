@@ -1,4 +1,4 @@
-"""Numba for loops over triangles and links, where NumPy would make hundreds of small calls.
+"""Numba for loops over triangles, links and joints, where NumPy would make hundreds of small calls.
 
 Signatures are explicit, so everything is compiled when its module is imported and nothing in the
 middle of a run. What was compiled is kept in __pycache__ beside the source, or where
@@ -41,5 +41,5 @@ def inlined(function: Callable) -> Callable:
 
 @cache
 def _tell_once() -> None:
-    _log.warning("the renderer's compiled loops cannot be kept, so every start takes some ten "
+    _log.warning("compiled loops cannot be kept, so every start takes some ten "
                  "seconds longer; set NUMBA_CACHE_DIR to a folder that can be written")

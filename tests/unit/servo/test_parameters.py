@@ -11,7 +11,7 @@ import pytest
 
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.features.moments import ImageMoments
-from aras_visual_servo_controller.setting_kinds import yaml_mapping
+from aras_visual_servo_controller.setting_kinds import parsed_yaml, yaml_mapping
 from aras_visual_servo_controller.settings import Settings
 from aras_visual_servo_controller.starts import start_joints
 
@@ -158,3 +158,9 @@ def test_a_user_s_own_feature_by_name(arm, tmp_path, monkeypatch):
     loop = of(scheme="their_package:Theirs", start="none").build(arm)
     assert loop.scheme.names == ImageMoments.names and loop.name == "their_package:Theirs"
     sys.modules.pop("their_package")
+
+
+def test_yaml_read_again_is_the_callers_own():
+    first = parsed_yaml("a: {b: [1, 2]}")
+    first["a"]["b"].append(3)
+    assert parsed_yaml("a: {b: [1, 2]}") == {"a": {"b": [1, 2]}}

@@ -19,6 +19,8 @@ from typing import Any, TypeVar
 
 import yaml
 
+from aras_visual_servo_controller.setting_kinds import parsed_yaml
+
 from .errors import ExperimentError
 
 T = TypeVar("T")
@@ -142,6 +144,6 @@ def read_yaml(path: str | Path) -> Any:
     if len(data) > LARGEST_FILE:
         raise ExperimentError(f"{path} holds more than {LARGEST_FILE} bytes: no such file is meant")
     try:
-        return yaml.safe_load(data.decode())
+        return parsed_yaml(data.decode())
     except (UnicodeDecodeError, yaml.YAMLError) as error:
         raise ExperimentError(f"{path} is not valid YAML: {' '.join(str(error).split())}") from None

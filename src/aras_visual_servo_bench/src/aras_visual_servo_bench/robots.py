@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import runpy
 import xml.etree.ElementTree as ElementTree
@@ -91,7 +92,7 @@ class Robot:
     def description(self) -> RobotDescription:
         """As the simulator takes it; ExperimentError naming what is wrong."""
         try:
-            return parse_urdf(self.urdf, self.packages.find)
+            return _described(self.urdf, self.spec.search)
         except DescriptionError as error:
             raise ExperimentError(f"{self.spec.urdf}: {error}") from None
 
@@ -156,6 +157,12 @@ class Robot:
             return mounted(self._plain, " ".join(map(repr, xyz)), " ".join(map(repr, rpy)))
         except ValueError as error:
             raise ExperimentError(f"{self.spec.urdf}: camera cannot be moved: {error}") from None
+
+
+@functools.lru_cache(maxsize=8)
+def _described(urdf: str, search: tuple[str, ...]) -> RobotDescription:
+    """Parsed once a process: all runs of a study have the same, which is frozen."""
+    return parse_urdf(urdf, PackagePath(search).find)
 
 
 def without_friction(urdf: str) -> str:

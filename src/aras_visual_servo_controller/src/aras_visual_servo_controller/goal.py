@@ -37,6 +37,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from .arm.poses import pose_difference
 from .errors import ConfigurationError, ServoError
 from .observation import Observation
+from .setting_kinds import parsed_yaml
 from .target_geometry import TargetGeometry
 
 if TYPE_CHECKING:
@@ -251,7 +252,7 @@ class Goal:
                 raise ConfigurationError(
                     f"the goal {path} is larger than {LARGEST // 1000} kB: is it a goal?"
                 )
-            data = yaml.safe_load(content.decode("utf-8"))
+            data = parsed_yaml(content.decode("utf-8"))
         except (OSError, UnicodeDecodeError) as error:
             raise ConfigurationError(f"cannot read the goal {path}: {error}") from error
         except (yaml.YAMLError, RecursionError) as error:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import difflib
+import functools
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -96,6 +98,23 @@ def is_number(value: Any) -> bool:
     )
 
 
+def parsed_yaml(text: str) -> Any:
+    """What YAML says, the caller's own; texts read lately are not parsed again.
+
+    Ten thousand runs in a process read the same few files, and parsing takes 10 ms a file. libyaml
+    would be quick but crashes on what is nested ten thousand deep.
+
+    Raises:
+        yaml.YAMLError, RecursionError: it is none.
+    """
+    return copy.deepcopy(_parsed(text))
+
+
+@functools.lru_cache(maxsize=32)
+def _parsed(text: str) -> Any:
+    return yaml.safe_load(text)
+
+
 def yaml_mapping(path: Path) -> Mapping[str, Any]:
     """What a YAML file of parameters holds.
 
@@ -107,7 +126,7 @@ def yaml_mapping(path: Path) -> Mapping[str, Any]:
             text = file.read(LONGEST + 1)
         if len(text) > LONGEST:
             raise ConfigurationError(f"{path}: longer than {LONGEST} characters: no parameters")
-        data = yaml.safe_load(text)
+        data = parsed_yaml(text)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise ConfigurationError(f"cannot read {path}: {' '.join(str(error).split())}") from error
     if not isinstance(data, Mapping):

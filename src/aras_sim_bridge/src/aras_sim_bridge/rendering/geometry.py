@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+import os
+from dataclasses import dataclass, fields
 
 import numpy as np
 
+from .recent import Recent
 from .scene import Part
 from .textures import Textures
 
@@ -14,6 +17,8 @@ from .textures import Textures
 CLUSTER = 32
 # Smaller ones are cut as well where that makes the boxes times triangles as much smaller.
 WORTHWHILE = 0.6
+# Memory for scenes that come again, bytes: a study shows the same one ten thousand times.
+KEPT = 1 << 27
 
 
 @dataclass(frozen=True)
@@ -63,8 +68,21 @@ class Geometry:
     layer: np.ndarray
     textures: Textures
 
+    @property
+    def nbytes(self) -> int:
+        """Memory that it takes."""
+        arrays = [getattr(self, f.name) for f in fields(self)]
+        arrays += [getattr(self.clusters, f.name) for f in fields(self.clusters)]
+        return sum(a.nbytes for a in arrays if isinstance(a, np.ndarray)) + (
+            self.textures.texels.nbytes)
+
     @classmethod
     def of(cls, parts: list[Part]) -> Geometry:
+        """Of these parts, made anew only if they were not shown lately by any renderer."""
+        return _made.get(_key(parts), lambda: cls._of(parts))
+
+    @classmethod
+    def _of(cls, parts: list[Part]) -> Geometry:
         textures = Textures({part.mesh.texture for part in parts if part.mesh.texture})
         corners, normals, uv = ([np.zeros((0, 3, n))] for n in (3, 3, 2))
         albedo = [np.zeros((0, 4))]
@@ -103,6 +121,29 @@ class Geometry:
         plane = np.concatenate([unit, (unit * corners[:, 0]).sum(axis=1)[:, None]], axis=1)
         clusters = _clusters(first, counts, corners, plane, row, albedo, quad)
         return cls(clusters, corners, normals, plane, row, number, albedo, uv, layer, textures)
+
+
+_made: Recent[bytes, Geometry] = Recent(KEPT)
+
+
+def _key(parts: list[Part]) -> bytes:
+    """The same for the same parts, a texture's file as it is now included."""
+    key = hashlib.blake2b(digest_size=16)
+    for part in parts:
+        mesh = part.mesh
+        when = 0
+        if mesh.texture and os.path.exists(mesh.texture):
+            when = os.stat(mesh.texture).st_mtime_ns
+        shapes = [None if a is None else (a.shape, a.dtype.str) for a in _arrays(part)]
+        key.update(repr((part.row, part.rgba, mesh.texture, when, shapes)).encode())
+        for array in _arrays(part):
+            if array is not None:
+                key.update(np.ascontiguousarray(array))
+    return key.digest()
+
+
+def _arrays(part: Part) -> tuple[np.ndarray | None, ...]:
+    return part.mesh.positions, part.mesh.normals, part.mesh.triangles, part.mesh.uv
 
 
 def _quad(corners: np.ndarray) -> tuple[int, int] | None:

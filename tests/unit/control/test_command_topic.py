@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from io import BytesIO
 from types import SimpleNamespace
 
@@ -77,10 +78,12 @@ def test_what_cannot_be_taken_is_said_once_in_a_while_and_the_next_is_taken(ros)
             raise ControllerError("below zero")
         if message.data == 0.0:
             raise ZeroDivisionError("a user's")
+        if message.data == 1.0:
+            sys.exit("a user's")
         taken.append(message.data)
 
     topic = CommandTopic("/c", Float64, take, Thread())
-    for value in (-1.0, 0.0, -1.0, 5.0):
+    for value in (-1.0, 0.0, 1.0, -1.0, 5.0):
         send(topic, value)
     topic._feed._on_body(b"abc")
     assert taken == [5.0]

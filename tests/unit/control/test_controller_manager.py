@@ -29,14 +29,15 @@ class Recorder(Controller):
         # Deliberately without super().init().
         self.calls = []
         self.raises = parameters.get("raises")
+        self.fault = SystemExit("enough") if parameters.get("quits") else RuntimeError("no luck")
         self.joints = tuple(parameters.get("joints", ()))
         if self.raises == "init":
-            raise RuntimeError("no luck")
+            raise self.fault
 
     def _note(self, verb):
         self.calls.append(verb)
         if self.raises == verb:
-            raise RuntimeError("no luck")
+            raise self.fault
 
     def starting(self, time_ns):
         self._note("starting")
@@ -47,6 +48,9 @@ class Recorder(Controller):
     def stopping(self, time_ns):
         self._note("stopping")
 
+    def reset(self):
+        self._note("reset")
+
 
 @pytest.fixture
 def rig(make_rig, make_joint, monkeypatch):
@@ -56,10 +60,10 @@ def rig(make_rig, make_joint, monkeypatch):
     monkeypatch.setitem(sys.modules, "some_users_package", module)
     parameters = dict(PARAMETERS)
     parameters["r"] = {"type": "some_users_package:Recorder"}
-    for verb in ("init", "starting", "update", "stopping"):
-        parameters[f"r_{verb}"] = {
-            "type": "some_users_package:Recorder", "raises": verb, "joints": ["b"]
-        }
+    for verb in ("init", "starting", "update", "stopping", "reset"):
+        own = {"type": "some_users_package:Recorder", "raises": verb, "joints": ["b"]}
+        parameters[f"r_{verb}"] = own
+        parameters[f"q_{verb}"] = {**own, "quits": True}
     return make_rig([make_joint("a"), make_joint("b")], parameters, physics=False)
 
 
@@ -73,7 +77,11 @@ def load(rig, *names):
 
 def switch(rig, start=(), stop=(), strictness=STRICT, **more):
     """Ask, step once, return (ok, reason)."""
-    request = rig.manager.request_switch(start, stop, strictness, **more)
+    try:
+        request = rig.manager.switch(start, stop, strictness, **more)
+    except ControllerError as refusal:
+        rig.step()
+        return False, str(refusal)
     rig.step()
     assert request.done
     return request.ok, request.reason
@@ -107,8 +115,9 @@ class TestLoading:
                 rig.manager.load(name)
         assert list(states(rig)) == ["a1"]
 
-    def test_parameters_may_come_with_the_call(self, rig):
-        rig.manager.load("new", {"new": {"type": EFFORT, "joint": "b"}})
+    def test_the_newest_parameters_count(self, rig):
+        rig.manager.parameters = {"new": {"type": EFFORT, "joint": "b"}}
+        rig.manager.load("new")
         assert states(rig) == {"new": "initialized"}
 
     def test_unload_refuses_running_and_unknown(self, rig):
@@ -141,7 +150,7 @@ class TestLoading:
     def test_shutdown_stops_unloads_and_refuses_what_is_open(self, rig):
         (recorder, _) = load(rig, "r", "a1")
         switch(rig, ["r"])
-        request = rig.manager.request_switch(["a1"], [], STRICT)
+        request = rig.manager.switch(["a1"], [], STRICT)
         rig.manager.shutdown()
         assert recorder.calls[-1] == "stopping"
         assert states(rig) == {}
@@ -151,36 +160,36 @@ class TestLoading:
 class TestSwitching:
     def test_it_happens_at_the_end_of_the_next_update(self, rig):
         (recorder,) = load(rig, "r")
-        request = rig.manager.request_switch(["r"], [], STRICT)
+        request = rig.manager.switch(["r"], [], STRICT)
         assert not request.done and states(rig) == {"r": "initialized"}
         rig.step()
         assert request.done and request.ok
         assert recorder.calls == ["starting"]
         rig.step(2)
         assert recorder.calls == ["starting", "update", "update"]
-        request = rig.manager.request_switch([], ["r"], STRICT)
+        request = rig.manager.switch([], ["r"], STRICT)
         rig.step()
         assert recorder.calls[3:] == ["update", "stopping"]
         assert states(rig) == {"r": "stopped"}
 
     def test_it_may_be_carried_out_while_time_stands_still(self, rig):
         load(rig, "a1")
-        request = rig.manager.request_switch(["a1"], [], STRICT)
+        request = rig.manager.switch(["a1"], [], STRICT)
         rig.manager.carry_out(rig.time_ns)
         assert request.ok and states(rig) == {"a1": "running"}
 
     def test_nothing_blocks_while_paused(self, rig):
         load(rig, "a1")
-        request = rig.manager.request_switch(["a1"], [], STRICT)
+        request = rig.manager.switch(["a1"], [], STRICT)
         assert not request.done
-        request.cancel("paused")
+        request.finish("paused")
         assert (request.done, request.ok, request.reason) == (True, False, "paused")
         rig.step()
         assert states(rig) == {"a1": "initialized"}
 
     def test_listener_is_told(self, rig):
         load(rig, "a1")
-        request = rig.manager.request_switch(["a1"], [], STRICT)
+        request = rig.manager.switch(["a1"], [], STRICT)
         seen = []
         request.on_done = seen.append
         rig.step()
@@ -199,9 +208,8 @@ class TestSwitching:
     def test_strict_refuses_at_once_and_changes_nothing(self, rig, start, stop, text):
         load(rig, "a1", "b1")
         switch(rig, ["a1"])
-        request = rig.manager.request_switch(start, stop, STRICT)
-        assert request.done and not request.ok
-        assert text in request.reason
+        with pytest.raises(ControllerError, match=text):
+            rig.manager.switch(start, stop, STRICT)
         rig.step()
         assert states(rig) == {"a1": "running", "b1": "initialized"}
 
@@ -245,8 +253,8 @@ class TestSwitching:
         rig.hardware.interfaces["PositionJointInterface"].add("a")
         parameters = {**PARAMETERS, "p": {
             "type": "position_controllers/JointPositionController", "joint": "a"}}
-        rig.manager.load("a1")
-        rig.manager.load("p", parameters)
+        rig.manager.parameters = parameters
+        load(rig, "a1", "p")
         ok, reason = switch(rig, ["a1", "p"])
         assert not ok and "'a' by a1, p" in reason
 
@@ -268,9 +276,9 @@ class TestSwitching:
 
     def test_requests_wait_their_turn_and_are_checked_then(self, rig):
         load(rig, "a1", "a2")
-        first = rig.manager.request_switch(["a1"], [], STRICT)
-        second = rig.manager.request_switch(["a2"], ["a1"], STRICT)
-        third = rig.manager.request_switch(["a1"], [], STRICT)
+        first = rig.manager.switch(["a1"], [], STRICT)
+        second = rig.manager.switch(["a2"], ["a1"], STRICT)
+        third = rig.manager.switch(["a1"], [], STRICT)
         rig.step()
         assert (first.ok, second.ok, third.ok) == (True, True, False)
         assert "'a' by a1, a2" in third.reason
@@ -278,20 +286,14 @@ class TestSwitching:
 
     def test_unloading_what_a_request_waits_for_refuses_it(self, rig):
         load(rig, "a1")
-        request = rig.manager.request_switch(["a1"], [], STRICT)
+        request = rig.manager.switch(["a1"], [], STRICT)
         rig.manager.unload("a1")
         rig.step()
         assert request.done and not request.ok
 
-    def test_switch_raises_where_request_switch_answers(self, rig):
-        with pytest.raises(ControllerError, match="'zz'"):
-            rig.manager.switch(["zz"], [], STRICT)
-
 
 class TestFaults:
-    @pytest.mark.parametrize("clock", [None, lambda: 0], ids=["", "with statistics"])
-    def test_a_controller_that_raises_is_aborted_and_the_others_go_on(self, rig, clock):
-        rig.manager.clock_ns = clock
+    def test_a_controller_that_raises_is_aborted_and_the_others_go_on(self, rig):
         load(rig, "r_update", "a1")
         switch(rig, ["r_update", "a1"])
         rig.hardware.handles["b"].effort_command = 5.0
@@ -319,6 +321,26 @@ class TestFaults:
         n = len(recorder.calls)
         rig.step(3)
         assert len(recorder.calls) == n
+
+    def test_one_that_fails_at_a_reset_is_aborted(self, rig):
+        load(rig, "r_reset", "a1")
+        switch(rig, ["r_reset", "a1"])
+        rig.loop.reset()
+        assert states(rig) == {"r_reset": "aborted", "a1": "running"}
+
+    @pytest.mark.parametrize("verb", ["starting", "update", "stopping", "reset"])
+    def test_sys_exit_ends_the_controller_alone(self, rig, verb):
+        load(rig, f"q_{verb}", "a1")
+        switch(rig, [f"q_{verb}", "a1"])
+        rig.step()
+        rig.loop.reset()
+        switch(rig, (), [f"q_{verb}"], BEST_EFFORT)
+        assert states(rig) == {f"q_{verb}": "aborted", "a1": "running"}
+        assert any(f"SystemExit in {verb}(): enough" in line for line in rig.log)
+
+    def test_sys_exit_while_loading_is_a_refusal(self, rig):
+        with pytest.raises(ControllerError, match="SystemExit: enough"):
+            rig.manager.load("q_init")
 
     def test_an_aborted_one_may_be_started_again(self, rig):
         (recorder,) = load(rig, "r_update")
@@ -350,21 +372,3 @@ class TestEmergencyStop:
         rig.step(2)
         assert recorder.calls == ["starting", "update", "stopping"]
         assert states(rig) == {"r_stopping": "aborted"}
-
-
-class TestStatistics:
-    def test_times_and_overruns_are_counted_while_a_clock_is_given(self, rig):
-        load(rig, "r", "a1")
-        switch(rig, ["r"])
-        assert rig.manager.statistics()[0].max_time == 0.0
-        # Each update takes, by this clock, 1 µs, 3 µs and 2 ms.
-        ticks = iter([0, 1_000, 0, 3_000, 0, 2_000_000])
-        rig.manager.clock_ns = lambda: next(ticks)
-        rig.step(3)
-        statistics, idle = rig.manager.statistics()
-        assert (statistics.name, statistics.running, idle.running) == ("r", True, False)
-        assert statistics.max_time == pytest.approx(2e-3)
-        assert statistics.mean_time == pytest.approx((1e-6 + 3e-6 + 2e-3) / 3)
-        assert statistics.num_control_loop_overruns == 1
-        assert statistics.time_last_control_loop_overrun_ns == rig.time_ns
-        assert statistics.timestamp_ns == rig.time_ns

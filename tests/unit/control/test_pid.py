@@ -84,9 +84,9 @@ def test_reset_brings_the_derivative_kick_back():
 
 def test_given_derivative_is_used_and_a_nan_in_it_gives_zero():
     pid = Pid(1, 1, 2, 10, -10)
-    assert pid.compute_with_derivative(1.0, 3.0, 1.0) == 1 + 1 + 6
-    assert pid.compute_with_derivative(1.0, nan, 1.0) == 0.0
-    assert pid.compute_with_derivative(1.0, 3.0, 0.0) == 0.0
+    assert pid.compute(1.0, 1.0, 3.0) == 1 + 1 + 6
+    assert pid.compute(1.0, 1.0, nan) == 0.0
+    assert pid.compute(1.0, 0.0, 3.0) == 0.0
     assert pid.integral == 1.0
 
 

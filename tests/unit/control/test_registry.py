@@ -27,6 +27,7 @@ class NoController:
 def users_module(tmp_path, monkeypatch):
     path = tmp_path / "users_controllers.py"
     path.write_text(SOURCE.format(version=1))
+    (tmp_path / "quitting_controllers.py").write_text("import sys; sys.exit(3)")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(sys, "dont_write_bytecode", True)
     yield path
@@ -52,9 +53,11 @@ def test_built_in_types_are_those_of_ros_controllers():
     }
 
 
-def test_a_class_knows_its_type_names():
-    cls = Registry().find("effort_controllers/JointPositionController")
-    assert cls.type_names == ("effort_controllers/JointPositionController",)
+@pytest.mark.parametrize("kind", ["effort", "position", "velocity"])
+@pytest.mark.parametrize("name", ["JointTrajectoryController", "JointPositionController"])
+def test_a_controller_of_several_interfaces_has_that_of_its_name(kind, name):
+    cls = Registry().find(f"{kind}_controllers/{name}")
+    assert cls.interface == f"{kind.capitalize()}JointInterface"
 
 
 def test_a_users_class_by_path_or_by_parameter(users_module):
@@ -92,6 +95,7 @@ def test_reload_takes_the_new_source(users_module):
         ("users_controllers:Nobody", "cannot import.*AttributeError"),
         ("no_such_package:Mine", "cannot import.*no_such_package"),
         ("users_controllers:NoController", "no subclass of"),
+        ("quitting_controllers:Mine", "cannot import.*SystemExit: 3"),
     ],
 )
 def test_what_cannot_be_found_is_explained(users_module, type_name, text):

@@ -82,7 +82,7 @@ def scene():
         manager = simulation.robots[name].manager
         for controller in controllers:
             manager.load(controller)
-        manager.request_switch(list(controllers), [], 2)
+        manager.switch(list(controllers), [], 2)
     aras.steps(500)
     yield aras
     aras.close()

@@ -66,7 +66,7 @@ class Robot:
         names = list(controllers)
         for name in names:
             self.manager.load(name)
-        self.manager.request_switch(names, [], STRICT)
+        self.manager.switch(names, [], STRICT)
 
     def command(self, controller: str, value: Any) -> None:
         """Hand `value` to a controller, in its own units; it acts in the next step.

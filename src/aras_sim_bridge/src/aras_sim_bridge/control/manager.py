@@ -1,9 +1,8 @@
 """controller_manager: loads, switches, lists and runs the controllers of one robot.
 
-One thread, the simulation's, owns the manager: every method except the properties of a
-SwitchRequest is to be called from it. Loading and unloading take effect at once; a switch is
-checked at once and carried out at the end of the next update(), so a request made while the
-simulation is paused simply stays open: nothing here blocks.
+One thread, the simulation's, owns the manager: every method is to be called from it. Loading and
+unloading take effect at once; a switch is checked at once and carried out at the end of the next
+update(), so one asked for while the simulation is paused simply stays open: nothing here blocks.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +12,6 @@ from aras_sim_bridge.control.controllers import Registry
 from aras_sim_bridge.control.controllers.base import Context, Controller
 from aras_sim_bridge.control.controllers.registry import BASE_CLASS
 from aras_sim_bridge.control.hardware import RobotHardware
-from aras_sim_bridge.control.statistics import ControllerStatistics
 from aras_sim_bridge.control.switching import (
     ABORTED,
     BEST_EFFORT,
@@ -25,9 +23,10 @@ from aras_sim_bridge.control.switching import (
     SwitchRequest,
     plan_switch,
 )
-from aras_sim_bridge.errors import ControllerError
+from aras_sim_bridge.errors import USER_FAULTS, ControllerError
 
 CLASSES = "controller_classes"
+_ENTERED_BY = {RUNNING: "starting", STOPPED: "stopping"}
 
 
 def _ignore(text: str) -> None:
@@ -37,24 +36,22 @@ def _ignore(text: str) -> None:
 class ControllerManager:
     """Controllers of one robot, updated in the order they were loaded.
 
-    `parameters` is the nested mapping of the robot's namespace, or a function that returns it as
-    it is now. `warn` and `error` take lines for the log. `clock_ns`, a function such as
-    time.perf_counter_ns, turns the statistics on.
+    `parameters` is the nested mapping of the robot's namespace; who has a newer one puts it there.
+    `warn` and `error` take lines for the log.
     """
 
     def __init__(
         self,
         hardware: RobotHardware,
-        parameters: Mapping | Callable[[], Mapping] | None = None,
+        parameters: Mapping | None = None,
         namespace: str = "",
         warn: Callable[[str], None] = _ignore,
         error: Callable[[str], None] = _ignore,
     ) -> None:
         self.hardware = hardware
-        self.parameters = parameters if parameters is not None else {}
+        self.parameters = parameters or {}
         self.namespace = namespace.rstrip("/")
         self.registry = Registry()
-        self.clock_ns: Callable[[], int] | None = None
         self._warn = warn
         self._error = error
         self._entries: dict[str, Entry] = {}
@@ -63,11 +60,8 @@ class ControllerManager:
         self._was_stopped = False
         self._time_ns = 0
 
-    def _mapping(self) -> Mapping:
-        return self.parameters() if callable(self.parameters) else self.parameters
-
-    def _classes(self, parameters: Mapping) -> Mapping:
-        classes = parameters.get(CLASSES) or {}
+    def _classes(self) -> Mapping:
+        classes = self.parameters.get(CLASSES) or {}
         if not isinstance(classes, Mapping):
             raise ControllerError(
                 f"parameter {self.namespace}/{CLASSES} must map type names to "
@@ -75,17 +69,15 @@ class ControllerManager:
             )
         return classes
 
-    def load(self, name: str, parameters: Mapping | None = None) -> Controller:
+    def load(self, name: str) -> Controller:
         """Make and initialise the controller `name` from the parameters under its name.
 
-        `parameters`, if given, stand for the robot's whole namespace in this call. Raises
-        ControllerError, leaving everything as it was, if the name is taken, its type is missing or
-        unknown, or its init fails.
+        Raises ControllerError, leaving everything as it was, if the name is taken, its type is
+        missing or unknown, or its init fails.
         """
         if name in self._entries:
             raise ControllerError(f"controller '{name}' is already loaded")
-        root = self._mapping() if parameters is None else parameters
-        own = params.lookup(root, name) if name else None
+        own = params.lookup(self.parameters, name) if name else None
         where = f"{self.namespace}/{name}"
         if not isinstance(own, Mapping) or not isinstance(own.get("type"), str) or not own["type"]:
             raise ControllerError(
@@ -94,14 +86,16 @@ class ControllerManager:
             )
         type_name = own["type"]
         try:
-            controller = self.registry.find(type_name, self._classes(root))()
+            controller = self.registry.find(type_name, self._classes())()
             # A user's init may forget to call the base's.
-            controller.context = context = self._context(name, root)
+            controller.context = context = Context(
+                name, self.namespace, self.hardware.description, self.parameters, self._warn,
+                self._error,
+            )
             controller.init(self.hardware, own, context)
         except ControllerError as error:
             raise ControllerError(f"cannot load controller '{name}': {error}") from error
-        # A user's class may fail in any way; that must not stop the simulation.
-        except Exception as error:
+        except USER_FAULTS as error:
             raise ControllerError(
                 f"cannot load controller '{name}': {type_name} raised "
                 f"{type(error).__name__}: {error}"
@@ -110,11 +104,6 @@ class ControllerManager:
         self._entries[name] = entry
         self._order = [*self._order, entry]
         return controller
-
-    def _context(self, name: str, root: Mapping) -> Context:
-        return Context(
-            name, self.namespace, self.hardware.description, root, self._warn, self._error
-        )
 
     def unload(self, name: str) -> None:
         """Forget the controller. Raises ControllerError if it is not loaded or running."""
@@ -143,7 +132,7 @@ class ControllerManager:
 
     def list_types(self) -> Sequence[tuple[str, str]]:
         """Known (type, base class) pairs, by name."""
-        return [(t, BASE_CLASS) for t in self.registry.types(self._classes(self._mapping()))]
+        return [(t, BASE_CLASS) for t in self.registry.types(self._classes())]
 
     def reload_libraries(self, force_kill: bool = False) -> None:
         """Import the users' controller classes anew; loaded controllers are in the way.
@@ -156,47 +145,18 @@ class ControllerManager:
                 f"unload them or ask for force_kill"
             )
         self.shutdown()
-        self.registry.reload(self._classes(self._mapping()))
+        self.registry.reload(self._classes())
 
     def shutdown(self) -> None:
         """Stop and unload every controller, the last loaded first; open switches are refused."""
         for entry in reversed(self._order):
             if entry.running:
-                self._stop(entry, self._time_ns)
+                self._enter(entry, STOPPED, self._time_ns)
         self._entries.clear()
         self._order = []
         pending, self._pending = self._pending, []
         for request in pending:
-            request.cancel("all controllers were unloaded")
-
-    def request_switch(
-        self,
-        start: Sequence[str],
-        stop: Sequence[str],
-        strictness: int = BEST_EFFORT,
-        start_asap: bool = False,
-    ) -> SwitchRequest:
-        """Ask to stop and start controllers at the end of the next update.
-
-        Refused at once (done, not ok, with a reason) where the rules of ros_control say so. A
-        request made while another is open waits its turn and is checked then.
-        """
-        if strictness == 0:
-            self._warn("switch_controller: strictness 0 is taken as BEST_EFFORT (1)")
-            strictness = BEST_EFFORT
-        request = SwitchRequest(start, stop, strictness, start_asap)
-        if strictness not in (BEST_EFFORT, STRICT):
-            request.cancel(f"strictness must be 1 (BEST_EFFORT) or 2 (STRICT), got {strictness}")
-            return request
-        self._pending = [r for r in self._pending if not r.done]
-        if not self._pending:
-            try:
-                plan_switch(request, self._entries, self._order)
-            except ControllerError as error:
-                request.cancel(str(error))
-                return request
-        self._pending.append(request)
-        return request
+            request.finish("all controllers were unloaded")
 
     def switch(
         self,
@@ -205,10 +165,23 @@ class ControllerManager:
         strictness: int = BEST_EFFORT,
         start_asap: bool = False,
     ) -> SwitchRequest:
-        """As request_switch, but raises ControllerError where that refuses at once."""
-        request = self.request_switch(start, stop, strictness, start_asap)
-        if request.done and not request.ok:
-            raise ControllerError(request.reason)
+        """Ask to stop and start controllers at the end of the next update.
+
+        A request made while another is open waits its turn and is checked then. Raises
+        ControllerError at once where the rules of ros_control refuse it.
+        """
+        if strictness == 0:
+            self._warn("switch_controller: strictness 0 is taken as BEST_EFFORT (1)")
+            strictness = BEST_EFFORT
+        if strictness not in (BEST_EFFORT, STRICT):
+            raise ControllerError(
+                f"strictness must be 1 (BEST_EFFORT) or 2 (STRICT), got {strictness}"
+            )
+        request = SwitchRequest(start, stop, strictness, start_asap)
+        self._pending = [r for r in self._pending if not r.done]
+        if not self._pending:
+            plan_switch(request, self._entries, self._order)
+        self._pending.append(request)
         return request
 
     def update(self, time_ns: int, period: float) -> None:
@@ -224,18 +197,14 @@ class ControllerManager:
         elif self._was_stopped:
             self._was_stopped = False
             for entry in self._order:
-                if entry.running and self._stop(entry, time_ns):
-                    self._start(entry, time_ns)
-        clock_ns = self.clock_ns
+                if entry.running and self._enter(entry, STOPPED, time_ns):
+                    self._enter(entry, RUNNING, time_ns)
         for entry in self._order:
             if entry.running:
-                begin = 0 if clock_ns is None else clock_ns()
                 try:
                     entry.controller.update(time_ns, period)
-                except Exception as error:
+                except USER_FAULTS as error:
                     self._abort(entry, "update", error)
-                if clock_ns is not None:
-                    entry.timer.add(clock_ns() - begin, time_ns, period)
         if self._pending:
             self.carry_out(time_ns)
 
@@ -244,7 +213,7 @@ class ControllerManager:
         for entry in self._order:
             try:
                 entry.controller.reset()
-            except Exception as error:
+            except USER_FAULTS as error:
                 self._abort(entry, "reset", error)
 
     def carry_out(self, time_ns: int) -> None:
@@ -257,32 +226,25 @@ class ControllerManager:
                 # Checked again: something may have been unloaded since the request.
                 stops, starts = plan_switch(request, self._entries, self._order)
             except ControllerError as error:
-                request.cancel(str(error))
+                request.finish(str(error))
                 continue
             for entry in stops:
-                self._stop(entry, time_ns)
-            failed = [entry.name for entry in starts if not self._start(entry, time_ns)]
-            request.finish(not failed, f"failed to start: {', '.join(failed)}" if failed else "")
+                self._enter(entry, STOPPED, time_ns)
+            failed = [e.name for e in starts if not self._enter(e, RUNNING, time_ns)]
+            request.finish(f"failed to start: {', '.join(failed)}" if failed else "")
 
-    def _start(self, entry: Entry, time_ns: int) -> bool:
+    def _enter(self, entry: Entry, state: str, time_ns: int) -> bool:
+        """Start or stop a controller; whether it did."""
+        verb = _ENTERED_BY[state]
         try:
-            entry.controller.starting(time_ns)
-        except Exception as error:
-            self._abort(entry, "starting", error)
+            getattr(entry.controller, verb)(time_ns)
+        except USER_FAULTS as error:
+            self._abort(entry, verb, error)
             return False
-        entry.enter(RUNNING)
+        entry.enter(state)
         return True
 
-    def _stop(self, entry: Entry, time_ns: int) -> bool:
-        try:
-            entry.controller.stopping(time_ns)
-        except Exception as error:
-            self._abort(entry, "stopping", error)
-            return False
-        entry.enter(STOPPED)
-        return True
-
-    def _abort(self, entry: Entry, verb: str, error: Exception) -> None:
+    def _abort(self, entry: Entry, verb: str, error: BaseException) -> None:
         entry.enter(ABORTED)
         for joint in entry.controller.joints:
             handle = self.hardware.handles.get(joint)
@@ -293,7 +255,3 @@ class ControllerManager:
             f"controller '{entry.name}' raised {type(error).__name__} in {verb}(): {error}; it is "
             f"aborted and its joints {', '.join(entry.controller.joints) or '(none)'} are released"
         )
-
-    def statistics(self) -> Sequence[ControllerStatistics]:
-        """Update times of the loaded controllers, measured while `clock_ns` is set."""
-        return [e.timer.statistics(e.name, e.type_name, e.running) for e in self._order]

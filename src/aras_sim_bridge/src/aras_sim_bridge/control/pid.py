@@ -154,18 +154,12 @@ class Pid:
                 i_term = i_min if i_term < i_min else i_max if i_term > i_max else i_term
         self._integral = integral
         self.command = command = p * error + i_term + d * error_dot
-        if self.on_state is not None:
-            self._report(i_term, dt)
+        listener = self.on_state
+        if listener is not None:
+            self._report(listener, i_term, dt)
         return command
 
-    def compute_with_derivative(self, error: float, error_dot: float, dt: float) -> float:
-        """Command for an error whose derivative is known (unit of the error per s)."""
-        return self.compute(error, dt, error_dot)
-
-    def _report(self, i_term: float, dt: float) -> None:
-        listener = self.on_state  # another thread may take it away at any time
-        if listener is None:
-            return
+    def _report(self, listener: Callable[[PidState], None], i_term: float, dt: float) -> None:
         gains = self.gains
         error, error_dot = self._error, self._error_dot
         listener(

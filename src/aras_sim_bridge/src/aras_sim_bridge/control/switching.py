@@ -4,17 +4,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from aras_sim_bridge.control.controllers.base import ClaimedResources, Controller
-from aras_sim_bridge.control.statistics import UpdateTimer
 from aras_sim_bridge.errors import ControllerError
 
 BEST_EFFORT = 1
 STRICT = 2
 
-# "waiting" exists upstream for hardware that switches asynchronously; it never occurs here.
 INITIALIZED = "initialized"
 RUNNING = "running"
 STOPPED = "stopped"
-WAITING = "waiting"
 ABORTED = "aborted"
 
 
@@ -30,8 +27,7 @@ class ControllerInfo:
 
 class SwitchRequest:
     """A switch on its way. `done` turns True when it was carried out, refused or cancelled;
-    then `ok` tells which, and `reason` why not. May be polled from any thread; `on_done`, if set,
-    is called with the request in the simulation's thread.
+    then `ok` tells which, and `reason` why not; `on_done`, if set, is called with the request.
     """
 
     def __init__(
@@ -46,24 +42,20 @@ class SwitchRequest:
         self.reason = ""
         self.done = False
 
-    def finish(self, ok: bool, reason: str = "") -> None:
-        """Settle the request, unless it is; for the manager only."""
+    def finish(self, reason: str = "") -> None:
+        """Settle the request, unless it is, with a reason why not; cancels one not carried out."""
         if self.done:
             return
-        self.ok, self.reason = ok, reason
+        self.ok, self.reason = not reason, reason
         self.done = True
         if self.on_done is not None:
             self.on_done(self)
-
-    def cancel(self, reason: str = "cancelled") -> None:
-        """Give up waiting, in the simulation's thread; the switch will not be carried out."""
-        self.finish(False, reason)
 
 
 class Entry:
     """A loaded controller and what the manager knows of it."""
 
-    __slots__ = ("name", "type_name", "controller", "state", "running", "timer")
+    __slots__ = ("name", "type_name", "controller", "state", "running")
 
     def __init__(self, name: str, type_name: str, controller: Controller) -> None:
         self.name = name
@@ -71,7 +63,6 @@ class Entry:
         self.controller = controller
         self.state = INITIALIZED
         self.running = False
-        self.timer = UpdateTimer()
 
     def enter(self, state: str) -> None:
         """Change the state."""

@@ -109,12 +109,10 @@ class JointStates:
 class Controller:
     """Base of every controller.
 
-    `type_names` are set by the registry's decorator; `interface` is the ros_control interface
-    whose joints it claims; `slot` holds the last checked command that no update has seen. Times
-    are int ns of the simulated clock, periods float s.
+    `interface` is the ros_control interface whose joints it claims; `slot` holds the last checked
+    command that no update has seen. Times are int ns of the simulated clock, periods float s.
     """
 
-    type_names: ClassVar[tuple[str, ...]] = ()
     interface: ClassVar[str] = ""
     command_kind: ClassVar[str | None] = None
     state_kind: ClassVar[str | None] = None

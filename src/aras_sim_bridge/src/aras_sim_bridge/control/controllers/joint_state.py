@@ -71,7 +71,7 @@ class JointStateController(Controller):
             self._start_ns = time_ns - 1.001 * self._step_ns
             self._periods = 0
         self._periods += 1
-        listener = self.on_state  # another thread may take it away at any time
+        listener = self.on_state
         if listener is not None:
             listener(self.sample(time_ns))
 

@@ -12,16 +12,18 @@ from collections.abc import Callable, Mapping
 from difflib import get_close_matches
 
 from aras_sim_bridge.control.controllers.base import Controller
-from aras_sim_bridge.errors import ControllerError
+from aras_sim_bridge.errors import USER_FAULTS, ControllerError
 
 BASE_CLASS = "controller_interface::ControllerBase"
 
 _BUILTIN: dict[str, type[Controller]] = {}
 
 
-def register(type_name: str) -> Callable[[type[Controller]], type[Controller]]:
+def register(type_name: str, **attributes: str) -> Callable[[type[Controller]], type[Controller]]:
     """Class decorator: make the class known under `type_name`; may be stacked.
 
+    `attributes` are the class's own where it goes by this name: a controller that is the same for
+    several interfaces is one class, with `interface` given for each name.
     Raises ControllerError if another class has that name already.
     """
 
@@ -31,8 +33,8 @@ def register(type_name: str) -> Callable[[type[Controller]], type[Controller]]:
             raise ControllerError(
                 f"controller type '{type_name}' is already {known.__module__}:{known.__qualname__}"
             )
-        _BUILTIN[type_name] = cls
-        cls.type_names = (*cls.__dict__.get("type_names", ()), type_name)
+        named = {"__module__": cls.__module__, "__qualname__": cls.__qualname__, **attributes}
+        _BUILTIN[type_name] = type(cls.__name__, (cls,), named)
         return cls
 
     return decorate
@@ -84,8 +86,7 @@ class Registry:
             self._reload.discard(module_name)
             self._imported.add(module_name)
             cls = getattr(module, class_name)
-        # A user's module may fail in any way while it is imported.
-        except Exception as error:
+        except USER_FAULTS as error:
             raise ControllerError(
                 f"controller type '{type_name}': cannot import {path}: "
                 f"{type(error).__name__}: {error}"

@@ -33,7 +33,6 @@ from aras_sim_bridge.control.controllers.trajectory_types import (
     TrajectoryState,
 )
 from aras_sim_bridge.control.hardware import RobotHardware
-from aras_sim_bridge.control.joints import JointHandle
 from aras_sim_bridge.errors import ControllerError
 
 _NS_PER_S = 1_000_000_000
@@ -102,7 +101,7 @@ class JointTrajectoryController(Controller):
     def _init_output(self, parameters: Mapping, where: str) -> None:
         """Read what turning a desired state into a command needs."""
 
-    def _start_output(self, handles: list[JointHandle]) -> None:
+    def _start_output(self) -> None:
         """Commands with which nothing moves."""
 
     def _command(self, period: float) -> None:
@@ -120,7 +119,7 @@ class JointTrajectoryController(Controller):
         for k, handle in enumerate(self._handles):
             self._desired[0][k] = handle.position
             self._desired[1][k] = self._desired[2][k] = 0.0
-        self._start_output(self._handles)
+        self._start_output()
         self._running = True
         _announce(ended)
 
@@ -140,7 +139,6 @@ class JointTrajectoryController(Controller):
         self._command(period)
         ended = self._judge(now_ns) if active is not None else None
         feedback = active is not None and self._feedback_timer.due(now_ns)
-        # Another thread may take the listener away at any time.
         listener = self.on_state if self._state_timer.due(now_ns) else None
         state = self._state(first, now_ns) if listener is not None or feedback else None
         if listener is not None:
@@ -314,10 +312,7 @@ class JointTrajectoryController(Controller):
             else:
                 segment = self._braking(now_ns, self._desired[0][k], self._desired[1][k])
             if goal is not None:
-                segment.goal = goal
-                segment.path_tolerance = tolerances.path[k]
-                segment.goal_tolerance = tolerances.goal[k]
-                segment.goal_time_ns = tolerances.goal_time_ns
+                tolerances.put_on(segment, goal, k)
             result.append([segment])
         self._follow(result)
 

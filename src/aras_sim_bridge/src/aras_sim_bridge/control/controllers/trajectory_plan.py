@@ -1,5 +1,6 @@
 """From a trajectory message to one list of spline segments a joint."""
 
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import fabs, isclose, isfinite, pi
@@ -65,6 +66,13 @@ class Tolerances:
             time_ns = round(max(goal.goal_time_tolerance, 0.0) * _NS_PER_S)
         return Tolerances(tuple(path), tuple(at_goal), time_ns)
 
+    def put_on(self, segment: Segment, goal: GoalHandle, joint: int) -> None:
+        """Have a segment of the controller's `joint`th serve a goal."""
+        segment.goal = goal
+        segment.path_tolerance = self.path[joint]
+        segment.goal_tolerance = self.goal[joint]
+        segment.goal_time_ns = self.goal_time_ns
+
 
 def _overridden(default: Tolerance, override: JointTolerance) -> Tolerance:
     values = []
@@ -81,14 +89,7 @@ def _overridden(default: Tolerance, override: JointTolerance) -> Tolerance:
 
 def segment_at(segments: JointSegments, time_ns: int) -> int:
     """Index of the last segment that has begun at `time_ns`, -1 if none has."""
-    low, high = 0, len(segments)
-    while low < high:
-        middle = (low + high) // 2
-        if segments[middle].start_ns <= time_ns:
-            low = middle + 1
-        else:
-            high = middle
-    return low - 1
+    return bisect_right(segments, time_ns, key=lambda segment: segment.start_ns) - 1
 
 
 def joint_columns(
@@ -180,10 +181,7 @@ def plan(
         )
         if goal is not None and tolerances is not None:
             for segment in new:
-                segment.goal = goal
-                segment.path_tolerance = tolerances.path[joint]
-                segment.goal_tolerance = tolerances.goal[joint]
-                segment.goal_time_ns = tolerances.goal_time_ns
+                tolerances.put_on(segment, goal, joint)
         result.append([*kept, *new])
     return result, dropped
 

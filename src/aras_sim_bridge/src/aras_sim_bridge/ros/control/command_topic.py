@@ -15,7 +15,7 @@ import rospy
 from genpy import DeserializationError, Message
 from rospy.impl.tcpros_base import TCPROSTransport
 
-from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.errors import USER_FAULTS, SimError
 from aras_sim_bridge.ros.runtime.inbox import BUFFER_SIZE, Stream
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
@@ -61,7 +61,7 @@ class CommandTopic:
             self._take(message)
         except SimError as error:
             self.complain(str(error))
-        except Exception as error:  # of a user's controller: it must not end the simulation
+        except USER_FAULTS as error:
             self.complain(f"{type(error).__name__}: {error}")
 
     def complain(self, why: str) -> None:

@@ -166,7 +166,7 @@ class ManagerServices:
                 f"not carried out within {limit:g} s of wall time; does simulated time run "
                 "(is the simulation paused, or the machine overloaded)?"
             )
-            self._thread.call(lambda: switch.cancel(reason))
+            self._thread.call(lambda: switch.finish(reason))
         if not switch.ok:
             raise ControllerError(switch.reason)
         return SwitchControllerResponse(True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -68,6 +69,10 @@ def test_both_byte_orders(encoding: str) -> None:
 def test_all_encodings_of_the_original_are_there() -> None:
     original = {"rgb8", "bgr8", "mono8", "rgba8", "bgra8", "mono16", "rgb16"}
     assert original | {f"bayer_{p}8" for p in ("rggb", "bggr", "gbrg", "grbg")} == set(ENCODINGS)
+
+
+def test_opencv_has_no_threads_that_wait_at_full_speed() -> None:
+    assert cv2.getNumThreads() == 1
 
 
 def broken(**changes):

@@ -131,7 +131,6 @@ def main() -> int:
     """Run the node; exit status 1 if its parameters are wrong."""
     rospy.init_node("aras_visual_servo_camera")
     end_on_signals()
-    cv2.setNumThreads(1)  # the images are small: starting threads costs more than they save
     given = rospy.get_param("~", {})
     try:
         node = CameraNode(NodeParameters.from_mapping(given if isinstance(given, dict) else {}))

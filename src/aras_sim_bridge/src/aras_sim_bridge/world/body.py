@@ -81,11 +81,13 @@ class Body:
     def _set_dynamics(self, bodies: RobotDescription) -> None:
         """No hidden forces: Bullet's motors, damping and velocity bound off, ours on."""
         client, body = self.client, self.body_id
+        # Of the whole body: with one of these in it, PyBullet applies a link's call to the root.
+        pybullet.changeDynamics(body, -1, linearDamping=0.0, angularDamping=0.0,
+                                maxJointVelocity=_UNBOUNDED_VELOCITY, physicsClientId=client)
         for name, index in self.links.items():
             link = bodies.links[name]
             settings = {
-                "linearDamping": 0.0, "angularDamping": 0.0, "jointDamping": 0.0,
-                "maxJointVelocity": _UNBOUNDED_VELOCITY,
+                "jointDamping": 0.0,
                 "lateralFriction": DEFAULT_FRICTION if link.mu is None else link.mu,
                 "restitution": 0.0, "rollingFriction": 0.0, "spinningFriction": 0.0,
             }

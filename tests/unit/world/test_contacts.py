@@ -1,0 +1,79 @@
+"""Friction where bodies touch, and the inertia of each link, against closed forms."""
+
+import pytest
+
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.world import Pose, Twist, World
+
+DT = 0.001
+G = 9.8
+
+
+@pytest.fixture
+def world():
+    """Nothing but the ground."""
+    with World() as it:
+        it.spawn_ground_plane()
+        yield it
+
+
+def deceleration(world, model, speed=2.0, count=200):
+    """Of a body that rests and is pushed off at `speed` along x, in units of g."""
+    for _ in range(200):
+        world.step()
+    model.set_twist(Twist((speed, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    for _ in range(count):
+        world.step()
+    return (speed - model.twist().linear[0]) / (count * DT) / G
+
+
+def turning(world, xml, link, torque=1.0):
+    """Angular acceleration about z of a free body's root under a torque on `link`, rad/s²."""
+    world.set_physics(gravity=(0.0, 0.0, 0.0))
+    model = world.spawn(parse_urdf(xml), "m", Pose((0, 0, 5)))
+    model.apply_force(link, (0.0, 0.0, 0.0), model.link_pose(link).xyz, (0.0, 0.0, torque))
+    world.step()
+    return model.twist().angular[2] / DT
+
+
+def test_a_free_base_keeps_its_own_inertia_beside_light_links(world, make):
+    wheel = (0.001, 0.002, 0.001, 0, 0, 0)
+    xml = make.robot(
+        make.link("base", 10.0, "0 0 0", (0.3, 0.4, 0.6, 0, 0, 0)),
+        make.link("left", 0.5, "0 0 0", wheel), make.link("right", 0.5, "0 0 0", wheel),
+        make.joint("l", "base", "left", "continuous", xyz="0 0.2 0"),
+        make.joint("r", "base", "right", "continuous", xyz="0 -0.2 0"))
+    expected = 1.0 / (0.6 + 2 * (0.001 + 0.5 * 0.2**2))
+    assert turning(world, xml, "base") == pytest.approx(expected, rel=1e-6)
+
+
+def test_an_impossible_tensor_acts_as_it_is_written_on_a_link_too(world, make):
+    """A thin plate whose file says izz 0.1 and ixx 1e-3: no body has it, but it turns by 1/0.1."""
+    odd = (1e-3, 1e-3, 0.1, 0, 0, 0)
+    xml = make.robot('<link name="world"/>',
+                     make.link("arm", 1.0, "0 0 0", (0.05,) * 3 + (0, 0, 0)),
+                     make.link("plate", 1.0, "0 0 0", odd),
+                     make.joint("a", "world", "arm", "continuous", axis="1 0 0"),
+                     make.joint("b", "arm", "plate", "continuous", axis="0 0 1"))
+    world.set_physics(gravity=(0.0, 0.0, 0.0))
+    model = world.spawn(parse_urdf(xml), "m", Pose((0, 0, 5)))
+    model.apply_effort("b", 1.0)
+    world.step()
+    assert model.read_joints()[1][1] / DT == pytest.approx(10.0, rel=1e-6)
+    model.apply_effort("a", 1.0)
+    before = model.read_joints()[1][0]
+    world.step()
+    assert (model.read_joints()[1][0] - before) / DT == pytest.approx(1 / 0.051, rel=1e-3)
+
+
+def test_the_friction_of_a_link_that_is_not_the_root_acts(world, make):
+    """Two cubes on one beam: both slide, so the deceleration is that of the links' own friction."""
+    def foot(name, y):
+        return (make.link(name, 5.0, "0 0 0", (0.03,) * 3 + (0, 0, 0), make.box("0.2 0.2 0.2")) +
+                make.joint(f"to_{name}", "beam", name, "fixed", xyz=f"0 {y} 0"))
+    xml = make.robot(make.link("beam", 1.0, "0 0 0", (0.1,) * 3 + (0, 0, 0)),
+                     foot("left", 0.5), foot("right", -0.5),
+                     *(f'<gazebo reference="{name}"><mu1>0.2</mu1></gazebo>'
+                       for name in ("left", "right")))
+    model = world.spawn(parse_urdf(xml), "m", Pose((0, 0, 0.1)))
+    assert deceleration(world, model) == pytest.approx(0.2, rel=0.01)

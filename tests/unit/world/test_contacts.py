@@ -77,3 +77,58 @@ def test_the_friction_of_a_link_that_is_not_the_root_acts(world, make):
                        for name in ("left", "right")))
     model = world.spawn(parse_urdf(xml), "m", Pose((0, 0, 0.1)))
     assert deceleration(world, model) == pytest.approx(0.2, rel=0.01)
+
+
+def cube(make, mu=None, size="0.2 0.2 0.2"):
+    """A box of 10 kg with a cube's inertia, its friction coefficient as `mu1`, or Gazebo's own."""
+    tag = "" if mu is None else f'<gazebo reference="cube"><mu1>{mu}</mu1></gazebo>'
+    return parse_urdf(make.robot(make.link("cube", 10.0, "0 0 0", (0.2 / 3,) * 3 + (0, 0, 0),
+                                           make.box(size)), tag))
+
+
+def floor(make, mu):
+    """A floor with its top at 1 m."""
+    return parse_urdf(make.robot(
+        f'<link name="world">{make.box("6 6 0.2", "0 0 0.9")}</link>',
+        f'<gazebo reference="world"><mu1>{mu}</mu1></gazebo>'))
+
+
+@pytest.mark.parametrize(("floor_mu", "mu"), [(1.0, 0.4), (0.4, None), (0.4, 1.0), (0.5, 0.5),
+                                              (0.3, 0.7), (0.6, 2.0), (3.0, 0.8), (0.0, 0.5)])
+def test_of_two_coefficients_the_smaller_counts(world, make, floor_mu, mu):
+    world.spawn(floor(make, floor_mu), "floor")
+    model = world.spawn(cube(make, mu), "m", Pose((-1.0, 0.0, 1.1)))
+    expected = min(floor_mu, 1.0 if mu is None else mu)
+    assert deceleration(world, model) == pytest.approx(expected, rel=0.01, abs=1e-4)
+
+
+@pytest.mark.parametrize(("mu", "expected"), [(None, 1.0), (0.2, 0.2), (1.7, 1.7)])
+def test_the_ground_is_rougher_than_what_stands_on_it(world, make, mu, expected):
+    model = world.spawn(cube(make, mu, "0.4 0.4 0.1"), "m", Pose((0.0, 0.0, 0.05)))
+    assert deceleration(world, model, 4.0, 100) == pytest.approx(expected, rel=0.01)
+
+
+def test_the_smaller_coefficient_counts_on_a_stack_too(world, make):
+    """A cube pulled along lies on one that is rougher than the floor below it, and slides."""
+    world.spawn(floor(make, 0.6), "floor")
+    below = world.spawn(cube(make, 0.5), "below", Pose((-1.0, 0.0, 1.1)))
+    above = world.spawn(cube(make, 0.4), "above", Pose((-1.0, 0.0, 1.3)))
+    for _ in range(300):
+        world.step()
+    for _ in range(100):
+        above.apply_force("cube", (60.0, 0.0, 0.0), above.pose().xyz)
+        world.step()
+    assert above.twist().linear[0] / 0.1 == pytest.approx((60 - 0.4 * 98) / 10, rel=0.03)
+    assert abs(below.twist().linear[0]) < 1e-3
+
+
+def test_a_changed_coefficient_and_a_reset_begin_with_the_files_numbers(world, make):
+    world.spawn(floor(make, 0.5), "floor")
+    model = world.spawn(cube(make, 0.5), "m", Pose((-1.0, 0.0, 1.1)))
+    assert deceleration(world, model) == pytest.approx(0.5, rel=0.01)
+    world.delete("floor")
+    world.spawn(floor(make, 1.0), "floor")
+    model.set_pose(Pose((-1.0, 0.0, 1.1)))
+    assert deceleration(world, model) == pytest.approx(0.5, rel=0.01)
+    world.reset_simulation()
+    assert deceleration(world, model) == pytest.approx(0.5, rel=0.01)

@@ -133,10 +133,12 @@ def read_sdf(
 
 
 _GROUND_PLANE = """<model name="ground_plane"><static>1</static><link name="link">
-<collision name="collision"><geometry><plane><normal>0 0 1</normal><size>100 100</size></plane>
-</geometry></collision><visual name="visual"><geometry><plane><normal>0 0 1</normal>
-<size>100 100</size></plane></geometry><material><script><name>Gazebo/Grey</name></script>
-</material></visual></link></model>"""
+<collision name="collision">
+<geometry><plane><normal>0 0 1</normal><size>100 100</size></plane></geometry>
+<surface><friction><ode><mu>100</mu></ode></friction></surface></collision>
+<visual name="visual">
+<geometry><plane><normal>0 0 1</normal><size>100 100</size></plane></geometry>
+<material><script><name>Gazebo/Grey</name></script></material></visual></link></model>"""
 
 
 def _refuse_unknown(element: Element, known: set[str], where: str) -> None:

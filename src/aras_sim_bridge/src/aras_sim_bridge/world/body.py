@@ -8,7 +8,6 @@ from aras_sim_bridge.poses import IDENTITY, Pose
 from aras_sim_bridge.world import bullet_file
 from aras_sim_bridge.world.bullet import pybullet
 
-DEFAULT_FRICTION = 1.0  # Gazebo's mu; Bullet multiplies the two bodies' values
 _UNBOUNDED_VELOCITY = 1e9  # Bullet would cut joint velocities at 100 rad/s
 
 
@@ -88,7 +87,6 @@ class Body:
             link = bodies.links[name]
             settings = {
                 "jointDamping": 0.0,
-                "lateralFriction": DEFAULT_FRICTION if link.mu is None else link.mu,
                 "restitution": 0.0, "rollingFriction": 0.0, "spinningFriction": 0.0,
             }
             if link.inertial is not None and not (index == -1 and self.fixed_base):

@@ -17,6 +17,7 @@ from aras_sim_bridge.errors import UnknownJointError, UnknownModelError, WorldEr
 from aras_sim_bridge.poses import IDENTITY, Pose, Twist, checked_pose, checked_vector
 from aras_sim_bridge.world import bullet_file
 from aras_sim_bridge.world.bullet import pybullet, quiet
+from aras_sim_bridge.world.friction import ContactFriction
 from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.reach import leave_out_pairs
 
@@ -69,6 +70,7 @@ class World:
             self._show(pybullet.COV_ENABLE_GUI, False)  # panels of sliders and empty previews
             self._show(pybullet.COV_ENABLE_SHADOWS, False)  # half of what a picture costs
         self._direct = False
+        self._friction = ContactFriction(self.client)
         self._configure()
 
     def _show(self, what: int, on: bool) -> None:
@@ -185,7 +187,7 @@ class World:
         """Gazebo's ground plane: z = 0, grey, 100 m wide to the eye, endless to the touch."""
         plane = Geometry("plane", size=(100.0, 100.0, 0.0))
         link = Link("link", None, (Visual("visual", (0, 0, 0), (0, 0, 0), plane),),
-                    (Collision("collision", (0, 0, 0), (0, 0, 0), plane),))
+                    (Collision("collision", (0, 0, 0), (0, 0, 0), plane),), mu=100.0)
         return self.spawn(RobotDescription(name, "link", {"link": link}, {}, static=True,
                                            colours={"link": COLOURS["Gazebo/Grey"]}), name)
 
@@ -220,6 +222,7 @@ class World:
         """Models came, went or were loaded anew: note what a step has to do for them."""
         self._active = [model for model in self.models.values() if model.needs_steps]
         self.revision += 1
+        self._friction.models_changed(self.models.values())
         self._choose_solver()
         self._models_moved()
 
@@ -240,6 +243,8 @@ class World:
             model.check_efforts()
         for model in models:
             model.before_step(dt)
+        if self._friction.watched:
+            self._friction.before_step()
         pybullet.stepSimulation(self.client)
         for model in models:
             model.after_step()

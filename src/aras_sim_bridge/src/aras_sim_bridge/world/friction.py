@@ -1,0 +1,85 @@
+"""Contact friction as Gazebo has it: of two that touch, the smaller coefficient counts.
+
+Bullet multiplies the two. So each link is given a number whose products with those of the links
+that it touches are the smaller coefficients: x_i + x_j = log min(mu_i, mu_j) over the contacts, in
+least squares. That is exact unless contacts form rings that contradict each other, as four links
+that all touch each other with three different coefficients do.
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from aras_sim_bridge.world.bullet import pybullet
+from aras_sim_bridge.world.model import Model
+
+DEFAULT = 1.0  # Gazebo's
+CHECK_EVERY = 5  # steps; a new contact has the product until then, no contact costs a tenth of it
+
+_Part = tuple[int, int]  # Bullet's numbers of body and link
+
+
+class ContactFriction:
+    """Keeps the friction of all contacts of a world."""
+
+    def __init__(self, client: int) -> None:
+        self._client = client
+        self._own: dict[_Part, float] = {}
+        self._given: dict[_Part, float] = {}
+        self._pairs: frozenset[tuple[_Part, _Part]] = frozenset()
+        self._countdown = CHECK_EVERY
+        self.watched = False
+
+    def models_changed(self, models: Iterable[Model]) -> None:
+        """Models came, went or were loaded anew: everything has the coefficient of its file."""
+        self._own, fixed = {}, set()
+        for model in models:
+            for name, index in model.link_indices.items():
+                link = model.description.links[name]
+                if link.collisions:
+                    part = (model.body_id, index)
+                    self._own[part] = DEFAULT if link.mu is None else link.mu
+                    if model.fixed_base and index == -1:
+                        fixed.add(part)
+        # What never moves is mostly the ground, rougher than all that stands on it.
+        self._given = {part: min(mu, DEFAULT) if part in fixed else mu
+                       for part, mu in self._own.items()}
+        for (body, link), value in self._given.items():
+            self._set(body, link, value)
+        self._pairs = frozenset()
+        self._countdown = 1
+        values = self._given.values()
+        # With at most one that is not 1, every product is the smaller of the two.
+        self.watched = any(v > 1.0 for v in values) or sum(v != 1.0 for v in values) > 1
+
+    def before_step(self) -> None:
+        """Look at what touches; to be called in every step while `watched`."""
+        self._countdown -= 1
+        if self._countdown:
+            return
+        self._countdown = CHECK_EVERY
+        points = pybullet.getContactPoints(physicsClientId=self._client)
+        pairs = frozenset(((p[1], p[3]), (p[2], p[4])) for p in points)
+        if pairs != self._pairs:
+            self._pairs = pairs
+            for part, value in self._solved(pairs).items():
+                if self._given[part] != value:
+                    self._given[part] = value
+                    self._set(*part, value)
+
+    def _solved(self, pairs: Iterable[tuple[_Part, _Part]]) -> dict[_Part, float]:
+        """What to give each link that touches something, as the module says."""
+        smooth = {part for pair in pairs for part in pair if self._own[part] == 0.0}
+        rough = [pair for pair in sorted(pairs) if not smooth.intersection(pair)]
+        parts = sorted({part for pair in rough for part in pair})
+        column = {part: i for i, part in enumerate(parts)}
+        matrix = np.zeros((len(rough), len(parts)))
+        wanted = np.zeros(len(rough))
+        for row, (a, b) in enumerate(rough):
+            matrix[row, [column[a], column[b]]] = 1.0
+            wanted[row] = np.log(min(self._own[a], self._own[b]))
+        found = np.exp(np.linalg.lstsq(matrix, wanted, rcond=None)[0])
+        return dict.fromkeys(smooth, 0.0) | dict(zip(parts, found.tolist(), strict=True))
+
+    def _set(self, body: int, link: int, value: float) -> None:
+        pybullet.changeDynamics(body, link, lateralFriction=value, physicsClientId=self._client)

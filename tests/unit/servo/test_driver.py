@@ -141,6 +141,39 @@ def test_silence_is_named():
                for s in bench.states)  # fmt: skip
 
 
+def test_the_watchdog_says_what_it_waits_for_and_whom_to_ask():
+    bench = Bench(gain=1.0)
+    bench.step(60)
+    bench.images = False
+    bench.step(30)
+    assert bench.servo.phase == "waiting"
+    words = bench.servo.reason.split(" for ")
+    assert words[0] == "no features on /aras_visual_servo/camera/moments"
+    assert words[1][4:] == " s (is the camera node running?)" and float(words[1][:4]) < 0.25
+    assert any(state.reason == bench.servo.reason for state in bench.states)
+
+
+@pytest.mark.parametrize("standing", [True, False])
+def test_time_that_stands_still_is_told_from_images_that_do_not_come(standing):
+    bench = Bench(gain=1.0, wall_watchdog=2.0, image_timeout=9.0, watchdog=9.0)
+    bench.step(60)
+    for _ in range(21):
+        bench.wall += 0.1
+        bench.t += 0.0 if standing else 0.01
+        bench.driver.watch()
+    assert bench.servo.phase == "holding"
+    still = f"time stands still at {bench.t:.3f} s (is the simulator paused, or gone?)"
+    silent = "no features on /aras_visual_servo/camera/moments (is the camera node running?)"
+    reason = bench.servo.reason
+    assert reason.startswith("no answer for 2.") and reason.endswith(still if standing else silent)
+    for _ in range(90):
+        bench.wall += 0.1
+        bench.t += 0.0 if standing else 0.01
+        bench.driver.watch()
+    assert ("time stands still" in bench.states[-1].reason) == standing
+    assert "no joint states on /aras_visual_servo/joint_states" in bench.states[-1].reason
+
+
 def test_wall_time_without_an_answer_holds_the_arm_until_images_come():
     bench = Bench(gain=1.0, wall_watchdog=5.0)
     bench.step(60)

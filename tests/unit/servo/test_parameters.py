@@ -12,8 +12,9 @@ import pytest
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.features.moments import ImageMoments
 from aras_visual_servo_controller.setting_kinds import parsed_yaml, yaml_mapping
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.settings import SERVO, Settings
 from aras_visual_servo_controller.starts import start_joints
+from aras_visual_servo_controller.state import ServoSettings
 
 SOURCES = Path(__file__).parents[3] / "src"
 PACKAGE = SOURCES / "aras_visual_servo_controller"
@@ -142,6 +143,13 @@ def test_every_parameter_is_in_the_readme_with_its_unit_and_default():
         assert default.strip("`") == str(getattr(plain, field.name)), field.name
         assert (unit, text) == (field.metadata["unit"], field.metadata["text"]), field.name
     assert not rows
+
+
+def test_defaults_of_the_loop_are_those_of_its_parameters():
+    plain, loop = Settings(), ServoSettings()
+    shared = {field.name for field in fields(Settings)} & {f.name for f in fields(ServoSettings)}
+    assert shared >= {*SERVO, "start", "duration"}
+    assert all(getattr(plain, name) == getattr(loop, name) for name in SERVO)
 
 
 def test_a_file_that_never_ends_is_no_file_of_parameters():

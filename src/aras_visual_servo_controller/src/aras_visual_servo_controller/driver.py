@@ -24,10 +24,21 @@ from .joint_sample import JointSample
 from .observation import Observation, Observer
 from .servo import Servo
 from .settings import Settings
-from .state import APPROACHING, CONVERGED, HOLDING, SERVOING, STOPPED, WAITING, Command, ServoState
+from .state import (
+    APPROACHING,
+    CONVERGED,
+    HOLDING,
+    SERVOING,
+    STOPPED,
+    WAITING,
+    Command,
+    ServoState,
+    Source,
+)
 
 REPORT_PERIOD = 1.0 / 30.0  # s; without images, reports need not be faster than a camera
 SILENT = 0.05  # s without a joint state after which time goes on by the clock
+STANDING = 0.5  # s of wall time after which a clock that does not go on is worth a word
 SKEW = 0.5  # s; stamps further off the clock are of another clock, or of none
 AT_REST = (WAITING, HOLDING, STOPPED)
 
@@ -67,12 +78,22 @@ class Driver:
         self._commands: deque[JointSample] = deque(maxlen=256)
         self._joints_heard = self._images_heard = self._answered = wall()
         self._said_silence = -1e9
+        self._moved = wall()  # when the clock last went on
         self._starved = False
         self.beginnings = 0  # how often joint states began to come
-        self.source = f"{settings.namespace}/camera/moments"  # of images, for messages
+        self.source = Source("features", f"{settings.namespace}/camera/moments", "the camera node")
         self._clear()
         if not settings.autostart:
             servo.stop("waiting for start")
+
+    @property
+    def source(self) -> Source:
+        """Where the images come from, for messages."""
+        return self.servo.source
+
+    @source.setter
+    def source(self, source: Source) -> None:
+        self.servo.source = source
 
     # -- what is heard ---------------------------------------------------------------------
 
@@ -152,7 +173,8 @@ class Driver:
             moving = self.servo.phase in (SERVOING, CONVERGED)
             if moving and wall - self._answered > self.settings.wall_watchdog:
                 self._starved = True
-                self.servo.hold(f"no answer for {wall - self._answered:.1f} s of wall time")
+                reason = f"no answer for {wall - self._answered:.1f} s of wall time"
+                self.servo.hold(f"{reason}: {self._standing() or self.source.missing()}")
             self._tell_silence(wall, now)
 
     # -- what is asked for -----------------------------------------------------------------
@@ -203,8 +225,16 @@ class Driver:
             self.observer.reset()
             if stopped:
                 self.servo.stop("waiting for start")
+        if now != self._now:
+            self._moved = self._wall()
         self._now = now
         return now
+
+    def _standing(self) -> str:
+        """That the clock has not moved for long, in words; empty while it does."""
+        if self._wall() - self._moved < STANDING:
+            return ""
+        return f"time stands still at {self._now:.3f} s (is the simulator paused, or gone?)"
 
     def _tick(self, t: float, sample: JointSample | None = None) -> Command:
         self._time = t
@@ -239,9 +269,7 @@ class Driver:
         if not self.settings.dry:
             self._face.send(command)
 
-    def _now_and_then(
-        self, command: Command, joints: JointSample | None, reason: str = ""
-    ) -> None:
+    def _now_and_then(self, command: Command, joints: JointSample | None, reason: str = "") -> None:
         """Report without an image, at a camera's pace."""
         if not 0.0 <= command.stamp - self._reported < REPORT_PERIOD:
             self._report(
@@ -264,13 +292,13 @@ class Driver:
         settings, missing = self.settings, []
         if wall - self._joints_heard > settings.joint_timeout:
             missing.append(
-                f"joint states on {settings.namespace}/joint_states (is the simulator running?)"
+                f"no joint states on {settings.namespace}/joint_states (is the simulator running?)"
             )
         if wall - self._images_heard > settings.image_timeout and not self.servo.approaching:
-            missing.append(f"features on {self.source} (is the camera node running?)")
+            missing.append(self.source.missing())
         if not missing or wall - self._said_silence < 1.0 or self.servo.phase == STOPPED:
             return
         self._said_silence = wall
         phase = HOLDING if self.servo.phase == HOLDING else WAITING
-        reason = "no " + " and no ".join(missing)
+        reason = " and ".join(missing) + (f"; {words}" if (words := self._standing()) else "")
         self._report(ServoState(now, phase, self.servo.outcome.kind, reason))

@@ -42,6 +42,7 @@ from .state import (
     Command,
     ServoSettings,
     ServoState,
+    Source,
     check_settings,
 )
 from .task import Task
@@ -63,6 +64,7 @@ class Servo:
         scheme, arm, resolver, settings: as given.
         goal: as this arm sees it.
         phase, reason: of the loop now.
+        source: of the images, for messages.
         state: the latest ServoState, None before the first.
     """
 
@@ -85,6 +87,7 @@ class Servo:
         self.scheme, self.arm, self.resolver = scheme, arm, resolver
         self.settings = settings if settings is not None else ServoSettings()
         self.name = name or type(scheme).__name__
+        self.source = Source()
         self.clock = clock
         self.goal = goal.for_arm(arm)
         checked_goal(self.name, scheme, self.goal)
@@ -354,7 +357,7 @@ class Servo:
         patience = max(self.settings.watchdog, self.settings.watchdog_images * self._period)
         if self._answered is not None and t - self._answered > patience:
             self.diagnosis.starved(t, self._period)
-            self._halt(WAITING, f"no image for {t - self._answered:.2f} s")
+            self._halt(WAITING, self.source.missing(t - self._answered))
 
     def _approached(self, t: float, dt: float, measured: JointSample) -> Command:
         self.phase = APPROACHING

@@ -44,6 +44,7 @@ SERVO = (
     "hold", "lead", "lag", "delay", "watchdog", "stop_time", "output", "stiffness", "damping",
     "approach_speed",
 )  # fmt: skip
+LOOP = ServoSettings  # its defaults are those of the parameters
 # Names of former versions.
 ALIASES = {"pitch_gain": "hold_gain"}
 
@@ -74,7 +75,7 @@ class Settings:
     start: Any = parameter("none", "", "initial pose: a name, none, joints, or {xyz, rpy} of the "
                            "camera")  # fmt: skip
     desired: str = parameter("auto", "", "goal: auto (that of the start), a name, or a YAML file")
-    hold: float = parameter(2.0, "s", "over which the mean error has to be small", above=0.0)
+    hold: float = parameter(LOOP.hold, "s", "over which the mean error has to be small", above=0.0)
     duration: float = parameter(0.0, "s", "of servoing before it has timed out; 0: no end",
                                 least=0.0)  # fmt: skip
     max_velocity: Any = parameter(None, "m/s, rad/s", "of each joint; the description's")
@@ -88,18 +89,20 @@ class Settings:
     limit_avoidance: bool = parameter(True, "", "keep joints away from their limits, where free")
     singularity_avoidance: bool = parameter(False, "", "climb manipulability, where free")
     elbow: Any = parameter(None, "", "side to which stretched elbows bend: -1 or 1, or by joint")
-    lead: Any = parameter(0.05, "m, rad", "by which a command may be ahead of its joint")
-    lag: float = parameter(0.15, "s", "of joint speed by which it may be ahead besides", least=0.0)
-    approach_speed: float = parameter(0.3, "", "part of max_velocity on the way to the start",
-                                      above=0.0)  # fmt: skip
-    delay: float = parameter(0.0, "s", "from exposure to its answer, in simulated time", least=0.0)
-    watchdog: float = parameter(0.2, "s", "without a fresh answer (or three image periods) before "
-                                "the arm is stopped", above=0.0)  # fmt: skip
+    lead: Any = parameter(LOOP.lead, "m, rad", "by which a command may be ahead of its joint")
+    lag: float = parameter(LOOP.lag, "s", "of joint speed by which it may be ahead besides",
+                           least=0.0)  # fmt: skip
+    approach_speed: float = parameter(LOOP.approach_speed, "", "part of max_velocity on the way to "
+                                      "the start", above=0.0)  # fmt: skip
+    delay: float = parameter(LOOP.delay, "s", "from exposure to its answer, in simulated time",
+                             least=0.0)  # fmt: skip
+    watchdog: float = parameter(LOOP.watchdog, "s", "without a fresh answer (or three image "
+                                "periods) before the arm is stopped", above=0.0)  # fmt: skip
     wall_watchdog: float = parameter(5.0, "s", "of wall time without one, likewise", above=0.0)
-    stop_time: float = parameter(0.15, "s", "in which a stop comes to rest", above=0.0)
-    output: str = parameter("position", "", "what is commanded: position, velocity or effort")
-    stiffness: Any = parameter(0.0, "N/m, N m/rad", "of the effort output")
-    damping: Any = parameter(0.0, "N s/m, N m s/rad", "of the effort output")
+    stop_time: float = parameter(LOOP.stop_time, "s", "in which a stop comes to rest", above=0.0)
+    output: str = parameter(LOOP.output, "", "what is commanded: position, velocity or effort")
+    stiffness: Any = parameter(LOOP.stiffness, "N/m, N m/rad", "of the effort output")
+    damping: Any = parameter(LOOP.damping, "N s/m, N m s/rad", "of the effort output")
     camera_frame: str = parameter("camera_optical_frame", "", "of the camera, in the description")
     base_frame: str = parameter("", "", "link that the arm stands on; empty: the root")
     target_frame: str = parameter("", "", "link that carries the target, where the arm moves it")

@@ -58,7 +58,7 @@ class ServoSettings:
     settle: float = 0.3
     longest_step: float = 0.1
     lead: float | Sequence[float] = 0.05
-    lag: float = 0.1
+    lag: float = 0.15
     delay: float = 0.0
     watchdog: float = 0.2
     watchdog_images: float = 3.0
@@ -68,6 +68,21 @@ class ServoSettings:
     stiffness: float | Sequence[float] = 0.0
     damping: float | Sequence[float] = 0.0
     duration: float = float("inf")
+
+
+@dataclass(frozen=True)
+class Source:
+    """Where images come from, for messages; who sends them: the node to be asked after."""
+
+    what: str = "image"
+    topic: str = ""
+    who: str = ""
+
+    def missing(self, seconds: float | None = None) -> str:
+        """That nothing comes from there, `seconds` long, in words."""
+        text = f"no {self.what}" + (f" on {self.topic}" if self.topic else "")
+        text += "" if seconds is None else f" for {seconds:.2f} s"
+        return text + (f" (is {self.who} running?)" if self.who else "")
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from .goal import Goal
 from .joint_sample import JointSample
 from .observation import Observation, Observer
 from .schemes import JointController, Scheme
-from .state import ServoSettings
+from .state import ServoSettings, Source
 
 
 class Teacher:
@@ -37,7 +37,7 @@ class Teacher:
         send: Callable[[np.ndarray], None] | None = None,
     ) -> None:
         """`go`: joints (n,) to drive to first; `send`: takes the commands (n,) on the way."""
-        self.arm, self.observer, self.source = arm, observer, ""
+        self.arm, self.observer, self.source = arm, observer, Source()
         self._send = send
         self._approach = None
         if go is not None:

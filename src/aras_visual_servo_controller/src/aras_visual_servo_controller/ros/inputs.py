@@ -17,6 +17,7 @@ from ..driver import Driver, Look
 from ..observation import Need
 from ..pairing import ByStamp, InTurn
 from ..settings import Settings
+from ..state import Source
 from .depth import depth_of
 from .messages import camera_of, moments_of
 
@@ -55,7 +56,11 @@ class Inputs:
                 data = f"{space}/camera/data"
                 topics.append((data, Float64MultiArray, self._on_data, options))
         self._kernel = Need.KERNEL in needs
-        driver.source = topics[-1][0]
+        pictured = bool(needs & PICTURES)
+        driver.source = Source(
+            "image" if pictured else "features", topics[-1][0],
+            "the simulator or the camera's driver" if pictured else "the camera node",
+        )  # fmt: skip
         for topic, kind, callback, how in topics:
             self._subscribers.append(rospy.Subscriber(topic, kind, callback, **how))
 

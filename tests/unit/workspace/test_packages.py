@@ -1,0 +1,60 @@
+"""package.xml names what a package imports, and no more Python than that."""
+
+import ast
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+SOURCES = Path(__file__).resolve().parents[3] / "src"
+PACKAGES = sorted(manifest.parent for manifest in SOURCES.rglob("package.xml"))
+
+# rosdep's keys where they are not the module's own name; what has none is installed by pip alone.
+KEYS = {
+    "PIL": "python3-pil",
+    "collada": "python3-collada",
+    "cv2": "python3-opencv",
+    "gymnasium": "python3-gymnasium-pip",
+    "genpy": "genpy",
+    "pybullet": "python3-pybullet-pip",
+    "pinocchio": "pinocchio",
+    **{
+        name: f"python3-{name}"
+        for name in ("matplotlib", "numba", "numpy", "pandas", "pyarrow", "rospkg", "scipy")
+    },
+    "yaml": "python3-yaml",
+}
+ELSEWHERE = {"arm_parts", "gantry_parts", "mesh_primitives"}  # scripts beside the importing one
+
+
+def programs(package: Path) -> list[Path]:
+    """The Python files of a package that are installed or run."""
+    named = [p for folder in ("nodes", "scripts") for p in package.glob(f"{folder}/*")]
+    return [*package.glob("src/**/*.py"), *(path for path in named if path.is_file())]
+
+
+def imported(path: Path) -> set[str]:
+    """Top-level modules that a file imports, the standard library's left out."""
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names.update(alias.name.split(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            names.add(node.module.split(".")[0])
+    return names - set(sys.stdlib_module_names)
+
+
+def named(package: Path) -> set[str]:
+    """What a package's manifest says it needs when it runs."""
+    root = ElementTree.parse(package / "package.xml").getroot()
+    return {tag.text for kind in ("depend", "exec_depend") for tag in root.iter(kind)}
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.name)
+def test_manifest_names_what_is_imported(package):
+    modules = {name for path in programs(package) for name in imported(path)}
+    needed = {KEYS.get(name, name) for name in modules - {package.name} - ELSEWHERE}
+    assert needed - named(package) == set()
+    surplus = {key for key in named(package) - needed if key.startswith("python3-")}
+    assert surplus == set(), "named but never imported"

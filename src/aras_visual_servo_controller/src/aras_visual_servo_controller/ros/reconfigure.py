@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import rospy
-from dynamic_reconfigure.encoding import Config
-from dynamic_reconfigure.server import Server
+
+from aras_visual_servo_ros.parameters import Value
+from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
 
 from ..laws import Law
 from ..servo import Servo
 from .control import Owner
 
 NAMESPACE = "~gains"
-GREATEST = 100.0
+LEAST, GREATEST = 1e-3, 100.0
 
 
 class GainServer:
@@ -21,20 +20,21 @@ class GainServer:
 
     def __init__(self, owner: Owner) -> None:
         self._owner = owner
-        laws = _laws(owner.driver.servo)
-        if not laws:
+        gains = {name: getattr(law, name) for name, law in _laws(owner.driver.servo).items()}
+        if not gains:
             return
-        if rospy.has_param(NAMESPACE):
-            rospy.delete_param(NAMESPACE)  # what an earlier run was set to
-        self._server = Server(_kind(laws), self._apply, NAMESPACE)
+        fields = [
+            Field(name, "double", gain, LEAST, GREATEST, f"{name} of the law")
+            for name, gain in gains.items()
+        ]
+        self._server = ReconfigureServer(rospy.resolve_name(NAMESPACE), fields, {}, self._apply)
 
-    def _apply(self, config: Config, _: int) -> Config:
+    def _apply(self, values: dict[str, Value]) -> None:
         def change(servo: Servo) -> None:
             for name, law in _laws(servo).items():
-                setattr(law, name, float(config[name]))
+                setattr(law, name, float(values[name]))
 
         self._owner.driver.change(change)
-        return config
 
 
 def _laws(servo: Servo) -> dict[str, Law]:
@@ -47,27 +47,3 @@ def _laws(servo: Servo) -> dict[str, Law]:
                 laws.setdefault(name, law)
         law = getattr(law, "law", None)
     return laws
-
-
-def _kind(laws: dict[str, Law]) -> SimpleNamespace:
-    """What dynamic_reconfigure generates from a .cfg file, for gains known only now."""
-    parameters = [
-        {
-            "name": name, "type": "double", "level": 1, "edit_method": "",
-            "description": f"{name} of the law", "default": getattr(law, name),
-            "min": 1e-3, "max": GREATEST,
-        }
-        for name, law in laws.items()
-    ]  # fmt: skip
-    group = {
-        "name": "Default", "type": "", "state": True, "cstate": "true", "id": 0, "parent": 0,
-        "parentname": "", "parentclass": "", "class": "DEFAULT", "field": "default",
-        "upper": "DEFAULT", "lower": "groups", "parameters": parameters, "groups": [],
-    }  # fmt: skip
-    return SimpleNamespace(
-        config_description=group,
-        defaults=Config({name: getattr(law, name) for name, law in laws.items()}),
-        min=Config(dict.fromkeys(laws, 1e-3)),
-        max=Config(dict.fromkeys(laws, GREATEST)),
-        level=dict.fromkeys(laws, 1),
-    )

@@ -14,9 +14,10 @@ from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header
 
 from aras_sim_bridge.camera import Frame
-from aras_sim_bridge.errors import CameraError, SimError
+from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.ros.runtime.publisher import Peers, connections
-from aras_sim_bridge.ros.runtime.reconfigure import Field, ReconfigureServer, Value
+from aras_visual_servo_ros.parameters import InvalidParameterError, Value
+from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
 
 # Names, defaults and limits are compressed_image_transport's.
 COMPRESSED_FIELDS = (
@@ -151,7 +152,7 @@ def _given(topic: str) -> dict[str, Value]:
         try:
             found[field.name] = field.coerce(values[field.name])
             _checked({**found, "format": found.get("format", "jpeg")})
-        except (SimError, TypeError):
+        except (CameraError, InvalidParameterError, TypeError):
             rospy.logerr(
                 "%s/%s is %r; going on with %r", topic, field.name, values[field.name],
                 field.default,

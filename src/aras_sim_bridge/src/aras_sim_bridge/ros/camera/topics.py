@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import rospy
 from sensor_msgs.msg import CameraInfo
-from sensor_msgs.srv import SetCameraInfo, SetCameraInfoResponse
+from sensor_msgs.srv import SetCameraInfo
 
 from aras_sim_bridge.camera import CameraConfig, CameraIntrinsics, Frame
 from aras_sim_bridge.camera.mounting import MountedCamera
@@ -18,9 +18,10 @@ from aras_sim_bridge.ros.camera.info import prefixed, save_calibration, to_camer
 from aras_sim_bridge.ros.camera.labels import LabelTopic
 from aras_sim_bridge.ros.conversions import to_time
 from aras_sim_bridge.ros.runtime.publisher import Peers, QuickPublisher
-from aras_sim_bridge.ros.runtime.reconfigure import Field, ReconfigureServer, Value
-from aras_sim_bridge.ros.runtime.services import ServiceTable
+from aras_sim_bridge.ros.runtime.services import Fields, ServiceTable, serves
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_visual_servo_ros.parameters import Value
+from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
 
 Topic = ImageTopic | QuickPublisher | CompressedTopic | LabelTopic
 
@@ -80,9 +81,7 @@ class CameraTopics:
             topic = f"{root}/segmentation/image_raw"
             self._segmentation = self._kept(ImageTopic(topic, self._changed))
             self._labels = self._kept(LabelTopic(f"{root}/segmentation/labels", peers))
-        services = ServiceTable(self.namespace, self._thread)
-        self._closing.append(services)
-        services.add("set_camera_info", SetCameraInfo, self._on_set_camera_info, outside=True)
+        self._closing.append(ServiceTable(self.namespace, self._thread, self.set_camera_info))
         if config.camera_name:  # as upstream: none without a name of its own
             self._closing.append(self._rate_server(self._thread.call(self._rate)))
         self._announced = frames.announce(
@@ -161,7 +160,9 @@ class CameraTopics:
         if frame.segmentation is not None and self._segmentation is not None:
             self._segmentation.publish(stamp, self._frame_id, frame.segmentation, "32SC1")
 
-    def _on_set_camera_info(self, request: SetCameraInfo) -> SetCameraInfoResponse:
+    @serves(SetCameraInfo, outside=True)
+    def set_camera_info(self, _thread: SimulationThread, request: SetCameraInfo) -> Fields:
+        """Publish this calibration from now on, and keep it."""
         # As camera_info_manager: taken over even where the file cannot be written. Calibrators
         # leave the frame empty, but an info without the frame of its image is of no use.
         info = request.camera_info
@@ -170,9 +171,10 @@ class CameraTopics:
         try:
             path = save_calibration(info, self._camera_name)
         except (CameraError, OSError) as error:
-            return SetCameraInfoResponse(False, f"Error storing camera calibration: {error}")
+            text = f"Error storing camera calibration: {error}"
+            return {"success": False, "status_message": text}
         rospy.loginfo("%s: calibration written to %s", self.namespace, path)
-        return SetCameraInfoResponse(True, "")
+        return None
 
 
 def _heard(topic: Topic | None) -> bool:

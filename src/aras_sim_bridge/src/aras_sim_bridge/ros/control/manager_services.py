@@ -11,19 +11,12 @@ import rospy
 from controller_manager_msgs.msg import ControllerState, HardwareInterfaceResources
 from controller_manager_msgs.srv import (
     ListControllers,
-    ListControllersResponse,
     ListControllerTypes,
-    ListControllerTypesResponse,
     LoadController,
-    LoadControllerResponse,
     ReloadControllerLibraries,
-    ReloadControllerLibrariesResponse,
     SwitchController,
-    SwitchControllerResponse,
     UnloadController,
-    UnloadControllerResponse,
 )
-from genpy import Message
 from std_msgs.msg import Bool
 
 from aras_sim_bridge.control.controllers import Controller
@@ -31,9 +24,9 @@ from aras_sim_bridge.control.switching import SwitchRequest
 from aras_sim_bridge.errors import ControllerError
 from aras_sim_bridge.ros.control.command_topic import CommandTopic
 from aras_sim_bridge.ros.control.topics import ControllerTopics, PidTopics
-from aras_sim_bridge.ros.runtime.services import ServiceTable
+from aras_sim_bridge.ros.runtime.services import Fields, ServiceTable, handlers_in, serves
 from aras_sim_bridge.ros.runtime.simulation_thread import SHUTTING_DOWN, SimulationThread
-from aras_sim_bridge.simulation import Robot
+from aras_sim_bridge.simulation import Robot, Simulation
 
 T = TypeVar("T")
 SWITCH_TIMEOUT = 10.0  # seconds of wall time, where the request sets no limit (timeout 0)
@@ -54,11 +47,10 @@ class ManagerServices:
         self._manager = robot.manager
         self._thread = thread
         self._namespace = robot.namespace.rstrip("/")
-        self._lock = threading.Lock()  # ros_control answers one call at a time
         self._topics: dict[str, ControllerTopics] = {}
         self._joint_pids: list[PidTopics] = []
         self._e_stop: CommandTopic | None = None
-        self._services = ServiceTable(f"{self._namespace}/controller_manager", thread)
+        self._services: ServiceTable | None = None
         try:
             self._advertise()
         except Exception:
@@ -71,31 +63,22 @@ class ManagerServices:
             namespace = f"{self._namespace}/gazebo_ros_control/pid_gains/{joint}"
             self._joint_pids.append(PidTopics(namespace, pid, self._thread))
         self._e_stop = self._subscribe_e_stop()
-        for name, service, handler in (
-            ("list_controllers", ListControllers, self._list),
-            ("list_controller_types", ListControllerTypes, self._types),
-            ("load_controller", LoadController, self._load),
-            ("unload_controller", UnloadController, self._unload),
-            ("switch_controller", SwitchController, self._switch),
-            ("reload_controller_libraries", ReloadControllerLibraries, self._reload),
-        ):
-            self._services.add(name, service, self._serially(handler), outside=True)
+        self._services = ServiceTable(
+            f"{self._namespace}/controller_manager",
+            self._thread,
+            *handlers_in(self),
+            turn=threading.Lock(),  # ros_control answers one call at a time
+        )
 
     def shutdown(self) -> None:
         """Take services and topics off the graph."""
-        self._services.shutdown()
+        if self._services is not None:
+            self._services.shutdown()
         if self._e_stop is not None:
             self._e_stop.shutdown()
         for topics in [*self._topics.values(), *self._joint_pids]:
             topics.shutdown()
         self._topics.clear()
-
-    def _serially(self, handler: Callable[[Message], Message]) -> Callable[[Message], Message]:
-        def serve(request: Message) -> Message:
-            with self._lock:
-                return handler(request)
-
-        return serve
 
     def _subscribe_e_stop(self) -> CommandTopic | None:
         plugins = self._robot.model.description.control_plugins
@@ -110,36 +93,49 @@ class ManagerServices:
 
         return CommandTopic(topic, Bool, take, self._thread)
 
-    def _list(self, _request: ListControllers) -> ListControllersResponse:
-        response = ListControllersResponse()
-        for info in self._thread.call(self._manager.list):
+    @serves(ListControllers)
+    def list_controllers(self, _simulation: Simulation, _request: ListControllers) -> Fields:
+        """Names, states, types and claims."""
+        controllers = []
+        for info in self._manager.list():
             claims = [
                 HardwareInterfaceResources(claim.hardware_interface, list(claim.resources))
                 for claim in info.claimed_resources
             ]
-            response.controller.append(ControllerState(info.name, info.state, info.type, claims))
-        return response
+            controllers.append(ControllerState(info.name, info.state, info.type, claims))
+        return {"controller": controllers}
 
-    def _types(self, _request: ListControllerTypes) -> ListControllerTypesResponse:
+    @serves(ListControllerTypes, outside=True)
+    def list_controller_types(
+        self, _thread: SimulationThread, _request: ListControllerTypes
+    ) -> Fields:
+        """Type strings, each with the name of its base class."""
         pairs = self._with_parameters(self._manager.list_types)
-        return ListControllerTypesResponse([a for a, _ in pairs], [b for _, b in pairs])
+        return {"types": [a for a, _ in pairs], "base_classes": [b for _, b in pairs]}
 
-    def _load(self, request: LoadController) -> LoadControllerResponse:
+    @serves(LoadController, outside=True)
+    def load_controller(self, _thread: SimulationThread, request: LoadController) -> Fields:
+        """Make a controller by the parameters as they are now."""
         self._with_parameters(lambda: self._manager.load(request.name))
         self._sync()
-        return LoadControllerResponse(True)
 
-    def _unload(self, request: UnloadController) -> UnloadControllerResponse:
-        self._thread.call(lambda: self._manager.unload(request.name))
+    @serves(UnloadController, outside=True)
+    def unload_controller(self, thread: SimulationThread, request: UnloadController) -> Fields:
+        """Forget a controller."""
+        thread.call(lambda: self._manager.unload(request.name))
         self._sync()
-        return UnloadControllerResponse(True)
 
-    def _reload(self, request: ReloadControllerLibraries) -> ReloadControllerLibrariesResponse:
+    @serves(ReloadControllerLibraries, outside=True)
+    def reload_controller_libraries(
+        self, _thread: SimulationThread, request: ReloadControllerLibraries
+    ) -> Fields:
+        """Import the users' classes anew."""
         self._with_parameters(lambda: self._manager.reload_libraries(request.force_kill))
         self._sync()
-        return ReloadControllerLibrariesResponse(True)
 
-    def _switch(self, request: SwitchController) -> SwitchControllerResponse:
+    @serves(SwitchController, outside=True)
+    def switch_controller(self, thread: SimulationThread, request: SwitchController) -> Fields:
+        """Stop and start controllers; answered when it is done, or not done in time."""
         done = threading.Event()
 
         def ask() -> SwitchRequest:
@@ -150,26 +146,25 @@ class ManagerServices:
                 request.start_asap,
             )
             switch.on_done = lambda _switch: done.set()
-            if self._thread.held:
+            if thread.held:
                 # No update will come to carry it out; nothing moves, so it can be done here.
-                now = self._thread.simulation.time_ns
+                now = thread.simulation.time_ns
                 self._robot.hardware.read(now, 0.0)
                 self._manager.carry_out(now)
             if switch.done:
                 done.set()
             return switch
 
-        switch = self._thread.call(ask)
+        switch = thread.call(ask)
         limit = request.timeout + 1.0 if request.timeout > 0.0 else SWITCH_TIMEOUT
         if not self._wait(done, limit):
             reason = (
                 f"not carried out within {limit:g} s of wall time; does simulated time run "
                 "(is the simulation paused, or the machine overloaded)?"
             )
-            self._thread.call(lambda: switch.finish(reason))
+            thread.call(lambda: switch.finish(reason))
         if not switch.ok:
             raise ControllerError(switch.reason)
-        return SwitchControllerResponse(True)
 
     def _wait(self, done: threading.Event, limit: float) -> bool:
         """Return whether done was set within limit [s of wall time]; ends with the simulation."""

@@ -18,8 +18,10 @@ from aras_sim_bridge.ros.control.command_topic import CommandTopic
 from aras_sim_bridge.ros.control.state_topic import StateTopic
 from aras_sim_bridge.ros.control.trajectory import TrajectoryAction, fill_state, from_trajectory
 from aras_sim_bridge.ros.conversions import to_duration, to_time
-from aras_sim_bridge.ros.runtime.reconfigure import PID_FIELDS, ReconfigureServer, Value
+from aras_sim_bridge.ros.runtime.reconfigure import PID_FIELDS
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_visual_servo_ros.parameters import Value
+from aras_visual_servo_ros.reconfigure import ReconfigureServer
 
 
 class PidTopics:

@@ -13,7 +13,7 @@ from control_msgs.msg import (
     JointTrajectoryControllerState,
 )
 from control_msgs.msg import JointTolerance as ToleranceMessage
-from control_msgs.srv import QueryTrajectoryState, QueryTrajectoryStateResponse
+from control_msgs.srv import QueryTrajectoryState
 from genpy import Message
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -30,8 +30,9 @@ from aras_sim_bridge.control.controllers.trajectory_types import (
     TrajectoryState,
 )
 from aras_sim_bridge.ros.conversions import from_time, to_duration, to_time
-from aras_sim_bridge.ros.runtime.services import ServiceTable
+from aras_sim_bridge.ros.runtime.services import Fields, ServiceTable, serves
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.simulation import Simulation
 
 StateMessage = JointTrajectoryControllerState | FollowJointTrajectoryFeedback
 
@@ -124,8 +125,7 @@ class TrajectoryAction:
             thread=thread,
         )
         self._server.start()
-        self._services = ServiceTable(namespace, thread)
-        self._services.add("query_state", QueryTrajectoryState, self._query, call_fails=True)
+        self._services = ServiceTable(namespace, thread, self.query_state)
 
     def shutdown(self) -> None:
         """Take action and service off the graph."""
@@ -165,11 +165,16 @@ class TrajectoryAction:
         if handle is not None:
             self._controller.cancel_goal(handle)
 
-    def _query(self, request: QueryTrajectoryState) -> QueryTrajectoryStateResponse:
+    @serves(QueryTrajectoryState, call_fails=True)
+    def query_state(self, _simulation: Simulation, request: QueryTrajectoryState) -> Fields:
+        """Where the trajectory wants the joints to be at a time."""
         point = self._controller.query_state(from_time(request.time))
-        return QueryTrajectoryStateResponse(
-            list(self._controller.joints), point.positions, point.velocities, point.accelerations
-        )
+        return {
+            "name": list(self._controller.joints),
+            "position": point.positions,
+            "velocity": point.velocities,
+            "acceleration": point.accelerations,
+        }
 
 
 def _tolerances(messages: list[ToleranceMessage]) -> list[JointTolerance]:

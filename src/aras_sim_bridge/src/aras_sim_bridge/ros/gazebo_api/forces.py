@@ -5,24 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import genpy
-from gazebo_msgs.srv import (
-    ApplyBodyWrench,
-    ApplyBodyWrenchResponse,
-    ApplyJointEffort,
-    ApplyJointEffortResponse,
-    BodyRequest,
-    BodyRequestResponse,
-    JointRequest,
-    JointRequestResponse,
-)
+from gazebo_msgs.srv import ApplyBodyWrench, ApplyJointEffort, BodyRequest, JointRequest
 
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.poses import add, cross, rotate, subtract
 from aras_sim_bridge.ros.conversions import bounded, from_time, from_vector
 from aras_sim_bridge.ros.gazebo_api import entities
-from aras_sim_bridge.ros.runtime.services import ServiceTable
+from aras_sim_bridge.ros.runtime.services import Fields, serves
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world import Model
 
 
@@ -61,27 +52,24 @@ class _Effort(_Job):
         self.model.apply_effort(self.target, self.effort)
 
 
-class ForceServices:
-    """Services that push."""
+class Forces:
+    """What pushes at present, and the services that say so."""
 
-    def __init__(self, table: ServiceTable, thread: SimulationThread) -> None:
-        """Add the services to `table`."""
+    def __init__(self, thread: SimulationThread) -> None:
+        """Nothing pushes yet."""
         self._thread = thread
         self._jobs: list[_Job] = []
-        table.add("apply_body_wrench", ApplyBodyWrench, self._apply_wrench)
-        table.add("apply_joint_effort", ApplyJointEffort, self._apply_effort)
-        table.add("clear_body_wrenches", BodyRequest, self._clear_wrenches)
-        table.add("clear_joint_forces", JointRequest, self._clear_efforts)
 
     def forget(self, model: Model) -> None:
         """Drop the jobs of a model that goes; called in the simulation's thread."""
         self._keep(lambda job: job.model is not model)
 
-    def _apply_wrench(self, request: ApplyBodyWrench) -> ApplyBodyWrenchResponse:
+    @serves(ApplyBodyWrench)
+    def apply_body_wrench(self, simulation: Simulation, request: ApplyBodyWrench) -> Fields:
+        """Push a body at a point of the reference frame for a while."""
         force = from_vector(request.wrench.force, "force")
         point = from_vector(request.reference_point, "reference_point")
         torque = add(from_vector(request.wrench.torque, "torque"), cross(point, force))
-        simulation = self._thread.simulation
         model, link = entities.link(simulation, request.body_name)
         if model.description.links[link].inertial is None:
             raise WorldError(f"link '{request.body_name}' has no mass; nothing can push it")
@@ -90,32 +78,33 @@ class ForceServices:
             lever = subtract(frame.xyz, model.link_pose(link).xyz)
             force = rotate(frame.quat, force)
             torque = add(rotate(frame.quat, torque), cross(lever, force))
-        span = self._span(request.start_time, request.duration)
+        start_end = _span(simulation, request)
         target = f"{model.name}::{link}"
-        self._set([*self._jobs, _Wrench(model, target, *span, link, force, torque)])
-        return ApplyBodyWrenchResponse(True, "")
+        self._set([*self._jobs, _Wrench(model, target, *start_end, link, force, torque)])
+        return None
 
-    def _apply_effort(self, request: ApplyJointEffort) -> ApplyJointEffortResponse:
+    @serves(ApplyJointEffort, "effort set")
+    def apply_joint_effort(self, simulation: Simulation, request: ApplyJointEffort) -> Fields:
+        """Push a joint for a while."""
         bounded((request.effort,), f"effort on '{request.joint_name}'")
-        model, joint = entities.joint(self._thread.simulation, request.joint_name)
+        model, joint = entities.joint(simulation, request.joint_name)
         if joint not in model.joint_names:
             raise WorldError(f"joint '{request.joint_name}' does not move")
-        span = self._span(request.start_time, request.duration)
+        span = _span(simulation, request)
         self._set([*self._jobs, _Effort(model, joint, *span, request.effort)])
-        return ApplyJointEffortResponse(True, "ApplyJointEffort: effort set")
+        return None
 
-    def _clear_wrenches(self, request: BodyRequest) -> BodyRequestResponse:
+    @serves(BodyRequest)
+    def clear_body_wrenches(self, _simulation: Simulation, request: BodyRequest) -> Fields:
+        """Push a body no longer."""
         self._keep(lambda job: not isinstance(job, _Wrench) or job.target != request.body_name)
-        return BodyRequestResponse()
+        return None
 
-    def _clear_efforts(self, request: JointRequest) -> JointRequestResponse:
+    @serves(JointRequest)
+    def clear_joint_forces(self, _simulation: Simulation, request: JointRequest) -> Fields:
+        """Push a joint no longer."""
         self._keep(lambda job: not isinstance(job, _Effort) or job.target != request.joint_name)
-        return JointRequestResponse()
-
-    def _span(self, start: genpy.Time, duration: genpy.Duration) -> tuple[int, int | None]:
-        start_ns = max(from_time(start), self._thread.simulation.time_ns)
-        length = from_time(duration)
-        return start_ns, None if length < 0 else start_ns + length
+        return None
 
     def _keep(self, stays: Callable[[_Job], bool]) -> None:
         self._set([job for job in self._jobs if stays(job)])
@@ -134,3 +123,11 @@ class ForceServices:
                 job.act()
         if over:
             self._keep(lambda job: job.end_ns is None or time_ns <= job.end_ns)
+
+
+def _span(
+    simulation: Simulation, request: ApplyBodyWrench | ApplyJointEffort
+) -> tuple[int, int | None]:
+    start_ns = max(from_time(request.start_time), simulation.time_ns)
+    length = from_time(request.duration)
+    return start_ns, None if length < 0 else start_ns + length

@@ -8,18 +8,13 @@ import rospy
 from gazebo_msgs.msg import ModelState
 from gazebo_msgs.srv import (
     DeleteModel,
-    DeleteModelResponse,
     GetModelProperties,
-    GetModelPropertiesResponse,
     GetModelState,
-    GetModelStateResponse,
     SetModelConfiguration,
-    SetModelConfigurationResponse,
     SetModelState,
-    SetModelStateResponse,
     SpawnModel,
-    SpawnModelResponse,
 )
+from std_msgs.msg import Header
 
 from aras_sim_bridge.description import Light, packages
 from aras_sim_bridge.errors import SimError
@@ -28,66 +23,47 @@ from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.camera import settings
 from aras_sim_bridge.ros.control.manager_services import robot_parameters
 from aras_sim_bridge.ros.gazebo_api import descriptions, entities
-from aras_sim_bridge.ros.gazebo_api.forces import ForceServices
+from aras_sim_bridge.ros.gazebo_api.forces import Forces
 from aras_sim_bridge.ros.runtime.graph import OnGraph
-from aras_sim_bridge.ros.runtime.services import ServiceTable
+from aras_sim_bridge.ros.runtime.services import Fields, serves
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world import Model
 
 SPAWN_TIMEOUT = 60.0  # seconds of wall time: a large mesh takes its time
-
 LONGEST_NAME = 256  # characters
 
 
-class ModelServices:
-    """Services about whole models."""
+class Models:
+    """Models that come, are asked for by clients, and go."""
 
-    def __init__(
-        self,
-        table: ServiceTable,
-        thread: SimulationThread,
-        forces: ForceServices,
-        on_graph: OnGraph,
-    ) -> None:
-        """Add the services to `table`; `forces` and `on_graph` hear of models that come and go."""
-        self._thread = thread
+    def __init__(self, forces: Forces, on_graph: OnGraph) -> None:
+        """`forces` and `on_graph` hear of models that come and go."""
         self._forces = forces
         self._on_graph = on_graph
         self._calls: dict[str, int] = {}
-        for name, service, handler, outside in (
-            ("spawn_urdf_model", SpawnModel, self._spawn_urdf, True),
-            ("spawn_sdf_model", SpawnModel, self._spawn_sdf, True),
-            ("delete_model", DeleteModel, self._delete, True),
-            ("get_model_state", GetModelState, self._get_state, False),
-            ("set_model_state", SetModelState, self._set_state, False),
-            ("get_model_properties", GetModelProperties, self._get_properties, False),
-            ("set_model_configuration", SetModelConfiguration, self._set_configuration, False),
-        ):
-            table.add(name, service, handler, outside)
 
-    def _spawn_urdf(self, request: SpawnModel) -> SpawnModelResponse:
+    @serves(SpawnModel, outside=True)
+    def spawn_urdf_model(self, thread: SimulationThread, request: SpawnModel) -> Fields:
+        """Put a robot into the world."""
         text = descriptions.without_prolog(request.model_xml)
         root = descriptions.root_tag(text)
         if root != "robot":
             found = f"<{root}>" if root else "no element"
-            self._refuse(f"the model's root is {found}, not <robot>; is it URDF?")
+            _refuse(f"the model's root is {found}, not <robot>; is it URDF?")
         for package in descriptions.named_packages(text):
             try:
                 packages.find(package)
             except SimError as error:
-                self._refuse(str(error))
-        return self._spawn(request, text)
+                _refuse(str(error))
+        return self._spawn(thread, request, text)
 
-    def _spawn_sdf(self, request: SpawnModel) -> SpawnModelResponse:
-        return self._spawn(request, descriptions.without_prolog(request.model_xml))
+    @serves(SpawnModel, outside=True)
+    def spawn_sdf_model(self, thread: SimulationThread, request: SpawnModel) -> Fields:
+        """Put a model or a light into the world."""
+        return self._spawn(thread, request, descriptions.without_prolog(request.model_xml))
 
-    @staticmethod
-    def _refuse(why: str) -> None:
-        """Make the call itself fail, as upstream does for text that is no URDF."""
-        rospy.logerr("spawn_urdf_model: %s", why)
-        raise rospy.ServiceException(f"SpawnModel: {why}")
-
-    def _spawn(self, request: SpawnModel, text: str) -> SpawnModelResponse:
+    def _spawn(self, thread: SimulationThread, request: SpawnModel, text: str) -> Fields:
         name = request.model_name
         if not name:
             raise SimError("model_name is empty; give the model a name")
@@ -97,8 +73,13 @@ class ModelServices:
             )
         pose = conversions.from_pose(request.initial_pose, f"initial_pose of '{name}'")
         description = descriptions.parse(text)
+        done = f"SpawnModel: Successfully spawned entity '{name}'"
         if isinstance(description, Light):
-            return self._spawn_light(request, description, pose)
+            thread.call(lambda: _add_light(thread.simulation, request, description, pose))
+            if description.kind != "directional":
+                done += f"; a {description.kind} light is kept, but pictures are drawn by the sun "
+                done += "alone"
+            return {"status_message": done}
         pose = pose @ Pose.from_rpy(*description.initial_pose)
         for warning in description.warnings:
             rospy.logwarn("model '%s': %s", name, warning)
@@ -107,9 +88,8 @@ class ModelServices:
         presets = settings.read()
 
         def job() -> None:
-            simulation = self._thread.simulation
-            frame, _ = entities.frame(simulation, request.reference_frame)
-            simulation.spawn(
+            frame, _ = entities.frame(thread.simulation, request.reference_frame)
+            thread.simulation.spawn(
                 description,
                 name,
                 pose=frame @ pose,
@@ -118,100 +98,90 @@ class ModelServices:
                 cameras=presets,
             )
 
-        self._thread.call(job, SPAWN_TIMEOUT)
-        settings.warn_of_unused(presets, self._thread, description)
+        thread.call(job, SPAWN_TIMEOUT)
+        settings.warn_of_unused(presets, thread, description)
         self._on_graph.sync()
-        return SpawnModelResponse(True, f"SpawnModel: Successfully spawned entity '{name}'")
+        return {"status_message": done}
 
-    def _spawn_light(self, request: SpawnModel, light: Light, pose: Pose) -> SpawnModelResponse:
-        name = request.model_name
-        placed = pose @ Pose.from_rpy(light.origin_xyz, light.origin_rpy)
+    @serves(DeleteModel, outside=True)
+    def delete_model(self, thread: SimulationThread, request: DeleteModel) -> Fields:
+        """Take a model away, with what is on the graph of it."""
 
         def job() -> None:
-            simulation = self._thread.simulation
-            frame, _ = entities.frame(simulation, request.reference_frame)
-            at = frame @ placed
-            if name in simulation.lights:
-                raise SimError(f"a light named '{name}' exists already; delete it first")
-            rpy = rpy_from_quaternion(at.quat)
-            simulation.set_light(replace(light, name=name, origin_xyz=at.xyz, origin_rpy=rpy))
-
-        self._thread.call(job)
-        text = f"SpawnModel: Successfully spawned entity '{name}'"
-        if light.kind != "directional":
-            text += f"; a {light.kind} light is kept, but pictures are drawn by the sun alone"
-        return SpawnModelResponse(True, text)
-
-    def _delete(self, request: DeleteModel) -> DeleteModelResponse:
-        def job() -> None:
-            model = entities.model(self._thread.simulation, request.model_name)
+            model = entities.model(thread.simulation, request.model_name)
             self._forces.forget(model)
-            self._thread.simulation.delete(request.model_name)
+            thread.simulation.delete(request.model_name)
 
-        self._thread.call(job)
+        thread.call(job)
         self._on_graph.sync()
-        return DeleteModelResponse(True, f"DeleteModel: deleted '{request.model_name}'")
+        return {"status_message": f"DeleteModel: deleted '{request.model_name}'"}
 
-    def _get_state(self, request: GetModelState) -> GetModelStateResponse:
-        simulation = self._thread.simulation
+    @serves(GetModelState, "got properties")
+    def get_model_state(self, simulation: Simulation, request: GetModelState) -> Fields:
+        """Pose and twist of a model's root link, relative to a model, a link or the world."""
         model = entities.model(simulation, request.model_name)
         root = model.description.root
         frame, frame_twist = entities.frame(simulation, request.relative_entity_name)
         pose, twist = entities.relative(*model.link_state(root), frame, frame_twist)
-        response = GetModelStateResponse(
-            pose=conversions.to_pose(pose), twist=conversions.to_twist(twist), success=True
-        )
-        response.status_message = "GetModelState: got properties"
         calls = self._calls[request.model_name] = self._calls.get(request.model_name, 0) + 1
-        response.header.seq = calls
-        response.header.stamp = conversions.to_time(simulation.time_ns)
-        response.header.frame_id = request.relative_entity_name
-        return response
+        stamp = conversions.to_time(simulation.time_ns)
+        return {
+            "header": Header(calls, stamp, request.relative_entity_name),
+            "pose": conversions.to_pose(pose),
+            "twist": conversions.to_twist(twist),
+        }
 
-    def _set_state(self, request: SetModelState) -> SetModelStateResponse:
-        self.put(request.model_state)
-        return SetModelStateResponse(True, "SetModelState: set model state done")
 
-    def put(self, state: ModelState) -> None:
-        """Move a whole model, in the simulation's thread; raises SimError naming what is wrong."""
-        pose = conversions.from_pose(state.pose, f"pose of '{state.model_name}'")
-        twist = conversions.from_twist(state.twist, f"twist of '{state.model_name}'")
-        simulation = self._thread.simulation
-        model = entities.model(simulation, state.model_name)
-        frame, _ = entities.frame(simulation, state.reference_frame)
-        model.set_pose(frame @ pose)
-        model.set_twist(Twist(rotate(frame.quat, twist.linear), rotate(frame.quat, twist.angular)))
+@serves(SetModelState, "set model state done")
+def set_model_state(simulation: Simulation, request: SetModelState) -> Fields:
+    """Move a whole model."""
+    put_model(simulation, request.model_state)
+    return None
 
-    def _get_properties(self, request: GetModelProperties) -> GetModelPropertiesResponse:
-        description = entities.model(self._thread.simulation, request.model_name).description
-        links = description.links.values()
-        return GetModelPropertiesResponse(
-            body_names=[link.name for link in links],
-            geom_names=[
-                collision.name or f"{link.name}_collision"
-                for link in links
-                for collision in link.collisions
-            ],
-            joint_names=list(description.joints),
-            is_static=description.static,
-            success=True,
-            status_message="GetModelProperties: got properties",
+
+def put_model(simulation: Simulation, state: ModelState) -> None:
+    """Move a whole model; raises SimError naming what is wrong."""
+    pose = conversions.from_pose(state.pose, f"pose of '{state.model_name}'")
+    twist = conversions.from_twist(state.twist, f"twist of '{state.model_name}'")
+    model = entities.model(simulation, state.model_name)
+    frame, _ = entities.frame(simulation, state.reference_frame)
+    model.set_pose(frame @ pose)
+    model.set_twist(Twist(rotate(frame.quat, twist.linear), rotate(frame.quat, twist.angular)))
+
+
+@serves(GetModelProperties, "got properties")
+def get_model_properties(simulation: Simulation, request: GetModelProperties) -> Fields:
+    """The names of a model's links, shapes and joints."""
+    description = entities.model(simulation, request.model_name).description
+    links = description.links.values()
+    return {
+        "body_names": [link.name for link in links],
+        "geom_names": [
+            collision.name or f"{link.name}_collision"
+            for link in links
+            for collision in link.collisions
+        ],
+        "joint_names": list(description.joints),
+        "is_static": description.static,
+    }
+
+
+@serves(SetModelConfiguration)
+def set_model_configuration(simulation: Simulation, request: SetModelConfiguration) -> Fields:
+    """Put joints at positions; names of others are passed over."""
+    names, positions = request.joint_names, request.joint_positions
+    if len(names) != len(positions):
+        raise SimError(
+            f"{len(names)} joint_names but {len(positions)} joint_positions; give as many"
         )
-
-    def _set_configuration(self, request: SetModelConfiguration) -> SetModelConfigurationResponse:
-        names, positions = request.joint_names, request.joint_positions
-        if len(names) != len(positions):
-            raise SimError(
-                f"{len(names)} joint_names but {len(positions)} joint_positions; give as many"
-            )
-        conversions.bounded(tuple(positions), "joint_positions")
-        model = entities.model(self._thread.simulation, request.model_name)
-        plain = [name.rpartition("::")[2] for name in names]
-        wanted = zip(plain, positions, strict=True)
-        model.set_joint_positions(
-            {n: within_limits(model, n, q) for n, q in wanted if n in model.joint_names}
-        )
-        return SetModelConfigurationResponse(True, "SetModelConfiguration: success")
+    conversions.bounded(tuple(positions), "joint_positions")
+    model = entities.model(simulation, request.model_name)
+    plain = [name.rpartition("::")[2] for name in names]
+    wanted = zip(plain, positions, strict=True)
+    model.set_joint_positions(
+        {n: within_limits(model, n, q) for n, q in wanted if n in model.joint_names}
+    )
+    return {"status_message": "SetModelConfiguration: success"}
 
 
 def within_limits(model: Model, joint: str, position: float) -> float:
@@ -220,3 +190,19 @@ def within_limits(model: Model, joint: str, position: float) -> float:
     if limits is None or limits.lower is None or position != position:
         return position
     return min(max(position, limits.lower), limits.upper)
+
+
+def _add_light(simulation: Simulation, request: SpawnModel, light: Light, pose: Pose) -> None:
+    name = request.model_name
+    frame, _ = entities.frame(simulation, request.reference_frame)
+    at = frame @ pose @ Pose.from_rpy(light.origin_xyz, light.origin_rpy)
+    if name in simulation.lights:
+        raise SimError(f"a light named '{name}' exists already; delete it first")
+    rpy = rpy_from_quaternion(at.quat)
+    simulation.set_light(replace(light, name=name, origin_xyz=at.xyz, origin_rpy=rpy))
+
+
+def _refuse(why: str) -> None:
+    """Make the call itself fail, as upstream does for text that is no URDF."""
+    rospy.logerr("spawn_urdf_model: %s", why)
+    raise rospy.ServiceException(f"SpawnModel: {why}")

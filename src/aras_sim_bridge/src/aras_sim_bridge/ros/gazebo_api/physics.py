@@ -9,19 +9,17 @@ from __future__ import annotations
 import math
 
 from gazebo_msgs.msg import ODEPhysics
-from gazebo_msgs.srv import (
-    GetPhysicsProperties,
-    GetPhysicsPropertiesResponse,
-    SetPhysicsProperties,
-    SetPhysicsPropertiesResponse,
-)
+from gazebo_msgs.srv import GetPhysicsProperties, SetPhysicsProperties
 from geometry_msgs.msg import Vector3
 
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.ros.conversions import from_vector
-from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS, ReconfigureServer, Value
-from aras_sim_bridge.ros.runtime.services import ServiceTable
+from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
+from aras_sim_bridge.ros.runtime.services import Fields, serves
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.simulation import Simulation
+from aras_visual_servo_ros.parameters import Value
+from aras_visual_servo_ros.reconfigure import ReconfigureServer
 
 ODE_FIELDS = (
     "auto_disable_bodies",
@@ -37,11 +35,11 @@ ODE_FIELDS = (
 )
 
 
-class PhysicsServices:
+class Physics:
     """Physics as services and as reconfigurable parameters, always telling the same."""
 
-    def __init__(self, table: ServiceTable, namespace: str, thread: SimulationThread) -> None:
-        """Add the services to `table` and the server to `namespace`."""
+    def __init__(self, namespace: str, thread: SimulationThread) -> None:
+        """Put the server into `namespace`."""
         self._thread = thread
         self._ode: dict[str, Value] = {
             "auto_disable_bodies": False,
@@ -56,8 +54,6 @@ class PhysicsServices:
             "max_contacts": 20,
         }
         self._rate = thread.call(lambda: thread.pacer.factor / thread.simulation.world.time_step)
-        table.add("get_physics_properties", GetPhysicsProperties, self._get)
-        table.add("set_physics_properties", SetPhysicsProperties, self._set, outside=True)
         values = thread.call(self._values)
         self._server = ReconfigureServer(namespace, PHYSICS_FIELDS, values, self._reconfigure)
 
@@ -74,25 +70,29 @@ class PhysicsServices:
             **self._ode,
         }
 
-    def _get(self, _request: GetPhysicsProperties) -> GetPhysicsPropertiesResponse:
-        world = self._thread.simulation.world
-        return GetPhysicsPropertiesResponse(
-            time_step=world.time_step,
-            pause=self._thread.paused,
-            max_update_rate=self._rate,
-            gravity=Vector3(*world.gravity),
-            ode_config=ODEPhysics(**{name: self._ode[name] for name in ODE_FIELDS}),
-            success=True,
-            status_message="GetPhysicsProperties: got properties",
-        )
+    @serves(GetPhysicsProperties, "got properties")
+    def get_physics_properties(
+        self, simulation: Simulation, _request: GetPhysicsProperties
+    ) -> Fields:
+        """What acts, and ODE's numbers as they were set."""
+        return {
+            "time_step": simulation.world.time_step,
+            "pause": self._thread.paused,
+            "max_update_rate": self._rate,
+            "gravity": Vector3(*simulation.world.gravity),
+            "ode_config": ODEPhysics(**{name: self._ode[name] for name in ODE_FIELDS}),
+        }
 
-    def _set(self, request: SetPhysicsProperties) -> SetPhysicsPropertiesResponse:
+    @serves(SetPhysicsProperties, "physics engine updated", outside=True)
+    def set_physics_properties(
+        self, _thread: SimulationThread, request: SetPhysicsProperties
+    ) -> Fields:
+        """Change all of it at once."""
         gravity = from_vector(request.gravity, "gravity")
         ode = {name: getattr(request.ode_config, name) for name in ODE_FIELDS}
         ode["sor_pgs_rms_error_tol"] = self._ode["sor_pgs_rms_error_tol"]  # upstream ignores it
         values = self._apply(request.time_step, request.max_update_rate, gravity, ode)
         self._server.set_values(values)
-        return SetPhysicsPropertiesResponse(True, "SetPhysicsProperties: physics engine updated")
 
     def _reconfigure(self, values: dict[str, Value]) -> dict[str, Value]:
         present = self._thread.call(self._values)

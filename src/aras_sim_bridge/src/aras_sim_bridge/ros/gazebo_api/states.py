@@ -1,17 +1,31 @@
-"""model_states, link_states and performance_metrics: built only while somebody listens."""
+"""Topics of the simulation's state, built only while somebody listens, and those that set it."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import rospy
-from gazebo_msgs.msg import LinkStates, ModelStates, PerformanceMetrics, SensorPerformanceMetric
+from gazebo_msgs.msg import (
+    LinkState,
+    LinkStates,
+    ModelState,
+    ModelStates,
+    PerformanceMetrics,
+    SensorPerformanceMetric,
+)
+from genpy import Message
+from std_msgs.msg import Float64
 
+from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.conversions import to_pose, to_time, to_twist
+from aras_sim_bridge.ros.gazebo_api.links import put_link
+from aras_sim_bridge.ros.gazebo_api.models import put_model
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
 
 METRICS_PERIOD = 0.2  # seconds of wall time between two performance_metrics
+FACTOR_PERIOD = 1.0  # seconds of wall time between two real_time_factors, also while paused
 
 
 class StateTopics:
@@ -26,6 +40,11 @@ class StateTopics:
             f"{namespace}/performance_metrics", PerformanceMetrics, queue_size=10
         )
         self._next_metrics = 0.0
+        factor = rospy.Publisher(f"{namespace}/real_time_factor", Float64, queue_size=1)
+        rospy.Timer(
+            rospy.Duration.from_sec(FACTOR_PERIOD),
+            lambda _event: factor.publish(thread.real_time_factor),
+        )
 
     def after_batch(self, simulation: Simulation) -> None:
         """Publish what is listened to; called in the simulation's thread."""
@@ -75,3 +94,27 @@ def link_states(simulation: Simulation) -> LinkStates:
             message.pose.append(to_pose(pose))
             message.twist.append(to_twist(twist))
     return message
+
+
+def subscribe_states(namespace: str, thread: SimulationThread) -> None:
+    """Take in set_model_state and set_link_state below `namespace`."""
+    for name, message, put in (
+        ("set_model_state", ModelState, put_model),
+        ("set_link_state", LinkState, put_link),
+    ):
+        topic = f"{namespace}/{name}"
+        rospy.Subscriber(topic, message, _in_order(thread, topic, put), queue_size=10)
+
+
+def _in_order(
+    thread: SimulationThread, topic: str, put: Callable[[Simulation, Message], None]
+) -> Callable[[Message], None]:
+    """Return a subscriber's callback that waits until its message was put, and logs a refusal."""
+
+    def on_message(message: Message) -> None:
+        try:
+            thread.call(lambda: put(thread.simulation, message))
+        except SimError as error:
+            rospy.logerr_throttle(1.0, f"{topic}: {error}")
+
+    return on_message

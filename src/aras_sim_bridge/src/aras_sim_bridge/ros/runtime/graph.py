@@ -15,7 +15,7 @@ from aras_sim_bridge.ros.control.manager_services import ManagerServices
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Robot
 
-log = logging.getLogger("rosout.graph")
+log = logging.getLogger(__name__)
 
 SYNC_TIMEOUT = 60.0  # seconds of wall time: a spawn may be under way, and takes its time
 Face = ManagerServices | CameraTopics

@@ -21,12 +21,13 @@ from aras_sim_bridge.ros.runtime.graph import OnGraph
 from aras_sim_bridge.ros.runtime.lockstep import Lockstep
 from aras_sim_bridge.ros.runtime.node_parameters import NodeParameters
 from aras_sim_bridge.ros.runtime.pacing import Pacer
-from aras_sim_bridge.ros.runtime.real_time_factor import RealTimeFactor
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_ros.master_watch import MasterWatch
 from aras_visual_servo_ros.parameters import InvalidParameterError
 from aras_visual_servo_ros.shutdown import end_on_signals
+
+log = logging.getLogger(__name__)
 
 # A waiting thread gets the interpreter after this long [s]: the simulation must not stand behind
 # five milliseconds (Python's default) of somebody else's messages at every step.
@@ -72,7 +73,6 @@ class GazeboNode:
         if parameters.enable_ros_network:
             self.api = GazeboApi(self.thread, self.on_graph, self.on_time_reset)
             mount_world_cameras(self.thread)
-            RealTimeFactor(lambda: self.thread.real_time_factor)
             self.on_graph.sync()
         if not parameters.paused:
             self.thread.unpause()
@@ -104,33 +104,17 @@ class GazeboNode:
     def _on_fault(self, error: BaseException) -> None:
         self.fault = error
         rospy.logfatal("the simulation ended: %s: %s", type(error).__name__, error)
-        logging.getLogger(__name__).debug("", exc_info=error)
+        log.debug("", exc_info=error)
         _end_for("the simulation failed")
 
 
-class _RosLog(logging.Handler):
-    """Passes the library's log records on to rospy, and so to /rosout."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        target = (
-            rospy.logerr
-            if record.levelno >= logging.ERROR
-            else rospy.logwarn
-            if record.levelno >= logging.WARNING
-            else rospy.loginfo
-            if record.levelno >= logging.INFO
-            else rospy.logdebug
-        )
-        target("%s", record.getMessage())
-
-
 def _set_up_log(level: str) -> None:
-    logger = logging.getLogger("aras_sim_bridge")
-    logger.addHandler(_RosLog())
-    logger.propagate = False
+    """Let the library's records go where rospy's own do, the console and /rosout."""
+    logger, rosout = logging.getLogger("aras_sim_bridge"), logging.getLogger("rosout")
+    logger.parent = rosout
     logger.setLevel(level.upper() if level != "warn" else "WARNING")
     if level == "debug":
-        logging.getLogger("rosout").setLevel(logging.DEBUG)
+        rosout.setLevel(logging.DEBUG)
 
 
 def _end_for(why: str) -> None:

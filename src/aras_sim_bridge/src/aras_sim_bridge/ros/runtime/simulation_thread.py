@@ -24,7 +24,7 @@ from aras_sim_bridge.ros.runtime.pacing import BATCH_NS, Pacer
 from aras_sim_bridge.simulation import Simulation
 
 T = TypeVar("T")
-log = logging.getLogger("rosout.simulation")  # rospy shows children of rosout on its console
+log = logging.getLogger(__name__)
 
 SHUTTING_DOWN = "the simulator is shutting down"
 JOBS_BUDGET = 0.002  # seconds of wall time for jobs before time goes on: a flood must not stop it

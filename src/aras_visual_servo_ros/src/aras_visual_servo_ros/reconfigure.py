@@ -1,0 +1,171 @@
+"""A dynamic_reconfigure server built from a plain list of fields.
+
+The stock Python server wants a generated ``*Config`` module per parameter set, and never goes
+away; our sets (gains of PIDs and laws, physics, camera rates) are tables of a few lines, and end
+with what they belong to.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import rospy
+from dynamic_reconfigure.msg import (
+    BoolParameter,
+    Config,
+    ConfigDescription,
+    DoubleParameter,
+    Group,
+    GroupState,
+    IntParameter,
+    ParamDescription,
+    StrParameter,
+)
+from dynamic_reconfigure.srv import Reconfigure, ReconfigureResponse
+
+from aras_visual_servo_ros.parameters import InvalidParameterError, Value
+
+
+@dataclass(frozen=True)
+class Field:
+    """One reconfigurable parameter: type is 'double', 'int', 'bool' or 'str'.
+
+    Limits are inclusive; texts have none.
+    """
+
+    name: str
+    type: str
+    default: Value
+    minimum: Value
+    maximum: Value
+    description: str = ""
+    level: int = 1
+
+    def coerce(self, value: Value) -> Value:
+        """Return value in this field's type, moved into its limits (dynamic_reconfigure's rule).
+
+        Raises:
+            InvalidParameterError: it is of another kind, or NaN, which no limit could mend.
+        """
+        if self.type == "str":
+            return str(value)
+        if isinstance(value, str):
+            raise InvalidParameterError(self.name, f"is '{value}'; give a {self.type}")
+        if self.type == "bool":
+            return bool(value)
+        if value != value:
+            raise InvalidParameterError(self.name, "is NaN; give a number")
+        limited = min(max(value, self.minimum), self.maximum)
+        return int(limited) if self.type == "int" else float(limited)
+
+
+class ReconfigureServer:
+    """Serves set_parameters, parameter_descriptions and parameter_updates in one namespace."""
+
+    def __init__(
+        self,
+        namespace: str,
+        fields: Sequence[Field],
+        values: Mapping[str, Value],
+        apply: Callable[[dict[str, Value]], Mapping[str, Value] | None],
+    ) -> None:
+        """Advertise in `namespace` (absolute name) with `values` as the current configuration, and
+        mirror them on the parameter server.
+
+        Args:
+            apply: called with the complete new configuration by a set_parameters request. It may
+                return the values that came out; what it raises is logged, and leaves the old ones
+                in place.
+        """
+        self._namespace = namespace.rstrip("/")
+        self._fields = {field.name: field for field in fields}
+        self._values = {field.name: values.get(field.name, field.default) for field in fields}
+        self._apply = apply
+        self._lock = threading.Lock()
+        with self._lock:  # requests wait until all is up
+            self._service = rospy.Service(
+                f"{self._namespace}/set_parameters", Reconfigure, self._on_request
+            )
+            self._descriptions = rospy.Publisher(
+                f"{self._namespace}/parameter_descriptions",
+                ConfigDescription,
+                latch=True,
+                queue_size=10,
+            )
+            self._updates = rospy.Publisher(
+                f"{self._namespace}/parameter_updates", Config, latch=True, queue_size=10
+            )
+            self._descriptions.publish(self._describe())
+            self._publish()
+
+    @property
+    def values(self) -> dict[str, Value]:
+        """The current configuration."""
+        with self._lock:
+            return dict(self._values)
+
+    def set_values(self, values: Mapping[str, Value]) -> None:
+        """Take over values that changed by another way (a service) and tell the subscribers."""
+        with self._lock:
+            changed = {
+                name: value for name, value in values.items() if self._values.get(name) != value
+            }
+            if not changed:
+                return
+            self._values.update(changed)
+            self._publish()
+
+    def shutdown(self) -> None:
+        """Take service and topics off the graph."""
+        self._service.shutdown("no longer served")
+        self._descriptions.unregister()
+        self._updates.unregister()
+
+    def _on_request(self, request: Reconfigure) -> ReconfigureResponse:
+        config = request.config
+        with self._lock:
+            wanted = dict(self._values)
+            try:
+                for item in [*config.bools, *config.ints, *config.strs, *config.doubles]:
+                    if item.name in self._fields:
+                        wanted[item.name] = self._fields[item.name].coerce(item.value)
+                result = self._apply(wanted)
+                self._values.update(wanted if result is None else result)
+            except Exception as error:
+                rospy.logerr("%s/set_parameters: %s; nothing was changed", self._namespace, error)
+            self._publish()
+            return ReconfigureResponse(config=self._encode(self._values))
+
+    def _publish(self) -> None:
+        self._updates.publish(self._encode(self._values))
+        for name, value in self._values.items():
+            rospy.set_param(f"{self._namespace}/{name}", value)
+
+    def _encode(self, values: Mapping[str, Value]) -> Config:
+        message = Config(groups=[GroupState(name="Default", state=True, id=0, parent=0)])
+        for name, field in self._fields.items():
+            if field.type == "bool":
+                message.bools.append(BoolParameter(name, bool(values[name])))
+            elif field.type == "int":
+                message.ints.append(IntParameter(name, int(values[name])))
+            elif field.type == "str":
+                message.strs.append(StrParameter(name, str(values[name])))
+            else:
+                message.doubles.append(DoubleParameter(name, float(values[name])))
+        return message
+
+    def _describe(self) -> ConfigDescription:
+        fields = self._fields.values()
+        group = Group(name="Default", type="", parent=0, id=0)
+        group.parameters = [
+            ParamDescription(field.name, field.type, field.level, field.description, "")
+            for field in fields
+        ]
+        return ConfigDescription(
+            groups=[group],
+            max=self._encode({field.name: field.maximum for field in fields}),
+            min=self._encode({field.name: field.minimum for field in fields}),
+            dflt=self._encode({field.name: field.default for field in fields}),
+        )

@@ -1,0 +1,238 @@
+"""A graph without a master: services, topics and parameters in memory, the simulation behind them.
+
+Message types of our own packages come from the build where there is one, else they are generated
+here from their .msg and .srv files.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import rospy
+from genpy.generator import MsgGenerator, SrvGenerator
+from geometry_msgs.msg import Point, Pose, Quaternion
+
+import aras_sim_bridge
+from aras_sim_bridge.ros.runtime.pacing import Pacer
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.simulation import Simulation
+
+SOURCES = Path(__file__).parents[3] / "src"
+GENACTION = "/usr/lib/actionlib_msgs/genaction.py"
+SLIDER = """<robot name="slider"><link name="world"/>
+  <joint name="rail" type="prismatic">
+    <parent link="world"/><child link="cart"/><origin xyz="0 0 1"/><axis xyz="1 0 0"/>
+    <limit lower="-1" upper="2" effort="100" velocity="10"/><dynamics damping="0.5"/></joint>
+  <joint name="bolt" type="fixed"><parent link="cart"/><child link="box"/></joint>
+  <link name="cart"><inertial><origin xyz="0.1 0.2 0.3"/><mass value="2"/>
+    <inertia ixx="1" iyy="1.1" izz="1.2" ixy="0.01" ixz="0.02" iyz="0.03"/></inertial></link>
+  <link name="box"><collision><geometry><box size="1 1 1"/></geometry></collision></link>
+</robot>"""
+BALL = """<robot name="ball"><link name="ball"><inertial><mass value="2"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
+QUARTER = Quaternion(0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4))  # about z
+
+
+def generate(folder: Path) -> None:
+    """Write the Python modules of our message packages below `folder`."""
+    packages = {path.parent.name: path.parent for path in SOURCES.glob("upstream_msgs/*/msg")}
+    packages["aras_sim_bridge"] = SOURCES / "aras_sim_bridge"
+    actions = folder / "actions"
+    for action in packages["control_msgs"].glob("action/*.action"):
+        command = [sys.executable, GENACTION, action, "-o", actions]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    search = {path.parent.name: [str(path)] for path in Path("/usr/share").glob("*_msgs/msg")}
+    search |= {name: [str(path / "msg")] for name, path in packages.items()}
+    search["control_msgs"].append(str(actions))
+    for name, path in packages.items():
+        (folder / name).mkdir()
+        (folder / name / "__init__.py").touch()
+        extra = actions.glob("*.msg") if name == "control_msgs" else []
+        for kind, generator, files in (
+            ("msg", MsgGenerator(), [*path.glob("msg/*.msg"), *extra]),
+            ("srv", SrvGenerator(), [*path.glob("srv/*.srv")]),
+        ):
+            if not files:
+                continue
+            out = folder / name / kind
+            generator.generate_messages(name, map(str, files), str(out), search)
+            lines = [f"from ._{file.stem} import *\n" for file in files]
+            (out / "__init__.py").write_text("".join(lines))
+
+
+if importlib.util.find_spec("gazebo_msgs") is None:
+    made = Path(tempfile.mkdtemp(prefix="aras_messages_"))
+    generate(made)
+    sys.path.append(str(made))
+    aras_sim_bridge.__path__.append(str(made / "aras_sim_bridge"))
+
+
+class Publisher:
+    """As rospy's; what is published is kept, and `listeners` are those that the test makes up."""
+
+    def __init__(self, graph: Graph, topic: str, listener: object) -> None:
+        self.graph, self.topic, self.listener = graph, topic, listener
+        self.impl = SimpleNamespace(connections=[])
+        self.sent: list[object] = []
+
+    def publish(self, message: object) -> None:
+        self.sent.append(message)
+
+    def get_num_connections(self) -> int:
+        return len(self.impl.connections)
+
+    def unregister(self) -> None:
+        del self.graph.publishers[self.topic]
+        self.impl = None
+
+
+class Graph:
+    """What is advertised, and what stands on the parameter server."""
+
+    def __init__(self) -> None:
+        self.services: dict[str, Callable[[object], object]] = {}
+        self.types: dict[str, type] = {}
+        self.publishers: dict[str, Publisher] = {}
+        self.subscribers: dict[str, Callable[[object], None]] = {}
+        self.parameters: dict[str, object] = {}
+        self.lines: list[str] = []
+
+    def call(self, service: str, *args: object, **fields: object) -> object:
+        """The answer of a service to a request of these fields, the first ones in their order."""
+        request = self.types[service]._request_class
+        given = dict(zip(request.__slots__, args, strict=False))
+        return self.services[service](request(**given, **fields))
+
+    def listen(self, topic: str, count: int = 1) -> list[SimpleNamespace]:
+        """Connections of that many listeners, each with the `heard` end of its socket."""
+        publisher = self.publishers[topic]
+        publisher.impl.connections = [Connection() for _ in range(count)]
+        publisher.listener.peer_subscribe(topic, lambda message: None, None)
+        return publisher.impl.connections
+
+    def given(self, name: str, default: object = None) -> object:
+        """What rospy.get_param returns; a namespace as a mapping."""
+        name = rospy.resolve_name(name)
+        if name in self.parameters:
+            return self.parameters[name]
+        below: dict[str, object] = {}
+        for key, value in self.parameters.items():
+            if key.startswith(f"{name.rstrip('/')}/"):
+                *folders, last = key[len(name.rstrip("/")) + 1 :].split("/")
+                place = below
+                for folder in folders:
+                    place = place.setdefault(folder, {})
+                place[last] = value
+        return below or default
+
+
+class Connection:
+    """A listener's connection as rospy has it."""
+
+    def __init__(self) -> None:
+        self.socket, self.heard = socket.socketpair()
+        self.heard.setblocking(False)
+
+    def close(self) -> None:
+        self.socket.close()
+
+
+@pytest.fixture
+def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
+    """rospy's doors, open to the test alone."""
+    it = Graph()
+
+    def service(name: str, kind: type, handler: Callable) -> SimpleNamespace:
+        it.services[name], it.types[name] = handler, kind
+        return SimpleNamespace(shutdown=lambda _reason="": it.services.pop(name, None))
+
+    def publisher(topic: str, *_: object, **options: object) -> Publisher:
+        it.publishers[topic] = Publisher(it, topic, options.get("subscriber_listener"))
+        return it.publishers[topic]
+
+    def subscriber(topic: str, _type: type, callback: Callable, **_: object) -> SimpleNamespace:
+        it.subscribers[topic] = callback
+        return SimpleNamespace(unregister=lambda: it.subscribers.pop(topic, None), impl=None)
+
+    def log(text: str, *args: object) -> None:
+        it.lines.append(text % args if args else text)
+
+    monkeypatch.setattr(rospy, "Service", service)
+    monkeypatch.setattr(rospy, "Publisher", publisher)
+    monkeypatch.setattr(rospy, "Subscriber", subscriber)
+    monkeypatch.setattr(rospy, "Timer", lambda *_: None)
+    monkeypatch.setattr(rospy, "get_param", it.given)
+    monkeypatch.setattr(rospy, "set_param", it.parameters.__setitem__)
+    for name in ("loginfo", "logwarn", "logerr", "logfatal"):
+        monkeypatch.setattr(rospy, name, log)
+    monkeypatch.setattr(rospy, "logerr_throttle", lambda _period, text: it.lines.append(text))
+    return it
+
+
+@pytest.fixture
+def thread(request: pytest.FixtureRequest) -> Iterator[SimulationThread]:
+    """A world with nothing but the ground, standing still at time 0."""
+    it = SimulationThread(Simulation, Pacer(0.0), paused=True)
+    it.start()
+    yield it
+    it.stop()
+
+
+@pytest.fixture
+def api(graph: Graph, thread: SimulationThread) -> SimpleNamespace:
+    """gazebo_ros's services in that world; `resets` are the times at which time was set back."""
+    from aras_sim_bridge.ros.gazebo_api import GazeboApi
+
+    it = SimpleNamespace(graph=graph, thread=thread, resets=[], graph_synced=[])
+    on_graph = SimpleNamespace(
+        sync=lambda: it.graph_synced.append(len(thread.simulation.world.models))
+    )
+    it.api = GazeboApi(
+        thread, on_graph, lambda: it.resets.append(thread.simulation.time_ns)
+    )
+    thread._after_batch = lambda _time_ns: it.api.states.after_batch(thread.simulation)
+    return it
+
+
+@pytest.fixture
+def call(api):
+    """Call /gazebo/<name>; a refusal is an error unless the test wants the answer."""
+
+    def call(name: str, *args: object, refused: bool = False, **fields: object) -> object:
+        answer = api.graph.call(f"/gazebo/{name}", *args, **fields)
+        assert getattr(answer, "success", True) is not refused, answer
+        return answer
+
+    return call
+
+
+@pytest.fixture
+def step(call):
+    return lambda count: call("step_world", count)
+
+
+@pytest.fixture
+def ball(call):
+    """A ball of 2 kg, 100 m up, its x axis along the world's y."""
+    call("spawn_urdf_model", "ball", BALL, "", Pose(Point(0.0, 0.0, 100.0), QUARTER), "")
+
+
+@pytest.fixture
+def another(call):
+    """Spawn such a ball as `other` at a pose in a frame."""
+    return lambda pose, frame="": call("spawn_urdf_model", "other", BALL, "", pose, frame)
+
+
+@pytest.fixture
+def slider(call):
+    """A cart of 2 kg on a level rail with damping 0.5."""
+    call("spawn_urdf_model", "slider", SLIDER, "", Pose(), "")

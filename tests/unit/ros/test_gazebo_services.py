@@ -1,0 +1,272 @@
+"""gazebo_ros's services about models, links and joints, in a world that is stepped."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import rospy
+from gazebo_msgs.msg import LinkState, ModelState, ODEJointProperties
+from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3, Wrench
+
+QUARTER = Quaternion(0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4))  # about z
+FOR_EVER = rospy.Duration(-1)
+
+
+def xyz(message) -> tuple[float, float, float]:
+    return (message.x, message.y, message.z)
+
+
+def velocity(call):
+    return call("get_link_state", "ball::ball").link_state.twist
+
+
+def test_time_advances_by_steps(call, step):
+    answer = step(7)
+    assert answer.sim_time.to_nsec() == 7_000_000
+    assert call("get_world_properties").sim_time == pytest.approx(0.007)
+    call("reset_simulation")
+    assert call("get_world_properties").sim_time == 0.0
+    assert step(1).status_message == "made 1 steps"
+
+
+@pytest.mark.parametrize("count", [0, 1_000_001])
+def test_steps_out_of_range_are_refused(call, count):
+    assert "1 to 1000000" in call("step_world", count, refused=True).status_message
+
+
+def test_no_steps_while_time_runs(api, call):
+    call("unpause_physics")
+    assert not api.thread.paused
+    assert "pause_physics" in call("step_world", 1, refused=True).status_message
+    call("pause_physics")
+    assert api.thread.paused
+    call("step_world", 1)
+
+
+def test_resets(api, call, step, ball):
+    step(50)
+    api.resets.clear()
+    call("reset_world")
+    assert call("get_model_state", "ball", "").pose.position.z == pytest.approx(100.0)
+    assert call("get_world_properties").sim_time == pytest.approx(0.05)
+    assert api.resets == []
+    call("reset_simulation")
+    assert api.resets == [0]
+    assert call("get_model_state", "ball", "").header.stamp.to_nsec() == 0
+
+
+def test_state_of_a_model(call, step, ball):
+    step(100)
+    state = call("get_model_state", "ball", "world")
+    assert state.twist.linear.z == pytest.approx(-0.98, abs=1e-6)
+    assert state.pose.position.z == pytest.approx(100 - 0.5 * 9.8 * 0.1**2, abs=1e-3)
+    assert (state.header.seq, state.header.stamp.to_nsec()) == (1, 100_000_000)
+    assert state.header.frame_id == "world"
+    assert call("get_model_state", "ball", "").header.seq == 2
+    assert state.status_message == "GetModelState: got properties"
+
+
+def test_states_are_relative_to_frames(call, another, ball):
+    another(Pose(Point(1.0, 0.0, 100.0), Quaternion()), "ball")
+    # One metre along the ball's x, which is the world's y, and a hundred above it.
+    state = call("get_model_state", "other", "")
+    assert xyz(state.pose.position) == pytest.approx((0.0, 1.0, 200.0))
+    state = call("get_model_state", "other", "ball")
+    assert xyz(state.pose.position) == pytest.approx((1.0, 0.0, 100.0))
+    link = call("get_link_state", "other::ball", "ball::ball").link_state
+    assert xyz(link.pose.position) == pytest.approx((1.0, 0.0, 100.0))
+    assert (link.link_name, link.reference_frame) == ("other::ball", "ball::ball")
+
+
+def test_a_model_is_put_with_its_twist_in_the_frame_s_axes(api, call, another, ball):
+    another(Pose())
+    state = {
+        "model_name": "other",
+        "pose": Pose(Point(1.0, 2.0, 3.0), Quaternion(0.0, 0.0, 0.0, 1.0)),
+        "twist": Twist(Vector3(1.0, 0.0, 0.0), Vector3(0.0, 2.0, 0.0)),
+        "reference_frame": "ball",
+    }
+    call("set_model_state", ModelState(**state))
+    there = call("get_model_state", "other", "")
+    assert xyz(there.pose.position) == pytest.approx((-2.0, 1.0, 103.0))
+    assert xyz(there.twist.linear) == pytest.approx((0.0, 1.0, 0.0), abs=1e-9)
+    assert xyz(there.twist.angular) == pytest.approx((-2.0, 0.0, 0.0), abs=1e-9)
+    # By topic as by service; what is wrong becomes a line.
+    state["pose"] = Pose(Point(0.0, 0.0, 7.0), Quaternion(0.0, 0.0, 0.0, 1.0))
+    api.graph.subscribers["/gazebo/set_model_state"](ModelState(**state))
+    assert xyz(call("get_model_state", "other", "").pose.position) == pytest.approx((0, 0, 107.0))
+    api.graph.subscribers["/gazebo/set_model_state"](ModelState(model_name="nobody"))
+    assert "'nobody' does not exist" in api.graph.lines[-1]
+
+
+def test_a_link_state_is_less_the_frame_s_motion(api, call, another, ball):
+    twist = Twist(Vector3(1.0, 0.0, 0.0), Vector3(0.0, 0.0, 3.0))
+    pose = Pose(Point(0.0, 0.0, 100.0), QUARTER)
+    call("set_model_state", ModelState("ball", pose, twist, "world"))
+    another(Pose(Point(5.0, 0.0, 0.0), Quaternion()))
+    seen = call("get_link_state", "other::ball", "ball").link_state
+    # In the ball's axes, whose y is the world's -x.
+    assert xyz(seen.twist.linear) == pytest.approx((0.0, 1.0, 0.0), abs=1e-9)
+    assert xyz(seen.twist.angular) == pytest.approx((0.0, 0.0, -3.0), abs=1e-9)
+    wanted = Twist(Vector3(4.0, 0.0, 0.0), Vector3(0.0, 5.0, 0.0))
+    state = LinkState("other::ball", Pose(Point(1.0, 0.0, 0.0), Quaternion(w=1.0)), wanted, "ball")
+    call("set_link_state", state)
+    there = call("get_link_state", "other::ball").link_state
+    assert xyz(there.pose.position) == pytest.approx((0.0, 1.0, 100.0))
+    assert xyz(there.twist.linear) == pytest.approx((3.0, 0.0, 0.0))
+    assert xyz(there.twist.angular) == pytest.approx((0.0, 5.0, -3.0))
+    api.graph.subscribers["/gazebo/set_link_state"](LinkState("other::ball", Pose(), Twist(), ""))
+    assert xyz(call("get_model_state", "other", "").pose.position) == (0.0, 0.0, 0.0)
+
+
+def test_a_link_on_a_joint_cannot_be_put_somewhere(call, slider):
+    answer = call("set_link_state", LinkState(link_name="slider::cart"), refused=True)
+    assert "hangs on a joint of 'slider'" in answer.status_message
+
+
+def test_force_acts_for_its_duration(call, step, ball):
+    wrench = Wrench(force=Vector3(4.0, 0.0, 0.0))
+    call("apply_body_wrench", body_name="ball", wrench=wrench, duration=rospy.Duration(0.05))
+    step(100)
+    # 4 N on 2 kg for 50 ms; step 50 still counts, being at start + duration.
+    assert xyz(velocity(call).linear) == pytest.approx((0.1, 0.0, -0.98), abs=1e-6)
+
+
+def test_a_force_may_begin_later(call, step, ball):
+    wrench = Wrench(force=Vector3(0.0, 4.0, 0.0))
+    call("apply_body_wrench", body_name="ball", wrench=wrench, start_time=rospy.Time(0.02),
+         duration=rospy.Duration(0.01))
+    step(19)
+    assert velocity(call).linear.y == 0.0
+    step(100)
+    assert velocity(call).linear.y == pytest.approx(0.022, abs=1e-9)
+
+
+def test_a_force_off_the_origin_turns(call, step, ball):
+    """At (0, 1, 0) m, 1 N along x: a torque of -1 N m about z on 1 kg m²."""
+    wrench = Wrench(force=Vector3(1.0, 0.0, 0.0), torque=Vector3(0.0, 2.0, 0.0))
+    call("apply_body_wrench", body_name="ball::ball", wrench=wrench, duration=FOR_EVER,
+         reference_point=Point(0.0, 1.0, 0.0))
+    step(10)
+    twist = velocity(call)
+    assert xyz(twist.angular) == pytest.approx((0.0, 0.02, -0.01), abs=1e-5)
+    assert twist.linear.x == pytest.approx(0.005, abs=1e-9)
+
+
+def test_a_wrench_in_a_frame_acts_in_its_axes_and_at_its_place(call, step, another, ball):
+    """The other's x is the world's x and it lies 1 m along y: 1 N along x turns by -1 N m."""
+    another(Pose(Point(0.0, 1.0, 100.0), QUARTER))
+    wrench = Wrench(force=Vector3(0.0, -1.0, 0.0), torque=Vector3(3.0, 0.0, 0.0))
+    call("apply_body_wrench", body_name="ball", wrench=wrench, duration=FOR_EVER,
+         reference_frame="other")
+    step(10)
+    twist = velocity(call)
+    assert xyz(twist.linear)[:2] == pytest.approx((0.005, 0.0), abs=1e-9)
+    assert xyz(twist.angular) == pytest.approx((0.0, 0.03, -0.01), abs=1e-5)
+
+
+def test_wrenches_are_cleared_by_name(call, step, ball):
+    wrench = Wrench(torque=Vector3(0.0, 0.0, 1.0))
+    call("apply_body_wrench", body_name="ball", wrench=wrench, duration=FOR_EVER)
+    step(100)
+    assert velocity(call).angular.z == pytest.approx(0.1, abs=1e-6)
+    call("clear_body_wrenches", "somebody::else")
+    step(100)
+    assert velocity(call).angular.z == pytest.approx(0.2, abs=1e-6)
+    call("clear_body_wrenches", "ball::ball")
+    step(100)
+    assert velocity(call).angular.z == pytest.approx(0.2, abs=1e-6)
+
+
+def test_pushes_of_a_deleted_model_go_with_it(api, call, step, ball, slider):
+    call("apply_body_wrench", body_name="ball", wrench=Wrench(force=Vector3(1.0, 0.0, 0.0)),
+         duration=FOR_EVER)
+    call("apply_joint_effort", joint_name="rail", effort=1.0, duration=FOR_EVER)
+    call("delete_model", "ball")
+    assert api.graph_synced == [2, 3, 2]
+    step(2)
+    assert call("get_joint_properties", "rail").rate[0] > 0.0
+    call("delete_model", "slider")
+    assert api.thread.before_step is None
+    assert "there are ground_plane" in call("delete_model", "ball", refused=True).status_message
+
+
+def test_efforts_on_a_joint(call, step, slider):
+    call("apply_joint_effort", joint_name="slider::rail", effort=10.0, duration=FOR_EVER)
+    step(100)
+    properties = call("get_joint_properties", "rail")
+    v = 20.0 * (1.0 - math.exp(-0.25 * 0.1))
+    assert properties.rate == pytest.approx([v], rel=1e-3)
+    assert properties.position[0] == pytest.approx(0.025, rel=0.02)
+    assert (properties.damping, properties.type) == ([0.5], properties.PRISMATIC)
+    call("clear_joint_forces", "bolt")
+    step(1)
+    assert call("get_joint_properties", "rail").rate[0] > v
+    call("clear_joint_forces", "rail")
+    v = call("get_joint_properties", "rail").rate[0]
+    step(1)
+    assert call("get_joint_properties", "rail").rate[0] < v
+    fixed = call("get_joint_properties", "bolt")
+    assert (fixed.type, fixed.position, fixed.rate, fixed.damping) == (fixed.FIXED, [], [], [])
+    answer = call("apply_joint_effort", joint_name="bolt", effort=1.0, refused=True)
+    assert "does not move" in answer.status_message
+
+
+def test_what_cannot_be_pushed(call, slider):
+    answer = call("apply_body_wrench", body_name="slider::box", refused=True)
+    assert "has no mass" in answer.status_message
+    answer = call("apply_body_wrench", body_name="slider::nothing", refused=True)
+    assert answer.status_message.startswith("ApplyBodyWrench: link 'slider::nothing'")
+    for force in (math.nan, 1.1e9):
+        wrench = Wrench(force=Vector3(0.0, force, 0.0))
+        answer = call("apply_body_wrench", body_name="cart", wrench=wrench, refused=True)
+        assert "force" in answer.status_message
+    answer = call("apply_joint_effort", joint_name="rail", effort=math.inf, refused=True)
+    assert "'rail'" in answer.status_message
+
+
+def test_properties_of_a_model_and_its_links(call, slider):
+    model = call("get_model_properties", "slider")
+    assert model.body_names == ["world", "cart", "box"]
+    assert (model.geom_names, model.joint_names) == (["box_collision"], ["rail", "bolt"])
+    assert model.is_static is False
+    assert call("get_model_properties", "ground_plane").is_static is True
+    link = call("get_link_properties", "cart")
+    assert (link.mass, xyz(link.com.position)) == (2.0, (0.1, 0.2, 0.3))
+    assert link.com.orientation.w == 1.0
+    inertia = (link.ixx, link.ixy, link.ixz, link.iyy, link.iyz, link.izz)
+    assert inertia == (1.0, 0.01, 0.02, 1.1, 0.03, 1.2)
+    assert call("get_link_properties", "box").mass == 0.0
+
+
+def test_a_link_gets_other_properties(call, step, ball):
+    call("set_link_properties", link_name="ball", mass=4.0, ixx=1.0, iyy=1.0, izz=2.0,
+         com=Pose(position=Point(0.0, 0.0, 0.0)), gravity_mode=False)
+    link = call("get_link_properties", "ball")
+    assert (link.mass, link.izz, link.gravity_mode) == (4.0, 2.0, False)
+    wrench = Wrench(force=Vector3(4.0, 0.0, 0.0), torque=Vector3(0.0, 0.0, 4.0))
+    call("apply_body_wrench", body_name="ball", wrench=wrench, duration=FOR_EVER)
+    step(10)
+    assert xyz(velocity(call).linear) == pytest.approx((0.01, 0.0, 0.0), abs=1e-9)
+    assert velocity(call).angular.z == pytest.approx(0.02, abs=1e-6)
+    assert "mass" in call("set_link_properties", link_name="ball", refused=True).status_message
+
+
+def test_a_joint_gets_other_properties(call, step, slider):
+    config = ODEJointProperties(damping=[2.0], hiStop=[0.5], vel=[0.0], cfm=[1.0])
+    answer = call("set_joint_properties", "rail", config)
+    assert answer.status_message.endswith("; cfm of ODE have no counterpart and do nothing")
+    assert call("get_joint_properties", "rail").damping == [2.0]
+    call("set_model_configuration", "slider", "", ["slider::rail", "who"], [1.5, 0.0])
+    assert call("get_joint_properties", "rail").position == pytest.approx([0.5])
+    call("set_model_configuration", "slider", "", ["rail"], [-1.5])
+    assert call("get_joint_properties", "rail").position == pytest.approx([-1.0])
+    answer = call("set_joint_properties", "rail", ODEJointProperties(vel=[1.0]), refused=True)
+    assert "driven by a controller" in answer.status_message
+    answer = call("set_joint_properties", "rail", ODEJointProperties(fmax=[1, 2]), refused=True)
+    assert "fmax has 2 numbers" in answer.status_message
+    answer = call("set_model_configuration", "slider", "", ["rail"], [], refused=True)
+    assert "1 joint_names but 0" in answer.status_message
+    answer = call("set_model_configuration", "slider", "", ["rail"], [math.nan], refused=True)
+    assert "joint_positions" in answer.status_message

@@ -1,0 +1,165 @@
+"""gazebo_ros's services about lights, spawning, physics; its state topics; faults."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import rospy
+from dynamic_reconfigure.msg import Config, DoubleParameter, IntParameter
+from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
+from std_msgs.msg import ColorRGBA
+
+BALL = """<robot name="ball"><link name="ball"><inertial><mass value="2"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
+QUARTER = Quaternion(0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4))  # about z
+
+
+def xyz(message) -> tuple[float, float, float]:
+    return (message.x, message.y, message.z)
+
+
+def test_lights(call):
+    sun = call("get_light_properties", "sun")
+    assert sun.status_message == "GetLightProperties: got properties"
+    pose = Pose(Point(1.0, 2.0, 3.0), QUARTER)
+    given = {
+        "light_name": "sun", "pose": pose, "diffuse": ColorRGBA(0.1, 0.2, 0.3, 0.4),
+        "attenuation_constant": 0.5, "attenuation_linear": 0.6, "attenuation_quadratic": 0.7,
+        "direction": Vector3(0.0, 0.0, -1.0),
+    }  # fmt: skip
+    assert call("set_light_properties", **given).status_message.endswith("set properties")
+    sun = call("get_light_properties", "sun")
+    assert (sun.diffuse.r, sun.diffuse.g, sun.diffuse.b, sun.diffuse.a) == (0.1, 0.2, 0.3, 0.4)
+    attenuation = sun.attenuation_constant, sun.attenuation_linear, sun.attenuation_quadratic
+    assert attenuation == (0.5, 0.6, 0.7)
+    answer = call("set_light_properties", **{**given, "direction": Vector3()})
+    assert "keeps the one it had" in answer.status_message
+    assert "'sun'" in call("delete_light", "sun").status_message
+    assert "sun" in call("delete_light", "sun", refused=True).status_message
+
+
+SPOT = """<sdf version="1.6"><light name="spot" type="spot"><pose>0 0 1 0 0 0</pose>
+  <diffuse>1 0.5 0.25 1</diffuse></light></sdf>"""
+
+
+def test_a_light_is_spawned_where_it_is_asked_for(api, call, ball):
+    answer = call("spawn_sdf_model", "lamp", SPOT, "", Pose(Point(1.0, 0.0, 0.0), Quaternion()),
+                  "ball")
+    assert answer.status_message.endswith("the sun alone")
+    light = api.thread.simulation.lights["lamp"]
+    assert light.origin_xyz == pytest.approx((0.0, 1.0, 101.0))
+    assert light.origin_rpy == pytest.approx((0.0, 0.0, math.pi / 2))
+    assert call("get_light_properties", "lamp").diffuse.g == 0.5
+    answer = call("spawn_sdf_model", "lamp", SPOT, "", Pose(), "", refused=True)
+    assert "exists already" in answer.status_message
+
+
+@pytest.mark.parametrize(("name", "words"), [
+    ("", "is empty"), ("a::b", "no '::'"), ("x" * 257, "at most 256"),
+])
+def test_names_that_cannot_be(call, name, words):
+    answer = call("spawn_urdf_model", name, BALL, "", Pose(), "", refused=True)
+    assert words in answer.status_message
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("<sdf/>", "the model's root is <sdf>, not <robot>"),
+    ("", "the model's root is no element"),
+    (BALL.replace("<inertial>", "package://no_such_package/x<inertial>"), "no_such_package"),
+])
+def test_text_that_is_no_urdf_fails_the_call(api, call, text, words):
+    with pytest.raises(rospy.ServiceException, match=words):
+        call("spawn_urdf_model", "m", text, "", Pose(), "")
+    assert words in api.graph.lines[-1]
+
+
+def test_a_name_is_given_once_and_a_model_comes_with_what_it_says(api, call, ball):
+    answer = call("spawn_urdf_model", "ball", BALL, "", Pose(), "", refused=True)
+    assert answer.status_message.startswith("SpawnModel: ")
+    assert api.graph.lines[-1].startswith("/gazebo/spawn_urdf_model: ")
+    answer = call("spawn_urdf_model", "b", BALL, "", Pose(), "nowhere", refused=True)
+    assert "reference frame 'nowhere'" in answer.status_message
+    model = '<?xml version="1.0"?><!-- a --><sdf version="1.6"><model name="m">' \
+            "<pose>1 2 3 0 0 0</pose><static>true</static><link name='l'/></model></sdf>"
+    call("spawn_sdf_model", "m", model, "", Pose(Point(0.5, 0.0, 0.0), Quaternion()), "")
+    assert xyz(call("get_model_state", "m", "").pose.position) == (1.5, 2.0, 3.0)
+    assert call("get_world_properties").model_names == ["ground_plane", "ball", "m"]
+
+
+def test_physics_tells_what_was_set(api, call, step, ball):
+    before = call("get_physics_properties")
+    assert before.pause is True
+    assert (before.time_step, before.gravity.z, before.ode_config.erp) == (0.001, -9.8, 0.2)
+    ode = before.ode_config
+    ode.sor_pgs_iters, ode.erp, ode.sor_pgs_rms_error_tol = 30, 0.5, 9.0
+    call("set_physics_properties", 0.002, 250.0, Vector3(1.0, 2.0, -3.0), ode)
+    after = call("get_physics_properties")
+    assert (after.time_step, after.max_update_rate) == (0.002, 250.0)
+    assert xyz(after.gravity) == (1.0, 2.0, -3.0)
+    assert (after.ode_config.sor_pgs_iters, after.ode_config.erp) == (30, 0.5)
+    assert after.ode_config.sor_pgs_rms_error_tol == 0.0
+    assert api.thread.simulation.world.solver_iterations == 30
+    assert api.thread.pacer.factor == pytest.approx(0.5)
+    assert api.graph.parameters["/gazebo/gravity_x"] == 1.0
+    assert step(10).sim_time.to_nsec() == 20_000_000
+    twist = call("get_model_state", "ball").twist
+    assert xyz(twist.linear) == pytest.approx((0.02, 0.04, -0.06), abs=1e-9)
+
+
+def test_physics_by_reconfigure_is_the_same(api, call):
+    config = Config(doubles=[DoubleParameter("gravity_z", -5.0), DoubleParameter("time_step", 99)],
+                    ints=[IntParameter("sor_pgs_iters", 7)])
+    answer = api.graph.call("/gazebo/set_parameters", config).config
+    # 10 s is the field's limit and too long for the world: nothing was changed.
+    assert {d.name: d.value for d in answer.doubles}["gravity_z"] == -9.8
+    config.doubles.pop()
+    api.graph.call("/gazebo/set_parameters", config)
+    physics = call("get_physics_properties")
+    assert (physics.gravity.z, physics.ode_config.sor_pgs_iters) == (-5.0, 7)
+    assert (physics.time_step, physics.max_update_rate) == (0.001, 0.0)
+
+
+@pytest.mark.parametrize(("change", "words"), [
+    ({"max_update_rate": -1.0}, "max_update_rate is -1"),
+    ({"max_update_rate": math.inf}, "finite"),
+    ({"time_step": 0.0}, "step"),
+    ({"gravity": Vector3(0.0, math.nan, 0.0)}, "gravity"),
+])
+def test_physics_that_cannot_be(call, change, words):
+    before = call("get_physics_properties")
+    given = {"time_step": 0.001, "max_update_rate": 1000.0, "gravity": before.gravity,
+             "ode_config": before.ode_config, **change}
+    assert words in call("set_physics_properties", refused=True, **given).status_message
+    assert call("get_physics_properties") == before
+
+
+def test_states_are_published_while_somebody_listens(api, call, step, slider, ball):
+    model_states = api.graph.publishers["/gazebo/model_states"]
+    link_states = api.graph.publishers["/gazebo/link_states"]
+    metrics = api.graph.publishers["/gazebo/performance_metrics"]
+    step(1)
+    assert not model_states.sent + link_states.sent + metrics.sent
+    for publisher in (model_states, link_states):
+        publisher.impl.connections.append(object())
+    step(2)
+    (models,), (links,) = model_states.sent, link_states.sent
+    assert models.name == ["ground_plane", "slider", "ball"]
+    assert xyz(models.pose[2].position) == pytest.approx((0.0, 0.0, 100.0), abs=1e-4)
+    assert models.twist[2].linear.z == pytest.approx(-9.8 * 3e-3)
+    assert links.name[1:] == ["slider::world", "slider::cart", "slider::box", "ball::ball"]
+    assert links.pose[4].position.z == models.pose[2].position.z
+    assert links.twist[4].linear.z == models.twist[2].linear.z
+
+
+def test_a_fault_of_ours_is_an_answer_too(api, call, monkeypatch):
+    def broken(*_: object) -> None:
+        raise SystemExit("gone")
+
+    monkeypatch.setattr(type(api.thread.simulation), "delete_light", broken)
+    answer = call("delete_light", "sun", refused=True)
+    assert answer.status_message == "DeleteLight: internal error, SystemExit: gone"
+    assert "please report it" in api.graph.lines[-1]
+    monkeypatch.setattr(type(api.thread.simulation), "reset_world", broken)
+    with pytest.raises(rospy.ServiceException, match="internal error"):
+        call("reset_world")

@@ -11,7 +11,7 @@ Prepares a Debian 12 or 13 machine for this workspace, in four steps, each left 
   1. installs the Debian packages it needs (as root or through sudo),
   2. makes the virtual environment .venv from /usr/bin/python3 with the versions in requirements/,
   3. builds the workspace with catkin_make and that interpreter,
-  4. compiles the renderer's loops (Numba), which the first start would wait for otherwise.
+  4. compiles loops (Numba), which the first start would wait for otherwise.
 
   --for TIER   how much is installed: `running` is the simulator with its nodes, `bench` (default) also
                experiments without ROS, the demo and its plots, `developing` also linters and tests;
@@ -217,10 +217,14 @@ if [[ $(cat devel/setup.stamp 2>/dev/null) != "$stamp" ]]; then
 fi
 
 # 4. loops; kept beside their sources, and compiled anew when those are newer
-rendering=src/aras_sim_bridge/src/aras_sim_bridge/rendering
-if [[ ! -e devel/loops.stamp || -n $(find "$rendering" -name '*.py' -newer devel/loops.stamp -print -quit) ]]; then
+mapfile -t loops < <(grep -rlE '^from .*compiled import' --include='*.py' src/*/src)
+if [[ ! -e devel/loops.stamp || -n $(find "${loops[@]}" -newer devel/loops.stamp -print -quit) ]]; then
     touch devel/loops.begun
-    step "Compiling the renderer's loops" env PYTHONPATH="${rendering%/*/*}" \
-        .venv/bin/python -c "import aras_sim_bridge.rendering.renderer"
+    modules=("${loops[@]#src/*/src/}")
+    modules=("${modules[@]%.py}")
+    libraries=(src/*/src)
+    step "Compiling loops" env PYTHONPATH="$(IFS=:; echo "${libraries[*]}")" \
+        .venv/bin/python -c "import importlib, sys; [importlib.import_module(m.replace('/', '.')) for m in sys.argv[1:]]" \
+        "${modules[@]}"
     mv devel/loops.begun devel/loops.stamp
 fi

@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from aras_visual_servo_camera.compiled import FLAG, NUMBER, VECTOR, compiled
+
 from .limits import Limits
 
 
@@ -27,20 +29,16 @@ class Bounds:
 
         A joint outside its range may come back, and not go further.
         """
-        if dt <= 0.0:
-            return np.full(len(q), -np.inf), np.full(len(q), np.inf)
         limits = self.limits
-        below = np.maximum(q - limits.lower, 0.0)
-        above = np.maximum(limits.upper - q, 0.0)
-        if not self._accelerates:
-            return -below / dt, above / dt
-        return -_stoppable(below, limits.acceleration, dt), _stoppable(
-            above, limits.acceleration, dt
-        )
+        return _ranges(q, limits.lower, limits.upper, limits.acceleration, dt)
+
+    def allow(self, q: np.ndarray, velocities: np.ndarray, dt: float) -> bool:
+        """Whether the ranges allow these velocities (n,) for dt (s)."""
+        low, high = self.positions(q, dt)
+        return bool(((velocities >= low) & (velocities <= high)).all())
 
     def apply(
         self,
-        q: np.ndarray,
         primary: np.ndarray,
         secondary: np.ndarray,
         low: np.ndarray,
@@ -51,66 +49,86 @@ class Bounds:
         """Velocities (n,), their part for the task (n,), its scale, and the joint that slowed it.
 
         Args:
-            q: joints (n,).
             primary: velocities (n,) for the task.
             secondary: (n,) those that the task does not see.
             low, high: of `positions`.
             dt: s.
             previous: velocities (n,) commanded before, or None.
         """
-        fastest = self.limits.velocity
-        ratio = np.abs(primary) / fastest
-        joint, slowest, wanted = int(ratio.argmax()), None, primary
-        if ratio[joint] > 1.0:
-            slowest, primary = joint, primary / ratio[joint]
-        low, high = np.maximum(low, -fastest), np.minimum(high, fastest)
-        others = np.zeros(len(primary))
-        if previous is not None and self._accelerates and dt > 0.0:
-            previous = np.asarray(previous, float)
-            before = self._before(previous)
-            others = previous - before
-            change = self.limits.acceleration * dt
-            part, joint = _part(primary - before, change)
-            if part < 1.0:
-                slowest, primary = joint, before + part * (primary - before)
-            # A joint that has to brake for its range, and cannot brake harder, does what it can.
-            low = np.clip(low, previous - change, previous + change)
-            high = np.clip(high, previous - change, previous + change)
-        base = np.minimum(np.maximum(primary + others, low), high)
-        # What the task leaves of the limits; the secondary tasks change as far as it goes.
-        towards = secondary - others
-        part, _ = _part(towards, np.where(towards > 0.0, high - base, base - low))
-        total = base + part * towards
-        self._total, self._primary = total, primary
-        scale = 1.0 if slowest is None else float(primary @ wanted / (wanted @ wanted))
-        return total, primary, scale, slowest
-
-    def _before(self, previous: np.ndarray) -> np.ndarray:
-        """The part of the last velocities that served the task, as far as they are ours."""
-        if self._total is not None and np.abs(previous - self._total).max() < 1e-9:
-            return self._primary
-        return previous
+        limits = self.limits
+        limited = previous is not None and self._accelerates and dt > 0.0
+        before = np.asarray(previous, float) if limited else primary
+        total, task = (before, before) if self._total is None else (self._total, self._primary)
+        total, task, scale, slowest = _within(
+            primary, secondary, low, high, limits.velocity, limits.acceleration, dt, limited,
+            before, total, task,
+        )  # fmt: skip
+        self._total, self._primary = total, task
+        return total, task, scale, None if slowest < 0 else slowest
 
 
-def _part(wanted: np.ndarray, room: np.ndarray) -> tuple[float, int]:
-    """Greatest part, up to 1, of wanted (n,) that the rooms (n,) >= 0 allow; and who limits it."""
-    size = np.abs(wanted)
-    beyond = size > room
-    if not any(beyond.tolist()):
-        return 1.0, 0
-    parts = np.where(beyond, np.maximum(room, 0.0) / np.where(beyond, size, 1.0), 1.0)
-    joint = int(parts.argmin())
-    return float(parts[joint]), joint
-
-
-def _stoppable(room: np.ndarray, acceleration: np.ndarray, dt: float) -> np.ndarray:
-    """Greatest speed (n,) for dt (s) after which a joint still stops within its room (n,).
+@compiled(NUMBER, NUMBER, NUMBER)
+def _stoppable(room, acceleration, dt):
+    """Greatest speed for dt (s) after which a joint still stops within its room.
 
     v dt + v^2 / 2a = room; so much later steps can always keep, however long they are.
     """
-    finite = np.where(np.isfinite(acceleration), acceleration, 1.0)
-    near = np.where(np.isfinite(room), room, 0.0)
+    if dt <= 0.0 or room == np.inf:
+        return np.inf
+    if acceleration == np.inf:
+        return room / dt
     # room / (dt / 2 + sqrt(...) / 2), which does not cancel where the room is small
-    speed = 2.0 * near / (dt + np.sqrt(dt * dt + 2.0 * near / finite))
-    speed = np.where(np.isfinite(acceleration), speed, room / dt)
-    return np.where(np.isfinite(room), speed, np.inf)
+    return 2.0 * room / (dt + np.sqrt(dt * dt + 2.0 * room / acceleration))
+
+
+@compiled(VECTOR, VECTOR, VECTOR, VECTOR, NUMBER)
+def _ranges(q, lower, upper, acceleration, dt):
+    """See Bounds.positions."""
+    low, high = np.empty(len(q)), np.empty(len(q))
+    for i in range(len(q)):
+        low[i] = -_stoppable(max(q[i] - lower[i], 0.0), acceleration[i], dt)
+        high[i] = _stoppable(max(upper[i] - q[i], 0.0), acceleration[i], dt)
+    return low, high
+
+
+@compiled(VECTOR, VECTOR)
+def _part(wanted, room):
+    """Greatest part, up to 1, of wanted (n,) that the rooms (n,) >= 0 allow; and who limits it."""
+    part, joint = 1.0, 0
+    for i in range(len(wanted)):
+        size = abs(wanted[i])
+        if size > room[i] and max(room[i], 0.0) / size < part:
+            part, joint = max(room[i], 0.0) / size, i
+    return part, joint
+
+
+@compiled(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, NUMBER, FLAG, VECTOR, VECTOR, VECTOR)
+def _within(
+    wanted, secondary, low, high, fastest, acceleration, dt, limited, previous, total, task
+):
+    """See Bounds.apply; limited: by acceleration from the previous velocities (n,) on, of which
+    `task` served the task if they are the total. Slowest: -1 for none."""
+    part, slowest = _part(wanted, fastest)
+    primary = part * wanted
+    if part == 1.0:
+        slowest = -1
+    low, high = np.maximum(low, -fastest), np.minimum(high, fastest)
+    others = np.zeros(len(wanted))
+    if limited:
+        before = task if np.abs(previous - total).max() < 1e-9 else previous
+        others = previous - before
+        change = acceleration * dt
+        part, joint = _part(primary - before, change)
+        if part < 1.0:
+            slowest, primary = joint, before + part * (primary - before)
+        # A joint that has to brake for its range, and cannot brake harder, does what it can.
+        low = np.minimum(np.maximum(low, previous - change), previous + change)
+        high = np.minimum(np.maximum(high, previous - change), previous + change)
+    base = np.minimum(np.maximum(primary + others, low), high)
+    # What the task leaves of the limits; the secondary tasks change as far as it goes.
+    towards = secondary - others
+    part, _ = _part(towards, np.where(towards > 0.0, high - base, base - low))
+    scale = 1.0
+    if slowest >= 0:
+        scale = (primary * wanted).sum() / (wanted * wanted).sum()
+    return base + part * towards, primary, scale, slowest

@@ -5,12 +5,10 @@ from functools import cached_property
 
 import numpy as np
 
-from .linear import svd
+from .inversion import RANK_TOLERANCE, svd
 
 DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
 UNITS = ("m/s",) * 3 + ("rad/s",) * 3
-# Below this part of the greatest singular value of L or LJ there is nothing but noise.
-RANK_TOLERANCE = 1e-4
 LASTING = 0.05  # s that steady velocities may be kept; a slow camera's image period
 
 

@@ -31,7 +31,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -39,22 +39,16 @@ from .arm import Arm
 from .bounds import Bounds
 from .fold import Fold, find
 from .held import Held
+from .inversion import account, demanded, solved
 from .limits import Limits
-from .linear import svd
-from .resolution import DIRECTIONS, LASTING, RANK_TOLERANCE, UNITS, Resolution
+from .resolution import DIRECTIONS, LASTING, UNITS, Resolution
 from .secondary import SecondaryTask
 
 if TYPE_CHECKING:
     from ..task import Task
 
-SMALLEST = 1e-9  # a singular value below is a rounding error
-# From this part of L's greatest singular value on all twists are seen alike.
-WELL_SEEN = 0.05
 # Joints that move less than this leave the Jacobian as it is, beside an elbow too, rad or m.
 STILL = 0.002
-# A weak joint motion is damped at least as if the demand saw so much of it.
-LEAST_SEEN = 0.3
-
 
 @dataclass(frozen=True)
 class ResolverSettings:
@@ -82,9 +76,10 @@ class ResolverSettings:
     shortfall: float = 0.002
     lost_part: float = 0.1
 
+_NOTHING_HELD = np.zeros((0, 6)), np.zeros(0), np.eye(6)
 
-@dataclass(frozen=True, eq=False)
-class _Demand:
+
+class _Demand(NamedTuple):
     """What is asked of the camera's scaled twist.
 
     Attributes:
@@ -161,37 +156,38 @@ class Resolver:
         stopped: list[int] = []
         straight = False
         for _ in range(len(q) + 1):
-            primary, secondary = self._either_side(q, scaled, demand, wish, free, fixed)
-            passing = [fold for fold in self.folds if self._passes(fold, q, primary, dt, free)]
+            solution, secondary = self._either_side(q, scaled, demand, wish, free, fixed)
+            passing = [fold for fold in self.folds if self._passes(fold, q, solution, dt, free)]
             for fold in passing:
                 fixed[fold.joint] = -0.5 * fold.bend(q) / dt
                 free[fold.joint], straight = False, True
             if passing:
                 continue
-            within = np.minimum(np.maximum(primary, low), high)
-            beyond = (within != primary) & free
-            if not any(beyond.tolist()):
+            within = np.minimum(np.maximum(solution, low), high)
+            beyond = (within != solution) & free
+            if not beyond.any():
                 break
             fixed[beyond] = within[beyond]
             free &= ~beyond
             stopped += np.flatnonzero(beyond).tolist()
 
-        asked = demand.wanted @ demand.basis
-        missing = (demand.wanted - demand.basis @ (scaled @ primary)) @ demand.basis
         velocities, primary, scale, slowest = self._bounds.apply(
-            q, primary, secondary, low, high, dt, previous
+            solution, secondary, low, high, dt, previous
+        )
+        asked, twist, lost = account(
+            demand.basis, demand.wanted, scaled, jacobian, self._scale, solution, velocities
         )
         names = self.arm.names
         steady = not (stopped or straight or slowest is not None)
-        reasons = self._reasons(asked, missing, stopped, straight)
+        reasons = self._reasons(asked, lost, stopped, straight)
         if slowest is not None:
             reasons.append(f"slowed to {100.0 * scale:.0f} % for a limit of {names[slowest]}")
         return Resolution(
             velocities=velocities,
             primary=primary,
-            asked=asked / self._scale,
-            twist=jacobian @ velocities,
-            lost=missing / self._scale,
+            asked=asked,
+            twist=twist,
+            lost=lost,
             scale=scale,
             margins=self.limits.margins(q),
             stopped=tuple(names[joint] for joint in stopped),
@@ -208,46 +204,25 @@ class Resolver:
         and no elbow asks for others."""
         if max(map(abs, velocities.tolist())) * LASTING > STILL:
             return False
-        low, high = self._bounds.positions(q, LASTING)
-        if ((velocities < low) | (velocities > high)).any():
+        if not self._bounds.allow(q, velocities, LASTING):
             return False
         return not any(self._passes(fold, q, velocities, LASTING, free) for fold in self.folds)
 
     def _demand(self, task: Task, view: np.ndarray, scaled: np.ndarray) -> _Demand:
-        """Rows for the task, and those for what it does not model.
-
-        What is held leaves the other twists, Held.free; in those the task is inverted, so that its
-        wishes for what it does not model do not weigh.
-        """
-        settings, modelled = self.settings, task.modelled
-        inner = task.L / self._scale
-        if all(modelled.tolist()):
-            basis, wanted, weights = np.zeros((0, 6)), np.zeros(0), np.zeros(0)
-            u, s, vt = svd(inner)
-            rest = task.rate
+        """What the task asks for, and the holding of what it does not model."""
+        settings, length, modelled = self.settings, self.settings.length, task.modelled
+        if modelled.all():
+            held, errors, free = _NOTHING_HELD
         else:
             if self._kept is None:
                 self._kept = view
             goal = self.goal if self.goal is not None else self._kept
-            held = Held(view, goal, modelled, settings.length)
-            # Along which of the held directions can the arm move at all?
-            turned, reach, _ = svd(held.rows @ scaled)
-            low, span = settings.held_from, settings.held_fully - settings.held_from
-            parts = [min(max((r / settings.length - low) / span, 0.0), 1.0) for r in reach.tolist()]
-            weights = np.array([part * part * (3.0 - 2.0 * part) for part in parts])
-            basis = turned.T @ held.rows
-            wanted = settings.hold_gain * (turned.T @ held.errors)
-            # What holding does to the features on its way is not the rest's to do.
-            rest = task.rate - inner @ ((weights * wanted) @ basis)
-            u, s, vt = svd(inner @ held.free.T)
-            vt = vt @ held.free
-        r = int((s > RANK_TOLERANCE * s[0]).sum()) if s.size and s[0] > 0.0 else 0
-        if r:
-            # A twist that the features hardly show weighs less where the arm has to choose.
-            basis = np.concatenate([vt[:r], basis])
-            wanted = np.concatenate([u[:, :r].T @ rest / s[:r], wanted])
-            weights = np.concatenate([np.minimum(1.0, s[:r] / (WELL_SEEN * s[0])), weights])
-        return _Demand(basis, wanted, weights)
+            holding = Held(view, goal, modelled, length)
+            held, errors, free = holding.rows, holding.errors, holding.free
+        return _Demand(*demanded(
+            task.L / self._scale, task.rate, held, settings.hold_gain * errors, free, scaled,
+            length * settings.held_from, length * settings.held_fully,
+        ))  # fmt: skip
 
     def _either_side(
         self,
@@ -280,34 +255,10 @@ class Resolver:
         fixed: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Velocities (n,) for the demand, the others at their fixed ones, and what is free."""
-        settings, rates = self.settings, demand.weights * demand.wanted
-        rows = demand.weights[:, None] * demand.basis
-        task = rows @ scaled
-        all_free = all(free.tolist())
-        if not all_free:
-            rates = rates - task @ fixed
-            scaled, task, wish = scaled[:, free], task[:, free], wish[free]
-        turned, s, vt = svd(scaled)
-        damped, m = task, len(rates)
-        weak = [i for i, value in enumerate(s.tolist()) if value < settings.damping_below]
-        if weak:
-            # As strong as the demand is in that direction, whatever the units of its rows.
-            seen = np.sqrt(np.square(rows @ turned[:, weak[0] :]).sum(0)).tolist()
-            damped = np.empty((m + len(weak), task.shape[1]))
-            damped[:m] = task
-            for row, i in enumerate(weak):
-                d = settings.damping * math.sqrt(1.0 - (s[i] / settings.damping_below) ** 2)
-                damped[m + row] = d * max(seen[row], LEAST_SEEN) * vt[i]
-        u, s, vt = svd(damped)
-        s[s < SMALLEST] = np.inf
-        inverse = (vt.T / s) @ u[:m].T
-        primary = inverse @ rates
-        secondary = wish - inverse @ (task @ wish)
-        if all_free:
-            return primary, secondary
-        velocities, others = fixed.copy(), np.zeros(len(free))
-        velocities[free], others[free] = primary, secondary
-        return velocities, others
+        settings = self.settings
+        return solved(
+            scaled, *demand, wish, free, fixed, settings.damping, settings.damping_below
+        )
 
     def _passes(
         self, fold: Fold, q: np.ndarray, velocities: np.ndarray, dt: float, free: np.ndarray
@@ -318,18 +269,19 @@ class Resolver:
         return near and speed * fold.side_of(q) < 0.0 and abs(speed) * dt > 0.5 * abs(bend)
 
     def _reasons(
-        self, asked: np.ndarray, missing: np.ndarray, stopped: Sequence[int], straight: bool
+        self, asked: np.ndarray, lost: np.ndarray, stopped: Sequence[int], straight: bool
     ) -> list[str]:
         """What keeps the camera from what is asked of it, in words."""
         reasons = [f"{self.arm.names[joint]} stopped at its limit" for joint in stopped]
-        short, wanted = math.sqrt(missing @ missing), math.sqrt(asked @ asked)
-        if short <= max(self.settings.shortfall, self.settings.lost_part * wanted):
+        missing = (lost * self._scale).tolist()
+        wanted = math.hypot(*(asked * self._scale).tolist())
+        if math.hypot(*missing) <= max(self.settings.shortfall, self.settings.lost_part * wanted):
             return reasons
         if straight:
             reasons.append("the arm is stretched: what is asked lies beyond its reach")
         elif not stopped:
-            lost = missing / self._scale
-            main = np.flatnonzero(np.abs(missing) > 0.5 * np.abs(missing).max())
+            most = max(map(abs, missing))
+            main = [i for i, part in enumerate(missing) if abs(part) > 0.5 * most]
             reasons.append(
                 "lost, the arm cannot do it here: "
                 + ", ".join(f"{DIRECTIONS[i]} {lost[i]:.3g} {UNITS[i]}" for i in main)

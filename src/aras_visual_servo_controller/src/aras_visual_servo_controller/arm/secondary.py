@@ -58,7 +58,7 @@ class JointLimitAvoidance(SecondaryTask):
         self.gain = gain
 
     def velocity(self, q: np.ndarray) -> np.ndarray:
-        return self.gain * (np.maximum(self._from - q, 0.0) - np.maximum(q - self._to, 0.0))
+        return self.gain * (np.minimum(np.maximum(q, self._from), self._to) - q)
 
 
 class SingularityAvoidance(SecondaryTask):

@@ -1,0 +1,58 @@
+"""Small singular value decompositions against LAPACK's, and where they have none."""
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_controller.arm.inversion import svd
+
+SHAPES = [(1, 1), (2, 6), (6, 2), (4, 6), (6, 6), (6, 7), (11, 6), (12, 7), (6, 12)]
+
+
+def rebuilt(u, s, vt):
+    return (u * s) @ vt
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("scale", [1e-200, 1e-3, 1.0, 1e200])
+def test_values_are_lapack_s_and_vectors_rebuild_the_matrix(shape, scale):
+    random = np.random.default_rng(sum(shape))
+    for _ in range(20):
+        a = scale * random.normal(size=shape) * 10.0 ** random.uniform(-4, 0, shape[1])
+        u, s, vt = svd(a)
+        expected = np.linalg.svd(a, compute_uv=False)
+        assert np.abs(s - expected).max() < 1e-14 * expected[0]
+        assert np.abs(rebuilt(u, s, vt) - a).max() < 1e-14 * expected[0]
+        assert np.abs(u.T @ u - np.eye(min(shape))).max() < 1e-13
+        assert np.abs(vt @ vt.T - np.eye(min(shape))).max() < 1e-13
+
+
+@pytest.mark.parametrize("shape", [(6, 4), (4, 6), (6, 6)])
+def test_a_matrix_without_full_rank(shape):
+    random = np.random.default_rng(2)
+    a = random.normal(size=(shape[0], 2)) @ random.normal(size=(2, shape[1]))
+    u, s, vt = svd(a)
+    assert s[1] > 0.1 and s[2] < 1e-14
+    assert np.abs(rebuilt(u, s, vt) - a).max() < 1e-14 * s[0]
+    nothing = svd(np.zeros(shape))
+    assert not nothing[1].any() and not rebuilt(*nothing).any()
+
+
+@pytest.mark.parametrize("shape", [(0, 6), (6, 0), (0, 0)])
+def test_a_matrix_without_rows_or_columns(shape):
+    u, s, vt = svd(np.zeros(shape))
+    assert (u.shape, s.shape, vt.shape) == ((shape[0], 0), (0,), (0, shape[1]))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_has_none(bad):
+    a = np.eye(6)
+    a[2, 4] = bad
+    with pytest.raises(np.linalg.LinAlgError, match="not finite"):
+        svd(a)
+
+
+def test_any_order_of_memory_and_read_only_arrays_are_taken():
+    a = np.random.default_rng(5).normal(size=(6, 12))
+    a.setflags(write=False)
+    for view in (a, a.T, a[:, ::2], np.asfortranarray(a)):
+        assert np.abs(rebuilt(*svd(view)) - view).max() < 1e-14

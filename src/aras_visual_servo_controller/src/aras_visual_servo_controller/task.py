@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .errors import TaskError
+from .inversion import least_squares, svd
 
 ALL_DIRECTIONS = (True,) * 6
 DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
@@ -88,7 +89,7 @@ class Task:
     @cached_property
     def _factors(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Singular value decomposition of L in its modelled directions."""
-        return np.linalg.svd(self.L[:, self.modelled], full_matrices=False)
+        return svd(self.L[:, self.modelled])
 
     @property
     def singular_values(self) -> np.ndarray:
@@ -105,18 +106,10 @@ class Task:
     def twist(self) -> np.ndarray:
         """(6,) least-squares twist of a camera that moves in the modelled directions alone."""
         twist = np.zeros(6)
-        twist[self.modelled] = _solution(*self._factors, self.rate)
+        twist[self.modelled] = least_squares(
+            self.L[:, self.modelled], self.rate, RANK_TOLERANCE
+        )
         return twist
-
-
-def least_squares(L: np.ndarray, e: np.ndarray) -> np.ndarray:
-    """L^+ e (n,) of L (k, n); singular values below RANK_TOLERANCE of the greatest count as 0."""
-    return _solution(*np.linalg.svd(L, full_matrices=False), e)
-
-
-def _solution(u: np.ndarray, s: np.ndarray, vt: np.ndarray, e: np.ndarray) -> np.ndarray:
-    kept = s > RANK_TOLERANCE * s[0] if s.size else s > 0.0
-    return vt[kept].T @ ((u[:, kept].T @ e) / s[kept])
 
 
 def _numbers(values: ArrayLike) -> np.ndarray:

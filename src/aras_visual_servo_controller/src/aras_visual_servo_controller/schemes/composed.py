@@ -10,10 +10,11 @@ import numpy as np
 from ..errors import ConfigurationError, MeasurementError
 from ..features.base import Feature, Measured, Stack
 from ..goal import Goal
+from ..inversion import least_squares
 from ..laws import Law
 from ..naming import unknown
 from ..observation import SEGMENTED, Observation
-from ..task import Task, least_squares
+from ..task import RANK_TOLERANCE, Task
 from .base import Decision, Scheme
 
 INTERACTIONS = ("current", "desired", "mean", "estimated")
@@ -148,5 +149,5 @@ def _rotated(L: np.ndarray, error: np.ndarray, weights: np.ndarray | None) -> np
     if weights is not None:
         L, error = weights[:, None] * L, weights * error
     if len(L) > 64:
-        return least_squares(L.T @ L, L.T @ error)
-    return least_squares(L, error)
+        L, error = L.T @ L, L.T @ error
+    return least_squares(L, error, RANK_TOLERANCE)

@@ -1,6 +1,6 @@
-"""The linear algebra of one answer of the resolver, compiled.
+"""The linear algebra of an image and of one answer of the resolver, compiled.
 
-Twists are scaled here: the rotations by a length, so that all six numbers are in m/s.
+The resolver's twists are scaled: the rotations by a length, so that all six numbers are in m/s.
 """
 
 import numpy as np
@@ -106,6 +106,16 @@ def _applied(a, x):
         for k in range(a.shape[1]):
             product[i] += a[i, k] * x[k]
     return product
+
+
+@compiled(MATRIX, VECTOR, NUMBER)
+def least_squares(L, e, tolerance):
+    """L^+ e (n,) of L (k, n); singular values up to `tolerance` of the greatest count as 0."""
+    u, s, vt = svd(L)
+    parts = _applied(u.T, e)
+    for i in range(len(s)):
+        parts[i] = parts[i] / s[i] if s[i] > tolerance * s[0] else 0.0
+    return _applied(vt.T, parts)
 
 
 @compiled(MATRIX, VECTOR, MATRIX, VECTOR, MATRIX, MATRIX, NUMBER, NUMBER)

@@ -35,11 +35,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ..inversion import account, demanded, solved
 from .arm import Arm
 from .bounds import Bounds
 from .fold import Fold, find
 from .held import Held
-from ..inversion import account, demanded, solved
 from .limits import Limits
 from .resolution import DIRECTIONS, LASTING, UNITS, Resolution
 from .secondary import SecondaryTask

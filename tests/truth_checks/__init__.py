@@ -1,0 +1,1 @@
+"""What `tests/truth` compares: ours against Pinocchio, MuJoCo, OpenCV, SciPy and closed forms."""

@@ -1,0 +1,80 @@
+"""The command line of `tests/truth`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+from . import dynamics, joints, motion, repeats, vision  # noqa: F401 (they enter their checks)
+from .check import CHECKS, Check, Row
+
+TOP = Path(__file__).parents[2]
+TABLE = TOP / "docs" / "truth.md"
+_HEAD = """# What is true, and how it is known
+
+Made by `tests/truth --write`. Each line compares the simulator with software that shares no code
+with it, or with a closed form; *measured* is the worst that was found, *bound* what it may be.
+`tests/truth NAME ...` repeats some, `tests/truth --quick` the short choice that CI runs.
+
+| check | against | compared | expected | measured | bound | |
+|---|---|---|---|---|---|---|
+"""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """0: all within bounds; 1: something is not; 2: no such check."""
+    options = _parser().parse_args(arguments)
+    unknown = set(options.names) - set(CHECKS)
+    if unknown:
+        print(f"truth: no check '{min(unknown)}' among {', '.join(CHECKS)}", file=sys.stderr)
+        return 2
+    chosen = [c for c in CHECKS.values()
+              if c.name in (options.names or CHECKS) and (c.quick or not options.quick)]
+    if options.list:
+        for check in chosen:
+            print(f"{check.name:32}{'quick' if check.quick else '':8}{check.against}")
+        return 0
+    found = []
+    for check in chosen:
+        began = time.process_time()
+        for row in check.rows():
+            found.append((check, row))
+            print(line(check, row), flush=True)
+        print(f"    {time.process_time() - began:.1f} s", flush=True)
+    if options.write:
+        TABLE.write_text(_HEAD + "".join(markdown(c, r) for c, r in found), encoding="utf-8")
+    failed = [f"{c.name}: {r.what}" for c, r in found if not r.passed]
+    print(json.dumps({"rows": len(found), "failed": failed}))
+    return 1 if failed else 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="tests/truth", description="Compare physics and "
+                                     "sensors with independent software.",
+                                     epilog=f"checks: {', '.join(CHECKS)}")
+    parser.add_argument("names", nargs="*", help="checks, or all")
+    parser.add_argument("--quick", action="store_true", help="only what CI runs")
+    parser.add_argument("--list", action="store_true", help="names only")
+    parser.add_argument("--write", action="store_true", help="write docs/truth.md")
+    return parser
+
+
+def number(value: float, unit: str) -> str:
+    """Two digits and the unit."""
+    return f"{value:.2g} {unit}".strip()
+
+
+def line(check: Check, row: Row) -> str:
+    """The row for a terminal."""
+    return (f"{'ok  ' if row.passed else 'FAIL'} {check.name:24} {row.what:52} "
+            f"{number(row.measured, row.unit):>16} (<= {number(row.bound, row.unit)})")
+
+
+def markdown(check: Check, row: Row) -> str:
+    """The row for the documentation."""
+    return (f"| {check.name} | {check.against} | {row.what} | {row.expected} | "
+            f"{number(row.measured, row.unit)} | {number(row.bound, row.unit)} | "
+            f"{'' if row.passed else '**no**'} |\n")

@@ -1,0 +1,151 @@
+"""Equations of motion at random states, against Pinocchio and MuJoCo."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+import pinocchio
+
+from aras_sim_bridge.world import Pose, Twist
+
+from .check import Row, check
+from .robots import ARMS, Robot
+
+_STATES = 5
+
+
+def _worst(ours: np.ndarray, theirs: np.ndarray) -> float:
+    """Largest difference as a share of the largest component."""
+    return float(np.abs(np.subtract(ours, theirs)).max() / np.abs(theirs).max())
+
+
+@check("Pinocchio, MuJoCo", quick=True)
+def mass_matrix() -> Iterator[Row]:
+    """From what unit efforts do to a robot at rest."""
+    rng = np.random.default_rng(1)
+    for name in ARMS:
+        worst = {"Pinocchio": 0.0, "MuJoCo": 0.0}
+        with Robot(name) as robot:
+            n = len(robot.names)
+            for _ in range(_STATES):
+                q = rng.uniform(-1.2, 1.2, n)
+                columns = []
+                for effort in (np.zeros(n), *np.eye(n)):
+                    robot.set_state(q, np.zeros(n))
+                    columns.append(robot.step(effort))
+                inverse = np.stack(columns[1:], axis=1) - columns[0][:, None]
+                theirs = pinocchio.crba(robot.pin, robot.data, robot.pin_state(q))
+                theirs = np.triu(theirs) + np.triu(theirs, 1).T
+                mass = np.linalg.inv(inverse)
+                worst["Pinocchio"] = max(worst["Pinocchio"],
+                                         _worst(mass, theirs[np.ix_(robot.pin_v, robot.pin_v)]))
+                robot.mj_data.qpos[robot.mj_q] = q
+                mujoco.mj_forward(robot.mj, robot.mj_data)
+                full = np.zeros((robot.mj.nv, robot.mj.nv))
+                mujoco.mj_fullM(robot.mj, robot.mj_data, full)
+                worst["MuJoCo"] = max(worst["MuJoCo"],
+                                      _worst(mass, full[np.ix_(robot.mj_v, robot.mj_v)]))
+        for other, value in worst.items():
+            yield Row(f"{name}, {other}", "equal", value, 1e-6)
+
+
+@check("Pinocchio", quick=True)
+def gravity_and_velocity_terms() -> Iterator[Row]:
+    """Efforts that keep joint velocities as they are."""
+    rng = np.random.default_rng(2)
+    for name in ARMS:
+        worst = 0.0
+        with Robot(name) as robot:
+            n = len(robot.names)
+            for _ in range(_STATES):
+                q, v = rng.uniform(-1.2, 1.2, n), rng.uniform(-3.0, 3.0, n)
+                robot.set_state(q, v)
+                theirs = pinocchio.nonLinearEffects(robot.pin, robot.data, robot.pin_state(q),
+                                                    robot.pin_vector(v))
+                worst = max(worst, _worst(robot.model.bias_efforts(), theirs[robot.pin_v]))
+        yield Row(name, "equal", worst, 1e-9)
+
+
+@check("Pinocchio, MuJoCo", quick=True)
+def accelerations() -> Iterator[Row]:
+    """Of joints at random positions, velocities and efforts."""
+    rng = np.random.default_rng(3)
+    for name in ARMS:
+        worst = {"Pinocchio": 0.0, "MuJoCo": 0.0}
+        with Robot(name) as robot:
+            n = len(robot.names)
+            for _ in range(_STATES):
+                q, v = rng.uniform(-1.2, 1.2, n), rng.uniform(-3.0, 3.0, n)
+                effort = rng.uniform(-20.0, 20.0, n)
+                robot.set_state(q, v)
+                ours = robot.step(effort)
+                theirs = pinocchio.aba(robot.pin, robot.data, robot.pin_state(q),
+                                       robot.pin_vector(v), robot.pin_vector(effort))
+                worst["Pinocchio"] = max(worst["Pinocchio"], _worst(ours, theirs[robot.pin_v]))
+                data = robot.mj_data
+                data.qpos[robot.mj_q], data.qvel[robot.mj_v] = q, v
+                data.qfrc_applied[robot.mj_v] = effort
+                mujoco.mj_forward(robot.mj, data)
+                worst["MuJoCo"] = max(worst["MuJoCo"], _worst(ours, data.qacc[robot.mj_v]))
+        for other, value in worst.items():
+            yield Row(f"{name}, {other}", "equal", value, 1e-6)
+
+
+@check("Pinocchio, MuJoCo", quick=True)
+def a_free_base() -> Iterator[Row]:
+    """A base of 5 kg with three joints, tumbling: its acceleration and the joints'."""
+    rng = np.random.default_rng(4)
+    worst = {"base, Pinocchio": 0.0, "joints, Pinocchio": 0.0, "base, MuJoCo": 0.0,
+             "joints, MuJoCo": 0.0}
+    step = 1e-6  # s: what differs between a derivative and a difference vanishes with it
+    with Robot("free arm", step) as robot:
+        n = len(robot.names)
+        for _ in range(_STATES):
+            q, v = rng.uniform(-1.0, 1.0, n), rng.uniform(-2.0, 2.0, n)
+            effort = rng.uniform(-3.0, 3.0, n)
+            pose = Pose.from_rpy(tuple(rng.uniform(-1, 1, 3)), tuple(rng.uniform(-1, 1, 3)))
+            linear, angular = rng.uniform(-1, 1, 3), rng.uniform(-2, 2, 3)
+            robot.model.set_pose(pose)
+            robot.model.set_twist(Twist(tuple(linear), tuple(angular)))
+            robot.set_state(q, v)
+            before = robot.model.twist()
+            joints = robot.step(effort)
+            after = robot.model.twist()
+            base = (np.ravel(after) - np.ravel(before)) / step
+            for other, (their_base, their_joints) in {
+                "Pinocchio": _pinocchio_free(robot, pose, linear, angular, q, v, effort),
+                "MuJoCo": _mujoco_free(robot, pose, linear, angular, q, v, effort),
+            }.items():
+                worst[f"base, {other}"] = max(worst[f"base, {other}"], _worst(base, their_base))
+                worst[f"joints, {other}"] = max(worst[f"joints, {other}"],
+                                                _worst(joints, their_joints))
+    for what, value in worst.items():
+        yield Row(what, "equal", value, 1e-4)
+
+
+def _pinocchio_free(robot: Robot, pose: Pose, linear: np.ndarray, angular: np.ndarray,
+                    q: np.ndarray, v: np.ndarray, effort: np.ndarray
+                    ) -> tuple[np.ndarray, np.ndarray]:
+    turn = np.array(pose.matrix())[:3, :3]
+    velocity = robot.pin_vector(v)
+    velocity[:3], velocity[3:6] = turn.T @ linear, turn.T @ angular
+    found = pinocchio.aba(robot.pin, robot.data, robot.pin_state(q, pose), velocity,
+                          robot.pin_vector(effort))
+    # Pinocchio's is the spatial acceleration in the body's frame.
+    straight = turn @ (found[:3] + np.cross(velocity[3:6], velocity[:3]))
+    return np.concatenate([straight, turn @ found[3:6]]), found[robot.pin_v]
+
+
+def _mujoco_free(robot: Robot, pose: Pose, linear: np.ndarray, angular: np.ndarray,
+                 q: np.ndarray, v: np.ndarray, effort: np.ndarray
+                 ) -> tuple[np.ndarray, np.ndarray]:
+    data, turn = robot.mj_data, np.array(pose.matrix())[:3, :3]
+    data.qpos[:7] = [*pose.xyz, pose.quat[3], *pose.quat[:3]]
+    data.qvel[:6] = [*linear, *(turn.T @ angular)]
+    data.qpos[robot.mj_q], data.qvel[robot.mj_v] = q, v
+    data.qfrc_applied[robot.mj_v] = effort
+    mujoco.mj_forward(robot.mj, data)
+    # A free joint: linear in the world's axes, angular in the body's.
+    return np.concatenate([data.qacc[:3], turn @ data.qacc[3:6]]), data.qacc[robot.mj_v].copy()

@@ -1,0 +1,174 @@
+"""Joints with damping, friction, stops and controllers."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+import pinocchio
+from scipy.integrate import solve_ivp
+
+from aras_sim_bridge.description import RobotDescription, parse_urdf
+from aras_sim_bridge.world import World
+
+from .check import Row, check
+from .reference import Reference
+from .robots import GRAVITY, SOURCES, Robot, bare_urdf
+
+sys.path.append(str(SOURCES.parent / "tests" / "unit" / "world"))
+
+from aras_robot import CONTROLLERS, ArasRobot  # noqa: E402
+
+_WHEEL = """<robot name="wheel"><link name="world"/><link name="wheel"><inertial>
+<mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+</link><joint name="spin" type="revolute"><parent link="world"/><child link="wheel"/>
+<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1e4" velocity="1e3"/></joint></robot>"""
+
+
+@check("closed form")
+def joint_stops() -> Iterator[Row]:
+    """A wheel with stops 2 rad apart."""
+    for speed in (1.0, 5.0, 50.0):
+        with World() as world:
+            wheel = world.spawn(parse_urdf(_WHEEL), "wheel")
+            beyond = 0.0
+            for direction in (1.0, -1.0):
+                wheel.joints.restore([(0.0, direction * speed)])
+                for _ in range(2100):
+                    world.step()
+                    beyond = max(beyond, abs(wheel.read_joints()[0][0]) - 1.0)
+            yield Row(f"thrown at {speed:g} rad/s", "stays within", beyond / 2.0, 0.01,
+                      "of the range")
+    for effort in (5.0, 5000.0):
+        with World() as world:
+            wheel = world.spawn(parse_urdf(_WHEEL), "wheel")
+            beyond = 0.0
+            for k in range(2000):
+                wheel.apply_effort("spin", effort if k % 1000 < 500 else -effort)
+                world.step()
+                beyond = max(beyond, abs(wheel.read_joints()[0][0]) - 1.0)
+            yield Row(f"driven by {effort:g} N m", "stays within", beyond / 2.0, 0.01,
+                      "of the range")
+
+
+def _shipped(damping: Mapping[str, float]) -> RobotDescription:
+    """The shipped arm without shapes, some joints with another damping, its stops out of reach."""
+    xml = bare_urdf("shipped arm")
+    description = parse_urdf(xml)
+    joints = {
+        name: replace(joint, damping=damping.get(name, joint.damping),
+                      limits=replace(joint.limits, lower=-1e3, upper=1e3, velocity=1e9))
+        if joint.moves else joint for name, joint in description.joints.items()
+    }
+    return replace(description, joints=MappingProxyType(joints))
+
+
+def _reference(description: RobotDescription, names: tuple[str, ...]
+               ) -> tuple[Reference, list[int]]:
+    """The same arm as a Reference, and the places of `names` in its vectors."""
+    model = pinocchio.buildModelFromXML(bare_urdf("shipped arm"))
+    model.gravity.linear = np.array(GRAVITY)
+    order = [model.joints[model.getJointId(name)].idx_v for name in names]
+    damping, friction = np.zeros(model.nv), np.zeros(model.nv)
+    for place, name in zip(order, names, strict=True):
+        damping[place] = description.joints[name].damping
+        friction[place] = description.joints[name].friction
+    return Reference(model, damping, friction), order
+
+
+_START = (0.1, 0.3, 0.6, -0.5, 0.4, 0.2)
+
+
+def _released(damping: Mapping[str, float], dt: float, seconds: float) -> float:
+    """Largest difference of a joint's position over a fall of the arm, rad or m."""
+    description = _shipped(damping)
+    with World(dt, GRAVITY) as world:
+        model = world.spawn(description, "arm", fixed_base=True)
+        names = model.joint_names
+        model.joints.set_joint_positions(dict(zip(names, _START, strict=True)))
+        reference, order = _reference(description, names)
+        reference.q[order] = _START
+        nothing, worst = np.zeros(len(order)), 0.0
+        for _ in range(round(seconds / dt)):
+            world.step()
+            reference.step(nothing, dt)
+            worst = max(worst, float(np.abs(model.read_joints()[0] - reference.q[order]).max()))
+    return worst
+
+
+@check("Pinocchio, Gauss-Seidel")
+def friction_and_damping_shortly() -> Iterator[Row]:
+    """The arm released with its joints' friction, for 0.15 s."""
+    for dt in (1e-3, 5e-3):
+        yield Row(f"J2 damping 60, steps of {1e3 * dt:g} ms", "equal positions",
+                  _released({"J2": 60.0}, dt, 0.15), 1e-3, "rad")
+
+
+@check("Pinocchio, Gauss-Seidel")
+def friction_and_damping() -> Iterator[Row]:
+    """The arm released with its joints' friction, for 1 s."""
+    for damping in ({}, {"J2": 60.0}, {"J5": 5.0, "J3": 20.0}):
+        said = ", ".join(f"{name} damping {value:g}" for name, value in damping.items())
+        for dt in (1e-3, 2e-3, 5e-3):
+            yield Row(f"{said or 'as shipped'}, steps of {1e3 * dt:g} ms", "equal positions",
+                      _released(damping, dt, 1.0), 1e-3, "rad")
+
+
+@check("SciPy (DOP853), Pinocchio")
+def time_steps() -> Iterator[Row]:
+    """The UR5 swings freely for 0.5 s: semi-implicit Euler is off by a time in the order of dt."""
+    start = np.array([0.3, -0.6, 0.5, 0.2, 0.4, 0.1])
+    with Robot("UR5") as robot:
+        def rates(_: float, state: np.ndarray) -> np.ndarray:
+            q, v = np.split(state, 2)
+            found = pinocchio.aba(robot.pin, robot.data, robot.pin_state(q), robot.pin_vector(v),
+                                  np.zeros(robot.pin.nv))
+            return np.concatenate([v, found[robot.pin_v]])
+
+        exact = solve_ivp(rates, (0.0, 0.5), np.concatenate([start, np.zeros(6)]), "DOP853",
+                          rtol=1e-10, atol=1e-12).y[:, -1]
+        for dt in (2.5e-4, 5e-4, 1e-3, 2e-3, 5e-3):
+            robot.world.set_physics(time_step=dt)
+            robot.set_state(start, np.zeros(6))
+            for _ in range(round(0.5 / dt)):
+                robot.world.step()
+            q, v, _ = robot.model.read_joints()
+            late = np.abs(np.subtract(q, exact[:6])).max() / np.abs(exact[6:]).max()
+            yield Row(f"steps of {1e3 * dt:g} ms", "within 2 steps' time", late / dt, 2.0, "steps")
+
+
+@check("PID and Gauss-Seidel written anew, Pinocchio")
+def PID_steps() -> Iterator[Row]:
+    """The shipped controllers follow a quintic move, commanded at every step."""
+    target = np.array([0.1, 0.2, 0.3, -0.25, -0.2, 0.4])  # in the order of CONTROLLERS
+    robot = ArasRobot(interpolate=False)
+    try:
+        names = robot.model.joint_names
+        reference, order = _reference(robot.model.description, names)
+        places = [order[names.index(joint)] for joint in CONTROLLERS]
+        gains = [robot.settings[c] for c in CONTROLLERS.values()]
+        gains = [g.get("pid", g) for g in gains]
+        p, i, d, clamp = (np.array([float(g.get(k, 0.0)) for g in gains])
+                          for k in ("p", "i", "d", "i_clamp"))
+        last, total = np.zeros(6), np.zeros(6)
+        worst, effort = 0.0, np.zeros(len(order))
+        dt = 1e-3
+        for k in range(1200):
+            s = min(1.0, (k + 1) / 800)
+            command = target * s**3 * (10 - 15 * s + 6 * s * s)
+            robot.command(command)
+            robot.steps(1)
+            error = command - reference.q[places]
+            total = total + dt * error
+            effort[places] = (p * error + np.clip(i * total, -clamp, clamp)
+                              + d * (error - last) / dt)
+            last = error
+            reference.step(effort, dt)
+            ours = robot.model.read_joints()[0]
+            worst = max(worst, float(np.abs(ours - reference.q[order]).max()))
+        yield Row("all six joints, 1.2 s", "equal positions", worst, 1e-4, "rad")
+    finally:
+        robot.close()

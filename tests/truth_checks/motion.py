@@ -1,0 +1,194 @@
+"""Bodies that fall, slide, stand and swing, against closed forms and conserved quantities."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+
+import numpy as np
+import pinocchio
+from scipy.special import ellipk
+
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.world import Model, Pose, Twist, World
+
+from .check import Row, check
+from .joints import ArasRobot
+from .robots import SHIPPED, Robot
+
+G = 9.8
+_PENDULUM = """<robot name="pendulum"><link name="world"/><link name="bob"><inertial>
+<origin xyz="0 0 -0.5"/><mass value="1"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="swing" type="continuous"><parent link="world"/><child link="bob"/>
+<axis xyz="0 1 0"/></joint></robot>"""
+
+
+def _box(size: tuple[float, float, float], mu: float, mass: float = 10.0) -> str:
+    x, y, z = size
+    ixx, iyy, izz = (mass / 12 * (a * a + b * b) for a, b in ((y, z), (x, z), (x, y)))
+    return f"""<robot name="box"><link name="box"><inertial><mass value="{mass}"/>
+<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><geometry><box size="{x} {y} {z}"/></geometry></collision></link>
+<gazebo reference="box"><mu1>{mu}</mu1></gazebo></robot>"""
+
+
+def _speed(model: Model) -> float:
+    return math.hypot(*model.twist().linear)
+
+
+@check("elliptic integral (SciPy)", quick=True)
+def pendulum() -> Iterator[Row]:
+    """Period of a compound pendulum of 0.5 m."""
+    for amplitude in (0.1, 0.5, 1.5):
+        exact = 4 * math.sqrt(0.26 / (G * 0.5)) * ellipk(math.sin(amplitude / 2) ** 2)
+        with World() as world:
+            bob = world.spawn(parse_urdf(_PENDULUM), "m", joint_positions={"swing": amplitude})
+            angles = []
+            for _ in range(round(2.2 * exact / 1e-3)):
+                world.step()
+                angles.append(bob.read_joints()[0][0])
+        angles = np.array(angles)
+        rising = np.where((angles[:-1] < 0) & (angles[1:] >= 0))[0]
+        crossing = rising - angles[rising] / (angles[rising + 1] - angles[rising])
+        period = np.diff(crossing).mean() * 1e-3
+        yield Row(f"period at {amplitude} rad", f"{exact:.6f} s", abs(period / exact - 1.0), 2e-5)
+
+
+@check("closed form", quick=True)
+def free_fall() -> Iterator[Row]:
+    """A box for 1 s, and its turning without a torque."""
+    with World() as world:
+        box = world.spawn(parse_urdf(_box((0.2, 0.2, 0.2), 1.0)), "m", Pose((0, 0, 100)))
+        for _ in range(1000):
+            world.step()
+        fallen = 100.0 - box.pose().xyz[2]
+    yield Row("way after 1 s", "4.9 m and half a step", abs(fallen - G / 2 * 1.001), 1e-9, "m")
+
+
+@check("Pinocchio", quick=True)
+def energy_and_momentum() -> Iterator[Row]:
+    """The UR5 swinging without losses for 1 s; the floating arm driven by its joints for 1 s."""
+    with Robot("UR5") as robot:
+        start = np.array([0.3, -0.6, 0.5, 0.2, 0.4, 0.1])
+        robot.set_state(start, np.zeros(6))
+
+        def energy() -> float:
+            q, v, _ = robot.model.read_joints()
+            full, rates = robot.pin_state(q), robot.pin_vector(v)
+            kinetic = pinocchio.computeKineticEnergy(robot.pin, robot.data, full, rates)
+            return kinetic + pinocchio.computePotentialEnergy(robot.pin, robot.data, full)
+
+        begun, most, kinetic = energy(), 0.0, 1e-9
+        for _ in range(1000):
+            robot.world.step()
+            most = max(most, abs(energy() - begun))
+            q, v, _ = robot.model.read_joints()
+            kinetic = max(kinetic, pinocchio.computeKineticEnergy(
+                robot.pin, robot.data, robot.pin_state(q), robot.pin_vector(v)))
+    yield Row("energy, UR5", "kept", most / kinetic, 0.01, "of the swing")
+    with Robot("free arm") as robot:
+        robot.world.set_physics(gravity=(0.0, 0.0, 0.0))
+        robot.model.set_twist(Twist((0.1, 0.2, 0.3), (0.5, -0.4, 0.3)))
+        before = _momentum(robot)
+        for k in range(1000):
+            robot.step(np.sin([0.005 * k, 0.007 * k, 0.009 * k]))
+        after = _momentum(robot)
+    for what, part in (("linear", slice(0, 3)), ("angular", slice(3, 6))):
+        change = np.linalg.norm(after[part] - before[part]) / np.linalg.norm(before[part])
+        yield Row(f"{what} momentum, floating arm", "kept", float(change), 0.02)
+
+
+def _momentum(robot: Robot) -> np.ndarray:
+    """Linear and angular (about the centre of mass), world axes."""
+    q, v, _ = robot.model.read_joints()
+    pose, twist = robot.model.pose(), robot.model.twist()
+    turn = np.array(pose.matrix())[:3, :3]
+    rates = robot.pin_vector(v)
+    rates[:3], rates[3:6] = turn.T @ twist.linear, turn.T @ twist.angular
+    found = pinocchio.computeCentroidalMomentum(robot.pin, robot.data, robot.pin_state(q, pose),
+                                                rates)
+    return np.concatenate([found.linear, found.angular])
+
+
+@check("closed form", quick=True)
+def slope() -> Iterator[Row]:
+    """A cube with friction 0.5 on a plane of friction 1."""
+    for degrees in (20.0, 35.0):
+        angle = math.radians(degrees)
+        with World(gravity=(G * math.sin(angle), 0.0, -G * math.cos(angle))) as world:
+            world.spawn_ground_plane()
+            box = world.spawn(parse_urdf(_box((0.4, 0.4, 0.1), 0.5)), "m", Pose((0, 0, 0.05)))
+            for _ in range(300):
+                world.step()
+            at, speed = box.pose().xyz[0], _speed(box)
+            for _ in range(300):
+                world.step()
+            if degrees < 26.0:
+                yield Row(f"held at {degrees:g}°", "at rest",
+                          1e3 * abs(box.pose().xyz[0] - at) / 0.3, 0.1, "mm/s")
+            else:
+                expected = G * (math.sin(angle) - 0.5 * math.cos(angle))
+                found = (_speed(box) - speed) / 0.3
+                yield Row(f"slides at {degrees:g}°", f"{expected:.3f} m/s²",
+                          abs(found / expected - 1.0), 0.01)
+
+
+@check("closed form", quick=True)
+def contact_friction() -> Iterator[Row]:
+    """A box pushed off at 2 m/s slows down at the smaller coefficient times g."""
+    for size, name in (((0.2, 0.2, 0.2), "cube"), ((0.4, 0.2, 0.1), "long box")):
+        for degrees in (0.0, 30.0):
+            with World() as world:
+                world.spawn_ground_plane()
+                box = world.spawn(parse_urdf(_box(size, 0.5)), "m", Pose((0, 0, size[2] / 2)))
+                for _ in range(200):
+                    world.step()
+                aim = math.radians(degrees)
+                box.set_twist(Twist((2 * math.cos(aim), 2 * math.sin(aim), 0.0)))
+                for _ in range(200):
+                    world.step()
+                found = (2.0 - _speed(box)) / 0.2 / G
+            # Bullet's cone of friction is a disc scaled by what each direction weighs.
+            bound = 0.01 if degrees == 0.0 or name == "cube" else 0.07
+            yield Row(f"{name}, {degrees:g}° to its edges", "0.5 g", abs(found / 0.5 - 1.0), bound)
+
+
+@check("closed form", quick=True)
+def stack() -> Iterator[Row]:
+    """Three cubes on each other for 2 s."""
+    with World() as world:
+        world.spawn_ground_plane()
+        cubes = [world.spawn(parse_urdf(_box((0.2, 0.2, 0.2), 0.5)), f"cube{k}",
+                             Pose((0, 0, 0.1 + 0.2 * k))) for k in range(3)]
+        for _ in range(500):
+            world.step()
+        begun = [cube.pose().xyz for cube in cubes]
+        for _ in range(2000):
+            world.step()
+        moved = max(math.dist(a, cube.pose().xyz) for a, cube in zip(begun, cubes, strict=True))
+    yield Row("drift of the highest in 2 s", "none", 1e3 * moved, 0.1, "mm")
+
+
+@check("rest")
+def free_base_of_the_shipped_robot() -> Iterator[Row]:
+    """1.7 t on the floor, not bolted, a minute at rest and a minute with the arm moving."""
+    text = re.sub(r"<kinematic>.*?</kinematic>", "", SHIPPED.read_text())
+    robot = ArasRobot(urdf=text)
+    try:
+        robot.steps(1000)
+        for what, poses in (("at rest", ((0.0,) * 6,) * 2),
+                            ("while the arm moves", ((0.5, 0.5, 0.3, -0.3, -0.3, 0.5),
+                                                     (-0.5, -0.5, -0.3, 0.3, 0.3, -0.5)))):
+            begun = robot.model.pose()
+            for k in range(60):
+                robot.command(poses[k % 2])
+                robot.steps(1000)
+            now = robot.model.pose()
+            turned = 2 * math.acos(min(1.0, abs(np.dot(begun.quat, now.quat))))
+            yield Row(f"creep in a minute, {what}", "none",
+                      1e3 * math.dist(begun.xyz, now.xyz), 0.1, "mm")
+            yield Row(f"turn in a minute, {what}", "none", math.degrees(turned), 0.01, "°")
+    finally:
+        robot.close()

@@ -1,0 +1,261 @@
+"""What cameras see, against OpenCV, ray casting and the numbers asked for."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+import yaml
+
+from aras_sim_bridge.camera import CameraConfig, CameraSensor
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.rendering import create_renderer
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.world import Pose, Twist
+
+from .check import Row, check
+from .robots import SOURCES
+
+sys.path.append(str(SOURCES.parent / "tests" / "unit" / "camera"))
+
+from scenes import Bench, link_pose, looking, to_camera  # noqa: E402
+
+_PRESETS = SOURCES / "aras_visual_servo_gazebo" / "config" / "cameras"
+_SIZE = {"width": 480, "height": 360}
+_LENSES = {
+    "pinhole": {**_SIZE, "horizontal_fov": 1.0},
+    "plumb_bob": {
+        **_SIZE, "camera_matrix": {"fx": 300.0, "fy": 301.0, "cx": 243.6, "cy": 190.7},
+        "distortion_model": "plumb_bob",
+        "distortion_coefficients": [-0.3306, 0.117, 0.001, -0.002, 0.01]},
+    "rational_polynomial": {
+        **_SIZE, "camera_matrix": {"fx": 300.0, "fy": 301.0, "cx": 243.6, "cy": 175.7},
+        "distortion_model": "rational_polynomial",
+        "distortion_coefficients": [0.2, 0.05, 0.001, -0.002, 0.01, 0.3, 0.02, 0.0]},
+    "equidistant": {
+        **_SIZE, "lens": "equidistant",
+        "camera_matrix": {"fx": 150.0, "fy": 151.0, "cx": 238.8, "cy": 180.3},
+        "distortion_coefficients": [0.02, -0.01, 0.003, -0.0005]},
+    "stereographic": {**_SIZE, "lens": "stereographic", "horizontal_fov": 3.0},
+    "equisolid": {**_SIZE, "lens": "equisolid", "horizontal_fov": 3.0},
+    "orthographic": {**_SIZE, "lens": "orthographic", "horizontal_fov": 3.0},
+}
+_EXACT = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-12)
+_EYE = looking((0.06, -0.04, 0.5), (0.02, 0.01, 0.0), (0.0, 1.0, 0.0))
+
+
+def _configs() -> Iterator[tuple[str, CameraConfig]]:
+    for name, values in _LENSES.items():
+        yield name, CameraConfig.from_mapping(values)
+    for path in sorted(_PRESETS.glob("*.yaml")):
+        values = yaml.safe_load(path.read_text())
+        values.pop("effects", None)
+        yield f"preset {path.stem}", CameraConfig.from_mapping(values)
+
+
+def _shot(config: CameraConfig, bench: Bench) -> tuple[CameraSensor, np.ndarray, np.ndarray | None,
+                                                       np.ndarray | None]:
+    """The sensor and what it sees from _EYE: grey values, depth, labels."""
+    sensor = CameraSensor(config, create_renderer("exact", bench.world))
+    frame = sensor.capture(link_pose(_EYE), sensor.next_exposure_ns)
+    image = frame.image if frame.image.ndim == 2 else frame.image[..., 0]
+    return sensor, image.astype(float), frame.depth, frame.segmentation
+
+
+def _pixels(sensor: CameraSensor, points: np.ndarray) -> np.ndarray:
+    """Pixels (N, 2) of points in the world, by OpenCV from what CameraInfo says."""
+    info, zero = sensor.info, np.zeros(3)
+    seen = to_camera(_EYE, points)[:, None]
+    K, D = np.array(info.K, float), np.array(info.D, float)
+    if info.model == "equidistant":
+        return cv2.fisheye.projectPoints(seen, zero, zero, K, D)[0][:, 0]
+    return cv2.projectPoints(seen, zero, zero, K, D)[0][:, 0]
+
+
+def _centroid(outline: np.ndarray) -> np.ndarray:
+    """Of the area within a closed outline (N, 2)."""
+    x, y = outline.T
+    nx, ny = np.roll(outline, -1, axis=0).T
+    part = x * ny - nx * y
+    return np.array([((x + nx) * part).sum(), ((y + ny) * part).sum()]) / (3 * part.sum())
+
+
+@check("OpenCV")
+def projection() -> Iterator[Row]:
+    """Centroids of 25 black squares on white against their outlines projected by OpenCV."""
+    half, side = 0.012, np.linspace(-1.0, 1.0, 41)[:-1]
+    outline = half * np.concatenate([
+        np.stack([side, -np.ones(40)], 1), np.stack([np.ones(40), side], 1),
+        np.stack([-side, np.ones(40)], 1), np.stack([-np.ones(40), -side], 1)])
+    for name, config in _configs():
+        bench = Bench()
+        try:
+            bench.box([5.0, 5.0, 0.05], [0, 0, -0.05])
+            spots = [(x, y) for x in np.linspace(-0.16, 0.16, 5)
+                     for y in np.linspace(-0.12, 0.12, 5)]
+            for x, y in spots:
+                bench.box([half, half, 1e-5], [x, y, 0.0], "Gazebo/Black")
+            sensor, image, _, _ = _shot(config, bench)
+        finally:
+            bench.close()
+        errors = []
+        for x, y in spots:
+            expected = _pixels(sensor, np.column_stack([outline + (x, y), np.full(160, 1e-5)]))
+            low = np.floor(expected.min(axis=0)).astype(int) - 2
+            high = np.ceil(expected.max(axis=0)).astype(int) + 3
+            if (low < 2).any() or (high > np.array(image.shape[::-1]) - 2).any():
+                continue
+            window = image[low[1] : high[1], low[0] : high[0]]
+            dark = window.max() - window
+            rows, columns = np.mgrid[low[1] : high[1], low[0] : high[0]]
+            found = np.array([(columns * dark).sum(), (rows * dark).sum()]) / dark.sum()
+            errors.append(found - _centroid(expected))
+        if len(errors) < 5:
+            raise RuntimeError(f"{name}: only {len(errors)} squares are seen")
+        rms = float(np.sqrt((np.square(errors)).sum(axis=1).mean()))
+        yield Row(f"{name}, {len(errors)} squares", "where CameraInfo says", rms, 0.02, "px RMS")
+
+
+def _rays(sensor: CameraSensor) -> np.ndarray:
+    """Directions (H, W, 3) in the optical frame, z = 1, by OpenCV; NaN beyond 76° from the axis."""
+    info, config = sensor.info, sensor.config
+    grid = np.stack(np.meshgrid(np.arange(config.width), np.arange(config.height)), -1)
+    points = grid.reshape(-1, 1, 2).astype(float)
+    K, D = np.array(info.K, float), np.array(info.D, float)
+    if info.model == "equidistant":
+        flat = cv2.fisheye.undistortPoints(points, K, D, criteria=_EXACT)
+    else:
+        flat = cv2.undistortPoints(points, K, D, criteria=_EXACT)
+    flat = flat.reshape(config.height, config.width, 2)
+    back = cv2.projectPoints if info.model != "equidistant" else cv2.fisheye.projectPoints
+    rays = np.concatenate([flat, np.ones((*flat.shape[:2], 1))], axis=-1)
+    again = back(rays.reshape(-1, 1, 3), np.zeros(3), np.zeros(3), K, D)[0].reshape(*grid.shape)
+    lost = (np.abs(again - grid).max(axis=-1) > 1e-3) | (np.hypot(*np.moveaxis(flat, -1, 0)) > 4.0)
+    rays[lost] = np.nan
+    return rays
+
+
+@check("ray casting")
+def depth_and_labels() -> Iterator[Row]:
+    """A box before a floor, each pixel's ray from OpenCV met with their planes."""
+    top, half = 0.12, np.array([0.09, 0.06])
+    for name, config in _configs():
+        config = CameraConfig.from_mapping({
+            **{k: v for k, v in _values(name).items() if k != "effects"},
+            "depth": True, "segmentation": True})
+        bench = Bench()
+        try:
+            floor = bench.box([5.0, 5.0, 0.05], [0, 0, -0.05])
+            box = bench.box([*half, top / 2], [0, 0, top / 2], "Gazebo/Red")
+            sensor, _, depth, labels = _shot(config, bench)
+        finally:
+            bench.close()
+        rays = _rays(sensor)
+        turn, eye = _EYE[:3, :3], _EYE[:3, 3]
+        world = rays @ turn.T
+        with np.errstate(all="ignore"):
+            far = -eye[2] / world[..., 2]
+            low = (np.array([*-half, 0.0]) - eye) / world
+            high = (np.array([*half, top]) - eye) / world
+            enter = np.minimum(low, high).max(axis=-1)
+            leave = np.maximum(low, high).min(axis=-1)
+        hit = (enter < leave) & (enter > 0)
+        expected = np.where(hit, enter, far)  # rays have z = 1, so this is along the axis
+        usable = np.isfinite(expected) & (expected > 0)
+        usable &= expected * np.linalg.norm(rays, axis=-1) < 1.0  # m; the floor is 0.5 m away
+        # Pixels at the box's outline see both.
+        edge = cv2.morphologyEx(hit.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+        usable &= edge == 0
+        if usable.sum() < 5000:
+            raise RuntimeError(f"{name}: only {usable.sum()} pixels")
+        if sensor.info.model == "equidistant":
+            expected = expected * np.linalg.norm(rays, axis=-1)  # these lenses tell distances
+        error = 1e3 * (depth - expected)[usable]
+        yield Row(f"{name}, depth", "planes met by the ray", float(np.sqrt((error**2).mean())), 0.2,
+                  "mm RMS")
+        wanted = np.where(hit, box.body_id, floor.body_id)[usable]
+        wrong = (labels[usable] & 0xFFFFFF) != wanted
+        yield Row(f"{name}, labels", "of the body hit", float(wrong.mean()), 0.0, "of pixels")
+
+
+def _values(name: str) -> dict:
+    if name in _LENSES:
+        return _LENSES[name]
+    return yaml.safe_load((_PRESETS / f"{name.removeprefix('preset ')}.yaml").read_text())
+
+
+_MOVER = """<robot name="mover"><link name="base"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+<visual><geometry><box size="0.05 0.05 0.00001"/></geometry></visual></link>
+<gazebo reference="base"><material>Gazebo/Black</material></gazebo></robot>"""
+_WALL = """<robot name="wall"><link name="world"><visual><origin xyz="0 0 -0.1"/>
+<geometry><box size="6 6 0.1"/></geometry></visual></link></robot>"""
+_WATCH = """<robot name="watch"><link name="world"/><link name="eye"/>
+<joint name="j" type="fixed"><parent link="world"/><child link="eye"/></joint>
+<gazebo reference="eye"><sensor type="camera" name="eye"><update_rate>30</update_rate><camera>
+<horizontal_fov>0.9</horizontal_fov><image><width>640</width><height>160</height></image>
+<clip><near>0.02</near><far>10</far></clip></camera></sensor></gazebo></robot>"""
+
+
+@check("a body of known speed", quick=True)
+def exposure_instants() -> Iterator[Row]:
+    """A square flies past at 1 m/s; where it stands in the picture tells when that was taken."""
+    simulation = Simulation(SimulationConfig(gravity=(0.0, 0.0, 0.0), ground_plane=False))
+    try:
+        simulation.spawn(parse_urdf(_WALL), "wall")
+        mover = simulation.spawn(parse_urdf(_MOVER), "mover", Pose((-0.25, 0.0, 0.0)))
+        # The camera looks along its link's +x, here down, with its rows along the way.
+        simulation.spawn(parse_urdf(_WATCH), "watch",
+                         Pose.from_rpy((0.0, 0.0, 0.6), (np.pi / 2, np.pi / 2, 0.0)))
+        camera = simulation.cameras[0]
+        frames = []
+        camera.on_frame = frames.append
+        camera.enabled = True
+        mover.set_twist(Twist((1.0, 0.0, 0.0)))
+        for _ in range(500):
+            simulation.step()
+    finally:
+        simulation.close()
+    late = []
+    for frame in frames:
+        image = frame.image[..., 0].astype(float)
+        dark = image.max() - image
+        column = (dark.sum(axis=0) * np.arange(image.shape[1])).sum() / dark.sum()
+        K = camera.sensor.info.K
+        where = abs((column - K[0][2]) / K[0][0] * 0.6)  # m; the eye is 0.6 m above
+        stamp = frame.stamp_ns * 1e-9
+        late.append(where - abs(stamp - 0.25))
+    late = np.array(late)
+    if len(late) < 10:
+        raise RuntimeError(f"only {len(late)} pictures")
+    yield Row(f"{len(frames)} pictures", "at the stamp", 1e6 * float(np.abs(late).max()), 20.0,
+              "µs")
+
+
+@check("the normal distribution")
+def noise() -> Iterator[Row]:
+    """100 pictures of a grey wall with a standard deviation of 5 grey levels."""
+    bench = Bench()
+    try:
+        bench.box([5.0, 5.0, 0.05], [0, 0, -0.05], "Gazebo/Grey")
+        sensor = CameraSensor(CameraConfig.from_mapping({
+            "width": 320, "height": 240, "horizontal_fov": 1.0, "format": "mono16", "seed": 7,
+            "effects": {"noise_stddev": 5.0}}), create_renderer("exact", bench.world))
+        clean = CameraSensor(CameraConfig.from_mapping({
+            "width": 320, "height": 240, "horizontal_fov": 1.0, "format": "mono16"}),
+            create_renderer("exact", bench.world))
+        still = clean.capture(link_pose(_EYE), clean.next_exposure_ns).image.astype(float)
+        pictures = [sensor.capture(link_pose(_EYE), sensor.next_exposure_ns).image - still
+                    for _ in range(100)]
+    finally:
+        bench.close()
+    values = np.array(pictures) / 257.0  # of mono16, in grey levels
+    yield Row("standard deviation", "5 grey levels", float(abs(values.std() / 5.0 - 1.0)), 1e-3)
+    yield Row("mean", "0", float(abs(values.mean())), 5e-3, "grey levels")
+    kurtosis = float((values**4).mean() / values.var() ** 2 - 3.0)
+    yield Row("excess kurtosis", "0", abs(kurtosis), 0.01)
+    flat = values.reshape(len(values), -1)
+    pairs = np.corrcoef(flat) - np.eye(len(flat))
+    yield Row("correlation of two pictures", "0", float(np.abs(pairs).max()), 0.02)

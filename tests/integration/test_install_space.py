@@ -11,7 +11,7 @@ PROGRAMS = {
     "aras_visual_servo_bench": "demo",
     "aras_visual_servo_camera": "aras_visual_servo_camera_node",
     "aras_visual_servo_controller": "aras_visual_servo_controller_node",
-    "aras_visual_servo_gazebo": "mount_camera",
+    "aras_visual_servo_gazebo": "adapt_description",
 }
 
 

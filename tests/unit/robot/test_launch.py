@@ -193,6 +193,25 @@ def test_a_moved_camera_is_moved_in_the_description(monkeypatch, moved):
         assert [float(v) for v in origin.get(key).split()] == [float(v) for v in value.split()]
 
 
+@pytest.mark.parametrize("given", ["false", "False", "0", "true"])
+@pytest.mark.parametrize("moved", [[], ["camera_xyz:=0 -0.03 0"]])
+def test_joint_friction_can_be_left_out(monkeypatch, given, moved):
+    roslaunch = pytest.importorskip("roslaunch")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{PACKAGE.parent}:/usr/share")
+    path = str(PACKAGE / "launch" / "aras_visual_servo_gazebo.launch")
+    config = roslaunch.config.load_config_default(
+        [(path, [f"joint_friction:={given}", *moved])], None, assign_machines=False
+    )
+    robot = ElementTree.fromstring(config.params["/robot_description"].value)
+    dynamics = {j.get("name"): j.find("dynamics") for j in robot.findall("joint")}
+    friction = {name: float(d.get("friction")) for name, d in dynamics.items() if d is not None}
+    assert len(friction) == 6
+    assert all(value > 0 for value in friction.values()) == (given == "true")
+    assert not any(friction.values()) == (given != "true")
+    assert float(dynamics["J2"].get("damping")) == 0.1
+    assert ("camera_mount_joint" in dynamics) == bool(moved)
+
+
 @pytest.mark.parametrize(
     ("scheme", "layout"),
     [("moments", "moments"), ("kernel", "kernel"), ("my_lab.schemes:Mine", "moments")],

@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import re
 import runpy
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -79,7 +78,7 @@ class Robot:
         self.packages = PackagePath(spec.search)
         self._plain = self.packages.file(spec.urdf).read_text(encoding="utf-8")
         if not friction:
-            self._plain = without_friction(self._plain)
+            self._plain = self._adapted("without_friction", self._plain)
         self._mount = transform(xyz, rpy)
         self.urdf = self._mounted(self._mount)
         tree = read_yaml(self.packages.file(spec.config))
@@ -147,27 +146,25 @@ class Robot:
             raise ExperimentError(f"{self.spec.urdf}: {error}") from None
 
     def _mounted(self, link_T_link: np.ndarray) -> str:
-        """The description with camera_link moved as the launch files' mount_camera does it."""
+        """The description with camera_link moved as the launch files do it."""
         if np.array_equal(link_T_link, np.eye(4)):
             return self._plain
-        script = self.packages.file(f"package://{self.spec.cameras}/scripts/mount_camera")
-        mounted = runpy.run_path(str(script))["mounted"]
-        xyz, rpy = rigid.to_xyz_rpy(link_T_link)
+        texts = (" ".join(map(repr, numbers)) for numbers in rigid.to_xyz_rpy(link_T_link))
         try:
-            return mounted(self._plain, " ".join(map(repr, xyz)), " ".join(map(repr, rpy)))
+            return self._adapted("mounted", self._plain, *texts)
         except ValueError as error:
             raise ExperimentError(f"{self.spec.urdf}: camera cannot be moved: {error}") from None
+
+    def _adapted(self, how: str, *texts: str) -> str:
+        """The description as a function of the launch files' own script makes it."""
+        script = self.packages.file("package://aras_visual_servo_gazebo/scripts/adapt_description")
+        return _functions(script)[how](*texts)
+
+
+_functions = functools.cache(runpy.run_path)
 
 
 @functools.lru_cache(maxsize=8)
 def _described(urdf: str, search: tuple[str, ...]) -> RobotDescription:
     """Parsed once a process: all runs of a study have the same, which is frozen."""
     return parse_urdf(urdf, PackagePath(search).find)
-
-
-def without_friction(urdf: str) -> str:
-    """The description without dry friction in its joints."""
-    robot = ElementTree.fromstring(urdf)
-    for dynamics in robot.iterfind("joint/dynamics"):
-        dynamics.set("friction", "0")
-    return ElementTree.tostring(robot, encoding="unicode")

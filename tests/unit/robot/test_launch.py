@@ -207,7 +207,7 @@ def test_joint_friction_can_be_left_out(monkeypatch, given, moved):
     friction = {name: float(d.get("friction")) for name, d in dynamics.items() if d is not None}
     assert len(friction) == 6
     assert all(value > 0 for value in friction.values()) == (given == "true")
-    assert not any(friction.values()) == (given != "true")
+    assert any(friction.values()) == (given == "true")
     assert float(dynamics["J2"].get("damping")) == 0.1
     assert ("camera_mount_joint" in dynamics) == bool(moved)
 
@@ -227,3 +227,38 @@ def test_the_layout_follows_the_scheme(monkeypatch, scheme, layout):
     assert values["/aras_visual_servo_camera/layout"] == layout
     assert values["/aras_visual_servo_controller/scheme"] == scheme
     assert values["/aras_visual_servo_controller/start"] == 2016
+
+
+LAUNCH_FILES = sorted(
+    path
+    for folder in (PACKAGE, PACKAGE.parent / "aras_sim_bridge", PACKAGE.parent / "upstream_names")
+    for path in folder.rglob("*.launch")
+    if "<node" in path.read_text()
+)
+
+
+@pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda path: f"{path.parts[-3]}-{path.stem}")
+@pytest.mark.parametrize(
+    ("environment", "arguments", "expected"),
+    [
+        ({}, [], "127.0.0.1"),
+        ({"ROS_MASTER_URI": "http://localhost:11311"}, [], "127.0.0.1"),
+        ({"ROS_MASTER_URI": "http://127.0.0.1:11312"}, [], "127.0.0.1"),
+        ({"ROS_MASTER_URI": "http://robot:11311"}, [], None),
+        ({"ROS_IP": "10.0.0.3"}, [], None),
+        ({"ROS_HOSTNAME": "lab"}, [], None),
+        ({}, ["open_network:=true"], None),
+    ],
+)
+def test_nodes_listen_to_this_machine_alone(monkeypatch, path, environment, arguments, expected):
+    roslaunch = pytest.importorskip("roslaunch")
+    if arguments and path.parts[-3] == "gazebo_ros":
+        pytest.skip("takes Gazebo's own arguments and no others")
+    for name in ("ROS_IP", "ROS_HOSTNAME", "ROS_MASTER_URI"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in {"ROS_PACKAGE_PATH": f"{PACKAGE.parent}:/usr/share", **environment}.items():
+        monkeypatch.setenv(name, value)
+    given = [*arguments, "bag:=/tmp/run.bag"] if "record" in path.stem else arguments
+    config = roslaunch.config.load_config_default([(str(path), given)], None, assign_machines=False)
+    addresses = {node.name: dict(node.env_args).get("ROS_IP") for node in config.nodes}
+    assert set(addresses.values()) == {expected}, addresses

@@ -25,6 +25,7 @@ import aras_sim_bridge
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
+from aras_visual_servo_ros import parameters
 
 SOURCES = Path(__file__).parents[3] / "src"
 GENACTION = "/usr/lib/actionlib_msgs/genaction.py"
@@ -91,7 +92,7 @@ class Publisher:
         return len(self.impl.connections)
 
     def unregister(self) -> None:
-        del self.graph.publishers[self.topic]
+        self.graph.publishers.pop(self.topic, None)
         self.impl = None
 
 
@@ -171,6 +172,7 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
     monkeypatch.setattr(rospy, "Subscriber", subscriber)
     monkeypatch.setattr(rospy, "Timer", lambda *_: None)
     monkeypatch.setattr(rospy, "get_param", it.given)
+    monkeypatch.setattr(parameters, "fetched", lambda name: it.given(name, {}))
     monkeypatch.setattr(rospy, "set_param", it.parameters.__setitem__)
     for name in ("loginfo", "logwarn", "logerr", "logfatal"):
         monkeypatch.setattr(rospy, name, log)

@@ -7,6 +7,9 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import TypeVar
 
+import rosgraph
+import rospy
+
 Value = float | int | bool | str | tuple[str, ...]
 T = TypeVar("T", bound=Value)
 
@@ -24,6 +27,23 @@ class InvalidParameterError(ValueError):
         self.name = name
         self.reason = reason
         super().__init__(f"{name} {reason}")
+
+
+def fetched(name: str) -> object:
+    """Return what the parameter server holds under a name; {} where there is nothing.
+
+    It is asked itself: rospy keeps a copy of some of it, which it takes for the whole of `/`.
+    """
+    try:
+        return rosgraph.Master(rospy.get_name()).getParam(rospy.resolve_name(name))
+    except rosgraph.MasterError:
+        return {}
+
+
+def namespace_of(name: str) -> dict[str, object]:
+    """Return the parameters below a name; none where it is a single one."""
+    values = fetched(name)
+    return values if isinstance(values, dict) else {}
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -16,7 +16,7 @@ from std_msgs.msg import Header
 from aras_sim_bridge.camera import Frame
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.ros.runtime.publisher import Peers, connections
-from aras_visual_servo_ros.parameters import InvalidParameterError, Value
+from aras_visual_servo_ros.parameters import InvalidParameterError, Value, namespace_of
 from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
 
 # Names, defaults and limits are compressed_image_transport's.
@@ -142,9 +142,7 @@ class Encoder:
 
 def _given(topic: str) -> dict[str, Value]:
     """Settings that the parameter server holds already, as image_transport reads them at start."""
-    values = rospy.get_param(topic, {})
-    if not isinstance(values, dict):
-        return {}
+    values = namespace_of(topic)
     found: dict[str, Value] = {}
     for field in COMPRESSED_FIELDS:
         if field.name not in values:

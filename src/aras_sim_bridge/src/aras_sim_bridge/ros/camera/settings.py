@@ -10,6 +10,7 @@ from aras_sim_bridge.camera import mounting
 from aras_sim_bridge.description import RobotDescription
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_visual_servo_ros.parameters import fetched
 
 ADD_TIMEOUT = 60.0  # seconds of wall time: the first camera sets up the renderer
 _warned: set[str] = set()
@@ -17,7 +18,7 @@ _warned: set[str] = set()
 
 def read() -> Mapping[str, object]:
     """All settings of cameras; empty, with a log line, where there is something else."""
-    values = rospy.get_param("~cameras", {})
+    values = fetched("~cameras")
     if isinstance(values, dict):
         return values
     rospy.logerr("%s is %r; give settings by camera name", rospy.resolve_name("~cameras"), values)

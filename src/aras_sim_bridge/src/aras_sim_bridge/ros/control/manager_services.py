@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-import rospy
 from controller_manager_msgs.msg import ControllerState, HardwareInterfaceResources
 from controller_manager_msgs.srv import (
     ListControllers,
@@ -27,15 +26,10 @@ from aras_sim_bridge.ros.control.topics import ControllerTopics, PidTopics
 from aras_sim_bridge.ros.runtime.services import Fields, ServiceTable, handlers_in, serves
 from aras_sim_bridge.ros.runtime.simulation_thread import SHUTTING_DOWN, SimulationThread
 from aras_sim_bridge.simulation import Robot, Simulation
+from aras_visual_servo_ros.parameters import namespace_of
 
 T = TypeVar("T")
 SWITCH_TIMEOUT = 10.0  # seconds of wall time, where the request sets no limit (timeout 0)
-
-
-def robot_parameters(namespace: str) -> dict[str, object]:
-    """Return what the parameter server holds below a robot's namespace."""
-    values = rospy.get_param(namespace or "/", {})
-    return values if isinstance(values, dict) else {}
 
 
 class ManagerServices:
@@ -178,7 +172,7 @@ class ManagerServices:
 
     def _with_parameters(self, job: Callable[[], T]) -> T:
         """Run job between two steps, after the manager got the robot's parameters anew."""
-        parameters = robot_parameters(self._namespace)
+        parameters = namespace_of(self._namespace or "/")
 
         def refreshed() -> T:
             self._manager.parameters = parameters

@@ -21,7 +21,6 @@ from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.poses import Pose, Twist, rotate, rpy_from_quaternion
 from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.camera import settings
-from aras_sim_bridge.ros.control.manager_services import robot_parameters
 from aras_sim_bridge.ros.gazebo_api import descriptions, entities
 from aras_sim_bridge.ros.gazebo_api.forces import Forces
 from aras_sim_bridge.ros.runtime.graph import OnGraph
@@ -29,6 +28,7 @@ from aras_sim_bridge.ros.runtime.services import Fields, serves
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world import Model
+from aras_visual_servo_ros.parameters import namespace_of
 
 SPAWN_TIMEOUT = 60.0  # seconds of wall time: a large mesh takes its time
 LONGEST_NAME = 256  # characters
@@ -84,7 +84,7 @@ class Models:
         for warning in description.warnings:
             rospy.logwarn("model '%s': %s", name, warning)
         namespace = descriptions.robot_namespace(description, request.robot_namespace)
-        parameters = robot_parameters(namespace)
+        parameters = namespace_of(namespace or "/")
         presets = settings.read()
 
         def job() -> None:

@@ -24,7 +24,7 @@ from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_ros.master_watch import MasterWatch
-from aras_visual_servo_ros.parameters import InvalidParameterError
+from aras_visual_servo_ros.parameters import InvalidParameterError, namespace_of
 from aras_visual_servo_ros.shutdown import end_on_signals
 
 log = logging.getLogger(__name__)
@@ -157,11 +157,6 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
     return simulation
 
 
-def _private_parameters() -> dict[str, object]:
-    values = rospy.get_param("~", {})
-    return values if isinstance(values, dict) else {}
-
-
 class _Ending:
     """What happens on shutdown, whenever it comes: also in the middle of the start."""
 
@@ -191,7 +186,7 @@ def main(given: Mapping[str, object] = MappingProxyType({})) -> int:
     rospy.init_node("gazebo", disable_rostime=True)
     ending = _Ending()
     try:
-        values = {**given, **_private_parameters()}
+        values = {**given, **namespace_of("~")}
         parameters = NodeParameters.from_mapping(values, rospy.get_name())
         _set_up_log(parameters.log_level)
         if not rospy.has_param("/use_sim_time"):

@@ -1,0 +1,450 @@
+"""A robot's controllers on the graph: their manager's services, topics, PIDs, action and e-stop."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import pytest
+import rospy
+from actionlib_msgs.msg import GoalID
+from control_msgs.msg import (
+    FollowJointTrajectoryGoal,
+    JointControllerState,
+    JointTolerance,
+    JointTrajectoryControllerState,
+    PidState,
+)
+from dynamic_reconfigure.msg import BoolParameter, Config, DoubleParameter, StrParameter
+from genpy import Duration, Time
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, Float64, Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from aras_sim_bridge.control.controllers.base import JointStates
+from aras_sim_bridge.control.controllers.trajectory_types import StatePoint, TrajectoryState
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.ros.control import manager_services, trajectory
+from aras_sim_bridge.ros.control.manager_services import ManagerServices
+from aras_sim_bridge.ros.control.topics import STATES, ControllerTopics
+from aras_sim_bridge.ros.control.trajectory import fill_state, from_trajectory
+
+
+def joint(name: str, interface: str) -> str:
+    return f"""<joint name="{name}" type="prismatic"><parent link="world"/><child link="{name}_l"/>
+    <axis xyz="1 0 0"/><limit lower="-5" upper="5" effort="100" velocity="20"/></joint>
+  <link name="{name}_l"><inertial><mass value="2"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <transmission name="{name}_t"><type>transmission_interface/SimpleTransmission</type>
+    <joint name="{name}"><hardwareInterface>hardware_interface/{interface}</hardwareInterface>
+    </joint><actuator name="{name}_m"/></transmission>"""
+
+
+def robot(e_stop: str) -> str:
+    return (
+        '<robot name="rig"><link name="world"/>'
+        + joint("cart", "EffortJointInterface")
+        + joint("slide", "PositionJointInterface")
+        + '<gazebo><plugin name="control" filename="libgazebo_ros_control.so">'
+        f"<robotNamespace>/rig</robotNamespace>{e_stop}</plugin></gazebo></robot>"
+    )
+
+
+EFFORT = "effort_controllers/"
+PARAMETERS = {
+    "/rig/gazebo_ros_control/pid_gains/slide/p": 40.0,
+    "/rig/push/type": EFFORT + "JointEffortController",
+    "/rig/push/joint": "cart",
+    "/rig/push_all/type": EFFORT + "JointGroupEffortController",
+    "/rig/push_all/joints": ["cart"],
+    "/rig/go/type": EFFORT + "JointPositionController",
+    "/rig/go/joint": "cart",
+    "/rig/go/pid/p": 20.0,
+    "/rig/go/pid/i": 1.0,
+    "/rig/go/pid/d": 4.0,
+    "/rig/go/pid/i_clamp_max": 3.0,
+    "/rig/go/pid/i_clamp_min": -2.0,
+    "/rig/go/pid/publish_state": True,
+    "/rig/states/type": "joint_state_controller/JointStateController",
+    "/rig/states/publish_rate": 1000.0,
+    "/rig/follow/type": "position_controllers/JointTrajectoryController",
+    "/rig/follow/joints": ["slide"],
+}
+
+
+class Controllers:
+    """The robot `rig` in a paused world; its manager's services at hand."""
+
+    def __init__(self, graph, thread, e_stop: str = "") -> None:
+        self.graph, self.thread = graph, thread
+        graph.parameters.update(PARAMETERS)
+        description = parse_urdf(robot(e_stop))
+        thread.call(
+            lambda: thread.simulation.spawn(
+                description, "rig", namespace="/rig", parameters=graph.given("/rig")
+            )
+        )
+        self.robot = thread.simulation.robots["rig"]
+        self.services = ManagerServices(self.robot, thread)
+
+    def call(self, name: str, *args: object):
+        return self.graph.call(f"/rig/controller_manager/{name}", *args)
+
+    def run(self, *names: str) -> list:
+        """Load and start controllers; returns them."""
+        for name in names:
+            assert self.call("load_controller", name).ok
+        assert self.call("switch_controller", list(names), [], 2).ok
+        return [self.robot.manager.get(name) for name in names]
+
+    def step(self, count: int = 1) -> None:
+        self.thread.step(count, 10.0)
+
+    def send(self, topic: str, message: object) -> None:
+        """As a message of a command topic's connection."""
+        feed = manager_services.CommandTopic.__init__.__globals__["_feeds"][topic]
+
+        def act() -> None:
+            for taker in feed.takers:
+                taker.act(message)
+
+        self.thread.call(act)
+
+
+@pytest.fixture
+def action_servers(monkeypatch):
+    """actionlib's servers, whose callbacks the test calls."""
+    made = []
+
+    class Server:
+        def __init__(self, name, kind, goal, cancel, thread) -> None:
+            self.name, self.goal, self.cancel, self.running = name, goal, cancel, False
+            made.append(self)
+
+        def start(self) -> None:
+            self.running = True
+
+        def stop(self) -> None:
+            self.running = False
+
+    monkeypatch.setattr(trajectory, "_SimTimeActionServer", Server)
+    return made
+
+
+@pytest.fixture
+def rig(graph, thread, action_servers):
+    it = Controllers(graph, thread)
+    yield it
+    it.services.shutdown()
+
+
+def test_services_tell_and_change_what_is_loaded(rig):
+    rig.run("states", "push")
+    rig.call("load_controller", "go")
+    found = rig.call("list_controllers").controller
+    assert [(c.name, c.state, c.type) for c in found] == [
+        ("states", "running", "joint_state_controller/JointStateController"),
+        ("push", "running", EFFORT + "JointEffortController"),
+        ("go", "initialized", EFFORT + "JointPositionController"),
+    ]
+    claims = found[1].claimed_resources
+    assert [(c.hardware_interface, c.resources) for c in claims] == [
+        ("hardware_interface::EffortJointInterface", ["cart"])
+    ]
+    types = rig.call("list_controller_types")
+    assert len(types.types) == len(types.base_classes) == 14
+    assert types.base_classes[0] == "controller_interface::ControllerBase"
+    assert EFFORT + "JointEffortController" in types.types
+    assert rig.call("unload_controller", "go").ok
+    assert not rig.call("unload_controller", "push").ok
+    assert "it is running" in rig.graph.lines[-1]
+    assert [c.name for c in rig.call("list_controllers").controller] == ["states", "push"]
+    assert not rig.call("reload_controller_libraries", False).ok
+    assert rig.call("reload_controller_libraries", True).ok
+    assert rig.call("list_controllers").controller == []
+    assert not [name for name in rig.graph.publishers if "/rig/states" in name]
+
+
+def test_the_newest_parameters_count(rig):
+    assert not rig.call("load_controller", "late").ok
+    assert "/rig/late/type is missing" in rig.graph.lines[-1]
+    rig.graph.parameters["/rig/late/type"] = EFFORT + "JointEffortController"
+    rig.graph.parameters["/rig/late/joint"] = "cart"
+    rig.graph.parameters["/rig/controller_classes/mine"] = "nowhere:Mine"
+    assert rig.call("load_controller", "late").ok
+    assert "mine" in rig.call("list_controller_types").types
+
+
+def test_a_switch_that_cannot_be_is_refused_with_a_line(rig):
+    rig.run("push")
+    rig.call("load_controller", "go")
+    assert not rig.call("switch_controller", ["go"], [], 2).ok
+    assert "'cart' by push, go" in rig.graph.lines[-1]
+    assert rig.call("switch_controller", ["go"], ["push"], 2).ok
+    assert [c.state for c in rig.call("list_controllers").controller] == ["stopped", "running"]
+
+
+def test_a_switch_that_nobody_carries_out_is_given_up(rig, monkeypatch):
+    """A robot whose updates do not come: the answer does not wait for ever."""
+    monkeypatch.setattr(manager_services, "SWITCH_TIMEOUT", 0.05)
+    rig.call("load_controller", "push")
+    monkeypatch.setattr(type(rig.thread), "held", property(lambda self: False))
+    for timeout in (0.0, -1.0):
+        answer = rig.graph.call(
+            "/rig/controller_manager/switch_controller", ["push"], [], 2, False, timeout
+        )
+        assert not answer.ok
+        assert "not carried out within 0.05 s of wall time" in rig.graph.lines[-1]
+    rig.step(3)
+    assert rig.call("list_controllers").controller[0].state == "initialized"
+
+
+def test_sys_exit_in_a_user_s_class_leaves_an_answer(rig, monkeypatch, tmp_path):
+    (tmp_path / "leaving.py").write_text("import sys\nsys.exit(4)")
+    monkeypatch.syspath_prepend(tmp_path)
+    rig.graph.parameters["/rig/mine/type"] = "leaving:Mine"
+    assert not rig.call("load_controller", "mine").ok
+    assert "SystemExit: 4" in rig.graph.lines[-1]
+    rig.step()
+
+
+def test_commands_reach_their_controller(rig):
+    rig.run("push")
+    rig.send("/rig/push/command", Float64(4.0))
+    rig.step(100)
+    _, velocities, _ = rig.robot.model.read_joints()
+    assert velocities[rig.robot.model.joint_names.index("cart")] == pytest.approx(0.2)
+    rig.call("load_controller", "push_all")
+    assert rig.call("switch_controller", ["push_all"], ["push"], 2).ok
+    rig.send("/rig/push_all/command", Float64MultiArray(data=[-4.0]))
+    rig.step(100)
+    _, velocities, _ = rig.robot.model.read_joints()
+    assert velocities[rig.robot.model.joint_names.index("cart")] == pytest.approx(0.0, abs=1e-9)
+    rig.send("/rig/push_all/command", Float64MultiArray(data=[1.0, 2.0]))
+    assert "2 values for 1" in rig.graph.lines[-1]
+
+
+def heard(connection, kind: type) -> list:
+    """The messages in a listener's socket."""
+    data, messages = connection.heard.recv(1 << 20), []
+    while data:
+        size = int.from_bytes(data[:4], "little")
+        messages.append(kind().deserialize(data[4 : 4 + size]))
+        data = data[4 + size :]
+    return messages
+
+
+def test_states_are_told_to_those_who_listen(rig):
+    (go, states) = rig.run("go", "states")
+    assert go.on_state is None and states.on_state is None
+    (state,) = rig.graph.listen("/rig/go/state")
+    (pid,) = rig.graph.listen("/rig/go/pid/state")
+    (joints,) = rig.graph.listen("/rig/joint_states")
+    rig.send("/rig/go/command", Float64(0.5))
+    rig.step(11)
+    now = heard(state, JointControllerState)
+    assert now[0].header.stamp.to_nsec() == 1_000_000
+    assert (now[0].set_point, now[0].p, now[0].i, now[0].d, now[0].i_clamp) == (0.5, 20, 1, 4, 3)
+    assert now[0].error == now[0].set_point - now[0].process_value
+    assert now[1].process_value_dot > 0.0 and now[1].time_step == 0.001
+    pids = heard(pid, PidState)
+    assert len(pids) == 11 and pids[0].timestep.to_nsec() == 1_000_000
+    assert pids[0].header.stamp.to_nsec() == 0
+    assert (pids[3].i_max, pids[3].i_min) == (3.0, -2.0)
+    assert pids[3].output == pytest.approx(pids[3].p_term + pids[3].i_term + pids[3].d_term)
+    samples = heard(joints, JointState)
+    assert [m.header.stamp.to_nsec() for m in samples] == [k * 1_000_000 for k in range(1, 12)]
+    assert [m.header.seq for m in samples] == list(range(1, 12))
+    assert samples[-1].name == ["cart", "slide"]
+    assert samples[-1].velocity[0] > samples[1].velocity[0] > 0.0
+    assert now[0].command > samples[1].effort[0] == 100.0
+    rig.call("switch_controller", [], ["go"], 2)
+    rig.call("unload_controller", "go")
+    assert "/rig/go/state" not in rig.graph.publishers and go.on_state is None
+    assert go.pids["pid"].on_state is None and states.on_state is not None
+
+
+def test_gains_are_told_and_changed_by_reconfigure(rig):
+    (go,) = rig.run("go")
+    assert rig.graph.parameters["/rig/go/pid/i_clamp_min"] == -2.0
+    config = Config(doubles=[DoubleParameter("p", 7.0), DoubleParameter("d", 1e9),
+                             DoubleParameter("i_clamp_min", -4.0), DoubleParameter("who", 1.0)],
+                    bools=[BoolParameter("antiwindup", True)])
+    answer = rig.graph.call("/rig/go/pid/set_parameters", config).config
+    assert go.pids["pid"].gains == (7.0, 1.0, 1000.0, 3.0, -4.0, True)
+    assert {d.name: d.value for d in answer.doubles} == {
+        "p": 7.0, "i": 1.0, "d": 1000.0, "i_clamp_max": 3.0, "i_clamp_min": -4.0
+    }
+    assert [(b.name, b.value) for b in answer.bools] == [("antiwindup", True)]
+    assert rig.graph.parameters["/rig/go/pid/p"] == 7.0
+    updates = rig.graph.publishers["/rig/go/pid/parameter_updates"].sent
+    assert len(updates) == 2 and updates[-1] == answer
+    for wrong in (Config(doubles=[DoubleParameter("p", math.nan)]),
+                  Config(strs=[StrParameter("p", "much")])):
+        again = rig.graph.call("/rig/go/pid/set_parameters", wrong).config
+        assert again.doubles == answer.doubles
+        assert rig.graph.lines[-1].endswith("nothing was changed")
+    (described,) = rig.graph.publishers["/rig/go/pid/parameter_descriptions"].sent
+    names = [p.name for p in described.groups[0].parameters]
+    assert names == ["p", "i", "d", "i_clamp_min", "i_clamp_max", "antiwindup"]
+    assert {d.name: d.value for d in described.max.doubles}["i_clamp_min"] == 0.0
+    assert {d.name: d.value for d in described.min.doubles}["i_clamp_max"] == 0.0
+    assert {d.name: d.value for d in described.dflt.doubles}["p"] == 10.0
+
+
+def test_gains_of_joints_are_on_the_graph_with_the_robot(rig):
+    service = "/rig/gazebo_ros_control/pid_gains/slide/set_parameters"
+    rig.graph.call(service, Config(doubles=[DoubleParameter("p", 5.0)]))
+    assert rig.robot.hardware.pids["slide"].gains.p == 5.0
+    rig.services.shutdown()
+    assert not rig.graph.services and not rig.graph.publishers and not rig.graph.subscribers
+
+
+@pytest.mark.parametrize(("given", "topic"), [
+    ("<eStopTopic>stop</eStopTopic>", "/rig/stop"), ("<eStopTopic>/stop</eStopTopic>", "/stop"),
+])
+def test_the_emergency_stop_is_where_the_plugin_says(graph, thread, action_servers, given, topic):
+    rig = Controllers(graph, thread, given)
+    rig.send(topic, Bool(True))
+    assert rig.robot.hardware.e_stop is True
+    rig.send(topic, Bool(False))
+    assert rig.robot.hardware.e_stop is False
+    rig.services.shutdown()
+    assert not graph.subscribers
+
+
+def test_services_that_cannot_be_had_leave_nothing_behind(graph, thread, monkeypatch):
+    given, count = rospy.Service, []
+
+    def service(name, *args):
+        count.append(name)
+        if "switch" in name:
+            raise rospy.ROSException("taken")
+        return given(name, *args)
+
+    monkeypatch.setattr(rospy, "Service", service)
+    with pytest.raises(rospy.ROSException):
+        Controllers(graph, thread)
+    assert len(count) > 3 and not graph.services and not graph.publishers
+
+
+POINTS = [JointTrajectoryPoint([1.0], [2.0], [3.0], [], Duration(0, 500_000_000)),
+          JointTrajectoryPoint([2.0], [], [], [], Duration(1, 0))]
+TRAJECTORY = JointTrajectory(joint_names=["slide"], points=POINTS)
+
+
+def test_a_trajectory_is_read_as_it_is():
+    message = JointTrajectory(joint_names=["slide"], points=POINTS)
+    message.header.stamp = Time(3, 4)
+    found = from_trajectory(message)
+    assert (list(found.joint_names), found.stamp_ns) == (["slide"], 3_000_000_004)
+    first, second = found.points
+    assert (first.time_from_start_ns, second.time_from_start_ns) == (500_000_000, 1_000_000_000)
+    assert (first.positions, first.velocities, first.accelerations) == ([1.0], [2.0], [3.0])
+
+
+def test_a_trajectory_s_state_is_written_as_it_is():
+    points = [StatePoint([k], [k + 1.0], [k + 2.0], k + 0.5) for k in (1.0, 5.0, 9.0)]
+    message = fill_state(JointTrajectoryControllerState(), TrajectoryState(7, ("a",), *points))
+    assert (message.header.stamp.to_nsec(), message.joint_names) == (7, ["a"])
+    for found, wanted in zip((message.desired, message.actual, message.error), points, strict=True):
+        assert found.positions == wanted.positions and found.velocities == wanted.velocities
+        assert found.accelerations == wanted.accelerations
+        assert found.time_from_start.to_sec() == wanted.time_from_start
+
+
+def test_joint_states_are_written_as_they_are():
+    _, _, fill = STATES["joint_states"]
+    message = JointState()
+    fill(message, JointStates(5, ("a", "b"), [1.0, 2.0], [3.0, 4.0], [5.0, 6.0]))
+    assert (message.header.stamp.to_nsec(), message.name) == (5, ("a", "b"))
+    assert (message.position, message.velocity, message.effort) == ([1, 2], [3, 4], [5, 6])
+
+
+class Goal:
+    """As actionlib's; what becomes of it is written down."""
+
+    def __init__(self, key: str, **fields: object) -> None:
+        self.key = key
+        self.message = FollowJointTrajectoryGoal(**fields)
+        self.told: list[tuple] = []
+
+    def get_goal(self):
+        return self.message
+
+    def get_goal_id(self):
+        return GoalID(id=self.key)
+
+    def publish_feedback(self, feedback) -> None:
+        self.feedback = feedback
+
+    def __getattr__(self, name: str):
+        return lambda *args: self.told.append((name.removeprefix("set_"), *args))
+
+
+@pytest.fixture
+def follow(rig, action_servers):
+    rig.run("follow")
+    (server,) = action_servers
+    assert server.name == "/rig/follow/follow_joint_trajectory" and server.running
+    rig.step()
+    return SimpleNamespace(rig=rig, server=server, step=rig.step)
+
+
+def test_a_goal_is_followed_to_its_end(follow):
+    goal = Goal("a", trajectory=TRAJECTORY, goal_time_tolerance=Duration(1, 0))
+    follow.server.goal(goal)
+    follow.step(100)
+    assert goal.told == [("accepted",)]
+    assert goal.feedback.desired.positions[0] > 0.0
+    follow.step(1500)
+    (_, (status, result, text)) = goal.told
+    assert (status, result.error_code, text) == ("succeeded", 0, "")
+
+
+def test_goals_are_refused_cancelled_and_fail(follow):
+    wrong = Goal("w", trajectory=JointTrajectory(joint_names=["nobody"], points=POINTS))
+    follow.server.goal(wrong)
+    goal = Goal("a", trajectory=TRAJECTORY)
+    follow.server.goal(goal)
+    follow.step(10)
+    ((status, result, text),) = wrong.told
+    assert (status, result.error_code, text) == ("rejected", -2, result.error_string)
+    follow.server.cancel(Goal("somebody else"))
+    follow.step(10)
+    assert goal.told == [("accepted",)]
+    follow.server.cancel(goal)
+    follow.step(10)
+    assert goal.told[-1][0] == "canceled" and goal.told[-1][2] == "cancelled"
+    strict = Goal("b", trajectory=TRAJECTORY, path_tolerance=[JointTolerance("slide", 1e-9, 0, 0)])
+    follow.server.goal(strict)
+    follow.step(200)
+    assert strict.told[-1][0] == "aborted" and strict.told[-1][1].error_code == -4
+    late = Goal("c", trajectory=TRAJECTORY, goal_tolerance=[JointTolerance("slide", 1e-9, 0, 0)])
+    follow.server.goal(late)
+    follow.step(2500)
+    assert late.told[-1][0] == "aborted" and late.told[-1][1].error_code == -5
+
+
+def test_the_wanted_state_can_be_asked_for(follow):
+    follow.rig.send("/rig/follow/command", TRAJECTORY)
+    answer = follow.rig.graph.call("/rig/follow/query_state", Time(0, 502_000_000))
+    assert (answer.name, answer.position) == (["slide"], [1.0])
+    # From there on in a straight line: the second point has a position only.
+    assert (answer.velocity, answer.acceleration) == ([2.0], [0.0])
+    with pytest.raises(rospy.ServiceException, match="precedes"):
+        follow.rig.graph.call("/rig/follow/query_state", Time(0, 1))
+    follow.rig.call("switch_controller", [], ["follow"], 2)
+    follow.rig.call("unload_controller", "follow")
+    assert not follow.server.running and "/rig/follow/query_state" not in follow.rig.graph.services
+
+
+def test_a_controller_without_ports_has_no_topics(rig):
+    controller = SimpleNamespace(
+        context=SimpleNamespace(where="/rig/none"), command_kind=None, state_kind=None,
+        action_kind=None, pids={},
+    )  # fmt: skip
+    before = dict(rig.graph.publishers)
+    topics = ControllerTopics(controller, "/rig", rig.thread)
+    topics.shutdown()
+    assert rig.graph.publishers == before

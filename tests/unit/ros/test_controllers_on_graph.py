@@ -260,8 +260,9 @@ def test_states_are_told_to_those_who_listen(rig):
     assert now[0].command > samples[1].effort[0] == 100.0
     rig.call("switch_controller", [], ["go"], 2)
     rig.call("unload_controller", "go")
-    assert "/rig/go/state" not in rig.graph.publishers and go.on_state is None
-    assert go.pids["pid"].on_state is None and states.on_state is not None
+    rig.step()
+    assert "/rig/go/state" not in rig.graph.publishers
+    assert go.on_state is go.pids["pid"].on_state is None is not states.on_state
 
 
 def test_gains_are_told_and_changed_by_reconfigure(rig):

@@ -42,11 +42,13 @@ class Model:
         self.release_motor = self.joints.release_motor
         self.bias_efforts = self.joints.bias_efforts
         self.check_efforts = self.joints.check_efforts
+        self.advance = self.joints.advance
         self.after_step = self.joints.after_step
 
     @property
     def body_id(self) -> int:
-        """Bullet's; another one after a reset or a change."""
+        """Bullet's, of a body that is where the model is; another one after a reset or a change."""
+        self.joints.show()
         return self.body.body_id
 
     @property
@@ -65,6 +67,7 @@ class Model:
         """Load it into a Bullet that has none of it, as it was spawned."""
         self.body.load(self.description, self.spawn_pose)
         self.joints.load(self.description, self._spawn_positions)
+        self.joints.place(self.spawn_pose)
 
     def remove(self) -> None:
         """Take it out of Bullet."""
@@ -102,7 +105,10 @@ class Model:
     def physics_changed(self, gravity: Vector3) -> None:
         """Time step or gravity was changed; called by `World.set_physics`."""
         self.joints.gravity = gravity
-        self.joints.damping.changed()
+        if self.fixed_base:
+            self.joints.place(self.pose())
+        elif self.joints.damping is not None:
+            self.joints.damping.changed()
 
     # ------------------------------------------------------------------ frames
 
@@ -180,6 +186,7 @@ class Model:
         pybullet.resetBasePositionAndOrientation(self.body_id, com.xyz, com.quat,
                                                  physicsClientId=self.client)
         if self.fixed_base:
+            self.joints.place(pose)
             self._on_moved()
 
     def set_twist(self, twist: Twist) -> None:
@@ -200,6 +207,9 @@ class Model:
                     torque: Vector3 = (0.0, 0.0, 0.0)) -> None:
         """Force (N) at a world position and torque (N m), world axes, for the next step only."""
         index = self.link_index(link)
+        if self.joints.own:
+            self.joints.space.push(link, force, position, torque)
+            return
         if any(force):
             pybullet.applyExternalForce(self.body_id, index, force, position,
                                         pybullet.WORLD_FRAME, physicsClientId=self.client)

@@ -5,10 +5,12 @@ from collections.abc import Mapping, Sequence
 
 from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import UnknownJointError, WorldError
-from aras_sim_bridge.poses import Vector3, conjugate, rotate
+from aras_sim_bridge.poses import Pose, Vector3
 from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
-from aras_sim_bridge.world.damping import ViscousDamping
+from aras_sim_bridge.world.free_damping import FreeDamping
+from aras_sim_bridge.world.joint_dynamics import FASTEST_SPEED
+from aras_sim_bridge.world.joint_space import JointSpace
 
 NO_LIMIT_FORCE = 1e18
 
@@ -18,24 +20,35 @@ class ModelJoints:
 
     names: in file order; every sequence of joint values is in this order. Efforts are set for one
     step and gone after it, as a simulator's are.
+
+    The state of a model that is bolted down stands here in `space` while `own` is true: then
+    `advance` makes its steps, and Bullet's copy is brought up to date by `show` before somebody
+    asks Bullet. Otherwise the state is Bullet's, which makes the steps.
     """
 
     def __init__(self, body: Body, gravity: Vector3) -> None:
         self.body = body
         self.gravity = gravity
+        self.own = False
+        self._shown = True
+        self.space: JointSpace | None = None
+        self.damping: FreeDamping | None = None
 
     def load(self, description: RobotDescription, positions: Mapping[str, float]) -> None:
         """Take up the joints of a body that was loaded, at `positions`, at rest; 0 where absent."""
         body = self.body
+        self.own, self._shown = False, True
         self.names: tuple[str, ...] = () if description.static else description.moving_joints()
         joints = [description.joints[name] for name in self.names]
         self.damping_coefficients = [joint.damping for joint in joints]
         self.friction = [joint.friction for joint in joints]
-        self.active_friction = list(self.friction)
         self.dof_order = [body.dofs[name] for name in self.names]
         self._mimics = [joint.mimic for joint in joints]
         self._slot = {name: slot for slot, name in enumerate(self.names)}
         self._indices = [body.joint_indices[name] for name in self.names]
+        self._motors = [(0.0, joint.friction) for joint in joints]
+        jointed = bool(self.names)
+        self.space = JointSpace(description, self.names) if jointed and body.fixed_base else None
         for slot, index in enumerate(self._indices):
             pybullet.changeDynamics(body.body_id, index, jointLimitForce=NO_LIMIT_FORCE,
                                     physicsClientId=body.client)
@@ -47,7 +60,7 @@ class ModelJoints:
         self._applied = [0.0] * len(self.names)
         self._dirty = False
         self._cache: tuple[Sequence[float], Sequence[float]] | None = None
-        self.damping = ViscousDamping(self)
+        self.damping = FreeDamping(self) if jointed and not body.fixed_base else None
 
     def remove_gears(self) -> None:
         """Take the mimicking joints' constraints out of Bullet."""
@@ -55,8 +68,46 @@ class ModelJoints:
             pybullet.removeConstraint(gear, physicsClientId=self.body.client)
 
     def _set_state(self, slot: int, position: float, velocity: float = 0.0) -> None:
+        if self.own:
+            self.space.state[0, slot], self.space.state[1, slot] = position, velocity
+            self._shown = False
+            return
         pybullet.resetJointState(self.body.body_id, self._indices[slot], position, velocity,
                                  physicsClientId=self.body.client)
+
+    def set_own(self, own: bool) -> None:
+        """Take the state over from Bullet, which nothing needs as long as nothing can touch the
+        model, or give it back."""
+        if self.space is None or own == self.own:
+            return
+        positions, velocities, _ = self.read()
+        if own:
+            self.space.state[0], self.space.state[1] = positions, velocities
+            self.own = True
+            return
+        self.show()
+        self.own = False
+        for slot in range(len(self.names)):
+            self._set_motor(slot)
+
+    def show(self) -> None:
+        """Bring Bullet's copy of the joints up to date."""
+        if self._shown:
+            return
+        self._shown = True
+        for index, position, velocity in zip(self._indices, *self.read()[:2], strict=True):
+            pybullet.resetJointState(self.body.body_id, index, position, velocity,
+                                     physicsClientId=self.body.client)
+
+    @property
+    def moved_links(self) -> tuple[str, ...]:
+        """The links that a joint moves, of a model that is bolted down."""
+        return () if self.space is None else self.space.moved_links
+
+    def place(self, root: Pose) -> None:
+        """Take note of where the root stands now, or of another gravity."""
+        if self.space is not None:
+            self.space.place(root, self.gravity)
 
     def read(self) -> tuple[Sequence[float], Sequence[float], Sequence[float]]:
         """(positions, velocities, efforts) in `names` order: rad or m, per s, N m or N.
@@ -76,17 +127,25 @@ class ModelJoints:
         if not self.names:
             self._cache = ((), ())
             return self._cache
+        if self.own:
+            positions, velocities, _ = self.space.state.tolist()
+            self._cache = (positions, velocities)
+            return self._cache
         states = pybullet.getJointStates(self.body.body_id, self._indices, self.body.client)
         positions, velocities, _, _ = zip(*states, strict=True)
-        if not math.isfinite(sum(positions) + sum(velocities)):
-            bad = next((n for n, p, v in zip(self.names, positions, velocities, strict=True)
-                        if not math.isfinite(p + v)), "?")
-            raise WorldError(
-                f"model '{self.body.name}', joint '{bad}': the simulation diverged; lower the "
-                "gains or the time step, then call reset_simulation"
-            )
+        if not max(max(velocities), -min(velocities)) + abs(sum(positions)) < FASTEST_SPEED:
+            bad = next((slot for slot, (p, v) in enumerate(zip(positions, velocities, strict=True))
+                        if not (abs(v) < FASTEST_SPEED and math.isfinite(p))), None)
+            if bad is not None:
+                raise self._diverged(bad)
         self._cache = (positions, velocities)
         return self._cache
+
+    def _diverged(self, slot: int) -> WorldError:
+        return WorldError(
+            f"model '{self.body.name}', joint '{self.names[slot]}': the simulation diverged; lower "
+            "the gains or the time step, then call reset_simulation"
+        )
 
     def apply_effort(self, joint: str, effort: float) -> None:
         """Add `effort` (N m or N) to what acts on `joint` in the next step.
@@ -108,17 +167,36 @@ class ModelJoints:
 
     def before_step(self, dt: float) -> None:
         """Hand the pending efforts, which are finite, to Bullet."""
-        efforts = self.pending_efforts
-        torques = self.damping.before_step(dt)
-        if self._dirty or torques is not None:
-            total = efforts if torques is None else [
-                e + t for e, t in zip(efforts, torques.tolist(), strict=True)
-            ]
+        efforts = total = self.pending_efforts
+        if self.space is not None:
+            state = self.space.state
+            state[0], state[1], _ = self.read()
+            state[2] = efforts
+            total = [e + t for e, t in zip(efforts, self.space.react(dt), strict=True)]
+        else:
+            self.damping.before_step(dt)
+        if self._dirty or self.space is not None:
             pybullet.setJointMotorControlArray(
                 self.body.body_id, self._indices, pybullet.TORQUE_CONTROL, forces=total,
                 physicsClientId=self.body.client)
         self._applied, self.pending_efforts = efforts, [0.0] * len(efforts)
         self._dirty = False
+
+    def advance(self, dt: float) -> None:
+        """Make a step with the pending efforts, which are finite; `own` is true.
+
+        Raises:
+            WorldError: the simulation diverged.
+        """
+        efforts = self.pending_efforts
+        space = self.space
+        space.state[2] = efforts
+        bad = space.advance(dt)
+        self._applied, self.pending_efforts = efforts, [0.0] * len(efforts)
+        self._dirty = self._shown = False
+        self._cache = None
+        if bad >= 0:
+            raise self._diverged(bad)
 
     def after_step(self) -> None:
         """Forget what was read before the step."""
@@ -153,7 +231,8 @@ class ModelJoints:
             WorldError: unknown joint or a number that is not finite; nothing is changed then.
         """
         self._place(positions)
-        self.damping.changed()
+        if self.damping is not None:
+            self.damping.changed()
 
     def _place(self, positions: dict[str, float]) -> None:
         slots = {}
@@ -195,20 +274,19 @@ class ModelJoints:
         if not (math.isfinite(velocity) and max_effort >= 0.0):
             raise WorldError(f"model '{self.body.name}', joint '{joint}': velocity {velocity} and "
                              f"effort {max_effort} need a finite and a non-negative number")
-        self._motor(slot, velocity, min(max_effort, NO_LIMIT_FORCE))
-        self.active_friction[slot] = 0.0
+        self._motors[slot] = (velocity, min(max_effort, NO_LIMIT_FORCE))
+        self._set_motor(slot)
 
     def release_motor(self, joint: str) -> None:
         """Undo `set_velocity_motor`: back to Coulomb friction."""
         self.restore_friction(self._require(joint))
 
     def set_damping_motor(self, slot: int, share: float) -> None:
-        """A motor that takes `share` of the velocity a step (see damping.py)."""
+        """A motor that takes `share` of the velocity a step (see free_damping.py)."""
         self._motor(slot, 0.0, NO_LIMIT_FORCE, share)
-        self.active_friction[slot] = 0.0
 
     def set_bullet_damping(self, slot: int, value: float) -> None:
-        """Bullet's explicit damping of a joint (see damping.py)."""
+        """Bullet's explicit damping of a joint (see free_damping.py)."""
         pybullet.changeDynamics(self.body.body_id, self._indices[slot], jointDamping=value,
                                 physicsClientId=self.body.client)
 
@@ -232,22 +310,9 @@ class ModelJoints:
         In `names` order: what would keep the joint velocities as they are without friction
         and damping. For models with a fixed base.
         """
-        positions, velocities, _ = self.read()
-        count = len(positions)
-        q, v = [0.0] * count, [0.0] * count
-        for index, position, velocity in zip(self.dof_order, positions, velocities, strict=True):
-            q[index], v[index] = position, velocity
-        # Bullet's inverse dynamics takes the base's principal frame for the world's: gravity has
-        # to be turned into it for the length of the call.
-        client = self.body.client
-        base = pybullet.getBasePositionAndOrientation(self.body.body_id, client)[1]
-        pybullet.setGravity(*rotate(conjugate(base), self.gravity), physicsClientId=client)
-        try:
-            bias = pybullet.calculateInverseDynamics(self.body.body_id, q, v, [0.0] * count,
-                                                     physicsClientId=self.body.client)
-        finally:
-            pybullet.setGravity(*self.gravity, physicsClientId=self.body.client)
-        return [bias[i] for i in self.dof_order]
+        if not self.own:
+            self.space.state[0], self.space.state[1], _ = self.read()
+        return self.space.bias_efforts()
 
     def _make_gears(self) -> list[int]:
         gears = []
@@ -266,8 +331,15 @@ class ModelJoints:
 
     def restore_friction(self, slot: int) -> None:
         """Coulomb friction of a joint: a motor towards standstill of at most that effort."""
-        self._motor(slot, 0.0, self.friction[slot])
-        self.active_friction[slot] = self.friction[slot]
+        self._motors[slot] = (0.0, self.friction[slot])
+        self._set_motor(slot)
+
+    def _set_motor(self, slot: int) -> None:
+        velocity, force = self._motors[slot]
+        if self.space is not None:
+            self.space.set_motor(slot, velocity, force)
+        if not self.own:
+            self._motor(slot, velocity, force)
 
     def _motor(self, slot: int, velocity: float, force: float, gain: float = 1.0) -> None:
         pybullet.setJointMotorControl2(

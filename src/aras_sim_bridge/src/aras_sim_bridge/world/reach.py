@@ -71,6 +71,23 @@ def leave_out_pairs(models: list[Model]) -> None:
                                                  _ALL & ~left_out, physicsClientId=model.client)
 
 
+def out_of_touch(models: list[Model]) -> bool:
+    """Whether no link of these models can ever touch one of another: all are bolted down, and
+    nothing that a joint moves gets near a link of another model."""
+    if not all(model.fixed_base for model in models):
+        return False
+    reaches = [_reach(model) for model in models]
+    for model, reach in zip(models, reaches, strict=True):
+        moved = [reach[link].grown(MARGIN) for link in model.joints.moved_links if link in reach]
+        for other, boxes in zip(models, reaches, strict=True):
+            if other is not model and any(
+                _may_meet(box, other) or any(box.overlaps(b) for b in boxes.values())
+                for box in moved
+            ):
+                return False
+    return True
+
+
 def _reach(model: Model) -> dict[str, Box]:
     """A box that a link's shapes never leave, by link; without the root, which stands still."""
     description = model.description

@@ -19,7 +19,7 @@ from aras_sim_bridge.world import bullet_file
 from aras_sim_bridge.world.bullet import pybullet, quiet
 from aras_sim_bridge.world.friction import ContactFriction
 from aras_sim_bridge.world.model import Model
-from aras_sim_bridge.world.reach import leave_out_pairs
+from aras_sim_bridge.world.reach import leave_out_pairs, out_of_touch
 
 logger = logging.getLogger(__name__)
 
@@ -57,6 +57,7 @@ class World:
         self._iterations = _checked_iterations(solver_iterations)
         self.models: dict[str, Model] = {}
         self._active: list[Model] = []
+        self._apart = False
         self.revision = 0
         try:
             self.client = pybullet.connect(pybullet.GUI if gui else pybullet.DIRECT)
@@ -220,14 +221,21 @@ class World:
 
     def _models_changed(self) -> None:
         """Models came, went or were loaded anew: note what a step has to do for them."""
-        self._active = [model for model in self.models.values() if model.needs_steps]
         self.revision += 1
         self._friction.models_changed(self.models.values())
         self._choose_solver()
         self._models_moved()
 
     def _models_moved(self) -> None:
-        leave_out_pairs(list(self.models.values()))
+        """Choose who makes the steps: where nothing can touch anything, each model for itself (see
+        joint_dynamics.py), in a tenth of Bullet's time and to the last digit."""
+        models = list(self.models.values())
+        leave_out_pairs(models)
+        self._apart = not self._gui and out_of_touch(models)
+        for model in models:
+            model.joints.set_own(self._apart)
+        self._active = [model for model in models
+                        if model.joint_names or not self._apart and model.needs_steps]
 
     # ------------------------------------------------------------------ time
 
@@ -241,6 +249,10 @@ class World:
         dt = self._time_step
         for model in models:
             model.check_efforts()
+        if self._apart:
+            for model in models:
+                model.advance(dt)
+            return
         for model in models:
             model.before_step(dt)
         if self._friction.watched:

@@ -1,0 +1,73 @@
+"""Viscous joint damping of models that are not bolted down, right for any d dt / I.
+
+Bullet applies URDF damping explicitly, tau = -d v, which rings past d dt / I = 1 and diverges past
+2. Two regimes, chosen by the largest eigenvalue r of dt D^1/2 M^-1 D^1/2:
+
+- r <= EXPLICIT_BOUND: Bullet's own, in its step, at no cost. Terminal velocities are exact, a decay
+  rate is off by r/2.
+- above: each stiff joint gets a velocity motor that removes the share r_i / (1 + r_i) of its
+  velocity, r_i = d_i dt (M^-1)_ii: implicit Euler joint by joint. Such a joint has no Coulomb
+  friction of its own.
+
+The joints of a model that is bolted down have theirs from joint_dynamics.py.
+"""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from aras_sim_bridge.world.bullet import pybullet
+
+if TYPE_CHECKING:
+    from aras_sim_bridge.world.model_joints import ModelJoints
+
+EXPLICIT_BOUND = 0.5
+CHECK_EVERY = 200  # steps; inertia changes with the configuration, slowly at 1 ms
+
+
+class FreeDamping:
+    """Applies the damping of one model's joints; made anew whenever the model is loaded."""
+
+    def __init__(self, joints: "ModelJoints") -> None:
+        self._joints = joints
+        self._countdown = 0
+        self._motors: set[int] = set()
+
+    def before_step(self, dt: float) -> None:
+        """To be called once before each step."""
+        if self._countdown == 0:
+            self._choose(dt)
+            self._countdown = CHECK_EVERY
+        self._countdown -= 1
+
+    def changed(self) -> None:
+        """Configuration, inertia or time step jumped: choose again at the next step."""
+        self._countdown = 0
+
+    def _mass_matrix(self) -> np.ndarray:
+        """Joint-space inertia, the base's six rows first."""
+        joints = self._joints
+        matrix = np.array(pybullet.calculateMassMatrix(
+            joints.body.body_id, joints.bullet_positions(), physicsClientId=joints.body.client))
+        order = [*range(6), *(6 + i for i in joints.dof_order)]
+        return matrix[np.ix_(order, order)]
+
+    def _choose(self, dt: float) -> None:
+        d = np.array(self._joints.damping_coefficients)
+        stiffness = np.zeros(len(d))
+        largest = 0.0
+        if d.any():
+            inverse = np.linalg.pinv(self._mass_matrix())[-len(d):, -len(d):]
+            root = np.sqrt(d)
+            stiffness = d * dt * np.diag(inverse)
+            largest = dt * float(np.linalg.eigvalsh(root[:, None] * inverse * root)[-1])
+        motors: set[int] = set()
+        if largest > EXPLICIT_BOUND:
+            motors = {i for i, r in enumerate(stiffness) if r > EXPLICIT_BOUND / len(d)}
+        for i in self._motors - motors:
+            self._joints.restore_friction(i)
+        self._motors = motors
+        for i, value in enumerate(d):
+            self._joints.set_bullet_damping(i, 0.0 if i in motors else float(value))
+        for i in motors:
+            self._joints.set_damping_motor(i, float(stiffness[i] / (1.0 + stiffness[i])))

@@ -1,0 +1,466 @@
+"""Dynamics of a bolted tree of bodies in its joints, and one time step of it; compiled.
+
+All vectors stand in the root's axes, spatial ones about the root's origin (angular part first), so
+that inertias and forces of a subtree add up without being moved. The mass matrix is that of
+composite bodies, gravity and velocity terms come by recursive Newton-Euler (Featherstone, Rigid
+Body Dynamics Algorithms, 2008, chapters 5 and 6).
+
+A step is semi-implicit Euler with implicit damping, and solves exactly for what acts back:
+
+    (M + dt D) v+ = M v + dt (effort - bias) - dt (friction + stops),  q+ = q + dt v+
+
+where |friction_i| <= f_i holds a joint's speed at its target (0; a velocity motor's), or takes f_i
+from it, and stops push as hard as it takes for q+ to be within the limits. This is a convex problem
+with one solution; the set of joints that stick, slide and stand at a stop is carried from step to
+step as a first guess, and mostly right.
+
+Rows of the arrays, one per joint unless said otherwise:
+
+    bodies (n, 50): what Articulation.bodies holds
+    tree (n, 4): joint at this place of an order from the root outwards; parent (-1: the root);
+        whether it slides; the joint that it mimics, or itself
+    joints (n, 9): see the constants below
+    state (3, n): position, velocity, effort (rad or m, per s, N m or N)
+    wrenches (n, 6): on each joint's body from outside, torque and force
+    gravity (3,): m/s²
+    frames (n, 46), matrices (3, n, n): room to work in; matrices[0] ends up as the mass matrix
+    rows (8, n): bias; effort of damping and stops; new velocity; room to work in
+    modes (n,): the set carried from step to step
+"""
+
+from math import cos, inf, isfinite, sin, sqrt
+
+from aras_sim_bridge.compiled import compiled
+
+# columns of `joints`
+DAMPING, FORCE, TARGET, LOWER, UPPER, RETURN, FASTEST, RATIO, OFFSET = range(9)
+# values of `modes`: at the target speed, faster, slower, held at the lower or upper bound
+_AT, _ABOVE, _BELOW, _LOW, _HIGH = range(5)
+# Share of the way back into its limits that a joint found outside makes in one step.
+_BACK = 0.2
+# A world is given up beyond it: at 1 ms a joint turns by 160 turns a step, and no force depends on
+# its position any more. rad/s or m/s.
+FASTEST_SPEED = 1e6
+_GUESSES, _SWEEPS = 20, 4000  # of sets, before sweeps are made; of those
+_SMALL = 1e-12  # of the sizes at hand: what rounding leaves
+
+# rows of `rows`
+BIAS, PUSH, SPEED, _RIGHT, _BOTTOM, _TOP, _HOLD, _GOAL = range(8)
+_TREE = "f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1]"
+_STEP = f"{_TREE}, f8[:,::1], i8[::1], f8"
+_SET = "i8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1]"
+
+
+@compiled("f8[::1], f8[::1], f8[::1]")
+def _weigh(b, f, gravity):
+    """Inertia of a body, and the force that its motion asks for beyond gravity's, into `f`."""
+    px, py, pz = f[9], f[10], f[11]
+    m = b[33]
+    # first moment about the body's origin, then about the root's
+    gx = f[0] * b[34] + f[1] * b[35] + f[2] * b[36]
+    gy = f[3] * b[34] + f[4] * b[35] + f[5] * b[36]
+    gz = f[6] * b[34] + f[7] * b[35] + f[8] * b[36]
+    hx, hy, hz = gx + m * px, gy + m * py, gz + m * pz
+    # R I Rt
+    for i in range(3):
+        x, y, z = f[3 * i], f[3 * i + 1], f[3 * i + 2]
+        u = x * b[37] + y * b[38] + z * b[39]
+        v = x * b[38] + y * b[40] + z * b[41]
+        w = x * b[39] + y * b[41] + z * b[42]
+        for k in range(i, 3):
+            value = u * f[3 * k] + v * f[3 * k + 1] + w * f[3 * k + 2]
+            f[34 + (k if i == 0 else k + 2 if i == 1 else 5)] = value
+    pg, pp = px * gx + py * gy + pz * gz, px * px + py * py + pz * pz
+    f[34] += m * (pp - px * px) + 2.0 * (pg - px * gx)
+    f[35] -= m * px * py + px * gy + gx * py
+    f[36] -= m * px * pz + px * gz + gx * pz
+    f[37] += m * (pp - py * py) + 2.0 * (pg - py * gy)
+    f[38] -= m * py * pz + py * gz + gy * pz
+    f[39] += m * (pp - pz * pz) + 2.0 * (pg - pz * gz)
+    f[30], f[31], f[32], f[33] = m, hx, hy, hz
+    ixx, ixy, ixz, iyy, iyz, izz = f[34], f[35], f[36], f[37], f[38], f[39]
+    # momentum, and its rate with the acceleration so far
+    wx, wy, wz, vx, vy, vz = f[18], f[19], f[20], f[21], f[22], f[23]
+    lx = ixx * wx + ixy * wy + ixz * wz + hy * vz - hz * vy
+    ly = ixy * wx + iyy * wy + iyz * wz + hz * vx - hx * vz
+    lz = ixz * wx + iyz * wy + izz * wz + hx * vy - hy * vx
+    kx = m * vx + wy * hz - wz * hy
+    ky = m * vy + wz * hx - wx * hz
+    kz = m * vz + wx * hy - wy * hx
+    bx, by, bz, ax, ay, az = f[24], f[25], f[26], f[27], f[28], f[29]
+    f[40] = ixx * bx + ixy * by + ixz * bz + hy * az - hz * ay
+    f[41] = ixy * bx + iyy * by + iyz * bz + hz * ax - hx * az
+    f[42] = ixz * bx + iyz * by + izz * bz + hx * ay - hy * ax
+    f[40] += wy * lz - wz * ly + vy * kz - vz * ky
+    f[41] += wz * lx - wx * lz + vz * kx - vx * kz
+    f[42] += wx * ly - wy * lx + vx * ky - vy * kx
+    f[43] = m * ax + by * hz - bz * hy + wy * kz - wz * ky
+    f[44] = m * ay + bz * hx - bx * hz + wz * kx - wx * kz
+    f[45] = m * az + bx * hy - by * hx + wx * ky - wy * kx
+    # gravity, at the part of the mass that it pulls at
+    n = b[43]
+    gx, gy, gz = (
+        f[0] * b[44] + f[1] * b[45] + f[2] * b[46] + n * px,
+        f[3] * b[44] + f[4] * b[45] + f[5] * b[46] + n * py,
+        f[6] * b[44] + f[7] * b[45] + f[8] * b[46] + n * pz,
+    )
+    f[40] -= gy * gravity[2] - gz * gravity[1]
+    f[41] -= gz * gravity[0] - gx * gravity[2]
+    f[42] -= gx * gravity[1] - gy * gravity[0]
+    f[43] -= n * gravity[0]
+    f[44] -= n * gravity[1]
+    f[45] -= n * gravity[2]
+
+
+@compiled("f8[:,::1], i8[:,::1], f8[:,::1], f8[::1], f8[:,::1]")
+def _move(bodies, tree, state, gravity, frames):
+    """Poses, joint axes, velocities, inertias and forces of all bodies into `frames`.
+
+    Columns: 0 rotation, 9 origin, 12 axis (angular, linear), 18 velocity, 24 acceleration without
+    the joints', 30 mass, 31 first moment, 34 second moment (xx xy xz yy yz zz), 40 force.
+    """
+    for place in range(len(tree)):
+        j = tree[place, 0]
+        parent = tree[j, 1]
+        b, f = bodies[j], frames[j]
+        q, qd = state[0, j], state[1, j]
+        slides = tree[j, 2] == 1
+        c, s = (1.0, 0.0) if slides else (cos(q), sin(q))
+        shift = q if slides else 0.0
+        # the joint's frame in the parent's: rotation r, origin o
+        r0 = b[0] + c * b[9] + s * b[18]
+        r1 = b[1] + c * b[10] + s * b[19]
+        r2 = b[2] + c * b[11] + s * b[20]
+        r3 = b[3] + c * b[12] + s * b[21]
+        r4 = b[4] + c * b[13] + s * b[22]
+        r5 = b[5] + c * b[14] + s * b[23]
+        r6 = b[6] + c * b[15] + s * b[24]
+        r7 = b[7] + c * b[16] + s * b[25]
+        r8 = b[8] + c * b[17] + s * b[26]
+        ox, oy, oz = b[27] + shift * b[47], b[28] + shift * b[48], b[29] + shift * b[49]
+        if parent < 0:
+            f[0], f[1], f[2], f[3], f[4] = r0, r1, r2, r3, r4
+            f[5], f[6], f[7], f[8] = r5, r6, r7, r8
+            f[9], f[10], f[11] = ox, oy, oz
+        else:
+            p = frames[parent]
+            for i in range(3):
+                x, y, z = p[3 * i], p[3 * i + 1], p[3 * i + 2]
+                f[3 * i] = x * r0 + y * r3 + z * r6
+                f[3 * i + 1] = x * r1 + y * r4 + z * r7
+                f[3 * i + 2] = x * r2 + y * r5 + z * r8
+                f[9 + i] = x * ox + y * oy + z * oz + p[9 + i]
+        px, py, pz = f[9], f[10], f[11]
+        ax = f[0] * b[30] + f[1] * b[31] + f[2] * b[32]
+        ay = f[3] * b[30] + f[4] * b[31] + f[5] * b[32]
+        az = f[6] * b[30] + f[7] * b[31] + f[8] * b[32]
+        if slides:
+            f[12], f[13], f[14], f[15], f[16], f[17] = 0.0, 0.0, 0.0, ax, ay, az
+        else:
+            f[12], f[13], f[14] = ax, ay, az
+            f[15], f[16], f[17] = py * az - pz * ay, pz * ax - px * az, px * ay - py * ax
+        for i in range(6):
+            moved = f[12 + i] * qd
+            f[18 + i] = moved if parent < 0 else frames[parent, 18 + i] + moved
+        wx, wy, wz, vx, vy, vz = f[18], f[19], f[20], f[21], f[22], f[23]
+        sx, sy, sz = f[12] * qd, f[13] * qd, f[14] * qd
+        tx, ty, tz = f[15] * qd, f[16] * qd, f[17] * qd
+        f[24], f[25], f[26] = wy * sz - wz * sy, wz * sx - wx * sz, wx * sy - wy * sx
+        f[27] = wy * tz - wz * ty + vy * sz - vz * sy
+        f[28] = wz * tx - wx * tz + vz * sx - vx * sz
+        f[29] = wx * ty - wy * tx + vx * sy - vy * sx
+        if parent >= 0:
+            for i in range(24, 30):
+                f[i] += frames[parent, i]
+        _weigh(b, f, gravity)
+
+
+@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1]")
+def _gather(tree, frames, mass, bias):
+    """Mass matrix and bias efforts from what `_move` left, the outermost bodies first."""
+    n = len(tree)
+    mass[:] = 0.0
+    for place in range(n - 1, -1, -1):
+        j = tree[place, 0]
+        f = frames[j]
+        sx, sy, sz, tx, ty, tz = f[12], f[13], f[14], f[15], f[16], f[17]
+        bias[j] = (
+            sx * f[40] + sy * f[41] + sz * f[42] + tx * f[43] + ty * f[44] + tz * f[45]
+        )
+        m, hx, hy, hz = f[30], f[31], f[32], f[33]
+        lx = f[34] * sx + f[35] * sy + f[36] * sz + hy * tz - hz * ty
+        ly = f[35] * sx + f[37] * sy + f[38] * sz + hz * tx - hx * tz
+        lz = f[36] * sx + f[38] * sy + f[39] * sz + hx * ty - hy * tx
+        kx = m * tx + sy * hz - sz * hy
+        ky = m * ty + sz * hx - sx * hz
+        kz = m * tz + sx * hy - sy * hx
+        i = j
+        while i >= 0:
+            g = frames[i]
+            value = (
+                g[12] * lx + g[13] * ly + g[14] * lz + g[15] * kx + g[16] * ky + g[17] * kz
+            )
+            mass[i, j] = value
+            mass[j, i] = value
+            i = tree[i, 1]
+        parent = tree[j, 1]
+        if parent >= 0:
+            p = frames[parent]
+            for k in range(30, 46):
+                p[k] += f[k]
+
+
+@compiled(_TREE)
+def _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows):
+    """Mass matrix and bias."""
+    _move(bodies, tree, state, gravity, frames)
+    for j in range(len(tree)):
+        for k in range(6):
+            frames[j, 40 + k] -= wrenches[j, k]
+    _gather(tree, frames, matrices[0], rows[BIAS])
+
+
+@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,:,::1], f8[:,::1]")
+def _reduce(tree, joints, state, dt, matrices, rows):
+    """The problem in the joints that mimic no other: matrix, right-hand side, bounds, friction."""
+    n = len(tree)
+    mass, a = matrices[0], matrices[1]
+    a[:] = 0.0
+    for c in range(n):
+        rows[_RIGHT, c], rows[_HOLD, c], rows[_GOAL, c] = 0.0, 0.0, 0.0
+        rows[_BOTTOM, c], rows[_TOP, c] = -inf, inf
+    for j in range(n):
+        c, ratio = tree[j, 3], joints[j, RATIO]
+        momentum = dt * (state[2, j] - rows[BIAS, j])
+        for k in range(n):
+            momentum += mass[j, k] * state[1, k]
+            a[c, tree[k, 3]] += ratio * joints[k, RATIO] * mass[j, k]
+        rows[_RIGHT, c] += ratio * momentum
+        a[c, c] += ratio * ratio * dt * joints[j, DAMPING]
+        if ratio == 0.0:
+            continue
+        rows[_HOLD, c] += abs(ratio) * dt * joints[j, FORCE]
+        if joints[j, TARGET] != 0.0:
+            rows[_GOAL, c] = joints[j, TARGET] / ratio
+        q, lower, upper = state[0, j], joints[j, LOWER], joints[j, UPPER]
+        # A joint found outside goes no further; `advance` puts it back.
+        low = max(min((lower - q) / dt, 0.0), -joints[j, FASTEST])
+        high = min(max((upper - q) / dt, 0.0), joints[j, FASTEST])
+        if ratio < 0.0:
+            low, high = high / ratio, low / ratio
+        else:
+            low, high = low / ratio, high / ratio
+        rows[_BOTTOM, c] = max(rows[_BOTTOM, c], low)
+        rows[_TOP, c] = max(min(rows[_TOP, c], high), rows[_BOTTOM, c])
+
+
+@compiled(_SET)
+def _speeds_of(tree, modes, matrices, rows):
+    """New speeds for this set of joints that stick, slide and stand at stops (Cholesky)."""
+    n = len(tree)
+    a, low = matrices[1], matrices[2]
+    v = rows[SPEED]
+    for c in range(n):
+        mode = modes[c]
+        if tree[c, 3] != c:
+            v[c] = 0.0
+        elif mode == _AT:
+            v[c] = rows[_GOAL, c]
+        elif mode == _LOW:
+            v[c] = rows[_BOTTOM, c]
+        elif mode == _HIGH:
+            v[c] = rows[_TOP, c]
+    for c in range(n):
+        if tree[c, 3] != c or modes[c] == _AT or modes[c] >= _LOW:
+            continue
+        rest = rows[_RIGHT, c] - (rows[_HOLD, c] if modes[c] == _ABOVE else -rows[_HOLD, c])
+        pivot = a[c, c]
+        for k in range(n):
+            if tree[k, 3] != k:
+                continue
+            if modes[k] == _AT or modes[k] >= _LOW:
+                rest -= a[c, k] * v[k]
+            elif k < c:
+                value = a[c, k]
+                for i in range(k):
+                    if tree[i, 3] == i and modes[i] != _AT and modes[i] < _LOW:
+                        value -= low[c, i] * low[k, i]
+                low[c, k] = value = value / low[k, k]
+                pivot -= value * value
+                rest -= value * v[k]
+        # A joint that moves no mass stands still.
+        low[c, c] = sqrt(pivot) if pivot > _SMALL * a[c, c] else inf
+        v[c] = rest / low[c, c]
+    for c in range(n - 1, -1, -1):
+        if tree[c, 3] != c or modes[c] == _AT or modes[c] >= _LOW:
+            continue
+        v[c] /= low[c, c]
+        for k in range(c):
+            if tree[k, 3] == k and modes[k] != _AT and modes[k] < _LOW:
+                v[k] -= low[c, k] * v[c]
+
+
+@compiled(_SET)
+def _correct(tree, modes, matrices, rows):
+    """Mend the set where the speeds contradict it; whether anything had to be mended."""
+    n = len(tree)
+    a, v = matrices[1], rows[SPEED]
+    wrong = False
+    for c in range(n):
+        if tree[c, 3] != c:
+            continue
+        mode, hold, goal = modes[c], rows[_HOLD, c], rows[_GOAL, c]
+        bottom, top = rows[_BOTTOM, c], rows[_TOP, c]
+        new = mode
+        if mode in (_ABOVE, _BELOW):
+            slack = _SMALL * abs(v[c])
+            if v[c] > top + slack:
+                new = _HIGH
+            elif v[c] < bottom - slack:
+                new = _LOW
+            elif mode == _ABOVE and v[c] < goal - slack or mode == _BELOW and v[c] > goal + slack:
+                new = _AT
+        else:
+            taken = rows[_RIGHT, c]
+            size = abs(taken)
+            for k in range(n):
+                part = a[c, k] * v[k]
+                taken -= part
+                size += abs(part)
+            slack = _SMALL * size
+            if mode == _AT:
+                if goal > top:
+                    new = _HIGH
+                elif goal < bottom:
+                    new = _LOW
+                elif taken > hold + slack:
+                    new = _ABOVE
+                elif taken < -hold - slack:
+                    new = _BELOW
+            elif mode == _HIGH and taken < (hold if top > goal else -hold) - slack:
+                new = _ABOVE if top > goal else _BELOW
+            elif mode == _LOW and taken > (-hold if bottom < goal else hold) + slack:
+                new = _BELOW if bottom < goal else _ABOVE
+        if new != mode:
+            modes[c] = new
+            wrong = True
+    return wrong
+
+
+@compiled(_SET)
+def _sweep(tree, modes, matrices, rows):
+    """Projected Gauss-Seidel, which ends up right from any set, if slowly."""
+    n = len(tree)
+    a, v = matrices[1], rows[SPEED]
+    for c in range(n):
+        v[c] = min(max(0.0, rows[_BOTTOM, c]), rows[_TOP, c]) if tree[c, 3] == c else 0.0
+    for _ in range(_SWEEPS):
+        change = size = 0.0
+        for c in range(n):
+            if tree[c, 3] != c:
+                continue
+            rest = rows[_RIGHT, c]
+            for k in range(n):
+                if k != c:
+                    rest -= a[c, k] * v[k]
+            hold, goal = rows[_HOLD, c], rows[_GOAL, c]
+            new, modes[c] = goal, _AT
+            if (rest - hold) / a[c, c] > goal:
+                new, modes[c] = (rest - hold) / a[c, c], _ABOVE
+            elif (rest + hold) / a[c, c] < goal:
+                new, modes[c] = (rest + hold) / a[c, c], _BELOW
+            if new > rows[_TOP, c]:
+                new, modes[c] = rows[_TOP, c], _HIGH
+            elif new < rows[_BOTTOM, c]:
+                new, modes[c] = rows[_BOTTOM, c], _LOW
+            change, size = max(change, abs(new - v[c])), max(size, abs(new))
+            v[c] = new
+        if change <= _SMALL * size:
+            break
+
+
+@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,:,::1], f8[:,::1], i8[::1]")
+def _solve(tree, joints, state, dt, matrices, rows, modes):
+    """The new speed of every joint into rows[SPEED]; followers have their leader's, times the
+    ratio."""
+    _reduce(tree, joints, state, dt, matrices, rows)
+    settled = False
+    for c in range(len(tree)):
+        bound = rows[_BOTTOM if modes[c] == _LOW else _TOP, c]
+        if modes[c] >= _LOW and not isfinite(bound):  # a stop that is gone since the step before
+            modes[c] = _AT
+    for _ in range(_GUESSES):
+        _speeds_of(tree, modes, matrices, rows)
+        if not _correct(tree, modes, matrices, rows):
+            settled = True
+            break
+    if not settled:
+        _sweep(tree, modes, matrices, rows)
+    for j in range(len(tree)):
+        if tree[j, 3] != j:
+            rows[SPEED, j] = joints[j, RATIO] * rows[SPEED, tree[j, 3]]
+
+
+@compiled(_TREE)
+def dynamics(bodies, tree, state, wrenches, gravity, frames, matrices, rows):
+    """Mass matrix (n, n) into matrices[0], bias efforts (n,) into rows[BIAS]."""
+    _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
+
+
+@compiled(_STEP)
+def advance(
+    bodies, tree, state, wrenches, gravity, frames, matrices, rows, joints, modes, dt
+):
+    """One step of `dt` s: the new positions and velocities into `state`.
+
+    Returns:
+        -1, or the first joint whose speed or position is no number or beyond all sense.
+    """
+    _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
+    _solve(tree, joints, state, dt, matrices, rows, modes)
+    n = len(tree)
+    for j in range(n):
+        state[1, j] = rows[SPEED, j]
+        state[0, j] += dt * rows[SPEED, j]
+        # Onto the stop and not beside it by rounding.
+        if tree[j, 3] == j and modes[j] >= _LOW:
+            bound = joints[j, LOWER if modes[j] == _LOW else UPPER]
+            if abs(state[0, j] - bound) < 1e-12 * (1.0 + abs(bound)):
+                state[0, j] = bound
+    for j in range(n):
+        leader = tree[j, 3]
+        if leader != j:
+            follow = joints[j, RATIO] * state[0, leader] + joints[j, OFFSET]
+            state[0, j] += _BACK * (follow - state[0, j])
+        # By position and not by speed: a joint that comes back does not fly on.
+        over = state[0, j] - min(max(state[0, j], joints[j, LOWER]), joints[j, UPPER])
+        if over != 0.0:
+            most = dt * joints[j, RETURN]
+            state[0, j] -= min(max(_BACK * over, -most), most)
+    for j in range(n):
+        if not (abs(state[1, j]) < FASTEST_SPEED and isfinite(state[0, j])):
+            return j
+    return -1
+
+
+@compiled(_STEP)
+def react(
+    bodies, tree, state, wrenches, gravity, frames, matrices, rows, joints, modes, dt
+):
+    """Efforts of damping and stops in the coming step of `dt` s into rows[PUSH]; friction is left
+    to whoever makes the step."""
+    _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
+    _solve(tree, joints, state, dt, matrices, rows, modes)
+    n = len(tree)
+    a, v = matrices[1], rows[SPEED]
+    for j in range(n):
+        rows[PUSH, j] = -joints[j, DAMPING] * v[j]
+        if tree[j, 3] != j or modes[j] < _LOW:
+            continue
+        taken = rows[_RIGHT, j]
+        for k in range(n):
+            if tree[k, 3] == k:
+                taken -= a[j, k] * v[k]
+        hold, goal = rows[_HOLD, j], rows[_GOAL, j]
+        rubbed = hold if v[j] > goal else -hold if v[j] < goal else min(max(taken, -hold), hold)
+        rows[PUSH, j] -= (taken - rubbed) / dt

@@ -1,0 +1,96 @@
+"""A bolted model in the coordinates of its joints: its state, its forces, its steps."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from aras_sim_bridge.description.types import RobotDescription
+from aras_sim_bridge.poses import (
+    IDENTITY,
+    Pose,
+    Vector3,
+    add,
+    conjugate,
+    cross,
+    rotate,
+    subtract,
+)
+from aras_sim_bridge.world import joint_dynamics
+from aras_sim_bridge.world.articulation import Articulation, joint_rows
+from aras_sim_bridge.world.joint_dynamics import BIAS, DAMPING, FASTEST, FORCE, PUSH, TARGET
+
+
+class JointSpace:
+    """The arrays of joint_dynamics.py for one model, in the order of `names`.
+
+    Attributes:
+        state (3, n): position, velocity, effort; rad or m, per s, N m or N. The caller's to set.
+        moved_links: the links that a joint moves.
+    """
+
+    def __init__(self, description: RobotDescription, names: Sequence[str]) -> None:
+        count = len(names)
+        tree = Articulation(description, names)
+        self._link_joint = tree.link_joint
+        self.moved_links = tuple(n for n, joint in tree.link_joint.items() if joint >= 0)
+        self._joints = joint_rows(description, names, tree.tree)
+        self._joints[:, DAMPING] = [description.joints[name].damping for name in names]
+        self.state = np.zeros((3, count))
+        self._wrenches = np.zeros((count, 6))
+        self._pushed = False
+        self._gravity = np.zeros(3)
+        self._rows = np.zeros((8, count))
+        self._matrices = np.zeros((3, count, count))
+        self._modes = np.zeros(count, dtype=np.int64)
+        self._arrays = (tree.bodies, tree.tree, self.state, self._wrenches, self._gravity,
+                        np.zeros((count, 46)), self._matrices, self._rows)
+        self._step = (*self._arrays, self._joints, self._modes)
+        self._root = IDENTITY
+
+    def place(self, root: Pose, gravity: Vector3) -> None:
+        """Say where the root stands (world_T_root) and what pulls, m/s² in the world's axes."""
+        self._root = root
+        self._gravity[:] = rotate(conjugate(root.quat), gravity)
+
+    def set_motor(self, slot: int, velocity: float, force: float) -> None:
+        """Hold a joint at `velocity` with at most `force`, as Coulomb friction does at 0."""
+        self._joints[slot, TARGET] = velocity
+        self._joints[slot, FORCE] = force
+
+    def bound_speed(self, slot: int, fastest: float) -> None:
+        """Let nothing make a joint faster than this; inf: no bound."""
+        self._joints[slot, FASTEST] = fastest
+
+    def push(self, link: str, force: Vector3, position: Vector3, torque: Vector3) -> None:
+        """Force (N) at a point and torque (N m), all in the world's axes, for the next step."""
+        body = self._link_joint[link]
+        if body < 0:
+            return  # of a body that is bolted down
+        back = conjugate(self._root.quat)
+        pull = rotate(back, force)
+        arm = rotate(back, subtract(position, self._root.xyz))
+        self._wrenches[body] += (*add(cross(arm, pull), rotate(back, torque)), *pull)
+        self._pushed = True
+
+    def advance(self, dt: float) -> int:
+        """One step of `dt` s; -1, or the number of a joint that diverged."""
+        bad = joint_dynamics.advance(*self._step, dt)
+        if self._pushed:
+            self._wrenches[:] = 0.0
+            self._pushed = False
+        return bad
+
+    def react(self, dt: float) -> list[float]:
+        """Efforts of damping and of stops in the coming step, where somebody else makes it."""
+        joint_dynamics.react(*self._step, dt)
+        return self._rows[PUSH].tolist()
+
+    def bias_efforts(self) -> list[float]:
+        """What gravity, Coriolis and centrifugal forces ask of each joint, N m or N."""
+        joint_dynamics.dynamics(*self._arrays)
+        return self._rows[BIAS].tolist()
+
+    def mass_matrix(self) -> np.ndarray:
+        """Joint-space inertia (n, n), kg m² or kg, of every joint as if none mimicked another."""
+        joint_dynamics.dynamics(*self._arrays)
+        return self._matrices[0].copy()

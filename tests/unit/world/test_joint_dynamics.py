@@ -1,0 +1,357 @@
+"""The joints' own dynamics: against Pinocchio, against Bullet, and against the problem itself.
+
+A step's friction and stops are no formula to compare with: their conditions are checked, which
+only the solution fulfils (the problem is convex).
+"""
+
+import math
+
+import numpy as np
+import pinocchio
+import pytest
+from aras_robot import URDF, ArasRobot, description
+
+import aras_sim_bridge.world.world as world_module
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.poses import Pose
+from aras_sim_bridge.world import World
+from aras_sim_bridge.world.changes import with_joint
+from aras_sim_bridge.world.joint_space import JointSpace
+
+DT = 0.001
+GRAVITY = np.array([0.0, 0.0, -9.8])
+AXES = ("1 0 0", "0 1 0", "0 0 -1", "0.6 0 0.8", "0.48 -0.6 0.64")
+
+
+def tree_xml(make, seed):
+    """A tree of eight links that branches, slides and turns, with things fixed on, all oblique."""
+    rng = np.random.default_rng(seed)
+
+    def numbers(low, high, count=3):
+        return " ".join(f"{x:.6f}" for x in rng.uniform(low, high, count))
+
+    def link(name):
+        a = rng.normal(size=(3, 3)) * 0.1
+        i = a @ a.T + 0.02 * np.eye(3)
+        tensor = (i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2])
+        return make.link(name, rng.uniform(0.3, 3.0), numbers(-0.2, 0.2), tensor)
+
+    parents = ["world", "a0", "a1", "a1", "a3", "a0", "a5", "a6"]
+    parts = ['<link name="world"/>']
+    for k, parent in enumerate(parents):
+        kind = ("revolute", "prismatic", "continuous")[rng.integers(3)]
+        parts += [link(f"a{k}"), make.joint(
+            f"j{k}", parent, f"a{k}", kind, numbers(-0.5, 0.5), AXES[rng.integers(5)],
+            rpy=numbers(-3, 3))]
+    for k in (1, 4, 7):
+        parts += [link(f"tool{k}"), make.joint(f"f{k}", f"a{k}", f"tool{k}", "fixed",
+                                               numbers(-0.5, 0.5), rpy=numbers(-3, 3))]
+    return make.robot(*parts)
+
+
+class Reference:
+    """Pinocchio's view of a URDF, in our order of joints."""
+
+    def __init__(self, text, names):
+        self.model = pinocchio.buildModelFromXML(text)
+        self.model.gravity.linear = GRAVITY
+        self.data = self.model.createData()
+        self.names = names
+        self.joints = [self.model.joints[self.model.getJointId(name)] for name in names]
+
+    def configuration(self, q):
+        """Pinocchio's, where a continuous joint has cosine and sine."""
+        found = np.zeros(self.model.nq)
+        for joint, value in zip(self.joints, q, strict=True):
+            found[joint.idx_q:joint.idx_q + joint.nq] = (
+                [value] if joint.nq == 1 else [math.cos(value), math.sin(value)])
+        return found
+
+    def velocity(self, v):
+        found = np.zeros(self.model.nv)
+        found[[joint.idx_v for joint in self.joints]] = v
+        return found
+
+    def mass(self, q):
+        order = [joint.idx_v for joint in self.joints]
+        whole = pinocchio.crba(self.model, self.data, self.configuration(q))
+        whole = np.triu(whole) + np.triu(whole, 1).T
+        return whole[np.ix_(order, order)]
+
+    def bias(self, q, v):
+        order = [joint.idx_v for joint in self.joints]
+        return pinocchio.nonLinearEffects(
+            self.model, self.data, self.configuration(q), self.velocity(v))[order]
+
+
+def space_of(text, resolve=None, **changes):
+    """A JointSpace with its root at the world's origin, and its description."""
+    robot = parse_urdf(text) if resolve is None else resolve(text)
+    space = JointSpace(robot, robot.moving_joints())
+    space.place(Pose(), tuple(GRAVITY))
+    return space, robot
+
+
+@pytest.mark.parametrize("robot", ["shipped", *range(6)])
+def test_mass_matrix_and_bias_are_pinocchio_s(make, robot):
+    text = URDF if robot == "shipped" else tree_xml(make, robot)
+    space, described = space_of(text, description if robot == "shipped" else None)
+    names = described.moving_joints()
+    reference = Reference(text, names)
+    rng = np.random.default_rng(7)
+    for _ in range(10):
+        q, v = rng.uniform(-3, 3, len(names)), rng.uniform(-5, 5, len(names))
+        space.state[0], space.state[1] = q, v
+        mass, bias = reference.mass(q), reference.bias(q, v)
+        np.testing.assert_allclose(space.mass_matrix(), mass, atol=1e-12 * abs(mass).max())
+        np.testing.assert_allclose(space.bias_efforts(), bias, atol=1e-12 * abs(bias).max())
+
+
+def test_gravity_is_turned_into_a_tilted_root(make):
+    text = tree_xml(make, 3)
+    space, described = space_of(text)
+    tilt = Pose.from_rpy((1.0, 2.0, 3.0), (0.5, -0.8, 2.0))
+    space.place(tilt, tuple(GRAVITY))
+    reference = Reference(text, described.moving_joints())
+    reference.model.gravity.linear = np.array(tilt.matrix())[:3, :3].T @ GRAVITY
+    q = np.linspace(-1, 1, 8)
+    space.state[0] = q
+    np.testing.assert_allclose(space.bias_efforts(), reference.bias(q, 0 * q), atol=1e-11)
+
+
+def test_a_push_from_outside_acts_through_the_link_s_jacobian(make):
+    """Also where the root is tilted; what acts on the root itself moves nothing."""
+    text = tree_xml(make, 4)
+    space, described = space_of(text)
+    names = described.moving_joints()
+    reference = Reference(text, names)
+    root = Pose.from_rpy((0.3, -0.2, 0.7), (0.4, 0.2, -1.0))
+    space.place(root, (0.0, 0.0, 0.0))
+    turn = np.array(root.matrix())[:3, :3]
+    q = np.linspace(-0.7, 0.9, 8)
+    force, torque, point = (3.0, -4.0, 5.0), (0.5, 1.0, -2.0), (0.4, 0.6, 1.1)
+    space.state[0] = q
+    space.push("world", (1e3, 0, 0), (1, 1, 1), (0, 1e3, 0))
+    space.push("tool4", force, point, torque)
+    assert space.advance(DT) == -1
+    # Pinocchio: the spatial force about the root's origin, in the root's axes, to the joint's.
+    pull, arm = turn.T @ force, turn.T @ (np.array(point) - root.xyz)
+    wrench = pinocchio.Force(pull, np.cross(arm, pull) + turn.T @ torque)
+    joint = reference.model.getJointId("j4")
+    reference.model.gravity.linear = np.zeros(3)
+    pinocchio.forwardKinematics(reference.model, reference.data, reference.configuration(q))
+    forces = [pinocchio.Force.Zero() for _ in range(reference.model.njoints)]
+    forces[joint] = reference.data.oMi[joint].actInv(wrench)
+    found = pinocchio.aba(reference.model, reference.data, reference.configuration(q),
+                          np.zeros(8), np.zeros(8), forces)
+    order = [j.idx_v for j in reference.joints]
+    np.testing.assert_allclose(space.state[1], DT * found[order], rtol=1e-9, atol=1e-12)
+    space.state[0], space.state[1] = q, 0.0
+    space.advance(DT)
+    np.testing.assert_array_equal(space.state[1], 0.0)  # it acted for one step
+
+
+def conditions(space, described, dt, before, effort):
+    """Check the step from `before` (q, v) to the space's state; how many joints did what."""
+    names = described.moving_joints()
+    joints = [described.joints[name] for name in names]
+    q, v = before
+    after = space.state[1].copy()
+    np.testing.assert_allclose(space.state[0], q + dt * after, atol=1e-12)
+    here = space.state.copy()
+    space.state[0], space.state[1] = q, v
+    mass, bias = space.mass_matrix(), np.array(space.bias_efforts())
+    space.state[:] = here
+    damping = np.diag([joint.damping for joint in joints])
+    taken = mass @ v + dt * (effort - bias) - (mass + dt * damping) @ after
+    size = abs(mass) @ abs(v) + dt * abs(effort) + 1e-9
+    stood = np.zeros(3, dtype=int)
+    for k, joint in enumerate(joints):
+        hold, slack = dt * joint.friction, 1e-9 * size[k]
+        bounded = joint.kind != "continuous"
+        lower, upper = (joint.limits.lower, joint.limits.upper) if bounded else (-1e9, 1e9)
+        place = q[k] + dt * after[k]
+        assert lower - 1e-9 <= place <= upper + 1e-9
+        rubs = (-hold, -hold) if after[k] < -1e-12 else (hold, hold)
+        if abs(after[k]) <= 1e-12:
+            rubs, stood[0] = (-hold, hold), stood[0] + 1
+        low = -math.inf if place < lower + 1e-9 else 0.0
+        high = math.inf if place > upper - 1e-9 else 0.0
+        stood[1] += place < lower + 1e-9
+        stood[2] += place > upper - 1e-9
+        assert rubs[0] + low - slack <= taken[k] <= rubs[1] + high + slack, names[k]
+    return stood
+
+
+@pytest.mark.parametrize("dt", [0.00025, 0.001, 0.005])
+def test_friction_stops_and_damping_fulfil_their_conditions(make, dt):
+    """Shaken by random efforts from stop to stop, with joints coupled, damped and rubbing."""
+    rng = np.random.default_rng(11)
+    text = tree_xml(make, 5).replace('lower="-10.0" upper="10.0"', 'lower="-0.3" upper="0.4"')
+    text = text.replace('damping="0.0" friction="0.0"', 'damping="DAMP" friction="RUB"')
+    while "DAMP" in text:
+        text = text.replace("DAMP", str(rng.choice([0.0, 0.5, 60.0])), 1)
+        text = text.replace("RUB", str(rng.choice([0.0, 0.5, 8.0])), 1)
+    space, described = space_of(text)
+    for slot, name in enumerate(described.moving_joints()):
+        space.set_motor(slot, 0.0, described.joints[name].friction)
+    total = np.zeros(3, dtype=int)
+    for k in range(1500):
+        before = space.state[:2].copy()
+        effort = rng.normal(size=8) * (0.03 / dt if k // 250 % 2 else 3.0)
+        space.state[2] = effort
+        assert space.advance(dt) == -1
+        total += conditions(space, described, dt, before, effort)
+    assert total[0] > 100 and total[1] + total[2] > 100, "joints stuck, and stood at stops"
+
+
+@pytest.mark.parametrize("joint, outside", [("swing", 1.3), ("swing", -1.0)])
+def test_a_joint_outside_its_limits_comes_back_without_a_blow(make, joint, outside):
+    """A fifth of the way a step, never faster than the velocity limit (100 rad/s), and stays."""
+    text = make.pendulum(kind="revolute", lower=-0.4, upper=0.5)
+    space, _ = space_of(text)
+    space.state[0] = outside
+    over = [max(outside - 0.5, -0.4 - outside)]
+    for _ in range(100):
+        space.state[2] = math.copysign(500.0, outside)  # pushed outwards all the while
+        space.advance(DT)
+        assert abs(space.state[1, 0]) <= 100.0 + 1e-9
+        q = space.state[0, 0]
+        over.append(max(q - 0.5, -0.4 - q))
+    assert over[1] == pytest.approx(over[0] - 0.1)
+    assert all(b <= a + 1e-12 for a, b in zip(over, over[1:], strict=False))
+    assert abs(over[-1]) < 1e-6
+
+
+def test_a_bound_on_speed_holds_and_can_be_taken_away(make):
+    space, _ = space_of(make.rotor())
+    for sign in (1.0, -1.0):
+        space.bound_speed(0, 2.0)
+        for _ in range(20):
+            space.state[2] = sign * 50.0
+            space.advance(DT)
+        assert space.state[1, 0] == sign * 2.0
+        space.bound_speed(0, math.inf)
+        space.advance(DT)
+        assert sign * space.state[1, 0] > 6.0
+        space.state[1] = 0.0
+
+
+def test_what_diverges_is_told_at_once(make):
+    space, _ = space_of(make.rotor())
+    space.state[2] = 5e6
+    assert space.advance(DT) == -1
+    space.state[2] = 1e8
+    assert space.advance(DT) == 0
+    space.state[1] = math.nan
+    assert space.advance(DT) == 0
+
+
+def gripper(make, multiplier=-2.0, **options):
+    return make.robot(
+        '<link name="world"/>', make.link("a", 1.0, "0 0 -0.3"), make.link("b", 0.5, "0.1 0 0"),
+        make.joint("leader", "world", "a", "revolute", "0 0 0", "0 1 0", -1.0, 1.0, **options),
+        make.joint("follower", "a", "b", "revolute", "0 0 -0.5", "0 1 0", -1.6, 1.9, **options,
+                   extra=f'<mimic joint="leader" multiplier="{multiplier}" offset="0.3"/>'))
+
+
+def test_a_mimicking_joint_is_one_with_its_leader(make):
+    """Energy is kept on the way down, and the tighter of the two joints' stops counts."""
+    space, _ = space_of(gripper(make))
+    free, _ = space_of(gripper(make).replace("<mimic", "<nothing").replace("/>", "/>"))
+    space.state[0] = 0.5, -0.7
+
+    def energy():
+        leader, follower = space.state[0]
+        free.state[:2] = space.state[:2]
+        kinetic = 0.5 * space.state[1] @ free.mass_matrix() @ space.state[1]
+        turned = leader + follower
+        height = -0.3 * math.cos(leader) + 0.5 * (-0.5 * math.cos(leader) - 0.1 * math.sin(turned))
+        return kinetic + 9.8 * height
+
+    start = energy()
+    for _ in range(300):
+        assert space.advance(1e-4) == -1
+        assert space.state[0, 1] == pytest.approx(-2 * space.state[0, 0] + 0.3, abs=1e-12)
+        assert space.state[1, 1] == -2 * space.state[1, 0]
+    assert abs(space.state[1, 0]) > 0.02
+    assert energy() == pytest.approx(start, abs=2e-4)
+    for sign, bound in ((1.0, 0.95), (-1.0, -0.8)):  # the follower's -1.6 and 1.9
+        for _ in range(2000):
+            space.state[2] = sign * 30.0, 0.0
+            space.advance(DT)
+        assert space.state[0, 0] == pytest.approx(bound, abs=1e-9)
+
+
+def test_bullet_makes_the_same_steps(monkeypatch):
+    """The shipped arm thrown about, own steps and Bullet's; friction sticks and slides."""
+
+    def run():
+        robot = ArasRobot()
+        states = []
+        for k in range(4):
+            robot.command([0.1, -0.3, 0.2, -0.4, -0.3, 1.0] if k % 2 else [0.0] * 6)
+            for _ in range(120):
+                robot.steps(1)
+                states.append(robot.model.read_joints()[0])
+        apart = robot.simulation.world._apart
+        robot.close()
+        return np.array(states), apart
+
+    own, apart = run()
+    assert apart
+    monkeypatch.setattr(world_module, "out_of_touch", lambda models: False)
+    bullet, apart = run()
+    assert not apart
+    np.testing.assert_allclose(own, bullet, atol=1e-7)
+    assert np.ptp(own, axis=0).min() > 0.05
+
+
+def test_the_state_moves_between_us_and_bullet_and_back(make):
+    """A body that comes brings Bullet, takes it away when it goes; speeds and motors go along."""
+    cube = parse_urdf(make.robot(make.link("cube", shapes=make.box("0.1 0.1 0.1"))))
+    with World() as world, World() as undisturbed:
+        arms = [w.spawn(parse_urdf(make.rotor(friction=0.1, damping=0.02)), "m")
+                for w in (world, undisturbed)]
+        for arm in arms:
+            arm.set_velocity_motor("spin", 3.0, 0.2)
+        for k in range(90):
+            if k == 30:
+                world.spawn(cube, "cube", Pose((3, 0, 5)))
+            if k == 60:
+                world.delete("cube")
+            if k == 45:
+                for arm in arms:
+                    arm.release_motor("spin")
+            world.step()
+            undisturbed.step()
+            a, b = (arm.read_joints() for arm in arms)
+            assert a[1][0] == pytest.approx(b[1][0], rel=1e-9), k
+            assert a[0][0] == pytest.approx(b[0][0], rel=1e-9), k
+        assert arms[0].link_pose("wheel").quat == pytest.approx(arms[1].link_pose("wheel").quat)
+
+
+SAGGING = {"J2": 0.35, "J3": -0.26, "J5": -0.09, "J6": 0.17}
+# after 1 s without controllers, by Bullet at steps of 0.1 ms with its own explicit damping
+SAGGED = {
+    None: {"gantry": 0.0, "J1": 0.0, "J2": 0.06517, "J3": -0.22185, "J5": -0.09, "J6": 0.17},
+    60.0: {"gantry": 0.0, "J1": 0.0, "J2": 0.29531, "J3": -0.26, "J5": -0.09, "J6": 0.17},
+}
+
+
+@pytest.mark.parametrize("stepper", ["own", "bullet"])
+@pytest.mark.parametrize("damping", SAGGED)
+@pytest.mark.parametrize("dt", [0.001, 0.002, 0.005])
+def test_damped_joints_sag_as_they_should_at_every_step(monkeypatch, damping, dt, stepper):
+    """0.03 rad off at 5 ms and 60 N m s in J2 where each joint's impulse was clipped by itself."""
+    if stepper == "bullet":
+        monkeypatch.setattr(world_module, "out_of_touch", lambda models: False)
+    described = description()
+    if damping is not None:
+        described = with_joint(described, "J2", damping=damping)
+    with World(time_step=dt) as world:
+        arm = world.spawn(described, "arm", joint_positions=SAGGING)
+        for _ in range(round(1.0 / dt)):
+            world.step()
+        found = dict(zip(arm.joint_names, arm.read_joints()[0], strict=True))
+    assert found == pytest.approx(SAGGED[damping], abs=3e-4)

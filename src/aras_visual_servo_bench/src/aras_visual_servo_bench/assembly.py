@@ -126,6 +126,18 @@ class _Builder:
             plant, self.loop_settings, servo, observer, camera, goal, goal_pose, self.target
         )
 
+    def check(self) -> None:
+        """ExperimentError for what is wrong before a world is made: names, files, poses."""
+        experiment = self.experiment
+        try:
+            if not isinstance(experiment.start, Sampler | CameraPose):
+                self._start(self.true_arm, np.eye(4))
+            if isinstance(experiment.goal, str):
+                self._goal()
+            experiment.believed.camera(self.true_camera)
+        except (ServoError, ViewError) as error:
+            raise ExperimentError(str(error)) from error
+
     # -- goal ------------------------------------------------------------------------------
 
     def _goal(self) -> Goal:
@@ -256,6 +268,11 @@ class _Builder:
             )  # fmt: skip
         kind = FreeCamera if experiment.plant == "free" else KinematicChain
         return kind(arm, start, self._sight(), lag=experiment.lag, seed=experiment.seed)
+
+
+def check(experiment: Experiment) -> None:
+    """ExperimentError for what cannot be of an experiment, found without making its plant."""
+    _Builder(experiment, None).check()
 
 
 def assemble(experiment: Experiment, scheme: Scheme | JointController | None = None) -> Assembly:

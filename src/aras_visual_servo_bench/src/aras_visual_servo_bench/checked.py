@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import difflib
+import functools
 import math
 import types
 import typing
@@ -47,7 +48,7 @@ def build(cls: type[T], values: Any, where: str = "") -> T:
     if not isinstance(values, Mapping):
         raise ExperimentError(f"{where or cls.__name__} is {values!r}, must be keys with values")
     known = {f.name: f for f in dataclasses.fields(cls) if f.init}
-    hints = typing.get_type_hints(cls)
+    hints = _hints(cls)
     found = {}
     for key, value in values.items():
         place = f"{where}.{key}" if where else str(key)
@@ -58,6 +59,11 @@ def build(cls: type[T], values: Any, where: str = "") -> T:
         return cls(**found)
     except TypeError as error:  # a field without a default is missing
         raise ExperimentError(f"{where or cls.__name__}: {error}") from None
+
+
+@functools.lru_cache(maxsize=64)
+def _hints(cls: type) -> dict[str, Any]:
+    return typing.get_type_hints(cls)
 
 
 def convert(value: Any, hint: Any, where: str) -> Any:
@@ -145,5 +151,5 @@ def read_yaml(path: str | Path) -> Any:
         raise ExperimentError(f"{path} holds more than {LARGEST_FILE} bytes: no such file is meant")
     try:
         return parsed_yaml(data.decode())
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
+    except (UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
         raise ExperimentError(f"{path} is not valid YAML: {' '.join(str(error).split())}") from None

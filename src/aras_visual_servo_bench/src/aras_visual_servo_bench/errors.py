@@ -11,3 +11,7 @@ class ExperimentError(BenchError):
 
 class ViewError(BenchError):
     """A view that shows no target: it is behind the camera or outside of the picture."""
+
+
+class StudyError(BenchError):
+    """A study that cannot be begun, gone on with or read as it is."""

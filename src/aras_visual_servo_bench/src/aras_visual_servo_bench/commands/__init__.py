@@ -1,0 +1,36 @@
+"""The bench's command line: `bench run`, `resume`, `table`, `plot`, `diff`, `show`, `tune`."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from ..errors import BenchError
+from . import reading, running
+
+PARTS = (running, reading)
+
+
+def parser() -> argparse.ArgumentParser:
+    """All commands; what each takes is told where it is carried out."""
+    made = argparse.ArgumentParser(prog="bench", description=__doc__.splitlines()[0])
+    commands = made.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for part in PARTS:
+        part.add(commands)
+    return made
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Carry a command out; what cannot be is one line and 1, a wrong call 2."""
+    options = parser().parse_args(argv)
+    try:
+        return options.carry_out(options)
+    except BenchError as error:
+        print(f"bench: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("bench: interrupted", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # as in `bench table DIR | head`
+        sys.stderr.close()
+        return 1

@@ -1,0 +1,109 @@
+"""`bench run STUDY --out DIR` and `bench resume DIR`."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ..errors import StudyError
+from ..study import engine, overrides
+from ..study.folder import Folder
+from ..study.pools import RENEWED, DaskPool, Pool, ThisProcess
+from ..study.progress import Progress, duration
+from ..study.study import Study
+
+
+def add(commands: Any) -> None:
+    """The commands' own parsers."""
+    run = commands.add_parser("run", help="carry out a study")
+    run.add_argument("study", type=Path, help="YAML file")
+    run.add_argument("overrides", nargs="*", metavar="key=value",
+                     help="other values, as in gain=2.0 or repeats=5")
+    run.add_argument("--out", type=Path, help="folder of the results; new, or of the same study")
+    run.add_argument("--dry-run", action="store_true", help="only say what would be done")
+    run.set_defaults(carry_out=_run)
+    resume = commands.add_parser("resume", help="go on with a study that was begun")
+    resume.add_argument("folder", type=Path)
+    resume.set_defaults(carry_out=_resume)
+    for one in (run, resume):
+        one.add_argument("--workers", type=int, default=0, metavar="N",
+                         help="processes on this machine; default: one a core")
+        one.add_argument("--in-process", action="store_true", help="no workers: run it here")
+        one.add_argument("--scheduler", default="", metavar="ADDRESS", help="of Dask, with workers")
+        one.add_argument("--cluster", default="", metavar="FILE",
+                         help="YAML that names a cluster class, its arguments and workers")
+        one.add_argument("--renew", type=int, default=RENEWED, metavar="N",
+                         help="make workers anew after so many chunks (%(default)s)")
+        one.add_argument("--fail-fast", action="store_true", help="stop at a run without success")
+        one.add_argument("--mix", action="store_true", help="go on although the code has changed")
+
+
+def _run(options: argparse.Namespace) -> int:
+    changed = overrides.parsed(options.overrides)
+    study = Study.from_yaml(options.study, changed)
+    engine.check_study(study)
+    if options.dry_run:
+        for line in engine.dry_run(study, _workers(options)):
+            print(line)
+        return 0
+    if options.out is None:
+        raise StudyError("say where the results go: --out DIR; or --dry-run")
+    text = options.study.read_text(encoding="utf-8")
+    if changed or "experiment" in text and Study.from_yaml(options.study).digest != study.digest:
+        text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
+    return _carry_out(Folder.create(options.out, study, text), options)
+
+
+def _resume(options: argparse.Namespace) -> int:
+    folder = Folder.open(options.folder)
+    folder.check_file()
+    return _carry_out(folder, options)
+
+
+def _carry_out(folder: Folder, options: argparse.Namespace) -> int:
+    if not options.mix:
+        folder.check_code()
+    with folder.locked():
+        kept = folder.done()
+        if kept < folder.study.runs:
+            progress = Progress(folder.study.runs, kept)
+            try:
+                with _pool(options) as pool:
+                    done = engine.carry_out(
+                        folder, pool, progress, options.fail_fast, options.mix
+                    )
+            except StudyError as error:
+                progress.close()
+                raise StudyError(f"{error}; {_kept(folder)}") from error
+            except KeyboardInterrupt:
+                progress.close()
+                raise StudyError(f"interrupted; {_kept(folder)}") from None
+            progress.close()
+            print(f"{done.runs} of {folder.study.runs} runs in {folder.path}, {done.failed} of the "
+                  f"new ones without success, {duration(done.seconds)}")
+            return 1 if done.stopped else 0
+        folder.finish()
+        print(f"all {kept} runs are in {folder.path}")
+        return 0
+
+
+def _kept(folder: Folder) -> str:
+    return f"{folder.done()} of {folder.study.runs} runs are kept: bench resume {folder.path}"
+
+
+def _workers(options: argparse.Namespace) -> int:
+    return 1 if options.in_process else options.workers or os.cpu_count() or 1
+
+
+def _pool(options: argparse.Namespace) -> Pool:
+    if options.workers < 0 or options.renew < 1:
+        raise StudyError("--workers must be 0 or more, and --renew 1 or more")
+    if bool(options.scheduler) + bool(options.cluster) + options.in_process > 1:
+        raise StudyError("say one of --in-process, --scheduler and --cluster")
+    if options.in_process:
+        return ThisProcess()
+    return DaskPool(options.workers, options.scheduler, options.cluster, options.renew)

@@ -1,0 +1,106 @@
+"""Carries out what of a study is missing: chunks go out in a sliding window, parts come in."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import deque
+from dataclasses import dataclass
+
+from ..assembly import check
+from ..errors import ExperimentError, StudyError
+from . import rows
+from .folder import Folder
+from .metrics import success
+from .pools import Pool
+from .progress import Progress, duration
+from .study import Study
+from .work import Task
+
+FIRST = 3  # runs that a dry run shows
+TRIALS = 200  # values of a grid that are tried before the first run, spread over all
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What has come of it. runs: kept now, of all. failed: of those done now, without success."""
+
+    runs: int
+    failed: int
+    stopped: bool
+    seconds: float
+
+
+def check_study(study: Study) -> None:
+    """Try every value that the study names, without running: StudyError naming what is wrong."""
+    trials = study.trials()
+    for experiment in trials[:: max(len(trials) // TRIALS, 1)]:
+        try:
+            check(experiment)
+        except ExperimentError as error:
+            raise StudyError(str(error)) from error
+
+
+def succeeded(values: dict[str, object]) -> bool:
+    """Whether a row's run did what it was to do."""
+    return values.get(success.name, 1.0) == 1.0 and values["outcome"] not in (
+        rows.REFUSED, rows.FAULT, rows.DIED,
+    )  # fmt: skip
+
+
+def carry_out(
+    folder: Folder, pool: Pool, progress: Progress, fail_fast: bool = False, mix: bool = False
+) -> Summary:
+    """Run what is missing.
+
+    Args:
+        fail_fast: send nothing more once a run did not succeed.
+        mix: the study may have been begun with other code.
+
+    Raises:
+        StudyError: the workers are gone, or what they gave cannot be written. What was done
+            before is kept.
+    """
+    began = time.monotonic()
+    study = folder.study
+    text = json.dumps(study.to_mapping())
+    known = None if mix else tuple(folder.manifest["versions"].items())
+    todo = deque(folder.missing())
+    out = failed = 0
+    stopped = False
+    while todo or out:
+        while todo and not stopped and pool.room:
+            pool.submit(Task(text, todo.popleft(), versions=known))
+            out += 1
+        if not out:
+            break
+        done = pool.next()
+        if done.rows is None:  # its worker died: once more, run by run
+            pool.submit(done.task)
+            continue
+        out -= 1
+        folder.write(done.task.chunk, done.rows)
+        bad = sum(not succeeded(values) for values in done.rows.values)
+        failed += bad
+        progress.more(len(done.rows.values), bad)
+        stopped = stopped or (fail_fast and bad > 0)
+    if not todo:
+        folder.finish()
+    left = sum(len(study.chunk_runs(chunk)) for chunk in todo)
+    return Summary(study.runs - left, failed, stopped, time.monotonic() - began)
+
+
+def dry_run(study: Study, workers: int) -> list[str]:
+    """What would be done, in lines: how many runs, how long, and the first of them."""
+    timed = [rows.row_of(study, 0).times[0]["wall"] for _ in range(2)]  # the first loads things
+    seconds = min(timed) * study.runs / max(workers, 1)
+    lines = [
+        f"{study.runs} runs: {study.points} points, {study.repeats} of each; {study.chunks} chunks "
+        f"of {study.chunk_size}",
+        f"about {duration(seconds)} on {workers} core{'s' if workers > 1 else ''}: a run takes "
+        f"{min(timed):.2g} s here",
+    ]
+    for run in range(min(FIRST, study.runs)):
+        told = ", ".join(f"{k}={v}" for k, v in study.settings(run // study.repeats).items())
+        lines.append(f"run {run}: {told or 'as it is'}; seed {study.seed_of(run)}")
+    return lines

@@ -1,0 +1,266 @@
+"""A study's folder: its file, its results part by part, and the manifest that says what is what.
+
+    study.yaml            as it was given
+    manifest.json         what it is, with which code, and in the end the hash of every part
+    parts/000012.parquet  results of a chunk, a row a run
+    times/                wall times of the same runs, which are never the same twice
+    traces/               of every image, where they are wanted
+
+A part is written under another name and renamed, so what bears its name is whole. The folder is
+all there is to know: nothing else remembers what has been done.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from ..errors import StudyError
+from . import rows, versions
+from .study import Study
+
+STUDY, MANIFEST, LOCK = "study.yaml", "manifest.json", ".lock"
+PARTS, TIMES, TRACES = "parts", "times", "traces"
+FORMAT = 1
+_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+
+class Folder:
+    """An open folder.
+
+    Attributes:
+        path, study: where and what. labels: words that every row carries.
+    """
+
+    def __init__(self, path: Path, study: Study, manifest: dict[str, Any]) -> None:
+        self.path, self.study, self.manifest = path, study, manifest
+        self.labels = {
+            "code": manifest["code"],
+            "versions": " ".join(f"{k}={v}" for k, v in manifest["versions"].items()),
+        }
+
+    # -- opening ---------------------------------------------------------------------------
+
+    @classmethod
+    def create(cls, path: Path, study: Study, text: str) -> Folder:
+        """A new folder; one of the same study is opened as it is.
+
+        Args:
+            text: the study's file.
+
+        Raises:
+            StudyError: it holds another study or something else, or cannot be written.
+        """
+        if (path / MANIFEST).exists():
+            folder = cls.open(path)
+            folder.check_same(study)
+            return folder
+        with _writing(path):
+            if path.exists() and (not path.is_dir() or any(path.iterdir())):
+                raise StudyError(f"{path} is not empty and holds no study: name a new folder")
+            path.mkdir(parents=True, exist_ok=True)
+            manifest = {
+                "format": FORMAT, "runs": study.runs, "chunk": study.chunk_size,
+                "chunks": study.chunks, "digest": study.digest, "code": versions.code(),
+                "versions": versions.versions(), "study": study.to_mapping(),
+            }  # fmt: skip
+            (path / STUDY).write_text(text, encoding="utf-8")
+            _write(path / MANIFEST, _json(manifest))
+        return cls(path, study, manifest)
+
+    @classmethod
+    def open(cls, path: str | Path) -> Folder:
+        """The folder of a study that was begun.
+
+        Raises:
+            StudyError: there is none, or its study.yaml was changed since.
+        """
+        path = Path(path)
+        try:
+            manifest = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
+            study = Study.from_mapping(manifest["study"])
+        except OSError as error:
+            raise StudyError(f"{path} holds no study: {MANIFEST}: {error.strerror}") from None
+        except (ValueError, KeyError, TypeError):
+            raise StudyError(f"{path / MANIFEST} is damaged: it is no study's manifest") from None
+        if manifest.get("format") != FORMAT:
+            raise StudyError(f"{path} was written in format {manifest.get('format')}, not {FORMAT}")
+        if manifest.get("chunk") != study.chunk_size:
+            raise StudyError(f"{path} was cut into other chunks: begin it anew")
+        return cls(path, study, manifest)
+
+    def check_file(self) -> None:
+        """StudyError with the difference where study.yaml was changed since it was begun."""
+        self.check_same(Study.from_yaml(self.path / STUDY))
+
+    def check_same(self, study: Study) -> None:
+        """StudyError with the difference where the folder's study is another."""
+        if study.digest != self.manifest["digest"]:
+            raise StudyError(
+                f"{self.path} holds another study: {difference(self.study, study)}; name another "
+                "folder, or take the change back"
+            )
+
+    def check_code(self) -> None:
+        """StudyError where the folder's runs were computed by other code than would go on."""
+        told = versions.difference(versions.versions(), self.manifest["versions"])
+        if told:
+            raise StudyError(
+                f"{self.path} was begun with other code ({told}): its runs would not go together; "
+                "run it anew, or say --mix"
+            )
+
+    @contextlib.contextmanager
+    def locked(self) -> Iterator[None]:
+        """For one who writes at a time; StudyError where another does."""
+        with _writing(self.path), open(self.path / LOCK, "w", encoding="utf-8") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise StudyError(f"{self.path} is being written by another bench") from None
+            try:
+                yield
+            finally:
+                with contextlib.suppress(OSError):
+                    (self.path / LOCK).unlink()
+
+    # -- parts -----------------------------------------------------------------------------
+
+    def part(self, chunk: int, kind: str = PARTS) -> Path:
+        """The file of a chunk."""
+        return self.path / kind / f"{chunk:06d}.parquet"
+
+    def missing(self) -> list[int]:
+        """Chunks whose part is not there or cannot be read; the leavings of a crash are removed."""
+        for leaving in self.path.glob("*/.*.new"):
+            leaving.unlink(missing_ok=True)
+        folder = self.path / PARTS
+        there = {int(p.stem) for p in folder.glob("*.parquet")} if folder.is_dir() else set()
+        return [c for c in range(self.study.chunks) if c not in there or not self._whole(c)]
+
+    def write(self, chunk: int, done: rows.Rows) -> None:
+        """Keep a chunk's rows; StudyError where the disk is full."""
+        with _writing(self.path):
+            self._put(TIMES, chunk, pa.Table.from_pylist(done.times, schema=rows.TIMES))
+            if self.study.traces:
+                self._put(TRACES, chunk, pa.Table.from_pylist(done.traces, schema=rows.TRACE))
+            # The last one, for it is the one that says that the chunk is done.
+            self._put(PARTS, chunk, rows.table(self.study, done.values, self.labels))
+
+    def finish(self) -> None:
+        """Write into the manifest what every part's hash is."""
+        hashes = {}
+        for kind in (PARTS, TRACES) if self.study.traces else (PARTS,):
+            for chunk in range(self.study.chunks):
+                path = self.part(chunk, kind)
+                name = str(path.relative_to(self.path))
+                hashes[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+        with _writing(self.path):
+            self.manifest = {**self.manifest, "parts": hashes}
+            _write(self.path / MANIFEST, _json(self.manifest))
+
+    def done(self) -> int:
+        """How many runs are kept."""
+        gone = sum(len(self.study.chunk_runs(chunk)) for chunk in self.missing())
+        return self.study.runs - gone
+
+    def results(self, kind: str = PARTS) -> pa.Table:
+        """All rows that are there, in order of their runs.
+
+        Raises:
+            StudyError: there are none, or a part does not have the hash that it had.
+        """
+        paths = sorted((self.path / kind).glob("*.parquet"))
+        if not paths:
+            raise StudyError(f"{self.path} has no {kind} yet")
+        hashes: Mapping[str, str] = self.manifest.get("parts", {})
+        tables = []
+        for path in paths:
+            name = str(path.relative_to(self.path))
+            try:
+                data = path.read_bytes()
+                if name in hashes and hashlib.sha256(data).hexdigest() != hashes[name]:
+                    raise StudyError(f"{path} is not as it was written: delete it, then resume")
+                tables.append(pq.read_table(pa.BufferReader(data)))
+            except (OSError, pa.ArrowException) as error:
+                raise StudyError(f"cannot read {path}: {_first(error)}; resume the study") from None
+        return pa.concat_tables(tables)
+
+    def _whole(self, chunk: int) -> bool:
+        try:
+            data = pq.read_metadata(self.part(chunk))
+        except (OSError, pa.ArrowException):
+            return False
+        return data.num_rows == len(self.study.chunk_runs(chunk))
+
+    def _put(self, kind: str, chunk: int, table: pa.Table) -> None:
+        sink = pa.BufferOutputStream()
+        pq.write_table(table, sink, compression="zstd")
+        path = self.part(chunk, kind)
+        path.parent.mkdir(exist_ok=True)
+        _write(path, sink.getvalue().to_pybytes())
+
+
+def difference(old: Study, new: Study) -> str:
+    """In what two studies differ, key by key, in a line."""
+    before, after = _flat(old.to_mapping()), _flat(new.to_mapping())
+    keys = [k for k in {**before, **after} if before.get(k) != after.get(k)]
+    told = [f"{k} was {before.get(k, 'not given')}, is {after.get(k, 'not given')}" for k in keys]
+    return "; ".join(told[:5]) + (f"; and {len(told) - 5} more" if len(told) > 5 else "")
+
+
+def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping) and value:
+            flat |= _flat(value, f"{before}{key}.")
+        elif value != {}:
+            flat[f"{before}{key}"] = value
+    return flat
+
+
+def _json(values: Mapping[str, Any]) -> bytes:
+    return (json.dumps(values, indent=1, ensure_ascii=False) + "\n").encode()
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Whole or not at all, and on the disk when this returns."""
+    new = path.with_name(f".{path.name}.new")
+    try:
+        with open(new, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(new, path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            new.unlink(missing_ok=True)
+        raise
+
+
+@contextlib.contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """What cannot be written as one line."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in _FULL:
+            raise StudyError(
+                f"the disk of {path} is full: what was done before is kept; make room, then "
+                f"bench resume {path}"
+            ) from error
+        raise StudyError(f"cannot write {path}: {error.strerror or error}") from error
+
+
+def _first(error: BaseException) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

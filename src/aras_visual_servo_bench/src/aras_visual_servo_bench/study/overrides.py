@@ -1,0 +1,85 @@
+"""Keys of an experiment by dotted paths: `gain`, `start.side`, `options.max_velocity`."""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+import typing
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import yaml
+
+from ..checked import nearest
+from ..errors import StudyError
+from ..experiment import Experiment
+
+
+def parsed(words: Iterable[str]) -> dict[str, Any]:
+    """Overrides as they are written on a command line, `key=value`, the value being YAML.
+
+    Raises:
+        StudyError: a word without '=', or a value that is no YAML.
+    """
+    found = {}
+    for word in words:
+        key, equals, text = word.partition("=")
+        if not (equals and key.strip()):
+            raise StudyError(f"'{word}' is no override: write key=value, as in gain=2.0")
+        try:
+            found[key.strip()] = yaml.safe_load(text)
+        except yaml.YAMLError:
+            raise StudyError(f"the value of '{word}' is no YAML") from None
+    return found
+
+
+def with_override(values: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
+    """A copy of nested mappings with the value under a dotted key.
+
+    Raises:
+        StudyError: on the way stands something that has no keys.
+    """
+    first, _, rest = key.partition(".")
+    changed = dict(values)
+    if rest:
+        inner = changed.get(first, {})
+        if not isinstance(inner, Mapping):
+            raise StudyError(
+                f"'{key}' cannot be set: {first} is {inner!r}, which has no keys; write {first} as "
+                "keys with values"
+            )
+        value = with_override(inner, rest, value)
+    changed[first] = value
+    return changed
+
+
+def check_key(key: str) -> None:
+    """StudyError with the nearest known key where an experiment has no such dotted key."""
+    kinds: tuple[type, ...] = (Experiment,)
+    so_far = ""
+    for part in key.split("."):
+        known = {f.name: f for kind in kinds for f in dataclasses.fields(kind)}
+        if part not in known:
+            near = nearest(part, known).replace("'", "")
+            said = near.replace("did you mean ", f"did you mean {so_far}")
+            raise StudyError(f"an experiment has no '{key}': {said}")
+        so_far += f"{part}."
+        hints = [typing.get_type_hints(kind) for kind in kinds]
+        hint = next(h[part] for h in hints if part in h)
+        options = _options(hint)
+        if any(_free(option) for option in options):
+            return  # keys that are checked where they are used
+        kinds = tuple(option for option in options if dataclasses.is_dataclass(option))
+        if not kinds and so_far != f"{key}.":
+            raise StudyError(f"an experiment has no '{key}': {so_far[:-1]} has no keys below it")
+
+
+def _options(hint: Any) -> tuple:
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return typing.get_args(hint)
+    return (hint,)
+
+
+def _free(hint: Any) -> bool:
+    origin = typing.get_origin(hint)
+    return isinstance(origin, type) and issubclass(origin, Mapping)

@@ -1,0 +1,288 @@
+"""Where chunks are carried out: in this process, or by workers of Dask distributed."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import tempfile
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import TracebackType
+from typing import Any
+
+from ..checked import nearest, read_yaml
+from ..errors import ExperimentError, StudyError
+from . import rows, versions, work
+from .work import Task
+
+ANSWER = 10.0  # s that a scheduler may take to answer
+APPEAR = 300.0  # s until the first worker of a cluster must be there
+RENEWED = 500  # chunks of a worker after which all are made anew
+DEATHS = 5  # of workers over one chunk, guarded or not, after which the cluster is to blame
+
+
+@dataclass(frozen=True)
+class Done:
+    """A chunk that is done. task: which. rows: None where its worker died."""
+
+    task: Task
+    rows: rows.Rows | None
+
+
+class Pool(ABC):
+    """Carries out chunks, some at a time, and gives them back in any order."""
+
+    workers: int = 1
+
+    @property
+    @abstractmethod
+    def room(self) -> bool:
+        """Whether it wants another chunk now."""
+
+    @abstractmethod
+    def submit(self, task: Task) -> None:
+        """Take a chunk."""
+
+    @abstractmethod
+    def next(self) -> Done:
+        """Wait for a chunk; StudyError where none can come any more."""
+
+    def close(self) -> None:
+        """End what it began; safe to call twice."""
+        return
+
+    def __enter__(self) -> Pool:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:  # fmt: skip
+        self.close()
+
+
+class ThisProcess(Pool):
+    """One chunk after the other, here: for small studies, and to look into a fault."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[Task] = deque()
+
+    @property
+    def room(self) -> bool:
+        """Whether the one before is done."""
+        return not self._waiting
+
+    def submit(self, task: Task) -> None:
+        """Keep it until it is asked for."""
+        self._waiting.append(task)
+
+    def next(self) -> Done:
+        """Carry it out."""
+        task = self._waiting.popleft()
+        return Done(task, work.carry_out(task))
+
+
+class DaskPool(Pool):
+    """Workers of Dask distributed: of this machine, of a scheduler, or of a named cluster class."""
+
+    def __init__(
+        self, workers: int = 0, scheduler: str = "", cluster: str = "", renew: int = RENEWED
+    ) -> None:
+        """Have workers.
+
+        Args:
+            workers: processes on this machine; 0: one a core.
+            scheduler: address of one that runs already. cluster: file that names a class.
+            renew: chunks of a worker after which all workers are made anew.
+
+        Raises:
+            StudyError: no scheduler answers, no worker comes, or one has another version.
+        """
+        self._distributed = _configured()
+        self._renew = renew
+        self._cluster: Any = None
+        self._scratch = tempfile.TemporaryDirectory(prefix="bench-")
+        self._client: Any = None
+        try:
+            if scheduler:
+                address: Any = scheduler
+            elif cluster:
+                address = self._cluster = _named_cluster(cluster)
+            else:
+                address = self._cluster = self._local(workers or os.cpu_count() or 1)
+            self._client = self._connected(address)
+            self._agree()
+        except BaseException:
+            self.close()
+            raise
+        self._tasks: dict[Any, Task] = {}
+        self._deaths: dict[int, int] = {}
+        self._since = 0
+        self._finished = self._distributed.as_completed(
+            loop=self._client.loop, raise_errors=False
+        )
+
+    @property
+    def room(self) -> bool:
+        """Two chunks a worker: one under way, one that waits; none while workers are due."""
+        if self._since + len(self._tasks) >= self._renew * self.workers:
+            if self._tasks:
+                return False
+            self._client.restart(timeout=60)
+            self._since = 0
+        return len(self._tasks) < 2 * self.workers
+
+    def submit(self, task: Task) -> None:
+        """Send it to a worker."""
+        tries = self._deaths.get(task.chunk, 0)
+        try:
+            future = self._client.submit(
+                work.carry_out, replace(task, guarded=tries > 0 or task.guarded),
+                key=f"chunk-{task.chunk}-{tries}", pure=False,
+            )  # fmt: skip
+        except Exception as error:
+            raise self._lost(error) from error
+        self._tasks[future.key] = task
+        self._finished.add(future)
+
+    def next(self) -> Done:
+        """Wait for the next that is done."""
+        try:
+            future = next(self._finished)
+            task = self._tasks.pop(future.key)
+            if future.status == "finished":
+                done = future.result(timeout=60)
+                self._since += 1
+                self._deaths.pop(task.chunk, None)
+                return Done(task, done)
+            error = future.exception(timeout=60) if future.status == "error" else None
+        except StopIteration:
+            raise StudyError("the workers have nothing left to do") from None
+        except Exception as fault:
+            raise self._lost(fault) from fault
+        if isinstance(error, self._distributed.KilledWorker):
+            deaths = self._deaths[task.chunk] = self._deaths.get(task.chunk, 0) + 1
+            if deaths > DEATHS:
+                raise StudyError(
+                    f"{deaths} workers died over chunk {task.chunk}, even with its runs in "
+                    "processes of their own: look at the machine's memory and the workers' logs"
+                )
+            return Done(task, None)
+        if error is None:
+            raise self._lost(None)
+        if isinstance(error, StudyError):
+            raise error
+        raise StudyError(f"chunk {task.chunk} failed: {type(error).__name__}: {error}") from error
+
+    def close(self) -> None:
+        """End client and cluster."""
+        for part in (self._client, self._cluster):
+            if part is not None:
+                with contextlib.suppress(Exception):
+                    part.close(timeout=10)
+        self._client = self._cluster = None
+        self._scratch.cleanup()
+
+    # -- making ----------------------------------------------------------------------------
+
+    def _local(self, workers: int) -> Any:
+        self.workers = workers
+        return self._distributed.LocalCluster(
+            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None,
+            memory_limit=0, local_directory=self._scratch.name, silence_logs=50,
+        )  # fmt: skip
+
+    def _connected(self, address: Any) -> Any:
+        try:
+            client = self._distributed.Client(address, timeout=ANSWER, set_as_default=False)
+        except (OSError, ValueError, TimeoutError) as error:
+            told = str(error).splitlines()[0] if str(error) else type(error).__name__
+            raise StudyError(f"no scheduler answers at {address}: {told}") from None
+        try:
+            client.wait_for_workers(1, timeout=ANSWER if self._cluster is None else APPEAR)
+        except TimeoutError:
+            client.close(timeout=5)
+            raise StudyError(f"the scheduler at {address} has no workers") from None
+        return client
+
+    def _agree(self) -> None:
+        """StudyError where a worker's code is not this one's."""
+        try:
+            there = self._client.run(versions.versions)
+        except Exception as error:
+            raise StudyError(
+                f"the workers cannot load this package ({_first(error)}): install it there, or set "
+                "their PYTHONPATH"
+            ) from None
+        for worker, found in there.items():
+            told = versions.difference(versions.versions(), found)
+            if told:
+                raise StudyError(f"the worker at {worker} has another version: {told}")
+        threads = self._client.nthreads()
+        self.workers = sum(threads.values())
+        if max(threads.values()) > 1:
+            raise StudyError(
+                "the workers have several threads each: start them with --nthreads 1, for a world "
+                "belongs to one thread"
+            )
+        self._client.run(work.one_thread)
+
+    def _lost(self, error: BaseException | None) -> StudyError:
+        told = f" ({_first(error)})" if error is not None else ""
+        return StudyError(f"the scheduler is gone{told}")
+
+
+def _configured() -> Any:
+    """distributed, told to keep little and to watch little."""
+    import dask
+
+    dask.config.set({
+        "distributed.nanny.pre-spawn-environ": work.ONE_THREAD,
+        "distributed.scheduler.allowed-failures": 0,
+        "distributed.scheduler.work-stealing": False,
+        "distributed.scheduler.worker-saturation": 1.0,
+        "distributed.worker.profile.enabled": False,
+        "distributed.worker.memory.target": False,
+        "distributed.worker.memory.spill": False,
+        "distributed.worker.memory.pause": False,
+        "distributed.worker.memory.terminate": False,
+        "distributed.worker.daemon": True,
+        "distributed.admin.log-length": 100,
+        "distributed.admin.low-level-log-length": 100,
+        "distributed.comm.timeouts.connect": "10s",
+    })
+    import distributed
+
+    return distributed
+
+
+def _named_cluster(path: str) -> Any:
+    """The cluster that a file names: class, its arguments, and how many workers."""
+    try:
+        told = read_yaml(path)
+    except ExperimentError as error:
+        raise StudyError(str(error)) from None
+    keys = ("class", "arguments", "workers")
+    if not isinstance(told, Mapping) or "class" not in told:
+        raise StudyError(f"{path} names no cluster: give class, arguments and workers")
+    for key in told:
+        if key not in keys:
+            raise StudyError(f"{path}: unknown key '{key}': {nearest(str(key), keys)}")
+    module, _, name = str(told["class"]).rpartition(".")
+    try:
+        cluster = getattr(importlib.import_module(module), name)(**dict(told.get("arguments", {})))
+        workers = told.get("workers")
+        if isinstance(workers, list):
+            cluster.adapt(minimum=workers[0], maximum=workers[1])
+        elif workers is not None:
+            cluster.scale(int(workers))
+    except Exception as error:  # whatever a cluster's own code may raise
+        raise StudyError(f"{path}: {told['class']}: {_first(error)}") from None
+    return cluster
+
+
+def _first(error: BaseException) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -1,0 +1,95 @@
+"""Results read back: rows of one or more folders, in groups that belong together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from ..checked import nearest
+from ..errors import StudyError
+from . import folder as folders
+from . import metrics, rows
+from .folder import Folder
+from .metrics import Metric
+from .study import Study
+
+REAL_TIME = Metric(
+    "real_time_multiple", "", metrics.GREATER, "wall time of the worker, in a file of its own",
+    lambda finished: float("nan"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Results:
+    """Rows of a study. name: of its folder. table: in order of the runs."""
+
+    name: str
+    study: Study
+    table: pa.Table
+
+    @classmethod
+    def read(cls, path: str | Path) -> Results:
+        """Of a folder, as far as it is done; StudyError where there is nothing."""
+        folder = Folder.open(path)
+        table = folder.results()
+        times = folder.results(folders.TIMES)
+        wall = dict(zip(times["run"].to_pylist(), times["wall"].to_pylist(), strict=True))
+        simulated = zip(table["run"].to_pylist(), table["simulated"].to_pylist(), strict=True)
+        multiple = [s / wall[run] if wall.get(run) else float("nan") for run, s in simulated]
+        table = table.append_column(REAL_TIME.name, pa.array(multiple, pa.float64()))
+        return cls(Path(path).resolve().name, folder.study, table)
+
+    @property
+    def metrics(self) -> tuple[Metric, ...]:
+        """Those that its rows have."""
+        return (*(metrics.find(name) for name in self.study.metric_names), REAL_TIME)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Keys that take few values: those of the grid and of the cases."""
+        drawn = {draw.key for draw in self.study.draws}
+        return tuple(key for key in self.study.keys if key not in drawn)
+
+    def column(self, name: str) -> list[Any]:
+        """Values of a column; StudyError with the nearest name where there is none."""
+        if name not in self.table.column_names:
+            raise StudyError(f"no column '{name}': {nearest(name, self.table.column_names)}")
+        return self.table[name].to_pylist()
+
+    def numbers(self, name: str) -> np.ndarray:
+        """A column (n,) of numbers; StudyError where it holds words."""
+        values = self.column(name)
+        if any(isinstance(v, str) for v in values):
+            raise StudyError(f"{name} holds words, not numbers")
+        return np.array([np.nan if v is None else v for v in values], float)
+
+    def successes(self) -> np.ndarray:
+        """(n,) 0 or 1; what was refused, failed or died is none."""
+        if metrics.success.name in self.table.column_names:
+            found = self.numbers(metrics.success.name)
+            return np.where(np.isnan(found), 0.0, found)
+        return np.array([
+            float(outcome not in (rows.REFUSED, rows.FAULT, rows.DIED))
+            for outcome in self.column("outcome")
+        ])  # fmt: skip
+
+    def groups(self, keys: Sequence[str]) -> dict[tuple, np.ndarray]:
+        """Rows (n,) int of each combination of the keys' values, in order of appearance."""
+        columns = [self.column(key) for key in keys]
+        found: dict[tuple, list[int]] = {}
+        for row in range(self.table.num_rows):
+            found.setdefault(tuple(column[row] for column in columns), []).append(row)
+        return {values: np.array(indices) for values, indices in found.items()}
+
+    def chosen(self, names: Sequence[str]) -> tuple[Metric, ...]:
+        """The metrics of these names; empty: all but success, which is told apart."""
+        by_name = {m.name: m for m in self.metrics if m.name != metrics.success.name}
+        for name in names:
+            if name not in by_name:
+                raise StudyError(f"no metric '{name}' in {self.name}: {nearest(name, by_name)}")
+        return tuple(by_name[name] for name in names) if names else tuple(by_name.values())

@@ -1,0 +1,165 @@
+"""A run as a row: what was set, how it went, its metrics; and a chunk of rows as a table."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from ..assembly import assemble
+from ..errors import ExperimentError
+from ..experiment import Experiment
+from ..runner import Loop
+from . import metrics as known_metrics
+from .metrics import Finished
+from .study import Study
+from .variations import Axis, Draw
+
+# Outcomes that are no loop's: a run whose values do not go together, one that raised, one that
+# ended its process.
+REFUSED, FAULT, DIED = "refused", "fault", "process_died"
+LONGEST_REASON = 500
+FIXED = {
+    "run": pa.int64(), "point": pa.int64(), "repeat": pa.int64(), "seed": pa.int64(),
+    "outcome": pa.string(), "verdict": pa.string(), "reason": pa.string(),
+    "images": pa.int64(), "simulated": pa.float64(),
+}  # fmt: skip
+LABELS = ("code", "versions")  # the same in all rows of a study
+TIMES = pa.schema([("run", pa.int64()), ("wall", pa.float64()), ("worker", pa.string())])
+TRACE = pa.schema([
+    ("run", pa.int64()), ("stamp", pa.float64()), ("phase", pa.string()),
+    ("error", pa.list_(pa.float64())), ("asked", pa.list_(pa.float64())),
+    ("pose", pa.list_(pa.float64())),
+])  # fmt: skip
+
+
+@dataclass
+class Rows:
+    """Rows of some runs: results by column, wall times apart, and traces if they are wanted."""
+
+    values: list[dict[str, Any]] = field(default_factory=list)
+    times: list[dict[str, Any]] = field(default_factory=list)
+    traces: list[dict[str, Any]] = field(default_factory=list)
+
+    def add(self, other: Rows) -> None:
+        """The rows of another behind these."""
+        self.values += other.values
+        self.times += other.times
+        self.traces += other.traces
+
+
+def row_of(study: Study, run: int, worker: str = "") -> Rows:
+    """Carry out one run. Whatever goes wrong is its outcome; only the process's end is not seen."""
+    began = time.perf_counter()
+    values = blank(study, run)
+    traces: list[dict[str, Any]] = []
+    try:
+        experiment = study.experiment_of(run)
+        values |= _finished(study, experiment, run, traces)
+    except ExperimentError as error:
+        values |= {"outcome": REFUSED, "reason": _line(error)}
+    except Exception as error:  # a fault of the code, or of a user's: the other runs go on
+        values |= {"outcome": FAULT, "reason": _line(f"{type(error).__name__}: {error}")}
+    times = {"run": run, "wall": time.perf_counter() - began, "worker": worker}
+    return Rows([values], [times], traces)
+
+
+def blank(study: Study, run: int) -> dict[str, Any]:
+    """A row before anything is known of how it goes."""
+    point, repeat = divmod(run, study.repeats)
+    return {
+        "run": run, "point": point, "repeat": repeat, "seed": study.seed_of(run),
+        **{key: _cell(value) for key, value in study.settings(point).items() if key != "seed"},
+        "outcome": "", "verdict": "", "reason": "", "images": 0, "simulated": 0.0,
+        **{column(name): float("nan") for name in study.metric_names},
+    }  # fmt: skip
+
+
+def _finished(
+    study: Study, experiment: Experiment, run: int, traces: list[dict[str, Any]]
+) -> dict[str, Any]:
+    parts = assemble(experiment)
+    loop = Loop(experiment, parts)
+    try:
+        loop.to_end()
+        result = loop.result()
+        finished = Finished(experiment, parts, result)
+        if study.traces:
+            traces += (
+                {"run": run, "stamp": float(result.stamp[i]), "phase": result.phases[i],
+                 "error": result.error[i].tolist(), "asked": result.asked[i].tolist(),
+                 "pose": result.pose[i].ravel().tolist()}
+                for i in range(len(result.stamp))
+            )  # fmt: skip
+        return {
+            "seed": experiment.seed,
+            "outcome": result.outcome,
+            "verdict": result.verdict.word,
+            "reason": _line(result.reason),
+            "images": len(result.stamp),
+            "simulated": loop.plant.time_ns * 1e-9,
+            **{column(name): float(known_metrics.find(name).measure(finished))
+               for name in study.metric_names},
+        }  # fmt: skip
+    finally:
+        loop.close()
+
+
+def column(metric: str) -> str:
+    """The column of a metric that is given by name or as 'package.module:function'."""
+    return metric.rpartition(":")[2]
+
+
+def schema(study: Study, labels: Mapping[str, str]) -> pa.Schema:
+    """Columns of the results and their types, the same for all parts of a study."""
+    fixed = list(FIXED.items())
+    parameters = [(key, _type(study, key)) for key in study.keys if key != "seed"]
+    measured = [(column(name), pa.float64()) for name in study.metric_names]
+    # The same word in every row takes no room as a dictionary of one.
+    words = [(name, pa.dictionary(pa.int32(), pa.string())) for name in labels]
+    return pa.schema([*fixed[:4], *parameters, *fixed[4:], *measured, *words])
+
+
+def table(study: Study, rows: Sequence[Mapping[str, Any]], labels: Mapping[str, str]) -> pa.Table:
+    """Rows as a table."""
+    wanted = schema(study, labels)
+    columns = []
+    for column_field in wanted:
+        name = column_field.name
+        given = [labels[name] if name in labels else row.get(name) for row in rows]
+        columns.append(pa.array(given, type=column_field.type))
+    return pa.Table.from_arrays(columns, schema=wanted)
+
+
+def _type(study: Study, key: str) -> pa.DataType:
+    values: list[Any] = [case[key] for case in study.cases if key in case]
+    for varied in (*study.axes, *study.draws):
+        if varied.key == key:
+            values += _values(varied)
+    cells = [_cell(value) for value in values if value is not None]
+    for kinds, kind in (((bool,), pa.bool_()), ((int,), pa.int64()), ((int, float), pa.float64())):
+        if all(isinstance(c, kinds) and (kinds == (bool,)) >= isinstance(c, bool) for c in cells):
+            return kind
+    return pa.string()
+
+
+def _values(varied: Axis | Draw) -> tuple[Any, ...]:
+    return varied.values if isinstance(varied, Axis) else (*varied.ends, varied.value(0.4))
+
+
+def _cell(value: Any) -> Any:
+    """A value that a column can hold: numbers and words as they are, the rest as JSON."""
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.generic):
+        return value.item()
+    return json.dumps(value, sort_keys=True, default=dict)
+
+
+def _line(text: object) -> str:
+    return " ".join(str(text).split())[:LONGEST_REASON]

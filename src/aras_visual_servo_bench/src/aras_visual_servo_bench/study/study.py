@@ -1,0 +1,258 @@
+"""A study is data too: a base experiment, what is varied of it, how often, and the seed.
+
+Its runs are numbered from 0; each is worked out from its number alone, wherever it is run.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..checked import build, nearest, read_yaml
+from ..errors import ExperimentError, StudyError
+from ..experiment import Experiment
+from . import metrics as known_metrics
+from .overrides import check_key, with_override
+from .variations import Axis, Draw, drawn, variation
+
+MOST_RUNS = 100_000_000  # 1e6 chunks of 100 runs: beyond that a scheduler chokes
+LARGEST_CHUNK = 10_000
+SAMPLINGS, SEEDS = ("random", "sobol"), ("runs", "repeats")
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is to be run.
+
+    experiment: keys of the base experiment, or the path of its YAML file.
+    vary: by dotted key, what it takes in turn or is drawn from; see variations.py.
+    cases: sets of keys with values that belong together, in turn; each with all that is varied.
+    samples: how often what has a distribution is drawn. sampling: 'random' or 'sobol'.
+    repeats: runs of each point. seed: of all that is random.
+    seeds: 'runs': every run has its own; 'repeats': repeat n of every point has the same, so that
+        points are compared over the same starts and the same noise.
+    metrics: names, or 'package.module:function'; empty: all that are built in.
+    chunk: runs that are one task and one file; None: by the number of runs.
+    traces: keep errors, twists and poses of every image.
+    """
+
+    experiment: Mapping[str, Any] | str = field(default_factory=dict)
+    vary: Mapping[str, Any] = field(default_factory=dict)
+    cases: tuple[Mapping[str, Any], ...] = ()
+    samples: int = 1
+    sampling: str = "random"
+    repeats: int = 1
+    seed: int = 0
+    seeds: str = "runs"
+    metrics: tuple[str, ...] = ()
+    chunk: int | None = None
+    traces: bool = False
+
+    def __post_init__(self) -> None:
+        if isinstance(self.experiment, str):
+            object.__setattr__(self, "experiment", read_yaml(self.experiment) or {})
+        if not isinstance(self.experiment, Mapping):
+            raise StudyError("experiment must be keys with values, or the path of such a file")
+        for name, known in (("sampling", SAMPLINGS), ("seeds", SEEDS)):
+            value = getattr(self, name)
+            if value not in known:
+                raise StudyError(f"{name} is '{value}': {nearest(value, known)}")
+        for name in ("samples", "repeats"):
+            if getattr(self, name) < 1:
+                raise StudyError(f"{name} is {getattr(self, name)}: a study of no runs")
+        if "seed" in self.experiment:
+            raise StudyError("seed belongs to the study, not to its experiment: every run has one")
+        if self.seed < 0:
+            raise StudyError(f"seed is {self.seed}, must be 0 or more")
+        if self.chunk is not None and not 1 <= self.chunk <= LARGEST_CHUNK:
+            raise StudyError(f"chunk is {self.chunk}, must be from 1 to {LARGEST_CHUNK} runs")
+        for key in self.keys:
+            check_key(key)
+        if self.samples > 1 and not self.draws:
+            raise StudyError(
+                f"samples is {self.samples}, but nothing is drawn: say repeats, or give a key "
+                "under vary a distribution"
+            )
+        if self.runs > MOST_RUNS:
+            raise StudyError(
+                f"{self.runs:.3g} runs are more than {MOST_RUNS:g}: make the grid, samples or "
+                "repeats smaller"
+            )
+        # Said before the first run, not by a worker an hour later.
+        for name in self.metric_names:
+            known_metrics.find(name)
+
+    # -- reading ---------------------------------------------------------------------------
+
+    @classmethod
+    def from_mapping(cls, values: Any) -> Study:
+        """A study of the keys that are given; StudyError naming what is wrong."""
+        try:
+            return build(cls, values)
+        except ExperimentError as error:
+            raise StudyError(str(error)) from error
+
+    @classmethod
+    def from_yaml(cls, path: str | Path, overrides: Mapping[str, Any] | None = None) -> Study:
+        """A study of a YAML file.
+
+        Args:
+            overrides: dotted keys of the study itself (`repeats`), or else of its experiment
+                (`gain`, `start.side`); these no longer vary.
+
+        Raises:
+            StudyError: naming what is wrong.
+        """
+        try:
+            values = read_yaml(path)
+            if not isinstance(values, Mapping):
+                raise StudyError(f"{path} holds no keys with values: it is no study")
+            values = dict(values)
+            base = values.get("experiment")
+            if isinstance(base, str):  # beside the study
+                beside = Path(path).parent / base
+                values["experiment"] = read_yaml(beside if beside.is_file() else base) or {}
+            return cls.from_mapping(_overridden(values, overrides or {}))
+        except ExperimentError as error:
+            raise StudyError(str(error)) from error
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Plain values from which `from_mapping` makes the same study."""
+        return json.loads(json.dumps({
+            f.name: getattr(self, f.name) for f in dataclasses.fields(self)
+        }, default=_plain))  # fmt: skip
+
+    @cached_property
+    def digest(self) -> str:
+        """The same for the same study, whatever its file looks like."""
+        text = json.dumps(self.to_mapping(), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    # -- runs ------------------------------------------------------------------------------
+
+    @cached_property
+    def _variations(self) -> tuple[Axis | Draw, ...]:
+        return tuple(variation(str(key), given) for key, given in self.vary.items())
+
+    @cached_property
+    def axes(self) -> tuple[Axis, ...]:
+        """What makes the grid."""
+        return tuple(v for v in self._variations if isinstance(v, Axis))
+
+    @cached_property
+    def draws(self) -> tuple[Draw, ...]:
+        """What is drawn."""
+        return tuple(v for v in self._variations if isinstance(v, Draw))
+
+    @cached_property
+    def keys(self) -> tuple[str, ...]:
+        """Dotted keys of all that differs between runs, in the order of the file."""
+        of_cases = dict.fromkeys(str(key) for case in self.cases for key in case)
+        both = [v.key for v in self._variations if v.key in of_cases]
+        if both:
+            raise StudyError(f"'{both[0]}' stands both under vary and in cases")
+        return (*of_cases, *(v.key for v in self._variations))
+
+    @cached_property
+    def metric_names(self) -> tuple[str, ...]:
+        """The metrics that each row has."""
+        return self.metrics or tuple(known_metrics.BUILT_IN)
+
+    @cached_property
+    def points(self) -> int:
+        """How many different settings there are."""
+        grid = math.prod(len(axis.values) for axis in self.axes)
+        return max(len(self.cases), 1) * grid * self.samples
+
+    @property
+    def runs(self) -> int:
+        """How many runs there are."""
+        return self.points * self.repeats
+
+    @property
+    def chunk_size(self) -> int:
+        """Runs in a chunk: 20 to 100 where there are many, fewer where cores would stand idle."""
+        return self.chunk or min(max(math.ceil(self.runs / 40), 1), 100)
+
+    @property
+    def chunks(self) -> int:
+        """How many tasks, and files, there are."""
+        return math.ceil(self.runs / self.chunk_size)
+
+    def chunk_runs(self, chunk: int) -> range:
+        """Numbers of a chunk's runs."""
+        first = chunk * self.chunk_size
+        return range(first, min(first + self.chunk_size, self.runs))
+
+    def settings(self, point: int) -> dict[str, Any]:
+        """By dotted key, what the point of that number sets."""
+        rest, sample = divmod(point, self.samples)
+        found: dict[str, Any] = {}
+        for axis in reversed(self.axes):
+            rest, index = divmod(rest, len(axis.values))
+            found[axis.key] = axis.values[index]
+        if self.cases:
+            found.update(self.cases[rest])
+        found.update(drawn(self.draws, self.sampling, self.seed, sample))
+        return {key: found[key] for key in self.keys if key in found}
+
+    def seed_of(self, run: int) -> int:
+        """The seed of a run, from its number and the study's seed alone."""
+        number = run % self.repeats if self.seeds == "repeats" else run
+        sequence = np.random.SeedSequence(self.seed, spawn_key=(number,))
+        # Of 63 bits: among 1e5 runs with 32 there would be two that are equal.
+        return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
+
+    def experiment_of(self, run: int) -> Experiment:
+        """The experiment of a run; ExperimentError where its values do not go together."""
+        return self._experiment(self.settings(run // self.repeats), self.seed_of(run))
+
+    def _experiment(self, settings: Mapping[str, Any], seed: int) -> Experiment:
+        values: dict[str, Any] = dict(self.experiment)
+        for key, value in settings.items():
+            values = with_override(values, key, value)
+        values.setdefault("seed", seed)
+        return Experiment.from_mapping(values)
+
+    def trials(self) -> list[Experiment]:
+        """Experiments that together show every value that is named in the study once.
+
+        Raises:
+            StudyError: one of them is no experiment, naming the key.
+        """
+        first = self.settings(0)
+        different: list[dict[str, Any]] = [first]
+        different += [{**first, axis.key: v} for axis in self.axes for v in axis.values[1:]]
+        different += [{**first, **case} for case in self.cases[1:]]
+        different += [{**first, draw.key: v} for draw in self.draws for v in draw.ends]
+        try:
+            return [self._experiment(settings, self.seed_of(0)) for settings in different]
+        except ExperimentError as error:
+            raise StudyError(str(error)) from error
+
+
+def _overridden(values: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
+    own = {f.name for f in dataclasses.fields(Study)}
+    for key, value in overrides.items():
+        if key.partition(".")[0] in own:
+            values = with_override(values, key, value)
+            continue
+        check_key(key)
+        values["vary"] = {k: v for k, v in dict(values.get("vary", {})).items() if k != key}
+        values["experiment"] = with_override(values.get("experiment", {}), key, value)
+    return values
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return dict(value)
+    raise TypeError(f"{value!r} cannot stand in a study")  # a date, a set: YAML has such

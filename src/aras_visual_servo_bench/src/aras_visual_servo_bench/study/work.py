@@ -1,0 +1,159 @@
+"""What a worker does: the runs of a chunk one after the other, or each guarded by a process."""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import pickle
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, BinaryIO
+
+from ..errors import StudyError
+from . import rows, versions
+from .study import Study
+
+# One thread each for what would take as many as there are cores: BLAS, OpenMP, numba, OpenCV, Mesa.
+ONE_THREAD = {
+    "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1",
+    "BLIS_NUM_THREADS": "1", "VECLIB_MAXIMUM_THREADS": "1", "NUMEXPR_NUM_THREADS": "1",
+    "NUMBA_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1", "LP_NUM_THREADS": "1",
+}  # fmt: skip
+TRIES = 2  # of a run that ended its process: someone may have killed it by mistake
+
+
+@dataclass(frozen=True)
+class Task:
+    """A chunk to be carried out.
+
+    study: of `Study.to_mapping`, as JSON. guarded: each run in a process that may end.
+    versions: what the code must be, None for any.
+    """
+
+    study: str
+    chunk: int
+    guarded: bool = False
+    versions: tuple[tuple[str, str], ...] | None = None
+
+    @property
+    def runs(self) -> range:
+        """Numbers of its runs."""
+        return _study(self.study).chunk_runs(self.chunk)
+
+
+def carry_out(task: Task) -> rows.Rows:
+    """All runs of a chunk.
+
+    Raises:
+        StudyError: this process has other code than the study was begun with.
+    """
+    if task.versions is not None:
+        told = versions.difference(dict(task.versions), versions.versions())
+        if told:
+            raise StudyError(f"a worker has another version: {told}")
+    return _guarded(task) if task.guarded else _plain(task)
+
+
+def one_thread() -> None:
+    """Keep this process to one thread, as far as can be said while it runs."""
+    import cv2
+
+    cv2.setNumThreads(1)
+
+
+@functools.lru_cache(maxsize=4)
+def _study(text: str) -> Study:
+    return Study.from_mapping(json.loads(text))
+
+
+def _plain(task: Task) -> rows.Rows:
+    study, here = _study(task.study), worker_name()
+    done = rows.Rows()
+    for run in task.runs:
+        done.add(rows.row_of(study, run, here))
+    return done
+
+
+def worker_name() -> str:
+    """This process, for the times."""
+    return f"{socket.gethostname()}:{os.getpid()}"
+
+
+# -- guarded -------------------------------------------------------------------------------
+
+
+def _guarded(task: Task) -> rows.Rows:
+    """The runs in child processes: one that ends is known, and is that run's outcome."""
+    study = _study(task.study)
+    done, tries, end = rows.Rows(), 0, ""
+    todo = task.runs
+    while len(todo):
+        finished, end = _in_child(task.study, todo)
+        done.add(finished)
+        todo = todo[len(finished.values):]
+        tries = 1 if finished.values else tries + 1
+        if len(todo) and tries >= TRIES:
+            lost = {**rows.blank(study, todo[0]), "outcome": rows.DIED, "reason": end}
+            times = {"run": todo[0], "wall": float("nan"), "worker": worker_name()}
+            done.add(rows.Rows([lost], [times]))
+            todo, tries = todo[1:], 0
+    return done
+
+
+def _in_child(study: str, todo: range) -> tuple[rows.Rows, str]:
+    """The rows that a child process gave before it ended, and how it ended."""
+    environment = {**os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join(sys.path)}
+    child = subprocess.Popen(
+        [sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        env=environment,
+    )  # fmt: skip
+    done = rows.Rows()
+    try:
+        with child.stdin as pipe:
+            pickle.dump((study, todo.start, todo.stop), pipe)
+        for one in _pickles(child.stdout):
+            done.add(one)
+    except BrokenPipeError:
+        pass  # it ended before it began: how is told below
+    finally:
+        code = child.wait()
+    return done, _ended(code)
+
+
+def _pickles(pipe: BinaryIO) -> Iterator[Any]:
+    """What is written into a pipe, until its end; what was cut off is left out."""
+    while True:
+        try:
+            yield pickle.load(pipe)
+        except (EOFError, pickle.UnpicklingError):
+            return
+
+
+def _ended(code: int) -> str:
+    if code < 0:
+        return f"its process was ended by {signal.Signals(-code).name}"
+    return f"its process ended by itself with {code}"
+
+
+def _child() -> None:
+    """Runs told on the standard input; rows go to the standard output, and nothing else."""
+    output = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    text, start, stop = pickle.load(sys.stdin.buffer)
+    one_thread()
+    study = _study(text)
+    for run in range(start, stop):
+        pickle.dump(rows.row_of(study, run, worker_name()), output)
+        output.flush()
+
+
+if __name__ == "__main__":
+    # The rows must be of the classes that the parent knows, not of this module as __main__.
+    from aras_visual_servo_bench.study import work
+
+    work._child()

@@ -1,0 +1,19 @@
+"""Studies of a flying camera that sees exactly: a run takes a hundredth of a second."""
+
+import pytest
+
+from aras_visual_servo_bench.study.study import Study
+
+TINY = {
+    "experiment": {"plant": "free", "duration": 0.1, "lag": 0.0},
+    "vary": {"gain": [1.0, 2.0, 4.0]},
+    "repeats": 2,
+    "chunk": 2,
+    "metrics": ["success", "final_distance"],
+}
+
+
+@pytest.fixture
+def tiny():
+    """Makes the tiny study with keys changed."""
+    return lambda **changes: Study.from_mapping({**TINY, **changes})

@@ -1,0 +1,279 @@
+"""Carrying a study out: every run once, the same whatever happens, and nothing lost."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import io
+import os
+import signal
+
+import pyarrow.parquet as pq
+import pytest
+
+from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.study import engine, folder, rows, work
+from aras_visual_servo_bench.study.folder import Folder
+from aras_visual_servo_bench.study.metrics import metric
+from aras_visual_servo_bench.study.pools import Done, ThisProcess
+from aras_visual_servo_bench.study.progress import Progress
+
+
+@metric("", "smaller", "these tests")
+def killing(finished):
+    """Ends the process at a gain of 2."""
+    if finished.experiment.gain == 2.0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 0.0
+
+
+@metric("", "smaller", "these tests")
+def failing(finished):
+    """Raises at a gain of 4."""
+    if finished.experiment.gain == 4.0:
+        raise ZeroDivisionError("two\nlines")
+    return 1.0
+
+
+def quiet(study):
+    return Progress(study.runs, out=io.StringIO())
+
+
+def carried(study, path, pool=None, **options):
+    made = Folder.create(path, study, "as given")
+    engine.carry_out(made, pool or ThisProcess(), quiet(study), **options)
+    return made
+
+
+def hashes(path, kinds=("parts",)):
+    return {
+        str(p.relative_to(path)): hashlib.sha256(p.read_bytes()).hexdigest()
+        for kind in kinds for p in sorted((path / kind).glob("*"))
+    }  # fmt: skip
+
+
+class Backwards(ThisProcess):
+    """Takes four chunks at a time and gives the last one first."""
+
+    room = property(lambda self: len(self._waiting) < 4)
+
+    def next(self):
+        task = self._waiting.pop()
+        return Done(task, work.carry_out(task))
+
+
+class Dying(ThisProcess):
+    """Whose worker dies over the first chunk, unless that is guarded."""
+
+    def submit(self, task):
+        self._waiting.append(task)
+
+    def next(self):
+        task = self._waiting.popleft()
+        if task.chunk:
+            return Done(task, work.carry_out(task))
+        self.died += 1
+        return Done(task, None if self.died == 1 else work._guarded(task))
+
+    def __init__(self):
+        super().__init__()
+        self.died = 0
+
+
+def test_every_run_is_a_row_with_what_was_set_and_measured(tiny, tmp_path):
+    study = tiny()
+    made = carried(study, tmp_path / "out")
+    table = made.results()
+    assert table["run"].to_pylist() == list(range(6))
+    assert table["gain"].to_pylist() == [1.0, 1.0, 2.0, 2.0, 4.0, 4.0]
+    assert table["repeat"].to_pylist() == [0, 1] * 3
+    assert table["seed"].to_pylist() == [study.seed_of(run) for run in range(6)]
+    assert set(table["outcome"].to_pylist()) == {"timed_out"}
+    far = table["final_distance"].to_pylist()
+    assert far[0] > far[2] > far[4] > 0.01
+    assert all(0.1 < s < 0.3 for s in table["simulated"].to_pylist())
+    assert set(table["images"].to_pylist()) == {5}
+    assert "numpy=" in table["versions"][0].as_py() and table["code"][0].as_py()
+    times = made.results(folder.TIMES)
+    assert times["run"].to_pylist() == list(range(6)) and min(times["wall"].to_pylist()) > 0.0
+    assert (tmp_path / "out" / "study.yaml").read_text() == "as given"
+
+
+def test_the_order_of_chunks_changes_nothing(tiny, tmp_path):
+    study = tiny(repeats=4)
+    carried(study, tmp_path / "one")
+    carried(study, tmp_path / "two", Backwards())
+    assert hashes(tmp_path / "one") == hashes(tmp_path / "two")
+    assert Folder.open(tmp_path / "one").manifest == Folder.open(tmp_path / "two").manifest
+
+
+def test_resuming_does_what_is_missing_and_ends_with_the_same_bytes(tiny, tmp_path):
+    study = tiny()
+    carried(study, tmp_path / "whole")
+    made = carried(study, tmp_path / "cut")
+    made.part(1).unlink()
+    made.part(2).write_bytes(made.part(2).read_bytes()[:-7])
+    (tmp_path / "cut" / "parts" / ".000001.parquet.new").write_bytes(b"half")
+    stamps = made.part(0).stat().st_mtime_ns
+    again = Folder.open(tmp_path / "cut")
+    assert again.missing() == [1, 2] and again.done() == 2
+    engine.carry_out(again, ThisProcess(), quiet(study))
+    assert hashes(tmp_path / "cut") == hashes(tmp_path / "whole")
+    assert made.part(0).stat().st_mtime_ns == stamps
+    assert again.missing() == []
+    assert not list((tmp_path / "cut").glob("*/.*"))
+
+
+def test_a_part_that_was_changed_is_noticed(tiny, tmp_path):
+    made = carried(tiny(), tmp_path)
+    table = pq.read_table(made.part(1))
+    pq.write_table(table, made.part(1), compression="gzip")
+    with pytest.raises(StudyError, match="000001.parquet is not as it was written"):
+        Folder.open(tmp_path).results()
+
+
+def test_a_folder_of_another_study_is_refused_with_the_difference(tiny, tmp_path):
+    carried(tiny(), tmp_path)
+    Folder.create(tmp_path, tiny(), "")
+    with pytest.raises(StudyError, match="holds another study: repeats was 2, is 3"):
+        Folder.create(tmp_path, tiny(repeats=3), "")
+    other = tiny(experiment={"plant": "free", "duration": 0.2})
+    told = "experiment.duration was 0.1, is 0.2.*lag was 0.0, is not"
+    with pytest.raises(StudyError, match=told):
+        Folder.create(tmp_path, other, "")
+
+
+def test_a_study_file_that_was_edited_is_refused(tiny, tmp_path):
+    study = tiny()
+    import yaml
+
+    made = Folder.create(tmp_path, study, yaml.safe_dump(study.to_mapping()))
+    made.check_file()
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump({**study.to_mapping(), "repeats": 9}))
+    with pytest.raises(StudyError, match="repeats was 2, is 9"):
+        Folder.open(tmp_path).check_file()
+
+
+def test_folders_that_are_none(tiny, tmp_path):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "letter").write_text("dear")
+    with pytest.raises(StudyError, match="is not empty and holds no study"):
+        Folder.create(tmp_path / "full", tiny(), "")
+    with pytest.raises(StudyError, match="holds no study: manifest.json"):
+        Folder.open(tmp_path / "nowhere")
+    with pytest.raises(StudyError, match="cannot write /dev/null/out"):
+        Folder.create(tmp_path / "/dev/null/out", tiny(), "")
+    (tmp_path / "manifest.json").write_text("{}")
+    with pytest.raises(StudyError, match="damaged"):
+        Folder.open(tmp_path)
+
+
+def test_other_code_does_not_go_on_with_a_study(tiny, tmp_path, monkeypatch):
+    made = Folder.create(tmp_path, tiny(), "")
+    made.check_code()
+    there = {**made.manifest["versions"], "numpy": "1.0"}
+    monkeypatch.setattr(folder.versions, "versions", lambda: there)
+    with pytest.raises(StudyError, match="begun with other code .numpy 1.0 here and"):
+        made.check_code()
+    task = work.Task("{}", 0, versions=tuple(made.manifest["versions"].items()))
+    with pytest.raises(StudyError, match="a worker has another version: numpy"):
+        work.carry_out(task)
+
+
+def test_two_at_once_are_refused(tiny, tmp_path):
+    made = Folder.create(tmp_path, tiny(), "")
+    with (
+        made.locked(),
+        pytest.raises(StudyError, match="being written by another"),
+        Folder.open(tmp_path).locked(),
+    ):
+        pass
+    with made.locked():
+        pass
+
+
+def test_a_full_disk_keeps_what_was_done(tiny, tmp_path, monkeypatch):
+    study = tiny()
+    carried(study, tmp_path / "whole")
+    made = Folder.create(tmp_path / "full", study, "")
+    real, left = os.replace, [2]  # parts and times of one chunk
+
+    def full(old, new):
+        if not left[0]:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        left[0] -= 1
+        real(old, new)
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(StudyError, match="disk of .*full is full.*bench resume"):
+        engine.carry_out(made, ThisProcess(), quiet(study))
+    monkeypatch.undo()
+    assert made.missing() == [1, 2] and not list((tmp_path / "full").glob("*/.*.new"))
+    engine.carry_out(Folder.open(tmp_path / "full"), ThisProcess(), quiet(study))
+    assert hashes(tmp_path / "full") == hashes(tmp_path / "whole")
+
+
+def test_what_goes_wrong_in_a_run_is_its_outcome_and_the_others_go_on(tiny, tmp_path):
+    study = tiny(metrics=["success", f"{__name__}:failing"], chunk=6)
+    table = carried(study, tmp_path).results()
+    assert table["outcome"].to_pylist() == ["timed_out"] * 4 + [rows.FAULT] * 2
+    assert table["reason"][5].as_py() == "ZeroDivisionError: two lines"
+    assert table["failing"].to_pylist()[:4] == [1.0] * 4
+    starts = {"height": [0.15, 0.2], "side": 5.0, "attempts": 1}
+    refused = tiny(experiment={"plant": "free", "start": starts})
+    table = carried(refused, tmp_path / "refused").results()
+    assert set(table["outcome"].to_pylist()) == {rows.REFUSED}
+    assert "no start found" in table["reason"][0].as_py()
+
+
+def test_fail_fast_sends_nothing_more(tiny, tmp_path):
+    study = tiny()
+    made = Folder.create(tmp_path, study, "")
+    done = engine.carry_out(made, ThisProcess(), quiet(study), fail_fast=True)
+    assert done.stopped and done.failed == 2 and made.missing() == [1, 2]
+    assert "parts" not in made.manifest
+
+
+def test_a_run_that_kills_its_process_is_found_named_and_recorded(tiny, tmp_path, monkeypatch):
+    """In the middle of a chunk: the runs before and behind it are done all the same."""
+    monkeypatch.setattr(work.sys, "path", [*work.sys.path, os.path.dirname(__file__)])
+    name = "test_engine:killing"
+    study = tiny(metrics=["success", name], chunk=3, repeats=1)
+    made = Folder.create(tmp_path / "killed", study, "")
+    engine.carry_out(made, Dying(), quiet(study))
+    table = made.results()
+    assert table["outcome"].to_pylist() == ["timed_out", rows.DIED, "timed_out"]
+    assert table["reason"][1].as_py() == "its process was ended by SIGKILL"
+    assert table["killing"].to_pylist()[2] == 0.0 and table["gain"][1].as_py() == 2.0
+
+
+def test_a_worker_that_died_by_mistake_leaves_no_trace(tiny, tmp_path):
+    study = tiny()
+    carried(study, tmp_path / "whole")
+    carried(study, tmp_path / "died", Dying())
+    assert hashes(tmp_path / "whole") == hashes(tmp_path / "died")
+
+
+def test_traces_are_beside_the_results(tiny, tmp_path):
+    made = carried(tiny(traces=True), tmp_path)
+    traces = made.results(folder.TRACES)
+    first = traces.filter([run == 0 for run in traces["run"].to_pylist()])
+    assert first.num_rows == made.results()["images"][0].as_py()
+    assert len(first["pose"][0].as_py()) == 16 and len(first["asked"][0].as_py()) == 6
+    size = [sum(e * e for e in errors) for errors in first["error"].to_pylist()]
+    assert size[2] < size[0]
+    assert set(made.manifest["parts"]) == set(hashes(tmp_path, ("parts", "traces")))
+
+
+def test_the_line_of_progress():
+    now = [0.0]
+    out = io.StringIO()
+    progress = Progress(100, 20, out, clock=lambda: now[0])
+    now[0] = 10.0
+    progress.more(20, 3)
+    assert "40/100 runs, 2/s, 3 without success, 30 s left" in out.getvalue()
+    progress.more(1, 0)
+    assert out.getvalue().count("\n") == 1  # nobody wants a line a chunk in a log
+    now[0] = 21.0
+    progress.more(59, 0)
+    assert "100/100" in out.getvalue()

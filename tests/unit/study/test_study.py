@@ -1,0 +1,215 @@
+"""Study files: what is varied, how runs are numbered and seeded, and what is refused."""
+
+from __future__ import annotations
+
+import collections
+
+import numpy as np
+import pytest
+import yaml
+from scipy import stats
+
+from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.study import overrides
+from aras_visual_servo_bench.study.engine import check_study
+from aras_visual_servo_bench.study.study import Study
+
+FREE = {"plant": "free"}
+
+
+def drawn(n=4096, sampling="random", **vary):
+    study = Study.from_mapping(
+        {"experiment": FREE, "vary": vary, "samples": n, "sampling": sampling}
+    )
+    rows = [study.settings(point) for point in range(study.points)]
+    return {key: [row[key] for row in rows] for key in vary}
+
+
+def test_a_grid_has_every_combination_once_and_the_last_key_changes_first():
+    study = Study.from_mapping({
+        "experiment": FREE, "vary": {"law": ["proportional", "adaptive"], "gain": [1, 2, 3]},
+        "repeats": 2,
+    })  # fmt: skip
+    assert (study.points, study.runs) == (6, 12)
+    assert [tuple(study.settings(p).values()) for p in range(6)] == [
+        (law, gain) for law in ("proportional", "adaptive") for gain in (1, 2, 3)
+    ]
+    made = [study.experiment_of(run) for run in range(12)]
+    assert [e.gain for e in made] == [1, 1, 2, 2, 3, 3] * 2
+    assert [e.law for e in made] == ["proportional"] * 6 + ["adaptive"] * 6
+
+
+def test_cases_go_with_each_point_of_the_grid():
+    study = Study.from_mapping({
+        "experiment": FREE, "vary": {"gain": [1.0, 2.0]},
+        "cases": [{"scheme": "moments"}, {"scheme": "points", "delay": 0.1}],
+    })  # fmt: skip
+    assert study.keys == ("scheme", "delay", "gain")
+    found = [study.settings(p) for p in range(study.points)]
+    assert found[3] == {"scheme": "points", "delay": 0.1, "gain": 2.0}
+    assert found[0] == {"scheme": "moments", "gain": 1.0}
+    assert study.points == 4
+
+
+def test_spacings():
+    study = Study.from_mapping({"experiment": FREE, "vary": {
+        "gain": {"log": [0.5, 8.0, 5]}, "delay": {"linear": [0.0, 0.04, 3]}}})  # fmt: skip
+    np.testing.assert_allclose(study.axes[0].values, [0.5, 1, 2, 4, 8])
+    np.testing.assert_allclose(study.axes[1].values, [0.0, 0.02, 0.04])
+
+
+@pytest.mark.parametrize("sampling", ["random", "sobol"])
+def test_what_is_drawn_has_its_distribution(sampling):
+    values = drawn(
+        sampling=sampling, delay={"uniform": [0.01, 0.03]}, gain={"loguniform": [0.5, 8.0]},
+        lag={"normal": [5.0, 0.5]}, seed={"integers": [3, 6]}, law={"choice": ["a", "b"]},
+    )  # fmt: skip
+    assert stats.kstest(values["delay"], stats.uniform(0.01, 0.02).cdf).pvalue > 1e-3
+    assert stats.kstest(values["gain"], stats.loguniform(0.5, 8.0).cdf).pvalue > 1e-3
+    assert stats.kstest(values["lag"], stats.norm(5.0, 0.5).cdf).pvalue > 1e-3
+    counts = collections.Counter(values["seed"])
+    assert set(counts) == {3, 4, 5, 6}
+    assert stats.chisquare(list(counts.values())).pvalue > 1e-3
+    assert 0.45 < values["law"].count("a") / 4096 < 0.55
+    # Each key has numbers of its own.
+    assert abs(np.corrcoef(values["delay"], values["gain"])[0, 1]) < 0.06
+
+
+def test_sobol_fills_more_evenly_than_chance_and_goes_on_over_its_blocks():
+    def discrepancy(sampling):
+        values = drawn(2048, sampling, gain={"uniform": [1.0, 2.0]}, delay={"uniform": [0.0, 1.0]})
+        return stats.qmc.discrepancy(np.column_stack([np.array(values["gain"]) - 1.0,
+                                                      values["delay"]]))
+
+    assert discrepancy("sobol") < 0.1 * discrepancy("random")
+
+
+def test_seeds_are_of_the_runs_number_and_the_studys_seed():
+    def of(**changes):
+        study = Study.from_mapping({"experiment": FREE, "repeats": 1000, **changes})
+        return [study.seed_of(run) for run in range(1000)]
+
+    one = of()
+    assert len(set(one)) == 1000 and min(one) >= 0 and max(one) < 2**63
+    assert of() == one and not set(of(seed=1)) & set(one)
+    # As numpy says it, so that anyone can work a run's seed out.
+    state = np.random.SeedSequence(0, spawn_key=(7,)).generate_state(1, np.uint64)[0]
+    assert one[7] == int(state) >> 1
+
+
+def test_repeats_can_have_the_same_seeds_at_every_point():
+    study = Study.from_mapping({
+        "experiment": FREE, "vary": {"gain": [1.0, 2.0]}, "repeats": 3, "seeds": "repeats"})
+    seeds = [study.seed_of(run) for run in range(6)]
+    assert seeds[:3] == seeds[3:] and len(set(seeds)) == 3
+    assert [study.experiment_of(run).seed for run in range(6)] == seeds
+
+
+def test_chunks_cover_all_runs_once(tiny):
+    for repeats, chunk in ((7, 4), (1, 100), (20, 60)):
+        study = tiny(repeats=repeats, chunk=chunk)
+        covered = [run for c in range(study.chunks) for run in study.chunk_runs(c)]
+        assert covered == list(range(study.runs))
+    assert [tiny(repeats=n, chunk=None).chunk_size for n in (1, 400, 100_000)] == [1, 30, 100]
+
+
+def test_a_mapping_makes_the_same_study_again(tiny):
+    study = tiny(vary={"gain": {"uniform": [1.0, 2.0]}}, samples=3, cases=[{"delay": 0.0}])
+    again = Study.from_mapping(study.to_mapping())
+    assert again == study and again.digest == study.digest
+    assert tiny(seed=1).digest != tiny().digest
+
+
+def test_overrides_replace_what_varies_and_the_studys_own_keys(tmp_path):
+    file = tmp_path / "study.yaml"
+    file.write_text(yaml.safe_dump({
+        "experiment": {**FREE, "start": {"side": 0.02}}, "vary": {"gain": [1, 2]}, "repeats": 3}))
+    study = Study.from_yaml(file, overrides.parsed(["gain=5", "repeats=4", "start.turn=0.3"]))
+    assert study.runs == 4
+    made = study.experiment_of(0)
+    assert (made.gain, made.start.side, made.start.turn) == (5, 0.02, 0.3)
+    study = Study.from_yaml(file, overrides.parsed(["vary.gain=[3, 4, 5]"]))
+    assert study.runs == 9
+
+
+def test_an_experiment_in_a_file_beside_the_study(tmp_path):
+    (tmp_path / "base.yaml").write_text("plant: free\ngain: 3.0\n")
+    (tmp_path / "study.yaml").write_text("experiment: base.yaml\nrepeats: 2\n")
+    assert Study.from_yaml(tmp_path / "study.yaml").experiment_of(1).gain == 3.0
+
+
+@pytest.mark.parametrize(("changes", "complaint"), [
+    ({"repeats": 0}, "repeats is 0: a study of no runs"),
+    ({"samples": 0}, "samples is 0: a study of no runs"),
+    ({"vary": {"gain": []}}, "vary.gain is an empty list: a study of no runs"),
+    ({"repeats": 10**12}, "e.12 runs are more than 1e.08"),
+    ({"vary": {"gian": [1.0]}}, "no 'gian': did you mean gain"),
+    ({"vary": {"start.heigth": [1.0]}}, "no 'start.heigth': did you mean start.height"),
+    ({"vary": {"believed.focus": [1.0]}}, "no 'believed.focus'"),
+    ({"vary": {"gain.deeper": [1.0]}}, "gain has no keys below it"),
+    ({"cases": [{"laws": "PI"}], "vary": {}}, "no 'laws': did you mean law"),
+    ({"cases": [{"gain": 2.0}]}, "'gain' stands both under vary and in cases"),
+    ({"vary": {"gain": {"uniform": [float("nan"), 2.0]}}}, "gain.uniform is .nan.*finite"),
+    ({"vary": {"gain": {"normal": [1.0, float("inf")]}}}, "gain.normal is .*finite"),
+    ({"vary": {"gain": {"normal": [1.0, -0.1]}}}, "deviation is -0.1, must be above 0"),
+    ({"vary": {"gain": {"uniform": [2.0, 1.0]}}}, "2 to 1, must rise"),
+    ({"vary": {"gain": {"loguniform": [0.0, 1.0]}}}, "must rise from above 0"),
+    ({"vary": {"gain": {"unifrom": [1.0, 2.0]}}}, "unknown 'unifrom': did you mean 'uniform'"),
+    ({"vary": {"gain": {"linear": [1.0, 2.0, 1]}}}, "1 is no count"),
+    ({"vary": {"gain": {"log": [0.0, 2.0, 3]}}}, "above 0"),
+    ({"vary": {"gain": {"integers": [1.5, 3]}}}, "whole numbers"),
+    ({"vary": {"gain": {"choice": []}}}, "must be a list of values"),
+    ({"vary": {"gain": 2.0}}, "what does not vary belongs under experiment"),
+    ({"samples": 4}, "samples is 4, but nothing is drawn"),
+    ({"sampling": "sobel"}, "sampling is 'sobel': did you mean 'sobol'"),
+    ({"seeds": "run"}, "seeds is 'run': did you mean 'runs'"),
+    ({"metrics": ["settle"]}, "unknown metric 'settle': did you mean 'settled'"),
+    ({"metrics": ["nowhere.at_all:it"]}, "nowhere"),
+    ({"metrics": ["math:pi"]}, "math:pi is no metric"),
+    ({"chunk": 0}, "chunk is 0"),
+    ({"seed": -1}, "seed is -1"),
+    ({"experiment": {**FREE, "seed": 3}}, "seed belongs to the study"),
+    ({"experiment": [1]}, "experiment"),
+    ({"repetas": 2}, "unknown key 'repetas': did you mean 'repeats'"),
+    ({"repeats": "many"}, "repeats is 'many', must be a whole number"),
+])  # fmt: skip
+def test_what_is_no_study_is_refused_in_a_line(tiny, changes, complaint):
+    with pytest.raises(StudyError, match=complaint) as caught:
+        tiny(**changes)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("changes", "complaint"), [
+    ({"experiment": {"plant": "fre"}}, "plant is 'fre'"),
+    ({"vary": {"gain": [1.0, -1.0]}}, "gain is -1.0, must be above 0"),
+    ({"vary": {"gain": [1.0, "high"]}}, "gain is 'high'"),
+    ({"vary": {"scheme": ["moments", "momments"]}}, "momments.*did you mean 'moments'"),
+    ({"vary": {"options.max_velocty": [0.1]}}, "max_velocty.*max_velocity"),
+    ({"vary": {"camera": ["original", "fisheys"]}}, "fisheys.*did you mean 'fisheye'"),
+    ({"vary": {"goal": ["2015", "/nowhere.yaml"]}}, "cannot read the goal /nowhere.yaml"),
+    ({"vary": {"start": ["2015", "2051"]}}, "2051"),
+    ({"vary": {}, "cases": [{"delay": 0.0}, {"delay": -1.0}]}, "delay is -1"),
+    ({"vary": {"delay": {"uniform": [-0.1, 0.1]}}}, "delay is -0.0"),
+])  # fmt: skip
+def test_every_value_is_tried_before_the_first_run(tiny, changes, complaint):
+    study = tiny(**changes)
+    with pytest.raises(StudyError, match=complaint) as caught:
+        check_study(study)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("words", "complaint"), [
+    (["gain"], "'gain' is no override"),
+    (["=2"], "no override"),
+    (["gain=[1"], "no YAML"),
+])  # fmt: skip
+def test_overrides_that_are_none(words, complaint):
+    with pytest.raises(StudyError, match=complaint):
+        overrides.parsed(words)
+
+
+def test_a_key_below_a_name_cannot_be_set():
+    study = Study.from_mapping({"experiment": {**FREE, "camera": "original"},
+                                "vary": {"camera.update_rate": [30.0]}})  # fmt: skip
+    with pytest.raises(StudyError, match="camera is 'original', which has no keys"):
+        study.experiment_of(0)

@@ -21,7 +21,8 @@ KEYS = {
     "pinocchio": "pinocchio",
     **{
         name: f"python3-{name}"
-        for name in ("matplotlib", "numba", "numpy", "pandas", "pyarrow", "rospkg", "scipy")
+        for name in ("dask", "distributed", "matplotlib", "numba", "numpy", "pandas", "pyarrow",
+                     "rospkg", "scipy")
     },
     "yaml": "python3-yaml",
 }

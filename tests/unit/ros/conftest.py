@@ -17,6 +17,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import rosgraph
 import rospy
 from genpy.generator import MsgGenerator, SrvGenerator
 from geometry_msgs.msg import Point, Pose, Quaternion
@@ -136,6 +137,15 @@ class Graph:
         return below or default
 
 
+    def getParam(self, name: str) -> object:
+        """As the parameter server's own."""
+        assert name.startswith("/")
+        found = self.given(name)
+        if found is None:
+            raise rosgraph.MasterError(f"Parameter [{name}] is not set")
+        return found
+
+
 class Connection:
     """A listener's connection as rospy has it."""
 
@@ -172,7 +182,7 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
     monkeypatch.setattr(rospy, "Subscriber", subscriber)
     monkeypatch.setattr(rospy, "Timer", lambda *_: None)
     monkeypatch.setattr(rospy, "get_param", it.given)
-    monkeypatch.setattr(parameters, "fetched", lambda name: it.given(name, {}))
+    monkeypatch.setattr(parameters.rosgraph, "Master", lambda _name: it)
     monkeypatch.setattr(rospy, "set_param", it.parameters.__setitem__)
     for name in ("loginfo", "logwarn", "logerr", "logfatal"):
         monkeypatch.setattr(rospy, name, log)

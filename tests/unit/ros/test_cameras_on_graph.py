@@ -1,0 +1,368 @@
+"""A camera's topics, settings and service; who listens decides what is drawn."""
+
+from __future__ import annotations
+
+import math
+import time
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+import rospy
+import yaml
+from dynamic_reconfigure.msg import BoolParameter, Config, DoubleParameter, IntParameter
+from dynamic_reconfigure.msg import StrParameter as Text
+from genpy import Time
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+
+from aras_sim_bridge.camera import Frame
+from aras_sim_bridge.errors import CameraError
+from aras_sim_bridge.ros.camera import frames, settings, topics
+from aras_sim_bridge.ros.camera.compressed import COMPRESSED_FIELDS, CompressedTopic, encode
+from aras_sim_bridge.ros.camera.info import calibration_path, prefixed
+from aras_sim_bridge.ros.camera.topics import CameraTopics
+from aras_sim_bridge.ros.runtime.graph import OnGraph
+
+SETTINGS = {
+    "parent": "world",
+    "pose": [1.0, 2.0, 3.0, 0.0, 0.0, math.pi / 2],
+    "width": 8,
+    "height": 6,
+    "update_rate": 100.0,
+    "camera_matrix": [5.0, 6.0, 3.0, 2.0],
+    "distortion_coefficients": [0.01, 0.02, 0.03, 0.04, 0.05],
+    "distortion_model": "plumb_bob",
+    "depth": True,
+    "segmentation": True,
+}
+DEFAULTS = {field.name: field.default for field in COMPRESSED_FIELDS}
+
+
+@pytest.fixture(autouse=True)
+def nothing_announced(graph, monkeypatch):
+    monkeypatch.setattr(frames, "_frames", {})
+    monkeypatch.setattr(frames, "_publisher", None)
+    monkeypatch.setattr(settings, "_warned", set())
+
+
+@pytest.fixture
+def eye(graph, thread, tmp_path, monkeypatch):
+    """A camera fixed in the world, on the graph below /eye; `calls` counts its rounds."""
+    monkeypatch.setenv("ROS_HOME", str(tmp_path))
+    thread.call(lambda: thread.simulation.add_camera("eye", SETTINGS))
+    (mounted,) = thread.simulation.cameras
+    it = SimpleNamespace(graph=graph, thread=thread, mounted=mounted, home=tmp_path, rounds=0)
+
+    def begins() -> None:
+        it.rounds += 1
+
+    it.topics = CameraTopics(mounted, thread, begins)
+    it.step = lambda count=1: thread.step(count, 20.0)
+    it.step()
+    yield it
+    it.topics.shutdown()
+    it.step()
+
+
+def messages(connection, kind: type) -> list:
+    data, found = b"", []
+    try:
+        while True:
+            data += connection.heard.recv(1 << 20)
+    except BlockingIOError:
+        pass
+    while data:
+        size = int.from_bytes(data[:4], "little")
+        found.append(kind().deserialize(data[4 : 4 + size]))
+        data = data[4 + size :]
+    return found
+
+
+def test_nothing_is_drawn_while_nobody_listens(eye):
+    sensor = eye.mounted.sensor
+    assert not eye.mounted.enabled
+    for topic, wanted in (
+        ("/eye/image_raw", (True, False, False)),
+        ("/eye/camera_info", (True, False, False)),
+        ("/eye/image_raw/compressed", (True, False, False)),
+        ("/eye/depth/image_raw", (True, True, False)),
+        ("/eye/depth/camera_info", (True, False, False)),
+        ("/eye/segmentation/image_raw", (True, False, True)),
+        ("/eye/segmentation/labels", (True, False, False)),
+    ):
+        for count in (1, 0):
+            eye.graph.listen(topic, count)
+            eye.thread.call(lambda: None)
+            found = eye.mounted.enabled, sensor.depth, sensor.segmentation
+            assert found == (wanted if count else (False, False, False)), topic
+
+
+def test_image_and_info_of_one_instant(eye):
+    (image,) = eye.graph.listen("/eye/image_raw")
+    (info,) = eye.graph.listen("/eye/camera_info")
+    (depth,) = eye.graph.listen("/eye/depth/image_raw")
+    (depth_info,) = eye.graph.listen("/eye/depth/camera_info")
+    (labels,) = eye.graph.listen("/eye/segmentation/image_raw")
+    eye.step(20)
+    pictures, infos = messages(image, Image), messages(info, CameraInfo)
+    assert [m.header.stamp.to_nsec() for m in pictures] == [10_000_000, 20_000_000]
+    assert [m.header.seq for m in pictures] == [1, 2]
+    assert [m.header.stamp for m in infos] == [m.header.stamp for m in pictures]
+    assert eye.rounds == 2
+    first = pictures[0]
+    assert (first.width, first.height, first.step, first.encoding) == (8, 6, 24, "rgb8")
+    assert len(first.data) == 8 * 6 * 3 and first.is_bigendian == 0
+    assert first.header.frame_id == infos[0].header.frame_id == "eye_optical_frame"
+    assert infos[0].K == (5, 0, 3, 0, 6, 2, 0, 0, 1) and infos[0].P[:4] == (5, 0, 3, 0)
+    assert infos[0].R == (1, 0, 0, 0, 1, 0, 0, 0, 1)
+    assert (infos[0].width, infos[0].height) == (8, 6)
+    assert infos[0].D == (0.01, 0.02, 0.03, 0.04, 0.05)
+    assert infos[0].distortion_model == "plumb_bob"
+    far, near = messages(depth, Image), messages(depth_info, CameraInfo)
+    assert far[0].encoding == "32FC1" and far[0].step == 32
+    assert near[0].header.stamp == far[0].header.stamp == first.header.stamp
+    numbers = messages(labels, Image)
+    assert numbers[0].encoding == "32SC1"
+    named = yaml.safe_load(eye.graph.publishers["/eye/segmentation/labels"].sent[0])
+    seen = np.frombuffer(numbers[0].data, np.int32)
+    assert {named[n] for n in np.unique(seen[seen >= 0]).tolist()} == {"ground_plane::link"}
+    assert len(eye.graph.publishers["/eye/segmentation/labels"].sent) == 1
+
+
+def test_who_comes_late_gets_the_last_picture(eye):
+    eye.graph.listen("/eye/camera_info")
+    eye.step(10)
+    (late,) = eye.graph.listen("/eye/image_raw")
+    (image,) = messages(late, Image)
+    assert image.header.stamp.to_nsec() == 10_000_000
+
+
+def test_a_camera_off_the_graph_leaves_nothing(eye):
+    eye.graph.listen("/eye/image_raw")
+    eye.topics.shutdown()
+    eye.step()
+    assert not eye.mounted.enabled and eye.mounted.on_frame is None
+    assert not eye.graph.services
+    assert set(eye.graph.publishers) <= {"/tf_static"}
+
+
+def test_a_calibration_is_published_and_kept(eye):
+    info = CameraInfo(width=8, height=6, distortion_model="plumb_bob", D=[1.0, 2.0])
+    info.K, info.R, info.P = range(9), range(10, 19), range(20, 32)
+    assert eye.graph.call("/eye/set_camera_info", info).success
+    kept = yaml.safe_load((eye.home / "camera_info" / "eye.yaml").read_text())
+    assert (kept["image_width"], kept["image_height"], kept["camera_name"]) == (8, 6, "eye")
+    matrix = kept["camera_matrix"]
+    assert (matrix["rows"], matrix["cols"], matrix["data"]) == (3, 3, [float(k) for k in range(9)])
+    assert kept["projection_matrix"]["cols"] == 4
+    assert kept["distortion_coefficients"] == {"rows": 1, "cols": 2, "data": [1.0, 2.0]}
+    assert kept["rectification_matrix"]["data"][0] == 10.0
+    assert kept["distortion_model"] == "plumb_bob"
+    (listener,) = eye.graph.listen("/eye/camera_info")
+    eye.step(10)
+    (told,) = messages(listener, CameraInfo)
+    assert tuple(range(9)) == told.K and told.header.frame_id == "eye_optical_frame"
+
+
+def test_a_calibration_that_cannot_be_kept_is_published_all_the_same(eye):
+    (eye.home / "camera_info").write_text("a file")
+    info = CameraInfo(width=8)
+    info.header.frame_id = "mine"
+    answer = eye.graph.call("/eye/set_camera_info", info)
+    assert not answer.success
+    assert answer.status_message.startswith("Error storing camera calibration: ")
+    (listener,) = eye.graph.listen("/eye/camera_info")
+    eye.step(10)
+    assert messages(listener, CameraInfo)[0].header.frame_id == "mine"
+
+
+@pytest.mark.parametrize("name", ["", "..", "a/../../b", "/"])
+def test_a_calibration_stays_in_its_folder(name):
+    with pytest.raises(CameraError, match="gives no file name"):
+        calibration_path(name)
+
+
+def test_where_calibrations_are_kept(monkeypatch, tmp_path):
+    monkeypatch.setenv("ROS_HOME", str(tmp_path))
+    assert calibration_path("a/b") == tmp_path / "camera_info" / "a" / "b.yaml"
+    monkeypatch.setenv("ROS_HOME", "")
+    monkeypatch.setenv("HOME", "/home/me")
+    assert str(calibration_path("a")) == "/home/me/.ros/camera_info/a.yaml"
+
+
+def test_a_name_of_its_own_gives_the_rate_s_settings(graph, thread):
+    thread.call(lambda: thread.simulation.add_camera("eye", {**SETTINGS, "camera_name": "eye"}))
+    (mounted,) = thread.simulation.cameras
+    topics_of_eye = CameraTopics(mounted, thread)
+    service = "/eye/set_parameters"
+    config = Config(doubles=[DoubleParameter("imager_rate", 50.0)])
+    graph.call(service, config)
+    assert mounted.sensor.rate == 50.0
+    config.doubles[0].value = 500.0
+    graph.call(service, config)
+    assert mounted.sensor.rate == 100.0  # the limit: as it was launched
+    (described,) = graph.publishers["/eye/parameter_descriptions"].sent
+    assert (described.min.doubles[0].value, described.max.doubles[0].value) == (1.0, 100.0)
+    topics_of_eye.shutdown()
+    assert service not in graph.services
+
+
+def test_frames_that_nobody_else_knows_are_told(graph, thread):
+    given = {**SETTINGS, "optical_frame_name": "eye_optical"}
+    graph.parameters["/tf_prefix"] = "here"
+    thread.call(lambda: thread.simulation.add_camera("eye", given))
+    (mounted,) = thread.simulation.cameras
+    on_graph = CameraTopics(mounted, thread)
+    ((frame,),) = (m.transforms for m in graph.publishers["/tf_static"].sent)
+    assert (frame.header.frame_id, frame.child_frame_id) == ("here/world", "here/eye_optical")
+    where, turned = frame.transform.translation, frame.transform.rotation
+    assert (where.x, where.y, where.z) == (1.0, 2.0, 3.0)
+    # Looking along the world's y: z forward, x right, y down.
+    assert (turned.x, turned.y, turned.z, turned.w) == pytest.approx(
+        (math.sqrt(0.5), 0.0, 0.0, -math.sqrt(0.5)), abs=1e-12
+    )
+    on_graph.shutdown()
+    assert graph.publishers["/tf_static"].sent[-1].transforms == []
+
+
+@pytest.mark.parametrize(("given", "found"), [
+    ({}, "lens"), ({"/tf_prefix": "a"}, "a/lens"), ({"/x/tf_prefix": "/b/"}, "b/lens"),
+    ({"/tf_prefix": "a", "/x/y/tf_prefix": "c"}, "c/lens"), ({"/z/tf_prefix": "d"}, "lens"),
+])
+def test_frames_are_below_the_nearest_prefix(graph, given, found):
+    graph.parameters.update(given)
+    assert prefixed("/lens", "/x/y") == found
+
+
+def test_settings_of_the_world_s_cameras(graph, thread):
+    name = rospy.resolve_name("~cameras")
+    assert settings.read() == {}
+    graph.parameters[name] = 3
+    assert settings.read() == {} and "give settings by camera name" in graph.lines[-1]
+    del graph.parameters[name]
+    for key, value in SETTINGS.items():
+        graph.parameters[f"{name}/good/{key}"] = value
+        graph.parameters[f"{name}/bad/{key}"] = value
+    graph.parameters[f"{name}/bad/width"] = -1
+    settings.mount_world_cameras(thread)
+    assert [c.sensor.config.name for c in thread.simulation.cameras] == ["good"]
+    assert f"{name}/bad is left out" in graph.lines[-1]
+    new = SimpleNamespace(cameras=[SimpleNamespace(name="on", plugin=None)])
+    settings.warn_of_unused({"on": {}, "of": {"width": 3}}, thread, new)
+    assert "/of belong to no camera; there are good, on" in graph.lines[-1]
+    count = len(graph.lines)
+    settings.warn_of_unused({"of": {"width": 3}}, thread, new)
+    settings.warn_of_unused({"if": {"width": 3}}, thread, SimpleNamespace(cameras=[]))
+    assert len(graph.lines) == count
+
+
+RED = np.zeros((4, 6, 3), np.uint8)
+RED[..., 0] = 200
+
+
+@pytest.mark.parametrize(("image", "encoding", "kind", "text"), [
+    (RED, "rgb8", "jpeg", "rgb8; jpeg compressed bgr8"),
+    (RED[..., ::-1], "bgr8", "png", "bgr8; png compressed bgr8"),
+    (RED, "rgb8", "png", "rgb8; png compressed bgr8"),
+    (RED.astype(np.uint16) * 257, "rgb16", "jpeg", "rgb16; jpeg compressed bgr8"),
+    (RED.astype(np.uint16) * 257, "rgb16", "png", "rgb16; png compressed bgr16"),
+    (RED[..., 0], "mono8", "png", "mono8; png compressed "),
+])
+def test_pictures_are_compressed_as_image_transport_does(image, encoding, kind, text):
+    told, data = encode(image, encoding, {**DEFAULTS, "format": kind, "jpeg_quality": 100})
+    assert told == text
+    back = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED).astype(float)
+    scale = 257.0 if back.max() > 255 else 1.0
+    expected = [200.0] if encoding == "mono8" else [0.0, 0.0, 200.0]
+    assert np.abs(back.reshape(24, -1) / scale - expected).max() < 4.0
+
+
+def test_compression_follows_its_settings():
+    noise = np.random.default_rng(1).integers(0, 255, (64, 64, 3), np.uint8)
+    sizes = [len(encode(noise, "rgb8", {**DEFAULTS, "jpeg_quality": q})[1]) for q in (20, 90)]
+    assert sizes[0] < sizes[1]
+    plain = encode(noise, "rgb8", DEFAULTS)[1]
+    for change in ({"jpeg_progressive": True}, {"jpeg_optimize": True},
+                   {"jpeg_restart_interval": 2}):
+        assert encode(noise, "rgb8", {**DEFAULTS, **change})[1] != plain
+    flat = np.zeros((64, 64, 3), np.uint8)
+    png = {**DEFAULTS, "format": "png"}
+    levels = [len(encode(flat, "rgb8", {**png, "png_level": level})[1]) for level in (1, 9)]
+    assert levels[0] > levels[1]
+
+
+def until(condition) -> None:
+    end = time.monotonic() + 5.0
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.002)
+
+
+def test_a_compressed_topic_reads_its_parameters_and_sends(graph):
+    graph.parameters.update({
+        "/c/image/compressed/format": "png", "/c/image/compressed/png_level": 3,
+        "/c/image/compressed/jpeg_quality": [1],
+    })  # fmt: skip
+    topic = CompressedTopic("/c/image", None)
+    assert "jpeg_quality is [1]; going on with 80" in graph.lines[-1]
+    assert (topic._settings.values["png_level"], topic._settings.values["format"]) == (3, "png")
+    topic.publish(Time(1, 2), "lens", Frame(0, RED, "rgb8"))
+    sent = graph.publishers["/c/image/compressed"].sent
+    until(lambda: sent)
+    (message,) = sent
+    assert isinstance(message, CompressedImage)
+    assert (message.header.stamp, message.header.frame_id) == (Time(1, 2), "lens")
+    assert message.format == "rgb8; png compressed bgr8" and message.data[1:4] == b"PNG"
+    service = "/c/image/compressed/set_parameters"
+    config = Config(strs=[Text("format", "gif")], ints=[IntParameter("png_level", 9)])
+    answer = graph.call(service, config).config
+    assert {s.name: s.value for s in answer.strs} == {"format": "png"}
+    assert "neither jpeg nor png" in graph.lines[-1]
+    graph.call(service, Config(strs=[Text("format", "jpeg")],
+                               bools=[BoolParameter("jpeg_optimize", True)],
+                               ints=[IntParameter("jpeg_quality", 500)]))
+    assert topic._settings.values["jpeg_quality"] == 100
+    topic.publish(Time(1, 3), "lens", Frame(0, np.zeros((0, 0)), "rgb8"))
+    until(lambda: "image/compressed: " in graph.lines[-1])
+    topic.unregister()
+    until(lambda: not graph.publishers and not graph.services)
+
+
+def test_each_camera_has_its_face_while_it_is_there(graph, thread, monkeypatch):
+    opened: list[tuple[str, str]] = []
+
+    class Face:
+        def __init__(self, mounted, its_thread, before_frame) -> None:
+            assert its_thread is thread and before_frame is begins
+            self.name = mounted.sensor.config.name
+            if self.name == "bad":
+                raise rospy.ROSException("names are taken")
+            opened.append(("open", self.name))
+
+        def shutdown(self) -> None:
+            opened.append(("close", self.name))
+
+    def begins() -> None:
+        """A frame is about to go out."""
+
+    monkeypatch.setattr("aras_sim_bridge.ros.runtime.graph.CameraTopics", Face)
+    on_graph = OnGraph(thread, begins)
+    for name in ("bad", "a"):
+        thread.call(lambda n=name: thread.simulation.add_camera(n, SETTINGS))
+    on_graph.sync()
+    assert opened == [("open", "a")]
+    assert "camera 'bad' is simulated, but has no topics" in graph.lines[-1]
+    on_graph.sync()
+    assert len(graph.lines) == 1
+    thread.call(thread.simulation.cameras.clear)
+    on_graph.sync()
+    assert opened == [("open", "a"), ("close", "a")]
+
+
+def test_a_camera_that_cannot_be_put_on_the_graph_leaves_nothing(graph, thread, monkeypatch):
+    thread.call(lambda: thread.simulation.add_camera("eye", SETTINGS))
+    monkeypatch.setattr(topics, "LabelTopic", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        CameraTopics(thread.simulation.cameras[0], thread)
+    assert not graph.publishers and not graph.services

@@ -199,6 +199,15 @@ def test_a_switch_that_nobody_carries_out_is_given_up(rig, monkeypatch):
     assert rig.call("list_controllers").controller[0].state == "initialized"
 
 
+def test_a_switch_is_carried_out_when_time_is_stopped_under_it(rig, monkeypatch):
+    rig.call("load_controller", "push")
+    held = iter([False])
+    monkeypatch.setattr(type(rig.thread), "held", property(lambda self: next(held, True)))
+    assert rig.call("switch_controller", ["push"], [], 2).ok
+    assert next(held, None) is None
+    assert rig.call("list_controllers").controller[0].state == "running"
+
+
 def test_sys_exit_in_a_user_s_class_leaves_an_answer(rig, monkeypatch, tmp_path):
     (tmp_path / "leaving.py").write_text("import sys\nsys.exit(4)")
     monkeypatch.syspath_prepend(tmp_path)

@@ -30,6 +30,7 @@ from aras_visual_servo_ros.parameters import namespace_of
 
 T = TypeVar("T")
 SWITCH_TIMEOUT = 10.0  # seconds of wall time, where the request sets no limit (timeout 0)
+LOOK_PERIOD = 0.1  # seconds of wall time between two looks whether time was stopped meanwhile
 
 
 class ManagerServices:
@@ -140,35 +141,28 @@ class ManagerServices:
                 request.start_asap,
             )
             switch.on_done = lambda _switch: done.set()
-            if thread.held:
-                # No update will come to carry it out; nothing moves, so it can be done here.
-                now = thread.simulation.time_ns
-                self._robot.hardware.read(now, 0.0)
-                self._manager.carry_out(now)
-            if switch.done:
-                done.set()
+            self._carry_out_if_held()
             return switch
 
         switch = thread.call(ask)
         limit = request.timeout + 1.0 if request.timeout > 0.0 else SWITCH_TIMEOUT
-        if not self._wait(done, limit):
-            reason = (
-                f"not carried out within {limit:g} s of wall time; does simulated time run "
-                "(is the simulation paused, or the machine overloaded)?"
-            )
-            thread.call(lambda: switch.finish(reason))
+        deadline = time.monotonic() + limit
+        while not done.wait(LOOK_PERIOD):
+            if thread.stopping:
+                raise ControllerError(SHUTTING_DOWN)
+            thread.call(self._carry_out_if_held)
+            if time.monotonic() > deadline:
+                reason = f"not carried out within {limit:g} s of wall time; is the machine busy?"
+                thread.call(lambda: switch.finish(reason))
         if not switch.ok:
             raise ControllerError(switch.reason)
 
-    def _wait(self, done: threading.Event, limit: float) -> bool:
-        """Return whether done was set within limit [s of wall time]; ends with the simulation."""
-        deadline = time.monotonic() + limit
-        while not done.wait(0.1):
-            if self._thread.stopping:
-                raise ControllerError(SHUTTING_DOWN)
-            if time.monotonic() > deadline:
-                return False
-        return True
+    def _carry_out_if_held(self) -> None:
+        """Do what is open while time stands still: no update will come, and nothing moves."""
+        if self._thread.held:
+            now = self._thread.simulation.time_ns
+            self._robot.hardware.read(now, 0.0)
+            self._manager.carry_out(now)
 
     def _with_parameters(self, job: Callable[[], T]) -> T:
         """Run job between two steps, after the manager got the robot's parameters anew."""

@@ -274,6 +274,26 @@ def test_states_are_told_to_those_who_listen(rig):
     assert go.on_state is go.pids["pid"].on_state is None is not states.on_state
 
 
+@pytest.mark.parametrize(("true", "late"), [(False, 1_000_000), (True, 0)])
+def test_joint_states_bear_gazebo_s_stamp_or_the_true_one(rig, true, late):
+    """In the air at a constant speed the position at a time is known."""
+    rig.graph.parameters["/rig/states/true_stamps"] = true
+    rig.run("states", "push")
+    (joints,) = rig.graph.listen("/rig/joint_states")
+    rig.send("/rig/push/command", Float64(1000.0))
+    rig.step(10)
+    rig.send("/rig/push/command", Float64(0.0))
+    rig.step(10)
+    *_, first, last = heard(joints, JointState)
+    model, time_ns = rig.robot.model, rig.thread.simulation.time_ns
+    positions, velocities, _ = model.read_joints()
+    k = model.joint_names.index("cart")
+    for message in (first, last):
+        back = (time_ns - message.header.stamp.to_nsec() + late) * 1e-9
+        assert message.position[0] == pytest.approx(positions[k] - velocities[k] * back, abs=1e-9)
+    assert last.header.stamp.to_nsec() == time_ns - 1_000_000 + late
+
+
 def test_gains_are_told_and_changed_by_reconfigure(rig):
     (go,) = rig.run("go")
     assert rig.graph.parameters["/rig/go/pid/i_clamp_min"] == -2.0

@@ -23,6 +23,9 @@ class JointStateController(Controller):
 
     Order: `joints` if given, else by name in byte order, then `extra_joints`. The first sample
     is in the first cycle; the average rate is exact. A rate of 0 or less never samples.
+
+    A sample bears the time that the coming physics step ends at, as Gazebo's, and holds what was
+    measured before the step. With the parameter `true_stamps` its message bears the time of that.
     """
 
     interface = STATE
@@ -34,6 +37,7 @@ class JointStateController(Controller):
         where = context.where
         rate = params.number(parameters, "publish_rate", where)
         self._rate = rate
+        self.true_stamps = bool(params.flag(parameters, "true_stamps", where))
         self._step_ns = _NS_PER_S / rate if rate > 0.0 else 0.0
         if "joints" in parameters:
             names = list(params.names(parameters, "joints", where))

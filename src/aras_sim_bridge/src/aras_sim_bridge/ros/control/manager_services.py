@@ -146,14 +146,14 @@ class ManagerServices:
 
         switch = thread.call(ask)
         limit = request.timeout + 1.0 if request.timeout > 0.0 else SWITCH_TIMEOUT
+        too_late = f"not carried out within {limit:g} s of wall time; is the machine busy?"
         deadline = time.monotonic() + limit
         while not done.wait(LOOK_PERIOD):
             if thread.stopping:
                 raise ControllerError(SHUTTING_DOWN)
             thread.call(self._carry_out_if_held)
             if time.monotonic() > deadline:
-                reason = f"not carried out within {limit:g} s of wall time; is the machine busy?"
-                thread.call(lambda: switch.finish(reason))
+                thread.call(lambda: switch.finish(too_late))
         if not switch.ok:
             raise ControllerError(switch.reason)
 

@@ -6,6 +6,8 @@ hand over what is to be done there.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from control_msgs.msg import JointControllerState, JointTrajectoryControllerState, PidState
 from genpy import Message
 from sensor_msgs.msg import JointState
@@ -94,6 +96,8 @@ class ControllerTopics:
             topic = f"{where}/state"
             if controller.state_kind == "joint_states":
                 topic = f"{robot_namespace}/joint_states"
+                if getattr(controller, "true_stamps", False):
+                    fill = _stamped_before_the_step(fill, thread)
             self._parts.append(StateTopic(topic, message, queue_size, controller, fill, thread))
         for name, pid in controller.pids.items():
             self._parts.append(PidTopics(f"{where}/{name}", pid, thread))
@@ -119,6 +123,18 @@ def fill_joint_states(message: JointState, states: base.JointStates) -> None:
     message.position = states.positions
     message.velocity = states.velocities
     message.effort = states.efforts
+
+
+def _stamped_before_the_step(
+    fill: Callable[[Message, object], None], thread: SimulationThread
+) -> Callable[[Message, object], None]:
+    """Return the same with the time of the measurement: the simulation's, which steps later."""
+
+    def filled(message: Message, state: object) -> None:
+        fill(message, state)
+        message.header.stamp = to_time(thread.simulation.time_ns)
+
+    return filled
 
 
 def _copy(message: Message, state: object, names: tuple[str, ...]) -> None:

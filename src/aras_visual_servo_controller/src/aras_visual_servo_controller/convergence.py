@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
+
+from .recent import RecentErrors
 
 # A converged loop forgives half a tolerance more before it counts as away again.
 FORGIVEN = 1.5
@@ -20,25 +20,27 @@ class Convergence:
     def __init__(self, hold: float) -> None:
         """`hold`: s; 0: every image is judged by itself."""
         self.hold = float(hold)
+        self._seen = RecentErrors()
         self.clear()
 
     def clear(self) -> None:
         """Forget what was seen: the loop was interrupted."""
-        self._seen: deque[tuple[float, np.ndarray]] = deque()
+        self._seen.clear()
         self.reached = False
 
     def add(self, stamp: float, error: np.ndarray, tolerances: np.ndarray) -> bool:
         """Whether the goal counts as reached, with this image's error (k,) and tolerances (k,)."""
-        if self._seen and len(self._seen[-1][1]) != len(error):
+        seen = self._seen
+        if len(seen) and seen.errors.shape[1] != len(error):
             self.clear()
-        self._seen.append((stamp, np.array(error, float)))
+        seen.add(stamp, error)
         # One image at or before the window's beginning stays, to know that it is full.
-        while len(self._seen) > 1 and self._seen[1][0] <= stamp - self.hold + ROUNDING:
-            self._seen.popleft()
-        if stamp - self._seen[0][0] < self.hold - ROUNDING:
+        before = int(np.searchsorted(seen.stamps, stamp - self.hold + ROUNDING, "right"))
+        seen.drop(max(before - 1, 0))
+        if stamp - seen.stamps[0] < self.hold - ROUNDING:
             return False
         limit = np.asarray(tolerances, float) * (FORGIVEN if self.reached else 1.0)
-        errors = np.array([e for _, e in self._seen])
+        errors = seen.errors
         mean = errors.sum(axis=0) / len(errors)
         self.reached = bool((np.abs(mean) < limit).all())
         if self.reached:

@@ -188,7 +188,7 @@ class Diagnosis:
         if state.phase == CONVERGED:
             up_to = state.decision.up_to
             return Outcome("converged" + (f" up to {up_to}" if up_to else ""))
-        ringing = self._oscillation.add(state.stamp, state.decision.error / tolerances)
+        ringing = self._oscillation.add(state.stamp, self._window[-1].error)
         if ringing is not None:
             found = Outcome(
                 "gain_too_high", f"the error oscillates at {ringing:.2f} Hz and does not die away",
@@ -202,15 +202,16 @@ class Diagnosis:
 
     def _add(self, state: ServoState, tolerances: np.ndarray) -> None:
         decision = state.decision
-        size = float(np.max(np.abs(decision.error) / tolerances))
-        modelled = 6 if decision.task is None else int(np.sum(decision.task.modelled))
+        error = decision.error / tolerances
+        size = max(map(abs, error.tolist()))
+        modelled = 6 if decision.task is None else int(decision.task.modelled.sum())
         L = decision.L
         if L is not None and len(L) == len(tolerances):
             L = L / tolerances[:, None]
         self._window.append(
             _Seen(
                 state.stamp, size, state,
-                min(modelled, len(decision.error)), L, decision.error / tolerances,
+                min(modelled, len(error)), L, error,
             )  # fmt: skip
         )
         while self._window[0].stamp < state.stamp - WINDOW:

@@ -148,7 +148,7 @@ class Driver:
         joints, newest = self.history.at(stamp, earlier_only=lockstep), self.history.newest
         if newest is not None and stamp - newest.stamp > FARTHEST:
             return  # whatever it shows, nothing is known of the joints any more
-        since = tuple(command for command in self._commands if command.stamp >= stamp)
+        since = self._commanded_since(stamp)
         state = self.servo.see(look(joints, since))
         if state is not self.servo.state:
             return  # late, or seen before
@@ -159,6 +159,15 @@ class Driver:
         at = stamp if self._time is None else max(stamp, self._time)
         self._send(self._tick(at if lockstep else self._time or at), repeat=lockstep)
         self._report(state)
+
+    def _commanded_since(self, stamp: float) -> tuple[JointSample, ...]:
+        """The latest commands, from the stamp on."""
+        later: list[JointSample] = []
+        for command in reversed(self._commands):
+            if command.stamp < stamp:
+                break
+            later.append(command)
+        return tuple(reversed(later))
 
     def watch(self) -> None:
         """Call often, from a thread of its own: stops the arm when nothing comes any more."""

@@ -6,15 +6,15 @@ run must not be called ill.
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 
+from aras_visual_servo_camera.compiled import MATRIX, NUMBER, VECTOR, compiled
 from aras_visual_servo_camera.degeneracy import anisotropy
 
 from .arm.poses import rotation_vector
 from .goal import Goal
 from .observation import Observation
+from .recent import RecentErrors
 from .schemes.base import Decision
 
 
@@ -26,37 +26,46 @@ class Oscillation:
     REVERSALS = 5
 
     def __init__(self) -> None:
-        self._seen: deque[tuple[float, np.ndarray]] = deque()
+        self._seen = RecentErrors()
 
     def add(self, stamp: float, error: np.ndarray) -> float | None:
         """Frequency (Hz) of an error (k,), in tolerances, that rings; None where it does not."""
-        if self._seen and len(self._seen[-1][1]) != len(error):
-            self._seen.clear()
-        self._seen.append((stamp, np.array(error)))
-        while self._seen[0][0] < stamp - self.SPAN:
-            self._seen.popleft()
-        if len(self._seen) < self.REVERSALS + 2:
+        seen = self._seen
+        seen.add(stamp, error)
+        seen.drop(int(np.searchsorted(seen.stamps, stamp - self.SPAN)))
+        if len(seen) < self.REVERSALS + 2:
             return None
-        stamps = np.array([s for s, _ in self._seen])
-        errors = np.array([e for _, e in self._seen])
-        loudest = int(np.argmax(np.ptp(errors[len(errors) // 2 :], axis=0)))
-        return self._rings(stamps, errors[:, loudest])
+        frequency = _ringing(seen.stamps, seen.errors, self.LEAST, self.REVERSALS)
+        return frequency if frequency > 0.0 else None
 
-    def _rings(self, stamps: np.ndarray, error: np.ndarray) -> float | None:
-        peaks = [0]
-        for i in range(1, len(error)):
-            # A peak is where the way back has become longer than noise.
-            going = np.sign(error[peaks[-1]] - error[peaks[-2]]) if len(peaks) > 1 else 0.0
-            if going == 0.0 or (error[i] - error[peaks[-1]]) * going < 0.0:
-                if abs(error[i] - error[peaks[-1]]) >= self.LEAST:
-                    peaks.append(i)
-            else:
-                peaks[-1] = i
-        heights = np.abs(np.diff(error[peaks]))
-        if len(heights) < self.REVERSALS or heights[-3:].max() < 0.5 * heights[:-2].max():
-            return None
-        first, last = stamps[peaks[1]], stamps[peaks[-1]]
-        return float(0.5 * (len(peaks) - 2) / (last - first)) if last > first else None
+
+@compiled(VECTOR, MATRIX, NUMBER, NUMBER)
+def _ringing(stamps, errors, least, reversals):
+    """Hz at which the loudest of the errors (m, k) rings, stamps (m,) in s; 0 where it does not."""
+    count = len(stamps)
+    loudest, range_of = 0, -1.0
+    for column in range(errors.shape[1]):
+        late = errors[count // 2 :, column]
+        if late.max() - late.min() > range_of:
+            loudest, range_of = column, late.max() - late.min()
+    error = errors[:, loudest]
+    peaks, found = np.zeros(count, np.int64), 1
+    for i in range(1, count):
+        # A peak is where the way back has become longer than noise.
+        last = peaks[found - 1]
+        going = error[last] - error[peaks[found - 2]] if found > 1 else 0.0
+        step = error[i] - error[last]
+        if going == 0.0 or step * going < 0.0:
+            if abs(step) >= least:
+                peaks[found] = i
+                found += 1
+        else:
+            peaks[found - 1] = i
+    heights = np.abs(np.diff(error[peaks[:found]]))
+    if len(heights) < reversals or heights[-3:].max() < 0.5 * heights[:-2].max():
+        return 0.0
+    first, last = stamps[peaks[1]], stamps[peaks[found - 1]]
+    return 0.5 * (found - 2) / (last - first) if last > first else 0.0
 
 
 class ShapeEvidence:
@@ -106,6 +115,7 @@ class CameraEvidence:
     def __init__(self) -> None:
         self._before: tuple[np.ndarray, np.ndarray] | None = None
         self._sums: np.ndarray | None = None
+        self._fault = ""
 
     def interrupt(self) -> None:
         """An image without measurement: the next one has no predecessor."""
@@ -134,11 +144,13 @@ class CameraEvidence:
         if self._sums is None or self._sums.shape != now.shape:
             self._sums = np.zeros_like(now)
         self._sums += now
+        self._fault = self._judged()
 
     def fault(self) -> str:
         """What cannot be with the camera as believed, in words; empty where all can."""
-        if self._sums is None:
-            return ""
+        return self._fault
+
+    def _judged(self) -> str:
         pp, pm, mm, path = self._sums
         judged = np.flatnonzero(path > self.PATH)
         if judged.size == 0:
@@ -160,8 +172,13 @@ class CameraEvidence:
 
 def body_motion(before_T_after: np.ndarray) -> np.ndarray:
     """Twist (6,) that gives a small motion (4, 4) in one unit of time: its logarithm."""
-    w, p = rotation_vector(before_T_after[:3, :3]), before_T_after[:3, 3]
-    (x, y, z), dot = w, float(w @ w)
-    once = np.array([y * p[2] - z * p[1], z * p[0] - x * p[2], x * p[1] - y * p[0]])
-    twice = w * float(w @ p) - p * dot  # w x (w x p)
-    return np.concatenate([p - 0.5 * once + twice / 12.0, w])
+    a, b, c = rotation_vector(before_T_after[:3, :3]).tolist()
+    x, y, z = before_T_after[:3, 3].tolist()
+    along, square = a * x + b * y + c * z, a * a + b * b + c * c
+    # p - w x p / 2 + w x (w x p) / 12
+    return np.array([
+        x - 0.5 * (b * z - c * y) + (a * along - x * square) / 12.0,
+        y - 0.5 * (c * x - a * z) + (b * along - y * square) / 12.0,
+        z - 0.5 * (a * y - b * x) + (c * along - z * square) / 12.0,
+        a, b, c,
+    ])  # fmt: skip

@@ -100,6 +100,8 @@ def checked_decision(name: str, decision: object, scheme: Scheme | JointControll
         raise fault("answered a task that is not finite")
     if len(L) > 6 or L is not task.L:
         task = Task.of(L, rate, modelled)
+    elif all(arrays[field] is getattr(decision, field) for field in arrays):
+        return decision  # as most are
     return dataclasses.replace(decision, task=task, **arrays)
 
 

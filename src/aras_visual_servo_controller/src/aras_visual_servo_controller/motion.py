@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from aras_visual_servo_camera.compiled import NUMBER, VECTOR, compiled
+
 from .joint_sample import JointSample
 from .state import Command, ServoSettings
 
@@ -54,26 +56,23 @@ class Motion:
         """
         if dt <= 0.0:
             return ""
-        command = self.command
-        after, reasons = command + velocities * dt, []
-        low, high = self._room()
-        bounded = np.clip(after, low, high)
-        for i in np.flatnonzero(bounded != after):
-            bound = (high if after[i] > bounded[i] else low)[i]
-            reasons.append(f"{self.names[i]} stopped at its limit of {bound:.4f}")
-        ahead = np.abs(bounded - measured)
-        lead = self._lead + self.settings.lag * np.abs(self.velocity)
-        late = (ahead > lead) & (ahead > np.abs(command - measured))
-        if late.any():
+        after, speeds, stopped, late = _advanced(
+            self.command, self.velocity, velocities, measured, self.limits.lower,
+            self.limits.upper, self._lead, self.settings.lag, dt,
+        )  # fmt: skip
+        if len(late):
             self.brake(dt)
             return "; ".join(
-                f"waiting for {self.names[i]}, which is {ahead[i]:.3f} behind its command"
-                for i in np.flatnonzero(late)
+                f"waiting for {self.names[i]}, which is {abs(after[i] - measured[i]):.3f} behind "
+                "its command"
+                for i in late
             )
-        self._brake = None
-        self.velocity = (bounded - command) / dt
-        self.command = bounded
-        return "; ".join(reasons)
+        self._brake, self.velocity, self.command = None, speeds, after
+        if not len(stopped):
+            return ""
+        return "; ".join(
+            f"{self.names[i]} stopped at its limit of {after[i]:.4f}" for i in stopped
+        )
 
     def brake(self, dt: float) -> None:
         """Come to rest: the speed falls in a straight line within the stop time, or as slowly as
@@ -139,3 +138,22 @@ class Motion:
                 velocities = self.velocity + change / ratio[hardest]
                 reasons.append(f"at the acceleration limit of {self.names[hardest]}")
         return velocities, "; ".join(reasons)
+
+
+@compiled(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, NUMBER, NUMBER)
+def _advanced(command, velocity, velocities, measured, lower, upper, lead, lag, dt):
+    """One step of the command from its place (n,) and velocity (n,).
+
+    Returns:
+        Where it goes (n,), from beyond a limit back and not on; at which velocities (n,); indices
+        of the joints that a limit stops, and of those that do not follow.
+    """
+    after = np.empty(len(command))
+    stopped, late = np.zeros(len(command), np.bool_), np.zeros(len(command), np.bool_)
+    for i in range(len(command)):
+        wanted = command[i] + velocities[i] * dt
+        after[i] = min(max(wanted, min(lower[i], command[i])), max(upper[i], command[i]))
+        stopped[i] = after[i] != wanted
+        ahead = abs(after[i] - measured[i])
+        late[i] = ahead > lead[i] + lag * abs(velocity[i]) and ahead > abs(command[i] - measured[i])
+    return after, (after - command) / dt, np.flatnonzero(stopped), np.flatnonzero(late)

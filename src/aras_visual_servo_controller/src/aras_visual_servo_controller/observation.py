@@ -25,6 +25,7 @@ from aras_visual_servo_camera.pipeline import Pipeline
 from aras_visual_servo_camera.pipeline import Settings as VisionSettings
 from aras_visual_servo_camera.undistortion import CameraModel
 
+from .arm.poses import inverse
 from .joint_sample import JointSample
 
 if TYPE_CHECKING:
@@ -277,7 +278,7 @@ class Observer:
         if self._stamp is not None and stamp > self._stamp:
             dt = stamp - self._stamp
             if pose is not None and self._pose is not None:
-                moved = _frozen(np.linalg.solve(self._pose, pose))
+                moved = _frozen(inverse(self._pose) @ pose)
         if self._stamp is None or stamp > self._stamp:
             self._stamp, self._pose = stamp, pose
         return Observation(

@@ -278,7 +278,7 @@ class Servo:
         self._now = t
         if joints is not None:
             try:
-                self._check_sample(joints)
+                self.arm.check(joints.positions, joints.velocities)
             except MeasurementError as error:
                 self._halt(HOLDING, str(error))
                 self._motion.brake(dt)
@@ -397,14 +397,6 @@ class Servo:
         self.phase, self.reason = phase, reason
         self._pause()
         self._convergence.clear()
-
-    def _check_sample(self, joints: JointSample) -> None:
-        n = len(self.arm.names)
-        if np.shape(joints.positions) != (n,) or np.shape(joints.velocities) != (n,):
-            raise MeasurementError(
-                f"{np.shape(joints.positions)} joint positions for an arm of {n} joints"
-            )
-        self.arm.check(joints.positions, joints.velocities)
 
     def _sent(self, t: float, measured: JointSample | None, reason: str) -> Command:
         return self._motion.sent(t, measured, self.arm.effort, reason, self.phase)

@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pinocchio
 
+from aras_visual_servo_camera.compiled import VECTOR, compiled
+
 from ..errors import ConfigurationError, MeasurementError
 from ..joint_sample import JointSample
 from .chain import DescribedJoint, Description, nearest
@@ -53,6 +55,8 @@ class Arm:
         self._least = np.nan_to_num(self.lower - span, nan=-UNLIMITED_SPAN)
         self._most = np.nan_to_num(self.upper + span, nan=UNLIMITED_SPAN)
         self._fastest = IMPLAUSIBLE_SPEED * np.clip(self.velocity, 1.0, UNLIMITED_SPAN)
+        self._still = np.zeros(len(moving))
+        self._told: tuple[tuple[str, ...], list[int]] = ((), [])  # names of a message, our rows
         self.names = tuple(joint.name for joint in moving)
         self.prismatic = np.array([joint.kind == "prismatic" for joint in moving])
         self.prismatic.setflags(write=False)
@@ -179,39 +183,48 @@ class Arm:
             raise MeasurementError(f"{len(names)} joint names but {len(positions)} positions")
         if len(velocities) not in (0, len(names)):
             raise MeasurementError(f"{len(names)} joint names but {len(velocities)} velocities")
-        index = {name: i for i, name in enumerate(names)}
-        missing = [name for name in self.names if name not in index]
-        if missing:
-            raise MeasurementError(
-                f"joint states lack {', '.join(missing)}{nearest(missing[0], names)}"
-            )
-        rows = [index[name] for name in self.names]
+        rows = self._rows(names)
         q = np.array([positions[i] for i in rows], float)
-        speed = np.array([velocities[i] for i in rows] if len(velocities) else np.zeros(len(q)))
+        speed = self._still
+        if len(velocities):
+            speed = np.array([velocities[i] for i in rows], float)
         self.check(q, speed)
         return JointSample.of(stamp, self.names, q, speed)
+
+    def _rows(self, names: Sequence[str]) -> list[int]:
+        """Where our joints stand among these names; the same come again and again."""
+        names = tuple(names)
+        if names != self._told[0]:
+            index = {name: i for i, name in enumerate(names)}
+            missing = [name for name in self.names if name not in index]
+            if missing:
+                raise MeasurementError(
+                    f"joint states lack {', '.join(missing)}{nearest(missing[0], names)}"
+                )
+            self._told = names, [index[name] for name in self.names]
+        return self._told[1]
 
     def check(self, q: np.ndarray, velocities: np.ndarray | None = None) -> None:
         """Refuse positions and velocities (n,) that no joint of this arm can have.
 
         Raises:
-            MeasurementError: one is not finite, or implausibly large.
+            MeasurementError: one is not finite, or implausibly large, or there are too many or few.
         """
-        # Numbers that are not finite fail every comparison.
-        bad = ~((q >= self._least) & (q <= self._most))
-        if any(bad.tolist()):
-            joint = int(np.flatnonzero(bad)[0])
+        speeds = self._still if velocities is None else velocities
+        if not np.shape(q) == np.shape(speeds) == self.lower.shape:
+            raise MeasurementError(
+                f"joint positions {np.shape(q)} and velocities {np.shape(speeds)} for an arm of "
+                f"{len(self.names)} joints"
+            )
+        joint, speeding = _implausible(q, speeds, self._least, self._most, self._fastest)
+        if joint >= 0 and not speeding:
             raise MeasurementError(
                 f"{self.names[joint]} measured at {q[joint]:g}: no position that it can have "
                 f"({self.lower[joint]:g} to {self.upper[joint]:g})"
             )
-        if velocities is None:
-            return
-        bad = ~(np.abs(velocities) <= self._fastest)
-        if any(bad.tolist()):
-            joint = int(np.flatnonzero(bad)[0])
+        if joint >= 0:
             raise MeasurementError(
-                f"{self.names[joint]} measured at a speed of {velocities[joint]:g}: no speed that "
+                f"{self.names[joint]} measured at a speed of {speeds[joint]:g}: no speed that "
                 f"it can have (limit {self.velocity[joint]:g})"
             )
 
@@ -264,6 +277,19 @@ class Arm:
         return self._model.addFrame(
             pinocchio.Frame(way[-1].child, parent, parent_T_next, pinocchio.FrameType.OP_FRAME)
         )
+
+
+@compiled(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR)
+def _implausible(q, velocities, least, most, fastest):
+    """The first joint whose position, or else speed, is none; and whether it is the speed. -1: all
+    are plausible. Numbers that are not finite fail every comparison."""
+    for i in range(len(q)):
+        if not least[i] <= q[i] <= most[i]:
+            return i, False
+    for i in range(len(q)):
+        if not abs(velocities[i]) <= fastest[i]:
+            return i, True
+    return -1, False
 
 
 def _chosen(

@@ -1,5 +1,6 @@
 """Rigid poses: (4, 4) arrays, `a_T_b` maps coordinates of b to a."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -54,16 +55,16 @@ def pose_difference(a_T_b: np.ndarray, a_T_c: np.ndarray) -> tuple[float, float]
 def rotation_vector(R: np.ndarray) -> np.ndarray:
     """Axis times angle (3,), rad, of a rotation matrix (3, 3); the angle in [0, pi]."""
     # The antisymmetric part keeps its precision where arccos of the trace loses it.
-    twice_sine = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    sine, cosine = 0.5 * float(np.linalg.norm(twice_sine)), 0.5 * (float(np.trace(R)) - 1.0)
-    angle = float(np.arctan2(sine, cosine))
-    if sine > 1e-6:
-        return twice_sine * (0.5 * angle / sine)
-    if cosine > 0.0:
-        return 0.5 * twice_sine
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist()
+    x, y, z = zy - yz, xz - zx, yx - xy
+    sine, cosine = 0.5 * math.hypot(x, y, z), 0.5 * (xx + yy + zz - 1.0)
+    angle = math.atan2(sine, cosine)
+    if sine > 1e-6 or cosine > 0.0:
+        factor = 0.5 * angle / sine if sine > 1e-6 else 0.5
+        return np.array([factor * x, factor * y, factor * z])
     # Half a turn: the axis is the column of (R + 1) / 2 that is longest.
     half = 0.25 * (R + R.T) + 0.5 * np.eye(3)
     axis = half[:, int(np.argmax(np.diag(half)))]
-    if axis @ twice_sine < 0.0:
+    if axis @ (x, y, z) < 0.0:
         axis = -axis
     return angle * axis / np.linalg.norm(axis)

@@ -22,7 +22,7 @@ _log = logging.getLogger(__name__)
 VECTOR = types.Array(types.float64, 1, "A", readonly=True)
 MATRIX = types.Array(types.float64, 2, "A", readonly=True)
 MASK = types.Array(types.boolean, 1, "A", readonly=True)
-NUMBER, FLAG = types.float64, types.boolean
+NUMBER, INTEGER, FLAG = types.float64, types.int64, types.boolean
 
 
 def compiled(*arguments: types.Type) -> Callable[[Callable], Callable]:

@@ -23,14 +23,14 @@ servoing, IEEE Transactions on Robotics 20(4), 2004, where the same rows are giv
 
 from __future__ import annotations
 
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from .compiled import INTEGER, MATRIX, NUMBER, compiled
 from .errors import FeatureError
-from .moments import DENSE, Array, Moments, exponents
+from .moments import DENSE, Array, Moments
 
 # The monomials 1, a, b, a^2, ab, b^2 as exponents of (a, b).
 _MONOMIALS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
@@ -117,19 +117,20 @@ class CentredRows(NamedTuple):
 def raw_rows(moments: Moments, plane: Plane, order: int | None = None) -> MomentRows:
     """L of every m_ij with i + j <= order (default and at most moments.order - 1)."""
     order = _row_order(moments, order)
-    integrals = _integrals(moments.raw, order, moments.kind)
-    return MomentRows(integrals @ image_velocity(plane, 0.0, 0.0).T, order)
+    rows = _rows(moments.raw, image_velocity(plane, 0.0, 0.0), order, _divergence(moments))
+    return MomentRows(rows, order)
 
 
 def centred_rows(moments: Moments, plane: Plane, order: int | None = None) -> CentredRows:
     """L of m00, xg, yg and every mu_ij, i + j <= order (default and at most moments.order - 1)."""
     order = _row_order(moments, order)
-    integrals = _integrals(moments.centred, order, moments.kind)
-    rows = integrals @ image_velocity(plane, moments.xg, moments.yg).T
+    velocity, divergence = image_velocity(plane, moments.xg, moments.yg), _divergence(moments)
     # About the centre of gravity mu10 = mu01 = 0, so L_xg = L_m10 / m00 without a quotient rule.
-    centre = rows[1:3] / moments.m00
-    # Its velocity, taken off x' and y', changes the integrals of their constant terms only.
-    rows -= integrals[:, (0, 6)] @ centre
+    centre = _rows(moments.centred, velocity, 1, divergence)[1:3] / moments.m00
+    # Its velocity is taken off the constant terms of x' and y'.
+    velocity[:, 0] -= centre[0]
+    velocity[:, 6] -= centre[1]
+    rows = _rows(moments.centred, velocity, order, divergence)
     rows[1:3] = 0.0
     return CentredRows(rows[0], centre[0], centre[1], MomentRows(rows, order))
 
@@ -146,28 +147,27 @@ def _row_order(moments: Moments, order: int | None) -> int:
     return order
 
 
-@cache
-def _gather(order: int, size: int, delta: float) -> tuple[NDArray[np.intp], Array]:
-    """Where in a flat (size, size) table the moments of each product stand.
-
-    An exponent outside the table only occurs with the factor i = 0 or j = 0: any place will do.
-    """
-    pairs = exponents(order)
-
-    def place(i: int, j: int) -> int:
-        return i * size + j if min(i, j) >= 0 and i + j <= order + 1 else 0
-
-    x = [[place(i - 1 + p, j + q) for p, q in _MONOMIALS] for i, j in pairs]
-    y = [[place(i + p, j - 1 + q) for p, q in _MONOMIALS] for i, j in pairs]
-    d = [[place(i + p, j + q) for p, q in _MONOMIALS[:3]] for i, j in pairs]
-    factor = np.full((len(pairs), 15), delta)
-    factor[:, :6] = np.array([[i] for i, _ in pairs])
-    factor[:, 6:12] = np.array([[j] for _, j in pairs])
-    places = np.concatenate([np.array(x), np.array(y), np.array(d)], axis=1)
-    return places, factor
+def _divergence(moments: Moments) -> float:
+    """delta: whether the boundary moves with the points."""
+    return 1.0 if moments.kind == DENSE else 0.0
 
 
-def _integrals(table: Array, order: int, kind: str) -> Array:
-    """(moments, 15): what each coefficient of image_velocity() contributes to d(m_ij)/dt."""
-    places, factor = _gather(order, table.shape[0], 1.0 if kind == DENSE else 0.0)
-    return table.ravel()[places] * factor
+@compiled(MATRIX, MATRIX, INTEGER, NUMBER)
+def _rows(table, velocity, order, delta):
+    """((order+1)(order+2)/2, 6) d(m_ij)/dt in exchange order, of moments (n, n) in a field of
+    velocities (6, 15) as image_velocity() gives it."""
+    rows, row = np.zeros(((order + 1) * (order + 2) // 2, 6)), 0
+    for n in range(order + 1):
+        for j in range(n + 1):
+            i = n - j
+            for k in range(6):
+                p, q = _MONOMIALS[k]
+                of_x = i * table[i - 1 + p, j + q] if i > 0 else 0.0
+                of_y = j * table[i + p, j - 1 + q] if j > 0 else 0.0
+                spread = delta * table[i + p, j + q] if k < 3 else 0.0
+                for twist in range(6):
+                    rows[row, twist] += of_x * velocity[twist, k] + of_y * velocity[twist, 6 + k]
+                    if k < 3:
+                        rows[row, twist] += spread * velocity[twist, 12 + k]
+            row += 1
+    return rows

@@ -18,11 +18,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
-from math import comb, isfinite
+from math import isfinite
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .compiled import MATRIX, NUMBER, compiled
 from .errors import MomentsError
 
 Array = NDArray[np.float64]
@@ -294,21 +295,24 @@ def _triangle(table: Array, order: int) -> Array:
     return table * _triangle_mask(order)
 
 
-@cache
-def _binomials(order: int) -> tuple[Array, NDArray[np.intp]]:
-    n = order + 1
-    binomial = np.array([[float(comb(i, k)) for k in range(n)] for i in range(n)])
-    power = np.maximum(np.arange(n)[:, None] - np.arange(n)[None, :], 0)
-    return binomial, power
-
-
-def translate(table: Array, dx: float, dy: float) -> Array:
+@compiled(MATRIX, NUMBER, NUMBER)
+def translate(table, dx, dy):
     """Moments of the shape moved by (dx, dy): sum of C(i,k) C(j,l) dx^(i-k) dy^(j-l) m_kl."""
-    binomial, power = _binomials(table.shape[0] - 1)
-    rising = np.arange(table.shape[0])
-    tx = binomial * (dx**rising)[power]
-    ty = binomial * (dy**rising)[power]
-    return tx @ table @ ty.T
+    size = table.shape[0]
+    rows, moved = np.zeros((size, size)), np.zeros((size, size))
+    for i in range(size):
+        factor = 1.0  # C(i, k) dx^(i-k), from k = i down
+        for k in range(i, -1, -1):
+            for j in range(size):
+                rows[i, j] += factor * table[k, j]
+            factor *= dx * k / (i - k + 1)
+    for j in range(size):
+        factor = 1.0
+        for k in range(j, -1, -1):
+            for i in range(size):
+                moved[i, j] += factor * rows[i, k]
+            factor *= dy * k / (j - k + 1)
+    return moved
 
 
 def _deblur(table: Array, blur: tuple[float, float, float]) -> Array:

@@ -14,16 +14,14 @@ the image itself.
 from __future__ import annotations
 
 from cmath import exp
-from functools import cache
-from math import atan2, comb, pi, remainder, sqrt
-from operator import mul
+from math import atan2, pi, remainder, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .compiled import MATRIX, NUMBER, VECTOR, compiled
 from .interaction import Plane
-from .moments import DENSE, Array, Moments, exponents, translate
+from .moments import DENSE, Array, Moments, translate
 
 # |mu3| / (m00 rg^3) below which a shape counts as symmetric. Pixels and the truncated expansion
 # leave up to 2e-3 of a rectangle; shapes that have a direction to the eye have 1e-2 and more.
@@ -108,60 +106,48 @@ def upright(moments: Moments, plane: Plane) -> Array:
     inverse_depth = plane.inverse_depth(moments.xg, moments.yg)
     ex, ey = plane.A / inverse_depth, plane.B / inverse_depth
     gx, gy = _in_plane(plane, moments.xg, moments.yg, ex, ey)
-    x, y, factors, i, j = _expansion(moments.order, moments.kind == DENSE)
-    rising = np.arange(moments.order + 1)
-    terms = (float(ex) ** rising)[x] * (float(ey) ** rising)[y]
-    # seen[s(s+1)/2 + b]: integral of x^(s-b) y^b / (1 + e.d)^k
-    seen = ((factors * moments.centred[i, j]) @ terms).tolist()
-    result = np.zeros((4, 4))
-    (p, q), (u, v) = gx.tolist(), gy.tolist()
-    first = 0
-    for order in range(4):
+    shrinking = 3.0 if moments.kind == DENSE else 0.0
+    table = _in_plane_moments(moments.centred, ex, ey, gx, gy, shrinking)
+    m00 = table[0, 0]
+    return translate(table, -table[1, 0] / m00, -table[0, 1] / m00)
+
+
+@compiled(MATRIX, NUMBER, NUMBER, VECTOR, VECTOR, NUMBER)
+def _in_plane_moments(centred, ex, ey, gx, gy, shrinking):
+    """(4, 4) moments about the point of the plane at (0, 0): of (G d)^(i, j) / (1 + e.d)^k, with
+    k = i + j + shrinking; gx, gy are the rows (2,) of G."""
+    known, result = centred.shape[0] - 1, np.zeros((4, 4))
+    for order in range(min(3, known) + 1):
+        k = order + shrinking
+        # seen[b]: integral of x^(order-b) y^b / (1 + e.d)^k
+        seen = np.zeros(order + 1)
+        for b in range(order + 1):
+            binomial = 1.0  # of (1 + t)^-k = sum of (-1)^r C(k+r-1, r) t^r, t = ex x + ey y
+            for r in range(known - order + 1):
+                choice = 1.0  # C(r, y)
+                for y in range(r + 1):
+                    moment = centred[order - b + r - y, b + y]
+                    seen[b] += binomial * choice * ex ** (r - y) * ey**y * moment
+                    choice *= (r - y) / (y + 1.0)
+                binomial *= -(k + r) / (r + 1.0)
         for of_x in range(order + 1):
-            # (p x + q y)^of_x (u x + v y)^(order - of_x), by rising power of y
-            form = [1.0]
+            # (gx.d)^of_x (gy.d)^(order - of_x), by rising power of y
+            form = np.zeros(order + 1)
+            form[0] = 1.0
             for step in range(order):
-                a, b = (p, q) if step < of_x else (u, v)
-                form = [a * m + b * n for m, n in zip([*form, 0.0], [0.0, *form], strict=True)]
-            result[of_x, order - of_x] = sum(map(mul, form, seen[first : first + order + 1]))
-        first += order + 1
-    m00 = result[0, 0]
-    return translate(result, -result[1, 0] / m00, -result[0, 1] / m00)
-
-
-@cache
-def _expansion(order: int, dense: bool) -> tuple[NDArray[np.intp] | Array, ...]:
-    """The terms of (1 + e.d)^-k and where their moments stand, for what upright() sums.
-
-    Returns:
-        Powers of ex and ey of each term, (t,) each; then (10, t), for x^(s-b) y^b in exchange
-        order up to s = 3: each term's factor, 0 where it goes beyond the order that is known, and
-        the moment (i, j) that it takes.
-    """
-    powers, wanted = exponents(order), exponents(min(3, order))
-    factors = np.zeros((10, len(powers)))
-    i, j = np.zeros((2, 10, len(powers)), int)
-    for row, (a, b) in enumerate(wanted):
-        k = a + b + (3 if dense else 0)
-        for column, (x, y) in enumerate(powers):
-            r = x + y
-            if a + b + r > order:
-                continue
-            # (1 + t)^-k = sum of (-1)^r C(k+r-1, r) t^r with t = ex x + ey y
-            binomial = comb(k + r - 1, r) if r else 1
-            factors[row, column] = (-1) ** r * binomial * comb(r, y)
-            i[row, column], j[row, column] = a + x, b + y
-    x, y = np.array(powers).T
-    return x, y, factors, i, j
+                g = gx if step < of_x else gy
+                for b in range(step + 1, 0, -1):
+                    form[b] = g[0] * form[b] + g[1] * form[b - 1]
+                form[0] *= g[0]
+            result[of_x, order - of_x] = (form * seen).sum()
+    return result
 
 
 def _in_plane(plane: Plane, xg: float, yg: float, ex: float, ey: float) -> tuple[Array, Array]:
     """Rows (2,) of G: image offset to offset along two axes of the plane, the shortest turn away
     from the image's axes."""
-    normal = np.array(plane) / sqrt(plane.A**2 + plane.B**2 + plane.C**2)
-    if normal[2] < 0.0:
-        normal = -normal
-    a, b, c = normal
+    size = sqrt(plane.A**2 + plane.B**2 + plane.C**2)
+    a, b, c = (part / (-size if plane.C < 0.0 else size) for part in plane)
     turn = np.array(
         [[1.0 - a * a / (1.0 + c), -a * b / (1.0 + c), -a],
          [-a * b / (1.0 + c), 1.0 - b * b / (1.0 + c), -b]]

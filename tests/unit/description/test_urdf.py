@@ -1,6 +1,7 @@
 """URDF: what each element and attribute becomes, and what is said where one is wrong."""
 
 import math
+import os
 
 import pytest
 
@@ -119,6 +120,19 @@ def test_mesh_files_that_are_not_to_be_had(tmp_path, uri, reason):
     from aras_sim_bridge.description import packages
     with pytest.raises(DescriptionError, match=reason):
         parse_urdf(text, lambda name: str(tmp_path / "p") if name == "p" else packages.find(name))
+
+
+@pytest.mark.parametrize("kind", ["folder", "pipe", "device"])
+def test_meshes_are_files_and_nothing_else(tmp_path, kind):
+    path = tmp_path / "a.stl"
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "pipe":
+        os.mkfifo(path)
+    else:
+        path.symlink_to("/dev/zero")
+    with pytest.raises(DescriptionError, match="a.stl.* is no regular file"):
+        shown(f"<mesh filename='file://{path}'/>")
 
 
 def test_inertials_origins_and_names_of_parts():

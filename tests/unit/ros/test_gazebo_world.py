@@ -134,6 +134,19 @@ def test_physics_that_cannot_be(call, change, words):
     assert call("get_physics_properties") == before
 
 
+@pytest.mark.parametrize(("name", "value", "most"), [
+    ("sor_pgs_precon_iters", 4294967295, 10000), ("sor_pgs_iters", 10001, 10000),
+    ("max_contacts", 4294967295, 10000000),
+])
+def test_whole_numbers_that_no_solver_has_are_refused(call, name, value, most):
+    before = call("get_physics_properties")
+    changed = call("get_physics_properties").ode_config
+    setattr(changed, name, value)
+    reason = call("set_physics_properties", 0.001, 1000.0, before.gravity, changed, refused=True)
+    assert f"{name} is {value}; give a whole number from 0 to {most}" in reason.status_message
+    assert call("get_physics_properties") == before
+
+
 def test_states_are_published_while_somebody_listens(api, call, step, slider, ball):
     model_states = api.graph.publishers["/gazebo/model_states"]
     link_states = api.graph.publishers["/gazebo/link_states"]

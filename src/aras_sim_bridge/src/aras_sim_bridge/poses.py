@@ -173,7 +173,7 @@ def checked_pose(pose: object, what: str, zero_is_identity: bool = False) -> Pos
         zero_is_identity: whether (0, 0, 0, 0) means no rotation, as an unset message field does.
 
     Raises:
-        WorldError: not finite, wrong length, or a quaternion without a direction.
+        WorldError: not finite, wrong length, or a quaternion far from unit length.
     """
     try:
         xyz, quat = pose
@@ -181,9 +181,10 @@ def checked_pose(pose: object, what: str, zero_is_identity: bool = False) -> Pos
         raise WorldError(f"{what}: {pose!r} is not (position, quaternion)") from None
     xyz = checked_vector(xyz, f"{what}: position")
     quat = checked_vector(quat, f"{what}: orientation", 4)
-    norm = math.sqrt(sum(v * v for v in quat))
-    if norm < 1e-6:
-        if zero_is_identity and norm == 0.0:
-            return Pose(xyz)
-        raise WorldError(f"{what}: orientation {quat} has no direction; use (0, 0, 0, 1) for none")
+    norm = math.hypot(*quat)
+    if zero_is_identity and norm == 0.0:
+        return Pose(xyz)
+    if not 1e-6 <= norm <= 1e6:
+        raise WorldError(f"{what}: orientation {quat} is no unit quaternion; use (0, 0, 0, 1) for "
+                         "none")
     return Pose(xyz, normalised(quat))

@@ -103,7 +103,8 @@ def resolve_uri(
         base_directory: what relative paths are relative to; None refuses them.
 
     Raises:
-        DescriptionError: unknown scheme or package, a path that climbs out, a missing file.
+        DescriptionError: unknown scheme or package, a path that climbs out, a file that is
+            missing, or a folder, pipe or device.
     """
     text = uri.strip()
     shown = text if len(text) <= 200 else text[:200] + "…"
@@ -140,5 +141,6 @@ def resolve_uri(
         )
     path = os.path.normpath(path)
     if not os.path.isfile(path):
-        raise DescriptionError(f"{where}: mesh file {path} (from '{shown}') does not exist")
+        kind = "is no regular file" if os.path.exists(path) else "does not exist"
+        raise DescriptionError(f"{where}: mesh file {path} (from '{shown}') {kind}")
     return path

@@ -17,6 +17,7 @@ from aras_sim_bridge.errors import UnknownJointError, UnknownModelError, WorldEr
 from aras_sim_bridge.poses import IDENTITY, Pose, Twist, checked_pose, checked_vector
 from aras_sim_bridge.world import bullet_file
 from aras_sim_bridge.world.bullet import pybullet, quiet
+from aras_sim_bridge.world.checks import check_simulable
 from aras_sim_bridge.world.friction import ContactFriction
 from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.reach import leave_out_pairs, out_of_touch
@@ -161,7 +162,7 @@ class World:
             raise WorldError("a model needs a name that is not empty")
         if name in self.models:
             raise WorldError(f"a model named '{name}' exists already; delete it or take another")
-        _check_simulable(description, name)
+        check_simulable(description, name)
         mesh_files.read_all(description, name)
         pose = checked_pose(pose, f"model '{name}'", zero_is_identity=True)
         start = _start_positions(description, name, joint_positions or {})
@@ -214,7 +215,7 @@ class World:
                 that was damaged since; nothing is changed then.
         """
         model = self.model(name)
-        _check_simulable(description, name)
+        check_simulable(description, name)
         mesh_files.read_all(description, name)
         model.rebuild(description)
         self._models_changed()
@@ -335,28 +336,3 @@ def _start_positions(description: RobotDescription, name: str,
             if mimic is not None and joint not in given:
                 start[joint] = mimic.multiplier * start.get(mimic.joint, 0.0) + mimic.offset
     return start
-
-
-def _check_simulable(description: RobotDescription, name: str) -> None:
-    """WorldError for joint kinds and masses that no dynamics can have."""
-    if description.static:
-        return
-    parents: dict[str, str] = {}
-    for joint in description.joints.values():
-        parents[joint.child] = joint.parent
-        if joint.kind in ("floating", "planar"):
-            raise WorldError(f"model '{name}', joint '{joint.name}': {joint.kind} joints are not "
-                             "simulated; use prismatic and revolute joints in a row")
-
-    heavy: set[str] = set()  # links with mass at or below them
-    for link in description.links.values():
-        above = link.name if link.inertial is not None else None
-        while above is not None and above not in heavy:
-            heavy.add(above)
-            above = parents.get(above)
-    for joint in description.joints.values():
-        if joint.moves and joint.child not in heavy:
-            raise WorldError(
-                f"model '{name}', link '{joint.child}': joint '{joint.name}' moves it, but it has "
-                "no mass; give it an <inertial>"
-            )

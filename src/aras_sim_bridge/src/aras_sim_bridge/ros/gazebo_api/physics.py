@@ -109,6 +109,11 @@ class Physics:
         for name, value in {"max_update_rate": rate, **ode}.items():
             if not math.isfinite(value):
                 raise WorldError(f"{name} is {value}; give a finite number")
+        for field in PHYSICS_FIELDS:
+            # The services' whole numbers are larger than those of dynamic_reconfigure.
+            if field.type == "int" and not field.minimum <= ode[field.name] <= field.maximum:
+                raise WorldError(f"{field.name} is {ode[field.name]}; give a whole number from "
+                                 f"{field.minimum} to {field.maximum}")
         if rate < 0:
             raise WorldError(f"max_update_rate is {rate}; give 0 (as fast as it goes) or more")
 

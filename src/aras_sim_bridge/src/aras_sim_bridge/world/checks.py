@@ -1,0 +1,98 @@
+"""What can be simulated: a model is checked before Bullet hears of it."""
+
+import math
+from collections.abc import Iterator
+
+from aras_sim_bridge.description.inertia import principal_axes
+from aras_sim_bridge.description.types import Geometry, Inertial, Link, RobotDescription
+from aras_sim_bridge.errors import WorldError
+
+LARGEST = 1e9  # m, kg: beyond it doubles hold no micrometre, and Bullet's boxes overflow
+SMALLEST = 1e-9  # m, kg
+MOST_LINKS = 128  # of a model; PyBullet answers nothing about one with more
+
+
+def check_simulable(description: RobotDescription, name: str) -> None:
+    """Refuse what no dynamics, or not Bullet's, can have.
+
+    Raises:
+        WorldError: naming model, link or joint, what is wrong with it and how to mend it.
+    """
+    if len(description.links) > MOST_LINKS:
+        raise WorldError(f"model '{name}' has {len(description.links)} links; Bullet simulates "
+                         f"{MOST_LINKS} in one model: join those that are fixed to each other, or "
+                         "make several models of it")
+    for link in description.links.values():
+        for where, size in _sizes(link):
+            if not size <= LARGEST:  # NaN neither
+                raise WorldError(f"model '{name}', link '{link.name}': {where} of {size:.4g} m is "
+                                 f"beyond {LARGEST:.0e} m")
+            if where.endswith("size") and size < SMALLEST:
+                raise WorldError(f"model '{name}', link '{link.name}': {where} of {size:.4g} m is "
+                                 f"below {SMALLEST:.0e} m")
+        if link.inertial is not None and not description.static:
+            _check_inertial(link.inertial, f"model '{name}', link '{link.name}'")
+    for joint in description.joints.values():
+        far = math.hypot(*joint.origin_xyz)
+        if not far <= LARGEST:
+            raise WorldError(f"model '{name}', joint '{joint.name}': an origin {far:.4g} m away is "
+                             f"beyond {LARGEST:.0e} m")
+    if not description.static:
+        _check_joints(description, name)
+
+
+def _sizes(link: Link) -> Iterator[tuple[str, float]]:
+    """What is measured in m in a link, with its name."""
+    if link.inertial is not None:
+        yield "a centre of mass", math.hypot(*link.inertial.origin_xyz)
+    for kind, parts in (("visual", link.visuals), ("collision", link.collisions)):
+        for part in parts:
+            yield f"a {kind}'s origin", math.hypot(*part.origin_xyz)
+            for size in _extents(part.geometry):
+                yield f"a {kind}'s {part.geometry.kind} size", size
+
+
+def _extents(geometry: Geometry) -> tuple[float, ...]:
+    if geometry.kind == "box":
+        return geometry.size
+    if geometry.kind == "mesh":
+        return tuple(abs(factor) for factor in geometry.scale)
+    return tuple(size for size in (geometry.radius, geometry.length) if size)
+
+
+def _check_inertial(inertial: Inertial, where: str) -> None:
+    if not SMALLEST <= inertial.mass <= LARGEST:
+        raise WorldError(f"{where}: a mass of {inertial.mass:.4g} kg is not within "
+                         f"[{SMALLEST:.0e}, {LARGEST:.0e}] kg")
+    if not all(map(math.isfinite, inertial.inertia)):
+        raise WorldError(f"{where}: the inertia tensor {inertial.inertia} is not finite")
+    moments = sorted(float(moment) for moment in principal_axes(inertial.inertia)[0])
+    if moments[0] < -1e-9 * moments[2] or not moments[2] > 0.0:
+        raise WorldError(f"{where}: the inertia tensor has the principal moments "
+                         f"{', '.join(f'{m:.4g}' for m in moments)} kg m²; they must be positive")
+    arm = math.sqrt(moments[2] / inertial.mass)
+    if not SMALLEST <= arm <= LARGEST:
+        raise WorldError(f"{where}: an inertia of {moments[2]:.4g} kg m² is none for "
+                         f"{inertial.mass:.4g} kg; its radius of gyration would be {arm:.4g} m")
+
+
+def _check_joints(description: RobotDescription, name: str) -> None:
+    """No joints of kinds that are not simulated, none that move no mass."""
+    parents: dict[str, str] = {}
+    for joint in description.joints.values():
+        parents[joint.child] = joint.parent
+        if joint.kind in ("floating", "planar"):
+            raise WorldError(f"model '{name}', joint '{joint.name}': {joint.kind} joints are not "
+                             "simulated; use prismatic and revolute joints in a row")
+    heavy: set[str] = set()  # links with mass at or below them
+    for link in description.links.values():
+        above = link.name if link.inertial is not None else None
+        while above is not None and above not in heavy:
+            heavy.add(above)
+            above = parents.get(above)
+    for joint in description.joints.values():
+        if joint.moves and joint.child not in heavy:
+            raise WorldError(
+                f"model '{name}', link '{joint.child}': joint '{joint.name}' moves it, but it has "
+                "no mass; give it an <inertial>"
+            )

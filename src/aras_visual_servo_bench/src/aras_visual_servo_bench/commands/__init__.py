@@ -6,9 +6,9 @@ import argparse
 import sys
 
 from ..errors import BenchError
-from . import reading, running
+from . import looking, reading, running
 
-PARTS = (running, reading)
+PARTS = (running, reading, looking)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -22,7 +22,13 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: list[str] | None = None) -> int:
     """Carry a command out; what cannot be is one line and 1, a wrong call 2."""
-    options = parser().parse_args(argv)
+    made = parser()
+    options, behind = made.parse_known_args(argv)
+    overrides = [word for word in behind if "=" in word and not word.startswith("-")]
+    if len(overrides) < len(behind) or (behind and "overrides" not in options):
+        made.error(f"unknown argument {behind[0]}")
+    if behind:  # argparse takes overrides only before the options
+        options.overrides += overrides
     try:
         return options.carry_out(options)
     except BenchError as error:

@@ -30,16 +30,21 @@ def add(commands: Any) -> None:
     resume.add_argument("folder", type=Path)
     resume.set_defaults(carry_out=_resume)
     for one in (run, resume):
-        one.add_argument("--workers", type=int, default=0, metavar="N",
-                         help="processes on this machine; default: one a core")
-        one.add_argument("--in-process", action="store_true", help="no workers: run it here")
-        one.add_argument("--scheduler", default="", metavar="ADDRESS", help="of Dask, with workers")
-        one.add_argument("--cluster", default="", metavar="FILE",
-                         help="YAML that names a cluster class, its arguments and workers")
-        one.add_argument("--renew", type=int, default=RENEWED, metavar="N",
-                         help="make workers anew after so many chunks (%(default)s)")
+        add_workers(one)
         one.add_argument("--fail-fast", action="store_true", help="stop at a run without success")
         one.add_argument("--mix", action="store_true", help="go on although the code has changed")
+
+
+def add_workers(one: argparse.ArgumentParser) -> None:
+    """The options that say where runs are carried out."""
+    one.add_argument("--workers", type=int, default=0, metavar="N",
+                     help="processes on this machine; default: one a core")
+    one.add_argument("--in-process", action="store_true", help="no workers: run it here")
+    one.add_argument("--scheduler", default="", metavar="ADDRESS", help="of Dask, with workers")
+    one.add_argument("--cluster", default="", metavar="FILE",
+                     help="YAML that names a cluster class, its arguments and workers")
+    one.add_argument("--renew", type=int, default=RENEWED, metavar="N",
+                     help="make workers anew after so many chunks (%(default)s)")
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -72,9 +77,9 @@ def _carry_out(folder: Folder, options: argparse.Namespace) -> int:
         if kept < folder.study.runs:
             progress = Progress(folder.study.runs, kept)
             try:
-                with _pool(options) as pool:
+                with pool(options) as workers:
                     done = engine.carry_out(
-                        folder, pool, progress, options.fail_fast, options.mix
+                        folder, workers, progress, options.fail_fast, options.mix
                     )
             except StudyError as error:
                 progress.close()
@@ -99,7 +104,8 @@ def _workers(options: argparse.Namespace) -> int:
     return 1 if options.in_process else options.workers or os.cpu_count() or 1
 
 
-def _pool(options: argparse.Namespace) -> Pool:
+def pool(options: argparse.Namespace) -> Pool:
+    """The workers that the options name; StudyError where they contradict each other."""
     if options.workers < 0 or options.renew < 1:
         raise StudyError("--workers must be 0 or more, and --renew 1 or more")
     if bool(options.scheduler) + bool(options.cluster) + options.in_process > 1:

@@ -1,0 +1,282 @@
+"""Tables, plots, differences, tuning and showing, of results that are known."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from scipy import stats
+
+from aras_visual_servo_bench.commands import main
+from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.study import compare, figures, replay, statistics, tables
+from aras_visual_servo_bench.study.engine import carry_out
+from aras_visual_servo_bench.study.folder import Folder
+from aras_visual_servo_bench.study.pools import ThisProcess
+from aras_visual_servo_bench.study.progress import Progress
+from aras_visual_servo_bench.study.results import Results
+from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.study.tuner import Range, Tuner
+
+
+def made(success, settled, name="one", seeds=None, gains=(1.0, 2.0)):
+    """Results without runs: as many per gain as there are values."""
+    study = Study.from_mapping({
+        "experiment": {"plant": "free"}, "vary": {"gain": list(gains)},
+        "repeats": len(success) // len(gains), "metrics": ["success", "settled"],
+    })  # fmt: skip
+    each = len(success) // len(gains)
+    table = pa.table({
+        "run": list(range(len(success))), "seed": list(seeds or range(len(success))),
+        "gain": [g for g in gains for _ in range(each)], "success": list(map(float, success)),
+        "settled": list(map(float, settled)), "outcome": ["x"] * len(success),
+        "real_time_multiple": [10.0] * len(success),
+    })  # fmt: skip
+    return Results(name, study, table)
+
+
+def test_rates_have_wilsons_interval():
+    found = statistics.proportion(8, 10)
+    # Wilson's formula, by hand.
+    z, n, p = 1.959963984540054, 10, 0.8
+    middle, half = p + z**2 / 20, z * np.sqrt(p * 0.2 / n + z**2 / 400)
+    assert found.low == pytest.approx((middle - half) / (1 + z**2 / n))
+    assert found.high == pytest.approx((middle + half) / (1 + z**2 / n))
+    assert statistics.proportion(0, 5).low == 0.0 < statistics.proportion(0, 5).high
+
+
+def test_medians_have_an_interval_that_holds_what_it_says():
+    rng = np.random.default_rng(3)
+    hit = 0
+    for _ in range(40):
+        found = statistics.median(rng.exponential(1.0, 40))
+        hit += found.low <= np.log(2.0) <= found.high
+    assert 34 <= hit <= 40
+    assert statistics.median([1.0, np.nan, 3.0]).count == 2
+    assert statistics.median([1.0, np.nan, 3.0]) == statistics.median([1.0, np.nan, 3.0])
+    assert np.isnan(statistics.median([np.nan]).value)
+    assert statistics.median([2.0]).low == 2.0
+
+
+def test_pairs_see_what_the_samples_alone_do_not():
+    rng = np.random.default_rng(0)
+    before = rng.normal(0.0, 1.0, 30)
+    after = before - 0.1 + rng.normal(0.0, 0.02, 30)
+    assert statistics.compare_values(before, after, True).p < 1e-4
+    assert statistics.compare_values(before, after, False).p > 0.1
+    assert statistics.compare_values(before, before, True).p == 1.0
+
+
+def test_rates_are_compared_by_who_changed():
+    before, after = [1.0] * 12 + [0.0] * 12, [1.0] * 24
+    assert statistics.compare_rates(before, after, True).p == pytest.approx(2 * 0.5**12)
+    fisher = stats.fisher_exact([[12, 12], [24, 0]]).pvalue
+    assert statistics.compare_rates(before, after, False).p == pytest.approx(fisher)
+
+
+def test_holm_corrects_for_how_many_were_asked():
+    assert statistics.holm([0.01, 0.04, 0.03]) == pytest.approx([0.03, 0.06, 0.06])
+    assert statistics.holm([0.9, 0.9]) == [1.0, 1.0]
+
+
+def test_a_table_has_a_row_for_each_setting():
+    found = tables.tabulated([made([1, 1, 0, 1], [1.0, 2.0, 8.0, 9.0])], metrics=["settled"])
+    assert found.keys == ("gain",)
+    (one, first), (two, second) = found.rows
+    assert (one, two) == ((1.0,), (2.0,))
+    assert (first[0].value, second[0].value) == (1.0, 0.5)
+    assert (first[1].value, second[1].value) == (1.5, 8.5)
+    lines = tables.written(found, "md").splitlines()
+    assert lines[0] == "| gain | runs | success | settled (s) |"
+    assert lines[2].startswith("| 1 | 2 | 1 [0.342, 1] | 1.5 [")
+    rows = list(csv.DictReader(io.StringIO(tables.written(found, "csv"))))
+    assert float(rows[1]["success"]) == 0.5 and int(rows[1]["settled_n"]) == 2
+    tex = tables.written(found, "tex")
+    assert tex.count(r"\\") == 3 and r"\begin{tabular}{lrrr}" in tex
+    several = tables.tabulated([made([1, 1], [1, 1]), made([0, 0], [1, 1], "two")])
+    assert several.keys[0] == "study" and several.rows[3][0] == ("two", 2.0)
+
+
+def test_words_are_safe_in_latex_and_markdown():
+    table = tables.Table(("my_key",), (("success", ""),), ((("50 % | x",), (
+        statistics.proportion(1, 2),)),))  # fmt: skip
+    tex = tables.written(table, "tex")
+    assert r"my\_key" in tex and r"50 \% | x" in tex
+    assert r"50 % \| x" in tables.written(table, "md")
+
+
+def test_differences_that_are_more_than_chance_are_told_with_their_direction():
+    rng = np.random.default_rng(1)
+    times = rng.uniform(1.0, 2.0, 40)
+    one = made([1] * 40, times)
+    faster = [*(times[:20] * 0.9), *(times[20:] * 1.1)]
+    two = made([1] * 40, faster, "two")
+    found = {(d.group, d.metric): d for d in compare.differences(one, two)}
+    assert found["gain=1.0", "settled"].better is True
+    assert found["gain=2.0", "settled"].better is False
+    assert found["gain=1.0", "success"].better is None
+    assert found["gain=1.0", "settled"].found.paired
+    told = compare.told(list(found.values()))
+    assert "better" in told and "WORSE" in told and "2 of 4 comparisons" in told
+    other_seeds = made([1] * 40, faster, "two", seeds=range(100, 140))
+    found = compare.differences(one, other_seeds)
+    assert not any(d.found.paired for d in found)
+    with pytest.raises(StudyError, match="no settings .* in common"):
+        compare.differences(one, made([1, 1], [1, 1], gains=(7.0, 8.0)))
+
+
+def test_equal_studies_differ_by_nothing_however_often_it_is_asked():
+    rng = np.random.default_rng(5)
+    wrong = 0
+    for _ in range(20):
+        one, two = (
+            made(rng.integers(0, 2, 60), rng.exponential(1.0, 60), name, range(k, k + 60))
+            for k, name in ((0, "one"), (100, "two"))
+        )
+        wrong += any(d.better is not None for d in compare.differences(one, two))
+    assert wrong <= 3
+
+
+def test_pictures_are_drawn_in_every_format(tmp_path):
+    rng = np.random.default_rng(0)
+    results = made([1, 0] * 10, rng.uniform(1, 2, 20), gains=(1.0, 2.0, 3.0, 4.0))
+    written = figures.write_all([results], tmp_path, ("png", "svg", "pdf"))
+    names = {path.name for path in written}
+    assert {"success.png", "distributions.svg", "boxes.pdf", "sensitivity.png"} <= names
+    assert all(path.stat().st_size > 1000 for path in written)
+    with pytest.raises(StudyError, match="no format 'gif'"):
+        figures.write_all([results], tmp_path, ("gif",))
+
+
+def test_a_success_map_shows_the_counts():
+    study = Study.from_mapping({"experiment": {"plant": "free"}, "vary": {
+        "law": ["a", "b"], "gain": [1.0, 2.0]}, "repeats": 2, "metrics": ["success"]})  # fmt: skip
+    table = pa.table({
+        "run": list(range(8)), "law": ["a"] * 4 + ["b"] * 4, "gain": [1.0, 1.0, 2.0, 2.0] * 2,
+        "success": [1.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0], "outcome": ["x"] * 8,
+    })  # fmt: skip
+    figure = figures.success([Results("one", study, table)])
+    axis = figure.axes[0]
+    told = {(round(t.get_position()[1]), round(t.get_position()[0])): t.get_text()
+            for t in axis.texts}  # fmt: skip
+    assert told == {(0, 0): "2/2", (0, 1): "1/2", (1, 0): "0/2", (1, 1): "2/2"}
+    np.testing.assert_array_equal(axis.images[0].get_array(), [[100.0, 50.0], [0.0, 100.0]])
+
+
+def test_sensitivity_is_the_rank_correlation():
+    gains = (1.0, 2.0, 3.0, 4.0)
+    results = made([1] * 8, [8, 8, 7, 7, 3, 3, 1, 1], gains=gains)
+    figure = figures.sensitivity(results, results.chosen(["settled"]))
+    assert figure.axes[0].images[0].get_array()[0, 0] == pytest.approx(-1.0)
+
+
+def in_process(study, path):
+    folder = Folder.create(path, study, "")
+    carry_out(folder, ThisProcess(), Progress(study.runs, out=io.StringIO()))
+
+
+def test_the_tuner_finds_the_gain_and_goes_on_where_it_was(tiny, tmp_path):
+    """After a tenth of a second the nearest camera is the one with the highest gain."""
+    study = tiny(vary={}, repeats=1, chunk=100)
+    folders = []
+
+    def carry(generation, path):
+        folders.append(path)
+        in_process(generation, path)
+
+    ranges = [Range.parsed("gain=0.5:4")]
+    tuner = Tuner(study, ranges, "final_distance", tmp_path, carry, needed=0.0)
+    best = tuner.search(24)
+    assert best.values[0] > 3.5 and best.violation == 0.0
+    assert best.cost == min(c.cost for c in tuner.tried)
+    lines = (tuner.write().parent / "candidates.csv").read_text().splitlines()
+    assert lines[0].startswith("gain,final_distance") and len(lines) == len(tuner.tried) + 1
+    stamps = [path.stat().st_mtime_ns for path in tmp_path.glob("*/parts/*")]
+    again = Tuner(study, ranges, "final_distance", tmp_path, carry, needed=0.0)
+    assert again.search(24) == best
+    assert stamps == [path.stat().st_mtime_ns for path in tmp_path.glob("*/parts/*")]
+    assert len(set(folders)) == len(folders) / 2
+
+
+def test_what_leaves_the_image_is_never_the_best():
+    def candidate(cost, violation):
+        from aras_visual_servo_bench.study.tuner import Candidate
+
+        return Candidate((cost,), cost, violation, 1.0, 1.0 + violation)
+
+    tuner = Tuner(
+        Study.from_mapping({"experiment": {"plant": "free"}}), [Range("gain", 1.0, 2.0)],
+        "settled", None, None,
+    )  # fmt: skip
+    tuner._known = {(c.cost,): c for c in (candidate(1.0, 0.2), candidate(3.0, 0.0))}
+    assert tuner.best.cost == 3.0
+
+
+@pytest.mark.parametrize(("words", "complaint"), [
+    (["gain"], "is no range"),
+    (["gain=2:1"], "must rise"),
+    (["gian=1:2"], "did you mean gain"),
+    ([], "say what is looked for"),
+    (["gain=1:2", "gain=1:3"], "given twice"),
+    (["delay=0:1"], "given twice"),
+])  # fmt: skip
+def test_searches_that_are_none(tiny, words, complaint):
+    with pytest.raises(StudyError, match=complaint):
+        Tuner(tiny(vary={"delay": [0.0]}), list(map(Range.parsed, words)), "settled", None, None)
+
+
+def test_a_run_is_shown_again_as_it_was(tiny, tmp_path):
+    study = tiny()
+    in_process(study, tmp_path / "out")
+    shown = replay.replay(Folder.open(tmp_path / "out"), 3)
+    assert shown.changed == {} and shown.row["gain"] == 2.0
+    assert len(shown.pictures) == shown.row["images"]
+    assert shown.pictures[0].shape[2] == 3 and shown.pictures[0].min() < 128  # the target is there
+    names = {path.name for path in replay.write(shown, tmp_path / "show")}
+    assert {"report.md", "summary.json", "video.mp4", "first.png", "feature_errors.png"} <= names
+    import cv2
+
+    video = cv2.VideoCapture(str(tmp_path / "show" / "video.mp4"))
+    assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == len(shown.pictures)
+    assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(30.0, abs=0.01)
+    with pytest.raises(StudyError, match="no run 6: .* has runs 0 to 5"):
+        replay.replay(Folder.open(tmp_path / "out"), 6)
+
+
+def test_the_command_line_from_file_to_table(tmp_path, capsys):
+    file = tmp_path / "study.yaml"
+    file.write_text("experiment: {plant: free, duration: 0.1}\nvary: {gain: [1.0, 2.0]}\n")
+    out = tmp_path / "out"
+    assert main(["run", str(file), "--dry-run"]) == 0
+    told = capsys.readouterr().out
+    assert "2 runs: 2 points" in told and "run 1: gain=2.0" in told
+    assert not out.exists()
+    assert main(["run", str(file), "--out", str(out), "--in-process", "repeats=2"]) == 0
+    assert "4 of 4 runs" in capsys.readouterr().out
+    assert main(["resume", str(out), "--in-process"]) == 0
+    assert "all 4 runs are in" in capsys.readouterr().out
+    assert main(["table", str(out), "--metrics", "final_distance"]) == 0
+    assert "| 2 | 2 | 0 [0, 0.658] |" in capsys.readouterr().out
+    assert main(["diff", str(out), str(out)]) == 0
+    assert capsys.readouterr().out.startswith("0 of ")
+    for words, complaint in (
+        (["run", str(file), "--out", str(out), "--in-process"], "holds another study"),
+        (["run", str(file)], "say where the results go"),
+        (["run", str(tmp_path / "none.yaml"), "--dry-run"], "cannot read"),
+        (["run", str(file), "--dry-run", "gian=2"], "did you mean gain"),
+        (["table", str(tmp_path)], "holds no study"),
+        (["table", str(out), "--by", "gian"], "no column 'gian': did you mean 'gain'"),
+        (["table", str(out), "--metrics", "setled"], "no metric 'setled'"),
+        (["table", str(out), "--format", "html"], "no format 'html'"),
+        (["show", str(out), "99"], "no run 99"),
+        (["run", str(file), "--out", str(tmp_path / "x"), "--in-process", "--scheduler", "tcp://x:1"],
+         "say one of"),
+    ):  # fmt: skip
+        assert main(words) == 1, words
+        told = capsys.readouterr()
+        assert complaint in told.err and told.err.count("\n") == 1, told.err
+    with pytest.raises(SystemExit):
+        main(["table", str(out), "--fast"])

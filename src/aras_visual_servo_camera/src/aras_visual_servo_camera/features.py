@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from .definitions import DENOMINATORS, FORMULAS
 from .degeneracy import CHECKS, DEFAULT_TOLERANCE
 from .errors import DegenerateFeatureError, FeatureError
-from .formula import Formula
+from .formula import Formula, Program
 from .interaction import Plane, centred_rows, raw_rows
 from .moments import DENSE, Array, Moments, exponents
 from .orientation import Orientation, full_alpha
@@ -122,7 +122,8 @@ class _Node(NamedTuple):
 def _node(name: str) -> _Node:
     own = (DENOMINATORS[name],) if name in DENOMINATORS else ()
     if name == "alpha_full":
-        return _Node(None, frozenset(("mu30", "mu21", "mu12", "mu03", *_node("alpha").leaves)), own)
+        third = (name, "mu30", "mu21", "mu12", "mu03")
+        return _Node(None, frozenset((*third, *_node("alpha").leaves)), own)
     if name in ("a", "xg", "yg", "a_star", "Z_star") or _moment_of(name):
         return _Node(None, frozenset((name,)), own)
     formula = FORMULAS.get(name)
@@ -160,12 +161,12 @@ class _Plan(NamedTuple):
     """What a list of features needs, worked out once per list.
 
     Attributes:
-        place: leaf -> its row in the matrix that _leaf_rows() returns.
+        leaves: in the order of the rows of _leaf_rows().
         centred_order, raw_order: highest order that needs rows; raw -1: none is asked for.
         gather: where _leaf_rows() finds the leaf in the stack of all rows.
     """
 
-    place: dict[str, int]
+    leaves: tuple[str, ...]
     centred_order: int
     raw_order: int
     gather: NDArray[np.intp]
@@ -187,8 +188,12 @@ def _plan(names: tuple[str, ...], kind: str) -> _Plan:
             return index + (first_raw if table == "m" else 4)
         return {"a": 0, "xg": 1, "yg": 2}.get(leaf, 3)
 
-    place = {leaf: k for k, leaf in enumerate(leaves)}
-    return _Plan(place, centred_order, raw_order, np.array([position(n) for n in leaves]))
+    return _Plan(tuple(leaves), centred_order, raw_order, np.array([position(n) for n in leaves]))
+
+
+@lru_cache(maxsize=256)
+def _program(names: tuple[str, ...], leaves: tuple[str, ...]) -> Program:
+    return Program(names, lambda name: _node(name).formula, leaves, {"alpha_full": "alpha"})
 
 
 def required_order(names: Iterable[str], kind: str = DENSE) -> int:
@@ -233,36 +238,37 @@ def compute(
             f"for L); these go up to {moments.order}"
         )
     view = _View(moments, plane, reference, tolerance)
-    width = len(plan.place)
-    values, partials = [], []
     degenerate: dict[str, str] = {}
     for name in names:
-        value, gradient = 0.0, {}
-        reason = view.undefined(name)
-        if reason is None:
-            try:
-                value, gradient = view.evaluate(name)
-            except ZeroDivisionError:
-                reason = f"'{name}' divides by zero for this shape"
-        if reason is not None:
+        if (reason := view.undefined(name)) is not None:
             degenerate[name] = reason
-        row = [0.0] * width
-        for leaf, partial in gradient.items():
-            row[plan.place[leaf]] = partial
-        values.append(value)
-        partials.append(row)
+    defined = tuple(name for name in names if name not in degenerate) if degenerate else names
+    try:
+        values, rows = view.evaluate(defined, plan.leaves)
+        found = dict(zip(defined, zip(values, rows, strict=True), strict=True))
+    except ZeroDivisionError:
+        found = {}
+        for name in defined:
+            try:
+                (value,), (row,) = view.evaluate((name,), plan.leaves)
+                found[name] = value, row
+            except ZeroDivisionError:
+                degenerate[name] = f"'{name}' divides by zero for this shape"
+    if len(found) < len(names):
+        nothing = 0.0, (0.0,) * len(plan.leaves)
+        values, rows = zip(*(found.get(name, nothing) for name in names), strict=True)
     values = np.array(values)
-    L = np.array(partials).reshape(-1, width) @ _leaf_rows(moments, plane, plan)
+    L = np.array(rows) @ _leaf_rows(moments, plane, plan)
     values.setflags(write=False)
     L.setflags(write=False)
     return FeatureSet(names, values, L, MappingProxyType(degenerate), plane)
 
 
 def _leaf_rows(moments: Moments, plane: Plane, plan: _Plan) -> Array:
-    """(leaves, 6) interaction rows of the leaves, in the order of plan.place."""
+    """(leaves, 6) interaction rows of the leaves, in the order of plan.leaves."""
     centred = centred_rows(moments, plane, plan.centred_order)
     area = centred.area
-    if moments.kind != DENSE and "a" in plan.place:
+    if moments.kind != DENSE and "a" in plan.leaves:
         area = centred.mu.row(2, 0) + centred.mu.row(0, 2)
     head = np.array([area, centred.xg, centred.yg, _NO_ROW])
     stack = [head, centred.mu.rows]
@@ -275,7 +281,7 @@ _NO_ROW = np.zeros(6)
 
 
 class _View:
-    """Values of one view and their derivatives by the leaves, each worked out once."""
+    """Values of one view and their derivatives by the leaves."""
 
     def __init__(
         self, moments: Moments, plane: Plane, reference: Reference | None, tolerance: float
@@ -285,12 +291,11 @@ class _View:
         self.reference = reference
         self.tolerance = tolerance
         self._mu = moments.centred.tolist()
-        self._known: dict[str, tuple[float, dict[str, float]]] = {}
 
     def undefined(self, name: str) -> str | None:
         """Why the feature is undefined, or None."""
         for denominator in _node(name).denominators:
-            value = self.evaluate(denominator)[0] if denominator in FORMULAS else 0.0
+            value = self._value(denominator) if denominator in FORMULAS else 0.0
             reason = CHECKS[denominator](self.moments, value, self.tolerance)
             if reason is not None:
                 return reason
@@ -298,39 +303,34 @@ class _View:
             return "the reference has no main axis, hence no orientation to compare with"
         return None
 
-    def evaluate(self, name: str) -> tuple[float, dict[str, float]]:
-        """Value and derivatives by the leaves that it depends on."""
-        known = self._known.get(name)
-        if known is None:
-            formula = _node(name).formula
-            known = self._leaf(name) if formula is None else self._formula(formula)
-            self._known[name] = known
-        return known
+    def evaluate(
+        self, names: tuple[str, ...], leaves: tuple[str, ...]
+    ) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
+        """Values of the features, and each one's derivatives by the leaves.
 
-    def _formula(self, formula: Formula) -> tuple[float, dict[str, float]]:
-        arguments = [self.evaluate(name) for name in formula.names]
-        value, *partials = formula.value_and_partials([a[0] for a in arguments])
-        gradient: dict[str, float] = {}
-        for (_, below), partial in zip(arguments, partials, strict=True):
-            for leaf, slope in below.items():
-                gradient[leaf] = gradient.get(leaf, 0.0) + partial * slope
-        return value, gradient
+        Raises:
+            ZeroDivisionError: one of them divides by zero.
+        """
+        program = _program(names, leaves)
+        used = program.used
+        return program.values_and_rows([self._leaf(n) if n in used else 0.0 for n in leaves])
 
-    def _leaf(self, name: str) -> tuple[float, dict[str, float]]:
+    def _value(self, name: str) -> float:
+        return self.evaluate((name,), tuple(sorted(_node(name).leaves)))[0][0]
+
+    def _leaf(self, name: str) -> float:
         moments = self.moments
         if moment := _moment_of(name):
             table, i, j = moment
-            return (moments.m(i, j) if table == "m" else self._mu[i][j]), {name: 1.0}
+            return moments.m(i, j) if table == "m" else self._mu[i][j]
         if name == "a":
-            return moments.area, {name: 1.0}
+            return moments.area
         if name in ("xg", "yg"):
-            return (moments.xg if name == "xg" else moments.yg), {name: 1.0}
-        if name == "alpha_full":
-            value, gradient = self.evaluate("alpha")
-            orientation = self._reference(name).orientation
-            return full_alpha(moments, value, self.plane, orientation), gradient
+            return moments.xg if name == "xg" else moments.yg
         reference = self._reference(name)
-        return (reference.area if name == "a_star" else reference.depth), {}
+        if name == "alpha_full":
+            return full_alpha(moments, self._value("alpha"), self.plane, reference.orientation)
+        return reference.area if name == "a_star" else reference.depth
 
     def _reference(self, name: str) -> Reference:
         if self.reference is None:

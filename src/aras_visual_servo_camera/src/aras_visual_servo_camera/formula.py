@@ -8,7 +8,7 @@ expression itself, so a feature and its interaction matrix cannot drift apart.
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import atan2, sqrt
 
 _ZERO, _ONE = ast.Constant(0.0), ast.Constant(1.0)
@@ -27,12 +27,8 @@ class Formula:
         tree = ast.parse(source, mode="eval").body
         self.names: tuple[str, ...] = tuple(_variables(tree))
         partials = [_differentiate(tree, name) for name in self.names]
-        arguments = ", ".join(self.names)
-        body = ast.unparse(ast.Tuple(elts=[tree, *partials], ctx=ast.Load()))
-        code = compile(f"lambda {arguments}: {body}", f"<formula {source}>", "eval")
-        self._evaluate: Callable[..., tuple[float, ...]] = eval(  # noqa: S307 - our own text
-            code, {"sqrt": sqrt, "atan2": atan2, "__builtins__": {}}
-        )
+        self.body = ast.unparse(ast.Tuple(elts=[tree, *partials], ctx=ast.Load()))
+        self._evaluate = _made(f"lambda {', '.join(self.names)}: {self.body}")
 
     def value_and_partials(self, values: Sequence[float]) -> tuple[float, ...]:
         """Value, then the derivative by each of `names`; `values` in the order of `names`."""
@@ -40,6 +36,106 @@ class Formula:
 
     def __repr__(self) -> str:
         return f"Formula({self.source!r})"
+
+
+class Program:
+    """Several formulas that rest on each other, and their derivatives by what all rest on, as one
+    function without loops.
+
+    Attributes:
+        leaves: what it takes, in this order. used: those that matter.
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        formula_of: Callable[[str], Formula | None],
+        leaves: Sequence[str],
+        same_slope: Mapping[str, str],
+    ) -> None:
+        """Write it.
+
+        Args:
+            names: what it answers: formulas, or leaves themselves.
+            formula_of: a name's formula; None for a leaf.
+            leaves: all of them; there may be more than are used.
+            same_slope: leaves whose derivatives are those of a formula.
+        """
+        self.leaves = tuple(leaves)
+        self.used: set[str] = set()
+        self._formula_of, self._same_slope = formula_of, same_slope
+        self._lines: list[str] = []
+        # name -> the local variable of its value, and those of its derivatives by leaf
+        self._known: dict[str, tuple[str, dict[str, str]]] = {}
+        found = [self._locals_of(name) for name in names]
+        values = _tuple(value for value, _ in found)
+        rows = _tuple(_tuple(slopes.get(n, "0.0") for n in self.leaves) for _, slopes in found)
+        body = "\n    ".join([*self._lines, f"return {values}, {rows}"])
+        self._evaluate = _made(f"def program({', '.join(self.leaves)}):\n    {body}", "program")
+
+    def values_and_rows(
+        self, leaves: Sequence[float]
+    ) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
+        """The values, and each one's derivatives by the leaves; the leaves' values in order.
+
+        Raises:
+            ZeroDivisionError: one of the formulas divides by zero there.
+        """
+        return self._evaluate(*leaves)
+
+    def _locals_of(self, name: str) -> tuple[str, dict[str, str]]:
+        """The variables of a value and its derivatives, after writing the lines that set them."""
+        if name not in self._known:
+            formula = self._formula_of(name)
+            if formula is not None:
+                self._known[name] = self._written(formula)
+            else:
+                self.used.add(name)
+                same = self._same_slope.get(name)
+                slopes = {name: "1.0"} if same is None else self._locals_of(same)[1]
+                self._known[name] = name, slopes
+        return self._known[name]
+
+    def _written(self, formula: Formula) -> tuple[str, dict[str, str]]:
+        below = [self._locals_of(name) for name in formula.names]
+        own = f"_{len(self._known)}"
+        partials = [f"{own}_{k}" for k in range(len(below))]
+        # The expression names what it rests on; there they are called otherwise, or are leaves.
+        locally = {name: value for name, (value, _) in zip(formula.names, below, strict=True)}
+        renamed = _renamed(formula.body, locally)
+        self._lines.append(f"{', '.join([own, *partials])} = {renamed}")
+        sums: dict[str, list[str]] = {}
+        for (_, slopes), partial in zip(below, partials, strict=True):
+            for leaf, slope in slopes.items():
+                sums.setdefault(leaf, []).append(
+                    partial if slope == "1.0" else f"{partial} * {slope}"
+                )
+        slopes = {}
+        for k, (leaf, terms) in enumerate(sums.items()):
+            slopes[leaf] = f"{own}_by_{k}"
+            self._lines.append(f"{slopes[leaf]} = {' + '.join(terms)}")
+        return own, slopes
+
+
+def _tuple(entries: Iterable[str]) -> str:
+    return f"({''.join(f'{entry}, ' for entry in entries)})"
+
+
+def _made(source: str, name: str = "") -> Callable[..., tuple]:
+    """The function that a text of our own defines, or a lambda."""
+    known: dict[str, object] = {"sqrt": sqrt, "atan2": atan2, "__builtins__": {}}
+    if not name:
+        return eval(compile(source, f"<formula {source}>", "eval"), known)  # noqa: S307
+    exec(compile(source, f"<formulas {source}>", "exec"), known)  # noqa: S102
+    return known[name]
+
+
+def _renamed(body: str, names: Mapping[str, str]) -> str:
+    tree = ast.parse(body, mode="eval")
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name):
+            node.id = names.get(node.id, node.id)
+    return ast.unparse(tree)
 
 
 def _variables(tree: ast.expr) -> list[str]:

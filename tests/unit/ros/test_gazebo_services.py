@@ -35,6 +35,12 @@ def test_steps_out_of_range_are_refused(call, count):
     assert "1 to 1000000" in call("step_world", count, refused=True).status_message
 
 
+def test_the_largest_number_of_steps_is_made(call, monkeypatch):
+    monkeypatch.setattr("aras_sim_bridge.ros.gazebo_api.world.STEP_LIMIT", 3)
+    assert call("step_world", 3).sim_time.to_nsec() == 3_000_000
+    call("step_world", 4, refused=True)
+
+
 def test_no_steps_while_time_runs(api, call):
     call("unpause_physics")
     assert not api.thread.paused

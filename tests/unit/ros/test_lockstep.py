@@ -74,6 +74,7 @@ def test_a_round_is_over_when_the_last_topic_was_heard(made):
 def test_what_came_before_a_round_does_not_count(made):
     gate = made("a")
     gate.heard("/a")
+    assert made.woken == []
     gate.before_frame()
     assert gate.closed
     gate.heard("/a")

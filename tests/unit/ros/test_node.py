@@ -1,0 +1,264 @@
+"""The node as a whole: what its parameters make of it, how it starts and how it ends."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from types import SimpleNamespace
+
+import pytest
+import rospy
+from rosgraph_msgs.msg import Clock
+
+from aras_sim_bridge.description.world_file import WorldFile
+from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.ros.runtime import node
+from aras_sim_bridge.ros.runtime.clock import ClockPublisher
+from aras_sim_bridge.ros.runtime.node import GazeboNode, make_pacer
+from aras_sim_bridge.ros.runtime.node_parameters import NodeParameters
+from aras_visual_servo_ros.parameters import InvalidParameterError
+
+MS = 1_000_000
+WORLD = """<sdf version="1.6"><world name="w"><gravity>0 0 -1.5</gravity>
+  <physics type="ode"><max_step_size>0.002</max_step_size>
+    <real_time_update_rate>250</real_time_update_rate></physics>
+  <model name="block"><static>true</static><link name="l"/></model></world></sdf>"""
+
+
+@pytest.mark.parametrize(("mode", "rate", "factor"), [
+    ("real_time", 1000.0, 2.0), ("real_time", 250.0, 0.5), ("max", 1000.0, 0.0),
+    ("lockstep", 1000.0, 0.0),
+])
+def test_pace_is_the_parameter_s_times_the_world_s(mode, rate, factor):
+    world = WorldFile(time_step=0.001, update_rate=rate)
+    pacer = make_pacer(NodeParameters(speed_mode=mode, real_time_factor=2.0), world)
+    assert pacer.factor == pytest.approx(factor)
+
+
+@pytest.mark.parametrize(("given", "name"), [
+    ({"speed_mode": "fast"}, "speed_mode"), ({"renderer": "gpu"}, "renderer"),
+    ({"log_level": "all"}, "log_level"), ({"clock_rate": -1.0}, "clock_rate"),
+    ({"real_time_factor": 0.0}, "real_time_factor"),
+    ({"master_check_period": 0.0}, "master_check_period"), ({"colck_rate": 1}, "colck_rate"),
+])
+def test_parameters_that_cannot_be_are_named(given, name):
+    with pytest.raises(InvalidParameterError) as caught:
+        NodeParameters.from_mapping(given, "/gazebo")
+    assert caught.value.name == f"/gazebo/{name}"
+
+
+def test_parameters_of_others_are_left_and_limits_are_inside():
+    others = {"cameras": {"a": 1}, "gravity_x": 0.0, "robot_description": "<robot/>"}
+    given = {"clock_rate": 0, "pub_clock_frequency": 50, **others}
+    read = NodeParameters.from_mapping(given, "/gazebo")
+    assert read.effective_clock_rate == 50.0
+    assert NodeParameters(clock_rate=125.0).effective_clock_rate == 125.0
+    assert NodeParameters(pub_clock_frequency=0.0).effective_clock_rate == 0.0
+
+
+@pytest.mark.parametrize(("rate", "stamps"), [
+    (0.0, [1, 2, 3, 4, 5, 6, 7, 8, 9]), (250.0, [1, 4, 8]), (333.0, [1, 4, 7]),
+])
+def test_the_clock_ticks_at_multiples_of_its_period(graph, rate, stamps):
+    clock = ClockPublisher(rate)
+    (listener,) = graph.listen("/clock")
+    for ms in range(1, 10):
+        clock.update(ms * MS)
+    assert ticks(listener) == [ms * MS for ms in stamps]
+    clock.publish(9 * MS)
+    clock.publish(9 * MS)
+    clock.publish(2_000_000_003)
+    assert ticks(listener)[-1] == 2_000_000_003
+    clock.restart()
+    clock.update(0)
+    clock.update(1 * MS)
+    assert ticks(listener) == [0] if rate else [0, MS]
+
+
+def ticks(listener) -> list[int]:
+    try:
+        data = listener.heard.recv(1 << 16)
+    except BlockingIOError:
+        return []
+    found = [Clock().deserialize(data[k + 4 : k + 12]) for k in range(0, len(data), 12)]
+    return [tick.clock.to_nsec() for tick in found]
+
+
+@pytest.fixture
+def make(graph, tmp_path, monkeypatch):
+    """Make a node with parameters; it is ended after the test."""
+    made: list[GazeboNode] = []
+
+    def make(**parameters: object) -> GazeboNode:
+        made.append(GazeboNode(NodeParameters(**parameters)))
+        return made[-1]
+
+    make.graph = graph
+    make.world = tmp_path / "a.world"
+    make.world.write_text(WORLD)
+    yield make
+    for it in made:
+        it.stop()
+
+
+def test_a_world_file_counts(make):
+    it = make(world=str(make.world), paused=True, speed_mode="real_time")
+    simulation = it.thread.simulation
+    assert simulation.step_ns == 2 * MS and simulation.world.gravity[2] == -1.5
+    assert "block" in simulation.world.models and "ground_plane" not in simulation.world.models
+    assert it.thread.pacer.factor == pytest.approx(0.5)
+    assert it.thread.paused
+
+
+def test_the_clock_and_the_states_come_with_the_steps(make):
+    it = make(paused=True, clock_rate=0.0)
+    (listener,) = make.graph.listen("/clock")
+    states = make.graph.publishers["/gazebo/model_states"]
+    states.impl.connections.append(object())
+    make.graph.call("/gazebo/step_world", 3)
+    assert ticks(listener) == [MS, 2 * MS, 3 * MS]
+    assert len(states.sent) == 1
+    make.graph.call("/gazebo/reset_simulation")
+    make.graph.call("/gazebo/step_world", 1)
+    assert ticks(listener) == [MS]
+    assert it.thread.simulation.before_pictures == it.clock.publish
+
+
+def test_it_runs_unless_it_is_told_to_wait(make):
+    it = make(speed_mode="max")
+    assert not it.thread.paused
+    begin = it.thread.now_ns()
+    while it.thread.now_ns() == begin:
+        time.sleep(0.001)
+    it.stop()
+    assert it.thread.stopping
+
+
+def test_without_the_network_there_is_the_clock_alone(make):
+    make(enable_ros_network=False, paused=True)
+    assert set(make.graph.publishers) == {"/clock"} and not make.graph.services
+
+
+def test_lockstep_waits_for_its_topics_by_periods(make):
+    it = make(speed_mode="lockstep", lockstep_topics=("/a",), lockstep_period=0.002)
+    while not it.thread.held:
+        time.sleep(0.001)
+    assert it.thread.now_ns() == 2 * MS and it.thread.gate.closed
+    make.graph.subscribers["/a"](None)
+    while it.thread.now_ns() < 4 * MS:
+        time.sleep(0.001)
+    make.graph.call("/gazebo/reset_simulation")
+    while not it.thread.held or it.thread.now_ns() != 2 * MS:
+        time.sleep(0.001)
+
+
+def test_lockstep_without_topics_is_refused(make):
+    with pytest.raises(SimError, match="lockstep_topics is empty"):
+        make(speed_mode="lockstep")
+
+
+def test_a_window_without_a_display_is_left_out(make, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    make(gui=True, paused=True)
+    assert "DISPLAY is not set" in make.graph.lines[0]
+
+
+@pytest.mark.parametrize(("level", "shown"), [
+    ("debug", ["d", "i", "w", "e"]), ("info", ["i", "w", "e"]), ("warn", ["w", "e"]),
+    ("error", ["e"]),
+])
+def test_the_library_s_lines_go_where_rospy_s_go(level, shown, monkeypatch):
+    rosout = logging.getLogger("rosout")
+    found: list[str] = []
+    handler = logging.Handler()
+    handler.emit = lambda record: found.append(record.getMessage())
+    monkeypatch.setattr(rosout, "handlers", [handler])
+    before = rosout.level
+    rosout.setLevel(logging.INFO)
+    ours = logging.getLogger("aras_sim_bridge")
+    parent = ours.parent
+    try:
+        node._set_up_log(level)
+        library = logging.getLogger("aras_sim_bridge.world.somewhere")
+        for write, text in ((library.debug, "d"), (library.info, "i"), (library.warning, "w"),
+                            (library.error, "e")):
+            write(text)
+    finally:
+        rosout.setLevel(before)
+        ours.parent = parent
+        ours.setLevel(logging.NOTSET)
+    assert found == shown
+
+
+@pytest.fixture
+def process(graph, monkeypatch):
+    """rospy's process: `end` ends it, as a signal does; `told` are the reasons of an end."""
+    it = SimpleNamespace(graph=graph, told=[], hooks=[], watched=[])
+    monkeypatch.setattr(rospy, "init_node", lambda *_args, **_options: None)
+    monkeypatch.setattr(rospy, "has_param", lambda name: name in graph.parameters)
+    monkeypatch.setattr(rospy, "on_shutdown", it.hooks.append)
+    monkeypatch.setattr(rospy.rostime, "wallsleep", lambda _seconds: None)
+    monkeypatch.setattr(node, "open_wide", lambda: None)
+    monkeypatch.setattr(node, "end_on_signals", lambda: None)
+    monkeypatch.setattr(node, "_set_up_log", lambda _level: None)
+    monkeypatch.setattr(node.sys, "setswitchinterval", lambda _seconds: None)
+
+    def end(why: str) -> None:
+        it.told.append(why)
+        for hook in it.hooks:
+            hook()
+
+    class Watch:
+        def __init__(self, _name: str, every: float) -> None:
+            it.watched.append(every)
+
+        def tell(self, on_lost) -> None:
+            it.lost = on_lost
+
+    monkeypatch.setattr(rospy, "signal_shutdown", end)
+    monkeypatch.setattr(node, "MasterWatch", Watch)
+    it.end = end
+
+    def run(**given: object) -> None:
+        it.thread = threading.Thread(target=lambda: setattr(it, "status", node.main(given)))
+        it.thread.start()
+
+    it.run = run
+    return it
+
+
+def test_the_process_runs_until_it_is_ended(process):
+    process.graph.parameters[f"{rospy.get_name()}/paused"] = True
+    process.run(paused=False, seed=3, master_check_period=7.0)
+    while not process.watched:
+        assert process.thread.is_alive()
+        time.sleep(0.001)
+    assert process.watched == [7.0]
+    assert process.graph.parameters["/use_sim_time"] is True
+    assert process.graph.call("/gazebo/get_physics_properties").pause is True
+    process.end("enough")
+    process.thread.join(10.0)
+    assert process.status == 0
+    assert "is up, process" in process.graph.lines[-1]
+
+
+def test_what_keeps_it_from_starting_is_one_line(process):
+    process.run(speed_mode="fast")
+    process.thread.join(10.0)
+    assert process.status == 1
+    assert process.told == [process.graph.lines[-1].partition(" ends: ")[2]]
+    assert process.told[0].startswith("it cannot start: ") and "speed_mode" in process.told[0]
+
+
+def test_a_fault_of_the_simulation_ends_the_process(process, monkeypatch):
+    def step(_self: object) -> None:
+        raise RuntimeError("broken")
+
+    process.graph.parameters["/use_sim_time"] = False
+    monkeypatch.setattr("aras_sim_bridge.simulation.Simulation.step", step)
+    process.run()
+    process.thread.join(10.0)
+    assert process.status == 1 and process.told[0] == "the simulation failed"
+    assert any("RuntimeError: broken" in line for line in process.graph.lines)
+    assert process.graph.parameters["/use_sim_time"] is False

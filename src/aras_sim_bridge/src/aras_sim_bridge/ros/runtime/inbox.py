@@ -46,6 +46,7 @@ class Stream:
         self._rest = rest
         self._bodies = collections.deque(bodies)
         self._acted_ns = -1
+        self.passed_over = 0  # messages that never act: newer ones had come before their step
 
     def read(self, buffer: bytearray) -> bool:
         """Take in what the socket holds, by way of `buffer`; False: the connection has ended."""
@@ -82,6 +83,7 @@ class Stream:
             return False
         while len(bodies) > backlog + 1:
             bodies.popleft()
+            self.passed_over += 1
         self._acted_ns = time_ns
         self._take(bodies.popleft())
         return True
@@ -148,6 +150,13 @@ class Inbox:
         for stream in self._streams.values():
             acted = stream.act(time_ns, backlog) or acted
         return acted
+
+    def most_passed_over(self) -> int:
+        """Messages that one stream passed over since this was last asked, the most of any."""
+        most = 0
+        for stream in self._streams.values():
+            most, stream.passed_over = max(most, stream.passed_over), 0
+        return most
 
     def close(self) -> None:
         """End all streams."""

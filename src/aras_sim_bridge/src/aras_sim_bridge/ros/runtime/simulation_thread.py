@@ -29,6 +29,7 @@ log = logging.getLogger(__name__)
 SHUTTING_DOWN = "the simulator is shutting down"
 JOBS_BUDGET = 0.002  # seconds of wall time for jobs before time goes on: a flood must not stop it
 STREAM_NS = 5_000_000  # so long after a command steps are made one by one, each when it is due
+FLOOD = 3  # messages passed over a step by one connection: steps are not made one by one for it
 PAUSED_PERIOD = 0.004  # seconds of wall time from one look at commands to the next, paused
 LOCKSTEP_BACKLOG = 8  # commands of one connection that may wait for their steps in lockstep
 STALL = 0.05  # seconds of wall time of one job (a spawn) that simulated time does not make good
@@ -70,6 +71,7 @@ class SimulationThread:
         self._jobs: collections.deque[tuple[Callable[[], object], Future]] = collections.deque()
         self._inbox = inbox or Inbox()
         self._stream_until_ns = 0
+        self._flooded = False
         self._now_ns = 0
         self._stopping = False
         self._ready: Future = Future()
@@ -280,6 +282,7 @@ class SimulationThread:
     def _make_steps(self, end_ns: int) -> None:
         """Make the steps that are due until `end_ns`, fewer where something is to come between."""
         simulation, gate, jobs = self.simulation, self.gate, self._jobs
+        begin_ns = simulation.time_ns
         while simulation.time_ns < end_ns and not (gate is not None and gate.closed):
             try:
                 self._step(self._backlog(end_ns))
@@ -288,6 +291,8 @@ class SimulationThread:
                 log.error("simulated time stands still: %s", error)
             if jobs or self._paused:
                 break
+        made = max((simulation.time_ns - begin_ns) // simulation.step_ns, 1)
+        self._flooded = self._inbox.most_passed_over() >= FLOOD * made
         self._after_batch(simulation.time_ns)
 
     def _backlog(self, end_ns: int) -> int:
@@ -307,8 +312,9 @@ class SimulationThread:
 
     def _group_ns(self) -> int:
         """Simulated time of the steps that are made together: few wake-ups, unless commands come
-        that shall not wait for their step."""
-        return self.simulation.step_ns if self._streaming else BATCH_NS
+        that shall not wait for their step. Of a flood each step has a newer one in any case."""
+        one_by_one = self._streaming and not self._flooded
+        return self.simulation.step_ns if one_by_one else BATCH_NS
 
     def _run_jobs(self) -> None:
         """Run what has been asked for, for a while; at least one job, so that none is left."""

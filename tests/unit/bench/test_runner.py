@@ -117,6 +117,22 @@ def test_a_believed_camera_measures_what_it_believes():
     assert seen.moments.xg == pytest.approx((u - parts.camera.K[2]) / parts.camera.K[0], abs=0.03)
 
 
+@pytest.mark.parametrize("start", ["2016", {"height": [0.2, 0.4], "side": 0.05, "turn": 1.0}])
+def test_a_believed_focal_length_that_is_wrong_is_diagnosed(start):
+    """The loop comes to rest with no error left, and to the wrong place: it has to say why."""
+    experiment = CHAIN.with_(features="pictures", believed={"focal": 0.7}, start=start, linger=0.1)
+    result = run(experiment)
+    assert not result.verdict.reached and result.verdict.distance > 0.05
+    assert result.outcome == "wrong_camera_model" and "calibrate" in result.mend
+
+
+@pytest.mark.parametrize("depth", [0.7, 1.4])
+def test_a_believed_depth_that_is_wrong_does_no_harm(depth):
+    result = run(CHAIN.with_(features="pictures", believed={"depth": depth}, linger=0.1))
+    assert result.verdict.reached and result.outcome == "converged"
+    assert set(result.outcomes) <= {"running", "converged"}
+
+
 def test_a_believed_depth_scales_the_goals():
     plain, deep = (assemble(FREE.with_(believed={"depth": d})).goal for d in (1.0, 1.5))
     assert deep.depth == pytest.approx(1.5 * plain.depth)

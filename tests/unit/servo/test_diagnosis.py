@@ -1,15 +1,23 @@
 """Provoked failures get the right word, healthy runs none."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from free_camera import exponential
 from loop_rig import CAMERA, STARTS, Rig, lost, scaled, the_arm, the_goal, the_limits, the_servo
 
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.arm.poses import transform
 from aras_visual_servo_controller.diagnosis import KINDS
-from aras_visual_servo_controller.evidence import CameraEvidence, Oscillation, body_motion
+from aras_visual_servo_controller.errors import MeasurementError
+from aras_visual_servo_controller.evidence import (
+    DIRECTIONS,
+    CameraEvidence,
+    Oscillation,
+    body_motion,
+)
 from aras_visual_servo_controller.features import Feature, Measured
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.schemes import Composed
@@ -74,8 +82,9 @@ def test_noise_at_the_goal_is_no_wrong_camera(seed):
         m = seen.moments
         second = np.add.outer(*(np.arange(7),) * 2) == 2
         shaken = m.centred + 2e-3 * random.normal(size=(7, 7)) * m.mu(2, 0) * second
-        place = m.m00 * (1.0 + 5e-3 * random.normal()), *(
-            g + 1e-3 * random.normal() for g in (m.xg, m.yg)
+        place = (
+            m.m00 * (1.0 + 5e-3 * random.normal()),
+            *(g + 1e-3 * random.normal() for g in (m.xg, m.yg)),
         )
         return replace(seen, moments=Moments(m.order, m.kind, *place, shaken))
 
@@ -101,6 +110,24 @@ def test_target_lost_over_a_border(seed):
     assert f"over the {side} border" in outcome.reason
     assert f"lost at {when:.1f}"[:-1] in outcome.reason
     assert outcome.mend
+
+
+def test_an_image_that_cannot_be_measured_for_long_is_a_target_lost():
+    """It is seen, and is not what the scheme wants: an outcome, not `running` for ever."""
+
+    class Counting(Twice):
+        def measure(self, observation, goal):
+            if observation.stamp > 0.5:
+                raise MeasurementError("9 points are seen, the goal has 8")
+            return super().measure(observation, goal)
+
+    rig = Rig(the_servo(scheme=Composed(Counting(), Proportional(3.0))), near(1))
+    states = rig.run(1.5)
+    assert states[-1].phase == "holding" and states[-1].outcome == "running"
+    states = rig.run(1.0)
+    outcome = rig.servo.outcome
+    assert outcome.kind == "target_lost" and "9 points are seen" in outcome.reason
+    assert "since 0.5" in outcome.reason and outcome.mend
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -129,6 +156,17 @@ def test_a_wrong_focal_length(seed, focal):
     rig.look = look
     rig.run(4.0)
     assert rig.servo.outcome.kind == "wrong_camera_model"
+    assert rig.servo.outcome.mend
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("depth", [0.7, 1.4])
+def test_a_wrong_depth_does_no_harm_and_is_no_wrong_camera(seed, depth):
+    goal = the_goal("2016")
+    rig = Rig(the_servo("2016", goal=replace(goal, depth=goal.depth * depth)), near(seed, 0.4))
+    states = rig.run(5.0)
+    assert {s.outcome for s in states} <= {"running", "converged"}, rig.servo.outcome
+    assert states[-1].outcome == "converged" and rig.missed[0] < 0.3e-3
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -293,11 +331,82 @@ def test_what_dies_away_or_is_quiet_is_no_oscillation(error):
 
 
 def test_the_logarithm_of_a_small_motion():
-    from free_camera import exponential
-
     twist = np.array([0.02, -0.01, 0.03, 0.05, -0.08, 0.06])
     np.testing.assert_allclose(body_motion(exponential(twist)), twist, atol=1e-6)
 
 
 def test_no_evidence_is_no_fault():
     assert CameraEvidence().fault() == ""
+
+
+def seen_by(scale, images=12, noise=0.0, seed=0, count=4, tolerance=1e-3):
+    """Evidence of features that move `scale` (6,) times as far as L says, by direction."""
+    random = np.random.default_rng(seed)
+    evidence, tolerances = CameraEvidence(), np.full(count, tolerance)
+    L = random.normal(size=(count, 6))
+    error, pose = random.normal(size=count), np.eye(4)
+    for _ in range(images):
+        decision = SimpleNamespace(L=L, error=error + noise * tolerance * random.normal(size=count))
+        evidence.add(decision, SimpleNamespace(previous_T_camera=pose), tolerances)
+        twist = 2e-2 * random.normal(size=6)
+        pose = exponential(twist)
+        error = error + (L * scale) @ twist
+    return evidence
+
+
+ONE = np.ones(6)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+@pytest.mark.parametrize("depth", [0.5, 1.0, 2.0])
+def test_one_depth_for_all_translations_is_no_fault(noise, depth):
+    for seed in range(20):
+        scale = np.array([depth] * 3 + [1.0] * 3)
+        assert seen_by(scale, 30, noise, seed).fault() == ""
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.3])
+@pytest.mark.parametrize("direction", range(6))
+def test_the_direction_that_is_off_is_named(direction, factor):
+    scale = ONE.copy()
+    scale[direction] = factor
+    for seed in range(3):
+        words = seen_by(scale, 30, 0.5, seed).fault()
+        if direction < 3:  # which of the three is off can only be told from the other two
+            assert words.split()[1] in DIRECTIONS[:3]
+        else:
+            assert words.startswith(f"along {DIRECTIONS[direction]} ")
+            found = float(words.split(" move ")[1].split(" times")[0])
+            assert found == pytest.approx(factor, abs=0.03)
+
+
+def test_a_little_off_is_within_what_can_be_measured():
+    assert seen_by(np.array([1.0, 1.0, 0.92, 1.0, 1.0, 1.08]), 30, 0.5).fault() == ""
+
+
+def test_motion_the_other_way_and_motion_of_its_own_are_faults():
+    assert "against the camera's translation" in seen_by(np.array([-1.0] * 3 + [1.0] * 3)).fault()
+    evidence = seen_by(ONE, 40, noise=20.0)
+    assert "of the motion is not explained" in evidence.fault()
+
+
+def test_noise_hides_what_it_hides_and_is_no_fault():
+    """A scale is judged by how well it is known."""
+    scale = np.array([1.0, 1.0, 1.0, 1.0, 0.8, 1.0])
+    assert seen_by(scale, 30, noise=0.2).fault()
+    assert not seen_by(scale, 6, noise=4.0).fault()
+
+
+def test_little_motion_and_broken_sequences_are_no_evidence():
+    wrong = np.array([0.5, 1.0, 0.5, 1.0, 0.5, 1.0])
+    assert seen_by(wrong, 30).fault()
+    assert not seen_by(wrong, 30, tolerance=0.5).fault()  # slower than 3 tolerances an image
+    assert not seen_by(wrong, 1).fault()
+    evidence = CameraEvidence()
+    decision = SimpleNamespace(L=np.ones((2, 6)), error=np.zeros(2))
+    for k in range(40):
+        decision = SimpleNamespace(L=np.ones((2, 6)), error=np.full(2, 0.01 * k))
+        evidence.interrupt()
+        evidence.add(decision, SimpleNamespace(previous_T_camera=exponential(0.01 * ONE)),
+                     np.full(2, 1e-3))  # fmt: skip
+    assert not evidence.fault()

@@ -34,6 +34,8 @@ from .sampling import draw_start
 from .targets import ARAS, PlacedTarget, PolygonTarget
 
 PATIENCE_NS = 1_000_000_000  # for the one picture that a goal is taught by
+# What is taught from a picture as the loop will see it: its own errors are then none of the goal.
+PICTURED = {Need.IMAGE, Need.CONTOUR, Need.CORNERS}
 
 
 @dataclass
@@ -166,7 +168,7 @@ class _Builder:
         seen_from = self.target.seen_from(pose)
         plane = self.target.shape.plane(seen_from)
         observer = Observer(None, self.needs)
-        if self.experiment.plant == "bullet" and Need.IMAGE in self.needs:
+        if self.experiment.plant == "bullet" and self.needs & PICTURED:
             reading = self._picture(pose, joints)
         else:
             sight = self._sight(exactly=True)

@@ -98,6 +98,7 @@ class Diagnosis:
         self._camera = CameraEvidence()
         self._shape = ShapeEvidence()
         self._touched: tuple[str, ...] = ()
+        self._measured: float | None = None  # when the scheme could last answer, s
         self._ended: Outcome | None = None
         self._starvings, self._starved = 0, Outcome()
         self._ringing: tuple[float, Outcome] | None = None
@@ -162,11 +163,13 @@ class Diagnosis:
             return Outcome("stopped", state.reason, "call start")
         if observation.touches:
             self._touched = observation.touches
+        if state.decision is not None:
+            self._measured = state.stamp
         if state.decision is None:
             if state.phase != HOLDING:
                 return self.outcome
             if observation.valid:
-                return Outcome("running", state.reason)
+                return self._unmeasured(state)
             if self._ringing is not None and state.stamp - self._ringing[0] < RINGS_ON:
                 return self._ringing[1]
             if self.outcome.kind in ("target_lost", "wrong_object"):
@@ -302,6 +305,17 @@ class Diagnosis:
         return Outcome(
             "saturation", f"{joint} at its limit of speed or acceleration, and no progress",
             "raise max_velocity or max_acceleration, or lower the gain",
+        )  # fmt: skip
+
+    def _unmeasured(self, state: ServoState) -> Outcome:
+        """Of an image in which the target is seen and the scheme finds no answer."""
+        if self._measured is None:
+            self._measured = state.stamp
+        if state.stamp - self._measured < WINDOW:
+            return Outcome("running", state.reason)
+        return Outcome(
+            "target_lost", f"no measurement since {self._measured:.2f} s: {state.reason}",
+            "teach the goal with this camera and scheme, or begin nearer to it",
         )  # fmt: skip
 
     def _lost(self, state: ServoState) -> Outcome:

@@ -10,11 +10,14 @@ from typing import Any
 import cv2
 import numpy as np
 
+from ..compiled import compiled, inlined
 from ..errors import CameraError
 
-# Noise is cut out of a table at a place drawn for each picture. Pictures share no pattern that a
-# vision algorithm could see, and no normal deviate is drawn while running.
-_TABLE = 1 << 21
+# A normal deviate is an odd polynomial of the sum of four uniform ones, fitted to the quantiles of
+# both by least squares: off by less than 0.008 up to 3 standard deviations and 0.025 up to 4, of
+# variance 1.00003 and kurtosis 3.0005, and at most 4.7. It needs no branch and no table, so eight
+# are made at once.
+_C1, _C3, _C5, _C7 = (np.float32(c) for c in (1.65999598, 0.09039413, -0.03567146, 0.01594779))
 # Two random sequences for each picture: a lost frame changes no other's noise.
 _DROP, _NOISE = 0, 1
 
@@ -106,10 +109,6 @@ class EffectChain:
         if e.exposure != 1.0 or e.gain != 1.0:
             wells = np.clip(np.arange(256) * e.exposure, 0.0, 255.0)
             self._curve = np.clip(np.round(wells * e.gain), 0, 255).astype(np.uint8)
-        self._table: np.ndarray | None = None
-        self._places = 0
-        if e.noise_stddev or e.shot_noise or e.noise_mean:
-            self._table, self._places = _noise_table(e, math.prod(shape), seed)
 
     def lost(self, stamp_ns: int) -> bool:
         """Whether the frame with this stamp, ns of simulated time, never comes."""
@@ -128,8 +127,13 @@ class EffectChain:
                 image = np.minimum(image, np.uint8(round(255.0 * e.gain)))
         elif self._curve is not None:
             image = cv2.LUT(image, self._curve)
-        if self._table is not None:
-            image = cv2.add(image, self._noise(image.shape, stamp_ns), dtype=cv2.CV_8U)
+        if e.noise_stddev or e.noise_mean:
+            out = np.empty_like(image)
+            # Rounding to grey levels adds a variance of 1/12.
+            stddev = math.sqrt(max(e.noise_stddev**2 - 1 / 12, (e.noise_stddev / 2)**2))
+            _add_noise(image.reshape(-1), e.noise_mean, stddev, self._key(stamp_ns),
+                       out.reshape(-1))
+            return out
         return image
 
     def _with_shot_noise(self, image: np.ndarray, stamp_ns: int) -> np.ndarray:
@@ -142,31 +146,50 @@ class EffectChain:
         light = np.minimum(light, np.float32(255.0))
         spread = cv2.sqrt(light * np.float32(e.shot_noise * e.gain**2)
                           + np.float32(e.noise_stddev**2))
-        out = light * np.float32(e.gain) + cv2.multiply(spread, self._noise(image.shape, stamp_ns))
+        noise = np.empty(image.shape, np.float32)
+        _fill_with_noise(self._key(stamp_ns), noise.reshape(-1))
+        out = light * np.float32(e.gain) + cv2.multiply(spread, noise)
         if e.noise_mean:
             out += np.float32(e.noise_mean)
         return cv2.convertScaleAbs(np.maximum(out, np.float32(0.0)))
 
-    def _noise(self, shape: tuple[int, ...], stamp_ns: int) -> np.ndarray:
-        start = int(self._random(stamp_ns, _NOISE).integers(self._places))
-        return self._table[start:start + math.prod(shape)].reshape(shape)
+    def _key(self, stamp_ns: int) -> np.uint64:
+        """Where the uniform numbers of a picture begin."""
+        seeds = np.random.SeedSequence([self._seed, stamp_ns, _NOISE])
+        return seeds.generate_state(1, np.uint64)[0]
 
     def _random(self, stamp_ns: int, use: int) -> np.random.Generator:
         return np.random.default_rng([self._seed, stamp_ns, use])
 
 
-def _noise_table(effects: Effects, size: int, seed: int) -> tuple[np.ndarray, int]:
-    """Noise for pictures of `size` values, and at how many places of it one can be cut out.
+@inlined
+def _deviate(key, n):
+    """The n-th normal deviate from a key, float32; the uniform ones are splitmix64's (Steele, Lea
+    and Flood 2014)."""
+    z = key + np.uint64(n) * np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z ^= z >> np.uint64(31)
+    low = np.uint64(0xFFFF)
+    total = (np.int32(z & low) + np.int32((z >> np.uint64(16)) & low)
+             + np.int32((z >> np.uint64(32)) & low) + np.int32(z >> np.uint64(48)))
+    s = np.float32(total - 2 * 0xFFFF) * np.float32(1.0 / 0x10000)
+    q = s * s
+    return s * (_C1 + q * (_C3 + q * (_C5 + q * _C7)))
 
-    Unit deviates where the light decides how they are spread, else whole grey levels.
-    """
-    places = max(_TABLE - size, min(size, _TABLE))
-    table = np.random.default_rng(seed).standard_normal(places + size, np.float32)
-    if not effects.shot_noise:
-        table *= np.float32(effects.noise_stddev)
-        table += np.float32(effects.noise_mean)
-        table = np.clip(np.round(table), -255, 255).astype(np.int16)
-    return table, places
+
+@compiled("u1[::1], f8, f8, u8, u1[::1]")
+def _add_noise(image, mean, stddev, key, out):
+    scale, half = np.float32(stddev), np.float32(mean + 0.5)
+    for i in range(len(image)):
+        grey = np.float32(image[i]) + half + scale * _deviate(key, i + 1)
+        out[i] = np.uint8(min(max(grey, np.float32(0.0)), np.float32(255.0)))
+
+
+@compiled("u8, f4[::1]")
+def _fill_with_noise(key, out):
+    for i in range(len(out)):
+        out[i] = _deviate(key, i + 1)
 
 
 def _vignette(shape: tuple[int, ...], loss: float, exposure: float) -> np.ndarray | None:

@@ -54,20 +54,21 @@ class CameraSensor:
     """
 
     def __init__(self, config: CameraConfig, renderer: Renderer) -> None:
-        """Raises CameraError for a lens that this picture cannot be drawn through."""
+        """Raises CameraError for a camera whose pictures cannot be drawn."""
         self.config = config
         self.renderer = renderer
         self.info: CameraIntrinsics = config.intrinsics()
         model = config.model
         self._K = config.K
         self._lens = None
-        if not model.is_pinhole:
-            try:
-                self._lens = Tiles.of_lens(config.width, config.height, model.unproject)
-            except (RenderingError, MemoryError) as error:
-                reason = str(error) or "not enough memory"
-                raise CameraError(f"camera '{config.name}': {reason}") from None
         self._link_T_optical = mounting(config.xyz, config.rpy)
+        try:
+            if not model.is_pinhole:
+                self._lens = Tiles.of_lens(config.width, config.height, model.unproject)
+            renderer.prepare(self._view(np.eye(4)))
+        except (RenderingError, MemoryError) as error:
+            reason = str(error) or "not enough memory; make width and height smaller"
+            raise CameraError(f"camera '{config.name}': {reason}") from None
         shape = formats.shape_of(config.encoding, config.height, config.width)
         self._effects = EffectChain(config.effects, shape, config.seed)
         self._rate = config.update_rate

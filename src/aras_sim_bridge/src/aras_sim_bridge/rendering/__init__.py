@@ -38,6 +38,12 @@ class Renderer(Protocol):
     name: str
     light: Sun
 
+    def prepare(self, view: View) -> None:
+        """Make ready what pictures through the same pixels need.
+
+        Raises RenderingError or MemoryError where they cannot be drawn.
+        """
+
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
         """Picture of the view, (height, width, 3) uint8 rgb, top row first."""
 

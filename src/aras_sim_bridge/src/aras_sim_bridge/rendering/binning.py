@@ -25,8 +25,10 @@ class Seen:
     triangle: (N,) in the geometry. corner: (N, 3, 3), p0, p1, p2 in the optical frame,
         m. side: (N, 3, 3), s0, s1, s2 likewise, 1/m.
     light: (N, 3) at the corners. cut: (N,) bool, whether it reaches beyond near or far.
-    start: (tiles + 1,) where the triangles of each tile begin in member (P,), which counts them
-        by their place here; full: (P,) bool, whether it covers the whole tile.
+    cover: (tiles,) one that covers the whole tile and hides what is not listed, or -1, counted by
+        its place here, as all are.
+    start: (tiles + 1,) where the further triangles of each tile begin in member (P,), from the
+        lowest number up; full: (P,) bool, whether it covers the whole tile.
     """
 
     triangle: np.ndarray
@@ -34,6 +36,7 @@ class Seen:
     side: np.ndarray
     light: np.ndarray
     cut: np.ndarray
+    cover: np.ndarray
     start: np.ndarray
     member: np.ndarray
     full: np.ndarray
@@ -47,7 +50,7 @@ class Binning:
         count = len(geometry.corners)
         self._triangle, self._cut = np.empty(count, np.int64), np.empty(count, np.bool_)
         self._corner, self._side = np.empty((count, 3, 3)), np.empty((count, 3, 3))
-        self._light = np.empty((count, 3))
+        self._light, self._plane, self._length2 = (np.empty((count, 3)) for _ in range(3))
         self._room = 4096
 
     def seen(self, tiles: Tiles, optical_T_link: np.ndarray, sun: np.ndarray, light: np.ndarray,
@@ -61,19 +64,21 @@ class Binning:
         while True:
             tile = np.empty(self._room, np.int64)
             member, full = np.empty(self._room, np.int64), np.empty(self._room, np.bool_)
+            cover = np.full(len(tiles.nodes), -1)
             count, pairs = _bin(
                 optical_T_link, sun, light, c.first, c.count, c.row, c.centre, c.half, c.radius,
                 c.axis, c.cosine, c.height, c.opaque, c.quad, g.corners, g.normals, g.plane,
-                tiles.nodes, tiles.levels,
-                near * tiles.widest, far, self._triangle, self._corner, self._side, self._light,
-                self._cut, tile, member, full,
+                tiles.nodes, tiles.levels, tiles.children, near * tiles.widest, far,
+                self._triangle, self._corner, self._side, self._light, self._cut, self._plane,
+                self._length2, cover, tile, member, full,
             )
             if pairs <= self._room:
                 break
             self._room = 2 * pairs
-        start, member, full = _by_tile(tile, member, full, pairs, tiles.rows * tiles.columns)
+        shown = tiles.rows * tiles.columns
+        start, member, full = _by_tile(tile, member, full, pairs, shown)
         return Seen(self._triangle[:count], self._corner[:count], self._side[:count],
-                    self._light[:count], self._cut[:count], start, member, full)
+                    self._light[:count], self._cut[:count], cover[:shown], start, member, full)
 
 
 @inlined
@@ -101,39 +106,53 @@ def _outside(side, length2, m, nodes, n):
 
 
 @inlined
-def _covers(side, length2, m, first, nodes, n):
-    """Whether the cone of node n is within the sides of triangle m from `first` on."""
-    if nodes[n, 3] <= 0.0:
-        return False
-    x, y, z, sine = nodes[n, 0], nodes[n, 1], nodes[n, 2], nodes[n, 4]
-    for k in range(first, 3):
+def _within(side, length2, m, nodes, n):
+    """Whether the cone of node n is within the last two sides of triangle m."""
+    x, y, z, sine2 = nodes[n, 0], nodes[n, 1], nodes[n, 2], nodes[n, 4] * nodes[n, 4]
+    within = nodes[n, 3] > 0.0
+    for k in range(1, 3):
         at = side[m, k, 0] * x + side[m, k, 1] * y + side[m, k, 2] * z
-        if at < 0.0 or at * at < sine * sine * length2[m, k]:
-            return False
-    return True
+        within &= (at >= 0.0) & (at * at >= sine2 * length2[m, k])
+    return within
+
+
+@inlined
+def _order(planes, m, other, nodes, n):
+    """1 where triangle m is nearer than another in all of the cone of node n, -1 where it is
+    farther, 0 where neither is so for sure."""
+    x, y, z = (planes[m, 0] - planes[other, 0], planes[m, 1] - planes[other, 1],
+               planes[m, 2] - planes[other, 2])
+    at = x * nodes[n, 0] + y * nodes[n, 1] + z * nodes[n, 2]
+    sine = nodes[n, 4]
+    if nodes[n, 3] <= 0.0 or at * at <= sine * sine * (x * x + y * y + z * z):
+        return 0
+    return 1 if at > 0.0 else -1
 
 
 @compiled("f8[:,:,::1], f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], "
           "f8[::1], f8[:,::1], f8[::1], f8[::1], b1[::1], b1[::1], f8[:,:,::1], f8[:,:,::1], "
-          "f8[:,::1], f8[:,::1], "
-          "i8[:,::1], f8, f8, i8[::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], b1[::1], i8[::1], "
-          "i8[::1], b1[::1]")
+          "f8[:,::1], f8[:,::1], i8[:,::1], f8[:,:,::1], f8, f8, i8[::1], f8[:,:,::1], "
+          "f8[:,:,::1], f8[:,::1], b1[::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], "
+          "b1[::1]")
 def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, height, opaque, quad,
-         corners, normals, plane, nodes, levels, near, far, out_triangle, out_corner,
-         out_side, out_light, out_cut, out_tile, out_member, out_full):
+         corners, normals, plane, nodes, levels, children, near, far, out_triangle, out_corner,
+         out_side, out_light, out_cut, planes, length2, cover, out_tile, out_member, out_full):
     """See Seen; numbers of triangles and of pairs (tile, member), of which as many are stored as
-    there is room for."""
+    there is room for.
+
+    planes: room for those of the triangles, plane . x = 1; length2: for the squared lengths of
+    their sides. cover: -1 for each node. What covers one goes no further down: it is noted there,
+    and hides what is behind.
+    """
     seen = pairs = 0
     top = len(levels) - 1
     root = levels[top, 0]
     p, eye = np.empty((3, 3)), np.empty(3)
-    length2 = np.empty((len(out_triangle), 3))
-    # A node waits with level, row, column, and its triangles' stretch of a list.
-    waiting = np.empty((4 * (top + 1) + 1, 5), np.int64)
-    listed = np.empty(4 * (top + 2) * CLUSTER, np.int64)
-    children = np.empty((4, 3), np.int64)
-    # Of each node, the plane q . x = 1 of what covers and so hides what is behind.
-    cover = np.zeros((len(nodes), 3))
+    # A node waits with level, row, column, its triangles' stretch of a list, the end of all that
+    # is listed, and its cover.
+    waiting = np.empty((16 * (top + 1) + 1, 7), np.int64)
+    listed = np.empty((16 * (top + 1) + 1) * CLUSTER, np.int64)
+    touched = np.empty(16, np.bool_)
     for c in range(len(first)):
         r = row[c]
         # In the link's frame: does the cluster show a front to the eye?
@@ -195,6 +214,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                 z += out_side[seen, k, 2]
             if _outside(out_side, length2, seen, nodes, root):
                 continue
+            planes[seen, 0], planes[seen, 1], planes[seen, 2] = x, y, z
             out_cut[seen] = (x * x + y * y + z * z) * near * near > 1.0 or farthest > far * far
             for k in range(3):
                 out_light[seen, k] = light[0] + light[1] * max(
@@ -210,97 +230,111 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
         whole = (quad[c] and seen == seen_before + 2 and not out_cut[seen - 1]
                  and not out_cut[seen - 2])
         one = seen_before
-        waiting[0, 0], waiting[0, 1], waiting[0, 2] = top, 0, 0
-        waiting[0, 3], waiting[0, 4] = 0, begin
+        waiting[0, 0], waiting[0, 1], waiting[0, 2], waiting[0, 3] = top, 0, 0, 0
+        waiting[0, 4], waiting[0, 5], waiting[0, 6] = begin, begin, cover[root]
         left = 1
         while left > 0:
             left -= 1
-            level, i0, j0 = waiting[left, 0], waiting[left, 1], waiting[left, 2]
-            start, end = waiting[left, 3], waiting[left, 4]
-            node = levels[level, 0] + i0 * levels[level, 2] + j0
-            covered = False
-            if whole or end == start + 1:
-                m = listed[start]
-                if whole:
-                    covered = (_covers(out_side, length2, one, 1, nodes, node)
-                               and _covers(out_side, length2, one + 1, 1, nodes, node))
-                elif not out_cut[m]:
-                    covered = _covers(out_side, length2, m, 0, nodes, node)
-                if covered and whole:
-                    m, listed[start], end = one, one, start + 1
-                if covered and opaque[c]:
-                    x = out_side[m, 0, 0] + out_side[m, 1, 0] + out_side[m, 2, 0]
-                    y = out_side[m, 0, 1] + out_side[m, 1, 1] + out_side[m, 2, 1]
-                    z = out_side[m, 0, 2] + out_side[m, 1, 2] + out_side[m, 2, 2]
-                    if (x * nodes[node, 0] + y * nodes[node, 1] + z * nodes[node, 2]
-                            > cover[node, 0] * nodes[node, 0] + cover[node, 1] * nodes[node, 1]
-                            + cover[node, 2] * nodes[node, 2]):
-                        cover[node, 0], cover[node, 1], cover[node, 2] = x, y, z
-            if level == 0:
-                x, y, z = nodes[node, 0], nodes[node, 1], nodes[node, 2]
-                sine2 = nodes[node, 4] * nodes[node, 4] if nodes[node, 3] > 0.0 else np.inf
-                for k in range(start, end):
-                    if pairs < len(out_tile):
-                        m = listed[k]
-                        out_tile[pairs], out_member[pairs] = node, m
-                        at = (out_side[m, 0, 0] * x + out_side[m, 0, 1] * y
-                              + out_side[m, 0, 2] * z)
-                        out_full[pairs] = covered or (
-                            at > 0.0 and at * at > sine2 * length2[m, 0] and not out_cut[m]
-                            and _covers(out_side, length2, m, 1, nodes, node))
-                    pairs += 1
-                continue
+            level, i0, j0, start = (waiting[left, 0], waiting[left, 1], waiting[left, 2],
+                                    waiting[left, 3])
+            end, free, above = waiting[left, 4], waiting[left, 5], waiting[left, 6]
+            of = levels[level, 3] + i0 * levels[level, 2] + j0
+            some = 0
+            for k in range(16):
+                cosine_n, sine_n = children[of, 3, k], children[of, 4, k]
+                at = xc * children[of, 0, k] + yc * children[of, 1, k] + zc * children[of, 2, k]
+                # Together they may be more than half a turn.
+                touched[k] = (cosine_n < 1.5) & (
+                    (sine_n * cosine_c + cosine_n * sine_c < 0.0)
+                    | (at >= cosine_c * cosine_n - sine_c * sine_n - 1e-12))
+                some += touched[k]
+            # Most triangles of a small cluster are in all nodes that it is in.
+            together = some == 1 or (level > 1 and small_c < children[of, 4, 0])
             level -= 1
-            touched = 0
-            for child in range(4):
-                i, j = 2 * i0 + child // 2, 2 * j0 + child % 2
-                if i >= levels[level, 1] or j >= levels[level, 2]:
+            for child in range(16):
+                if not touched[child]:
                     continue
+                i, j = 4 * i0 + child // 4, 4 * j0 + child % 4
                 node = levels[level, 0] + i * levels[level, 2] + j
-                if _beside(xc, yc, zc, cosine_c, sine_c, nodes, node):
-                    continue
-                # All of the cluster behind what covers the node?
-                x, y, z = cover[node, 0], cover[node, 1], cover[node, 2]
-                nearest = distance * (x * xc + y * yc + z * zc)
-                for k in range(3):
-                    nearest -= half[c, k] * abs(T[r, 0, k] * x + T[r, 1, k] * y + T[r, 2, k] * z)
-                if nearest > 1.0:
-                    continue
-                children[touched, 0], children[touched, 1], children[touched, 2] = node, i, j
-                touched += 1
-            free = end
-            # All of them are in each child, or the cluster is so small that most of them are.
-            together = touched == 1 or covered or (
-                touched > 0 and level > 0 and small_c < nodes[children[0, 0], 4])
-            for child in range(touched):
-                begin = free
-                if together:
-                    begin, free = start, end
+                own = cover[node] if cover[node] >= 0 else above
+                if own >= 0:
+                    # All of the cluster behind what covers the node?
+                    x, y, z = planes[own, 0], planes[own, 1], planes[own, 2]
+                    nearest = distance * (x * xc + y * yc + z * zc)
+                    for k in range(3):
+                        nearest -= half[c, k] * abs(T[r, 0, k] * x + T[r, 1, k] * y
+                                                    + T[r, 2, k] * z)
+                    if nearest > 1.0:
+                        continue
+                begin, last = free, end
+                covered = (whole and _within(out_side, length2, one, nodes, node)
+                           and _within(out_side, length2, one + 1, nodes, node))
+                if together and level > 0 and not covered:
+                    begin = start
                 else:
-                    node = children[child, 0]
                     x, y, z = nodes[node, 0], nodes[node, 1], nodes[node, 2]
                     sine2 = nodes[node, 4] * nodes[node, 4] if nodes[node, 3] > 0.0 else np.inf
-                    for k in range(start, end):
-                        m = listed[k]
+                    for n in range(start, start + 1 if covered else end):
+                        m = one if covered else listed[n]
                         at0 = out_side[m, 0, 0] * x + out_side[m, 0, 1] * y + out_side[m, 0, 2] * z
                         at1 = out_side[m, 1, 0] * x + out_side[m, 1, 1] * y + out_side[m, 1, 2] * z
                         at2 = out_side[m, 2, 0] * x + out_side[m, 2, 1] * y + out_side[m, 2, 2] * z
-                        listed[free] = m
-                        beyond = ((at0 < 0.0) & (at0 * at0 > sine2 * length2[m, 0])
-                                  | (at1 < 0.0) & (at1 * at1 > sine2 * length2[m, 1])
-                                  | (at2 < 0.0) & (at2 * at2 > sine2 * length2[m, 2]))
-                        free += not beyond
-                if free > begin:
-                    waiting[left, 0], waiting[left, 1] = level, children[child, 1]
-                    waiting[left, 2] = children[child, 2]
-                    waiting[left, 3], waiting[left, 4] = begin, free
+                        near0 = at0 * at0 <= sine2 * length2[m, 0]
+                        near1 = at1 * at1 <= sine2 * length2[m, 1]
+                        near2 = at2 * at2 <= sine2 * length2[m, 2]
+                        if not covered and not (((at0 >= 0.0) | near0) & ((at1 >= 0.0) | near1)
+                                                & ((at2 >= 0.0) | near2)):
+                            continue
+                        full = covered or not (near0 | near1 | near2 | out_cut[m])
+                        if full and opaque[c]:
+                            order = 1 if own < 0 else _order(planes, m, own, nodes, node)
+                            if order > 0:
+                                cover[node] = own = m
+                            if order != 0:
+                                continue
+                        if level > 0:
+                            listed[free] = m
+                            free += 1
+                            continue
+                        if pairs < len(out_tile):
+                            out_tile[pairs], out_member[pairs], out_full[pairs] = node, m, full
+                        pairs += 1
+                    last = free
+                if level > 0 and last > begin:
+                    waiting[left, 0], waiting[left, 1], waiting[left, 2] = level, i, j
+                    waiting[left, 3], waiting[left, 4], waiting[left, 5] = begin, last, free
+                    waiting[left, 6] = own
                     left += 1
+    # Covers, down to the tiles; where neither of two is nearer all over, one is listed.
+    for level in range(top, 0, -1):
+        span = 1 << (2 * level - 2)
+        for i0 in range(levels[level, 1]):
+            for j0 in range(levels[level, 2]):
+                above = cover[levels[level, 0] + i0 * levels[level, 2] + j0]
+                if above < 0:
+                    continue
+                for i in range(4 * i0, min(4 * i0 + 4, levels[level - 1, 1])):
+                    for j in range(4 * j0, min(4 * j0 + 4, levels[level - 1, 2])):
+                        node = levels[level - 1, 0] + i * levels[level - 1, 2] + j
+                        order = 1
+                        if cover[node] >= 0:
+                            order = _order(planes, above, cover[node], nodes, node)
+                        if order > 0:
+                            cover[node] = above
+                        if order != 0:
+                            continue
+                        for v in range(i * span, min((i + 1) * span, levels[0, 1])):
+                            for u in range(j * span, min((j + 1) * span, levels[0, 2])):
+                                if pairs < len(out_tile):
+                                    out_tile[pairs] = v * levels[0, 2] + u
+                                    out_member[pairs], out_full[pairs] = above, True
+                                pairs += 1
     return seen, pairs
 
 
 @compiled("i8[::1], i8[::1], b1[::1], i8, i8")
 def _by_tile(tile, member, full, pairs, tiles):
-    """Pairs sorted by tile, in their order in each: start (tiles + 1,), member, full (pairs,)."""
+    """Pairs sorted by tile, and by member in each: start (tiles + 1,), member, full (pairs,)."""
     start = np.zeros(tiles + 1, np.int64)
     for n in range(pairs):
         start[tile[n] + 1] += 1
@@ -310,6 +344,10 @@ def _by_tile(tile, member, full, pairs, tiles):
     out_member, out_full = np.empty(pairs, np.int64), np.empty(pairs, np.bool_)
     for n in range(pairs):
         at = place[tile[n]]
-        out_member[at], out_full[at] = member[n], full[n]
         place[tile[n]] = at + 1
+        # Covers that are listed come last, but belong where their numbers are.
+        while at > start[tile[n]] and out_member[at - 1] > member[n]:
+            out_member[at], out_full[at] = out_member[at - 1], out_full[at - 1]
+            at -= 1
+        out_member[at], out_full[at] = member[n], full[n]
     return start, out_member, out_full

@@ -17,13 +17,14 @@ def measured(tiles: Tiles, seen: Seen, samples: Samples, labels: np.ndarray
     Renderer.measure has them. labels: (N,) int32 of the triangles seen."""
     depth = np.empty((tiles.height, tiles.width), np.float32)
     label = np.empty((tiles.height, tiles.width), np.int32)
-    _measure(samples.tile, samples.pixel, seen.side, labels, tiles.matrices, tiles.cells,
-             tiles.columns, tiles.forward, depth, label)
+    _measure(samples.tile, samples.pixel, seen.side, labels, tiles.matrices, tiles.exact,
+             tiles.cells, tiles.columns, tiles.forward, depth, label)
     return depth, label
 
 
-@compiled("i8[::1], i4[:,::1], f8[:,:,::1], i4[::1], f8[:,:,::1], i8, i8, b1, f4[:,::1], i4[:,::1]")
-def _measure(tile, pixel, side, labels, matrices, cells, columns, forward, depth, label):
+@compiled("i8[::1], i4[:,::1], f8[:,:,::1], i4[::1], f8[:,:,::1], f4[:,:,::1], i8, i8, b1, "
+          "f4[:,::1], i4[:,::1]")
+def _measure(tile, pixel, side, labels, matrices, exact, cells, columns, forward, depth, label):
     size = TILE // cells
     ray = np.empty(3)
     for v in range(depth.shape[0]):
@@ -37,7 +38,10 @@ def _measure(tile, pixel, side, labels, matrices, cells, columns, forward, depth
             M = matrices[n * cells * cells + (y // size) * cells + x // size]
             w = length = 0.0
             for j in range(3):
-                ray[j] = M[j, 0] * (x % size) + M[j, 1] * (y % size) + M[j, 2]
+                if len(exact):
+                    ray[j] = exact[v, u, j]
+                else:
+                    ray[j] = M[j, 0] * (x % size) + M[j, 1] * (y % size) + M[j, 2]
                 w += (side[m, 0, j] + side[m, 1, j] + side[m, 2, j]) * ray[j]
                 length += ray[j] * ray[j]
             depth[v, u] = (ray[2] if forward else np.sqrt(length)) / w

@@ -63,6 +63,9 @@ class ExactRenderer:
         self._closed = True
         self._canvases.clear()
 
+    def prepare(self, view: View) -> None:
+        self._canvas(view)
+
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
         one = self._sample(view, blend)
         canvas, geometry = one.canvas, self._geometry
@@ -84,6 +87,9 @@ class ExactRenderer:
     def bodies_around(self, point: np.ndarray) -> list[str]:
         return self.scene.bodies_around(point)
 
+    def _canvas(self, view: View) -> _Canvas:
+        return self._canvases.get(view.rays_key, lambda: _Canvas(view.tiles()))
+
     def _sample(self, view: View, blend: float) -> _Sampled:
         if self._closed:
             raise RenderingError("the renderer is closed")
@@ -93,7 +99,7 @@ class ExactRenderer:
             self._drawn_version = self.scene.version
             self._geometry = Geometry.of(self.scene.parts)
             self._binning = Binning(self._geometry)
-        canvas = self._canvases.get(view.rays_key, lambda: _Canvas(view.tiles()))
+        canvas = self._canvas(view)
         world_T_link = self.scene.poses_at(blend)
         seen = self._binning.seen(
             canvas.tiles, view.optical_T_world @ world_T_link,

@@ -52,8 +52,8 @@ class Sampler:
         """opaque: (N,) bool of the triangles seen; the others are left to the edges."""
         t = self._tiles
         tile, most, start, member, full = _settled(
-            seen.start, seen.member, seen.full, seen.side, opaque, t.matrices, t.axis, t.nodes,
-            t.whole, t.cells)
+            seen.cover, seen.start, seen.member, seen.full, seen.side, opaque, t.matrices, t.axis,
+            t.nodes, t.whole, t.cells)
         touched = np.empty(len(member), np.uint64)
         left = _sample(
             tile, start, member, full, seen.corner, seen.side, seen.cut, opaque, t.matrices,
@@ -62,14 +62,15 @@ class Sampler:
         return Samples(tile, self._pixel, most, start, member[:left], full[:left], touched[:left])
 
 
-@compiled("i8[::1], i8[::1], b1[::1], f8[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], "
-          "b1[::1], i8")
-def _settled(start, member, full, side, opaque, matrices, axis, nodes, whole, cells):
+@compiled("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], "
+          "f8[:,::1], b1[::1], i8")
+def _settled(cover, start, member, full, side, opaque, matrices, axis, nodes, whole, cells):
     """See Samples: tile, most, start, member, full."""
     tiles = len(whole)
     out = np.empty(tiles, np.int64)
-    new_start, new_member = np.empty(tiles + 1, np.int64), np.empty(len(member), np.int64)
-    new_full = np.empty(len(member), np.bool_)
+    most_left = len(member) + tiles
+    new_start, new_member = np.empty(tiles + 1, np.int64), np.empty(most_left, np.int64)
+    new_full = np.empty(most_left, np.bool_)
     left = 0
     most, votes = -1, 0
     per_tile, size = cells * cells, TILE // cells
@@ -78,20 +79,30 @@ def _settled(start, member, full, side, opaque, matrices, axis, nodes, whole, ce
         new_start[n] = left
         if nodes[n, 3] > 1.5:
             out[n] = NOTHING
-        elif start[n] == start[n + 1]:
-            out[n] = BACKGROUND
+        elif start[n] == start[n + 1] and (whole[n] or cover[n] < 0):
+            out[n] = cover[n]  # or BACKGROUND
         else:
+            end, also = left, cover[n]
+            for k in range(start[n], start[n + 1] + 1):
+                last = k == start[n + 1]
+                if also >= 0 and (last or member[k] > also):
+                    new_member[end], new_full[end] = also, True
+                    end += 1
+                    also = -1
+                if not last:
+                    new_member[end], new_full[end] = member[k], full[k]
+                    end += 1
             # The nearest of those that cover the tile.
             best, nearest = -1, 0.0
-            for k in range(start[n], start[n + 1]):
-                m = member[k]
-                if full[k] and opaque[m]:
+            for k in range(left, end):
+                m = new_member[k]
+                if new_full[k] and opaque[m]:
                     w = 0.0
                     for j in range(3):
                         w += nodes[n, j] * (side[m, 0, j] + side[m, 1, j] + side[m, 2, j])
                     if w > nearest:
                         best, nearest = m, w
-            if best >= 0 and start[n + 1] - start[n] > 1:
+            if best >= 0 and end > left + 1:
                 for k in range(4):
                     # Corners of the tile, out of its four outermost cells.
                     down, right = k // 2, k % 2
@@ -100,8 +111,8 @@ def _settled(start, member, full, side, opaque, matrices, axis, nodes, whole, ce
                     for j in range(3):
                         rays[k, j] = (matrices[c, j, 0] * x + matrices[c, j, 1] * y
                                       + matrices[c, j, 2])
-            for k in range(start[n], start[n + 1]):
-                m = member[k]
+            for k in range(left, end):
+                m, all_over = new_member[k], new_full[k]
                 hidden = False
                 if best >= 0 and m != best:
                     hidden = True
@@ -115,7 +126,7 @@ def _settled(start, member, full, side, opaque, matrices, axis, nodes, whole, ce
                         if ahead < -1e-9 * nearest:
                             hidden = False
                 if not hidden:
-                    new_member[left], new_full[left] = m, full[k]
+                    new_member[left], new_full[left] = m, all_over
                     left += 1
             one = left == new_start[n] + 1 and new_member[left - 1] == best
             out[n] = best if one else SEVERAL

@@ -9,6 +9,7 @@ bends much; then each is cut into cells.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 
@@ -19,6 +20,9 @@ TILE = 8  # px a side
 # it to one side and its corners to the other, it adds up to far less over a target: see
 # tests/benchmarks/render.py.
 MISFIT = 0.05
+# Focal lengths up to so many px, and pixels as many focal lengths beside the axis: the volume
+# that a pixel's rays span is then far from what rounds to none.
+FARTHEST = 1e8
 # What is seen only beyond this angle from the axis has no depth along it, rad.
 SIDEWAYS = np.radians(89.9)
 
@@ -28,6 +32,7 @@ Unproject = Callable[[np.ndarray], np.ndarray]
 class Tiles:
     """The rays of a picture of width x height px.
 
+    unproject: the lens's; None for a pinhole, whose tiles are exact.
     columns, rows: of tiles. cells: how many a tile has along each side.
     matrices: (rows * columns * cells**2, 3, 3); the ray of the pixel x, y of a cell, counted from
         the centre of its first, is matrix @ (x, y, 1), of any length. Tiles row by row, and
@@ -40,13 +45,14 @@ class Tiles:
     valid: (rows * TILE, columns * TILE) bool, pixels of the picture that the lens shows.
     whole: (rows * columns,) bool, tiles with none but valid pixels.
     nodes, levels: the tree over the tiles: cones (M, 5) axis, cosine, sine (cosine 2: shows
-        nothing) and (L, 3) first node, rows, columns; level 0 are the tiles, each further one
-        joins 2 x 2.
+        nothing) and (L, 4) first node, rows, columns, first in children; level 0 are the tiles,
+        each further one joins 4 x 4. children: (M - tiles, 5, 16), the cones that a node joins.
     widest: 1 / cosine of the widest angle between a ray and its axis.
     """
 
     def __init__(self, width: int, height: int, matrices: np.ndarray, cells: int,
-                 valid: np.ndarray) -> None:
+                 valid: np.ndarray, unproject: Unproject | None = None) -> None:
+        self._unproject = unproject
         self.width, self.height, self.cells = width, height, cells
         self.rows, self.columns = valid.shape[0] // TILE, valid.shape[1] // TILE
         self.matrices, self.valid = matrices, valid
@@ -68,11 +74,22 @@ class Tiles:
         self.axis = np.tile([0.0, 0.0, 1.0], (len(middle), 1)) if self.forward else middle
         self.widest = 1.0 / float((around * self.axis).sum(axis=2)[:, seen].min())
         self.inverse, self.spread = self._as_one_cell(np.stack(outer))
-        self.nodes, self.levels = _tree(middle, np.arccos(cosine), seen, self.rows, self.columns)
+        self.nodes, self.levels, self.children = _tree(middle, np.arccos(cosine), seen, self.rows,
+                                                       self.columns)
 
     @classmethod
     def of_pinhole(cls, width: int, height: int, K: np.ndarray) -> Tiles:
-        """Those of a picture with camera matrix K (3, 3), without skew."""
+        """Those of a picture with camera matrix K (3, 3), without skew.
+
+        Raises RenderingError where the pixels' rays are too close to be told apart, or too far.
+        """
+        fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
+        if not (max(fx, fy) <= FARTHEST and max(abs(cx), abs(cy), width, height)
+                <= FARTHEST * min(fx, fy)):
+            raise RenderingError(
+                f"a pinhole with fx={fx:g} fy={fy:g} cx={cx:g} cy={cy:g} px cannot be drawn: focal "
+                f"lengths up to {FARTHEST:g} px are possible, and picture and centre within "
+                f"{FARTHEST:g} of them")
         columns, rows = -(-width // TILE), -(-height // TILE)
         u, v = np.arange(columns) * TILE - K[0, 2], np.arange(rows) * TILE - K[1, 2]
         matrices = np.zeros((rows, columns, 3, 3))
@@ -124,7 +141,21 @@ class Tiles:
             if cells == 8 or 2 / 3 * np.linalg.norm(aside, axis=1).max(initial=0.0) <= MISFIT:
                 break
         matrices = matrices.reshape(rows, cells, columns, cells, 3, 3).swapaxes(1, 2)
-        return cls(width, height, np.ascontiguousarray(matrices).reshape(-1, 3, 3), cells, valid)
+        return cls(width, height, np.ascontiguousarray(matrices).reshape(-1, 3, 3), cells, valid,
+                   unproject)
+
+    @cached_property
+    def exact(self) -> np.ndarray:
+        """(height, width, 3) float32 unit rays of the pixels' centres, NaN outside the lens, from
+        the lens itself and not from the cells; of no height for a pinhole, whose cells are exact.
+        """
+        if self._unproject is None:
+            return np.empty((0, self.width, 3), np.float32)
+        out = np.empty((self.height, self.width, 3), np.float32)
+        u = np.arange(self.width, dtype=float)
+        for v in range(self.height):  # large pictures have more pixels than memory
+            out[v] = self._unproject(np.column_stack([u, np.full(self.width, float(v))]))
+        return out
 
     def rays(self) -> np.ndarray:
         """(height, width, 3) unit rays of the pixels' centres, NaN outside the lens."""
@@ -163,7 +194,7 @@ class Tiles:
     def nbytes(self) -> int:
         """Memory that the tiles take."""
         return sum(one.nbytes for one in (self.matrices, self.axis, self.inverse, self.valid,
-                                         self.nodes))
+                                         self.nodes, self.children))
 
 
 class _Continued:
@@ -234,29 +265,37 @@ def _through(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, size: i
 
 
 def _tree(axis: np.ndarray, angle: np.ndarray, seen: np.ndarray, rows: int, columns: int
-          ) -> tuple[np.ndarray, np.ndarray]:
-    """nodes and levels of Tiles, from the tiles' cones."""
-    nodes, levels, first = [], [], 0
+          ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """nodes, levels and children of Tiles, from the tiles' cones."""
+    nodes, levels, children = [], [], [np.zeros((0, 5, 16))]
+    first = joined = 0
     axis, angle = axis.reshape(rows, columns, 3), angle.reshape(rows, columns)
     seen = seen.reshape(rows, columns)
     while True:
         limit = np.minimum(angle + 1e-9, np.pi)
-        one = np.concatenate([axis, np.cos(limit)[..., None], np.sin(limit)[..., None]], axis=2)
-        one[~seen] = (0.0, 0.0, 1.0, 2.0, 0.0)
-        nodes.append(one.reshape(-1, 5))
-        levels.append((first, rows, columns))
-        if rows == columns == 1:
-            return np.concatenate(nodes), np.array(levels)
+        cones = np.concatenate([axis, np.cos(limit)[..., None], np.sin(limit)[..., None]], axis=2)
+        cones[~seen] = (0.0, 0.0, 1.0, 2.0, 0.0)
+        nodes.append(cones.reshape(-1, 5))
+        levels.append((first, rows, columns, joined))
+        if levels[1:] and rows == columns == 1:
+            return np.concatenate(nodes), np.array(levels), np.concatenate(children)
         first += rows * columns
-        rows, columns = -(-rows // 2), -(-columns // 2)
-        pad = [(0, 2 * rows - axis.shape[0]), (0, 2 * columns - axis.shape[1])]
-        children = [np.pad(x, [*pad, (0, 0)][:x.ndim]).reshape(rows, 2, columns, 2, *x.shape[2:])
-                    .swapaxes(1, 2).reshape(rows, columns, 4, *x.shape[2:])
-                    for x in (axis, angle, seen)]
-        axes, angles, some = children
+        joined += rows * columns if levels[1:] else 0
+        rows, columns = -(-rows // 4), -(-columns // 4)
+        cones, axes, angles, some = (_by_fours(x, rows, columns)
+                                     for x in (cones, axis, angle, seen))
+        cones[~some] = (0.0, 0.0, 1.0, 2.0, 0.0)
+        children.append(cones.reshape(-1, 16, 5).swapaxes(1, 2))
         axis = (axes * some[..., None]).sum(axis=2)
         norm = np.linalg.norm(axis, axis=2, keepdims=True)
         axis = np.where(norm > 1e-6, axis / np.maximum(norm, 1e-6), [0.0, 0.0, 1.0])
         apart = np.arccos(np.clip((axes * axis[:, :, None]).sum(axis=3), -1.0, 1.0))
         angle = np.where(some, apart + angles, 0.0).max(axis=2)
         seen = some.any(axis=2)
+
+
+def _by_fours(x: np.ndarray, rows: int, columns: int) -> np.ndarray:
+    """(rows, columns, 16, ...) of x, joined by 4 x 4 and padded with zeros."""
+    pad = [(0, 4 * rows - x.shape[0]), (0, 4 * columns - x.shape[1]), (0, 0)]
+    x = np.pad(x, pad[:x.ndim]).reshape(rows, 4, columns, 4, *x.shape[2:])
+    return x.swapaxes(1, 2).reshape(rows, columns, 16, *x.shape[4:])

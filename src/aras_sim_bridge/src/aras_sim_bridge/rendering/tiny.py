@@ -51,6 +51,9 @@ class TinyRenderer:
             pybullet.disconnect(self._client)
             self._client = None
 
+    def prepare(self, view: View) -> None:
+        view.tiles()
+
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
         self._prepare(blend)
         if view.lens is None:

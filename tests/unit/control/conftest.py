@@ -126,13 +126,15 @@ def make_soft():
 def make_rig():
     """Factory: make_rig([make_joint(...), ...], parameters, step_ns, control_period_ns)."""
 
-    def make(joints, parameters=None, step_ns=1_000_000, control_period_ns=None, physics=True):
+    def make(joints, parameters=None, step_ns=1_000_000, control_period_ns=None, physics=True,
+             q=None):
         log = []
         description = SimpleNamespace(
             joints={joint.name: joint for joint, _ in joints},
             transmissions=tuple(transmission for _, transmission in joints),
         )
         model = FakeModel([joint.name for joint, _ in joints if joint.kind != "fixed"])
+        model.q[:] = q or model.q
         parameters = {} if parameters is None else parameters
         hardware = RobotHardware(description, model, parameters, "/robot", log.append)
         manager = ControllerManager(hardware, parameters, "/robot", log.append, log.append)

@@ -42,15 +42,15 @@ def test_with_large_limits(proves, start, goal, lower, upper, distance):
 @pytest.mark.parametrize(
     ("proves", "start", "goal", "lower", "upper", "distance"),
     [
-        ("short way inside", -0.2, 0.2, -0.25, 0.25, 0.4),
-        ("long way round an interval with pi", -0.5, 0.5, 0.25, -0.25, 1 - 2 * pi),
-        ("start outside, nearer to the upper end", -0.5, 0.5, -0.25, 0.25, 1.0),
-        ("goal outside, on the lower side", 0.0, -1.0, -0.25, 0.5, -1.0),
-        ("whole circle", 3.0, -3.0, -pi, pi, -6.0),
+        ("inside, as with large limits", 2, -2, -2.0943, 2.0943, -4),
+        ("inside, the short way round", 0, 3.5, -3000, 3000, 3.5 - 2 * pi),
+        ("at the limit", 2.0943, -2, -2.0943, 2.0943, -4.0943),
+        ("beyond it: back in, however far", 10.5, -2, -2.0943, 2.0943, -12.5),
+        ("below it", -4.0, 1.0, -2.0943, 2.0943, 5.0),
     ],
 )
-def test_with_limits(proves, start, goal, lower, upper, distance):
-    assert angles.with_limits(start, goal, lower, upper) == pytest.approx(distance), proves
+def test_towards(proves, start, goal, lower, upper, distance):
+    assert angles.towards(start, goal, lower, upper) == pytest.approx(distance), proves
 
 
 def grid_and_noise():
@@ -71,8 +71,6 @@ def test_all_agree_with_the_ros_package_everywhere():
         assert angles.normalize_angle(start) == pytest.approx(ros.normalize_angle(start)), where
         assert angles.shortest(start, goal) == pytest.approx(
             ros.shortest_angular_distance(start, goal), abs=1e-12), where
-        assert angles.with_limits(start, goal, lower, upper) == pytest.approx(
-            ros.shortest_angular_distance_with_limits(start, goal, lower, upper)[1]), where
         for scale in (1.0, 4.0):
             low, high = scale * lower, scale * upper
             assert angles.with_large_limits(start, goal, low, high) == pytest.approx(
@@ -84,7 +82,6 @@ def test_distances_lead_to_the_goal_s_angle():
     """Whatever way they go: start + distance is the goal, give or take full turns."""
     for start, goal, lower, upper in grid_and_noise():
         for distance in (angles.shortest(start, goal),
-                         angles.with_limits(start, goal, lower, upper),
                          angles.with_large_limits(start, goal, lower, upper)):
             turns = (start + distance - goal) / (2 * pi)
             assert turns == pytest.approx(round(turns), abs=1e-9)

@@ -62,9 +62,23 @@ def test_a_far_command_is_approached_at_the_joint_s_velocity_limit(sign):
 
 
 def test_without_a_velocity_limit_a_far_command_takes_the_usual_interval():
-    for handle in (JointHandle("a", "revolute"), interpolation(velocity=0.0)):
-        it = Interpolation(handle) if isinstance(handle, JointHandle) else handle
+    for it in (Interpolation(JointHandle("a", "prismatic")),
+               interpolation("prismatic", velocity=0.0)):
         assert follow(it, {1: 50.0}, 80)[-1] == pytest.approx(50.0, abs=1e-3)
+
+
+@pytest.mark.parametrize(("kind", "lower", "upper", "end"), [
+    ("revolute", -3000.0, 3000.0, 4.0 - 2 * pi),  # the short way, as a step goes
+    ("continuous", None, None, 4.0 - 2 * pi),
+    ("revolute", -2.0, 4.5, 4.0),  # the short way leaves the limits
+    ("prismatic", -9.0, 9.0, 4.0),
+])
+def test_a_command_beyond_half_a_turn_goes_the_way_that_steps_go(kind, lower, upper, end):
+    limits = SimpleNamespace(lower=lower, upper=upper, velocity=50.0, effort=1.0)
+    it = Interpolation(JointHandle("a", kind, limits))
+    values = follow(it, {1: 4.0}, 400)
+    assert values[-1] == pytest.approx(end, abs=1e-12)
+    assert all(min(end, 0.0) <= value <= max(end, 0.0) for value in values)
 
 
 def test_pauses_and_a_clock_set_back_do_not_change_the_interval():

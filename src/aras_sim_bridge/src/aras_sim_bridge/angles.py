@@ -36,41 +36,14 @@ def with_large_limits(start: float, goal: float, lower: float, upper: float) -> 
     return near
 
 
-def with_limits(start: float, goal: float, lower: float, upper: float) -> float:
-    """Distance that does not cross the gap outside [lower, upper]; limits in [-pi, pi].
-
-    From outside the limits, or to a goal outside them, it goes to the nearer limit's side.
-    """
-    back, ahead, inside = _travel(start, lower, upper)
-    distance = shortest(start, goal)
-    other = _other_way(distance)
-    if inside:
-        for candidate in (distance, other):
-            if back <= candidate <= ahead:
-                return candidate
-        back, ahead, _ = _travel(goal, lower, upper)
-        back, ahead = ahead, back
-    if abs(back) == abs(ahead):
-        return min(other, distance, key=abs)
-    return (min if abs(back) < abs(ahead) else max)(distance, other)
+def towards(start: float, goal: float, lower: float, upper: float) -> float:
+    """As with_large_limits, but from outside the limits straight to the goal and so back in."""
+    if lower <= start <= upper:
+        return with_large_limits(start, goal, lower, upper)
+    return goal - start
 
 
 def _other_way(distance: float) -> float:
     """The same change of angle the other way round; 0 is a full turn."""
     distance = fmod(distance, TURN) if abs(distance) > TURN else distance
     return distance - TURN if distance > 0.0 else distance + TURN
-
-
-def _travel(angle: float, lower: float, upper: float) -> tuple[float, float, bool]:
-    """How far `angle` may go back and ahead to the limits, and whether it is within them."""
-    to_lower, to_upper = shortest(angle, lower), shortest(angle, upper)
-    others = _other_way(to_lower), _other_way(to_upper)
-    if to_lower == 0.0:
-        return 0.0, max(to_upper, others[1]), True
-    if to_upper == 0.0:
-        return min(to_lower, others[0]), 0.0, True
-    back, beyond_back = sorted((to_lower, others[0]))
-    beyond_ahead, ahead = sorted((to_upper, others[1]))
-    if back <= beyond_ahead or ahead >= beyond_back:
-        return beyond_ahead, beyond_back, lower == -pi and upper == pi
-    return back, ahead, True

@@ -216,6 +216,18 @@ class Simulation:
         due = (camera.sensor.due_ns for camera in self.cameras if camera.enabled)
         return min((time_ns for time_ns in due if time_ns > self.time_ns), default=None)
 
+    def set_joint_positions(self, name: str, positions: Mapping[str, float]) -> None:
+        """Put joints of a model at `positions` (rad or m), at rest; mimicking ones follow.
+
+        A joint that takes position commands stays there until it gets one.
+
+        Raises:
+            WorldError: unknown model or joint, or a number that is not finite; nothing is changed.
+        """
+        self.world.model(name).set_joint_positions(positions)
+        if name in self.robots:
+            self.robots[name].hardware.stay(positions)
+
     def reset_world(self) -> None:
         """Models back to their spawn poses; time and joint angles stay."""
         self.world.reset_world()
@@ -223,12 +235,11 @@ class Simulation:
             robot.loop.reset()
 
     def reset_simulation(self) -> None:
-        """Everything as spawned, at time 0; controllers keep running."""
+        """Everything as spawned, at time 0; controllers begin anew towards their set points."""
         self.world.reset_simulation()
         self.time_ns = 0
         for robot in self.robots.values():
-            robot.loop.reset()
-            robot.hardware.reset(forget_turns=True)
+            robot.loop.begin_anew()
         for camera in self.cameras:
             camera.sensor.reset(0)
 

@@ -54,6 +54,7 @@ class Drive:
         self._held: float | None = None  # where an emergency stop holds a position
         # Bound once: they are called every physics step.
         self._enforce = None if rule is None else rule.enforce
+        self._rule = rule
         self._apply_effort = model.apply_effort
         self._set_position = model.set_position
         self._set_velocity_motor = model.set_velocity_motor
@@ -61,15 +62,26 @@ class Drive:
         self._good = 0.0
         self._limited = Occurrence(_PATIENCE[self.quantity])
         self._refused = Occurrence()
-        bounded = limits is not None and limits.max_effort is not None
-        self._max_effort = limits.max_effort if bounded else _INF
-        positions = limits is not None and limits.has_position
-        self._travel = (limits.min_position, limits.max_position) if positions else None
+        limits = limits or Limits()
+        self._max_effort = _INF if limits.max_effort is None else limits.max_effort
+        self._max_velocity = _INF if limits.max_velocity is None else limits.max_velocity
+        self._travel = (
+            (limits.min_position, limits.max_position) if limits.has_position else None
+        )
 
-    def reset(self) -> None:
-        """Forget what was reported, for a clock that went back."""
+    def start(self) -> None:
+        """Be as new, with a joint that stays where it is until it is commanded."""
+        handle = self.handle
+        handle.position_command = handle.position
+        handle.velocity_command = handle.effort_command = 0.0
+        self._good = handle.position if self.quantity == "position" else 0.0
+        self._held = None
         self._limited.reset()
         self._refused.reset()
+        if self._rule is not None:
+            self._rule.reset()
+        if self.pid is not None:
+            self.pid.reset()
 
     def _refuse(self, command: float, time_ns: int) -> float:
         """Report a command that is not finite and return the one to use instead."""
@@ -90,8 +102,11 @@ class Drive:
             )
 
     def _clamp_effort(self, effort: float) -> float:
-        limit = self._max_effort
-        return -limit if effort < -limit else limit if effort > limit else effort
+        """The effort within its limit, and none that drives a joint on that is too fast."""
+        limit, velocity = self._max_effort, self.handle.velocity
+        low = 0.0 if velocity < -self._max_velocity else -limit
+        high = 0.0 if velocity > self._max_velocity else limit
+        return low if effort < low else high if effort > high else effort
 
 
 class EffortDrive(Drive):
@@ -152,7 +167,7 @@ class PositionPidDrive(PositionDrive):
         command = self._command(time_ns, dt, stopped)
         handle = self.handle
         if handle.kind == "revolute" and self._travel is not None:
-            error = angles.with_limits(handle.position, command, *self._travel)
+            error = angles.towards(handle.position, command, *self._travel)
         elif handle.kind in ("revolute", "continuous"):
             error = angles.shortest(handle.position, command)
         else:

@@ -1,13 +1,11 @@
 """RobotHardware: what stands between controllers and the simulated joints.
 
 read() brings positions, velocities and efforts into the handles; write() limits the commands and
-applies them. Order, unwrapping, limits and emergency stop are gazebo_ros_control's.
+applies them. Order, limits and emergency stop are gazebo_ros_control's.
 """
 
-from collections.abc import Callable, Mapping
-from math import isfinite, pi
+from collections.abc import Callable, Iterable, Mapping
 
-from aras_sim_bridge import angles
 from aras_sim_bridge import parameters as params
 from aras_sim_bridge.control.drives import (
     Drive,
@@ -26,7 +24,6 @@ from aras_sim_bridge.control.joints import (
     VELOCITY,
     JointHandle,
     Limits,
-    Occurrence,
     resolve_limits,
 )
 from aras_sim_bridge.control.limits import rule_for
@@ -47,18 +44,6 @@ _DRIVES: dict[str, tuple[type[Drive], type[Drive]]] = {
 
 def _ignore(text: str) -> None:
     """Stand-in for a logger."""
-
-
-class Reading:
-    """Where a handle's state comes from; `turns`, rad, are added to what the model says."""
-
-    __slots__ = ("handle", "index", "turns", "turns_over")
-
-    def __init__(self, handle: JointHandle, index: int) -> None:
-        self.handle = handle
-        self.index = index
-        self.turns = 0.0
-        self.turns_over = handle.kind != "prismatic"
 
 
 class RobotHardware:
@@ -93,7 +78,6 @@ class RobotHardware:
         self._parameters = parameters or {}
         self._warn = warn
         self._drives: list[Drive] = []
-        self._bad_reading = Occurrence()
         unprefixed = [j for t in description.transmissions for j in self._add(t)]
         if unprefixed:
             warn(
@@ -101,8 +85,8 @@ class RobotHardware:
                 f"'{_PREFIX}' is deprecated"
             )
         index = {name: k for k, name in enumerate(model.joint_names)}
-        self._readings = [Reading(handle, index[name]) for name, handle in self.handles.items()]
-        self._fresh = True
+        self._readings = [(handle, index[name]) for name, handle in self.handles.items()]
+        self.start()
 
     def _add(self, transmission: Transmission) -> list[str]:
         """Register one transmission; returns its joint if the interface lacks the prefix."""
@@ -166,32 +150,12 @@ class RobotHardware:
         return pid
 
     def read(self, time_ns: int, period: float) -> None:
-        """Bring the model's joint states into the handles.
-
-        Rotary positions are unwrapped over turns from the true first reading on.
-        """
+        """Bring the model's joint states into the handles; angles count full turns."""
         positions, velocities, efforts = self.model.read_joints()
-        fresh = self._fresh
-        for reading in self._readings:
-            handle, k = reading.handle, reading.index
-            position = positions[k] + reading.turns
-            if reading.turns_over and not fresh and not -pi < position - handle.position <= pi:
-                position = self._unwrap(reading, positions[k], time_ns)
-            handle.position = position
+        for handle, k in self._readings:
+            handle.position = positions[k]
             handle.velocity = velocities[k]
             handle.effort = efforts[k]
-        self._fresh = False
-
-    def _unwrap(self, reading: Reading, position: float, time_ns: int) -> float:
-        """The value nearest to the last position that is `position` modulo full turns."""
-        handle = reading.handle
-        if not isfinite(position):
-            if self._bad_reading.note(time_ns):
-                self._warn(f"joint '{handle.name}': the simulator reports position {position}")
-            return handle.position
-        unwrapped = handle.position + angles.shortest(handle.position, position)
-        reading.turns = round((unwrapped - position) / (2.0 * pi)) * 2.0 * pi
-        return position + reading.turns
 
     def write(self, time_ns: int, period: float) -> None:
         """Limit the commands and apply them; `period` is the time since the last write, in s."""
@@ -199,16 +163,16 @@ class RobotHardware:
         for drive in self._drives:
             drive.write(time_ns, period, stopped)
 
-    def reset(self, forget_turns: bool = False) -> None:
-        """Be ready for a clock that was set back or a robot that was put back.
-
-        Commands, PID states and, unless `forget_turns`, unwrapped positions survive, as
-        gazebo_ros_control lets them.
-        """
-        self._bad_reading.reset()
+    def start(self) -> None:
+        """Be as new: the joints stay where they are until somebody commands them."""
+        self.read(0, 0.0)
         for drive in self._drives:
-            drive.reset()
-        if forget_turns:
-            self._fresh = True
-            for reading in self._readings:
-                reading.turns = 0.0
+            drive.start()
+
+    def stay(self, joints: Iterable[str]) -> None:
+        """Take the place where these joints were put for their last command; names without a
+        transmission are passed over."""
+        self.read(0, 0.0)
+        for drive in self._drives:
+            if drive.handle.name in joints:
+                drive.start()

@@ -28,7 +28,16 @@ def _need(limits: Limits, handle: JointHandle, rule: str, *quantities: str) -> N
             )
 
 
-class EffortSaturation:
+class _Rule:
+    """What all have in common; only some remember the last command."""
+
+    __slots__ = ()
+
+    def reset(self) -> None:
+        """Forget the command before."""
+
+
+class EffortSaturation(_Rule):
     """Clamp to +-max_effort; no push further out beyond a position or velocity limit."""
 
     __slots__ = ("_lower", "_upper", "_velocity", "_effort")
@@ -86,7 +95,7 @@ class _SoftBounds:
         )
 
 
-class EffortSoft:
+class EffortSoft(_Rule):
     """Effort bounds proportional to the distance from the soft velocity bounds."""
 
     __slots__ = ("_bounds", "_gain", "_effort")
@@ -106,7 +115,7 @@ class EffortSoft:
         handle.effort_command = _saturate(handle.effort_command, low, high)
 
 
-class PositionSaturation:
+class PositionSaturation(_Rule):
     """Within [min, max], and no faster than max_velocity from the previous command."""
 
     __slots__ = ("_lower", "_upper", "_velocity", "_previous")
@@ -115,6 +124,10 @@ class PositionSaturation:
         self._lower = limits.min_position if limits.has_position else -_INF
         self._upper = limits.max_position if limits.has_position else _INF
         self._velocity = limits.max_velocity
+        self.reset()
+
+    def reset(self) -> None:
+        """Start from the measured position."""
         self._previous = nan
 
     def enforce(self, handle: JointHandle, dt: float) -> None:
@@ -128,7 +141,7 @@ class PositionSaturation:
         handle.position_command = self._previous = _saturate(handle.position_command, low, high)
 
 
-class PositionSoft:
+class PositionSoft(_Rule):
     """Within [min, max] and the soft velocity bounds around the previous command."""
 
     __slots__ = ("_lower", "_upper", "_bounds", "_previous")
@@ -138,6 +151,10 @@ class PositionSoft:
         self._lower = limits.min_position if limits.has_position else -_INF
         self._upper = limits.max_position if limits.has_position else _INF
         self._bounds = _SoftBounds(limits, handle.soft_limits)
+        self.reset()
+
+    def reset(self) -> None:
+        """Start from the measured position."""
         self._previous = nan
 
     def enforce(self, handle: JointHandle, dt: float) -> None:
@@ -149,7 +166,7 @@ class PositionSoft:
         handle.position_command = self._previous = _saturate(handle.position_command, low, high)
 
 
-class VelocitySaturation:
+class VelocitySaturation(_Rule):
     """Within +-max_velocity, and no faster change than max_acceleration."""
 
     __slots__ = ("_velocity", "_acceleration", "_previous")
@@ -158,6 +175,10 @@ class VelocitySaturation:
         _need(limits, handle, "velocity saturation", "max_velocity")
         self._velocity = limits.max_velocity
         self._acceleration = limits.max_acceleration
+        self.reset()
+
+    def reset(self) -> None:
+        """Start from rest."""
         self._previous = 0.0
 
     def enforce(self, handle: JointHandle, dt: float) -> None:
@@ -171,7 +192,7 @@ class VelocitySaturation:
         handle.velocity_command = self._previous = _saturate(handle.velocity_command, low, high)
 
 
-class VelocitySoft:
+class VelocitySoft(_Rule):
     """Within the soft bounds of the measured position, and max_acceleration if there is one."""
 
     __slots__ = ("_bounds", "_acceleration")

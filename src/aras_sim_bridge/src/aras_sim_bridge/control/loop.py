@@ -38,6 +38,12 @@ class ControlLoop:
         self._updated_ns = self._written_ns = None
         self.manager.reset()
 
+    def begin_anew(self) -> None:
+        """Begin anew, with the joints where they are now: set points stay, nothing else does."""
+        self._updated_ns = self._written_ns = None
+        self.hardware.start()
+        self.manager.reset(anew=True)
+
     def step(self, time_ns: int) -> None:
         """What is due at `time_ns`, the simulated time the coming physics step ends at."""
         updated_ns = self._updated_ns

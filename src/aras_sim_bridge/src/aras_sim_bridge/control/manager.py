@@ -208,11 +208,15 @@ class ControllerManager:
         if self._pending:
             self.carry_out(time_ns)
 
-    def reset(self) -> None:
-        """The clock or the robot was put back: controllers forget commands not yet acted on."""
+    def reset(self, anew: bool = False) -> None:
+        """The clock or the robot was put back: controllers forget commands not yet acted on, and
+        where everything begins `anew`, what their PIDs have gathered."""
         for entry in self._order:
+            controller = entry.controller
             try:
-                entry.controller.reset()
+                controller.reset()
+                if anew:
+                    controller.begin_anew(0)
             except USER_FAULTS as error:
                 self._abort(entry, "reset", error)
 

@@ -144,6 +144,11 @@ class Controller:
         """The clock or the robot was put back: commands from before do not count any more."""
         self.slot.clear()
 
+    def begin_anew(self, time_ns: int) -> None:
+        """The simulation began anew: the set point stays, integrals and last errors do not."""
+        for pid in self.pids.values():
+            pid.reset()
+
     def stopping(self, time_ns: int) -> None:
         """Called when the controller stops; commands in the handles stay."""
 

@@ -4,7 +4,7 @@ A stiff joint with little damping rings at every step of its set point: the ARAS
 d 0) peaks at 41 times the commanded speed at 30 commands a second, at 12 times at 100.
 """
 
-from math import inf
+from math import inf, pi
 
 from aras_sim_bridge import angles
 from aras_sim_bridge.control.joints import JointHandle
@@ -24,19 +24,21 @@ class Interpolation:
     """Reaches each command on a straight line over the mean interval between commands.
 
     The line, its corners rounded by a first-order lag, takes longer where it would be faster than
-    the joint's velocity limit, and goes the short way round for continuous joints. The set point
+    the joint's velocity limit, and goes the short way round where joint and limits allow, as steps
+    do. The set point
     lags a steady stream by one interval and 3 ms, a mean half interval more than steps do. (What
     extrapolates instead rings: over one interval on from the command like the steps themselves,
     half an interval ahead of it at 2.5 times the commanded speed.)
     """
 
     __slots__ = ("value", "moves", "_command", "_line", "_rate", "_left", "_interval",
-                 "_arrival_ns", "_max_velocity", "_wraps")
+                 "_arrival_ns", "_max_velocity", "_wraps", "_travel")
 
     def __init__(self, handle: JointHandle) -> None:
         limit = handle.limits.velocity if handle.limits is not None else None
         self._max_velocity = limit if limit else inf
-        self._wraps = handle.kind == "continuous"
+        self._wraps = handle.kind in ("revolute", "continuous")
+        self._travel = handle.travel or (-inf, inf)
         self.start(0.0)
 
     def start(self, position: float) -> None:
@@ -57,8 +59,8 @@ class Interpolation:
                 self._interval += NEWEST * (interval - self._interval)
         self._arrival_ns = time_ns
         distance = command - self._line
-        if self._wraps:
-            distance = angles.shortest(self._line, command)
+        if self._wraps and not -pi < distance < pi:
+            distance = angles.towards(self._line, command, *self._travel)
             command = self._line + distance
         self._command = command
         self._left = max(self._interval, abs(distance) / self._max_velocity)

@@ -68,6 +68,11 @@ class PidPositionController(PidController):
         for loop in self._loops:
             loop.start()
 
+    def begin_anew(self, time_ns: int) -> None:
+        """Start from where the joints are towards the last commands."""
+        for loop in self._loops:
+            loop.begin_anew(time_ns)
+
     def update(self, time_ns: int, period: float) -> None:
         """Command each PID's output."""
         if self.slot:

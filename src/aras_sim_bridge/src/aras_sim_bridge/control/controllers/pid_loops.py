@@ -18,7 +18,7 @@ class PositionLoop:
     """
 
     __slots__ = ("handle", "pid", "set_point", "error", "output", "_wraps", "_limited", "_lower",
-                 "_upper", "_beyond", "_warn", "_label", "_interpolation")
+                 "_upper", "_beyond", "_warn", "_label", "_interpolation", "_command")
 
     def __init__(
         self,
@@ -42,13 +42,19 @@ class PositionLoop:
 
     def start(self) -> None:
         """Hold the present position, within the limits, with a fresh PID."""
-        self.set_point = min(max(self.handle.position, self._lower), self._upper)
+        self.set_point = self._command = min(max(self.handle.position, self._lower), self._upper)
         if self._interpolation is not None:
             self._interpolation.start(self.set_point)
         self.error = 0.0
         self.output = 0.0
         self._beyond.reset()
         self.pid.reset()
+
+    def begin_anew(self, time_ns: int) -> None:
+        """Start from the present position towards the last command, with a fresh PID."""
+        command = self._command
+        self.start()
+        self.take(command, time_ns)
 
     def take(self, command: float, time_ns: int) -> None:
         """Go to `command` (rad or m), which arrived in the cycle at `time_ns`."""
@@ -59,6 +65,7 @@ class PositionLoop:
                 f"'{self.handle.name}' is beyond its limits [{self._lower:g}, "
                 f"{self._upper:g}]; {reachable:g} is used"
             )
+        self._command = reachable
         if self._interpolation is not None:
             self._interpolation.take(reachable, time_ns)
         else:
@@ -74,7 +81,7 @@ class PositionLoop:
         # Within half a turn, and inside the limits, the plain difference is the short way.
         if self._wraps and not (-3.14 < error < 3.14):
             if self._limited:
-                error = angles.with_large_limits(position, self.set_point, self._lower, self._upper)
+                error = angles.towards(position, self.set_point, self._lower, self._upper)
             else:
                 error = angles.shortest(position, self.set_point)
         self.error = error

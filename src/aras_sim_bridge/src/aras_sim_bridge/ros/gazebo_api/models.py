@@ -178,8 +178,8 @@ def set_model_configuration(simulation: Simulation, request: SetModelConfigurati
     model = entities.model(simulation, request.model_name)
     plain = [name.rpartition("::")[2] for name in names]
     wanted = zip(plain, positions, strict=True)
-    model.set_joint_positions(
-        {n: within_limits(model, n, q) for n, q in wanted if n in model.joint_names}
+    simulation.set_joint_positions(
+        model.name, {n: within_limits(model, n, q) for n, q in wanted if n in model.joint_names}
     )
     return {"status_message": "SetModelConfiguration: success"}
 

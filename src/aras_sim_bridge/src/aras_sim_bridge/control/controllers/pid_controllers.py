@@ -33,11 +33,10 @@ class PidController(CommandedController):
         self._updates = 0
 
     def _tell(self, time_ns: int, period: float) -> None:
-        """Publish this cycle's state if it is its turn."""
+        """Publish this cycle's state, if anybody listens."""
         listener = self.on_state
-        if listener is not None and self._updates % STATE_EVERY == 0:
+        if listener is not None:
             listener(self.state(time_ns, period))
-        self._updates += 1
 
     def state(self, time_ns: int, period: float) -> JointControllerState:
         """This cycle as the state topic shows it."""
@@ -80,7 +79,9 @@ class PidPositionController(PidController):
                 loop.take(command, time_ns)
         for loop in self._loops:
             setattr(loop.handle, self.target, loop.compute(period))
-        self._tell(time_ns, period)
+        if self._updates % STATE_EVERY == 0:
+            self._tell(time_ns, period)
+        self._updates += 1
 
     def state(self, time_ns: int, period: float) -> JointControllerState:
         """This cycle as the state topic shows it."""
@@ -114,7 +115,9 @@ class PidVelocityController(PidController):
         self._error = self._command - handle.velocity
         self._output = self._pid.compute(self._error, period)
         setattr(handle, self.target, self._output)
-        self._tell(time_ns, period)
+        if self._updates % STATE_EVERY == 0:
+            self._tell(time_ns, period)
+        self._updates += 1
 
     def state(self, time_ns: int, period: float) -> JointControllerState:
         """This cycle as the state topic shows it; process_value_dot stays 0."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -82,3 +84,25 @@ def test_requirements_are_pinned(tier: str) -> None:
     for line in lines:
         plain = not line or line.startswith(("#", "-r "))
         assert plain or re.fullmatch(r"[\w-]+==[\w.]+", line), line
+
+
+NODES = [
+    node
+    for folder in ("aras_sim_bridge/nodes", "aras_visual_servo_camera/nodes",
+                   "upstream_names/gazebo_ros/scripts", "upstream_names/controller_manager/scripts")
+    for node in sorted((ROOT / "src" / folder).iterdir())
+]  # fmt: skip
+STARTING = "import os, signal, time; os.kill(os.getpid(), signal.SIGINT); time.sleep(10)"
+
+
+@pytest.mark.parametrize("node", NODES, ids=lambda node: f"{node.parts[-3]}/{node.name}")
+def test_a_node_interrupted_while_it_starts_ends_without_a_traceback(node: Path, tmp_path: Path):
+    """What it imports first is one that interrupts it."""
+    module = re.search(r"^from ([\w.]+) import", node.read_text(), re.MULTILINE).group(1)
+    *packages, last = module.split(".")
+    folder = tmp_path.joinpath(*packages)
+    folder.mkdir(parents=True)
+    (folder / f"{last}.py").write_text(STARTING)
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run([sys.executable, node], env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (-signal.SIGINT, "")

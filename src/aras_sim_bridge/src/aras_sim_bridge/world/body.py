@@ -8,6 +8,7 @@ from aras_sim_bridge.poses import IDENTITY, Pose
 from aras_sim_bridge.world import bullet_file
 from aras_sim_bridge.world.bullet import pybullet
 
+DEFAULT_FRICTION = 1.0  # Gazebo's
 _UNBOUNDED_VELOCITY = 1e9  # Bullet would cut joint velocities at 100 rad/s
 
 
@@ -20,6 +21,7 @@ class Body:
         joint_indices, dofs: Bullet's index, and place among the degrees of freedom, by joint.
         inertial_poses: link_T_principal, Bullet's frame of a link, by link.
         weightless: mass of the links that gravity does not pull at, kg.
+        friction: contact friction coefficient by Bullet's index of the link.
     """
 
     def __init__(self, client: int, name: str, fixed_base: bool) -> None:
@@ -76,6 +78,9 @@ class Body:
         if missing:
             raise WorldError(f"model '{self.name}': Bullet lost the links {sorted(missing)}")
         self.links, self.joint_indices, self.dofs = links, joints, dof
+        coefficients = {links[name]: link.mu for name, link in description.links.items()}
+        self.friction = {index: DEFAULT_FRICTION if mu is None else mu
+                         for index, mu in coefficients.items()}
 
     def _set_dynamics(self, bodies: RobotDescription) -> None:
         """No hidden forces: Bullet's motors, damping and velocity bound off, ours on."""

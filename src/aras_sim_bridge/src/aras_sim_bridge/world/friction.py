@@ -10,10 +10,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from aras_sim_bridge.world.body import DEFAULT_FRICTION
 from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.model import Model
 
-DEFAULT = 1.0  # Gazebo's
 CHECK_EVERY = 5  # steps; a new contact has the product until then, no contact costs a tenth of it
 
 _Part = tuple[int, int]  # Bullet's numbers of body and link
@@ -35,14 +35,13 @@ class ContactFriction:
         self._own, fixed = {}, set()
         for model in models:
             for name, index in model.link_indices.items():
-                link = model.description.links[name]
-                if link.collisions:
+                if model.description.links[name].collisions:
                     part = (model.body_id, index)
-                    self._own[part] = DEFAULT if link.mu is None else link.mu
+                    self._own[part] = model.body.friction[index]
                     if model.fixed_base and index == -1:
                         fixed.add(part)
         # What never moves is mostly the ground, rougher than all that stands on it.
-        self._given = {part: min(mu, DEFAULT) if part in fixed else mu
+        self._given = {part: min(mu, DEFAULT_FRICTION) if part in fixed else mu
                        for part, mu in self._own.items()}
         for (body, link), value in self._given.items():
             self._set(body, link, value)

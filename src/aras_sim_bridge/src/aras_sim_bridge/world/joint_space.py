@@ -25,6 +25,7 @@ class JointSpace:
 
     Attributes:
         state (3, n): position, velocity, effort; rad or m, per s, N m or N. The caller's to set.
+        tree, frames: of joint_dynamics.py. gravity (3,): m/s², in the root's axes.
         moved_links: the links that a joint moves.
     """
 
@@ -38,19 +39,20 @@ class JointSpace:
         self.state = np.zeros((3, count))
         self._wrenches = np.zeros((count, 6))
         self._pushed = False
-        self._gravity = np.zeros(3)
+        self.gravity = np.zeros(3)
+        self.tree, self.frames = tree.tree, np.zeros((count, 46))
         self._rows = np.zeros((8, count))
         self._matrices = np.zeros((3, count, count))
         self._modes = np.zeros(count, dtype=np.int64)
-        self._arrays = (tree.bodies, tree.tree, self.state, self._wrenches, self._gravity,
-                        np.zeros((count, 46)), self._matrices, self._rows)
+        self._arrays = (tree.bodies, tree.tree, self.state, self._wrenches, self.gravity,
+                        self.frames, self._matrices, self._rows)
         self._step = (*self._arrays, self._joints, self._modes)
         self._root = IDENTITY
 
     def place(self, root: Pose, gravity: Vector3) -> None:
         """Say where the root stands (world_T_root) and what pulls, m/s² in the world's axes."""
         self._root = root
-        self._gravity[:] = rotate(conjugate(root.quat), gravity)
+        self.gravity[:] = rotate(conjugate(root.quat), gravity)
 
     def set_motor(self, slot: int, velocity: float, force: float) -> None:
         """Hold a joint at `velocity` with at most `force`, as Coulomb friction does at 0."""

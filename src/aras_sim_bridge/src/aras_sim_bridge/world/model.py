@@ -17,6 +17,8 @@ class Model:
     Attributes:
         body: what Bullet holds of it. joints: its moving joints; what hardware and programs use
             most of them is at hand here too (read_joints, apply_effort, …).
+        let_go: called before the root is moved or pushed, where it is held (see standing.py).
+        pushed: whether the root was pushed; for whoever looks, to be set back.
     """
 
     def __init__(self, client: int, description: RobotDescription, name: str, pose: Pose,
@@ -31,6 +33,8 @@ class Model:
         self.fixed_base = fixed_base
         self._spawn_positions = joint_positions
         self._on_moved = on_moved
+        self.let_go: Callable[[], None] | None = None
+        self.pushed = False
         self.body = Body(client, name, fixed_base)
         self.joints = ModelJoints(self.body, gravity)
         self.reload()
@@ -88,6 +92,15 @@ class Model:
         if not self.fixed_base:
             self.set_twist(twist)
         self.joints.restore(states)
+
+    def bolt(self, bolted: bool) -> None:
+        """Go on from the present state with the root bolted down, or free."""
+        applied, pending = self.joints.applied, self.joints.pending_efforts
+        self.fixed_base = self.body.fixed_base = bolted
+        self.rebuild(self.description)
+        self.joints.applied = applied
+        for name, effort in zip(self.joint_names, pending, strict=True):
+            self.apply_effort(name, effort)
 
     @property
     def needs_steps(self) -> bool:
@@ -174,6 +187,17 @@ class Model:
             raise UnknownLinkError(self.name, name, self.link_names)
         return index
 
+    def base_links(self) -> frozenset[int]:
+        """Bullet's indices of the root and of all that is fixed to it."""
+        found, pending = {-1}, [self.description.root]
+        while pending:
+            link = pending.pop()
+            for joint in self.description.joints.values():
+                if joint.parent == link and not joint.moves:
+                    found.add(self.body.links[joint.child])
+                    pending.append(joint.child)
+        return frozenset(found)
+
     def _com_pose(self, index: int) -> Pose:
         if index == -1:
             return Pose(*pybullet.getBasePositionAndOrientation(self.body_id, self.client))
@@ -182,6 +206,7 @@ class Model:
 
     def set_pose(self, pose: Pose) -> None:
         """Move the whole model rigidly so that its root frame is at `pose`; joints keep angles."""
+        self._release()
         com = pose @ self.body.inertial_poses[self.description.root]
         pybullet.resetBasePositionAndOrientation(self.body_id, com.xyz, com.quat,
                                                  physicsClientId=self.client)
@@ -194,6 +219,7 @@ class Model:
 
         Joint velocities become zero. A model with a fixed base keeps still.
         """
+        self._release()
         self.joints.stop_joints()
         if self.fixed_base:
             return
@@ -203,10 +229,17 @@ class Model:
         pybullet.resetBaseVelocity(self.body_id, linear, twist.angular,
                                    physicsClientId=self.client)
 
+    def _release(self) -> None:
+        if self.let_go is not None:
+            self.let_go()
+
     def apply_force(self, link: str, force: Vector3, position: Vector3,
                     torque: Vector3 = (0.0, 0.0, 0.0)) -> None:
         """Force (N) at a world position and torque (N m), world axes, for the next step only."""
         index = self.link_index(link)
+        if self.let_go is not None and index in self.base_links():
+            self._release()
+        self.pushed = True
         if self.joints.own:
             self.joints.space.push(link, force, position, torque)
             return

@@ -19,7 +19,7 @@ class ModelJoints:
     """The moving joints of a model, mimicking ones too.
 
     names: in file order; every sequence of joint values is in this order. Efforts are set for one
-    step and gone after it, as a simulator's are.
+    step and gone after it, as a simulator's are; applied: those of the last step.
 
     The state of a model that is bolted down stands here in `space` while `own` is true: then
     `advance` makes its steps, and Bullet's copy is brought up to date by `show` before somebody
@@ -57,7 +57,7 @@ class ModelJoints:
             self._set_state(self._slot[name], position)
         self._gears = self._make_gears()
         self.pending_efforts = [0.0] * len(self.names)
-        self._applied = [0.0] * len(self.names)
+        self.applied = [0.0] * len(self.names)
         self._dirty = False
         self._cache: tuple[Sequence[float], Sequence[float]] | None = None
         self.damping = FreeDamping(self) if jointed and not body.fixed_base else None
@@ -121,7 +121,7 @@ class ModelJoints:
         cache = self._cache
         if cache is None:
             cache = self._refresh()
-        return cache[0], cache[1], self._applied
+        return cache[0], cache[1], self.applied
 
     def _refresh(self) -> tuple[Sequence[float], Sequence[float]]:
         if not self.names:
@@ -179,7 +179,7 @@ class ModelJoints:
             pybullet.setJointMotorControlArray(
                 self.body.body_id, self._indices, pybullet.TORQUE_CONTROL, forces=total,
                 physicsClientId=self.body.client)
-        self._applied, self.pending_efforts = efforts, [0.0] * len(efforts)
+        self.applied, self.pending_efforts = efforts, [0.0] * len(efforts)
         self._dirty = False
 
     def advance(self, dt: float) -> None:
@@ -192,7 +192,7 @@ class ModelJoints:
         space = self.space
         space.state[2] = efforts
         bad = space.advance(dt)
-        self._applied, self.pending_efforts = efforts, [0.0] * len(efforts)
+        self.applied, self.pending_efforts = efforts, [0.0] * len(efforts)
         self._dirty = self._shown = False
         self._cache = None
         if bad >= 0:

@@ -21,6 +21,7 @@ from aras_sim_bridge.world.checks import check_simulable
 from aras_sim_bridge.world.friction import ContactFriction
 from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.reach import leave_out_pairs, out_of_touch
+from aras_sim_bridge.world.standing import FreeBases
 
 logger = logging.getLogger(__name__)
 
@@ -73,6 +74,7 @@ class World:
             self._show(pybullet.COV_ENABLE_SHADOWS, False)  # half of what a picture costs
         self._direct = False
         self._friction = ContactFriction(self.client)
+        self._bases = FreeBases(self.models, self._models_changed)
         self._configure()
 
     def _show(self, what: int, on: bool) -> None:
@@ -133,6 +135,7 @@ class World:
         down = self._gravity if gravity is None else _checked_gravity(gravity)
         sweeps = (self._iterations if solver_iterations is None
                   else _checked_iterations(solver_iterations))
+        self._bases.release()
         self._time_step, self._gravity, self._iterations = step, down, sweeps
         self._configure()
         for model in self.models.values():
@@ -167,6 +170,7 @@ class World:
         pose = checked_pose(pose, f"model '{name}'", zero_is_identity=True)
         start = _start_positions(description, name, joint_positions or {})
         fixed = bullet_file.root_is_fixed(description) if fixed_base is None else fixed_base
+        self._bases.release()
         bodies = pybullet.getNumBodies(physicsClientId=self.client)
         self._show(pybullet.COV_ENABLE_RENDERING, False)  # else a frame for each shape
         try:
@@ -203,6 +207,7 @@ class World:
     def delete(self, name: str) -> None:
         """Take a model out; WorldError when there is none of that name."""
         model = self.model(name)
+        self._bases.release()
         model.remove()
         del self.models[name]
         self._models_changed()
@@ -217,15 +222,23 @@ class World:
         model = self.model(name)
         check_simulable(description, name)
         mesh_files.read_all(description, name)
+        self._bases.release()
         model.rebuild(description)
         self._models_changed()
 
-    def _models_changed(self) -> None:
-        """Models came, went or were loaded anew: note what a step has to do for them."""
+    def _models_changed(self) -> bool:
+        """Models came, went or were loaded anew: note what a step has to do for them.
+
+        Returns:
+            Whether nothing can touch anything.
+        """
         self.revision += 1
         self._friction.models_changed(self.models.values())
         self._choose_solver()
         self._models_moved()
+        if not self._gui:
+            self._bases.models_changed()
+        return self._apart
 
     def _models_moved(self) -> None:
         """Choose who makes the steps: where nothing can touch anything, each model for itself (see
@@ -246,13 +259,20 @@ class World:
         Raises:
             WorldError: an effort is not finite; no model has moved then.
         """
+        if self._bases.fresh:
+            self._bases.begin()
         models = self._active
         dt = self._time_step
         for model in models:
             model.check_efforts()
         if self._apart:
+            held = self._bases.held
+            for standing in held:
+                standing.before_step()
             for model in models:
                 model.advance(dt)
+            if held:
+                self._bases.check(dt)
             return
         for model in models:
             model.before_step(dt)
@@ -261,6 +281,8 @@ class World:
         pybullet.stepSimulation(self.client)
         for model in models:
             model.after_step()
+        if self._bases.watched:
+            self._bases.look()
 
     def reset_world(self) -> None:
         """Models back to their spawn poses, all velocities zero; joint angles stay (Gazebo)."""
@@ -279,6 +301,7 @@ class World:
         """
         for model in self.models.values():
             mesh_files.read_all(model.description, model.name)
+        self._bases.release()
         pybullet.resetSimulation(physicsClientId=self.client)
         self._direct = False
         self._configure()

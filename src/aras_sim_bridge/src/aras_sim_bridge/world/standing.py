@@ -1,0 +1,325 @@
+"""Bases that are not bolted down but stand still all the same.
+
+The original's robot weighs 1.7 t and stands on the floor. Contacts of twelve corners in each step
+cost five times what the arm does, and all they say is that the base does not move. So a free model
+that rests on what never moves is stepped as if it were bolted down, as ODE puts resting bodies to
+sleep; but after every step the floor is asked whether it can bear what the arm asks of the base:
+by pressure within its corners, and by friction. When it cannot, or somebody pushes, moves or
+changes anything, the base is free again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from aras_sim_bridge.compiled import compiled
+from aras_sim_bridge.description import Geometry, shapes
+from aras_sim_bridge.poses import Pose, Twist, rotate
+from aras_sim_bridge.world.bullet import pybullet
+from aras_sim_bridge.world.model import Model
+
+LOOK_EVERY = 50  # steps
+PATIENCE = 1000  # steps after which a base that the floor could not hold is looked at again
+_STILL = 1e-6  # m and rad between two looks
+_TOUCHING = 1e-4  # m; Bullet lets what rests sink in by a tenth of it
+_SHARE = 0.9  # of what friction and corners can bear
+
+
+@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1], f8")
+def _bears(tree, frames, state, before, gravity, ground, corners, load, dt):
+    """Whether the ground can bear a bolted tree's base over the step that was just made.
+
+    tree, frames, state: of joint_dynamics.py, after the step. before (n,): speeds before it.
+    gravity (3,): m/s². ground (11,): mass and centre of mass of the base, the ground's normal, a
+    point of the ground, friction coefficient. corners (m, 6): of a polygon on the ground, each
+    with the outward normal of the edge that begins there. All in the root's axes, about its
+    origin. load (6,): gets torque and force of the base on the tree.
+    """
+    load[:] = 0.0
+    for j in range(len(tree)):
+        f = frames[j]
+        a = (state[1, j] - before[j]) / dt
+        sx, sy, sz, tx, ty, tz = f[12] * a, f[13] * a, f[14] * a, f[15] * a, f[16] * a, f[17] * a
+        m, hx, hy, hz = f[30], f[31], f[32], f[33]
+        load[0] += f[34] * sx + f[35] * sy + f[36] * sz + hy * tz - hz * ty
+        load[1] += f[35] * sx + f[37] * sy + f[38] * sz + hz * tx - hx * tz
+        load[2] += f[36] * sx + f[38] * sy + f[39] * sz + hx * ty - hy * tx
+        load[3] += m * tx + sy * hz - sz * hy
+        load[4] += m * ty + sz * hx - sx * hz
+        load[5] += m * tz + sx * hy - sy * hx
+        if tree[j, 1] < 0:
+            for k in range(6):
+                load[k] += f[40 + k]
+    mass, friction = ground[0], ground[10]
+    wx, wy, wz = mass * gravity[0], mass * gravity[1], mass * gravity[2]
+    # What the ground has to give: force, and torque about its point.
+    fx, fy, fz = load[3] - wx, load[4] - wy, load[5] - wz
+    cx, cy, cz = ground[1] - ground[7], ground[2] - ground[8], ground[3] - ground[9]
+    px, py, pz = ground[7], ground[8], ground[9]
+    mx = load[0] - (cy * wz - cz * wy) - (py * load[5] - pz * load[4])
+    my = load[1] - (cz * wx - cx * wz) - (pz * load[3] - px * load[5])
+    mz = load[2] - (cx * wy - cy * wx) - (px * load[4] - py * load[3])
+    nx, ny, nz = ground[4], ground[5], ground[6]
+    pressure = fx * nx + fy * ny + fz * nz
+    if pressure <= 0.0:
+        return False
+    # Centre of pressure, from the ground's point.
+    rx = (ny * mz - nz * my) / pressure
+    ry = (nz * mx - nx * mz) / pressure
+    rz = (nx * my - ny * mx) / pressure
+    nearest, farthest = 1e300, 0.0
+    for corner in corners:
+        inside = 0.0
+        reach = 0.0
+        for k in range(3):
+            r = rx if k == 0 else ry if k == 1 else rz
+            inside += corner[3 + k] * (corner[k] - r)
+            reach += corner[3 + k] * corner[k]
+        if inside < (1.0 - 0.9) * reach:
+            return False
+        x, y, z = corner[0] - rx, corner[1] - ry, corner[2] - rz
+        away = x * x + y * y + z * z
+        nearest, farthest = min(nearest, away), max(farthest, away)
+    sx, sy, sz = fx - pressure * nx, fy - pressure * ny, fz - pressure * nz
+    slide = np.sqrt(sx * sx + sy * sy + sz * sz)
+    twist = abs(
+        (mx - (ry * sz - rz * sy)) * nx
+        + (my - (rz * sx - rx * sz)) * ny
+        + (mz - (rx * sy - ry * sx)) * nz
+    )
+    # Pressure can be shared out so that friction turns with at least the nearest corner's square
+    # over the farthest's distance.
+    return slide + twist * np.sqrt(farthest) / nearest <= 0.9 * friction * pressure
+
+
+class Standing:
+    """A free model that stands, held as if bolted down."""
+
+    def __init__(self, model: Model, ground: np.ndarray, corners: np.ndarray) -> None:
+        self.model = model
+        self._ground, self._corners = ground, corners
+        self._before = np.zeros(len(model.joint_names))
+        self._load = np.zeros(6)
+        self._speeds = self._before
+        self._arrays: tuple[np.ndarray, ...] = ()
+
+    @classmethod
+    def found(cls, model: Model, others: Mapping[int, Model]) -> Standing | None:
+        """How a free model stands; None where something else than the ground carries it.
+
+        Args:
+            others: all models by Bullet's number.
+        """
+        base = model.base_links()
+        points, normals, friction, grounds = [], [], math.inf, set()
+        for contact in pybullet.getContactPoints(bodyA=model.body_id,
+                                                 physicsClientId=model.client):
+            other = others[contact[2]]
+            if contact[3] not in base or not other.fixed_base or contact[4] != -1 or \
+                    contact[8] < -_TOUCHING:
+                return None
+            if contact[8] < _TOUCHING:
+                points.append(contact[6])
+                normals.append(contact[7])
+                grounds.add(contact[2])
+                friction = min(friction, model.body.friction[contact[3]],
+                               other.body.friction[-1])
+        if not points or np.ptp(normals, axis=0).max() > 1e-3:
+            return None
+        root = model.pose()
+        if all(_is_plane(others[ground]) for ground in grounds):
+            points = _feet(model, np.array(points[0]), np.array(normals[0]))
+        inverse = root.inverse()
+        on_ground = np.array([inverse.apply(point) for point in points])
+        mass, centre = _mass_of_base(model, root)
+        middle = on_ground.mean(axis=0)
+        normal = np.array(rotate(inverse.quat, normals[0]))
+        corners = _polygon(on_ground - middle, normal)
+        if mass <= 0.0 or corners is None:
+            return None
+        middle += corners[:, :3].mean(axis=0)
+        corners[:, :3] -= corners[:, :3].mean(axis=0)
+        return cls(model, np.array([mass, *centre, *normal, *middle, friction]), corners)
+
+    def hold(self) -> None:
+        """Step the model as if bolted down from now on."""
+        self.model.bolt(True)
+        space = self.model.joints.space
+        self._speeds = space.state[1]
+        self._arrays = (space.tree, space.frames, space.state, self._before, space.gravity,
+                        self._ground, self._corners, self._load)
+
+    def before_step(self) -> None:
+        """Note what the joints' speeds are."""
+        self._before[:] = self._speeds
+
+    def bears(self, dt: float) -> bool:
+        """Whether the ground could bear the step of `dt` s that was just made."""
+        return _bears(*self._arrays, dt)
+
+    def push(self) -> None:
+        """Give the model, free again, what the ground could not bear."""
+        root = self.model.pose()
+        torque, force = (rotate(root.quat, tuple(-part)) for part in np.split(self._load, 2))
+        self.model.apply_force(self.model.description.root, force, root.xyz, torque)
+
+
+class FreeBases:
+    """The models of a world that are not bolted down, held while all of them stand.
+
+    Attributes:
+        fresh: whether `begin` is to be called before the next step.
+        watched: whether `look` is to be called after each step of Bullet's.
+        held: those that stand now; each step asks them.
+    """
+
+    def __init__(self, models: Mapping[str, Model], changed: Callable[[], bool]) -> None:
+        """`changed` tells the world that models were loaded anew, and answers whether nothing can
+        touch anything then."""
+        self._models, self._changed = models, changed
+        self.held: list[Standing] = []
+        self.watched = self.fresh = False
+        self._seen: dict[str, Pose] = {}
+        self._countdown = LOOK_EVERY
+
+    def models_changed(self) -> None:
+        """Models came, went or were loaded anew."""
+        free = [model for model in self._models.values() if not model.fixed_base]
+        self.watched = bool(free) and all(
+            model.joint_names and not model.body.weightless for model in free)
+        self.fresh = self.watched
+        self._seen = {}
+
+    def begin(self) -> None:
+        """Before the first step: hold the models that were put on the ground and stand there."""
+        self.fresh = False
+        free = [model for model in self._models.values() if not model.fixed_base]
+        if all(model.twist() == Twist() for model in free):
+            pybullet.performCollisionDetection(physicsClientId=free[0].client)
+            self._hold(free)
+
+    def look(self) -> None:
+        """After a step of Bullet's: hold all free models where they have come to rest."""
+        self._countdown -= 1
+        if self._countdown > 0:
+            return
+        self._countdown = LOOK_EVERY
+        free = [model for model in self._models.values() if not model.fixed_base]
+        seen, self._seen = self._seen, {model.name: model.pose() for model in free}
+        calm = all(not model.pushed and model.name in seen and
+                   _still(seen[model.name], self._seen[model.name]) for model in free)
+        for model in free:
+            model.pushed = False
+        if calm and not self._hold(free):
+            self._countdown = 4 * LOOK_EVERY  # Bullet finds some corners late
+
+    def _hold(self, free: list[Model]) -> bool:
+        """Hold these models; False, and nothing changed, where one of them does not stand."""
+        others = {model.body_id: model for model in self._models.values()}
+        found = [Standing.found(model, others) for model in free]
+        if any(standing is None for standing in found):
+            return False
+        for standing in found:
+            standing.hold()
+        self.held = found
+        if self._changed():
+            for standing in found:
+                standing.model.let_go = self.release
+        else:  # something else could touch them: Bullet's to see
+            self.release()
+            self._countdown = 100 * PATIENCE
+        return True
+
+    def check(self, dt: float) -> None:
+        """After a step of `dt` s of our own: set free what the ground cannot bear."""
+        for standing in self.held:
+            if not standing.bears(dt):
+                break
+        else:
+            return
+        held = self.held
+        self.release()
+        self._countdown = PATIENCE
+        for standing in held:
+            standing.push()
+
+    def release(self) -> None:
+        """Set all free again."""
+        held, self.held = self.held, []
+        self._countdown = LOOK_EVERY
+        for standing in held:
+            standing.model.let_go = None
+            standing.model.bolt(False)
+        if held:
+            self._changed()
+            self.fresh = False
+
+
+def _still(before: Pose, now: Pose) -> bool:
+    turned = sum((a - b) ** 2 for a, b in zip(before.quat, now.quat, strict=True))
+    return math.dist(before.xyz, now.xyz) < _STILL and 2.0 * math.sqrt(turned) < _STILL
+
+
+def _mass_of_base(model: Model, root: Pose) -> tuple[float, np.ndarray]:
+    """Mass (kg) and centre of mass (m, in the root's frame) of the root and what is fixed to it."""
+    mass, moment = 0.0, np.zeros(3)
+    base = model.base_links()
+    for name, index in model.link_indices.items():
+        inertial = model.description.links[name].inertial
+        if index in base and inertial is not None:
+            at = root.inverse() @ model.link_pose(name)
+            mass += inertial.mass
+            moment += inertial.mass * np.array(at.apply(inertial.origin_xyz))
+    return mass, moment / mass if mass > 0.0 else moment
+
+
+def _is_plane(model: Model) -> bool:
+    collisions = model.description.links[model.description.root].collisions
+    return all(collision.geometry.kind == "plane" for collision in collisions)
+
+
+def _feet(model: Model, point: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Where the base touches a plane, (m, 3), in the world: contacts tell of few corners only."""
+    found = []
+    base = model.base_links()
+    for name, index in model.link_indices.items():
+        for part in model.description.links[name].collisions if index in base else ():
+            at = model.link_pose(name) @ Pose.from_rpy(part.origin_xyz, part.origin_rpy)
+            matrix = np.array(at.matrix())
+            for own in _corners(part.geometry):
+                corners = own @ matrix[:3, :3].T + matrix[:3, 3]
+                found.append(corners[np.abs((corners - point) @ normal) < _TOUCHING])
+    return np.concatenate(found)
+
+
+def _corners(geometry: Geometry) -> Iterator[np.ndarray]:
+    """Points (m, 3) of which a shape is the hull, m."""
+    if geometry.kind == "box":  # most are, and triangles take a millisecond
+        signs = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
+        yield np.array(signs) * geometry.size
+    else:
+        for mesh in shapes.triangles(geometry):
+            yield mesh.positions.astype(float)
+
+
+def _polygon(points: np.ndarray, normal: np.ndarray) -> np.ndarray | None:
+    """Corners and outward edge normals (m, 6) of the hull of points on a plane; None for a line."""
+    if len(points) < 3:
+        return None
+    aside = np.cross(normal, (1.0, 0.0, 0.0) if abs(normal[0]) < 0.7 else (0.0, 1.0, 0.0))
+    aside /= np.linalg.norm(aside)
+    axes = np.stack([aside, np.cross(normal, aside)])
+    flat = points @ axes.T
+    try:
+        hull = ConvexHull(flat)
+    except QhullError:
+        return None
+    corners = flat[hull.vertices]  # counter-clockwise
+    along = np.roll(corners, -1, axis=0) - corners
+    outward = np.stack([along[:, 1], -along[:, 0]], axis=1)
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    return np.hstack([corners @ axes, outward @ axes])

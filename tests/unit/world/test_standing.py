@@ -1,0 +1,272 @@
+"""Free bases that stand: as still as if bolted down, and free as soon as the ground cannot hold."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.world import Pose, Twist, World, standing
+from aras_sim_bridge.world.changes import with_joint
+
+G = 9.8
+
+
+def cart(make, mass=10.0, load=2.0, height=0.5, mu=0.5, axis="1 0 0"):
+    """A block of 0.6 m with a slide on top of it; `height`: of the slide above the ground."""
+    x, y, z = 0.6, 0.6, 0.2
+    inertia = [mass * (a * a + b * b) / 12 for a, b in ((y, z), (x, z), (x, y))]
+    return parse_urdf(make.robot(
+        make.link("base", mass, "0 0 0.1", (*inertia, 0, 0, 0), make.box("0.6 0.6 0.2", "0 0 0.1")),
+        make.link("slide", load, "0 0 0", (0.01,) * 3 + (0, 0, 0)),
+        make.joint("rail", "base", "slide", "prismatic", f"0 0 {height}", axis, -20.0, 20.0),
+        f'<gazebo reference="base"><mu1>{mu}</mu1></gazebo>'))
+
+
+@pytest.fixture
+def world():
+    """The ground."""
+    with World() as it:
+        it.spawn_ground_plane()
+        yield it
+
+
+def steps(world, count, model=None, rail=0.0):
+    """Advance with a constant effort in the rail."""
+    for _ in range(count):
+        if model is not None:
+            model.apply_effort("rail", rail)
+        world.step()
+
+
+@pytest.fixture
+def held(world, make):
+    """A cart that stands, held."""
+    model = world.spawn(cart(make), "cart")
+    steps(world, 200)
+    assert model.fixed_base
+    return model
+
+
+def test_a_base_at_rest_is_held_where_it_stands(world, make):
+    model = world.spawn(cart(make), "cart", Pose.from_rpy((1.0, 2.0, 0.0), (0.0, 0.0, 0.7)))
+    assert not model.fixed_base
+    steps(world, 200)
+    assert model.fixed_base
+    at = model.pose()
+    assert at.xyz == pytest.approx((1.0, 2.0, 0.0), abs=2e-4)
+    steps(world, 1000, model, 3.0)
+    assert model.pose() == at
+    assert model.read_joints()[1][0] == pytest.approx(3.0 / 2.0, rel=1e-4)
+    assert model.read_joints()[2] == [3.0]
+
+
+def test_what_joints_did_goes_on_when_the_base_is_held(world, make):
+    model = world.spawn(cart(make), "cart")
+    speeds, efforts = [], []
+    for _ in range(300):
+        model.apply_effort("rail", 2.0)
+        world.step()
+        speeds.append(model.read_joints()[1][0])
+        efforts.append(model.read_joints()[2][0])
+    assert model.fixed_base
+    assert np.diff(speeds)[100:] == pytest.approx(1e-3, rel=1e-3)  # 2 N on 2 kg
+    assert efforts == [2.0] * 300
+
+
+def test_a_push_of_the_arm_beyond_friction_moves_the_base(world, make):
+    """12 kg with 0.5 hold 58.8 N; of 100 N the base takes what is left."""
+    model = world.spawn(cart(make, height=0.1), "cart")
+    steps(world, 200)
+    steps(world, 50, model, 50.0)
+    assert model.fixed_base
+    steps(world, 100, model, 100.0)
+    assert not model.fixed_base
+    expected = -(100.0 - 0.5 * 12.0 * G) / 10.0 * 0.1
+    assert model.twist().linear[0] == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize("height", [0.5, 1.5])
+def test_a_push_of_the_arm_that_would_tip_the_base_frees_it(world, make, height):
+    """0.3 m from the edge, the block's weight balances 35 N m: 40 N at 1.5 m are too much."""
+    model = world.spawn(cart(make, load=0.2, height=height, mu=2.0), "cart")
+    steps(world, 400)
+    assert model.fixed_base
+    steps(world, 30, model, 40.0)
+    assert model.fixed_base is (height == 0.5)
+    tilt = abs(model.twist().angular[1])
+    assert tilt == 0.0 if height == 0.5 else tilt > 0.05
+
+
+def test_a_blow_that_the_ground_cannot_take_reaches_the_base(world, make):
+    """A slide of 2 kg hits its stop at 5 m/s: the 10 kg of the base move on with 10 N s."""
+    model = world.spawn(cart(make, mu=0.05), "cart")
+    steps(world, 200)
+    model.joints.restore([(19.95, 5.0)])
+    steps(world, 13)
+    assert not model.fixed_base
+    # Less what friction of 5.9 N takes in the few steps since.
+    total = 10.0 * model.twist().linear[0] + 2.0 * (model.twist().linear[0]
+                                                    + model.read_joints()[1][0])
+    assert total == pytest.approx(10.0, rel=0.05)
+
+
+def test_a_heavier_slide_far_out_tips_the_base(world, make):
+    model = world.spawn(cart(make, load=6.0), "cart")
+    steps(world, 200)
+    assert model.fixed_base
+    model.set_joint_positions({"rail": 0.45})  # the edge is at 0.3, balance at 0.8
+    steps(world, 100)
+    assert model.fixed_base
+    model.set_joint_positions({"rail": 0.9})
+    steps(world, 100)
+    assert not model.fixed_base
+    assert model.twist().angular[1] > 0.1
+
+
+DISTURBED = {
+    "pushed": lambda world, model: model.apply_force("base", (1.0, 0.0, 0.0), model.pose().xyz),
+    "turned": lambda world, model: model.apply_force("base", (0, 0, 0), (0, 0, 0), (0, 0, 1.0)),
+    "moved": lambda world, model: model.set_pose(Pose((1.0, 0.0, 0.5))),
+    "thrown": lambda world, model: model.set_twist(Twist((0.5, 0.0, 0.0))),
+    "other gravity": lambda world, model: world.set_physics(gravity=(0.0, 0.0, 1.0)),
+    "no ground": lambda world, model: world.delete("ground_plane"),
+    "changed": lambda world, model: world.change(
+        "cart", with_joint(model.description, "rail", damping=1.0)),
+}
+
+
+@pytest.mark.parametrize("what", DISTURBED)
+def test_whatever_happens_to_a_held_base_finds_it_free(world, held, what):
+    before = held.pose()
+    DISTURBED[what](world, held)
+    assert not held.fixed_base
+    steps(world, 30)
+    moved = math.dist(before.xyz, held.pose().xyz)
+    assert (moved > 2e-4) is (what in ("moved", "thrown", "other gravity", "no ground"))
+
+
+def test_a_base_that_is_pushed_now_and_then_stays_free_until_that_ends(world, held):
+    for _ in range(20):
+        held.apply_force("base", (1.0, 0.0, 0.0), held.pose().xyz)
+        steps(world, 20)
+        assert not held.fixed_base
+    steps(world, 200)
+    assert held.fixed_base
+
+
+def test_a_push_at_the_slide_is_the_arm_s(world, held):
+    for _ in range(100):
+        held.apply_force("slide", (0.0, 30.0, 0.0), held.link_pose("slide").xyz)
+        world.step()
+    assert held.fixed_base
+    for _ in range(5):
+        held.apply_force("slide", (0.0, 90.0, 0.0), held.link_pose("slide").xyz)
+        world.step()
+    assert not held.fixed_base
+
+
+def test_a_reset_starts_free_and_comes_to_the_same_again(world, held):
+    first = (held.pose(), held.read_joints()[0])
+    world.reset_simulation()
+    assert not held.fixed_base
+    steps(world, 200)
+    assert held.fixed_base
+    second = (held.pose(), held.read_joints()[0])
+    world.reset_simulation()
+    steps(world, 200)
+    assert (held.pose(), held.read_joints()[0]) == second
+    assert second[0].xyz == pytest.approx(first[0].xyz, abs=1e-9)
+
+
+def test_another_model_ends_it_and_one_out_of_reach_lets_it_begin_again(world, make, held):
+    shelf = make.robot('<link name="world">' + make.box("0.1 0.1 0.1", "0 0 8") + "</link>")
+    world.spawn(parse_urdf(shelf), "shelf", Pose((0.0, 5.0, 0.0)))
+    assert not held.fixed_base
+    steps(world, 200)
+    assert held.fixed_base
+
+
+@pytest.mark.parametrize("what", ["a ball", "a cart on a cart", "a cart on wheels"])
+def test_what_stands_otherwise_is_left_to_bullet(world, make, what):
+    model = world.spawn(cart(make), "cart")
+    if what == "a ball":
+        world.spawn(parse_urdf(make.robot(make.link("ball"))), "ball", Pose((9.0, 0.0, 9.0)))
+    elif what == "a cart on a cart":
+        world.delete("cart")
+        top = make.box("2 2 0.2", "0 0 0.1")
+        table = parse_urdf(make.robot(make.link("table", 50.0, "0 0 0.1", (5, 5, 5, 0, 0, 0), top)))
+        world.spawn(table, "table")
+        model = world.spawn(cart(make), "cart", Pose((0, 0, 0.2)))
+    else:
+        world.delete("cart")
+        wheel = make.link("{0}", 1.0, "0 0 0", (0.01,) * 3 + (0, 0, 0), make.box("0.2 0.1 0.2"))
+        model = world.spawn(parse_urdf(make.robot(
+            make.link("base", 5.0), *(wheel.format(n) for n in "ab"),
+            make.joint("ja", "base", "a", "continuous", "0 0.5 0", damping=1e6),
+            make.joint("jb", "base", "b", "continuous", "0 -0.5 0", damping=1e6))), "carriage",
+            Pose((0, 0, 0.1)))
+    steps(world, 400)
+    assert not model.fixed_base
+
+
+def test_a_joint_that_can_reach_the_ground_leaves_it_to_bullet(world, make):
+    model = world.spawn(cart(make, axis="0 0 1"), "cart")
+    arm = parse_urdf(make.robot(
+        make.link("base", 20.0, "0 0 0.1", (1, 1, 1, 0, 0, 0), make.box("0.6 0.6 0.2", "0 0 0.1")),
+        make.link("arm", 1.0, "0.5 0 0", (0.1,) * 3 + (0, 0, 0), make.box("1 0.1 0.1", "0.5 0 0")),
+        make.joint("lift", "base", "arm", xyz="0 0 0.5", damping=5.0)))
+    world.delete("cart")
+    model = world.spawn(arm, "arm")
+    steps(world, 3000)
+    assert not model.fixed_base
+    assert model.link_pose("arm").apply((1.0, 0.0, 0.0))[2] > 0.0
+
+
+def _can_bear(normal, mass, centre, point, corners, friction, gravity, load):
+    """Whether forces at the corners within their cones balance the load: a linear programme."""
+    aside = np.cross(normal, (0.3, 0.5, 0.8))
+    aside /= np.linalg.norm(aside)
+    rim = [math.cos(a) * aside + math.sin(a) * np.cross(normal, aside)
+           for a in np.linspace(0, 2 * math.pi, 25)[:-1]]
+    columns = []
+    for corner in corners[:, :3] + point:
+        for direction in rim:
+            force = normal + friction * direction
+            columns.append(np.concatenate([np.cross(corner, force), force]))
+    weight = mass * gravity
+    wanted = load - np.concatenate([np.cross(centre, weight), weight])
+    return linprog(np.ones(len(columns)), A_eq=np.array(columns).T, b_eq=wanted).status == 0
+
+
+def test_no_base_is_held_that_the_ground_could_not_bear():
+    """The judgement against a linear programme of forces at the corners, under random loads."""
+    rng = np.random.default_rng(5)
+    held = freed = 0
+    for _ in range(150):
+        normal = rng.normal(size=3) * 0.2 + (0, 0, 1)
+        normal /= np.linalg.norm(normal)
+        gravity = np.array((0.0, 0.0, -G))
+        point, mass, friction = rng.normal(size=3), 10.0, 0.6
+        aside = np.cross(normal, (1.0, 0.0, 0.0))
+        aside /= np.linalg.norm(aside)
+        flat = rng.uniform(-1, 1, (5, 2))
+        on_ground = flat @ np.stack([aside, np.cross(normal, aside)])
+        corners = standing._polygon(on_ground - on_ground.mean(axis=0), normal)
+        centre = point + 0.4 * normal + 0.1 * rng.normal(size=3)
+        load = rng.normal(size=6) * 10.0 ** rng.uniform(-1, 2)
+        load[:3] += np.cross(centre, load[3:])
+        ground = np.array([mass, *centre, *normal, *point, friction])
+        # One joint, at rest, whose body asks for the load.
+        frames = np.zeros((1, 46))
+        frames[0, 40:46] = load
+        bears = standing._bears(np.array([[0, -1, 0, 0]]), frames, np.zeros((3, 1)), np.zeros(1),
+                                gravity, ground, corners, np.zeros(6), 1e-3)
+        if bears:
+            held += 1
+            assert _can_bear(normal, mass, centre, point, corners, friction, gravity, load)
+        else:
+            freed += 1
+    assert held > 20
+    assert freed > 20

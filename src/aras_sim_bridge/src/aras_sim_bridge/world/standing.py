@@ -13,8 +13,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 
+import cv2
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from aras_sim_bridge.compiled import compiled
 from aras_sim_bridge.description import Geometry, shapes
@@ -314,11 +314,10 @@ def _polygon(points: np.ndarray, normal: np.ndarray) -> np.ndarray | None:
     aside /= np.linalg.norm(aside)
     axes = np.stack([aside, np.cross(normal, aside)])
     flat = points @ axes.T
-    try:
-        hull = ConvexHull(flat)
-    except QhullError:
+    hull = cv2.convexHull(flat.astype(np.float32), clockwise=False, returnPoints=False).ravel()
+    if len(hull) < 3:
         return None
-    corners = flat[hull.vertices]  # counter-clockwise
+    corners = flat[hull]
     along = np.roll(corners, -1, axis=0) - corners
     outward = np.stack([along[:, 1], -along[:, 0]], axis=1)
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Set up the workspace and run every check and test: unit tests, then graph tests, each ending in pytest's summary line.
 # Arguments go to pytest: ./test.sh -k moments, ./test.sh tests/unit/workspace. Benchmarks are not run.
+# ./test.sh --faults [--help] runs the campaign of faults instead, which takes two hours.
 set -euo pipefail
 cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")"
 
@@ -13,6 +14,9 @@ set -u
 # Some of Debian's ROS tools start with `env python3`, which another Python in PATH would answer.
 export PATH=$PWD/.venv/bin:$PATH
 
+if [[ ${1-} == --faults ]]; then
+    exec .venv/bin/python tests/faults/campaign.py "${@:2}"
+fi
 .venv/bin/python -m ruff check --quiet .
 catkin_lint --quiet --offline src
 

@@ -125,7 +125,12 @@ class RosMaster:
             "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
             MARK: self.mark,
         }
-        self._output = (directory / f"master-{self.port}.txt").open("w")
+        self.api = rosgraph.Master("/test_graph", self.uri)
+        self.start()
+
+    def start(self) -> None:
+        """Start the master, on the same port as ever; it knows nothing of before."""
+        self._output = (self.directory / f"master-{self.port}.txt").open("a")
         self._process = subprocess.Popen(
             ["rosmaster", "--core", "-p", str(self.port)],
             env=self.environment,
@@ -134,8 +139,13 @@ class RosMaster:
             stderr=subprocess.STDOUT,
             start_new_session=True,
         )
-        self.api = rosgraph.Master("/test_graph", self.uri)
         wait_for(self.api.is_online, 20.0, f"rosmaster at {self.uri} (output: {self._output.name})")
+
+    def kill(self) -> None:
+        """End the master as kill -9 does."""
+        self._process.kill()
+        self._process.wait()
+        self._output.close()
 
     def nodes(self) -> set[str]:
         """Names of all nodes that have registered anything."""

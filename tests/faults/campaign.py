@@ -1,0 +1,72 @@
+#!/usr/bin/env python3
+"""Inject faults into the running graph and see what is lost: ./test.sh --faults [--help].
+
+Starts the shipped launch files on a master of its own, and after each fault looks whether robot,
+controllers, clock, joint states, images and nodes are as before. At the end a table, and a line of
+JSON; the status is 1 where anything was lost, hung or leaked.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+TESTS = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(TESTS), str(TESTS / "integration")]
+
+from faults import clocks, disk, models, processes, services, servoing, traffic  # noqa: E402
+from faults.bed import Bed, Group  # noqa: E402
+from faults.outcome import Outcome, summary, table  # noqa: E402
+
+GROUPS: tuple[Group, ...] = (
+    *traffic.GROUPS, *services.GROUPS, *models.GROUPS, *clocks.GROUPS, *disk.GROUPS,
+    *servoing.GROUPS, *processes.GROUPS,
+)  # fmt: skip
+
+
+def run(directory: Path, groups: tuple[Group, ...], scale: float, seed: int) -> list[Outcome]:
+    """Inject the groups, one after another, into a graph of its own."""
+    outcomes = []
+    bed = Bed(directory)
+    try:
+        bed.start()
+        for group in groups:
+            began = time.monotonic()
+            print(f"{group.__name__} ...", end=" ", flush=True)
+            outcomes.append(group(bed, scale, seed))
+            print(f"{outcomes[-1].survived}/{outcomes[-1].injected} in "
+                  f"{time.monotonic() - began:.0f} s", flush=True)  # fmt: skip
+    finally:
+        bed.close()
+    return outcomes
+
+
+def main() -> int:
+    """Run it; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="./test.sh --faults", description=__doc__.splitlines()[0])
+    parser.add_argument("--only", default="", metavar="REGEX", help="groups whose name matches")
+    parser.add_argument("--scale", type=float, default=1.0, help="part of the faults (default 1)")
+    parser.add_argument("--seed", type=int, default=0, help="of all that is drawn (default 0)")
+    parser.add_argument("--list", action="store_true", help="print the groups and what they do")
+    given = parser.parse_args()
+    if not 0.0 < given.scale <= 100.0:
+        parser.error(f"--scale must be above 0 and at most 100, not {given.scale}")
+    chosen = tuple(group for group in GROUPS if re.search(given.only, group.__name__))
+    if not chosen:
+        parser.error(f"no group matches '{given.only}': {', '.join(g.__name__ for g in GROUPS)}")
+    if given.list:
+        for group in chosen:
+            print(f"{group.__name__:18} {' '.join(group.__doc__.split())}")
+        return 0
+    with tempfile.TemporaryDirectory() as directory:
+        outcomes = run(Path(directory), chosen, given.scale, given.seed)
+    print(f"\n{table(outcomes)}\n{summary(outcomes)}")
+    return 0 if all(outcome.clean for outcome in outcomes) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,102 @@
+"""Processes that die: nodes, the master, and the whole graph started and ended over and over."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+from ros_graph import GraphError, wait_for
+
+from .bed import NODES, Bed
+from .outcome import Outcome
+
+
+def nodes_killed(bed: Bed, scale: float, seed: int) -> Outcome:
+    """kill -9 of the simulator, which comes back by itself with its robot, and of the nodes, which
+    are started again by hand."""
+    with bed.group("nodes killed") as outcome:
+        for _ in range(max(round(4 * scale), 1)):
+            outcome.injected += 1
+            _killed(bed, "/gazebo")
+            _judged(bed, outcome, "after kill -9 of /gazebo")
+            for node in NODES[1:]:
+                outcome.injected += 1
+                nodes = bed.launches.pop()
+                _killed(bed, node)
+                nodes.stop()
+                bed.launch("aras_visual_servo_nodes.launch", NODES[1:])
+                _judged(bed, outcome, f"after kill -9 of {node}")
+    outcome.leaked = [what for what in outcome.leaked if "MB" in what]  # other processes by now
+    return outcome
+
+
+def _killed(bed: Bed, node: str) -> None:
+    process = bed.pid(node)
+    os.kill(process, signal.SIGKILL)
+    wait_for(lambda: not _lives(process), 5.0, f"the end of {node}")
+
+
+def _lives(process: int) -> bool:
+    try:
+        return "Z" not in open(f"/proc/{process}/stat").read().rpartition(")")[2].split()[0]
+    except OSError:
+        return False
+
+
+def _judged(bed: Bed, outcome: Outcome, what: str) -> None:
+    lost = len(outcome.lost)
+    bed.judge(outcome, what)
+    outcome.survived += len(outcome.lost) == lost
+
+
+def master_gone(bed: Bed, scale: float, seed: int) -> Outcome:
+    """kill -9 of the master: the nodes end by themselves, and a new graph comes up on its port."""
+    outcome = Outcome("master gone and back")
+    for _ in range(max(round(2 * scale), 1)):
+        outcome.injected += 1
+        began = time.monotonic()
+        processes = {node: bed.pid(node) for node in NODES}
+        bed.master.kill()
+        for node, process in processes.items():
+            try:
+                wait_for(lambda process=process: not _lives(process), 30.0, f"the end of {node}")
+            except GraphError as error:
+                outcome.hung.append(str(error))
+        bed.master.start()
+        for launched in reversed(bed.launches):
+            launched.stop()
+        bed.launches.clear()
+        bed.connect()
+        bed.start()
+        _judged(bed, outcome, "after the master came back")
+        outcome.recovered = max(outcome.recovered, time.monotonic() - began)
+    return outcome
+
+
+def starts_and_stops(bed: Bed, scale: float, seed: int) -> Outcome:
+    """The whole graph ended at different moments of its first seconds: quickly, without a traceback."""
+    outcome = Outcome("starts and stops")
+    count = max(round(20 * scale), 2)
+    bed.stop()
+    for k in range(count):
+        outcome.injected += 1
+        began = time.monotonic()
+        robot = bed.start_only("aras_visual_servo.launch")
+        time.sleep(0.5 + 3.5 * k / count)
+        ended = time.monotonic()
+        try:
+            robot.stop()
+        except GraphError as error:
+            outcome.lost.append(f"ended {ended - began:.1f} s after the start: {error}")
+            continue
+        outcome.recovered = max(outcome.recovered, time.monotonic() - ended)
+        if "Traceback" in robot.output():
+            outcome.lost.append(f"a traceback when ended {ended - began:.1f} s after the start")
+        else:
+            outcome.survived += 1
+    bed.start()
+    return outcome
+
+
+GROUPS = (nodes_killed, master_gone, starts_and_stops)

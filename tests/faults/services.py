@@ -1,0 +1,60 @@
+"""Services called with anything: every service of our nodes, by the type of its request."""
+
+from __future__ import annotations
+
+import rosservice
+from gazebo_msgs.srv import SetPhysicsPropertiesRequest
+
+from .arbitrary import Arbitrary
+from .bed import JOINTS, ROBOT, Bed, UnansweredError
+from .outcome import Outcome
+from .traffic import judged
+
+# What a client may rightly ask for and that ends the robot or the run is not asked by its name.
+DESTRUCTIVE = ("delete_model", "unload_controller", "stop_controller", "switch_controller",
+               "set_model_configuration", "reset")  # fmt: skip
+
+
+def fuzzed(bed: Bed, scale: float, seed: int) -> Outcome:
+    """Every service with arbitrary requests, the world's settings put back after each."""
+    with bed.group("services by type") as outcome:
+        physics = bed.call("/gazebo/get_physics_properties")
+        each = max(round(130 * scale), 3)
+        refused = 0
+        for name in bed.services():
+            kind = rosservice.get_service_class_by_name(name)
+            known = () if any(word in name for word in DESTRUCTIVE) else _names()
+            draw = Arbitrary(seed + len(name), known)
+            for _ in range(each):
+                outcome.injected += 1
+                try:
+                    answer = bed.call(name, draw.message(kind._request_class))
+                    refused += not getattr(answer, "success", getattr(answer, "ok", True))
+                except UnansweredError as error:
+                    refused += 1
+                    if error.hangs:
+                        outcome.hung.append(str(error))
+                        break
+            _put_back(bed, physics)
+            judged(bed, outcome, each, f"after {each} calls of {name}")
+        outcome.note = f"{len(bed.services())} services, {refused} calls refused"
+    return outcome
+
+
+def _names() -> tuple[str, ...]:
+    return (ROBOT, "ground_plane", f"{ROBOT}::base_link", "base_link", "J1", "J6",
+            *(f"{joint}_position_controller" for joint in JOINTS))  # fmt: skip
+
+
+def _put_back(bed: Bed, physics: object) -> None:
+    """Time goes on, at its own step and gravity; the arm is where a run may begin."""
+    bed.calm()
+    fields = ("time_step", "max_update_rate", "gravity", "ode_config")
+    bed.call(
+        "/gazebo/set_physics_properties",
+        SetPhysicsPropertiesRequest(**{name: getattr(physics, name) for name in fields}),
+    )
+    bed.call("/gazebo/reset_world")
+
+
+GROUPS = (fuzzed,)

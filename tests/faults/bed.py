@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 import threading
@@ -44,6 +45,7 @@ class Bed:
         for name in ("ROS_MASTER_URI", "ROS_IP", "ROS_HOME", "ROS_LOG_DIR"):
             os.environ[name] = self.master.environment[name]
         rospy.init_node("faults", anonymous=True, disable_signals=True)
+        logging.getLogger("rosout").setLevel(logging.CRITICAL)  # it tells each refused connection
         self.launches: list[Launch] = []
         self._nodes = nodes
         self._commanded: list[float] = []
@@ -76,12 +78,23 @@ class Bed:
             self.launch("aras_visual_servo_nodes.launch", NODES[1:])
         if wrong := self.trouble():
             raise GraphError(f"the graph is ill before any fault: {'; '.join(wrong)}")
+        self._settle()
+
+    def _settle(self) -> None:
+        """Wait until connections are made: what is opened on the way is no leak."""
+        before: dict[str, tuple[int, int]] = {}
+        for _ in range(20):
+            now = {node: figures[:2] for node, figures in self.resources().items()}
+            if now == before:
+                return
+            before = now
+            time.sleep(1.5)
 
     def launch(self, file: str, nodes: Any, **arguments: Any) -> Launch:
         """Start a launch file of the robot's; returns when its nodes are there. stop() ends it."""
         launched = Launch(self.master, ("aras_visual_servo_gazebo", file), arguments)
         self.launches.append(launched)
-        launched.wait_for_nodes(nodes, RECOVERY + 20.0)
+        launched.wait_for_nodes(nodes, 3.0 * RECOVERY)
         return launched
 
     def start_only(self, file: str) -> Launch:
@@ -149,9 +162,10 @@ class Bed:
         Raises:
             UnansweredError: none in time, or the call failed.
         """
-        kind = rosservice.get_service_class_by_name(name)
-        if kind is None:
-            raise UnansweredError(f"there is no service {name}")
+        try:
+            kind = rosservice.get_service_class_by_name(name)
+        except rosservice.ROSServiceException as error:
+            raise UnansweredError(str(error)) from None
         if request is None:
             request = kind._request_class()
         box: list[Any] = []

@@ -40,9 +40,11 @@ def hostile(bed: Bed, scale: float, seed: int) -> Outcome:
             try:
                 if bed.call(f"/gazebo/spawn_{kind}_model", request).success:
                     bed.call("/gazebo/delete_model", DeleteModelRequest("hostile"))
-                outcome.survived += 1
-            except UnansweredError as error:
-                (outcome.hung if error.hangs else outcome.lost).append(f"{error}: {text[:200]}")
+            except UnansweredError as error:  # refusing is an answer, and the usual one
+                if error.hangs:
+                    outcome.hung.append(f"{error}: {text[:200]}")
+                    continue
+            outcome.survived += 1
         judged(bed, outcome, 0, "after hostile models")
     return outcome
 

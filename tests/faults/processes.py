@@ -6,7 +6,7 @@ import os
 import signal
 import time
 
-from ros_graph import GraphError, wait_for
+from ros_graph import GraphError, Launch, wait_for
 
 from .bed import NODES, Bed
 from .outcome import Outcome
@@ -74,8 +74,12 @@ def master_gone(bed: Bed, scale: float, seed: int) -> Outcome:
     return outcome
 
 
+def _started(robot: Launch) -> str:
+    return "".join(line for line in robot.output().splitlines() if "started with pid" in line)
+
+
 def starts_and_stops(bed: Bed, scale: float, seed: int) -> Outcome:
-    """The whole graph ended at different moments of its first seconds: quickly, without a traceback."""
+    """The graph ended at different moments of its first seconds: quickly, without a traceback."""
     outcome = Outcome("starts and stops")
     count = max(round(20 * scale), 2)
     bed.stop()
@@ -83,7 +87,9 @@ def starts_and_stops(bed: Bed, scale: float, seed: int) -> Outcome:
         outcome.injected += 1
         began = time.monotonic()
         robot = bed.start_only("aras_visual_servo.launch")
-        time.sleep(0.5 + 3.5 * k / count)
+        # roslaunch itself, ended while it starts processes, leaves some of them behind
+        wait_for(lambda: "robot_state_publisher" in _started(robot), 30.0, "roslaunch's processes")
+        time.sleep(4.0 * k / count)
         ended = time.monotonic()
         try:
             robot.stop()
@@ -91,8 +97,10 @@ def starts_and_stops(bed: Bed, scale: float, seed: int) -> Outcome:
             outcome.lost.append(f"ended {ended - began:.1f} s after the start: {error}")
             continue
         outcome.recovered = max(outcome.recovered, time.monotonic() - ended)
-        if "Traceback" in robot.output():
-            outcome.lost.append(f"a traceback when ended {ended - began:.1f} s after the start")
+        _, trace, text = robot.output().partition("Traceback")
+        if trace:
+            last = next((line for line in text.splitlines()[1:] if not line.startswith(" ")), "")
+            outcome.lost.append(f"ended {ended - began:.1f} s after the start: traceback, {last}")
         else:
             outcome.survived += 1
     bed.start()

@@ -74,8 +74,14 @@ def master_gone(bed: Bed, scale: float, seed: int) -> Outcome:
     return outcome
 
 
-def _started(robot: Launch) -> str:
-    return "".join(line for line in robot.output().splitlines() if "started with pid" in line)
+def _wait_until_started(robot: Launch) -> None:
+    """Until roslaunch has started the last of its processes."""
+
+    def started() -> bool:
+        lines = [line for line in robot.output().splitlines() if "started with pid" in line]
+        return any("robot_state_publisher" in line for line in lines)
+
+    wait_for(started, 30.0, "roslaunch's processes")
 
 
 def starts_and_stops(bed: Bed, scale: float, seed: int) -> Outcome:
@@ -88,7 +94,7 @@ def starts_and_stops(bed: Bed, scale: float, seed: int) -> Outcome:
         began = time.monotonic()
         robot = bed.start_only("aras_visual_servo.launch")
         # roslaunch itself, ended while it starts processes, leaves some of them behind
-        wait_for(lambda: "robot_state_publisher" in _started(robot), 30.0, "roslaunch's processes")
+        _wait_until_started(robot)
         time.sleep(4.0 * k / count)
         ended = time.monotonic()
         try:

@@ -1,4 +1,4 @@
-"""What comes over the wire: floods, garbage of the right type, topics of a wrong one, plain bytes."""
+"""What comes over the wire: floods, garbage of a right type, topics of a wrong one, plain bytes."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ BYTES = (b"", b"\0", b"GET / HTTP/1.1\r\n\r\n", b"\xff" * 4, b"\xff\xff\xff\x7f"
 
 
 def flood(bed: Bed, scale: float, seed: int) -> Outcome:
-    """Thousands of commands a second on each of six topics, as the original controllers send them."""
+    """Thousands of commands a second on each of six topics, as the original controllers do."""
     with bed.group("flood of commands") as outcome:
         publishers = [rospy.Publisher(topic, Float64, queue_size=1) for topic in COMMANDS]
         wait_for(lambda: all(p.get_num_connections() for p in publishers), 10.0, "the listeners")

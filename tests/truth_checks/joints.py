@@ -28,7 +28,7 @@ _WHEEL = """<robot name="wheel"><link name="world"/><link name="wheel"><inertial
 <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1e4" velocity="1e3"/></joint></robot>"""
 
 
-@check("closed form")
+@check("closed form", quick=True)
 def joint_stops() -> Iterator[Row]:
     """A wheel with stops 2 rad apart."""
     for speed in (1.0, 5.0, 50.0):
@@ -99,7 +99,7 @@ def _released(damping: Mapping[str, float], dt: float, seconds: float) -> float:
     return worst
 
 
-@check("Pinocchio, Gauss-Seidel")
+@check("Pinocchio, Gauss-Seidel", quick=True)
 def friction_and_damping_shortly() -> Iterator[Row]:
     """The arm released with its joints' friction, for 0.15 s."""
     for dt in (1e-3, 5e-3):

@@ -30,12 +30,12 @@ class Killing(Progress):
 
 
 def test_two_workers_one_killed_and_all_made_anew_end_with_the_bytes_of_one_process(tiny, tmp_path):
-    study = tiny(repeats=6, chunk=1)
+    study = tiny(chunk=1)
     here, there = tmp_path / "here", tmp_path / "there"
     engine.carry_out(
         Folder.create(here, study, ""), ThisProcess(), Progress(study.runs, out=io.StringIO())
     )
-    with DaskPool(2, renew=5) as pool:
+    with DaskPool(2, renew=2) as pool:
         before = pool._client.run(os.getpid)
         environment = pool._client.run(lambda: dict(os.environ))
         assert len(before) == 2 == pool.workers

@@ -10,11 +10,15 @@ from typing import Any
 import yaml
 
 from ..errors import StudyError
-from ..study import engine, overrides
+from ..study import engine, overrides, tables
 from ..study.folder import Folder
 from ..study.pools import RENEWED, DaskPool, Pool, ThisProcess
 from ..study.progress import Progress, duration
+from ..study.results import Results
 from ..study.study import Study
+
+SCREEN = 40  # rows of a table that is printed
+SHOWN = ("settled", "final_distance", "image_excursion")
 
 
 def add(commands: Any) -> None:
@@ -32,6 +36,7 @@ def add(commands: Any) -> None:
     for one in (run, resume):
         add_workers(one)
         one.add_argument("--fail-fast", action="store_true", help="stop at a run without success")
+        one.add_argument("--no-report", action="store_true", help="without table and pictures")
         one.add_argument("--mix", action="store_true", help="go on although the code has changed")
 
 
@@ -90,10 +95,29 @@ def _carry_out(folder: Folder, options: argparse.Namespace) -> int:
             progress.close()
             print(f"{done.runs} of {folder.study.runs} runs in {folder.path}, {done.failed} of the "
                   f"new ones without success, {duration(done.seconds)}")
-            return 1 if done.stopped else 0
-        folder.finish()
-        print(f"all {kept} runs are in {folder.path}")
+            if done.stopped:
+                return 1
+        else:
+            folder.finish()
+            print(f"all {kept} runs are in {folder.path}")
+        if not options.no_report:
+            _report(folder.path)
         return 0
+
+
+def _report(path: Path) -> None:
+    """Table and pictures into the folder, and what fits a screen of the table onto it."""
+    from ..study import figures  # half a second that a worker need not wait for
+
+    found = [Results.read(path)]
+    table = tables.tabulated(found)
+    (path / "table.md").write_text(tables.written(table, "md"), encoding="utf-8")
+    told = [name for name in SHOWN if name in found[0].study.metric_names]
+    short = tables.written(tables.tabulated(found, metrics=told), "md") if told else ""
+    if short and len(table.rows) <= SCREEN:
+        print(f"\n{short}")
+    drawn = figures.write_all(found, path / "plots")
+    print(f"{path / 'table.md'} has every metric; pictures: {', '.join(map(str, drawn))}")
 
 
 def _kept(folder: Folder) -> str:

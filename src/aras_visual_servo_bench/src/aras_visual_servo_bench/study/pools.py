@@ -191,7 +191,7 @@ class DaskPool(Pool):
     def _local(self, workers: int) -> Any:
         self.workers = workers
         return self._distributed.LocalCluster(
-            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None,
+            n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=":0",
             memory_limit=0, local_directory=self._scratch.name, silence_logs=50,
         )  # fmt: skip
 
@@ -238,6 +238,7 @@ class DaskPool(Pool):
 def _configured() -> Any:
     """distributed, told to keep little and to watch little."""
     import dask
+    import distributed  # first, for it lays its own defaults over what is set before
 
     dask.config.set({
         "distributed.nanny.pre-spawn-environ": work.ONE_THREAD,
@@ -254,8 +255,6 @@ def _configured() -> Any:
         "distributed.admin.low-level-log-length": 100,
         "distributed.comm.timeouts.connect": "10s",
     })
-    import distributed
-
     return distributed
 
 

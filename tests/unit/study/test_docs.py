@@ -1,0 +1,54 @@
+"""The first study of the documentation is the one that ships, and the commands there exist."""
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from aras_visual_servo_bench.commands import main
+from aras_visual_servo_bench.study import metrics
+from aras_visual_servo_bench.study.engine import check_study
+from aras_visual_servo_bench.study.study import Study
+
+ROOT = Path(__file__).resolve().parents[3]
+DOCS = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
+SHIPPED = ROOT / "src/aras_visual_servo_bench/config/studies"
+
+
+def test_the_first_study_is_five_lines_and_ends_in_a_table_and_a_picture(tmp_path, capsys):
+    """As written, but for how often and how long."""
+    text = re.search(r"```yaml\n(.*?)```", DOCS, re.DOTALL)[1]
+    assert text.count("\n") == 5
+    assert text == (SHIPPED / "first.yaml").read_text(encoding="utf-8")
+    (tmp_path / "first.yaml").write_text(text)
+    words = re.search(r"bench (run first.yaml --out first)\n", DOCS)[1].split()
+    words = [str(tmp_path / word) if word.startswith("first") else word for word in words]
+    assert main([*words, "--in-process", "repeats=1", "duration=0.1", "delay=0.0"]) == 0
+    told = capsys.readouterr().out
+    assert "| gain | runs | success |" in told and "4 of 4 runs" in told
+    assert (tmp_path / "first" / "plots" / "success.png").stat().st_size > 5000
+    assert "| 8 | 1 |" in (tmp_path / "first" / "table.md").read_text()
+
+
+@pytest.mark.parametrize("path", sorted(SHIPPED.glob("*.yaml")), ids=lambda path: path.stem)
+def test_shipped_studies_can_be_run(path):
+    check_study(Study.from_yaml(path))
+
+
+def test_every_metric_and_key_is_in_the_documentation():
+    assert all(f"`{name}`" in DOCS for name in metrics.BUILT_IN)
+    assert all(f"`{name}`" in DOCS for name in Study.__dataclass_fields__)
+
+
+def test_the_documentations_own_metric_is_one(tmp_path, monkeypatch):
+    code = re.search(r"```python\n(.*?)```", DOCS, re.DOTALL)[1]
+    (tmp_path / "my_metrics.py").write_text(code)
+    monkeypatch.syspath_prepend(tmp_path)
+    found = metrics.find("my_metrics:closest")
+    assert (found.unit, found.better) == ("m", "smaller") and "near" in found.text
+
+
+def test_the_cluster_in_the_documentation_is_read(tmp_path):
+    told = yaml.safe_load(re.search(r"```yaml\n(class.*?)```", DOCS, re.DOTALL)[1])
+    assert set(told) == {"class", "arguments", "workers"}

@@ -4,7 +4,7 @@
     python3 tests/benchmarks/study_kills.py [--only client] [--runs 300]
 
 Cases: a worker, the client (with its own scheduler in it), a scheduler of its own, a run that
-kills its process, and a full disk (a tmpfs of 700 kB in a mount namespace; left out where that is
+kills its process, and a full disk (a tmpfs of 200 kB in a mount namespace; left out where that is
 not allowed). Prints a line a case and, as its last line, JSON.
 """
 
@@ -155,7 +155,7 @@ def fill_disk(study: Path, out: Path) -> str:
     """A disk that is full after some parts, then has room again."""
     script = """
 set -e
-mount -t tmpfs -o size=700k tmpfs "$1"; shift
+mount -t tmpfs -o size=200k tmpfs "$1"; shift
 exec "$@"
 """
     out.mkdir()

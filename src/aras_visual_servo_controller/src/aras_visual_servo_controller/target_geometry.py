@@ -136,23 +136,23 @@ def convex_hull(points: np.ndarray) -> np.ndarray:
     return np.array(hull)
 
 
-def _inside(point: np.ndarray, polygon: np.ndarray) -> bool:
-    ends = np.roll(polygon, -1, axis=0)
-    return all(_cross(a, b, point) > 0.0 for a, b in zip(polygon, ends, strict=True))
+def _inside(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
+    """Which (n,) of the points (n, 2) lie within a convex polygon (k, 2)."""
+    x, y = (points[:, None] - polygon).transpose(2, 0, 1)
+    u, v = (np.roll(polygon, -1, axis=0) - polygon).T
+    return (u * y - v * x > 0.0).all(axis=1)
 
 
-def _crossings(one: np.ndarray, other: np.ndarray) -> list[np.ndarray]:
-    """Points where edges of two polygons cross."""
-    found = []
-    for a, b in zip(one, np.roll(one, -1, axis=0), strict=True):
-        for c, d in zip(other, np.roll(other, -1, axis=0), strict=True):
-            matrix = np.column_stack([b - a, c - d])
-            if abs(np.linalg.det(matrix)) < 1e-15:
-                continue
-            s, t = np.linalg.solve(matrix, c - a)
-            if 0.0 <= s <= 1.0 and 0.0 <= t <= 1.0:
-                found.append(a + s * (b - a))
-    return found
+def _crossings(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Points (n, 2) where edges of two polygons cross."""
+    along = np.roll(one, -1, axis=0) - one
+    (ux, uy), (vx, vy) = along.T[..., None], (other - np.roll(other, -1, axis=0)).T
+    wx, wy = (other - one[:, None]).transpose(2, 0, 1)
+    turn = ux * vy - vx * uy
+    known = np.where(np.abs(turn) < 1e-15, np.nan, turn)  # parallel edges cross nowhere
+    s, t = (wx * vy - vx * wy) / known, (ux * wy - uy * wx) / known
+    edge, across = np.nonzero((s >= 0.0) & (s <= 1.0) & (t >= 0.0) & (t <= 1.0))
+    return one[edge] + s[edge, across, None] * along[edge]
 
 
 def _star_union(one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -160,10 +160,8 @@ def _star_union(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     crossings = _crossings(one, other)
     if len(crossings) < 2:
         raise ServoError("the two boxes of the target do not overlap in the image")
-    inner = [p for p in one if _inside(p, other)] + [p for p in other if _inside(p, one)]
-    middle = np.mean([*crossings, *inner], axis=0)
-    corners = [p for p in one if not _inside(p, other)]
-    corners += [p for p in other if not _inside(p, one)]
-    points = np.array([*corners, *crossings])
+    in_other, in_one = _inside(one, other), _inside(other, one)
+    middle = np.vstack([crossings, one[in_other], other[in_one]]).mean(axis=0)
+    points = np.vstack([one[~in_other], other[~in_one], crossings])
     angles = np.arctan2(points[:, 1] - middle[1], points[:, 0] - middle[0])
     return points[np.argsort(angles)]

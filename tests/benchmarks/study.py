@@ -72,14 +72,16 @@ def timed(study: Study, workers: int, folder: Path) -> dict[str, object]:
         wall, processor = time.monotonic(), time.process_time()
         engine.carry_out(kept, pool, progress)
         wall, processor = time.monotonic() - wall, time.process_time() - processor
-    runs = sum(kept.results(TIMES)["wall"].to_pylist())
+    times = kept.results(TIMES)
+    runs, used = (sum(times[name].to_pylist()) for name in ("wall", "processor"))
     third = len(progress.memory) // 3
     return {
         "seconds": round(wall, 2),
         "in_runs": round(runs, 2),
+        "processor": round(used, 2),
         "idle": round(1.0 - runs / (workers * wall), 4),
         "client": round(processor, 2),
-        "overhead": round(processor / runs, 4),
+        "overhead": round(processor / used, 4),
         "memory_mb": [round(progress.memory[k], 1) for k in (third, -1)],
     }
 

@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from aras_visual_servo_bench.commands import main
+from aras_visual_servo_bench.commands.running import study_file
 from aras_visual_servo_bench.study import metrics
 from aras_visual_servo_bench.study.engine import check_study
 from aras_visual_servo_bench.study.study import Study
@@ -34,6 +35,11 @@ def test_the_first_study_is_five_lines_and_ends_in_a_table_and_a_picture(tmp_pat
 @pytest.mark.parametrize("path", sorted(SHIPPED.glob("*.yaml")), ids=lambda path: path.stem)
 def test_shipped_studies_can_be_run(path):
     check_study(Study.from_yaml(path))
+
+
+def test_shipped_studies_are_in_the_documentation_by_name():
+    assert study_file(Path("decay")) == SHIPPED / "decay.yaml"
+    assert all(f"| `{path.stem}` |" in DOCS for path in SHIPPED.glob("*.yaml"))
 
 
 def test_every_metric_and_key_is_in_the_documentation():

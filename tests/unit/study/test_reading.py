@@ -266,6 +266,7 @@ def test_the_command_line_from_file_to_table(tmp_path, capsys):
         (["run", str(file), "--out", str(out), "--in-process"], "holds another study"),
         (["run", str(file)], "say where the results go"),
         (["run", str(tmp_path / "none.yaml"), "--dry-run"], "cannot read"),
+        (["run", "calibratoin", "--dry-run"], "did you mean 'calibration'"),
         (["run", str(file), "--dry-run", "gian=2"], "did you mean gain"),
         (["table", str(tmp_path)], "holds no study"),
         (["table", str(out), "--by", "gian"], "no column 'gian': did you mean 'gain'"),

@@ -51,7 +51,7 @@ def _show(options: argparse.Namespace) -> int:
 def _tune(options: argparse.Namespace) -> int:
     from ..study.tuner import Range, Tuner
 
-    study = Study.from_yaml(options.study, overrides.parsed(options.overrides))
+    study = Study.from_yaml(running.study_file(options.study), overrides.parsed(options.overrides))
     ranges = [Range.parsed(text) for text in options.over]
     engine.check_study(study)
     with running.pool(options) as workers:

@@ -9,7 +9,9 @@ from typing import Any
 
 import yaml
 
+from ..checked import nearest
 from ..errors import StudyError
+from ..packages import PackagePath
 from ..study import engine, overrides, tables
 from ..study.folder import Folder
 from ..study.pools import RENEWED, DaskPool, Pool, ThisProcess
@@ -24,7 +26,7 @@ SHOWN = ("settled", "final_distance", "image_excursion")
 def add(commands: Any) -> None:
     """The commands' own parsers."""
     run = commands.add_parser("run", help="carry out a study")
-    run.add_argument("study", type=Path, help="YAML file")
+    run.add_argument("study", type=Path, help="YAML file, or a shipped study's name")
     run.add_argument("overrides", nargs="*", metavar="key=value",
                      help="other values, as in gain=2.0 or repeats=5")
     run.add_argument("--out", type=Path, help="folder of the results; new, or of the same study")
@@ -52,8 +54,21 @@ def add_workers(one: argparse.ArgumentParser) -> None:
                      help="make workers anew after so many chunks (%(default)s)")
 
 
+def study_file(given: Path) -> Path:
+    """The file of that path, or the shipped one of that name."""
+    shipped = Path(PackagePath().find("aras_visual_servo_bench")) / "config" / "studies"
+    named = shipped / f"{given.name}.yaml"
+    if given.exists() or given.suffix or len(given.parts) > 1:
+        return given
+    if not named.is_file():
+        known = sorted(path.stem for path in shipped.glob("*.yaml"))
+        raise StudyError(f"there is no file {given}, and no study: {nearest(given.name, known)}")
+    return named
+
+
 def _run(options: argparse.Namespace) -> int:
     changed = overrides.parsed(options.overrides)
+    options.study = study_file(options.study)
     study = Study.from_yaml(options.study, changed)
     engine.check_study(study)
     if options.dry_run:

@@ -30,7 +30,10 @@ FIXED = {
     "images": pa.int64(), "simulated": pa.float64(),
 }  # fmt: skip
 LABELS = ("code", "versions")  # the same in all rows of a study
-TIMES = pa.schema([("run", pa.int64()), ("wall", pa.float64()), ("worker", pa.string())])
+TIMES = pa.schema([
+    ("run", pa.int64()), ("wall", pa.float64()), ("processor", pa.float64()),
+    ("worker", pa.string()),
+])  # fmt: skip
 TRACE = pa.schema([
     ("run", pa.int64()), ("stamp", pa.float64()), ("phase", pa.string()),
     ("error", pa.list_(pa.float64())), ("asked", pa.list_(pa.float64())),
@@ -55,7 +58,7 @@ class Rows:
 
 def row_of(study: Study, run: int, worker: str = "") -> Rows:
     """Carry out one run. Whatever goes wrong is its outcome; only the process's end is not seen."""
-    began = time.perf_counter()
+    began, used = time.perf_counter(), time.process_time()
     values = blank(study, run)
     traces: list[dict[str, Any]] = []
     try:
@@ -65,7 +68,10 @@ def row_of(study: Study, run: int, worker: str = "") -> Rows:
         values |= {"outcome": REFUSED, "reason": _line(error)}
     except Exception as error:  # a fault of the code, or of a user's: the other runs go on
         values |= {"outcome": FAULT, "reason": _line(f"{type(error).__name__}: {error}")}
-    times = {"run": run, "wall": time.perf_counter() - began, "worker": worker}
+    times = {
+        "run": run, "wall": time.perf_counter() - began,
+        "processor": time.process_time() - used, "worker": worker,
+    }  # fmt: skip
     return Rows([values], [times], traces)
 
 

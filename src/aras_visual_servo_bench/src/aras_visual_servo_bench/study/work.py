@@ -99,7 +99,7 @@ def _guarded(task: Task) -> rows.Rows:
         tries = 1 if finished.values else tries + 1
         if len(todo) and tries >= TRIES:
             lost = {**rows.blank(study, todo[0]), "outcome": rows.DIED, "reason": end}
-            times = {"run": todo[0], "wall": float("nan"), "worker": worker_name()}
+            times = {"run": todo[0], "worker": worker_name()}
             done.add(rows.Rows([lost], [times]))
             todo, tries = todo[1:], 0
     return done

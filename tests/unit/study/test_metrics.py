@@ -1,0 +1,135 @@
+"""Metrics of runs whose numbers are known beforehand."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_bench.errors import StudyError, ViewError
+from aras_visual_servo_bench.experiment import Experiment
+from aras_visual_servo_bench.run import Run, Verdict
+from aras_visual_servo_bench.study import metrics
+from aras_visual_servo_bench.study.metrics import Finished
+
+STAMP = np.arange(90) / 30.0  # of images
+TIME = np.arange(-20, 300) / 100.0  # of joint states, which come before the first image too
+
+
+def run(error=None, x=None, joints=None, speed=None, verdict="goal_reached", outcome="converged"):
+    """Two features, one joint; the camera moves along x to its goal at 0."""
+    n, m = len(STAMP), len(TIME)
+    error = np.zeros((n, 2)) if error is None else error
+    poses = np.tile(np.eye(4), (m, 1, 1))
+    poses[:, 0, 3] = np.zeros(m) if x is None else x
+    images = np.tile(np.eye(4), (n, 1, 1))
+    column = np.zeros((m, 1))
+    return Run(
+        stamp=STAMP, names=("a", "b"), features=error, desired=0 * error, error=error,
+        asked=np.zeros((n, 6)), achieved=np.zeros((n, 6)), pose=images, joints=np.zeros((n, 1)),
+        phases=("servoing",) * n, outcomes=("",) * n, reasons=("",) * n, rank=np.zeros(n, int),
+        smallest=np.zeros(n), joint_names=("j",), joint_stamp=TIME, measured=column,
+        measured_speed=column, true_joints=column if joints is None else joints[:, None],
+        true_speed=column if speed is None else speed[:, None], commanded=column, true_pose=poses,
+        goal_pose=np.eye(4), outcome=outcome, reason="", mend="",
+        verdict=Verdict(verdict, 0.002, 0.03),
+    )  # fmt: skip
+
+
+def measured(name, result, **parts):
+    arm = SimpleNamespace(lower=np.array([-1.0]), upper=np.array([2.0]))
+    made = SimpleNamespace(servo=SimpleNamespace(arm=arm), **parts)
+    return metrics.find(name).measure(Finished(Experiment(), made, result))
+
+
+def decay(rate, first=(1.0, 0.5)):
+    return np.array(first) * np.exp(-rate * STAMP)[:, None]
+
+
+def test_success_needs_the_loop_and_the_physics():
+    assert measured("success", run()) == 1.0
+    assert measured("success", run(outcome="converged, drifting")) == 1.0
+    assert measured("success", run(verdict="goal_missed")) == 0.0
+    assert measured("success", run(outcome="timed_out")) == 0.0
+
+
+def test_final_errors_are_the_verdicts():
+    assert measured("final_distance", run()) == 0.002
+    assert measured("final_angle", run()) == 0.03
+
+
+def test_settling_is_of_the_cameras_way():
+    x = 0.1 * np.exp(-2.0 * np.maximum(TIME, 0.0))
+    assert measured("settled", run(x=x)) == pytest.approx(np.log(50.0) / 2.0, abs=0.011)
+    assert np.isnan(measured("settled", run(x=np.full(len(TIME), 0.1))))
+
+
+def test_overshoot_is_of_the_worst_feature_in_parts_of_its_first():
+    error = decay(2.0)
+    assert measured("overshoot", run(error)) == 0.0
+    error[40, 1] = -0.1
+    assert measured("overshoot", run(error)) == pytest.approx(0.2)
+    error[50, 0] = 0.0
+    assert measured("overshoot", run(-error)) == pytest.approx(0.2)
+    error[60] = np.nan  # not seen for an image
+    assert measured("overshoot", run(error)) == pytest.approx(0.2)
+    still = np.column_stack([decay(2.0)[:, 0], np.zeros(90)])
+    still[30, 1] = -1e-3  # began at its goal: there is nothing to compare with
+    assert measured("overshoot", run(still)) == 0.0
+
+
+def test_paths_begin_with_the_first_image():
+    x = np.where(TIME < 0.0, 5.0, np.clip(0.1 - 0.1 * TIME, 0.0, 0.1))
+    assert measured("path_length", run(x=x)) == pytest.approx(0.1)
+    assert measured("path_ratio", run(x=x)) == pytest.approx(1.0)
+    away, home = np.clip(0.1 + 0.1 * TIME, 0.1, 0.2), np.clip(0.3 - 0.1 * TIME, 0.0, 1.0)
+    back = np.where(TIME < 1.0, away, home)
+    assert measured("path_ratio", run(x=back)) == pytest.approx(3.0, abs=0.02)
+
+
+def test_energy_is_the_integral_of_squared_speeds():
+    speed = np.where(TIME < 0.0, 100.0, 2.0)
+    assert measured("energy", run(speed=speed)) == pytest.approx(4.0 * 2.99)
+
+
+@pytest.mark.parametrize(("value", "expected"), [(-1.0, 1.0), (2.0, 1.0), (1.9, 0.0), (-0.9, 0.0)])
+def test_time_at_limits_counts_both_ends_of_the_range(value, expected):
+    joints = np.where((TIME >= 1.0) & (TIME < 2.0), value, 0.5)
+    joints[TIME < 0.0] = 2.0
+    assert measured("limit_time", run(joints=joints)) == pytest.approx(expected, abs=0.011)
+
+
+def test_decay_is_what_the_error_has():
+    assert measured("decay_rate", run(decay(1.7))) == pytest.approx(1.7, rel=1e-6)
+    apart = np.column_stack([decay(1.7)[:, 0], np.full(90, 1e-3)])
+    assert measured("decay_rate", run(apart)) == pytest.approx(1.7, rel=1e-6)
+    assert np.isnan(measured("decay_rate", run(np.full((90, 2), np.nan))))
+
+
+def test_excursion_is_the_farthest_corner_in_half_sizes_of_the_image():
+    camera = SimpleNamespace(width=320, height=240, project=lambda x, y: (x, y))
+    corners = np.array([[159.5, 119.5], [199.5, 149.5]])
+
+    def parts(points):
+        shape = SimpleNamespace(points=points)
+        target = SimpleNamespace(shape=shape, seen_from=lambda pose, time: time)
+        return {"target": target, "plant": SimpleNamespace(camera=camera)}
+
+    inside = parts(lambda time: corners)
+    assert measured("image_excursion", run(), **inside) == pytest.approx(0.25)
+    moving = parts(lambda time: corners - [[200.0 * (time == STAMP[7]), 0.0]])
+    assert measured("image_excursion", run(), **moving) == pytest.approx(1.25)
+
+    def behind(time):
+        raise ViewError("behind")
+
+    assert measured("image_excursion", run(), **parts(behind)) == np.inf
+
+
+def test_metrics_say_what_they_are():
+    for name, metric in metrics.BUILT_IN.items():
+        assert metric.name == name and metric.text.endswith(".")
+        assert metric.better in ("smaller", "greater") and metric.source
+    with pytest.raises(StudyError, match="better is 'less'"):
+        metrics.metric("m", "less", "here")

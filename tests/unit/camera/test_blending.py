@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from scenes import link_pose, looking
 
+from aras_sim_bridge.blending import blended, blended_poses
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.camera.effects import EffectChain, Effects
-from aras_sim_bridge.camera.sensor import _blended
 from aras_sim_bridge.poses import Pose, quaternion_from_rpy
 from aras_sim_bridge.rendering import create_renderer
-from aras_sim_bridge.rendering.scene import blended_poses
 
 MS = 1_000_000
 
@@ -29,8 +28,8 @@ def test_a_quaternion_and_its_negative_are_one_turn(sign):
 
 @pytest.mark.parametrize("yaw", [0.3, np.pi - 0.005, -np.pi + 0.002])
 def test_the_camera_turns_the_short_way(yaw):
-    blended = _blended(matrix(yaw, 1.0), matrix(yaw + 0.01, 2.0), 0.3)
-    np.testing.assert_allclose(blended, matrix(yaw + 0.003, 1.3), atol=1e-6)
+    between = blended(matrix(yaw, 1.0), matrix(yaw + 0.01, 2.0), 0.3)
+    np.testing.assert_allclose(between, matrix(yaw + 0.003, 1.3), atol=1e-6)
 
 
 def test_a_snapshot_is_of_the_last_step_alone(bench):

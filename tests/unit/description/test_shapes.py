@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from aras_sim_bridge.blending import blended_poses
 from aras_sim_bridge.description import (
     Geometry,
     Inertial,
@@ -17,7 +18,7 @@ from aras_sim_bridge.description import (
 from aras_sim_bridge.description.mesh import Mesh, _unique_rows, from_corners, from_indices
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.poses import Pose, quaternion_from_rpy
-from aras_sim_bridge.rendering.scene import Scene, blended_poses
+from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.world import World
 
 BOX = Geometry("box", size=(0.2, 0.4, 0.6))

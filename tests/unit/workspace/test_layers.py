@@ -28,6 +28,7 @@ ALLOWED = {
 FLOORS = (
     {"errors"},
     {"angles", "compiled", "parameters", "poses"},
+    {"blending"},
     {"description"},
     {"control", "world"},
     {"rendering"},

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..blending import blended
 from ..errors import CameraError, RenderingError
-from ..poses import Pose, quaternion_from_matrix
+from ..poses import Pose
 from ..rendering import SENSOR_R_OPTICAL, Renderer, View
-from ..rendering.scene import blended_poses
 from ..rendering.tiles import Tiles
 from . import formats
 from .config import CameraConfig
@@ -246,7 +246,7 @@ class CameraSensor:
             return 1.0, pose
         before_ns, before = self._before
         share = (instant - before_ns) / (time_ns - before_ns)
-        return share, _blended(before, pose, share)
+        return share, blended(before, pose, share)
 
     def _warn_if_blind(self, image: np.ndarray, view: View) -> None:
         """Say once when the camera stands inside something, or when nothing but black is seen.
@@ -267,13 +267,6 @@ class CameraSensor:
         elif around:
             _log.warning("camera '%s': %s, whose faces are not drawn from inside; check its "
                          "mounting pose", self.config.name, where)
-
-
-def _blended(a: np.ndarray, b: np.ndarray, share: float) -> np.ndarray:
-    """The pose (4, 4) that is `share` of the way from a to b, as those of the links are."""
-    before, now = ((T[None, :3, 3].copy(), np.array([quaternion_from_matrix(T[:3, :3].tolist())]))
-                   for T in (a, b))
-    return blended_poses(*before, *now, share)[0]
 
 
 def mounting(xyz: tuple[float, float, float], rpy: tuple[float, float, float]) -> np.ndarray:

@@ -8,11 +8,11 @@ sorted into the tiles that they touch (binning). In a tile that one triangle cov
 to be done; in the others the centre of each pixel is asked which triangle is nearest (sampling),
 and lit (shading). Where a pixel's colour differs from a neighbour's without the shading being the
 cause, an edge runs through it (finding), and its colour is worked out from the areas that its
-triangles cover (edges). Depth and segmentation are those of the centres (measuring). All of it runs
-on the processor and needs no graphics driver, whose limits and whose rounding differ. The servo's
-view takes 0.6 to 0.9 of the time that OpenGL on Mesa's software rasteriser took, 40 000 triangles
-with every edge worked out nearly four times as long (tests/benchmarks/render.py). 'tiny' draws with
-PyBullet's software renderer, to compare.
+triangles cover (edges, fragments). Depth and segmentation are those of the centres (measuring). All
+of it runs on the processor and needs no graphics driver, whose limits and whose rounding differ.
+The servo's view takes 0.6 to 0.9 of the time that OpenGL on Mesa's software rasteriser took, 40 000
+triangles with every edge worked out nearly four times as long (tests/benchmarks/render.py). 'tiny'
+draws with PyBullet's software renderer, to compare.
 """
 
 from __future__ import annotations

@@ -25,6 +25,7 @@ class Seen:
     triangle: (N,) in the geometry. corner: (N, 3, 3), p0, p1, p2 in the optical frame,
         m. side: (N, 3, 3), s0, s1, s2 likewise, 1/m.
     light: (N, 3) at the corners. cut: (N,) bool, whether it reaches beyond near or far.
+    opaque: (N,) bool.
     cover: (tiles,) one that covers the whole tile and hides what is not listed, or -1, counted by
         its place here, as all are.
     start: (tiles + 1,) where the further triangles of each tile begin in member (P,), from the
@@ -36,6 +37,7 @@ class Seen:
     side: np.ndarray
     light: np.ndarray
     cut: np.ndarray
+    opaque: np.ndarray
     cover: np.ndarray
     start: np.ndarray
     member: np.ndarray
@@ -48,7 +50,8 @@ class Binning:
     def __init__(self, geometry: Geometry) -> None:
         self._g = geometry
         count = len(geometry.corners)
-        self._triangle, self._cut = np.empty(count, np.int64), np.empty(count, np.bool_)
+        self._triangle = np.empty(count, np.int64)
+        self._cut, self._opaque = np.empty(count, np.bool_), np.empty(count, np.bool_)
         self._corner, self._side = np.empty((count, 3, 3)), np.empty((count, 3, 3))
         self._light, self._plane, self._length2 = (np.empty((count, 3)) for _ in range(3))
         self._room = 4096
@@ -69,8 +72,8 @@ class Binning:
                 optical_T_link, sun, light, c.first, c.count, c.row, c.centre, c.half, c.radius,
                 c.axis, c.cosine, c.height, c.opaque, c.quad, g.corners, g.normals, g.plane,
                 tiles.nodes, tiles.levels, tiles.children, near * tiles.widest, far,
-                self._triangle, self._corner, self._side, self._light, self._cut, self._plane,
-                self._length2, cover, tile, member, full,
+                self._triangle, self._corner, self._side, self._light, self._cut, self._opaque,
+                self._plane, self._length2, cover, tile, member, full,
             )
             if pairs <= self._room:
                 break
@@ -78,7 +81,8 @@ class Binning:
         shown = tiles.rows * tiles.columns
         start, member, full = _by_tile(tile, member, full, pairs, shown)
         return Seen(self._triangle[:count], self._corner[:count], self._side[:count],
-                    self._light[:count], self._cut[:count], cover[:shown], start, member, full)
+                    self._light[:count], self._cut[:count], self._opaque[:count], cover[:shown],
+                    start, member, full)
 
 
 @inlined
@@ -132,11 +136,12 @@ def _order(planes, m, other, nodes, n):
 @compiled("f8[:,:,::1], f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], "
           "f8[::1], f8[:,::1], f8[::1], f8[::1], b1[::1], b1[::1], f8[:,:,::1], f8[:,:,::1], "
           "f8[:,::1], f8[:,::1], i8[:,::1], f8[:,:,::1], f8, f8, i8[::1], f8[:,:,::1], "
-          "f8[:,:,::1], f8[:,::1], b1[::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], i8[::1], "
-          "b1[::1]")
+          "f8[:,:,::1], f8[:,::1], b1[::1], b1[::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], "
+          "i8[::1], b1[::1]")
 def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, height, opaque, quad,
          corners, normals, plane, nodes, levels, children, near, far, out_triangle, out_corner,
-         out_side, out_light, out_cut, planes, length2, cover, out_tile, out_member, out_full):
+         out_side, out_light, out_cut, out_opaque, planes, length2, cover, out_tile, out_member,
+         out_full):
     """See Seen; numbers of triangles and of pairs (tile, member), of which as many are stored as
     there is room for.
 
@@ -220,7 +225,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                 out_light[seen, k] = light[0] + light[1] * max(
                     normals[t, k, 0] * sun[r, 0] + normals[t, k, 1] * sun[r, 1]
                     + normals[t, k, 2] * sun[r, 2], 0.0)
-            out_triangle[seen] = t
+            out_triangle[seen], out_opaque[seen] = t, opaque[c]
             listed[begin] = seen
             begin += 1
             seen += 1

@@ -8,72 +8,25 @@ runs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from aras_sim_bridge.compiled import compiled, inlined
 
-from .binning import Seen
-from .finding import found_edges
-from .sampling import Samples
-from .tiles import TILE, Tiles
+from .tiles import TILE
 
-# Pixels with more triangles than this take FINE x FINE samples instead: the effort for areas grows
+# Pixels with more triangles than this take FINE samples instead: the effort for areas grows
 # with the square of the number.
 CROWD = 4
-FINE = 8
-# The samples from the pixel's centre, px: each in a column and a row of its own.
-_ACROSS = (np.arange(FINE) + 0.5) / FINE
-SAMPLE_X = (np.add.outer(_ACROSS / FINE, np.arange(FINE) / FINE) - 0.5).ravel().astype(np.float32)
-SAMPLE_Y = (np.add.outer(np.arange(FINE) / FINE, _ACROSS / FINE) - 0.5).ravel().astype(np.float32)
+FINE = 32
+# The samples from the pixel's centre, px: each in a column and a row of its own, the rows by the
+# bits of the column turned round (Hammersley's points).
+SAMPLE_X = ((np.arange(FINE) + 0.5) / FINE - 0.5).astype(np.float32)
+SAMPLE_Y = SAMPLE_X[[int(f"{n:05b}"[::-1], 2) for n in range(FINE)]]
+CELL = TILE * TILE  # pixels, at most
 # Relative difference in distance below which two triangles lie in one plane.
 TOUCHING = 1e-8
 # Room for the corners of a piece, and for pieces.
 CORNERS, PIECES = 24, 64
-
-
-@dataclass(frozen=True)
-class Fragments:
-    """What pixels with edges consist of.
-
-    pixel: (P,) row * width + column, of the padded picture. start: (P + 1,), the stretch of each
-        in the lists that follow.
-    member: (F,) number in Seen. share: (F,) of the pixel's area. at: (F, 2) the middle of the
-        fragment, x, y in its cell, px. Opaque ones first, then the others from far to near.
-    """
-
-    pixel: np.ndarray
-    start: np.ndarray
-    member: np.ndarray
-    share: np.ndarray
-    at: np.ndarray
-
-
-class Edges:
-    """Finds and resolves the edges of pictures through the same tiles."""
-
-    def __init__(self, tiles: Tiles) -> None:
-        self._tiles = tiles
-        self._room = 4096
-
-    def fragments(self, seen: Seen, samples: Samples, opaque: np.ndarray, words: np.ndarray,
-                  plain: np.ndarray, part: np.ndarray, near: float, far: float) -> Fragments:
-        """Fragments of the pixels with edges; words: the picture with one sample a pixel."""
-        t = self._tiles
-        found = found_edges(t, seen, samples, opaque, words, plain, part)
-        while True:
-            room = self._room
-            pixel, start = np.empty(len(found), np.int64), np.empty(len(found) + 1, np.int64)
-            member, share, at = np.empty(room, np.int64), np.empty(room), np.empty((room, 2))
-            pixels, count = _resolved(
-                found, samples.start, samples.member, samples.full, samples.touched,
-                seen.side, seen.cut, opaque, plain, t.matrices, t.axis, t.cells, t.columns, near,
-                far, pixel, start, member, share, at)
-            if count <= room:
-                return Fragments(pixel[:pixels], start[:pixels + 1], member[:count],
-                                 share[:count], at[:count])
-            self._room = 2 * count
 
 
 @inlined
@@ -193,7 +146,7 @@ def _visible(shape, sizes, i, count, line, lines, plane):
 def _crowd(first, here, left, solid, member, line, lines, plane, xc, yc, nearest, sample, count,
            out_member, out_share, out_at):
     """Add fragments of a pixel by samples; the number of all fragments then."""
-    for i in range(FINE * FINE):
+    for i in range(FINE):
         nearest[i], sample[i] = 0.0, -1
     for n in range(left):
         k = here[n]
@@ -215,7 +168,7 @@ def _crowd(first, here, left, solid, member, line, lines, plane, xc, yc, nearest
         a = np.float32(plane[k, 0] + plane[k, 1] * xc + plane[k, 2] * yc)
         b, c = np.float32(plane[k, 1]), np.float32(plane[k, 2])
         name, hits = np.int32(n), 0
-        for i in range(FINE * FINE):
+        for i in range(FINE):
             x, y = SAMPLE_X[i], SAMPLE_Y[i]
             w = a + b * x + c * y
             hit = ((a0 + b0 * x + c0 * y >= np.float32(0.0))
@@ -230,17 +183,17 @@ def _crowd(first, here, left, solid, member, line, lines, plane, xc, yc, nearest
                 hits += hit
         if n >= solid and hits > 0:
             if count < len(out_member):
-                out_member[count], out_share[count] = member[first + k], hits / (FINE * FINE)
+                out_member[count], out_share[count] = member[first + k], hits / (FINE)
                 out_at[count, 0], out_at[count, 1] = xc, yc
             count += 1
         if n == solid - 1:
-            for i in range(FINE * FINE):
+            for i in range(FINE):
                 m = sample[i]
                 if m < 0:
                     continue
                 hits = 0
                 xm = ym = np.float32(0.0)
-                for j in range(i, FINE * FINE):
+                for j in range(i, FINE):
                     if sample[j] == m:
                         sample[j] = -1
                         hits += 1
@@ -248,7 +201,7 @@ def _crowd(first, here, left, solid, member, line, lines, plane, xc, yc, nearest
                         ym += SAMPLE_Y[j]
                 if count < len(out_member):
                     out_member[count] = member[first + here[m]]
-                    out_share[count] = hits / (FINE * FINE)
+                    out_share[count] = hits / (FINE)
                     out_at[count, 0], out_at[count, 1] = xc + xm / hits, yc + ym / hits
                 count += 1
     return count
@@ -256,20 +209,24 @@ def _crowd(first, here, left, solid, member, line, lines, plane, xc, yc, nearest
 
 @compiled("i8[::1], i8[::1], i8[::1], b1[::1], u8[::1], f8[:,:,::1], b1[::1], b1[::1], u4[::1], "
           "f8[:,:,::1], f8[:,::1], i8, i8, f8, f8, i8[::1], i8[::1], i8[::1], f8[::1], f8[:,::1]")
-def _resolved(found, start, member, full, touched, side, cut, opaque, plain, matrices, axis, cells,
-              columns, near, far, out_pixel, out_start, out_member, out_share, out_at):
-    """See Fragments; the numbers of pixels and of fragments, of which as many are stored as there
-    is room for."""
+def resolved(found, start, member, full, touched, side, cut, opaque, plain, matrices, axis, cells,
+             columns, near, far, out_pixel, out_start, out_member, out_share, out_at):
+    """See fragments.Fragments; the numbers of pixels and of fragments, of which as many are stored
+    as there is room for."""
     size = TILE // cells
     width = columns * TILE
     longest = 1
     for n in range(len(start) - 1):
         longest = max(longest, start[n + 1] - start[n])
-    # Of a tile's triangles, in the cell where they were last wanted: their lines a + b x + c y,
-    # and one over the distance likewise.
-    lines_of = np.full(longest, -1)
+    # Of a cell's triangles: their lines a + b x + c y, and one over the distance likewise.
     line, lines = np.empty((longest, 5, 3)), np.empty(longest, np.int64)
     plane = np.empty((longest, 3))
+    # Of a cell's pixels: where they are, the triangles in them, and of those that fill one the
+    # nearest, which hides what is behind it.
+    x_of, y_of, bit_of = np.empty(CELL), np.empty(CELL), np.empty(CELL, np.uint64)
+    inside, fills = np.empty(CELL, np.bool_), np.empty(CELL, np.bool_)
+    here_of, left_of = np.empty((CELL, longest), np.int64), np.empty(CELL, np.int64)
+    best_of, top_of = np.empty(CELL, np.int64), np.empty(CELL)
     here = np.empty(longest, np.int64)
     # Of those in a pixel, from its centre: the lines that cross it, and so on.
     own_line, own_lines = np.empty((CROWD, 5, 3)), np.empty(CROWD, np.int64)
@@ -278,24 +235,32 @@ def _resolved(found, start, member, full, touched, side, cut, opaque, plain, mat
     shape = np.empty((CROWD + PIECES + 2, CORNERS, 2))
     sizes = np.empty(CROWD + PIECES + 2, np.int64)
     spare = CROWD + PIECES
-    nearest, sample = np.empty(FINE * FINE, np.float32), np.empty(FINE * FINE, np.int32)
+    nearest, sample = np.empty(FINE, np.float32), np.empty(FINE, np.int32)
     pixels = count = 0
+    cell = group = end = first = 0
     for number in range(len(found)):
-        v, u = found[number] // width, found[number] % width
-        tile = (v // TILE) * columns + u // TILE
-        first = start[tile]
-        x0, y0 = u % TILE, v % TILE
-        cell = tile * cells * cells + (y0 // size) * cells + x0 // size
-        bit = np.uint64(1) << np.uint64(y0 * TILE + x0)
-        xc, yc = float(x0 % size), float(y0 % size)
-        # Triangles in the pixel; the nearest of those that fill it hides what is behind it.
-        left, best, top = 0, -1, 0.0
-        for k in range(start[tile + 1] - first):
-            if touched[first + k] & bit == 0:
-                continue
-            m = member[first + k]
-            if lines_of[k] != cell:
-                lines_of[k] = cell
+        if number == end:
+            # The pixels found in the next cell, and the triangles in each of them.
+            group = number
+            wanted = np.uint64(0)
+            while end < len(found):
+                v, u = found[end] // width, found[end] % width
+                tile, x0, y0 = (v // TILE) * columns + u // TILE, u % TILE, v % TILE
+                at_cell = tile * cells * cells + (y0 // size) * cells + x0 // size
+                if end > group and at_cell != cell:
+                    break
+                cell, first, q = at_cell, start[tile], end - group
+                x_of[q], y_of[q] = float(x0 % size), float(y0 % size)
+                bit_of[q] = np.uint64(y0 * TILE + x0)
+                wanted |= np.uint64(1) << bit_of[q]
+                left_of[q], best_of[q], top_of[q] = 0, -1, 0.0
+                end += 1
+            tile = cell // (cells * cells)
+            for k in range(start[tile + 1] - first):
+                bits = touched[first + k] & wanted
+                if bits == 0:
+                    continue
+                m = member[first + k]
                 lines[k] = 0 if full[first + k] else 5 if cut[m] else 3
                 for j in range(3):
                     column = (j + 2) % 3  # the constant first
@@ -309,22 +274,27 @@ def _resolved(found, start, member, full, touched, side, cut, opaque, plain, mat
                         along = axis[tile, 0] * x + axis[tile, 1] * y + axis[tile, 2] * z
                         line[k, 3, j] = along - near * plane[k, j]
                         line[k, 4, j] = far * plane[k, j] - along
-            inside, fills = True, True
-            for i in range(lines[k]):
-                at = line[k, i, 0] + line[k, i, 1] * xc + line[k, i, 2] * yc
-                reach = 0.5 * (abs(line[k, i, 1]) + abs(line[k, i, 2]))
-                if at + reach <= 0.0:
-                    inside = False
-                    break
-                if at < reach:
-                    fills = False
-            if not inside:
-                continue
-            here[left] = k
-            left += 1
-            w = plane[k, 0] + plane[k, 1] * xc + plane[k, 2] * yc
-            if fills and w > top and opaque[m]:
-                best, top = k, w
+                for q in range(end - group):
+                    inside[q] = (bits >> bit_of[q]) & np.uint64(1) != 0
+                    fills[q] = opaque[m]
+                for i in range(lines[k]):
+                    a, b, c = line[k, i, 0], line[k, i, 1], line[k, i, 2]
+                    reach = 0.5 * (abs(b) + abs(c))
+                    for q in range(end - group):
+                        at = a + b * x_of[q] + c * y_of[q]
+                        inside[q] &= at + reach > 0.0
+                        fills[q] &= at >= reach
+                for q in range(end - group):
+                    if inside[q]:
+                        here_of[q, left_of[q]] = k
+                        left_of[q] += 1
+                        w = plane[k, 0] + plane[k, 1] * x_of[q] + plane[k, 2] * y_of[q]
+                        if fills[q] and w > top_of[q]:
+                            best_of[q], top_of[q] = k, w
+        q = number - group
+        xc, yc, left, best, top = x_of[q], y_of[q], left_of[q], best_of[q], top_of[q]
+        for n in range(left):
+            here[n] = here_of[q, n]
         if best >= 0:
             some, left = left, 0
             for n in range(some):

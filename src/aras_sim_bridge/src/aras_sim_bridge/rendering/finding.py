@@ -15,15 +15,15 @@ from .tiles import TILE, Tiles
 THRESHOLD = 6
 
 
-def found_edges(tiles: Tiles, seen: Seen, samples: Samples, opaque: np.ndarray, words: np.ndarray,
+def found_edges(tiles: Tiles, seen: Seen, samples: Samples, words: np.ndarray,
                 plain: np.ndarray, part: np.ndarray) -> np.ndarray:
     """(P,) row * width + column of pixels with edges, of the padded picture, cell by cell.
 
     words: the picture with one sample a pixel; part: (N,) of the triangles seen; the rest as in
     Edges.fragments.
     """
-    return _found(samples.tile, samples.pixel, samples.start, samples.member, opaque, words, plain,
-                  part, seen.side, seen.light, tiles.matrices, tiles.cells, tiles.columns)
+    return _found(samples.tile, samples.pixel, samples.start, samples.member, seen.opaque, words,
+                  plain, part, seen.side, seen.light, tiles.matrices, tiles.cells, tiles.columns)
 
 
 @inlined

@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import RenderingError
 from ..world import World
 from .binning import Binning, Seen
-from .edges import Edges
+from .fragments import Edges
 from .geometry import Geometry
 from .measuring import measured
 from .recent import Recent
@@ -39,7 +39,6 @@ class _Sampled:
     canvas: _Canvas
     seen: Seen
     samples: Samples
-    opaque: np.ndarray
 
 
 class ExactRenderer:
@@ -73,7 +72,7 @@ class ExactRenderer:
         plain = canvas.shader.plain(geometry, one.seen)
         words = canvas.shader.words(geometry, one.seen, one.samples, plain, background)
         fragments = canvas.edges.fragments(
-            one.seen, one.samples, one.opaque, words, plain, geometry.part[one.seen.triangle],
+            one.seen, one.samples, words, plain, geometry.part[one.seen.triangle],
             view.near, view.far)
         canvas.shader.blend(geometry, one.seen, fragments, background, words)
         rgba = words.view(np.uint8).reshape(*words.shape, 4)
@@ -105,6 +104,4 @@ class ExactRenderer:
             canvas.tiles, view.optical_T_world @ world_T_link,
             self.light.to_sun @ world_T_link[:, :3, :3],
             np.array([self.light.ambient, self.light.diffuse]), view.near, view.far)
-        opaque = self._geometry.albedo[seen.triangle, 3] >= 1.0
-        return _Sampled(canvas, seen, canvas.sampler.samples(seen, opaque, view.near, view.far),
-                        opaque)
+        return _Sampled(canvas, seen, canvas.sampler.samples(seen, view.near, view.far))

@@ -48,15 +48,15 @@ class Sampler:
         self._tiles = tiles
         self._pixel = np.empty((tiles.rows * TILE, tiles.columns * TILE), np.int32)
 
-    def samples(self, seen: Seen, opaque: np.ndarray, near: float, far: float) -> Samples:
-        """opaque: (N,) bool of the triangles seen; the others are left to the edges."""
+    def samples(self, seen: Seen, near: float, far: float) -> Samples:
+        """Those of what is opaque; the rest is left to the edges."""
         t = self._tiles
         tile, most, start, member, full = _settled(
-            seen.cover, seen.start, seen.member, seen.full, seen.side, opaque, t.matrices, t.axis,
-            t.nodes, t.whole, t.cells)
+            seen.cover, seen.start, seen.member, seen.full, seen.side, seen.opaque, t.matrices,
+            t.axis, t.nodes, t.whole, t.cells)
         touched = np.empty(len(member), np.uint64)
         left = _sample(
-            tile, start, member, full, seen.corner, seen.side, seen.cut, opaque, t.matrices,
+            tile, start, member, full, seen.corner, seen.side, seen.cut, seen.opaque, t.matrices,
             t.inverse, t.spread, t.axis, t.valid, t.cells, t.columns, near, far, self._pixel,
             touched)
         return Samples(tile, self._pixel, most, start, member[:left], full[:left], touched[:left])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_sim_bridge.compiled import compiled
+from aras_sim_bridge.blending import blended_poses
 from aras_sim_bridge.description import shapes
 from aras_sim_bridge.description.gazebo_materials import WHITE
 from aras_sim_bridge.description.mesh import Mesh
@@ -37,28 +37,6 @@ class _Rows:
     first: int
     has_root: bool
     links: list[int]
-
-
-@compiled("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8")
-def blended_poses(before_p, before_q, p, q, blend):
-    """Poses (N, 4, 4) `blend` of the way from one list to another of positions (N, 3) and unit
-    quaternions xyzw (N, 4).
-
-    Quaternions are blended linearly and made unit ones again: over one physics step the error is of
-    third order in the turned angle.
-    """
-    out = np.zeros((len(p), 4, 4))
-    for n in range(len(p)):
-        same = (before_q[n] * q[n]).sum() >= 0.0
-        turn = (1.0 - blend) * before_q[n] + (blend if same else -blend) * q[n]
-        x, y, z, w = turn / np.sqrt((turn * turn).sum())
-        T = out[n]
-        T[0, :3] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
-        T[1, :3] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-        T[2, :3] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
-        T[:3, 3] = before_p[n] + blend * (p[n] - before_p[n])
-        T[3, 3] = 1.0
-    return out
 
 
 class Scene:

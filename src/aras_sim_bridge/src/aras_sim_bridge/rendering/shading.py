@@ -11,7 +11,7 @@ import numpy as np
 from aras_sim_bridge.compiled import compiled, inlined
 
 from .binning import Seen
-from .edges import Fragments
+from .fragments import Fragments
 from .geometry import Geometry
 from .sampling import BACKGROUND, NOTHING, Samples
 from .textures import SIZE

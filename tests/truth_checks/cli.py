@@ -9,7 +9,7 @@ import sys
 import time
 from pathlib import Path
 
-from . import dynamics, joints, motion, repeats, vision  # noqa: F401 (they enter their checks)
+from . import dynamics, joints, motion, repeats, storms, vision  # noqa: F401 (they enter their checks)
 from .check import CHECKS, Check, Row
 
 TOP = Path(__file__).parents[2]

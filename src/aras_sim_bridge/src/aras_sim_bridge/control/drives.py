@@ -34,6 +34,9 @@ class JointModel(Protocol):
     def set_velocity_motor(self, joint: str, velocity: float, max_effort: float) -> None:
         """Drive the joint at a velocity with at most this effort."""
 
+    def bound_speed(self, joint: str, fastest: float) -> None:
+        """Let nothing make the joint faster."""
+
 
 class Drive:
     """Base: guards the command, applies the limit rule and reports what it changed."""

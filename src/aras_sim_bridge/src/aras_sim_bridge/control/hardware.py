@@ -33,6 +33,7 @@ from aras_sim_bridge.errors import ControllerError, HardwareError
 
 _PREFIX = "hardware_interface/"
 _GAINS = "gazebo_ros_control/pid_gains"
+_HARD = "hard_velocity_limits"
 
 # By command interface: without and with PID gains.
 _DRIVES: dict[str, tuple[type[Drive], type[Drive]]] = {
@@ -84,6 +85,12 @@ class RobotHardware:
                 f"transmissions of {', '.join(unprefixed)}: <hardwareInterface> without "
                 f"'{_PREFIX}' is deprecated"
             )
+        own = params.section(self._parameters, "gazebo_ros_control",
+                             self._namespace, HardwareError)
+        if params.flag(own, _HARD, f"{self._namespace}/gazebo_ros_control", False, HardwareError):
+            for name, limits in self.limits.items():
+                if limits is not None and limits.max_velocity is not None:
+                    model.bound_speed(name, limits.max_velocity)
         index = {name: k for k, name in enumerate(model.joint_names)}
         self._readings = [(handle, index[name]) for name, handle in self.handles.items()]
         self.start()

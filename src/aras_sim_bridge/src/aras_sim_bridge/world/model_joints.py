@@ -33,6 +33,7 @@ class ModelJoints:
         self._shown = True
         self.space: JointSpace | None = None
         self.damping: FreeDamping | None = None
+        self._speed_bounds: dict[str, float] = {}
 
     def load(self, description: RobotDescription, positions: Mapping[str, float]) -> None:
         """Take up the joints of a body that was loaded, at `positions`, at rest; 0 where absent."""
@@ -53,6 +54,8 @@ class ModelJoints:
             pybullet.changeDynamics(body.body_id, index, jointLimitForce=NO_LIMIT_FORCE,
                                     physicsClientId=body.client)
             self.restore_friction(slot)
+        for name, fastest in self._speed_bounds.items():
+            self.bound_speed(name, fastest)
         for name, position in positions.items():
             self._set_state(self._slot[name], position)
         self._gears = self._make_gears()
@@ -280,6 +283,23 @@ class ModelJoints:
     def release_motor(self, joint: str) -> None:
         """Undo `set_velocity_motor`: back to Coulomb friction."""
         self.restore_friction(self._require(joint))
+
+    def bound_speed(self, joint: str, fastest: float) -> None:
+        """Let nothing at all make `joint` faster than this, rad/s or m/s, from now on.
+
+        Raises:
+            WorldError: unknown joint, a bound that is not positive, or a model that is not bolted
+                down.
+        """
+        slot = self._require(joint)
+        if self.space is None:
+            raise WorldError(f"model '{self.body.name}', joint '{joint}': hard velocity limits are "
+                             "for models whose root is bolted down; bolt it, or leave them off")
+        if not fastest > 0.0:
+            raise WorldError(f"model '{self.body.name}', joint '{joint}': a hard velocity limit of "
+                             f"{fastest} would lock it; give it a positive <limit velocity>")
+        self._speed_bounds[joint] = fastest
+        self.space.bound_speed(slot, fastest)
 
     def set_damping_motor(self, slot: int, share: float) -> None:
         """A motor that takes `share` of the velocity a step (see free_damping.py)."""

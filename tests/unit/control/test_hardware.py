@@ -150,6 +150,26 @@ class TestWriting:
         assert "not finite" in rig.log[0]
 
 
+@pytest.mark.parametrize("interface", [POSITION, VELOCITY])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_pid_drive_drives_no_joint_on_that_is_too_fast(make_rig, make_joint, interface, sign):
+    """5 rad/s are the limit, either way; it may be held back with all its effort."""
+    rig = make_rig([make_joint("J", interface=interface)], gains("J", p=1000.0))
+    handle = rig.hardware.handles["J"]
+    for speed, wanted, effort in ((4.9, 2.0, 100.0), (5.1, 2.0, 0.0), (5.1, -2.0, -100.0)):
+        rig.model.v[0] = sign * (speed if interface == POSITION else speed)
+        rig.hardware.read(0, 0.001)
+        if interface == POSITION:
+            handle.position_command = handle.position + sign * wanted
+            rig.hardware._drives[0]._rule.reset()
+            rig.hardware.write(0, 1.0)
+        else:
+            handle.velocity_command = sign * (20.0 if wanted > 0 else -20.0)
+            rig.hardware._drives[0]._enforce = None
+            rig.hardware.write(0, 0.001)
+        assert only(rig) == [("effort", sign * effort)]
+
+
 class TestReporting:
     def test_a_position_beyond_the_range_is_told_once_an_occurrence(self, make_rig, make_joint):
         rig = make_rig([make_joint("J", interface=POSITION)])

@@ -85,11 +85,11 @@ def test_pauses_and_a_clock_set_back_do_not_change_the_interval():
     """The first line of a new stream takes as long as the last ones of the stream before."""
     for again_ms in (400, 700_000, -300):
         it = interpolation()
-        values = follow(it, {k: 0.0 for k in range(1, 200, 10)}, 300)
-        it.take(0.01, 300 * MS + again_ms * MS)
+        values = follow(it, {k: 0.0 for k in range(1, 600, 10)}, 700)
+        it.take(0.01, 700 * MS + again_ms * MS)
         values = follow(it, {}, 40)
-        # Over 10.3 ms (the mean interval after 20 commands), not over 33 or 100.
-        assert values[8] == pytest.approx(0.01 * (9 - 3 * (1 - 0.75**9)) / 10.26, rel=0.01)
+        # Over 10 ms, not over 33 or 100.
+        assert values[8] == pytest.approx(0.01 * (9 - 3 * (1 - 0.75**9)) / 10.0, rel=0.01)
         assert values[39] == pytest.approx(0.01, rel=1e-3)
 
 

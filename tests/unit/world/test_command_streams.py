@@ -5,6 +5,7 @@ the commanded speed. Commands are what a servo sends: points of a motion, one an
 """
 
 import math
+import random
 
 import pytest
 from aras_robot import CONTROLLERS, ArasRobot, parameters
@@ -53,6 +54,23 @@ def test_no_joint_is_half_again_as_fast_as_its_commands(robot, joint, per_second
 def test_nor_where_the_first_command_is_a_step_already(robot, joint, per_second):
     position, speed = MOTIONS["ramp"]
     assert worst_speed(robot, joint, position, per_second, first=1) <= 1.5 * speed
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("joint", ["J3", "J5"])
+def test_nor_where_commands_come_up_to_2_ms_early_or_late(robot, joint, seed):
+    """1.7 times the commanded speed where the line has ended when a late command comes."""
+    controller = robot.manager.get(CONTROLLERS[joint])
+    slot = robot.model.joint_names.index(joint)
+    origin, speed, worst = robot.positions()[joint], 1.0, 0.0
+    late = random.Random(seed)
+    arrivals = {10 * k + late.choice([-2, -1, 0, 1, 2]): k for k in range(1, 90)}
+    for step in range(900):
+        if step in arrivals:
+            controller.set_command(origin + speed * arrivals[step] / 100)
+        robot.steps(1)
+        worst = max(worst, abs(robot.model.read_joints()[1][slot]))
+    assert speed < worst <= 1.5 * speed
 
 
 @pytest.mark.parametrize("joint", CONTROLLERS)

@@ -121,6 +121,10 @@ class Graph:
         publisher.listener.peer_subscribe(topic, lambda message: None, None)
         return publisher.impl.connections
 
+    def set(self, name: str, value: object) -> None:
+        """As rospy.set_param."""
+        self.parameters[rospy.resolve_name(name)] = value
+
     def given(self, name: str, default: object = None) -> object:
         """What rospy.get_param returns; a namespace as a mapping."""
         name = rospy.resolve_name(name)
@@ -183,7 +187,14 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
     monkeypatch.setattr(rospy, "Timer", lambda *_: None)
     monkeypatch.setattr(rospy, "get_param", it.given)
     monkeypatch.setattr(parameters.rosgraph, "Master", lambda _name: it)
-    monkeypatch.setattr(rospy, "set_param", it.parameters.__setitem__)
+    monkeypatch.setattr(rospy, "set_param", it.set)
+    monkeypatch.setattr(rospy, "has_param", lambda name: it.given(name) is not None)
+    monkeypatch.setattr(
+        rospy, "delete_param", lambda name: it.parameters.pop(rospy.resolve_name(name))
+    )
+    monkeypatch.setattr(
+        rospy, "ServiceProxy", lambda name, _type: lambda *args: it.call(name, *args)
+    )
     for name in ("loginfo", "logwarn", "logerr", "logfatal"):
         monkeypatch.setattr(rospy, name, log)
     monkeypatch.setattr(rospy, "logerr_throttle", lambda _period, text: it.lines.append(text))
@@ -203,10 +214,12 @@ def thread(request: pytest.FixtureRequest) -> Iterator[SimulationThread]:
 def api(graph: Graph, thread: SimulationThread) -> SimpleNamespace:
     """gazebo_ros's services in that world; `resets` are the times at which time was set back."""
     from aras_sim_bridge.ros.gazebo_api import GazeboApi
+    from aras_sim_bridge.ros.runtime.record import Record
 
     it = SimpleNamespace(graph=graph, thread=thread, resets=[], graph_synced=[])
     on_graph = SimpleNamespace(
-        sync=lambda: it.graph_synced.append(len(thread.simulation.world.models))
+        sync=lambda: it.graph_synced.append(len(thread.simulation.world.models)),
+        record=Record(True),
     )
     it.api = GazeboApi(
         thread, on_graph, lambda: it.resets.append(thread.simulation.time_ns)

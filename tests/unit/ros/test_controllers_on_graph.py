@@ -28,6 +28,7 @@ from aras_sim_bridge.ros.control import manager_services, trajectory
 from aras_sim_bridge.ros.control.manager_services import ManagerServices
 from aras_sim_bridge.ros.control.topics import STATES, ControllerTopics
 from aras_sim_bridge.ros.control.trajectory import fill_state, from_trajectory
+from aras_sim_bridge.ros.runtime.record import Record
 
 
 def joint(name: str, interface: str) -> str:
@@ -85,7 +86,8 @@ class Controllers:
             )
         )
         self.robot = thread.simulation.robots["rig"]
-        self.services = ManagerServices(self.robot, thread)
+        self.record = Record(True)
+        self.services = ManagerServices(self.robot, thread, self.record)
 
     def call(self, name: str, *args: object):
         return self.graph.call(f"/rig/controller_manager/{name}", *args)

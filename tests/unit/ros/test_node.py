@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 import rospy
+from geometry_msgs.msg import Point, Pose, Quaternion
 from rosgraph_msgs.msg import Clock
 
 from aras_sim_bridge.description.world_file import WorldFile
@@ -140,6 +141,54 @@ def test_without_the_network_there_is_the_clock_alone(make):
     assert set(make.graph.publishers) == {"/clock"} and not make.graph.services
 
 
+ROBOT = """<robot name="r"><link name="world"/><joint name="a" type="prismatic">
+  <parent link="world"/><child link="b"/><axis xyz="1 0 0"/>
+  <limit lower="-1" upper="1" effort="9" velocity="9"/></joint>
+  <link name="b"><inertial><mass value="2"/>
+    <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <transmission name="t"><type>transmission_interface/SimpleTransmission</type>
+    <joint name="a"><hardwareInterface>hardware_interface/EffortJointInterface</hardwareInterface>
+    </joint><actuator name="m"/></transmission>
+  <gazebo><plugin name="control" filename="libgazebo_ros_control.so"/></gazebo></robot>"""
+
+
+def test_what_stood_there_comes_back_after_a_death(make):
+    graph = make.graph
+    for name in ("on", "off"):
+        graph.parameters[f"/r/{name}/type"] = "effort_controllers/JointEffortController"
+        graph.parameters[f"/r/{name}/joint"] = "a"
+    first = make(paused=True, restore=True)
+    pose = Pose(Point(1.0, 2.0, 3.0), Quaternion(0.0, 0.0, 1.0, 0.0))
+    for name in ("box", "gone"):
+        text = f'<robot name="{name}"><link name="l"/></robot>'
+        assert graph.call("/gazebo/spawn_urdf_model", name, text, "", pose, "").success
+    assert graph.call("/gazebo/spawn_urdf_model", "arm", ROBOT, "/r", Pose(), "box").success
+    assert graph.call("/gazebo/delete_model", "gone").success
+    for name in ("on", "off"):
+        assert graph.call("/r/controller_manager/load_controller", name).ok
+    assert graph.call("/r/controller_manager/switch_controller", ["on"], [], 2).ok
+    first.thread.stop()  # and no word of it
+
+    second = make(paused=True, restore=True)
+    assert list(second.thread.simulation.world.models) == ["ground_plane", "box", "arm"]
+    there = graph.call("/gazebo/get_model_state", "arm", "").pose
+    assert (there.position.x, there.position.y, there.position.z) == (1.0, 2.0, 3.0)
+    assert (there.orientation.z, there.orientation.w) == (1.0, 0.0)
+    found = graph.call("/r/controller_manager/list_controllers").controller
+    assert [(c.name, c.state) for c in found] == [("on", "running"), ("off", "initialized")]
+    assert sum("is brought back" in line for line in graph.lines) == 2
+    second.stop()  # as it should end
+    third = make(paused=True, restore=True)
+    assert list(third.thread.simulation.world.models) == ["ground_plane"]
+
+
+def test_nothing_is_written_down_without_need(make):
+    make(paused=True)
+    text = '<robot name="box"><link name="l"/></robot>'
+    assert make.graph.call("/gazebo/spawn_urdf_model", "box", text, "", Pose(), "").success
+    assert rospy.resolve_name("~spawned") not in make.graph.parameters
+
+
 def test_lockstep_waits_for_its_topics_by_periods(make):
     it = make(speed_mode="lockstep", lockstep_topics=("/a",), lockstep_period=0.002)
     while not it.thread.held:
@@ -196,7 +245,6 @@ def process(graph, monkeypatch):
     """rospy's process: `end` ends it, as a signal does; `told` are the reasons of an end."""
     it = SimpleNamespace(graph=graph, told=[], hooks=[], watched=[])
     monkeypatch.setattr(rospy, "init_node", lambda *_args, **_options: None)
-    monkeypatch.setattr(rospy, "has_param", lambda name: name in graph.parameters)
     monkeypatch.setattr(rospy, "on_shutdown", it.hooks.append)
     monkeypatch.setattr(rospy.rostime, "wallsleep", lambda _seconds: None)
     monkeypatch.setattr(node, "open_wide", lambda: None)

@@ -23,6 +23,7 @@ from aras_sim_bridge.control.switching import SwitchRequest
 from aras_sim_bridge.errors import ControllerError
 from aras_sim_bridge.ros.control.command_topic import CommandTopic
 from aras_sim_bridge.ros.control.topics import ControllerTopics, PidTopics
+from aras_sim_bridge.ros.runtime.record import Record
 from aras_sim_bridge.ros.runtime.services import Fields, ServiceTable, handlers_in, serves
 from aras_sim_bridge.ros.runtime.simulation_thread import SHUTTING_DOWN, SimulationThread
 from aras_sim_bridge.simulation import Robot, Simulation
@@ -36,8 +37,9 @@ LOOK_PERIOD = 0.1  # seconds of wall time between two looks whether time was sto
 class ManagerServices:
     """Serves <namespace>/controller_manager/ and keeps the controllers' topics in step."""
 
-    def __init__(self, robot: Robot, thread: SimulationThread) -> None:
+    def __init__(self, robot: Robot, thread: SimulationThread, record: Record) -> None:
         """Advertise the services of `robot`, whose manager runs in `thread`."""
+        self._record = record
         self._robot = robot
         self._manager = robot.manager
         self._thread = thread
@@ -73,6 +75,7 @@ class ManagerServices:
             self._e_stop.shutdown()
         for topics in [*self._topics.values(), *self._joint_pids]:
             topics.shutdown()
+        self._record.controllers(self._namespace, [])
         self._topics.clear()
 
     def _subscribe_e_stop(self) -> CommandTopic | None:
@@ -156,6 +159,7 @@ class ManagerServices:
                 thread.call(lambda: switch.finish(too_late))
         if not switch.ok:
             raise ControllerError(switch.reason)
+        self._record.controllers(self._namespace, thread.call(self._manager.list))
 
     def _carry_out_if_held(self) -> None:
         """Do what is open while time stands still: no update will come, and nothing moves."""
@@ -181,6 +185,7 @@ class ManagerServices:
             return {info.name: self._manager.get(info.name) for info in self._manager.list()}
 
         controllers = self._thread.call(loaded)
+        self._record.controllers(self._namespace, self._thread.call(self._manager.list))
         for name, topics in list(self._topics.items()):
             if controllers.get(name) is not topics.controller:
                 topics.shutdown()

@@ -56,14 +56,17 @@ class Models:
                 packages.find(package)
             except SimError as error:
                 _refuse(str(error))
-        return self._spawn(thread, request, text)
+        return self._spawn(thread, request, text, "spawn_urdf_model")
 
     @serves(SpawnModel, outside=True)
     def spawn_sdf_model(self, thread: SimulationThread, request: SpawnModel) -> Fields:
         """Put a model or a light into the world."""
-        return self._spawn(thread, request, descriptions.without_prolog(request.model_xml))
+        text = descriptions.without_prolog(request.model_xml)
+        return self._spawn(thread, request, text, "spawn_sdf_model")
 
-    def _spawn(self, thread: SimulationThread, request: SpawnModel, text: str) -> Fields:
+    def _spawn(
+        self, thread: SimulationThread, request: SpawnModel, text: str, service: str
+    ) -> Fields:
         name = request.model_name
         if not name:
             raise SimError("model_name is empty; give the model a name")
@@ -101,6 +104,7 @@ class Models:
         thread.call(job, SPAWN_TIMEOUT)
         settings.warn_of_unused(presets, thread, description)
         self._on_graph.sync()
+        self._on_graph.record.spawned(service, request)
         return {"status_message": done}
 
     @serves(DeleteModel, outside=True)
@@ -114,6 +118,7 @@ class Models:
 
         thread.call(job)
         self._on_graph.sync()
+        self._on_graph.record.deleted(request.model_name)
         return {"status_message": f"DeleteModel: deleted '{request.model_name}'"}
 
     @serves(GetModelState, "got properties")

@@ -12,6 +12,7 @@ import rospy
 from aras_sim_bridge.camera.mounting import MountedCamera
 from aras_sim_bridge.ros.camera.topics import CameraTopics
 from aras_sim_bridge.ros.control.manager_services import ManagerServices
+from aras_sim_bridge.ros.runtime.record import Record
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Robot
 
@@ -25,10 +26,14 @@ class OnGraph:
     """What of the simulation is on the graph: each robot's and each camera's face."""
 
     def __init__(
-        self, thread: SimulationThread, before_frame: Callable[[], None] | None = None
+        self,
+        thread: SimulationThread,
+        before_frame: Callable[[], None] | None = None,
+        record: Record | None = None,
     ) -> None:
         """Put nothing there yet; see `sync`. `before_frame` is called before a frame goes out."""
         self._thread = thread
+        self.record = record or Record(False)
         self._before_frame = before_frame
         self._lock = threading.Lock()
         # By robot or camera; None: what could not be opened, which is not tried again.
@@ -62,7 +67,7 @@ class OnGraph:
         """The face of a thing; None, with a log line, where its names cannot be had."""
         try:
             if isinstance(thing, Robot):
-                return ManagerServices(thing, self._thread)
+                return ManagerServices(thing, self._thread, self.record)
             return CameraTopics(thing, self._thread, self._before_frame)
         except Exception as error:  # whatever it is, the faces of others must not suffer from it
             what = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import os
 import sys
@@ -21,6 +22,7 @@ from aras_sim_bridge.ros.runtime.graph import OnGraph
 from aras_sim_bridge.ros.runtime.lockstep import Lockstep
 from aras_sim_bridge.ros.runtime.node_parameters import NodeParameters
 from aras_sim_bridge.ros.runtime.pacing import Pacer
+from aras_sim_bridge.ros.runtime.record import Record
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_ros.connections import open_wide
@@ -68,13 +70,14 @@ class GazeboNode:
                 parameters.lockstep_period,
             )
         self.thread.start()
-        self.on_graph = OnGraph(
-            self.thread, None if self.lockstep is None else self.lockstep.before_frame
-        )
+        self.record = Record(parameters.restore)
+        before_frame = None if self.lockstep is None else self.lockstep.before_frame
+        self.on_graph = OnGraph(self.thread, before_frame, self.record)
         if parameters.enable_ros_network:
             self.api = GazeboApi(self.thread, self.on_graph, self.on_time_reset)
             mount_world_cameras(self.thread)
             self.on_graph.sync()
+            self.record.restore()
         if not parameters.paused:
             self.thread.unpause()
 
@@ -87,6 +90,9 @@ class GazeboNode:
     def stop(self) -> None:
         """End the simulation; services and topics are rospy's to close."""
         self.thread.stop()
+        if self.fault is None:
+            with contextlib.suppress(OSError, KeyError, rospy.ROSException):  # no master, or gone
+                self.record.forget()
 
     def _build(self) -> Simulation:
         simulation = build_simulation(self.parameters, self.world_file)

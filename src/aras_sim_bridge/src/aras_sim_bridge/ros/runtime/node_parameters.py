@@ -32,6 +32,7 @@ class NodeParameters:
     pub_clock_frequency: float = -1.0
     master_check_period: float = 2.0
     log_level: str = "info"
+    restore: bool = False
     lockstep_topics: tuple[str, ...] = ()
     lockstep_period: float = 0.0
     lockstep_timeout: float = 5.0

@@ -1,0 +1,82 @@
+"""What stands in the world, written down on the parameter server, where it outlives the node.
+
+A node that died and is started again in its place (respawn_gazebo) finds there what was spawned
+and which controllers were loaded, and brings them back as they were launched, at time 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import rospy
+from controller_manager_msgs.srv import LoadController, SwitchController
+from gazebo_msgs.srv import SpawnModel
+from geometry_msgs.msg import Point, Pose, Quaternion
+
+from aras_sim_bridge.control.switching import RUNNING, STRICT, ControllerInfo
+from aras_visual_servo_ros.parameters import namespace_of
+
+NAME = "~spawned"
+
+
+class Record:
+    """Models and controllers, in the order in which they came."""
+
+    def __init__(self, kept: bool) -> None:
+        """Take what an earlier node left; without `kept` nothing is read or written."""
+        self._kept = kept
+        self._left = namespace_of(NAME) if kept else {}
+        self._models: dict[str, dict[str, object]] = {}
+        self._controllers: dict[str, list[tuple[str, bool]]] = {}
+
+    def spawned(self, service: str, request: SpawnModel) -> None:
+        """A model has come by a call of `service`."""
+        at, turned = request.initial_pose.position, request.initial_pose.orientation
+        self._models[request.model_name] = {
+            "service": service,
+            "name": request.model_name,
+            "xml": request.model_xml,
+            "namespace": request.robot_namespace,
+            "position": [at.x, at.y, at.z],
+            "orientation": [turned.x, turned.y, turned.z, turned.w],
+            "frame": request.reference_frame,
+        }
+        self._write()
+
+    def deleted(self, name: str) -> None:
+        """A model has gone."""
+        self._models.pop(name, None)
+        self._write()
+
+    def controllers(self, namespace: str, loaded: Iterable[ControllerInfo]) -> None:
+        """The controllers of the robot in `namespace`, after a change."""
+        self._controllers[namespace] = [(info.name, info.state == RUNNING) for info in loaded]
+        self._write()
+
+    def forget(self) -> None:
+        """The node ends as it should: nothing is to come back."""
+        if self._kept and rospy.has_param(NAME):
+            rospy.delete_param(NAME)
+        self._kept = False
+
+    def restore(self) -> None:
+        """Bring back what was left, as a client of this node's own services."""
+        for model in self._left.get("models", ()):
+            pose = Pose(Point(*model["position"]), Quaternion(*model["orientation"]))
+            rospy.logwarn("model '%s' is brought back after the simulator's end", model["name"])
+            rospy.ServiceProxy(f"/gazebo/{model['service']}", SpawnModel)(
+                model["name"], model["xml"], model["namespace"], pose, model["frame"]
+            )
+        for namespace, controllers in self._left.get("controllers", ()):
+            manager = f"{namespace}/controller_manager"
+            for name, _ in controllers:
+                rospy.ServiceProxy(f"{manager}/load_controller", LoadController)(name)
+            running = [name for name, runs in controllers if runs]
+            switch = rospy.ServiceProxy(f"{manager}/switch_controller", SwitchController)
+            switch(running, [], STRICT, False, 0.0)
+
+    def _write(self) -> None:
+        if self._kept:
+            controllers = [[name, found] for name, found in self._controllers.items() if found]
+            models = list(self._models.values())
+            rospy.set_param(NAME, {"models": models, "controllers": controllers})

@@ -50,15 +50,17 @@ def test_no_steps_while_time_runs(api, call):
     call("step_world", 1)
 
 
-def test_resets(api, call, step, ball):
+def test_resets(api, call, step, ball, monkeypatch):
     step(50)
+    restarted = []
+    monkeypatch.setattr(api.thread.pacer, "restart", restarted.append)
     api.resets.clear()
     call("reset_world")
     assert call("get_model_state", "ball", "").pose.position.z == pytest.approx(100.0)
     assert call("get_world_properties").sim_time == pytest.approx(0.05)
     assert api.resets == []
     call("reset_simulation")
-    assert api.resets == [0]
+    assert api.resets == [0] and restarted == [0]
     assert call("get_model_state", "ball", "").header.stamp.to_nsec() == 0
 
 
@@ -111,10 +113,13 @@ def test_a_link_state_is_less_the_frame_s_motion(api, call, another, ball):
     pose = Pose(Point(0.0, 0.0, 100.0), QUARTER)
     call("set_model_state", ModelState("ball", pose, twist, "world"))
     another(Pose(Point(5.0, 0.0, 0.0), Quaternion()))
+    rolls = Twist(Vector3(), Vector3(2.0, 0.0, 0.0))
+    there = Pose(Point(5.0, 0.0, 0.0), Quaternion())
+    call("set_model_state", ModelState("other", there, rolls, ""))
     seen = call("get_link_state", "other::ball", "ball").link_state
     # In the ball's axes, whose y is the world's -x.
     assert xyz(seen.twist.linear) == pytest.approx((0.0, 1.0, 0.0), abs=1e-9)
-    assert xyz(seen.twist.angular) == pytest.approx((0.0, 0.0, -3.0), abs=1e-9)
+    assert xyz(seen.twist.angular) == pytest.approx((0.0, -2.0, -3.0), abs=1e-9)
     wanted = Twist(Vector3(4.0, 0.0, 0.0), Vector3(0.0, 5.0, 0.0))
     state = LinkState("other::ball", Pose(Point(1.0, 0.0, 0.0), Quaternion(w=1.0)), wanted, "ball")
     call("set_link_state", state)

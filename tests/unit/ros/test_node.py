@@ -177,9 +177,15 @@ def test_what_stood_there_comes_back_after_a_death(make):
     found = graph.call("/r/controller_manager/list_controllers").controller
     assert [(c.name, c.state) for c in found] == [("on", "running"), ("off", "initialized")]
     assert sum("is brought back" in line for line in graph.lines) == 2
-    second.stop()  # as it should end
+    assert graph.call("/gazebo/delete_model", "arm").success
+    second.thread.stop()
+    lines = len(graph.lines)
     third = make(paused=True, restore=True)
-    assert list(third.thread.simulation.world.models) == ["ground_plane"]
+    assert list(third.thread.simulation.world.models) == ["ground_plane", "box"]
+    assert len(graph.lines) == lines + 1  # and no controller is asked for
+    third.stop()  # as it should end
+    fourth = make(paused=True, restore=True)
+    assert list(fourth.thread.simulation.world.models) == ["ground_plane"]
 
 
 def test_nothing_is_written_down_without_need(make):

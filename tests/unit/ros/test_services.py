@@ -1,0 +1,86 @@
+"""Services of one table: each is served by a function, and where it is asked for one at a time."""
+
+from __future__ import annotations
+
+import threading
+from types import SimpleNamespace
+
+import pytest
+import rospy
+from std_srvs.srv import Empty, SetBool, Trigger
+
+from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.ros.runtime.services import ServiceTable, handlers_in, serves
+
+
+@pytest.mark.parametrize(("turn", "most"), [(None, 2), (threading.Lock(), 1)])
+def test_calls_wait_for_their_turn_where_there_is_one(graph, turn, most):
+    inside, greatest = [], []
+    two = threading.Barrier(2)
+
+    @serves(Trigger, outside=True)
+    def ask(_thread: object, _request: object) -> None:
+        inside.append(1)
+        greatest.append(len(inside))
+        if most == 2:
+            two.wait(5.0)
+        else:
+            threading.Event().wait(0.02)
+        inside.pop()
+
+    ServiceTable("/x", None, ask, turn=turn)
+    callers = [threading.Thread(target=graph.call, args=("/x/ask",)) for _ in range(2)]
+    for caller in callers:
+        caller.start()
+    for caller in callers:
+        caller.join(10.0)
+    assert max(greatest) == most
+
+
+def test_an_answer_is_what_the_handler_says_and_else_that_it_went_well(graph):
+    @serves(SetBool, "done")
+    def plain(_simulation: object, _request: object) -> None:
+        """Nothing to say."""
+
+    @serves(SetBool)
+    def honest(simulation: object, request: object) -> dict:
+        assert simulation == "the world" and request.data is True
+        return {"success": False, "message": "no"}
+
+    thread = SimpleNamespace(simulation="the world", call=lambda job: job())
+    table = ServiceTable("/x/", thread, plain, honest)
+    assert graph.call("/x/plain", True).success is True
+    answer = graph.call("/x/honest", True)
+    assert (answer.success, answer.message) == (False, "no")
+    table.shutdown()
+    assert not graph.services
+    assert plain.terms.kind == "SetBool"
+
+
+def test_a_fault_is_an_answer_or_a_failed_call_and_a_line(graph):
+    @serves(Trigger)
+    def refuses(_simulation: object, _request: object) -> None:
+        raise SimError("not so")
+
+    @serves(Empty, call_fails=True)
+    def fails(_simulation: object, _request: object) -> None:
+        raise KeyError("x")
+
+    ServiceTable("/x", SimpleNamespace(simulation=None, call=lambda job: job()), refuses, fails)
+    assert graph.call("/x/refuses").success is False
+    assert graph.lines[-1] == "/x/refuses: not so"
+    with pytest.raises(rospy.ServiceException, match="Empty: internal error, KeyError: 'x'"):
+        graph.call("/x/fails")
+
+
+def test_handlers_are_found_where_they_are():
+    class Some:
+        @serves(Trigger)
+        def one(self, _simulation: object, _request: object) -> None:
+            """A service."""
+
+        def other(self) -> None:
+            """None."""
+
+    some = Some()
+    assert handlers_in(some) == [some.one]

@@ -8,6 +8,7 @@ import time
 
 import pytest
 
+from aras_sim_bridge.ros.runtime.inbox import Inbox
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationBusyError, SimulationThread
 
@@ -90,6 +91,31 @@ def test_unpausing_clears_the_gate_that_steps_closed(started):
     assert thread.step(5, 5.0) == 5_000_000  # steps asked for are made
     thread.unpause()
     until(lambda: thread.now_ns() == 6_000_000)
+
+
+def test_a_bell_that_was_heard_does_not_wake_again(started):
+    """While time stands still the thread waits, and does not spin."""
+
+    class Counting(Inbox):
+        waits = 0
+
+        def wait(self, seconds: float | None, commands: bool = True) -> bool:
+            self.waits += 1
+            return super().wait(seconds, commands)
+
+    inbox = Counting()
+    thread = started(1.0, paused=True, inbox=inbox)
+    thread.call(lambda: None)
+    until(lambda: inbox.waits)
+    waits = inbox.waits
+    time.sleep(0.03)
+    assert inbox.waits <= waits + 2
+
+
+def test_the_time_after_a_job_is_known_at_once(started):
+    thread = started(1.0, paused=True)
+    thread.call(lambda: setattr(thread.simulation, "time_ns", 77))
+    until(lambda: thread.now_ns() == 77)
 
 
 def test_a_stall_is_not_made_good_and_not_complained_of(started, caplog):

@@ -107,6 +107,7 @@ class Graph:
         self.subscribers: dict[str, Callable[[object], None]] = {}
         self.parameters: dict[str, object] = {}
         self.lines: list[str] = []
+        self.timers: list[tuple] = []
 
     def call(self, service: str, *args: object, **fields: object) -> object:
         """The answer of a service to a request of these fields, the first ones in their order."""
@@ -184,7 +185,7 @@ def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
     monkeypatch.setattr(rospy, "Service", service)
     monkeypatch.setattr(rospy, "Publisher", publisher)
     monkeypatch.setattr(rospy, "Subscriber", subscriber)
-    monkeypatch.setattr(rospy, "Timer", lambda *_: None)
+    monkeypatch.setattr(rospy, "Timer", lambda *given: it.timers.append(given))
     monkeypatch.setattr(rospy, "get_param", it.given)
     monkeypatch.setattr(parameters.rosgraph, "Master", lambda _name: it)
     monkeypatch.setattr(rospy, "set_param", it.set)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -199,6 +200,11 @@ def test_a_switch_that_nobody_carries_out_is_given_up(rig, monkeypatch):
         assert "not carried out within 0.05 s of wall time" in rig.graph.lines[-1]
     rig.step(3)
     assert rig.call("list_controllers").controller[0].state == "initialized"
+
+
+def test_the_limit_of_a_switch_is_as_the_readme_says():
+    text = (Path(__file__).parents[3] / "src" / "aras_sim_bridge" / "README.md").read_text()
+    assert f"answers after {manager_services.SWITCH_TIMEOUT:g} s of wall time" in text
 
 
 def test_a_switch_is_carried_out_when_time_is_stopped_under_it(rig, monkeypatch):

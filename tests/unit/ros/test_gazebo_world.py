@@ -55,6 +55,21 @@ def test_a_light_is_spawned_where_it_is_asked_for(api, call, ball):
     assert "exists already" in answer.status_message
 
 
+@pytest.mark.parametrize(("text", "root"), [("<model/>", "<model>"), ("", "no element")])
+def test_text_that_describes_nothing_is_refused(call, text, root):
+    answer = call("spawn_sdf_model", "m", text, "", Pose(), "", refused=True)
+    assert f"the model's root is {root}; give URDF (<robot>) or SDF" in answer.status_message
+
+
+def test_settings_of_no_camera_are_said_when_a_robot_with_cameras_comes(api, call):
+    api.graph.set("~cameras/nobody/width", 3)
+    camera = """<gazebo reference="l"><sensor type="camera" name="c"><camera><image>
+      <width>8</width><height>6</height></image></camera></sensor></gazebo>"""
+    call("spawn_urdf_model", "m", f'<robot name="m"><link name="l"/>{camera}</robot>', "", Pose(),
+         "")
+    assert any("/nobody belong to no camera" in line for line in api.graph.lines)
+
+
 @pytest.mark.parametrize(("name", "words"), [
     ("", "is empty"), ("a::b", "no '::'"), ("x" * 257, "at most 256"),
 ])
@@ -163,6 +178,14 @@ def test_states_are_published_while_somebody_listens(api, call, step, slider, ba
     assert links.name[1:] == ["slider::world", "slider::cart", "slider::box", "ball::ball"]
     assert links.pose[4].position.z == models.pose[2].position.z
     assert links.twist[4].linear.z == models.twist[2].linear.z
+
+
+def test_the_real_time_factor_is_told_once_a_second(api):
+    ((period, tell),) = api.graph.timers
+    assert period.to_sec() == 1.0
+    api.thread.pacer.restart(0)
+    tell(None)
+    assert api.graph.publishers["/gazebo/real_time_factor"].sent == [0.0]
 
 
 def test_a_fault_of_ours_is_an_answer_too(api, call, monkeypatch):

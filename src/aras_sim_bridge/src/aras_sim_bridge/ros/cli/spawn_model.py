@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from pathlib import Path
 
 import rospy
 from gazebo_msgs.msg import ModelStates
 from gazebo_msgs.srv import DeleteModel, SetModelConfiguration, SpawnModel
-from geometry_msgs.msg import Pose, Quaternion
 from std_srvs.srv import Empty
+
+from aras_sim_bridge.poses import Pose
+from aras_sim_bridge.ros.conversions import to_pose
 
 
 class UsageError(Exception):
@@ -74,21 +75,6 @@ def read_xml(args: argparse.Namespace) -> str:
     return sys.stdin.read()
 
 
-def to_pose(args: argparse.Namespace) -> Pose:
-    """Return the initial pose of -x -y -z -R -P -Y (roll, pitch, yaw about fixed x, y, z)."""
-    pose = Pose()
-    pose.position.x, pose.position.y, pose.position.z = args.x, args.y, args.z
-    cr, cp, cy = (math.cos(angle / 2) for angle in (args.R, args.P, args.Y))
-    sr, sp, sy = (math.sin(angle / 2) for angle in (args.R, args.P, args.Y))
-    pose.orientation = Quaternion(
-        x=sr * cp * cy - cr * sp * sy,
-        y=cr * sp * cy + sr * cp * sy,
-        z=cr * cp * sy - sr * sp * cy,
-        w=cr * cp * cy + sr * sp * sy,
-    )
-    return pose
-
-
 def wait_for_model(namespace: str, name: str) -> None:
     """Return when model_states lists the model."""
     rospy.loginfo("Waiting for model %s before spawning", name)
@@ -124,10 +110,11 @@ def spawn(args: argparse.Namespace) -> None:
     robot_namespace = args.robot_namespace
     if robot_namespace is None:
         robot_namespace = rospy.get_namespace()
+    pose = Pose.from_rpy((args.x, args.y, args.z), (args.R, args.P, args.Y))
     rospy.loginfo("Waiting for service %s", service)
     rospy.wait_for_service(service)
     response = rospy.ServiceProxy(service, SpawnModel)(
-        args.model, xml, robot_namespace, to_pose(args), args.reference_frame
+        args.model, xml, robot_namespace, to_pose(pose), args.reference_frame
     )
     if not response.success:
         raise UsageError(response.status_message)

@@ -188,6 +188,18 @@ def test_what_stood_there_comes_back_after_a_death(make):
     assert list(fourth.thread.simulation.world.models) == ["ground_plane"]
 
 
+def test_one_that_cannot_come_back_does_not_keep_the_others_away(make):
+    first = make(paused=True, restore=True)
+    for name in ("a", "b"):
+        text = f'<robot name="{name}"><link name="l"/></robot>'
+        assert make.graph.call("/gazebo/spawn_urdf_model", name, text, "", Pose(), "").success
+    first.thread.stop()
+    make.graph.parameters[rospy.resolve_name("~spawned")]["models"][0]["xml"] = "nonsense"
+    second = make(paused=True, restore=True)
+    assert list(second.thread.simulation.world.models) == ["ground_plane", "b"]
+    assert any("it does not come back" in line for line in make.graph.lines)
+
+
 def test_nothing_is_written_down_without_need(make):
     make(paused=True)
     text = '<robot name="box"><link name="l"/></robot>'

@@ -64,19 +64,25 @@ class Record:
         for model in self._left.get("models", ()):
             pose = Pose(Point(*model["position"]), Quaternion(*model["orientation"]))
             rospy.logwarn("model '%s' is brought back after the simulator's end", model["name"])
-            rospy.ServiceProxy(f"/gazebo/{model['service']}", SpawnModel)(
-                model["name"], model["xml"], model["namespace"], pose, model["frame"]
-            )
+            given = model["name"], model["xml"], model["namespace"], pose, model["frame"]
+            _call(f"/gazebo/{model['service']}", SpawnModel, *given)
         for namespace, controllers in self._left.get("controllers", ()):
             manager = f"{namespace}/controller_manager"
             for name, _ in controllers:
-                rospy.ServiceProxy(f"{manager}/load_controller", LoadController)(name)
+                _call(f"{manager}/load_controller", LoadController, name)
             running = [name for name, runs in controllers if runs]
-            switch = rospy.ServiceProxy(f"{manager}/switch_controller", SwitchController)
-            switch(running, [], STRICT, False, 0.0)
+            _call(f"{manager}/switch_controller", SwitchController, running, [], STRICT, False, 0.0)
 
     def _write(self) -> None:
         if self._kept:
             controllers = [[name, found] for name, found in self._controllers.items() if found]
             models = list(self._models.values())
             rospy.set_param(NAME, {"models": models, "controllers": controllers})
+
+
+def _call(service: str, kind: type, *given: object) -> None:
+    """Call a service, which logs itself what it refuses; one failure does not stop the others."""
+    try:
+        rospy.ServiceProxy(service, kind)(*given)
+    except rospy.ServiceException as error:
+        rospy.logerr("%s: %s; it does not come back", service, error)

@@ -10,7 +10,7 @@ import time
 import numpy as np
 import pytest
 import rospy
-from aras_visual_servo_camera.msg import ImageMoments
+from aras_visual_servo_camera.msg import ImageMoments, KernelFeatures
 from ros_graph import RosMaster, wait_for
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float64MultiArray
@@ -200,6 +200,21 @@ def test_kernel_layout_has_the_originals_20_numbers(ros_node, collect, start) ->
     data = rig.data.wait().data
     assert len(data) == 20 and data[15] == -1.0
     assert data[18] == pytest.approx(4500 * 0.017 * 0.0185)
+
+
+def test_kernel_features_carry_their_images_stamp_or_a_reason(ros_node, collect, start) -> None:
+    start()  # whatever the layout of camera/data
+    rig = Rig(collect)
+    found = collect("/aras_visual_servo/camera/kernel", KernelFeatures)
+    wait_for(found._subscriber.get_num_connections, 10.0, "kernel features")
+    rig.info()
+    rig.frame(picture())
+    message = found.wait()
+    assert len(message.data) == 20 and message.data[15] == -1.0 and not message.reason
+    assert message.header.stamp == rig.moments.messages[-1].header.stamp
+    rig.frame(picture(width=0))
+    wait_for(lambda: found.messages[-1].reason, 5.0, "the reason")
+    assert not found.messages[-1].data
 
 
 def test_waits_for_images_and_says_so(ros_node, start) -> None:

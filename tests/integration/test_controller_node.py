@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import rospy
 from actionlib_msgs.msg import GoalStatus
-from aras_visual_servo_camera.msg import ImageMoments
+from aras_visual_servo_camera.msg import ImageMoments, KernelFeatures
 from aras_visual_servo_controller.msg import (
     ServoReport,
     ServoState,
@@ -370,18 +370,23 @@ def test_without_a_description_it_waits_for_one(plant, start, states):
     wait_for(phase_is(states, "approaching"), 20.0, "the approach")
 
 
-def test_kernel_scheme_wants_its_layout(plant, start, states):
-    data = rospy.Publisher(f"{NAMESPACE}/camera/data", Float64MultiArray, queue_size=1)
+def test_kernel_scheme_wants_its_twenty_numbers_of_the_same_image(plant, start, states, collect):
+    images = collect(f"{NAMESPACE}/camera/moments", ImageMoments)
+    kernel = rospy.Publisher(f"{NAMESPACE}/camera/kernel", KernelFeatures, queue_size=1)
     plant.K = Goal.load(CONFIG / "goal_2015.yaml").kernel.K.ravel().tolist()
     start("_scheme:=kernel", "_start:=none", "_desired:=2015")
 
     def refused():
-        data.publish(Float64MultiArray(data=[0.1, 0.2, 900.0, 0.0]))
+        stamps = [m.header.stamp for m in images.messages[-3:]]
+        for stamp in stamps:
+            message = KernelFeatures(data=[0.1, 0.2, 900.0, 0.0])
+            message.header.stamp = stamp
+            kernel.publish(message)
         time.sleep(0.05)
         return states.messages and "got 4" in states.messages[-1].reason
 
     wait_for(refused, 20.0, "the refusal of four numbers")
-    data.unregister()
+    kernel.unregister()
 
 
 BROKEN = """

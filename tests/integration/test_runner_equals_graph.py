@@ -18,7 +18,7 @@ IMAGE = "/labrob/camera/image_raw"
 LISTENED = {  # by the controller, for the images of a scheme; it has joint states besides
     "moments": {f"{ROBOT}/camera/moments"},
     "moments_2016": {f"{ROBOT}/camera/moments"},
-    "kernel": {f"{ROBOT}/camera/moments", f"{ROBOT}/camera/data"},
+    "kernel": {f"{ROBOT}/camera/moments", f"{ROBOT}/camera/kernel"},
 }
 
 

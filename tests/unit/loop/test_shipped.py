@@ -6,8 +6,9 @@ import pytest
 from aras_visual_servo_bench.experiment import Experiment
 from aras_visual_servo_bench.runner import run
 
-# m and rad at the end: friction lets the joints rest up to 0.11 mm and 0.1 degrees away.
-NEAR = (1.5e-4, np.radians(0.12))
+# m and rad at the end. One of the ten, wide from 2016, comes to 0.108 mm and 0.107 degrees: edges
+# lying along rows of pixels let alpha err by 1.5 mrad. The others: 0.06 mm and 0.07 degrees.
+NEAR = (1.1e-4, np.radians(0.11))
 MOVED = {"camera_xyz": (0.0, 0.03, 0.0), "camera_rpy": (0.0, 0.1745, 0.0)}
 
 

@@ -17,7 +17,7 @@ from aras_visual_servo_controller.driver import Driver
 from aras_visual_servo_controller.goal import Goal
 from aras_visual_servo_controller.joint_history import JointHistory
 from aras_visual_servo_controller.joint_sample import JointSample
-from aras_visual_servo_controller.pairing import ByStamp, InTurn
+from aras_visual_servo_controller.pairing import ByStamp
 from aras_visual_servo_controller.settings import Settings
 
 SOURCES = Path(__file__).parents[3] / "src"
@@ -292,27 +292,13 @@ def test_messages_of_one_stamp_meet_in_any_order():
     assert pairs.add("depth", 29, "d") is not None
 
 
-def test_data_without_a_stamp_belong_to_the_moments_sent_before():
-    turns = InTurn()
-    assert turns.stamped("m1") is None
-    assert turns.plain("d1") == ("m1", "d1")
-    assert turns.plain("d2") is None  # came first
-    assert turns.stamped("m2") == ("m2", "d2")
-    assert turns.stamped("m3") is None  # its data never come
-    assert turns.stamped("m4") is None
-    assert turns.plain("d4") == ("m4", "d4")
-
-
-def test_data_of_an_image_that_was_passed_over_are_not_taken_for_the_next():
-    turns = InTurn()
-    turns.passed_over()
-    assert turns.plain("d1") is None  # they come all the same, after their moments
-    assert turns.stamped("m2") is None
-    assert turns.plain("d2") == ("m2", "d2")
-    assert turns.plain("d3") is None
-    turns.passed_over()  # they came before their moments
-    assert turns.plain("d4") is None
-    assert turns.stamped("m4") == ("m4", "d4")
-    turns.passed_over()  # none come
-    assert turns.stamped("m6") is None
-    assert turns.plain("d6") == ("m6", "d6")
+def test_a_message_that_never_comes_or_comes_late_changes_no_other_pair():
+    """As an image whose moments were refused, with kernel features that come all the same."""
+    pairs = ByStamp(("moments", "kernel"))
+    assert pairs.add("kernel", 1, "k1") is None  # its moments were no use
+    assert pairs.add("moments", 2, "m2") is None
+    assert pairs.add("moments", 3, "m3") is None
+    assert pairs.add("kernel", 3, "k3") == {"moments": "m3", "kernel": "k3"}
+    assert pairs.add("kernel", 2, "k2") is None  # overtaken
+    assert pairs.add("kernel", 4, "k4") is None
+    assert pairs.add("moments", 4, "m4") == {"moments": "m4", "kernel": "k4"}

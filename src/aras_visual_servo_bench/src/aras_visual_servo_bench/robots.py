@@ -33,6 +33,8 @@ class RobotSpec:
     urdf: path or package:// of the description. config: of the controllers' YAML.
     namespace: the robot's, below which the YAML may keep its controllers.
     camera_frame: the optical frame. camera: its name in the description; '' the first.
+    target_frame: the link that carries the target where the arm moves that (eye-to-hand): poses
+        of target and goal are then in this link's frame; '': the target stands in the world.
     controllers: names of the joint controllers to use; empty: every one for a single joint.
     joint_states: name of the controller that publishes them.
     cameras: package whose config/cameras holds the presets.
@@ -44,6 +46,7 @@ class RobotSpec:
     namespace: str = "/aras_visual_servo"
     camera_frame: str = "camera_optical_frame"
     camera: str = ""
+    target_frame: str = ""
     controllers: tuple[str, ...] = ()
     joint_states: str = "joint_state_controller"
     cameras: str = "aras_visual_servo_gazebo"
@@ -141,7 +144,7 @@ class Robot:
 
     def _arm(self, urdf: str) -> Arm:
         try:
-            return Arm.from_urdf(urdf, self.spec.camera_frame)
+            return Arm.from_urdf(urdf, self.spec.camera_frame, target_frame=self.spec.target_frame)
         except ConfigurationError as error:
             raise ExperimentError(f"{self.spec.urdf}: {error}") from None
 

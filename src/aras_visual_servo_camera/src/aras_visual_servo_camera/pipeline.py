@@ -123,12 +123,15 @@ class Pipeline:
         Raises:
             DegenerateFeatureError: no target. CalibrationError: 'moments' without camera_info.
         """
-        mask = self.original_mask(image)
         if self.settings.layout == "kernel":
-            return kernel_features(mask).layout()
+            return self.kernel(image)
         if self.camera is None:
             raise CalibrationError(self.camera_fault)
-        return moment_layout(mask, self.camera.pinhole)
+        return moment_layout(self.original_mask(image), self.camera.pinhole)
+
+    def kernel(self, image: Image) -> list[float]:
+        """The 20 numbers of the kernel layout. Raises DegenerateFeatureError: no target."""
+        return kernel_features(self.original_mask(image)).layout()
 
     def original_mask(self, image: Image) -> NDArray[np.uint8]:
         """Inverse binary image (0, 255) at the original's threshold."""

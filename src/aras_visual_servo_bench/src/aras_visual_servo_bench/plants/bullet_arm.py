@@ -9,6 +9,7 @@ import numpy as np
 
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_visual_servo_controller.arm.poses import inverse
 
 from .. import cameras
 from ..errors import ExperimentError
@@ -88,6 +89,7 @@ class BulletArm(Plant):
         mounted = simulation.camera("/" + camera.strip("/"))
         mounted.on_frame, mounted.enabled = self._on_frame, True
         self._link_T_camera = np.array(mounted.parent_T_optical)
+        self._carrier = spec.target_frame
         self.camera = cameras.model_of_info(mounted.sensor.info)
 
     @property
@@ -115,8 +117,11 @@ class BulletArm(Plant):
             self._robot.command(controller, float(value))
 
     def pose(self) -> np.ndarray:
-        """world_T_camera (4, 4) from the physics."""
-        return np.array(self._model.link_pose(self._link).matrix()) @ self._link_T_camera
+        """world_T_camera (4, 4) from the physics; in the target's link where the arm moves that."""
+        pose = np.array(self._model.link_pose(self._link).matrix()) @ self._link_T_camera
+        if not self._carrier:
+            return pose
+        return inverse(np.array(self._model.link_pose(self._carrier).matrix())) @ pose
 
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities from the physics."""

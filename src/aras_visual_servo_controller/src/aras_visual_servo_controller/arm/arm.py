@@ -23,9 +23,9 @@ class Arm:
     The base is the robot's root link, or the link named; where the arm hangs in a world is the
     world's affair, and what is called `world_T_camera` in this package is `base_T_camera`.
 
-    With a `target_frame` the camera need not be on the arm: the Jacobian is that of the camera's
-    motion relative to that link (eye-to-hand: the camera stands still and the arm moves the
-    target).
+    With a `target_frame` the camera need not be on the arm: pose and Jacobian are those of the
+    camera's motion relative to that link (eye-to-hand: the camera stands still and the arm moves
+    the target), and `world` is that link.
 
     Attributes:
         names: (n,) of the joints, from the base to the camera, then those to the target.
@@ -113,22 +113,13 @@ class Arm:
         return len(self.names)
 
     def pose(self, q: np.ndarray) -> np.ndarray:
-        """`world_T_camera` (4, 4), that is base_T_camera, for joints q (n,); read-only."""
+        """`world_T_camera` (4, 4) for joints q (n,), in the frame in which the target stands still:
+        the base's, or the target's own where the arm moves it; read-only."""
+        if self._target is not None:
+            return _read_only(self.view(q)[0])
         with self._lock:
             pinocchio.forwardKinematics(self._model, self._data, self._inner(q))
             pose = pinocchio.updateFramePlacement(self._model, self._data, self._camera)
-            return _read_only(pose.homogeneous)
-
-    def target_pose(self, q: np.ndarray) -> np.ndarray:
-        """`world_T_target` (4, 4), the frame that the camera's motion is relative to; read-only.
-
-        The base's own where the target stands still.
-        """
-        if self._target is None:
-            return _read_only(np.eye(4))
-        with self._lock:
-            pinocchio.forwardKinematics(self._model, self._data, self._inner(q))
-            pose = pinocchio.updateFramePlacement(self._model, self._data, self._target)
             return _read_only(pose.homogeneous)
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:

@@ -65,8 +65,8 @@ class Kernel(Feature):
         """See Feature.check."""
         if goal.kernel is None:
             raise ConfigurationError(
-                f"{goal.name} holds no kernel features: teach them with the camera node's "
-                "layout 'kernel' (rosrun aras_visual_servo_controller teach)"
+                f"{goal.name} holds no kernel features: teach them (rosrun "
+                "aras_visual_servo_controller teach --scheme kernel)"
             )
         if not (goal.kernel.features[:3] > 0.0).all():
             raise ConfigurationError(f"{goal.name}: kernel features 0 to 2 must be above 0")
@@ -81,8 +81,8 @@ class Kernel(Feature):
         if data is None or data.shape != (20,):
             size = "none" if data is None else str(data.size)
             raise MeasurementError(
-                f"expected the 20 numbers of the kernel layout, got {size}: set the camera node's "
-                "~layout to kernel"
+                f"expected the 20 numbers of camera/kernel, got {size}: does this camera node "
+                "publish them?"
             )
         k = data[16:]
         if not np.isfinite(data).all() or k[2] <= 0.0:
@@ -90,7 +90,7 @@ class Kernel(Feature):
         counted = round(k[2] / (DELTA_X * DELTA_Y))
         if 0 < self.too_many * observation.pixel_count < counted:
             raise MeasurementError(
-                f"camera/data counts {counted} pixels as target, which has "
+                f"camera/kernel counts {counted} pixels as target, which has "
                 f"{observation.pixel_count}: the ground is noisy or not white; lower the camera "
                 "node's ~original_threshold"
             )

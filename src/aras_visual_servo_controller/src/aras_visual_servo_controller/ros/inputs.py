@@ -5,9 +5,8 @@ from __future__ import annotations
 import threading
 
 import rospy
-from aras_visual_servo_camera.msg import ImageMoments
+from aras_visual_servo_camera.msg import ImageMoments, KernelFeatures
 from sensor_msgs.msg import CameraInfo, Image, JointState
-from std_msgs.msg import Float64MultiArray
 
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import decode
@@ -15,7 +14,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..driver import Driver, Look
 from ..observation import Need
-from ..pairing import ByStamp, InTurn
+from ..pairing import ByStamp
 from ..settings import Settings
 from ..state import Source
 from .depth import depth_of
@@ -34,7 +33,8 @@ class Inputs:
         self._camera: CameraModel | None = None
         self._early: dict[str, Image] = {}  # the newest of each kind that came before camera_info
         self._lock = threading.Lock()
-        self._turns, space = InTurn(), settings.namespace.rstrip("/")
+        self._measurements = ByStamp(("moments", "kernel"))
+        space = settings.namespace.rstrip("/")
         self._images = ByStamp(("image", "depth") if Need.DEPTH in needs else ("image",))
         options = {"queue_size": 1, "tcp_nodelay": True}
         pictures, camera = {**options, "buff_size": BUFFER}, settings.camera_namespace.rstrip("/")
@@ -53,8 +53,7 @@ class Inputs:
         else:
             topics = [(f"{space}/camera/moments", ImageMoments, self._on_moments, options)]
             if Need.KERNEL in needs:
-                data = f"{space}/camera/data"
-                topics.append((data, Float64MultiArray, self._on_data, options))
+                topics.append((f"{space}/camera/kernel", KernelFeatures, self._on_kernel, options))
         self._kernel = Need.KERNEL in needs
         pictured = bool(needs & PICTURES)
         driver.source = Source(
@@ -74,28 +73,32 @@ class Inputs:
         self._driver.joints(message.name, message.position, message.velocity, stamp)
 
     def _on_moments(self, message: ImageMoments) -> None:
-        if not self._kernel:
+        if not self._kernel or not message.valid:
             self._measured(message, None)
-        elif not message.valid:
-            self._turns.passed_over()
-            self._measured(message, None)
-        elif pair := self._turns.stamped(message):
-            self._measured(*pair)
+        else:
+            self._paired("moments", message)
 
-    def _on_data(self, message: Float64MultiArray) -> None:
-        if pair := self._turns.plain(message):
-            self._measured(*pair)
+    def _on_kernel(self, message: KernelFeatures) -> None:
+        self._paired("kernel", message)
 
-    def _measured(self, message: ImageMoments, data: Float64MultiArray | None) -> None:
+    def _paired(self, kind: str, message: ImageMoments | KernelFeatures) -> None:
+        with self._lock:
+            both = self._measurements.add(kind, message.header.stamp, message)
+        if both is not None:
+            self._measured(both["moments"], both["kernel"])
+
+    def _measured(self, message: ImageMoments, kernel: KernelFeatures | None) -> None:
         stamp = message.header.stamp.to_sec()
         camera, fault = camera_of(message)
         moments, reason = moments_of(message)
+        if kernel is not None:
+            reason = reason or kernel.reason
         valid, reason = bool(message.valid and not fault), fault or reason
 
         def look(joints, commands):
             return self._observer.of_moments(
                 stamp, moments, valid and not reason, reason, camera, joints, commands,
-                kernel=None if data is None else data.data,
+                kernel=None if kernel is None else kernel.data,
                 pixel_count=int(message.pixel_count),
                 touches=("border",) if message.touches_border else (),
             )  # fmt: skip

@@ -16,6 +16,7 @@ from ..naming import unknown
 from ..observation import SEGMENTED, Observation
 from ..task import RANK_TOLERANCE, Task
 from .base import Decision, Scheme
+from .broyden import Broyden
 
 INTERACTIONS = ("current", "desired", "mean", "estimated")
 # A gap after which a filter begins anew, s; a jump that no camera makes (an angle that wrapped).
@@ -33,7 +34,8 @@ class Composed(Scheme):
         smoothing: time constant of a low-pass before the law, s; 0 for none. What it gives is
             the decision's `filtered_error`; `error` stays as measured.
         ratio: (k,) factors of the wanted rates, or None.
-        estimator: for 'estimated': answers L (k, 6) from the observation and what was measured.
+        estimator: for 'estimated': answers L (k, 6) from the observation and what was measured,
+            and forgets at its `reset()`, if it has one; Broyden's rule where none is given.
     """
 
     def __init__(
@@ -51,8 +53,12 @@ class Composed(Scheme):
         self.feature = parts[0] if len(parts) == 1 and weights is None else Stack(parts, weights)
         if interaction not in INTERACTIONS:
             raise unknown("interaction", interaction, INTERACTIONS)
-        if (interaction == "estimated") != (estimator is not None):
-            raise ConfigurationError("interaction 'estimated' needs an estimator, and it alone")
+        if estimator is not None and interaction != "estimated":
+            raise ConfigurationError(
+                f"an estimator is for interaction 'estimated', not '{interaction}'"
+            )
+        if interaction == "estimated" and estimator is None:
+            estimator = Broyden()
         if not (np.isfinite(smoothing) and smoothing >= 0.0):
             raise ConfigurationError(f"smoothing is {smoothing}, it must be >= 0 s")
         if ratio is not None and (
@@ -73,6 +79,8 @@ class Composed(Scheme):
         """See Scheme.reset."""
         super().reset()
         self.feature.reset()
+        if self.estimator is not None and hasattr(self.estimator, "reset"):
+            self.estimator.reset()
         self._filter = None
 
     def check(self, goal: Goal) -> None:

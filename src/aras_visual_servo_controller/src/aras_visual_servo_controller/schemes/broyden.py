@@ -1,0 +1,67 @@
+"""L estimated from what was seen: no camera model, no depth, only how the features moved.
+
+Broyden's rule changes L no more than the last motion of the camera v demands,
+
+    L <- L + gain (de - L v) v^T W / (floor^2 + v^T W v)
+
+with de the features' change in that motion, and W making rotations comparable to translations.
+
+Reference: J. A. Piepmeier, G. V. McMurray and H. Lipkin, Uncalibrated dynamic visual servoing,
+IEEE Transactions on Robotics and Automation 20(1), 2004.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..evidence import body_motion
+from ..features.base import Measured
+from ..observation import Observation
+
+LENGTH = 0.3  # m that weigh as much as one radian
+LONGEST_JUMP = 1.0  # of an error: more is an angle that wrapped round
+
+
+class Broyden:
+    """Estimator of L (k, 6) for a Composed with interaction 'estimated'.
+
+    It begins with the feature's own L at the first view, or with `start`.
+    """
+
+    def __init__(
+        self, gain: float = 0.5, floor: float = 1e-3, start: np.ndarray | None = None
+    ) -> None:
+        """`gain`: part of the misfit that is corrected at once, in (0, 1]; `floor`: m, of a motion
+        so small that its features' change is half noise; `start`: L (k, 6) to begin with."""
+        self.gain, self.floor = float(gain), float(floor)
+        self.start = None if start is None else np.array(start, float)
+        self._weights = np.array([1.0, 1.0, 1.0, LENGTH**2, LENGTH**2, LENGTH**2])
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was seen."""
+        self._L: np.ndarray | None = None
+        self._before: tuple[float, np.ndarray] | None = None  # stamp, error
+
+    def __call__(self, observation: Observation, measured: Measured) -> np.ndarray:
+        """L (k, 6) at this view, after what this image adds."""
+        error = np.asarray(measured.error, float)
+        before, self._before = self._before, (observation.stamp, error)
+        if self._L is None or len(self._L) != len(error):
+            known = self.start if self.start is not None else measured.L
+            self._L = np.array(known, float)
+        moved = observation.previous_T_camera
+        # The motion is that since the last image; where that was not measured, nothing is learnt.
+        if before is None or moved is None or len(before[1]) != len(error):
+            return self._L
+        if abs(observation.stamp - observation.dt - before[0]) > 1e-6:
+            return self._L
+        change = error - before[1] - np.asarray(measured.rate) * observation.dt
+        if np.abs(change).max() > LONGEST_JUMP:
+            return self._L
+        v = body_motion(moved)
+        weighted = self._weights * v
+        misfit = change - self._L @ v
+        scale = self.gain / (self.floor**2 + float(v @ weighted))
+        self._L = self._L + np.outer(misfit, scale * weighted)
+        return self._L

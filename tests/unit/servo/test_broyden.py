@@ -1,0 +1,136 @@
+"""L estimated by Broyden's rule: comes to the true one, wants no model, and forgets when told."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from free_camera import exponential
+from loop_rig import STARTS, Rig, the_goal, the_servo
+
+from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.features.moments import ImageMoments
+from aras_visual_servo_controller.laws import Proportional
+from aras_visual_servo_controller.schemes import Composed, create_scheme
+from aras_visual_servo_controller.schemes.broyden import Broyden
+
+DT = 1.0 / 30.0
+
+
+def image(stamp, twist, dt=DT):
+    return SimpleNamespace(stamp=stamp, dt=dt, previous_T_camera=exponential(twist))
+
+
+def seen(error, L, rate=0.0):
+    return SimpleNamespace(error=np.array(error), L=np.array(L), rate=rate)
+
+
+def learnt(count=400, gain=1.0, rate=0.0, seed=0):
+    """Truth and estimate after `count` random motions; the estimate began somewhere else."""
+    random = np.random.default_rng(seed)
+    truth, wrong = random.normal(size=(2, 4, 6))
+    estimator, error = Broyden(gain), np.zeros(4)
+    for k in range(count):
+        twist = 0.02 * random.normal(size=6)
+        if k:
+            error = error + truth @ twist + rate * DT
+        found = estimator(image(k * DT, twist), seen(error, wrong, rate))
+        if k == 0:
+            assert (found == wrong).all()
+        error = error % 0.5  # stays bounded, as if the camera were set back
+        estimator._before = (k * DT, error)
+    return truth, found
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_it_comes_to_the_true_one(seed):
+    truth, found = learnt(seed=seed)
+    np.testing.assert_allclose(found, truth, atol=0.03)
+
+
+def test_a_target_that_moves_is_taken_out():
+    truth, found = learnt(rate=np.array([0.3, -0.2, 0.1, 0.5]))
+    np.testing.assert_allclose(found, truth, atol=0.03)
+
+
+def test_one_motion_changes_no_more_than_it_showed():
+    truth, wrong = np.arange(24.0).reshape(4, 6) - 10.0, np.zeros((4, 6))
+    estimator = Broyden(gain=1.0, floor=1e-9)
+    estimator(image(0.0, np.zeros(6)), seen(np.zeros(4), wrong))
+    twist = np.array([0.01, 0.0, 0.0, 0.0, 0.0, 0.01])
+    found = estimator(image(DT, twist), seen(truth @ twist, wrong))
+    np.testing.assert_allclose(found @ twist, truth @ twist, rtol=1e-6)
+    assert np.abs(found[:, 1:5]).max() < 1e-9
+    # a radian weighs as 0.3 m, squared
+    np.testing.assert_allclose(found[:, 5], 0.09 * found[:, 0], rtol=1e-9)
+    half = Broyden(gain=0.5, floor=1e-9, start=wrong)
+    half(image(0.0, np.zeros(6)), seen(np.zeros(4), truth))
+    found = half(image(DT, twist), seen(truth @ twist, truth))
+    np.testing.assert_allclose(found @ twist, 0.5 * (truth @ twist), rtol=1e-6)
+
+
+def test_small_motions_wraps_and_gaps_teach_nothing():
+    L = np.ones((1, 6))
+    along = 0.01 * np.eye(6)[0]
+    for twist, error, second in (
+        (1e-6 * along, [0.5], image(DT, 1e-6 * along)),  # noise
+        (along, [3.0], image(DT, along)),  # an angle that wrapped
+        (along, [0.5], image(5 * DT, along)),  # its image before was not measured
+        (along, [0.5, 0.5], image(DT, along)),  # of another length
+    ):
+        estimator = Broyden(1.0)
+        estimator(image(0.0, twist), seen([0.0], L))
+        found = estimator(second, seen(error, np.ones((len(error), 6))))
+        np.testing.assert_allclose(found, 1.0, atol=1e-2)
+
+
+class Askew(ImageMoments):
+    """Its L takes the camera for turned by 70 degrees about its axis: the loop spirals."""
+
+    def measure(self, observation, goal):
+        measured = super().measure(observation, goal)
+        c, s = np.cos(1.2), np.sin(1.2)
+        turned = measured.L.copy()
+        turned[:, 0] = c * measured.L[:, 0] + s * measured.L[:, 1]
+        turned[:, 1] = c * measured.L[:, 1] - s * measured.L[:, 0]
+        return SimpleNamespace(**{**vars_of(measured), "L": turned})
+
+
+def vars_of(measured):
+    return {name: getattr(measured, name) for name in measured.__dataclass_fields__}
+
+
+def test_what_a_wrong_model_makes_spiral_goes_straight_once_it_is_learnt():
+    def way(interaction):
+        scheme = Composed(Askew(), Proportional(3.0), interaction)
+        rig = Rig(the_servo(scheme=scheme, hold=0.5), STARTS["2016"])
+        states = rig.run(3.0)
+        return rig, np.array([s.decision.error[:2] for s in states if s.decision is not None])
+
+    _, plain = way("current")
+    rig, learnt = way("estimated")
+
+    def length(path):
+        return np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+
+    assert length(learnt) < 0.75 * length(plain)
+    assert rig.missed[0] < 1e-3
+
+
+def test_it_needs_no_more_than_its_name_and_begins_anew_when_the_loop_does():
+    scheme = create_scheme("moments", Proportional(5.0), interaction="estimated")
+    rig = Rig(the_servo(scheme=scheme, hold=1.0), STARTS["2016"])
+    assert rig.run(4.0)[-1].outcome == "converged" and rig.missed[0] < 0.2e-3
+    assert scheme.estimator._L is not None
+    scheme.reset()
+    assert scheme.estimator._L is None and scheme.estimator._before is None
+    assert the_goal("2016") is not None
+
+
+def test_an_estimator_of_ones_own_and_for_nothing_else():
+    mine = lambda observation, measured: 2.0 * measured.L  # noqa: E731
+    scheme = Composed(ImageMoments(), Proportional(5.0), "estimated", estimator=mine)
+    states = Rig(the_servo(scheme=scheme), STARTS["2016"]).run(0.2)
+    plain = Rig(the_servo(), STARTS["2016"]).run(0.2)
+    np.testing.assert_allclose(2.0 * states[0].twist[:3], plain[0].twist[:3], rtol=0.05)
+    with pytest.raises(ConfigurationError, match="an estimator is for interaction 'estimated'"):
+        Composed(ImageMoments(), estimator=mine)

@@ -15,6 +15,7 @@ from pathlib import Path
 import actionlib
 import numpy as np
 import pytest
+import rosbag
 import rospy
 from actionlib_msgs.msg import GoalStatus
 from aras_visual_servo_camera.msg import ImageMoments, KernelFeatures
@@ -57,6 +58,16 @@ NODE = [
     "import sys; from aras_visual_servo_controller.ros.node import main; sys.exit(main())",
 ]
 LAG = 0.03  # s with which the played joints follow
+
+
+def image_of(arm: Arm, q: np.ndarray, stamp: rospy.Time) -> ImageMoments:
+    """What an exact camera sees of the target from these joints."""
+    moments = Moments.from_polygon(GOAL.target.outline(arm.pose(q)), 3)
+    message = ImageMoments(valid=True, order=3, width=320, height=240)
+    message.header.stamp = stamp
+    message.K = [100.0, 0, 160, 0, 100, 120, 0, 0, 1]
+    message.m, message.mu = moments.m_array.tolist(), moments.mu_array.tolist()
+    return message
 
 
 class Plant:
@@ -121,14 +132,10 @@ class Plant:
                 self._moments.publish(self._image(stamp - rospy.Duration.from_sec(self.late)))
 
     def _image(self, stamp: rospy.Time) -> ImageMoments:
-        message = ImageMoments(valid=self.valid, order=3, width=320, height=240)
-        message.header.stamp = stamp
+        message = image_of(self.arm, self.q, stamp)
         message.K = self.K
-        if self.valid:
-            view = GOAL.target.outline(self.arm.pose(self.q))
-            moments = Moments.from_polygon(view, 3)
-            message.m, message.mu = moments.m_array.tolist(), moments.mu_array.tolist()
-        else:
+        if not self.valid:
+            message.valid, message.m, message.mu = False, [], []
             message.reason = "no target in the image"
         return message
 
@@ -470,6 +477,43 @@ def test_a_dry_run_sends_nothing(plant, start, states):
     assert not plant.received
     assert np.abs(states.messages[-1].camera_twist.linear.x) >= 0.0
     assert any(np.abs(m.joint_velocities).max() > 0.0 for m in states.messages)
+
+
+def test_a_dry_run_over_a_recorded_bag_answers_its_images_and_sends_nothing(
+    ros_node, ros_master, start, states, collect, tmp_path
+):
+    """What was recorded while another loop servoed: this one says what it would have done."""
+    q, path = STARTS["2016"], tmp_path / "run.bag"
+    with rosbag.Bag(str(path), "w") as bag:
+        for tick in range(360):
+            stamp = rospy.Time.from_sec(10.0 + tick / 90.0)
+            joints = JointState(name=list(ARM.names), position=q.tolist(), velocity=[0.0] * 6)
+            joints.header.stamp = stamp
+            bag.write(f"{NAMESPACE}/joint_states", joints, stamp)
+            if tick % 3 == 0:
+                bag.write(f"{NAMESPACE}/camera/moments", image_of(ARM, q, stamp), stamp)
+    rospy.set_param("/robot_description", URDF)
+    rospy.set_param("/use_sim_time", True)
+    heard = [collect(f"{NAMESPACE}/{CONTROLLERS[name]}/command", Float64) for name in ARM.names]
+    start("_start:=none", "_desired:=2016", "_dry:=true")
+    wait_for(lambda: "/aras_visual_servo_controller" in ros_master.nodes(), 20.0, "the node")
+    play = subprocess.Popen(
+        ["rosbag", "play", "--clock", "--quiet", "--delay", "1", str(path)],
+        env=dict(ros_master.environment), stdin=subprocess.DEVNULL,
+    )  # fmt: skip
+    try:
+        answered = wait_for(
+            lambda: [m for m in states.messages if m.phase == "servoing"][30:], 30.0, "answers"
+        )
+    finally:
+        play.terminate()
+        play.wait(10.0)
+        for name in ("/robot_description", "/use_sim_time"):
+            rospy.delete_param(name)
+    assert all(np.abs(m.joint_velocities).max() > 0.01 for m in answered)
+    assert all(10.0 <= m.header.stamp.to_sec() <= 14.0 for m in answered)
+    np.testing.assert_allclose(answered[-1].joint_positions, q, atol=1e-9)
+    assert not any(topic.messages for topic in heard)
 
 
 def test_velocity_output_ends_with_zero(plant, start, states, collect):

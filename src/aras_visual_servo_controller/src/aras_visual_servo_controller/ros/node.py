@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
-import xml.etree.ElementTree as ElementTree
-from pathlib import Path
 
 import numpy as np
-import rospkg
 import rospy
 
 from aras_visual_servo_ros.master_watch import MasterWatch
@@ -16,12 +13,12 @@ from aras_visual_servo_ros.shutdown import end_on_signals
 
 from ..driver import Driver
 from ..errors import ConfigurationError
-from ..goal import Goal
 from ..settings import Settings
 from .control import Control
+from .description import DescriptionWatch
 from .face import RosFace
+from .given import given_settings, robot_name
 from .inputs import Inputs
-from .reconfigure import NAMESPACE as GAINS
 from .reconfigure import GainServer
 
 WATCH_PERIOD = 0.02  # s of wall time
@@ -38,22 +35,16 @@ class ControllerNode:
         self.driver: Driver | None = None
         self.face: RosFace | None = None
         self._control: Control | None = None
-        self._urdf = self._waited = ""
-        self._beginnings, self._looked = 0, -1e9
+        self._description = DescriptionWatch(settings.description)
 
     def build(self, urdf: str) -> None:
         """The loop and its faces; ConfigurationError for what cannot be."""
-        try:
-            name = ElementTree.fromstring(urdf).get("name", "")
-        except ElementTree.ParseError:
-            name = ""  # what is wrong with it, the arm says
-        settings = self._settings.for_robot(name, self._given)
+        settings = self._settings.for_robot(robot_name(urdf), self._given)
         arm = settings.arm(urdf)
         servo = settings.build(arm, clock=time.thread_time)
         if self.driver is not None:
             self._inputs.close()
             self.face.close()
-        self._urdf, self._beginnings = urdf, 0
         self.face = RosFace(settings, arm.names)
         observer = settings.observer(arm, servo.scheme)
         self.driver = Driver(servo, observer, settings, self.face, rospy.get_time)
@@ -76,7 +67,9 @@ class ControllerNode:
                 rospy.signal_shutdown(reason)
                 break
             try:
-                self._look_for_robot()
+                began = None if self.driver is None else self.driver.beginnings
+                if urdf := self._description.new(began):
+                    self.build(urdf)
                 if self.driver is not None:
                     self.driver.watch()
             except ConfigurationError as error:
@@ -93,39 +86,13 @@ class ControllerNode:
             self.face.put(np.zeros(len(self.face.names)))
             time.sleep(LAST_WORDS)
 
-    def _look_for_robot(self) -> None:
-        """Build when there is a robot, and anew when another one begins to send joint states."""
-        began = 0 if self.driver is None else self.driver.beginnings
-        now = time.monotonic()
-        if self.driver is not None and began == self._beginnings or now - self._looked < 0.2:
-            return
-        self._looked = now
-        try:
-            urdf = str(rospy.get_param(self._settings.description, ""))
-        except OSError:
-            return  # the master is gone: `spin` will say so
-        if urdf and urdf != self._urdf:
-            self.build(urdf)
-        elif not urdf and not self._waited:
-            self._waited = f"no robot description on parameter {self._settings.description} yet"
-            rospy.logwarn("waiting: %s", self._waited)
-        else:
-            self._beginnings = began
-
 
 def main() -> int:
     """Run the node; returns its exit status."""
     rospy.init_node("aras_visual_servo_controller")
     end_on_signals()
-    package = Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
     try:
-        given = rospy.get_param("~", {})
-        given.pop(GAINS[1:], None)
-        given.setdefault("lockstep", rospy.get_param("/gazebo/speed_mode", "") == "lockstep")
-        settings = Settings.from_mapping(given, package)
-        settings.make_scheme()  # what is wrong with it needs no robot to be told
-        if settings.desired != "auto":
-            Goal.load(settings.goal_path())
+        settings, given = given_settings()
     except ConfigurationError as error:
         rospy.logfatal("%s", error)
         return 1

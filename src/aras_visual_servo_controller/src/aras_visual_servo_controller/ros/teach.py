@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import time
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import rospkg
@@ -17,6 +16,7 @@ from ..settings import Settings
 from ..starts import start_joints
 from ..teaching import Teacher, goal_of
 from .face import RosFace
+from .given import robot_name
 from .inputs import Inputs
 
 
@@ -33,7 +33,7 @@ def live(arguments: argparse.Namespace) -> Goal:
     urdf = str(rospy.get_param(settings.description, ""))
     if not urdf:
         raise ServoError(f"no robot description on parameter {settings.description}")
-    settings = settings.for_robot(ElementTree.fromstring(urdf).get("name", ""), given)
+    settings = settings.for_robot(robot_name(urdf), given)
     arm, scheme = settings.arm(urdf), settings.make_scheme()
     observer = settings.observer(arm, scheme)
     if observer.needs <= {Need.MOMENTS, Need.KERNEL}:

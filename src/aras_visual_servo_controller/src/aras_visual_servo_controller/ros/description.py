@@ -1,0 +1,42 @@
+"""The robot's description on the parameter server: when there is one, and when there is another."""
+
+from __future__ import annotations
+
+import time
+
+import rospy
+
+PERIOD = 0.2  # s of wall time between two looks
+
+
+class DescriptionWatch:
+    """Looks at a parameter until it holds a description, and whenever a robot begins anew."""
+
+    def __init__(self, parameter: str) -> None:
+        self._parameter = parameter
+        self._urdf, self._waited = "", False
+        self._beginnings, self._looked = 0, -1e9
+
+    def new(self, beginnings: int | None) -> str:
+        """A description that was not answered before; empty where there is none.
+
+        Args:
+            beginnings: how often joint states began to come; None: there is no loop yet.
+        """
+        now = time.monotonic()
+        if beginnings == self._beginnings or now - self._looked < PERIOD:
+            return ""
+        self._looked = now
+        try:
+            urdf = str(rospy.get_param(self._parameter, ""))
+        except OSError:
+            return ""  # the master is gone: the node will say so
+        if urdf and urdf != self._urdf:
+            self._urdf, self._beginnings = urdf, 0
+            return urdf
+        if not urdf and not self._waited:
+            self._waited = True
+            rospy.logwarn("waiting: no robot description on parameter %s yet", self._parameter)
+        elif beginnings is not None:
+            self._beginnings = beginnings
+        return ""

@@ -1,0 +1,38 @@
+"""The node's private parameters, checked before anything begins."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import rospkg
+import rospy
+
+from ..goal import Goal
+from ..settings import Settings
+from .reconfigure import NAMESPACE as GAINS
+
+
+def given_settings() -> tuple[Settings, dict[str, object]]:
+    """What the parameter server holds for this node, and the same as it was given.
+
+    Raises:
+        ConfigurationError: one line for a parameter, scheme, law or goal that cannot be.
+    """
+    package = Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
+    given = rospy.get_param("~", {})
+    given.pop(GAINS[1:], None)
+    given.setdefault("lockstep", rospy.get_param("/gazebo/speed_mode", "") == "lockstep")
+    settings = Settings.from_mapping(given, package)
+    settings.make_scheme()  # what is wrong with it needs no robot to be told
+    if settings.desired != "auto":
+        Goal.load(settings.goal_path())
+    return settings, given
+
+
+def robot_name(urdf: str) -> str:
+    """Of the robot in its description; empty for what is none: what is wrong, the arm says."""
+    try:
+        return ElementTree.fromstring(urdf).get("name", "")
+    except ElementTree.ParseError:
+        return ""

@@ -1,0 +1,67 @@
+"""What the camera node measured of each image: moments, and kernel features where wanted."""
+
+from __future__ import annotations
+
+import threading
+
+import rospy
+from aras_visual_servo_camera.msg import ImageMoments, KernelFeatures
+
+from ..driver import Driver
+from ..observation import Need
+from ..pairing import ByStamp
+from ..settings import Settings
+from ..state import Source
+from .messages import camera_of, moments_of
+
+
+class MeasurementInput:
+    """Subscribers to the camera node's topics; gives each image to the driver."""
+
+    def __init__(self, settings: Settings, driver: Driver) -> None:
+        self._driver, self._observer = driver, driver.observer
+        self._lock = threading.Lock()
+        self._measurements = ByStamp(("moments", "kernel"))
+        self._kernel = Need.KERNEL in driver.observer.needs
+        space = f"{settings.namespace.rstrip('/')}/camera"
+        topics = [(f"{space}/moments", ImageMoments, self._on_moments)]
+        if self._kernel:
+            topics.append((f"{space}/kernel", KernelFeatures, self._on_kernel))
+        driver.source = Source("features", topics[-1][0], "the camera node")
+        self.subscribers = [
+            rospy.Subscriber(topic, kind, callback, queue_size=1, tcp_nodelay=True)
+            for topic, kind, callback in topics
+        ]
+
+    def _on_moments(self, message: ImageMoments) -> None:
+        if not self._kernel or not message.valid:
+            self._measured(message, None)
+        else:
+            self._paired("moments", message)
+
+    def _on_kernel(self, message: KernelFeatures) -> None:
+        self._paired("kernel", message)
+
+    def _paired(self, kind: str, message: ImageMoments | KernelFeatures) -> None:
+        with self._lock:
+            both = self._measurements.add(kind, message.header.stamp, message)
+        if both is not None:
+            self._measured(both["moments"], both["kernel"])
+
+    def _measured(self, message: ImageMoments, kernel: KernelFeatures | None) -> None:
+        stamp = message.header.stamp.to_sec()
+        camera, fault = camera_of(message)
+        moments, reason = moments_of(message)
+        if kernel is not None:
+            reason = reason or kernel.reason
+        valid, reason = bool(message.valid and not fault), fault or reason
+
+        def look(joints, commands):
+            return self._observer.of_moments(
+                stamp, moments, valid and not reason, reason, camera, joints, commands,
+                kernel=None if kernel is None else kernel.data,
+                pixel_count=int(message.pixel_count),
+                touches=("border",) if message.touches_border else (),
+            )  # fmt: skip
+
+        self._driver.image(stamp, look)

@@ -66,6 +66,16 @@ def test_an_impossible_tensor_acts_as_it_is_written_on_a_link_too(world, make):
     assert (model.read_joints()[1][0] - before) / DT == pytest.approx(1 / 0.051, rel=1e-3)
 
 
+def test_bullet_has_no_remarks_on_an_impossible_tensor(world, make, capfd):
+    xml = make.robot(make.link("odd", 1.0, "0 0 0", (1e-3, 1e-3, 0.1, 0, 0, 0)))
+    model = world.spawn(parse_urdf(xml), "m", Pose((0, 0, 5)))
+    model.apply_force("odd", (0.0, 0.0, 0.0), (0.0, 0.0, 5.0), (0.0, 0.0, 1.0))
+    world.step()
+    assert model.twist().angular[2] / DT == pytest.approx(10.0, rel=1e-6)
+    print("after")
+    assert capfd.readouterr() == ("after\n", "")
+
+
 def test_the_friction_of_a_link_that_is_not_the_root_acts(world, make):
     """Two cubes on one beam: both slide, so the deceleration is that of the links' own friction."""
     def foot(name, y):

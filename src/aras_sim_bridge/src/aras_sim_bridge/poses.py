@@ -31,6 +31,11 @@ class Pose(NamedTuple):
         """Pose from URDF's fixed-axis roll, pitch, yaw (rad)."""
         return cls(tuple(xyz), quaternion_from_rpy(*rpy))
 
+    @property
+    def rpy(self) -> Vector3:
+        """The orientation as URDF's roll, pitch, yaw, rad."""
+        return rpy_from_quaternion(self.quat)
+
     def __matmul__(self, other: "Pose") -> "Pose":
         """a_T_b @ b_T_c = a_T_c."""
         moved = rotate(self.quat, other.xyz)
@@ -124,6 +129,12 @@ def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
         cr * cp * sy - sr * sp * cy,
         cr * cp * cy + sr * sp * sy,
     )
+
+
+def quaternion_to(direction: Vector3) -> Quaternion:
+    """Turns z onto a unit vector, the shortest way."""
+    x, y, z = direction
+    return normalised((-y, x, 0.0, 1.0 + z)) if z > -1.0 else (1.0, 0.0, 0.0, 0.0)
 
 
 def quaternion_from_matrix(rotation: Sequence[Sequence[float]]) -> Quaternion:

@@ -8,7 +8,6 @@ and lights. Everything else that would change what is simulated is refused by na
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TypeVar
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -25,10 +24,8 @@ from aras_sim_bridge.description.safe_xml import (
     truth,
 )
 from aras_sim_bridge.description.types import (
-    ZERO,
     CameraDescription,
     Collision,
-    Inertial,
     Joint,
     JointLimits,
     Light,
@@ -39,7 +36,7 @@ from aras_sim_bridge.description.types import (
 )
 from aras_sim_bridge.description.urdf import root_link
 from aras_sim_bridge.errors import DescriptionError
-from aras_sim_bridge.poses import Pose, rpy_from_quaternion
+from aras_sim_bridge.poses import Pose
 
 _MODEL_TAGS = {"static", "pose", "link", "joint", "plugin", "self_collide", "allow_auto_disable",
                "enable_wind"}
@@ -48,7 +45,6 @@ _LINK_TAGS = {"pose", "inertial", "visual", "collision", "gravity", "kinematic",
 _WORLD_TAGS = {"model", "light", "gravity", "physics", "scene", "include", "plugin", "gui", "wind",
                "atmosphere", "magnetic_field", "spherical_coordinates", "audio"}
 _JOINT_KINDS = ("revolute", "prismatic", "fixed")
-_Placed = TypeVar("_Placed", Inertial, Visual, Collision)
 _ENDLESS = 1e16  # SDF's way to say that a joint has no limit
 
 
@@ -211,7 +207,7 @@ def _model(element: Element, resolve: Resolve) -> RobotDescription:
         name=name, root=root, links=MappingProxyType(links), joints=MappingProxyType(joints),
         cameras=tuple(cameras), colours=MappingProxyType(colours), static=static,
         warnings=tuple(warnings),
-        initial_pose=(pose.xyz, rpy_from_quaternion(pose.quat)),
+        initial_pose=(pose.xyz, pose.rpy),
     )
 
 
@@ -226,7 +222,7 @@ def _link(element: Element, model: str, resolve: Resolve, warnings: list[str]) -
     tensor = None if node is None else node.find("inertia")
     defaults = {"ixx": 1.0, "iyy": 1.0, "izz": 1.0}
     inertial = checked_inertial(
-        where, mass, pose.xyz, rpy_from_quaternion(pose.quat),
+        where, mass, pose.xyz, pose.rpy,
         tuple(number(text_of(tensor, key), f"{where}: {key}", defaults.get(key, 0.0))
               for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")), warnings)
     visuals, collisions, mu = [], [], None
@@ -235,11 +231,10 @@ def _link(element: Element, model: str, resolve: Resolve, warnings: list[str]) -
             inside = f"{where}, {kind} '{shorten(_name(part, where))}'"
             at = _pose(part, inside)
             shape = sdf_geometry(part, inside, resolve)
-            rpy = rpy_from_quaternion(at.quat)
             if kind == "visual":
-                visuals.append(Visual(part.get("name"), at.xyz, rpy, shape))
+                visuals.append(Visual(part.get("name"), at.xyz, at.rpy, shape))
             else:
-                collisions.append(Collision(part.get("name"), at.xyz, rpy, shape))
+                collisions.append(Collision(part.get("name"), at.xyz, at.rpy, shape))
                 friction = part.find("surface/friction/ode")
                 if text_of(friction, "mu") is not None:
                     mu = number(text_of(friction, "mu"), f"{inside}: mu")
@@ -321,28 +316,24 @@ def _tree(where: str, links: dict[str, Link], joints: dict[str, Joint], poses: M
     for name, joint in joined.items():
         # The root link's frame becomes the model's, so its children are placed in the model.
         parent = Pose() if joint.parent == root else poses[joint.parent]
-        at = parent.inverse() @ poses[joint.child]
-        placed[name] = replace(joint, origin_xyz=at.xyz, origin_rpy=rpy_from_quaternion(at.quat))
+        placed[name] = joint.at(parent.inverse() @ poses[joint.child])
     return root, placed
 
 
 def _shifted(link: Link, pose: Pose) -> Link:
     """The link in the model's frame instead of its own."""
-    def moved(part: _Placed) -> _Placed:
-        at = pose @ Pose.from_rpy(part.origin_xyz, part.origin_rpy)
-        return replace(part, origin_xyz=at.xyz, origin_rpy=rpy_from_quaternion(at.quat))
-
     if pose == Pose():
         return link
+    inertial = link.inertial
     return replace(
-        link, inertial=None if link.inertial is None else moved(link.inertial),
-        visuals=tuple(moved(v) for v in link.visuals),
-        collisions=tuple(moved(c) for c in link.collisions))
+        link, inertial=None if inertial is None else inertial.at(pose @ inertial.pose),
+        visuals=tuple(part.at(pose @ part.pose) for part in link.visuals),
+        collisions=tuple(part.at(pose @ part.pose) for part in link.collisions))
 
 
 def _shifted_camera(camera: CameraDescription, pose: Pose) -> CameraDescription:
     at = pose @ Pose.from_rpy(*camera.pose)
-    return replace(camera, pose=(at.xyz, rpy_from_quaternion(at.quat)))
+    return replace(camera, pose=(at.xyz, at.rpy))
 
 
 def _light(element: Element) -> Light:
@@ -362,7 +353,7 @@ def _light(element: Element) -> Light:
         return numbers(text if len(text.split()) != 3 else f"{text} 1", 4, f"{where}: {tag}")
 
     return Light(
-        name, kind, pose.xyz, rpy_from_quaternion(pose.quat) if pose.quat != Pose().quat else ZERO,
+        name, kind, pose.xyz, pose.rpy,
         rgba("diffuse", (1.0, 1.0, 1.0, 1.0)), rgba("specular", (0.1, 0.1, 0.1, 1.0)),
         direction(text_of(element, "direction"), f"{where}: direction", (0.0, 0.0, -1.0)),
         number(text_of(fade, "constant"), f"{where}: attenuation constant", 1.0),

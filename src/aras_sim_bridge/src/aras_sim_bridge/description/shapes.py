@@ -7,7 +7,7 @@ import numpy as np
 from aras_sim_bridge.description import mesh_files
 from aras_sim_bridge.description.mesh import Mesh, from_corners
 from aras_sim_bridge.description.types import Geometry, Vector3
-from aras_sim_bridge.poses import normalised, rotate
+from aras_sim_bridge.poses import quaternion_to, rotate
 
 
 def triangles(geometry: Geometry) -> tuple[Mesh, ...]:
@@ -74,8 +74,7 @@ def _revolved(profile: list[tuple[float, float]], sectors: int = 32) -> Mesh:
 
 def _plane(normal: Vector3, size: tuple[float, float]) -> Mesh:
     """Rectangle about the origin; 100 m wide, as Gazebo's ground, where no size is given."""
-    x, y, z = normal
-    tilt = normalised((-y, x, 0.0, 1.0 + z)) if z > -1.0 else (1.0, 0.0, 0.0, 0.0)
+    tilt = quaternion_to(normal)
     wide, deep = (0.5 * (side or 100.0) for side in size)
     corners = np.array([rotate(tilt, (a * wide, b * deep, 0.0))
                         for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))])

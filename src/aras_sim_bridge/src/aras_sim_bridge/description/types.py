@@ -1,10 +1,12 @@
 """The dataclasses of a robot description. SI units, radians; rotations as rpy, as in URDF."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
+from typing import Self
 
-Vector3 = tuple[float, float, float]
+from aras_sim_bridge.poses import Pose, Vector3
+
 Rgba = tuple[float, float, float, float]
 
 ZERO: Vector3 = (0.0, 0.0, 0.0)
@@ -28,8 +30,21 @@ class Geometry:
     normal: Vector3 = (0.0, 0.0, 1.0)
 
 
+class Placed:
+    """What has a frame: `origin_xyz` (m) and `origin_rpy` (rad) in that of what it belongs to."""
+
+    @property
+    def pose(self) -> Pose:
+        """The same as one pose."""
+        return Pose.from_rpy(self.origin_xyz, self.origin_rpy)
+
+    def at(self, pose: Pose) -> Self:
+        """A copy at another pose."""
+        return replace(self, origin_xyz=pose.xyz, origin_rpy=pose.rpy)
+
+
 @dataclass(frozen=True)
-class Visual:
+class Visual(Placed):
     """What a camera sees of a link. Its colour is the link's: `RobotDescription.colours`."""
 
     name: str
@@ -39,7 +54,7 @@ class Visual:
 
 
 @dataclass(frozen=True)
-class Collision:
+class Collision(Placed):
     """What touches."""
 
     name: str
@@ -49,7 +64,7 @@ class Collision:
 
 
 @dataclass(frozen=True)
-class Inertial:
+class Inertial(Placed):
     """Mass (kg), centre of mass frame in the link frame, inertia about it (kg m²).
 
     inertia: (ixx, ixy, ixz, iyy, iyz, izz) in the axes of the inertial frame.
@@ -106,7 +121,7 @@ class Mimic:
 
 
 @dataclass(frozen=True)
-class Joint:
+class Joint(Placed):
     """A joint; kind is revolute, continuous, prismatic, fixed, floating or planar.
 
     origin_*: the joint (= child link) frame in the parent link. axis: unit vector in that frame.
@@ -221,7 +236,7 @@ class CameraDescription:
 
 
 @dataclass(frozen=True)
-class Light:
+class Light(Placed):
     """A light of an SDF world. kind: directional, point or spot. direction: from the light,
     in the world; attenuation: Gazebo's, cameras here do not fade."""
 

@@ -13,7 +13,6 @@ from aras_sim_bridge.description.gazebo_materials import WHITE
 from aras_sim_bridge.description.mesh import Mesh
 from aras_sim_bridge.description.types import Link, Rgba
 from aras_sim_bridge.errors import DescriptionError
-from aras_sim_bridge.poses import Pose
 from aras_sim_bridge.world import Model, World
 
 _log = logging.getLogger(__name__)
@@ -152,7 +151,7 @@ class Scene:
                     _log.warning("%s is not drawn: %s", self._names[row], error)
                 self._warned.add(str(error))
                 continue
-            link_T_visual = np.array(Pose.from_rpy(visual.origin_xyz, visual.origin_rpy).matrix())
+            link_T_visual = np.array(visual.pose.matrix())
             for mesh in meshes:
                 rgba = colour or mesh.rgba or WHITE
                 if rgba[3] > 0.0:

@@ -46,7 +46,7 @@ class Articulation:
             if mover >= 0 and link.inertial is not None:
                 self._add_mass(mover, link.inertial, pose, link.gravity)
             for joint in children.get(name, ()):
-                at = pose @ Pose.from_rpy(joint.origin_xyz, joint.origin_rpy)
+                at = pose @ joint.pose
                 if joint.name not in number:
                     pending.append((joint.child, mover, at))
                     continue
@@ -61,7 +61,7 @@ class Articulation:
 
     def _add_mass(self, body: int, inertial: Inertial, pose: Pose, gravity: bool) -> None:
         """Add a link's inertia to the body's; `pose` is the link's frame in the joint's."""
-        frame = pose @ Pose.from_rpy(inertial.origin_xyz, inertial.origin_rpy)
+        frame = pose @ inertial.pose
         turn = np.array(frame.matrix())[:3, :3]
         centre = np.array(frame.xyz)
         about_centre = turn @ tensor(inertial.inertia) @ turn.T

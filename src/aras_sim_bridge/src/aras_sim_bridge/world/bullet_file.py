@@ -27,14 +27,7 @@ from aras_sim_bridge.description.types import (
     Vector3,
     Visual,
 )
-from aras_sim_bridge.poses import (
-    Pose,
-    multiply,
-    normalised,
-    quaternion_from_matrix,
-    quaternion_from_rpy,
-    rpy_from_quaternion,
-)
+from aras_sim_bridge.poses import Pose, quaternion_from_matrix
 
 # Of a link without a visual Bullet makes pictures of the collisions: 4 ms for a plane.
 _NOTHING = '<visual><geometry><box size="0 0 0"/></geometry></visual>'
@@ -68,16 +61,14 @@ def with_massive_root(description: RobotDescription) -> RobotDescription:
         parent, root_t_parent = pending.pop()
         for joint in description.joints.values():
             if joint.parent == parent and joint.kind == "fixed":
-                pose = root_t_parent @ Pose.from_rpy(joint.origin_xyz, joint.origin_rpy)
+                pose = root_t_parent @ joint.pose
                 pending.append((joint.child, pose))
                 found.append((description.links[joint.child], pose))
     found = [(link, pose) for link, pose in found if link.inertial is not None]
     if not found:
         return description
     lender, root_t_lender = max(found, key=lambda pair: pair[0].inertial.mass)
-    own = lender.inertial
-    frame = root_t_lender @ Pose.from_rpy(own.origin_xyz, own.origin_rpy)
-    lent = Inertial(own.mass, frame.xyz, rpy_from_quaternion(frame.quat), own.inertia)
+    lent = lender.inertial.at(root_t_lender @ lender.inertial.pose)
     links = dict(description.links)
     links[root.name] = replace(root, inertial=lent, gravity=root.gravity and lender.gravity)
     links[lender.name] = replace(lender, inertial=None)
@@ -88,8 +79,8 @@ def with_massive_root(description: RobotDescription) -> RobotDescription:
 def principal_inertial(inertial: Inertial) -> tuple[Pose, tuple[float, float, float]]:
     """link_T_principal: the frame of Bullet's diagonal inertia in the link, and the moments."""
     moments, axes = principal_axes(inertial.inertia)
-    quat = multiply(quaternion_from_rpy(*inertial.origin_rpy), quaternion_from_matrix(axes))
-    return Pose(inertial.origin_xyz, normalised(quat)), tuple(float(m) for m in moments)
+    pose = inertial.pose @ Pose((0.0, 0.0, 0.0), quaternion_from_matrix(axes))
+    return pose, tuple(float(m) for m in moments)
 
 
 def write(description: RobotDescription, fixed_base: bool, visible: bool, directory: str) -> str:
@@ -150,9 +141,12 @@ def _link(link: Link, concave: bool, colour: Rgba | None, meshes: _Meshes) -> st
     else:
         pose, moments = principal_inertial(link.inertial)
         mass = link.inertial.mass
-    ixx, iyy, izz = moments
+    # Bullet complains of moments that break the triangle inequality, and takes zeros; body.py tells
+    # it the true ones.
+    largest = max(moments)
+    ixx, iyy, izz = moments if 2.0 * largest <= sum(moments) else (largest,) * 3
     body = (
-        f"<inertial>{_origin(pose.xyz, rpy_from_quaternion(pose.quat))}<mass value=\"{mass!r}\"/>"
+        f"<inertial>{_origin(pose.xyz, pose.rpy)}<mass value=\"{mass!r}\"/>"
         f'<inertia ixx="{ixx!r}" ixy="0" ixz="0" iyy="{iyy!r}" iyz="0" izz="{izz!r}"/></inertial>'
     )
     if colour is not None:

@@ -9,12 +9,10 @@ from typing import NamedTuple
 
 from aras_sim_bridge.description.types import Joint
 from aras_sim_bridge.poses import (
-    Pose,
     Quaternion,
     Vector3,
     add,
     multiply,
-    quaternion_from_rpy,
     rotate,
     scaled,
 )
@@ -111,7 +109,7 @@ def _reach(model: Model) -> dict[str, Box]:
                 pending.append((joint.child, origins.grown(reach), None))
                 continue
             offset = rotate(quat, joint.origin_xyz)
-            below = multiply(quat, quaternion_from_rpy(*joint.origin_rpy))
+            below = multiply(quat, joint.pose.quat)
             ends = [add(offset, rotate(below, scaled(joint.axis, q))) for q in (lower, upper)]
             moved = Box(*(tuple(v + pick(e) for v, e in zip(corner, zip(*ends, strict=True),
                                                             strict=True))
@@ -142,7 +140,7 @@ def _may_meet(box: Box, other: Model) -> bool:
     collisions = other.description.links[other.description.root].collisions
     planes = [collision for collision in collisions if collision.geometry.kind == "plane"]
     for plane in planes:
-        pose = other.pose() @ Pose.from_rpy(plane.origin_xyz, plane.origin_rpy)
+        pose = other.pose() @ plane.pose
         if box.reaches_below(pose.xyz, rotate(pose.quat, plane.geometry.normal)):
             return True
     if len(planes) == len(collisions):

@@ -288,7 +288,7 @@ def _feet(model: Model, point: np.ndarray, normal: np.ndarray) -> np.ndarray:
     base = model.base_links()
     for name, index in model.link_indices.items():
         for part in model.description.links[name].collisions if index in base else ():
-            at = model.link_pose(name) @ Pose.from_rpy(part.origin_xyz, part.origin_rpy)
+            at = model.link_pose(name) @ part.pose
             matrix = np.array(at.matrix())
             for own in _corners(part.geometry):
                 corners = own @ matrix[:3, :3].T + matrix[:3, 3]

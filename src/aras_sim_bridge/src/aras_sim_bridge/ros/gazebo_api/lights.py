@@ -7,7 +7,6 @@ from dataclasses import replace
 from gazebo_msgs.srv import DeleteLight, GetLightProperties, SetLightProperties
 from std_msgs.msg import ColorRGBA
 
-from aras_sim_bridge.poses import rpy_from_quaternion
 from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.runtime.services import Fields, serves
 from aras_sim_bridge.simulation import Simulation
@@ -30,7 +29,7 @@ def set_light_properties(simulation: Simulation, request: SetLightProperties) ->
     pose = conversions.from_pose(request.pose, f"pose of {what}")
     values = {
         "origin_xyz": pose.xyz,
-        "origin_rpy": rpy_from_quaternion(pose.quat),
+        "origin_rpy": pose.rpy,
         "diffuse": _rgba(request.diffuse),
         "specular": _rgba(request.specular),
         "cast_shadows": request.cast_shadows,

@@ -18,7 +18,7 @@ from std_msgs.msg import Header
 
 from aras_sim_bridge.description import Light, packages
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.poses import Pose, Twist, rotate, rpy_from_quaternion
+from aras_sim_bridge.poses import Pose, Twist, rotate
 from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.camera import settings
 from aras_sim_bridge.ros.gazebo_api import descriptions, entities
@@ -200,10 +200,10 @@ def within_limits(model: Model, joint: str, position: float) -> float:
 def _add_light(simulation: Simulation, request: SpawnModel, light: Light, pose: Pose) -> None:
     name = request.model_name
     frame, _ = entities.frame(simulation, request.reference_frame)
-    at = frame @ pose @ Pose.from_rpy(light.origin_xyz, light.origin_rpy)
+    at = frame @ pose @ light.pose
     if name in simulation.lights:
         raise SimError(f"a light named '{name}' exists already; delete it first")
-    rpy = rpy_from_quaternion(at.quat)
+    rpy = at.rpy
     simulation.set_light(replace(light, name=name, origin_xyz=at.xyz, origin_rpy=rpy))
 
 

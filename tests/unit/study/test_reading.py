@@ -281,3 +281,32 @@ def test_the_command_line_from_file_to_table(tmp_path, capsys):
         assert complaint in told.err and told.err.count("\n") == 1, told.err
     with pytest.raises(SystemExit):
         main(["table", str(out), "--fast"])
+
+
+def test_the_multiple_of_real_time_is_of_the_runs_own_wall_time(tiny, tmp_path):
+    in_process(tiny(), tmp_path)
+    results = Results.read(tmp_path)
+    wall = np.array(Folder.open(tmp_path).results("times")["wall"])
+    np.testing.assert_allclose(
+        results.numbers("real_time_multiple"), results.numbers("simulated") / wall
+    )
+    assert results.parameters == ("gain",)
+
+
+@pytest.mark.parametrize(("metric", "cheapest"), [("settled", 1.0), ("decay_rate", 2.0)])
+def test_candidates_cost_what_their_runs_show(monkeypatch, metric, cheapest):
+    """Two candidates, two runs of each; the second once left the image, and once failed."""
+    study = Study.from_mapping({"experiment": {"plant": "free"}, "repeats": 2})
+    table = pa.table({
+        "gain": [1.0, 1.0, 2.0, 2.0], "success": [1.0, 1.0, 0.0, 1.0], metric: [3.0, 4.0, 5.0, 8.0],
+        "image_excursion": [0.4, 0.9, 1.3, 0.2], "outcome": ["x"] * 4,
+    })  # fmt: skip
+    monkeypatch.setattr(Results, "read", lambda path: Results("one", study, table))
+    tuner = Tuner(study, [Range("gain", 0.5, 4.0)], metric, figures.Path("x"),
+                  lambda made, path: None)  # fmt: skip
+    tuner._run([(1.0,), (2.0,)])
+    first, second = tuner.tried
+    assert (first.violation, first.success, first.excursion) == (0.0, 1.0, 0.9)
+    assert second.violation == pytest.approx(0.3 + 0.5) and second.success == 0.5
+    assert min(tuner.tried, key=lambda c: c.cost).values == (cheapest,)
+    assert abs(first.cost) == 3.5 and tuner.best is first

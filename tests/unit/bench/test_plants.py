@@ -56,6 +56,7 @@ def test_the_simulated_arm_is_spawned_at_its_start_and_moves_as_told(robot, pres
     try:
         np.testing.assert_allclose(plant.joints()[0], START, atol=1e-5)
         np.testing.assert_allclose(plant.pose(), arm.pose(plant.joints()[0]), atol=1e-9)
+        np.testing.assert_allclose(plant.poses([plant.joints()[0]])[0], plant.pose(), atol=1e-9)
         goal = START + [0.0, 0.0, 0.0, 0.0, 0.0, 0.2]
         plant.command("position", goal)
         until(plant, 1_000_000_000)
@@ -78,6 +79,7 @@ def test_a_moved_camera_is_moved_in_the_physics_and_can_be_believed_elsewhere(pr
     plant = bullet(moved, preset)
     try:
         np.testing.assert_allclose(plant.pose(), moved.arm().pose(plant.joints()[0]), atol=1e-9)
+        np.testing.assert_allclose(plant.poses([plant.joints()[0]])[0], plant.pose(), atol=1e-9)
     finally:
         plant.close()
     shipped = Robot(RobotSpec())

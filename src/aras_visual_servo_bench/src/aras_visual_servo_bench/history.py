@@ -8,6 +8,7 @@ import numpy as np
 
 from aras_visual_servo_controller.state import ServoState
 
+from .plants import Plant
 from .run import Run
 
 
@@ -20,7 +21,6 @@ class History:
         self._states: list[tuple[ServoState, np.ndarray]] = []
         self._stamps: list[float] = []
         self._joints: list[tuple[np.ndarray, ...]] = []
-        self._poses: list[np.ndarray] = []
         self._asked = self._unknown
 
     def image(self, state: ServoState, pose: np.ndarray) -> None:
@@ -36,19 +36,16 @@ class History:
         stamp: float,
         measured: tuple[np.ndarray, np.ndarray],
         true: tuple[np.ndarray, np.ndarray],
-        pose: np.ndarray,
     ) -> None:
         """One joint state, after the latest command.
 
         measured, true: positions and velocities (n,) that it tells, and of the plant when it came.
-        pose: the true one then.
         """
         self._stamps.append(stamp)
         self._joints.append((*measured, *true, self._asked))
-        self._poses.append(pose)
 
-    def run(self, **known: Any) -> Run:
-        """The arrays; `known`: the fields of Run that are not collected here."""
+    def run(self, plant: Plant, **known: Any) -> Run:
+        """The arrays, with the poses of this plant; `known`: the fields that are not collected."""
         states = [state for state, _ in self._states]
         decisions = [state.decision for state in states]
         names = next((tuple(d.names) for d in decisions if d is not None), ())
@@ -90,6 +87,6 @@ class History:
             true_joints=rows([row[2] for row in self._joints], joints),
             true_speed=rows([row[3] for row in self._joints], joints),
             commanded=rows([row[4] for row in self._joints], joints),
-            true_pose=np.array(self._poses).reshape(-1, 4, 4),
+            true_pose=plant.poses(np.array([row[2] for row in self._joints])),
             **known,
         )

@@ -130,7 +130,7 @@ class Loop:
                 else:
                     driver.joints(reading.names, reading.positions, reading.velocities, stamp)
                     measured = reading.of(plant.joint_names)
-                    self._history.joints(stamp, measured, plant.joints(), plant.pose())
+                    self._history.joints(stamp, measured, plant.joints())
         return self.state if self._answered else None
 
     def goal_pose(self) -> np.ndarray:
@@ -147,6 +147,7 @@ class Loop:
         """What the run has come to, up to now."""
         outcome = self.servo.outcome
         return self._history.run(
+            self.plant,
             goal_pose=self.goal_pose(),
             joint_names=self.plant.joint_names,
             outcome=outcome.kind,

@@ -113,6 +113,10 @@ class Plant(ABC):
         """The truth: world_T_camera (4, 4) of the optical frame now."""
 
     @abstractmethod
+    def poses(self, positions: np.ndarray) -> np.ndarray:
+        """The truth: world_T_camera (m, 4, 4) where the joints stood at positions (m, n)."""
+
+    @abstractmethod
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """The truth: positions (n,) and velocities (n,) in the order of `joint_names`."""
 

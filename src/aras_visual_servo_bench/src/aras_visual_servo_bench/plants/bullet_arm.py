@@ -48,7 +48,8 @@ class BulletArm(Plant):
             raise ExperimentError(f"the robot has no camera '{robot.spec.camera}'; it has: {known}")
         name, self._link = _name(mounted[0]), mounted[0].link
         cameras.model_of(camera)  # the simulator would go on without an impossible camera
-        self.joint_names = robot.arm().names
+        self._arm = robot.arm()
+        self.joint_names = self._arm.names
         controllers, kind = robot.controllers(self.joint_names)
         self.outputs = frozenset((kind,))
         self._controllers = list(controllers.values())
@@ -122,6 +123,12 @@ class BulletArm(Plant):
         if not self._carrier:
             return pose
         return inverse(np.array(self._model.link_pose(self._carrier).matrix())) @ pose
+
+    def poses(self, positions: np.ndarray) -> np.ndarray:
+        """See Plant.poses; by the true robot's description, which spares Bullet being asked in
+        between."""
+        root = np.array(self._model.pose().matrix())
+        return np.array([root @ self._arm.pose(q) for q in positions]).reshape(-1, 4, 4)
 
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities from the physics."""

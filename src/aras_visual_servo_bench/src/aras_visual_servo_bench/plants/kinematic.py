@@ -149,6 +149,10 @@ class KinematicPlant(Plant):
         """world_T_camera (4, 4)."""
         return self.arm.pose(self._q)
 
+    def poses(self, positions: np.ndarray) -> np.ndarray:
+        """See Plant.poses."""
+        return np.array([self.arm.pose(q) for q in positions]).reshape(-1, 4, 4)
+
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities now."""
         return self._q.copy(), self._speed.copy()

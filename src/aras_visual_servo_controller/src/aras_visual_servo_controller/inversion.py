@@ -5,7 +5,7 @@ The resolver's twists are scaled: the rotations by a length, so that all six num
 
 import numpy as np
 
-from aras_visual_servo_camera.compiled import MASK, MATRIX, NUMBER, VECTOR, compiled
+from aras_visual_servo_camera.compiled import FLAG, MASK, MATRIX, NUMBER, VECTOR, compiled
 
 RANK_TOLERANCE = 1e-4  # below this part of the greatest singular value there is nothing but noise
 # From this part of L's greatest singular value on all twists are seen alike.
@@ -13,6 +13,10 @@ WELL_SEEN = 0.05
 # A weak joint motion is damped at least as if the demand saw so much of it.
 LEAST_SEEN = 0.3
 SMALLEST = 1e-9  # a singular value below is a rounding error
+STRAIGHT = 1e-9  # rad; where an elbow is bent less, rounding would choose its side
+# Joints that move less than this leave the Jacobian as it is, beside an elbow too, rad or m.
+STILL = 0.002
+LASTING = 0.05  # s that steady velocities may be kept; a slow camera's image period
 # Cosine between two rows that rounding leaves of a right angle; six sweeps are usual.
 RIGHT_ANGLE, SWEEPS = 2e-15, 40
 
@@ -119,7 +123,7 @@ def least_squares(L, e, tolerance):
 
 
 @compiled(MATRIX, VECTOR, MATRIX, VECTOR, MATRIX, MATRIX, NUMBER, NUMBER)
-def demanded(L, rate, held, speeds, free, scaled, least, fully):
+def _demanded(L, rate, held, speeds, free, scaled, least, fully):
     """Rows for a task, and those for what it does not model.
 
     What is held leaves the other twists; in those the task is inverted, so that its wishes for what
@@ -162,12 +166,12 @@ def demanded(L, rate, held, speeds, free, scaled, least, fully):
 
 
 @compiled(MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, MASK, VECTOR, NUMBER, NUMBER)
-def solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
+def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
     """Joint velocities for a demand, the others at their fixed ones, and what is free.
 
     Args:
         scaled: (6, n) the arm's Jacobian.
-        basis, wanted, weights: as `demanded` answers them.
+        basis, wanted, weights: as `_demanded` answers them.
         wish: (n,) velocities where the demand leaves a choice.
         free, fixed: (n,) joints that may move, velocities (n,) of the others.
         damping, below: greatest damping, and singular value of the Jacobian where it sets in.
@@ -211,9 +215,192 @@ def solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
     return primary, secondary
 
 
-@compiled(MATRIX, VECTOR, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR)
-def account(basis, wanted, scaled, jacobian, scale, primary, velocities):
-    """Twists (6,) in SI units: asked for, given by the velocities (n,), and lost by the primary."""
-    short = wanted - _applied(basis, _applied(scaled, primary))
+@compiled(NUMBER, NUMBER, NUMBER)
+def _stoppable(room, acceleration, dt):
+    """Greatest speed for dt (s) after which a joint still stops within its room.
+
+    v dt + v^2 / 2a = room; so much later steps can always keep, however long they are.
+    """
+    if dt <= 0.0 or room == np.inf:
+        return np.inf
+    if acceleration == np.inf:
+        return room / dt
+    # room / (dt / 2 + sqrt(...) / 2), which does not cancel where the room is small
+    return 2.0 * room / (dt + np.sqrt(dt * dt + 2.0 * room / acceleration))
+
+
+@compiled(VECTOR, MATRIX, NUMBER)
+def _ranges(q, limits, dt):
+    """Lowest and highest velocities (n,) that the ranges of the joints allow for dt (s).
+
+    A joint outside its range may come back, and not go further.
+    """
+    lower, upper, acceleration = limits[0], limits[1], limits[3]
+    low, high = np.empty(len(q)), np.empty(len(q))
+    for i in range(len(q)):
+        low[i] = -_stoppable(max(q[i] - lower[i], 0.0), acceleration[i], dt)
+        high[i] = _stoppable(max(upper[i] - q[i], 0.0), acceleration[i], dt)
+    return low, high
+
+
+@compiled(VECTOR, VECTOR)
+def _part(wanted, room):
+    """Greatest part, up to 1, of wanted (n,) that the rooms (n,) >= 0 allow; and who limits it."""
+    part, joint = 1.0, 0
+    for i in range(len(wanted)):
+        size = abs(wanted[i])
+        if size > room[i] and max(room[i], 0.0) / size < part:
+            part, joint = max(room[i], 0.0) / size, i
+    return part, joint
+
+
+@compiled(VECTOR, VECTOR, VECTOR, VECTOR, MATRIX, NUMBER, FLAG, VECTOR, VECTOR, VECTOR)
+def _within(wanted, secondary, low, high, limits, dt, limited, previous, total, task):
+    """Velocities within all limits.
+
+    Args:
+        wanted, secondary: (n,) for the task; those that it does not see.
+        low, high: of `_ranges`.
+        limited: by acceleration, from the previous velocities (n,) on, of which `task` (n,) served
+            the task if they are the total (n,).
+
+    Returns:
+        Velocities (n,), their part for the task (n,), its scale, the joint that slowed it or -1.
+    """
+    fastest, acceleration = limits[2], limits[3]
+    part, slowest = _part(wanted, fastest)
+    primary = part * wanted
+    if part == 1.0:
+        slowest = -1
+    low, high = np.maximum(low, -fastest), np.minimum(high, fastest)
+    others = np.zeros(len(wanted))
+    if limited:
+        before = task if np.abs(previous - total).max() < 1e-9 else previous
+        others = previous - before
+        change = acceleration * dt
+        part, joint = _part(primary - before, change)
+        if part < 1.0:
+            slowest, primary = joint, before + part * (primary - before)
+        # A joint that has to brake for its range, and cannot brake harder, does what it can.
+        low = np.minimum(np.maximum(low, previous - change), previous + change)
+        high = np.minimum(np.maximum(high, previous - change), previous + change)
+    base = np.minimum(np.maximum(primary + others, low), high)
+    # What the task leaves of the limits; the secondary tasks change as far as it goes.
+    towards = secondary - others
+    part, _ = _part(towards, np.where(towards > 0.0, high - base, base - low))
+    scale = 1.0
+    if slowest >= 0:
+        scale = (primary * wanted).sum() / (wanted * wanted).sum()
+    return base + part * towards, primary, scale, slowest
+
+
+@compiled(VECTOR, VECTOR, VECTOR, NUMBER, NUMBER)
+def _passes(q, fold, velocities, reach, dt):
+    """Whether this step would take more than half of an elbow's small bend away."""
+    bend, speed = q[int(fold[0])] - fold[1], velocities[int(fold[0])]
+    side = np.sign(bend) if abs(bend) > STRAIGHT else fold[2]
+    return abs(bend) < reach and speed * side < 0.0 and abs(speed) * dt > 0.5 * abs(bend)
+
+
+@compiled(MATRIX, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, MATRIX, MATRIX,
+          VECTOR, NUMBER, NUMBER, VECTOR)
+def _joint_by_joint(scaled, bent, basis, wanted, weights, wish, low, high, folds, limits,
+                    q, dt, reach, damping):
+    """Solve again and again, until no joint passes its range and no elbow its straight.
+
+    Returns:
+        As `_solved`; the joints that may move (n,), those that a limit stops, and whether an elbow
+        is kept from becoming straight.
+    """
+    count = len(q)
+    free, fixed = np.ones(count, np.bool_), np.zeros(count)
+    stopped, stops, straight = np.empty(count, np.int64), 0, False
+    solution, spare = fixed, fixed
+    for _ in range(count + 1):
+        near, back = False, True
+        for fold in folds:
+            near |= free[int(fold[0])] and abs(q[int(fold[0])] - fold[1]) < reach
+        if near:  # with slightly bent elbows, when that is the way back from straight
+            solution, spare = _solved(
+                bent, basis, wanted, weights, wish, free, fixed, damping[0], damping[1]
+            )
+            for fold in folds:
+                joint = int(fold[0])
+                bend = q[joint] - fold[1]
+                if free[joint] and abs(bend) < reach:
+                    side = np.sign(bend) if abs(bend) > STRAIGHT else fold[2]
+                    back &= solution[joint] * side > 0.0
+        if not (near and back):
+            solution, spare = _solved(
+                scaled, basis, wanted, weights, wish, free, fixed, damping[0], damping[1]
+            )
+        done = True
+        for fold in folds:
+            joint = int(fold[0])
+            if free[joint] and _passes(q, fold, solution, reach, dt):
+                fixed[joint] = -0.5 * (q[joint] - fold[1]) / dt
+                free[joint], straight, done = False, True, False
+        if not done:
+            continue
+        for i in range(count):
+            inside = min(max(solution[i], low[i]), high[i])
+            if free[i] and inside != solution[i]:
+                fixed[i], free[i], done = inside, False, False
+                stopped[stops] = i
+                stops += 1
+        if done:
+            break
+    return solution, spare, free, stopped[:stops], straight
+
+
+@compiled(VECTOR, MATRIX, MATRIX, MATRIX, VECTOR, MATRIX, VECTOR, MATRIX, VECTOR, MATRIX, MATRIX,
+          NUMBER, FLAG, VECTOR, VECTOR, VECTOR, VECTOR)
+def resolved(q, jacobian, bent, L, rate, held, errors, free, wish, folds, limits,
+             dt, limited, previous, total, task, settings):
+    """What Resolver.resolve answers, in numbers.
+
+    Args:
+        q: (n,) joints. jacobian, bent: (6, n) there, and with bent elbows.
+        L, rate: (k, 6), (k,) of the task.
+        held, errors, free: (p, 6), (p,), (6 - p, 6) as in Held.
+        wish: (n,) of the secondary tasks.
+        folds: (m, 3) joint, straight and side of each elbow.
+        limits: (4, n) lower, upper, velocity, acceleration.
+        dt, limited, previous, total, task: see `_within`.
+        settings: length, damping, damping_below, hold_gain, held_from, held_fully, reach_bend.
+
+    Returns:
+        velocities, primary (n,); twists asked, given and lost (6,), in SI units; scale; the joint
+        that slowed the task or -1; joints that a limit stops; whether an elbow would be straight;
+        whether the velocities last; distances (n,) to the limits.
+    """
+    length, reach = settings[0], settings[6]
+    scale = np.ones(6)
+    scale[3:] = length
+    column = scale.copy().reshape(6, 1)
+    scaled = column * jacobian
+    basis, wanted, weights = _demanded(
+        L / scale, rate, held, settings[3] * errors, free, scaled, length * settings[4],
+        length * settings[5],
+    )  # fmt: skip
+    low, high = _ranges(q, limits, dt)
+    solution, spare, moving, stopped, straight = _joint_by_joint(
+        scaled, column * bent, basis, wanted, weights, wish, low, high, folds, limits,
+        q, dt, reach, settings[1:3],
+    )  # fmt: skip
+    velocities, primary, part, slowest = _within(
+        solution, spare, low, high, limits, dt, limited, previous, total, task
+    )
+    short = wanted - _applied(basis, _applied(scaled, solution))
     asked, missing = _applied(basis.T, wanted), _applied(basis.T, short)
-    return asked / scale, _applied(jacobian, velocities), missing / scale
+    lasts = len(stopped) == 0 and not straight and slowest < 0
+    lasts &= np.abs(velocities).max() * LASTING <= STILL
+    if lasts:
+        low, high = _ranges(q, limits, LASTING)
+        lasts = ((velocities >= low) & (velocities <= high)).all()
+        for fold in folds:
+            lasts &= not (moving[int(fold[0])] and _passes(q, fold, velocities, reach, LASTING))
+    return (
+        velocities, primary, asked / scale, _applied(jacobian, velocities), missing / scale, part,
+        slowest, stopped, straight, lasts, np.minimum(q - limits[0], limits[1] - q),
+    )  # fmt: skip

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ConfigurationError
+from ..inversion import STRAIGHT
 from .arm import Arm
 from .chain import nearest
 
 PARALLEL = 1e-4  # rad; descriptions write pi as 3.1416
-STRAIGHT = 1e-9  # rad; where an elbow is bent less, rounding would choose its side
 SHORTEST = 1e-3  # m; a link shorter than this does not stretch
 
 

@@ -9,7 +9,6 @@ from ..inversion import RANK_TOLERANCE, svd
 
 DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
 UNITS = ("m/s",) * 3 + ("rad/s",) * 3
-LASTING = 0.05  # s that steady velocities may be kept; a slow camera's image period
 
 
 @dataclass(frozen=True, eq=False)

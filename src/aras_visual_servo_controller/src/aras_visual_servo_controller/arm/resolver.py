@@ -31,24 +31,22 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..inversion import account, demanded, solved
+from ..inversion import LASTING, resolved
 from .arm import Arm
-from .bounds import Bounds
 from .fold import Fold, find
-from .held import Held
+from .held import held_at
 from .limits import Limits
-from .resolution import DIRECTIONS, LASTING, UNITS, Resolution
+from .resolution import DIRECTIONS, UNITS, Resolution
 from .secondary import SecondaryTask
 
 if TYPE_CHECKING:
     from ..task import Task
 
-# Joints that move less than this leave the Jacobian as it is, beside an elbow too, rad or m.
-STILL = 0.002
+
 
 @dataclass(frozen=True)
 class ResolverSettings:
@@ -76,23 +74,6 @@ class ResolverSettings:
     shortfall: float = 0.002
     lost_part: float = 0.1
 
-_NOTHING_HELD = np.zeros((0, 6)), np.zeros(0), np.eye(6)
-
-
-class _Demand(NamedTuple):
-    """What is asked of the camera's scaled twist.
-
-    Attributes:
-        basis: (m, 6) orthonormal directions.
-        wanted: (m,) speeds along them, m/s.
-        weights: (m,) of each, 0 to 1, where the arm has to choose.
-    """
-
-    basis: np.ndarray
-    wanted: np.ndarray
-    weights: np.ndarray
-
-
 class Resolver:
     """Inverts what a task asks of an arm, with respect for singularities, limits, other tasks.
 
@@ -116,14 +97,25 @@ class Resolver:
         self.settings = settings if settings is not None else ResolverSettings()
         self.folds = tuple(find(arm) if folds is None else folds)
         self.goal: np.ndarray | None = None
-        self._scale = np.array([1.0] * 3 + [self.settings.length] * 3)
-        self._bounds = Bounds(self.limits)
+        numbers, limits = self.settings, self.limits
+        self._scale = np.array([1.0] * 3 + [numbers.length] * 3)
+        self._numbers = np.array([
+            numbers.length, numbers.damping, numbers.damping_below, numbers.hold_gain,
+            numbers.held_from, numbers.held_fully, numbers.reach_bend,
+        ])  # fmt: skip
+        self._limits = np.array(
+            [limits.lower, limits.upper, limits.velocity, limits.acceleration], float
+        )
+        self._accelerates = bool(np.isfinite(limits.acceleration).any())
+        folded = [(fold.joint, fold.straight, fold.side) for fold in self.folds]
+        self._folds = np.array(folded, float).reshape(-1, 3)
         self.reset()
 
     def reset(self) -> None:
         """Forget the last velocities, and where the camera was when first asked."""
         self._kept: np.ndarray | None = None
-        self._bounds.reset()
+        # The last velocities, and their part for the task.
+        self._last: tuple[np.ndarray, np.ndarray] | None = None
 
     def resolve(
         self, q: np.ndarray, task: Task, dt: float, previous: np.ndarray | None = None
@@ -145,134 +137,54 @@ class Resolver:
         if not math.isfinite(np.vdot(q, q) + np.vdot(L, L) + np.vdot(rate, rate) + dt):
             raise ValueError(f"resolver: not finite: joints {q}, rate {rate}, L {L}, dt {dt}")
         view, jacobian = self.arm.view(q)
-        scaled = self._scale[:, None] * jacobian
-        demand = self._demand(task, view, scaled)
+        held = self._held(view, task.modelled)
         wish = np.zeros(len(q))
         for entry in self.tasks:
             wish += entry.velocity(q)
-
-        low, high = self._bounds.positions(q, dt)
-        free, fixed = np.ones(len(q), bool), np.zeros(len(q))
-        stopped: list[int] = []
-        straight = False
-        for _ in range(len(q) + 1):
-            solution, secondary = self._either_side(q, scaled, demand, wish, free, fixed)
-            passing = [fold for fold in self.folds if self._passes(fold, q, solution, dt, free)]
-            for fold in passing:
-                fixed[fold.joint] = -0.5 * fold.bend(q) / dt
-                free[fold.joint], straight = False, True
-            if passing:
-                continue
-            within = np.minimum(np.maximum(solution, low), high)
-            beyond = (within != solution) & free
-            if not beyond.any():
-                break
-            fixed[beyond] = within[beyond]
-            free &= ~beyond
-            stopped += np.flatnonzero(beyond).tolist()
-
-        velocities, primary, scale, slowest = self._bounds.apply(
-            solution, secondary, low, high, dt, previous
-        )
-        asked, twist, lost = account(
-            demand.basis, demand.wanted, scaled, jacobian, self._scale, solution, velocities
-        )
-        names = self.arm.names
-        steady = not (stopped or straight or slowest is not None)
-        reasons = self._reasons(asked, lost, stopped, straight)
-        if slowest is not None:
-            reasons.append(f"slowed to {100.0 * scale:.0f} % for a limit of {names[slowest]}")
+        limited = previous is not None and self._accelerates and dt > 0.0
+        before = np.asarray(previous, float) if limited else q
+        last = (before, before) if self._last is None else self._last
+        found = resolved(
+            q, jacobian, self._bent(q, jacobian), L, rate, *held, wish, self._folds, self._limits,
+            dt, limited, before, *last, self._numbers,
+        )  # fmt: skip
+        velocities, primary, asked, twist, lost, scale = found[:6]
+        slowest, stopped, straight, lasts, margins = found[6:]
+        self._last = velocities, primary
+        names = [self.arm.names[joint] for joint in stopped]
+        reasons = self._reasons(asked, lost, names, straight)
+        slowing = "" if slowest < 0 else self.arm.names[slowest]
+        if slowing:
+            reasons.append(f"slowed to {100.0 * scale:.0f} % for a limit of {slowing}")
         return Resolution(
-            velocities=velocities,
-            primary=primary,
-            asked=asked,
-            twist=twist,
-            lost=lost,
-            scale=scale,
-            margins=self.limits.margins(q),
-            stopped=tuple(names[joint] for joint in stopped),
-            slowing="" if slowest is None else names[slowest],
-            reasons=tuple(reasons),
-            L=L,
-            jacobian=jacobian,
-            modelled=task.modelled,
-            lasts=LASTING if steady and self._steady(q, velocities, free) else 0.0,
-        )
+            velocities, primary, asked, twist, lost, scale, margins, tuple(names), slowing,
+            tuple(reasons), L, jacobian, task.modelled, LASTING if lasts else 0.0,
+        )  # fmt: skip
 
-    def _steady(self, q: np.ndarray, velocities: np.ndarray, free: np.ndarray) -> bool:
-        """Whether velocities (n,) stay right for LASTING: the posture hardly changes, and no limit
-        and no elbow asks for others."""
-        if max(map(abs, velocities.tolist())) * LASTING > STILL:
-            return False
-        if not self._bounds.allow(q, velocities, LASTING):
-            return False
-        return not any(self._passes(fold, q, velocities, LASTING, free) for fold in self.folds)
-
-    def _demand(self, task: Task, view: np.ndarray, scaled: np.ndarray) -> _Demand:
-        """What the task asks for, and the holding of what it does not model."""
-        settings, length, modelled = self.settings, self.settings.length, task.modelled
-        if modelled.all():
-            held, errors, free = _NOTHING_HELD
-        else:
-            if self._kept is None:
+    def _held(
+        self, view: np.ndarray, modelled: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows, errors and free directions, see Held, of what a task does not model."""
+        goal = self.goal
+        if goal is None:
+            if self._kept is None and not modelled.all():
                 self._kept = view
-            goal = self.goal if self.goal is not None else self._kept
-            holding = Held(view, goal, modelled, length)
-            held, errors, free = holding.rows, holding.errors, holding.free
-        return _Demand(*demanded(
-            task.L / self._scale, task.rate, held, settings.hold_gain * errors, free, scaled,
-            length * settings.held_from, length * settings.held_fully,
-        ))  # fmt: skip
+            goal = self._kept if self._kept is not None else view
+        return held_at(view, goal, modelled, self.settings.length)
 
-    def _either_side(
-        self,
-        q: np.ndarray,
-        scaled: np.ndarray,
-        demand: _Demand,
-        wish: np.ndarray,
-        free: np.ndarray,
-        fixed: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Solve at q, or with slightly bent elbows when that is the way back from straight."""
-        bend = self.settings.reach_bend
-        near = [fold for fold in self.folds if abs(fold.bend(q)) < bend and free[fold.joint]]
-        if near:
-            bent = q
-            for fold in near:
+    def _bent(self, q: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+        """The Jacobian (6, n) with slightly bent elbows, where some are nearly straight."""
+        bend, bent = self.settings.reach_bend, q
+        for fold in self.folds:
+            if abs(fold.bend(q)) < bend:
                 bent = fold.bent(bent, fold.side_of(q) * bend - fold.bend(q))
-            there = self._scale[:, None] * self.arm.jacobian(bent)
-            answer = self._solve(there, demand, wish, free, fixed)
-            if all(answer[0][fold.joint] * fold.side_of(q) > 0.0 for fold in near):
-                return answer
-        return self._solve(scaled, demand, wish, free, fixed)
-
-    def _solve(
-        self,
-        scaled: np.ndarray,
-        demand: _Demand,
-        wish: np.ndarray,
-        free: np.ndarray,
-        fixed: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Velocities (n,) for the demand, the others at their fixed ones, and what is free."""
-        settings = self.settings
-        return solved(
-            scaled, *demand, wish, free, fixed, settings.damping, settings.damping_below
-        )
-
-    def _passes(
-        self, fold: Fold, q: np.ndarray, velocities: np.ndarray, dt: float, free: np.ndarray
-    ) -> bool:
-        """Whether this step would take more than half of an elbow's small bend away."""
-        bend, speed = fold.bend(q), float(velocities[fold.joint])
-        near = abs(bend) < self.settings.reach_bend and bool(free[fold.joint])
-        return near and speed * fold.side_of(q) < 0.0 and abs(speed) * dt > 0.5 * abs(bend)
+        return jacobian if bent is q else self.arm.jacobian(bent)
 
     def _reasons(
-        self, asked: np.ndarray, lost: np.ndarray, stopped: Sequence[int], straight: bool
+        self, asked: np.ndarray, lost: np.ndarray, stopped: Sequence[str], straight: bool
     ) -> list[str]:
         """What keeps the camera from what is asked of it, in words."""
-        reasons = [f"{self.arm.names[joint]} stopped at its limit" for joint in stopped]
+        reasons = [f"{name} stopped at its limit" for name in stopped]
         missing = (lost * self._scale).tolist()
         wanted = math.hypot(*(asked * self._scale).tolist())
         if math.hypot(*missing) <= max(self.settings.shortfall, self.settings.lost_part * wanted):

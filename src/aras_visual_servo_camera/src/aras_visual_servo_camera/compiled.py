@@ -18,9 +18,10 @@ from numba import types
 
 _log = logging.getLogger(__name__)
 
-# Arguments: float64 arrays in any order of memory, also read-only ones; and their masks.
+# Arguments: float64 arrays in any order of memory, also read-only ones; grey levels; masks.
 VECTOR = types.Array(types.float64, 1, "A", readonly=True)
 MATRIX = types.Array(types.float64, 2, "A", readonly=True)
+PIXELS = types.Array(types.uint8, 2, "A", readonly=True)
 MASK = types.Array(types.boolean, 1, "A", readonly=True)
 NUMBER, INTEGER, FLAG = types.float64, types.int64, types.boolean
 

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from .compiled import NUMBER, PIXELS, compiled
 from .errors import SegmentationError
 
 Mask = NDArray[np.uint8]
@@ -261,15 +262,46 @@ def coverage(
     right = min(column + width + margin, grey.shape[1])
     bottom = min(row + height + margin, grey.shape[0])
     inside = target.mask[top:bottom, left:right] & 1
-    image = np.ascontiguousarray(grey[top:bottom, left:right])
+    image = grey[top:bottom, left:right]
     element = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * band + 1, 2 * band + 1))
-    outside = 1 - cv2.dilate(inside, element)
+    around = cv2.dilate(inside, element)
     core = cv2.erode(inside, element, borderType=cv2.BORDER_REPLICATE)
-    bg = cv2.mean(image, outside)[0] if cv2.countNonZero(outside) else float(image.max())
-    fg = cv2.mean(image, core)[0] if cv2.countNonZero(core) else float(image.min())
+    bg, fg = _levels(image, around, core)
     if abs(bg - fg) < 1.0:
         raise SegmentationError("the target has no contrast to its surroundings")
-    weights = cv2.LUT(image, (bg - np.arange(256.0)) / (bg - fg))
-    np.copyto(weights, 1.0, where=core.view(bool))
-    np.copyto(weights, 0.0, where=outside.view(bool))
-    return weights, (left, top), bg, fg
+    return _weights(image, around, core, bg, fg), (left, top), bg, fg
+
+
+@compiled(PIXELS, PIXELS, PIXELS)
+def _levels(image, around, core):
+    """Mean levels of the pixels (rows, columns) that are not around the target, and of its core; of
+    none: the greatest and the least level there is."""
+    counts, sums = np.zeros(2, np.int64), np.zeros(2, np.int64)
+    highest, lowest = 0, 255
+    for row in range(image.shape[0]):
+        for column in range(image.shape[1]):
+            level = np.int64(image[row, column])
+            highest, lowest = max(highest, level), min(lowest, level)
+            if not around[row, column]:
+                counts[0] += 1
+                sums[0] += level
+            elif core[row, column]:
+                counts[1] += 1
+                sums[1] += level
+    bg = sums[0] / counts[0] if counts[0] else float(highest)
+    fg = sums[1] / counts[1] if counts[1] else float(lowest)
+    return bg, fg
+
+
+@compiled(PIXELS, PIXELS, PIXELS, NUMBER, NUMBER)
+def _weights(image, around, core, bg, fg):
+    """(rows, columns) 1 in the core, 0 where not around it, between the levels in between."""
+    of_level = (bg - np.arange(256.0)) / (bg - fg)
+    weights = np.zeros(image.shape)
+    for row in range(image.shape[0]):
+        for column in range(image.shape[1]):
+            if core[row, column]:
+                weights[row, column] = 1.0
+            elif around[row, column]:
+                weights[row, column] = of_level[image[row, column]]
+    return weights

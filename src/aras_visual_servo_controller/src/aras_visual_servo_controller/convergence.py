@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from aras_visual_servo_camera.compiled import MATRIX, VECTOR, compiled
+
 from .recent import RecentErrors
 
 # A converged loop forgives half a tolerance more before it counts as away again.
@@ -40,10 +42,21 @@ class Convergence:
         if stamp - seen.stamps[0] < self.hold - ROUNDING:
             return False
         limit = np.asarray(tolerances, float) * (FORGIVEN if self.reached else 1.0)
-        errors = seen.errors
-        mean = errors.sum(axis=0) / len(errors)
-        self.reached = bool((np.abs(mean) < limit).all())
-        if self.reached:
-            spread = np.square(errors - mean).sum(axis=0) / len(errors)
-            self.reached = bool((spread < (SCATTER * limit) ** 2).all())
+        self.reached = _settled(seen.errors, limit)
         return self.reached
+
+
+@compiled(MATRIX, VECTOR)
+def _settled(errors, limit):
+    """Whether errors (m, k) have means within the limits (k,) and scatter little about them."""
+    count = errors.shape[0]
+    for k in range(errors.shape[1]):
+        mean, square = 0.0, 0.0
+        for i in range(count):
+            mean += errors[i, k]
+        mean /= count
+        for i in range(count):
+            square += (errors[i, k] - mean) ** 2
+        if not (abs(mean) < limit[k] and square / count < (SCATTER * limit[k]) ** 2):
+            return False
+    return True

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from aras_visual_servo_camera.compiled import MATRIX, NUMBER, VECTOR, compiled
-from aras_visual_servo_camera.degeneracy import anisotropy
+from aras_visual_servo_camera.degeneracy import anisotropy, gyration_radius
 
 from .arm.poses import rotation_vector
 from .goal import Goal
@@ -86,8 +86,7 @@ class ShapeEvidence:
         seen, wanted = observation.moments, goal.moments
         if seen is None or wanted is None or seen.kind != wanted.kind:
             return ""
-        spread = [(m.mu(2, 0) + m.mu(0, 2)) / m.m00**2 for m in (seen, wanted)]
-        ratio = spread[0] / spread[1]
+        ratio = (gyration_radius(seen) / gyration_radius(wanted)) ** 2 * wanted.m00 / seen.m00
         longer = abs(anisotropy(seen) - anisotropy(wanted))
         strange = not 1.0 / self.COMPACTNESS < ratio < self.COMPACTNESS
         strange |= longer > self.ANISOTROPY
@@ -142,17 +141,15 @@ class CameraEvidence:
         self._before = (error, L)
         if before is None or moved is None or len(before[0]) != len(error):
             return
-        parts = 0.5 * (before[1] + L) * body_motion(moved) / tolerances[:, None]
-        predicted = np.abs(parts.sum(axis=1)).max()
-        measured = (error - before[0]) / tolerances
-        if np.abs(measured).max() > 1.0 / tolerances.max():
-            return  # an angle that wrapped round
-        if predicted < self.LEAST:
+        parts, predicted, measured, wrapped = _compared(
+            *before, error, L, body_motion(moved), tolerances
+        )
+        if wrapped or predicted < self.LEAST:
             return
         self._normal += parts.T @ parts
         self._right += parts.T @ measured
         self._square += float(measured @ measured)
-        self._path += float(predicted)
+        self._path += predicted
         self._rows += len(measured)
         self._found = None
 
@@ -196,6 +193,32 @@ class CameraEvidence:
     def _residual(self, scale: np.ndarray) -> float:
         """Square of what is left with these scales (6,), tolerances^2."""
         return float(self._square - 2.0 * self._right @ scale + scale @ self._normal @ scale)
+
+
+@compiled(VECTOR, MATRIX, VECTOR, MATRIX, VECTOR, VECTOR)
+def _compared(error_before, L_before, error, L, motion, tolerances):
+    """How errors (k,) moved between two images and how they had to, in tolerances (k,).
+
+    Args:
+        L_before, L: (k, 6) at the two images.
+        motion: (6,) of the camera between them.
+
+    Returns:
+        What each direction of the camera should have done (k, 6); the greatest of the sums; what
+        was done (k,); whether that is so much that an angle wrapped round.
+    """
+    count, widest = len(error), tolerances.max()
+    parts, measured = np.empty((count, 6)), np.empty(count)
+    greatest, wrapped = 0.0, False
+    for i in range(count):
+        predicted = 0.0
+        for j in range(6):
+            parts[i, j] = 0.5 * (L_before[i, j] + L[i, j]) * motion[j] / tolerances[i]
+            predicted += parts[i, j]
+        greatest = max(greatest, abs(predicted))
+        measured[i] = (error[i] - error_before[i]) / tolerances[i]
+        wrapped |= abs(measured[i]) > 1.0 / widest
+    return parts, greatest, measured, wrapped
 
 
 def body_motion(before_T_after: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,6 +18,11 @@ NS = 1_000_000_000
 def seconds(stamp_ns: int) -> float:
     """A stamp in s, rounded as ROS rounds it, so that it is the same number on a graph."""
     return float(stamp_ns // NS) + (stamp_ns % NS) / 1e9
+
+
+@lru_cache
+def _rows(names: tuple[str, ...], wanted: tuple[str, ...]) -> tuple[int, ...]:
+    return tuple(names.index(name) for name in wanted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +44,11 @@ class JointReading:
 
     def of(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities (n,) of the named joints."""
-        rows = [self.names.index(name) for name in names]
-        return np.array(self.positions)[rows], np.array(self.velocities)[rows]
+        rows = _rows(self.names, tuple(names))
+        return (
+            np.array([self.positions[i] for i in rows]),
+            np.array([self.velocities[i] for i in rows]),
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,11 +1,14 @@
 """A user's scheme that goes wrong in any way holds the arm within the image, and is said once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from loop_rig import IMAGE_PERIOD, STARTS, TICK, Rig, the_goal, the_servo
 
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError, TaskError
 from aras_visual_servo_controller.features import Feature, Measured
+from aras_visual_servo_controller.joint_sample import JointSample
 from aras_visual_servo_controller.laws import Law, Proportional
 from aras_visual_servo_controller.schemes import (
     Composed,
@@ -48,8 +51,6 @@ def raising(error):
 
 
 def answering(**changes):
-    from dataclasses import replace
-
     return lambda scheme, decision: replace(decision, **changes)
 
 
@@ -118,6 +119,27 @@ def test_a_fault_holds_the_arm_within_the_image(name):
     np.testing.assert_array_equal(held, np.broadcast_to(held[0], np.shape(held)))
     assert states[-1].phase == SERVOING
     assert states[-1].outcome == "running"
+
+
+def in_whole_numbers(scheme, decision):
+    L = np.array([[1, 0, 0, 0, 0, 0], [0, 1, 0, 0, 0, 0]])
+    return answering(task=Task(L, np.zeros(2, int), [True, True, *[False] * 4]))(scheme, decision)
+
+
+def test_whole_numbers_and_lists_are_numbers_too_and_a_record_may_have_any_shape():
+    for odd in (in_whole_numbers, answering(L=np.zeros((4, 5))), answering(L=[[0] * 6] * 4)):
+        states = Rig(the_servo("2016", Spoiled(odd)), STARTS["2016"]).run(0.7)
+        assert {s.phase for s in states if s.stamp > GOOD_FROM} == {SERVOING}
+
+
+def test_joints_of_another_arm_hold_it():
+    rig = Rig(the_servo("2016"), STARTS["2016"])
+    rig.run(0.3)
+    names = rig.servo.arm.names
+    seen = rig.exact(rig.observer, rig.now, JointSample.of(rig.now, names, rig.q))
+    short = JointSample.of(rig.now, names[:5], rig.q[:5])
+    state = rig.servo.see(replace(seen, joints=short))
+    assert state.phase == HOLDING and "an arm of 6 joints" in state.reason
 
 
 def test_nothing_counts_before_all_is_checked():

@@ -136,8 +136,9 @@ class CameraEvidence:
         L, error = decision.L, decision.error
         moved = observation.previous_T_camera
         before, self._before = self._before, None
-        if L is None or len(L) != len(error):
+        if L is None or np.shape(L) != (len(error), 6):
             return
+        L = np.asarray(L, float)
         self._before = (error, L)
         if before is None or moved is None or len(before[0]) != len(error):
             return

@@ -98,7 +98,7 @@ def checked_decision(name: str, decision: object, scheme: Scheme | JointControll
         )
     if not (np.isfinite(L).all() and np.isfinite(rate).all()):
         raise fault("answered a task that is not finite")
-    if len(L) > 6 or L is not task.L:
+    if len(L) > 6 or not (L is task.L and rate is task.rate and modelled is task.modelled):
         task = Task.of(L, rate, modelled)
     elif all(arrays[field] is getattr(decision, field) for field in arrays):
         return decision  # as most are

@@ -207,7 +207,9 @@ class Arm:
                 f"joint positions {np.shape(q)} and velocities {np.shape(speeds)} for an arm of "
                 f"{len(self.names)} joints"
             )
-        joint, speeding = _implausible(q, speeds, self._least, self._most, self._fastest)
+        joint, speeding = _implausible(
+            np.asarray(q, float), np.asarray(speeds, float), self._least, self._most, self._fastest
+        )
         if joint >= 0 and not speeding:
             raise MeasurementError(
                 f"{self.names[joint]} measured at {q[joint]:g}: no position that it can have "

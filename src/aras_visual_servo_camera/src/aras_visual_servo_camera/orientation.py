@@ -117,6 +117,9 @@ def _in_plane_moments(centred, ex, ey, gx, gy, shrinking):
     """(4, 4) moments about the point of the plane at (0, 0): of (G d)^(i, j) / (1 + e.d)^k, with
     k = i + j + shrinking; gx, gy are the rows (2,) of G."""
     known, result = centred.shape[0] - 1, np.zeros((4, 4))
+    of_x_tilt, of_y_tilt = np.ones(known + 1), np.ones(known + 1)
+    for r in range(known):
+        of_x_tilt[r + 1], of_y_tilt[r + 1] = of_x_tilt[r] * ex, of_y_tilt[r] * ey
     for order in range(min(3, known) + 1):
         k = order + shrinking
         # seen[b]: integral of x^(order-b) y^b / (1 + e.d)^k
@@ -127,7 +130,7 @@ def _in_plane_moments(centred, ex, ey, gx, gy, shrinking):
                 choice = 1.0  # C(r, y)
                 for y in range(r + 1):
                     moment = centred[order - b + r - y, b + y]
-                    seen[b] += binomial * choice * ex ** (r - y) * ey**y * moment
+                    seen[b] += binomial * choice * of_x_tilt[r - y] * of_y_tilt[y] * moment
                     choice *= (r - y) / (y + 1.0)
                 binomial *= -(k + r) / (r + 1.0)
         for of_x in range(order + 1):

@@ -165,6 +165,25 @@ def _demanded(L, rate, held, speeds, free, scaled, least, fully):
     return basis, speed, weight
 
 
+@compiled(MATRIX, NUMBER)
+def _all_above(a, bound):
+    """Whether all singular values of a (m, n) are above the bound: then Cholesky's decomposition of
+    its shorter side's squares, less the bound's, ends."""
+    side = a if a.shape[0] <= a.shape[1] else a.T
+    squares = _times(side, side.T)
+    for i in range(len(squares)):
+        squares[i, i] -= bound * bound
+        for j in range(i + 1):
+            for k in range(j):
+                squares[i, j] -= squares[i, k] * squares[j, k]
+            if j < i:
+                squares[i, j] /= squares[j, j]
+        if not squares[i, i] > 0.0:
+            return False
+        squares[i, i] = np.sqrt(squares[i, i])
+    return True
+
+
 @compiled(MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, MASK, VECTOR, NUMBER, NUMBER)
 def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
     """Joint velocities for a demand, the others at their fixed ones, and what is free.
@@ -186,19 +205,20 @@ def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
     rows = weights.copy().reshape(-1, 1) * basis
     rates = weights * wanted - _applied(rows, _applied(scaled, fixed))
     task = _times(rows, arm)
-    turned, s, weak = svd(arm)
-    strong = 0
-    while strong < len(s) and s[strong] >= below:
-        strong += 1
-    m = len(task)
-    damped = np.empty((m + len(s) - strong, len(joints)))
-    damped[:m] = task
-    # As strong as the demand is in that direction, whatever the units of its rows.
-    seen = _times(rows, turned)
-    for i in range(strong, len(s)):
-        strength = max(np.sqrt((seen[:, i] * seen[:, i]).sum()), LEAST_SEEN)
-        ratio = s[i] / below
-        damped[m + i - strong] = damping * np.sqrt(1.0 - ratio * ratio) * strength * weak[i]
+    m, damped = len(task), task
+    if not _all_above(arm, below):
+        turned, s, weak = svd(arm)
+        strong = 0
+        while strong < len(s) and s[strong] >= below:
+            strong += 1
+        damped = np.empty((m + len(s) - strong, len(joints)))
+        damped[:m] = task
+        # As strong as the demand is in that direction, whatever the units of its rows.
+        seen = _times(rows, turned)
+        for i in range(strong, len(s)):
+            strength = max(np.sqrt((seen[:, i] * seen[:, i]).sum()), LEAST_SEEN)
+            ratio = s[i] / below
+            damped[m + i - strong] = damping * np.sqrt(1.0 - ratio * ratio) * strength * weak[i]
     u, s, vt = svd(damped)
     wishes = np.empty(len(joints))
     for column, joint in enumerate(joints):

@@ -293,7 +293,7 @@ def test_compression_follows_its_settings():
 
 
 def until(condition) -> None:
-    end = time.monotonic() + 5.0
+    end = time.monotonic() + 30.0
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.002)

@@ -304,14 +304,14 @@ def test_the_process_runs_until_it_is_ended(process):
     assert process.graph.parameters["/use_sim_time"] is True
     assert process.graph.call("/gazebo/get_physics_properties").pause is True
     process.end("enough")
-    process.thread.join(10.0)
+    process.thread.join(60.0)
     assert process.status == 0
     assert "is up, process" in process.graph.lines[-1]
 
 
 def test_what_keeps_it_from_starting_is_one_line(process):
     process.run(speed_mode="fast")
-    process.thread.join(10.0)
+    process.thread.join(60.0)
     assert process.status == 1
     assert process.told == [process.graph.lines[-1].partition(" ends: ")[2]]
     assert process.told[0].startswith("it cannot start: ") and "speed_mode" in process.told[0]
@@ -324,7 +324,7 @@ def test_a_fault_of_the_simulation_ends_the_process(process, monkeypatch):
     process.graph.parameters["/use_sim_time"] = False
     monkeypatch.setattr("aras_sim_bridge.simulation.Simulation.step", step)
     process.run()
-    process.thread.join(10.0)
+    process.thread.join(60.0)
     assert process.status == 1 and process.told[0] == "the simulation failed"
     assert any("RuntimeError: broken" in line for line in process.graph.lines)
     assert process.graph.parameters["/use_sim_time"] is False

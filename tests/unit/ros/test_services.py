@@ -23,7 +23,7 @@ def test_calls_wait_for_their_turn_where_there_is_one(graph, turn, most):
         inside.append(1)
         greatest.append(len(inside))
         if most == 2:
-            two.wait(5.0)
+            two.wait(30.0)
         else:
             threading.Event().wait(0.02)
         inside.pop()
@@ -33,7 +33,7 @@ def test_calls_wait_for_their_turn_where_there_is_one(graph, turn, most):
     for caller in callers:
         caller.start()
     for caller in callers:
-        caller.join(10.0)
+        caller.join(60.0)
     assert max(greatest) == most
 
 

@@ -175,7 +175,7 @@ class World:
         self._show(pybullet.COV_ENABLE_RENDERING, False)  # else a frame for each shape
         try:
             model = Model(self.client, description, name, pose, start, fixed,
-                          self._gravity, self._models_moved)
+                          self._gravity, self._fixed_model_moved)
         except WorldError:
             for i in range(pybullet.getNumBodies(physicsClientId=self.client) - 1, bodies - 1, -1):
                 pybullet.removeBody(pybullet.getBodyUniqueId(i, physicsClientId=self.client),
@@ -239,6 +239,10 @@ class World:
         if not self._gui:
             self._bases.models_changed()
         return self._apart
+
+    def _fixed_model_moved(self) -> None:
+        self._bases.release()  # one may have stood on it
+        self._models_moved()
 
     def _models_moved(self) -> None:
         """Choose who makes the steps: where nothing can touch anything, each model for itself (see

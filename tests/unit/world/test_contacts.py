@@ -69,8 +69,9 @@ def test_an_impossible_tensor_acts_as_it_is_written_on_a_link_too(world, make):
 def test_bullet_has_no_remarks_on_an_impossible_tensor(world, make, capfd):
     xml = make.robot(make.link("odd", 1.0, "0 0 0", (1e-3, 1e-3, 0.1, 0, 0, 0)))
     model = world.spawn(parse_urdf(xml), "m", Pose((0, 0, 5)))
-    model.apply_force("odd", (0.0, 0.0, 0.0), (0.0, 0.0, 5.0), (0.0, 0.0, 1.0))
+    model.apply_force("odd", (0.0, 0.0, 0.0), (0.0, 0.0, 5.0), (1.0, 0.0, 1.0))
     world.step()
+    assert model.twist().angular[0] / DT == pytest.approx(1000.0, rel=1e-6)
     assert model.twist().angular[2] / DT == pytest.approx(10.0, rel=1e-6)
     print("after")
     assert capfd.readouterr() == ("after\n", "")
@@ -112,6 +113,12 @@ def test_of_two_coefficients_the_smaller_counts(world, make, floor_mu, mu):
     assert deceleration(world, model) == pytest.approx(expected, rel=0.01, abs=1e-4)
 
 
+def test_a_rough_body_on_a_usual_floor_slides_as_the_floor_has_it(world, make):
+    world.spawn(floor(make, 1.0), "floor")
+    model = world.spawn(cube(make, 2.0, "0.4 0.4 0.1"), "m", Pose((-1.0, 0.0, 1.05)))
+    assert deceleration(world, model, 3.0, 100) == pytest.approx(1.0, rel=0.01)
+
+
 @pytest.mark.parametrize(("mu", "expected"), [(None, 1.0), (0.2, 0.2), (1.7, 1.7)])
 def test_the_ground_is_rougher_than_what_stands_on_it(world, make, mu, expected):
     model = world.spawn(cube(make, mu, "0.4 0.4 0.1"), "m", Pose((0.0, 0.0, 0.05)))
@@ -135,6 +142,8 @@ def test_the_smaller_coefficient_counts_on_a_stack_too(world, make):
 def test_a_changed_coefficient_and_a_reset_begin_with_the_files_numbers(world, make):
     world.spawn(floor(make, 0.5), "floor")
     model = world.spawn(cube(make, 0.5), "m", Pose((-1.0, 0.0, 1.1)))
+    assert deceleration(world, model) == pytest.approx(0.5, rel=0.01)
+    world.reset_simulation()
     assert deceleration(world, model) == pytest.approx(0.5, rel=0.01)
     world.delete("floor")
     world.spawn(floor(make, 1.0), "floor")

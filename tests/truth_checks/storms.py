@@ -123,6 +123,12 @@ class Rig:
         self.model = self.simulation.spawn(
             described, "robot", parameters=parameters,
             joint_positions={joint: self.middle(joint) for joint in self.joints})
+        # rad or m from where it is called to: friction holds a joint within f / p of it
+        springs = gains if self.kind == "effort PID" else (
+            _stable_gains(self.robot, False) if self.kind == "position PID" else {})
+        self.near = dict.fromkeys(self.joints, 0.1)
+        for joint in springs and self.joints:
+            self.near[joint] += described.joints[joint].friction / springs[joint]["p"]
         self.limits = {j: described.joints[j].limits for j in self.joints}
         self.simulation.robots["robot"].start([f"{joint}_c" for joint in self.joints])
         self.steps(2)
@@ -196,7 +202,8 @@ class Rig:
                 for joint in self.joints:
                     aim = self.middle(joint)
                     error = aim - here[joint]
-                    if abs(error) < 0.1 or abs(math.remainder(error, 2.0 * math.pi)) < 0.1:
+                    error_of_angle = math.remainder(error, 2.0 * math.pi)
+                    if min(abs(error), abs(error_of_angle)) < self.near[joint]:
                         waiting.discard(joint)
                     if self.kind.startswith("velocity"):
                         aim = max(-1.0, min(1.0, 3.0 * error))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_controller.inversion import svd
+from aras_visual_servo_controller.inversion import _all_above, least_squares, svd
 
 SHAPES = [(1, 1), (2, 6), (6, 2), (4, 6), (6, 6), (6, 7), (11, 6), (12, 7), (6, 12)]
 
@@ -56,3 +56,21 @@ def test_any_order_of_memory_and_read_only_arrays_are_taken():
     a.setflags(write=False)
     for view in (a, a.T, a[:, ::2], np.asfortranarray(a)):
         assert np.abs(rebuilt(*svd(view)) - view).max() < 1e-14
+
+
+@pytest.mark.parametrize("shape", [(6, 4), (6, 6), (6, 7)])
+@pytest.mark.parametrize(("least", "above"), [(0.0120001, True), (0.0119999, False), (0.0, False)])
+def test_whether_a_motion_is_weak_is_told_without_its_singular_values(shape, least, above):
+    random = np.random.default_rng(shape[1])
+    for _ in range(20):
+        u, s, vt = np.linalg.svd(random.normal(size=shape), full_matrices=False)
+        s = np.append(random.uniform(0.02, 2.0, len(s) - 1), least)
+        assert _all_above((u * s) @ vt, 0.012) == above
+
+
+def test_least_squares_leave_out_what_is_not_seen():
+    random = np.random.default_rng(8)
+    L, e = random.normal(size=(4, 2)) @ random.normal(size=(2, 6)), random.normal(size=4)
+    expected = np.linalg.lstsq(L, e, rcond=1e-9)[0]
+    assert np.abs(least_squares(L, e, 1e-9) - expected).max() < 1e-13
+    assert not least_squares(np.zeros((4, 6)), e, 1e-9).any()

@@ -274,3 +274,23 @@ def test_formula_refuses_what_it_cannot_differentiate() -> None:
     with pytest.raises(ValueError, match="no rule"):
         Formula("a ** b")
     assert repr(Formula("a + b")) == "Formula('a + b')"
+
+
+def test_a_program_is_its_formulas_one_by_one() -> None:
+    """Values and derivatives by the leaves, of names that rest on each other, and of a leaf."""
+    names = ("an", "xn", "C3 - 0.5 * C4", "xg", "Sx")
+    moments = Moments.from_polygon(L_SHAPE)
+    together = compute(moments, names, FRONT, REFERENCE)
+    for name in names:
+        alone = compute(moments, (name,), FRONT, REFERENCE)
+        assert together[name] == alone[name]
+        assert np.abs(together.row(name) - alone.row(name)).max() <= 1e-12 * np.abs(alone.L).max()
+
+
+def test_one_feature_that_divides_by_zero_leaves_the_others() -> None:
+    moments = Moments.from_polygon(L_SHAPE)
+    names = ("xg", "1 / (xg - xg)", "an")
+    result = compute(moments, names, FRONT, REFERENCE)
+    assert set(result.degenerate) == {"1 / (xg - xg)"}
+    assert result["xg"] == moments.xg and result["an"] > 0.0
+    assert result.values[1] == 0.0 and not result.L[1].any()

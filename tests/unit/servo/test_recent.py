@@ -1,0 +1,30 @@
+"""The window of the last errors, however long it is and however often it begins at the front."""
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_controller.recent import RecentErrors
+
+
+@pytest.mark.parametrize("kept", [1, 40, 63, 64, 65, 200])
+def test_the_window_holds_the_newest_in_order(kept):
+    recent = RecentErrors()
+    for i in range(700):
+        recent.add(0.1 * i, np.array([i, -2.0 * i, 0.5]))
+        recent.drop(max(len(recent) - kept, 0))
+        first = max(i + 1 - kept, 0)
+        expected = np.arange(first, i + 1)
+        assert len(recent) == len(expected)
+        np.testing.assert_array_equal(recent.stamps, 0.1 * expected)
+        np.testing.assert_array_equal(recent.errors[:, 1], -2.0 * expected)
+        assert (recent.errors[:, 2] == 0.5).all()
+    assert len(recent._stamps) <= 8 * max(kept, 64)  # it does not grow for ever
+
+
+def test_errors_of_another_length_begin_anew():
+    recent = RecentErrors()
+    recent.add(0.0, np.zeros(4))
+    recent.add(0.1, np.ones(2))
+    assert recent.stamps.tolist() == [0.1] and recent.errors.tolist() == [[1.0, 1.0]]
+    recent.clear()
+    assert len(recent) == 0

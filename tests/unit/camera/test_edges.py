@@ -183,6 +183,25 @@ def test_tiles_as_one_cell_are_beside_their_cells_by_no_more_than_their_spread(l
     assert (aside <= tiles.spread[tile][known]).all()
 
 
+def test_what_covers_much_does_not_hide_what_covers_less_and_crosses_it(bench):
+    """A plank goes through a wall that fills the view, inside one node of the tree over the tiles;
+    as it is larger, the plank is noted there before the wall is noted above."""
+    turn = 0.05
+    wall = bench.box([0.01, 2.0, 2.0], [1.01, 0.0, 0.0])
+    middle = [1.0 + 0.01 * np.cos(turn), 0.1 + 0.01 * np.sin(turn), 0.0]
+    plank = bench.box([0.01, 20.0, 0.25], middle,
+                      orientation=(0.0, 0.0, np.sin(turn / 2), np.cos(turn / 2)))
+    config = CameraConfig.from_mapping({"horizontal_fov": np.pi / 2, "near": 0.02})
+    sensor = CameraSensor(config, create_renderer("exact", bench.world))
+    _, label = sensor.renderer.measure(sensor._view(np.eye(4)))
+    rows = label[90:150]
+    crossing = config.K[0, 2] - config.K[0, 0] * 0.1
+    u = np.arange(320)
+    assert (rows[:, u < crossing] == plank.body_id).all()
+    assert (rows[:, u > crossing] == wall.body_id).all()
+    assert (label[:70] == wall.body_id).all() and (label[170:] == wall.body_id).all()
+
+
 def test_a_pinhole_is_the_lens_whose_tiles_are_exact(bench):
     rng = np.random.default_rng(1)
     clutter(bench, rng)

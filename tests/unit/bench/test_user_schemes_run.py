@@ -1,0 +1,31 @@
+"""The four schemes of docs/examples in the runner: simulated arm, rendered pictures, one name."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_bench.experiment import Experiment
+from aras_visual_servo_bench.runner import run
+from aras_visual_servo_controller.goal import Goal
+
+ROOT = Path(__file__).parents[3]
+GOAL = Goal.load(ROOT / "src/aras_visual_servo_controller/config/goal_2016.yaml")
+AWAY = np.array([-0.1, 0.0, 0.349, -0.262, -0.0873, 0.1745])
+# From which part of the way: the grey levels of the whole picture have a narrow valley.
+SCHEMES = {
+    "own_corners:OwnCorners": 1.0,
+    "photometric:Photometric": 0.1,
+    "second_order:SecondOrder": 1.0,
+    "joint_mpc:JointMPC": 1.0,
+}
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_users_scheme_reaches_its_goal_by_its_name_alone(scheme, monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "examples"))
+    joints = np.array([GOAL.joints[name] for name in ("gantry", "J1", "J2", "J3", "J5", "J6")])
+    start = joints + SCHEMES[scheme] * (AWAY - joints)
+    result = run(Experiment(scheme=scheme, start=tuple(start.tolist()), goal="2016", linger=0.1))
+    assert result.outcome == "converged" and result.verdict.reached, result.verdict
+    assert result.settled() < 1.2

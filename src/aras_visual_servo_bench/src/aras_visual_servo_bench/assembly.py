@@ -23,7 +23,7 @@ from aras_visual_servo_controller.starts import start_joints
 
 from . import cameras
 from .errors import ExperimentError, ViewError
-from .experiment import CameraPose, Experiment, Sampler
+from .experiment import FLYING, CameraPose, Experiment, Sampler
 from .loops import goal_file, named_scheme, settings_of
 from .plants import CameraReading, Plant
 from .plants.bullet_arm import BulletArm
@@ -31,7 +31,7 @@ from .plants.free_body import FreeBody
 from .plants.kinematic import FreeCamera, KinematicChain, Sight
 from .robots import Robot
 from .sampling import draw_start
-from .targets import ARAS, PlacedTarget, PolygonTarget
+from .targets import PlacedTarget, shape_of
 
 PATIENCE_NS = 1_000_000_000  # for the one picture that a goal is taught by
 # What is taught from a picture as the loop will see it: its own errors are then none of the goal.
@@ -103,7 +103,7 @@ class _Builder:
     def _assembled(self) -> Assembly:
         experiment, believed = self.experiment, self.experiment.believed
         goal = self._goal()
-        if experiment.plant == "free":
+        if experiment.plant in FLYING:
             if goal.world_T_camera is None:
                 goal = goal.for_arm(self.true_arm)
             arm: Arm | FreeBody = FreeBody(goal.world_T_camera)
@@ -268,7 +268,7 @@ class _Builder:
                 self.robot, settings, joints, experiment.seed, experiment.renderer,
                 experiment.traced,
             )  # fmt: skip
-        kind = FreeCamera if experiment.plant == "free" else KinematicChain
+        kind = FreeCamera if experiment.plant in FLYING else KinematicChain
         return kind(arm, start, self._sight(), lag=experiment.lag, seed=experiment.seed)
 
 
@@ -292,8 +292,7 @@ def assemble(experiment: Experiment, scheme: Scheme | JointController | None = N
 
 def _target(experiment: Experiment) -> PlacedTarget:
     spec = experiment.target
-    shape = ARAS if isinstance(spec.shape, str) else PolygonTarget(spec.shape)
-    return PlacedTarget(shape, transform(spec.pose[:3], spec.pose[3:]), spec.motion)
+    return PlacedTarget(shape_of(spec.shape), transform(spec.pose[:3], spec.pose[3:]), spec.motion)
 
 
 def _deeper(goal: Goal, factor: float) -> Goal:

@@ -13,7 +13,8 @@ from .checked import build, nearest, read_yaml, require
 from .robots import RobotSpec
 from .targets import Motion
 
-PLANTS = ("bullet", "chain", "free")
+PLANTS = ("bullet", "chain", "free", "ideal")
+FLYING = ("free", "ideal")
 FEATURES = ("auto", "pictures", "exact")
 COMMANDS = ("joint_states", "images")
 Pair = tuple[float, float]
@@ -73,16 +74,39 @@ class TargetSpec:
 
 
 @dataclass(frozen=True)
+class Ideal:
+    """How the ideal camera flies; see plants and `flight`.
+
+    speed: m/s and rad/s; where a component of the twist is beyond, the whole twist is scaled.
+    stop: sum of the squared errors at which the run has converged; None: as every loop.
+    unbounded: what leaves the picture is seen all the same, and behind the camera alone is lost.
+    """
+
+    speed: Pair | None = None
+    stop: float | None = None
+    unbounded: bool = False
+
+    def __post_init__(self) -> None:
+        require(
+            self.speed is None or min(self.speed) > 0.0, "ideal.speed must hold m/s, rad/s above 0"
+        )
+        require(self.stop is None or self.stop > 0.0, "ideal.stop must be above 0, or null")
+
+
+@dataclass(frozen=True)
 class Experiment:
     """Everything that decides how a run goes; the same experiment gives the same run.
 
-    plant: 'bullet' (simulated arm), 'chain' (arm without dynamics) or 'free' (flying camera).
+    plant: 'bullet' (simulated arm), 'chain' (arm without dynamics), 'free' (flying camera with
+        the servo loop's ticks, limits and delay) or 'ideal' (the scheme's own twist, one exact
+        motion an image, with the target's true plane: what papers compute).
+    ideal: see Ideal.
     robot: see RobotSpec. friction: of its joints (bullet). lag: of each joint (chain, free), s.
     target: see TargetSpec; the Bullet arm has the one of its description, which must be said here.
     camera: name of a preset, path of a YAML file, or the settings: the true one.
     camera_xyz, camera_rpy: how it is moved in its link, m and rad.
     believed: how the controller's idea of the camera differs; see Belief.
-    features: 'pictures', 'exact' (chain and free only), 'auto': pictures of the Bullet arm.
+    features: 'pictures', 'exact' (not the Bullet arm's), 'auto': pictures of the Bullet arm.
     noise: of grey levels, standard deviation. jitter: of exact features, px.
     delay: s from an exposure to its answer, computing included.
     commands: 'joint_states': streamed with each of them, as on a graph in real time; 'images':
@@ -98,6 +122,7 @@ class Experiment:
     """
 
     plant: str = "bullet"
+    ideal: Ideal = Ideal()
     robot: RobotSpec = RobotSpec()
     friction: bool = True
     lag: float = 0.04

@@ -12,7 +12,7 @@ from aras_visual_servo_controller.schemes import JointController, Scheme
 from aras_visual_servo_controller.settings import Settings
 
 from .errors import ExperimentError
-from .experiment import Experiment
+from .experiment import FLYING, Experiment
 from .packages import PackagePath
 from .robots import Robot
 
@@ -40,14 +40,14 @@ def settings_of(experiment: Experiment, robot: Robot | None = None) -> Settings:
         "duration": experiment.duration,
         "start": "none",
         "lockstep": experiment.commands == "images",
-        **(FREE if experiment.plant == "free" else {}),
+        **(FREE if experiment.plant in FLYING else {}),
         **experiment.options,
     }
     if experiment.gain is not None:
         given["gain"] = experiment.gain
     try:
         settings = Settings.from_mapping(given, package)
-        if experiment.plant == "free" or robot is None:
+        if experiment.plant in FLYING or robot is None:
             return settings
         name = ElementTree.fromstring(robot.urdf).get("name", "")
         return settings.for_robot(name, given)

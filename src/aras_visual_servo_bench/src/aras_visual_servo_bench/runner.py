@@ -13,6 +13,7 @@ from aras_visual_servo_controller.state import CONVERGED, Command, ServoState
 
 from .assembly import Assembly, assemble
 from .experiment import Experiment
+from .flight import fly
 from .history import History
 from .plants import CameraReading
 from .plants.base import seconds
@@ -30,7 +31,10 @@ def run(experiment: Experiment) -> Run:
     Raises:
         ExperimentError: it cannot be run. What goes wrong while it runs is an outcome.
     """
-    loop = Loop(experiment, assemble(experiment))
+    parts = assemble(experiment)
+    if experiment.plant == "ideal":
+        return fly(experiment, parts)
+    loop = Loop(experiment, parts)
     try:
         loop.to_end()
         return loop.result()

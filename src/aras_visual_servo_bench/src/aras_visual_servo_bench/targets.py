@@ -131,6 +131,11 @@ ARAS = BoxesTarget(
 )
 
 
+def shape_of(shape: str | tuple[tuple[float, float], ...]) -> Target:
+    """The target of a name, or of the corners of a flat polygon."""
+    return ARAS if isinstance(shape, str) else PolygonTarget(shape)
+
+
 @dataclass(frozen=True)
 class Motion:
     """How a target moves: a steady twist, and one harmonic on top of it.

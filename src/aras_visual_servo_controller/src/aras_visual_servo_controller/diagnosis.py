@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from .arm.resolution import Resolution
 
 KINDS = (
-    "running", "converged", "target_lost", "local_minimum", "singular", "out_of_reach",
+    "running", "converged", "target_lost", "local_minimum", "camera_retreat", "singular",
+    "out_of_reach",
     "joint_limit", "saturation", "gain_too_high", "too_few_images", "wrong_camera_model",
     "wrong_object", "scheme_fault", "timed_out", "stopped",
 )  # fmt: skip

@@ -4,6 +4,16 @@ from __future__ import annotations
 
 from ..naming import construct, find_class
 from .base import Feature
+from .corners import (
+    Depth,
+    Lines,
+    NormalisedSegments,
+    NumberedPoints,
+    Points3D,
+    PolarPoints,
+    Segments,
+    VanishingPoints,
+)
 from .kernel import Kernel
 from .moments import ImageMoments
 from .points import Points
@@ -12,6 +22,13 @@ FEATURES: dict[str, type[Feature]] = {
     "moments": ImageMoments,
     "kernel": Kernel,
     "points": Points,
+    **{
+        feature.name: feature
+        for feature in (
+            NumberedPoints, PolarPoints, Points3D, Depth, Lines, Segments, NormalisedSegments,
+            VanishingPoints,
+        )
+    },
 }
 
 

@@ -1,0 +1,393 @@
+"""Features of numbered points: corners of a polygon, dots, matches on a texture.
+
+All are functions of points p_i = (x_i, y_i) of a plane whose image velocity is known, so their
+interaction matrices follow from that of the points by the chain rule; vanishing points, which
+see rotations alone, have their own. References: F. Chaumette and S. Hutchinson, Visual servo
+control, parts I and II, IEEE Robotics and Automation Magazine 13(4), 2006 and 14(1), 2007; B.
+Espiau, F. Chaumette and P. Rives, A new approach to visual servoing in robotics, IEEE
+Transactions on Robotics and Automation 8(3), 1992 (lines, segments, vanishing points).
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import numpy as np
+
+from aras_visual_servo_camera.interaction import Plane
+
+from ..errors import ConfigurationError, MeasurementError
+from ..goal import Goal
+from ..observation import Need, Observation
+from .base import Measured, wrap
+from .points import TOLERANCE, PointFeature, point_interaction
+
+TURN = 2.0 * np.pi
+SMALLEST = 1e-9  # normalised length below which a direction is undefined
+
+
+class NumberedPoints(PointFeature):
+    """s = (x_0, y_0, x_1, y_1, ...), where it is known which point is which.
+
+    Points of exact cameras, dots and markers are; corners of a segmented outline are matched to
+    the goal's.
+    """
+
+    name = "numbered_points"
+    needs = frozenset((Need.CORNERS,))
+
+    def points(self, observation: Observation) -> np.ndarray:
+        """See PointFeature.points."""
+        if observation.corners is None:
+            raise MeasurementError(
+                f"{self.name}: no corners in this observation: has the target any? (moments and "
+                "ellipse need none)"
+            )
+        return observation.corners
+
+    def _numbered(self, observation: Observation, desired: np.ndarray) -> tuple[np.ndarray, str]:
+        """Points (n, 2) in the order of the goal's, and what stays ambiguous.
+
+        Raises:
+            MeasurementError: another number of points, or one that is not finite.
+        """
+        points = np.asarray(self.points(observation), float)
+        if points.shape != desired.shape:
+            raise MeasurementError(
+                f"{len(np.atleast_1d(points))} points are seen, the goal has {len(desired)}"
+            )
+        if not np.isfinite(points).all():
+            raise MeasurementError("a point of the target is not finite")
+        if observation.pixel_count and Need.CORNERS in self.needs:  # of a segmented outline
+            return self._matched(points, desired)
+        return points, ""
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        desired = self.desired_points(goal)
+        points, up_to = self._numbered(observation, desired)
+        w = self._inverse_depth(observation, goal, points, desired)
+        s, goal_s = points.ravel(), desired.ravel()
+        return Measured(s, goal_s, s - goal_s, point_interaction(points, w), up_to=up_to)
+
+    @staticmethod
+    def _goal_depth(goal: Goal, desired: np.ndarray) -> np.ndarray:
+        """1/Z (n,) of the goal's points, 1/m."""
+        plane = goal.plane or Plane.fronto_parallel(goal.depth)
+        w = plane.A * desired[:, 0] + plane.B * desired[:, 1] + plane.C
+        if not (w > 0.0).all():
+            raise ConfigurationError(f"{goal.name}: a point lies behind the camera")
+        return w
+
+
+class CornerFeature(NumberedPoints):
+    """Base of what is made of numbered points.
+
+    Attributes:
+        parts: names of the numbers that one element has. periods: of each, rad; 0: no angle.
+        part_tolerances, part_units: of each.
+    """
+
+    parts: ClassVar[tuple[str, ...]]
+    periods: ClassVar[tuple[float, ...]]
+    part_tolerances: ClassVar[tuple[float, ...]]
+    part_units: ClassVar[tuple[str, ...]]
+
+    @abstractmethod
+    def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+        """s (k,) of points (n, 2) with 1/Z (n,), 1/m.
+
+        Raises:
+            MeasurementError: it is undefined there.
+        """
+
+    @abstractmethod
+    def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+        """L (k, 6) there."""
+
+    def elements(self, count: int) -> int:
+        """How many elements `count` points give."""
+        return count
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        desired = self.desired_points(goal)
+        points, up_to = self._numbered(observation, desired)
+        w = self._inverse_depth(observation, goal, points, desired)
+        s = self.values(points, w)
+        goal_s = self.values(desired, self._goal_depth(goal, desired))
+        error = s - goal_s
+        for i, period in enumerate(self.periods):
+            if period:
+                every = slice(i, None, len(self.parts))
+                error[every] = wrap(error[every], period)
+        return Measured(s, goal_s, error, self.interaction(points, w), up_to=up_to)
+
+    def desired_interaction(self, goal: Goal) -> np.ndarray:
+        """See Feature.desired_interaction."""
+        desired = self.desired_points(goal)
+        return self.interaction(desired, self._goal_depth(goal, desired))
+
+    def check(self, goal: Goal) -> None:
+        """See Feature.check."""
+        super().check(goal)
+        try:
+            desired = self.desired_points(goal)
+            self.values(desired, self._goal_depth(goal, desired))
+        except MeasurementError as error:
+            raise ConfigurationError(f"{goal.name}: {error}") from error
+
+    def _set_count(self, count: int) -> None:
+        self.count = count
+        k = self.elements(count)
+        self.names = tuple(f"{part}{i}" for i in range(k) for part in self.parts)
+        self.tolerances, self.units = self.part_tolerances * k, self.part_units * k
+
+
+class PolarPoints(CornerFeature):
+    """s = (rho, theta) of each point about the principal point; turning is a straight way.
+
+    Reference: M. Iwatsuki and N. Okiyama, A new formulation of visual servoing based on
+    cylindrical coordinate system, IEEE Transactions on Robotics 21(2), 2005.
+    """
+
+    name = "polar_points"
+    parts, periods = ("rho", "theta"), (0.0, TURN)
+    part_tolerances, part_units = (TOLERANCE, 0.005), ("", "rad")
+
+    def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+        """See CornerFeature.values."""
+        rho = np.hypot(points[:, 0], points[:, 1])
+        if rho.min() < SMALLEST:
+            raise MeasurementError("a point lies on the optical axis: it has no polar angle")
+        return np.stack([rho, np.arctan2(points[:, 1], points[:, 0])], axis=1).ravel()
+
+    def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+        """See CornerFeature.interaction."""
+        rho = np.hypot(points[:, 0], points[:, 1])[:, None]
+        c, s = (points / rho).T[:, :, None]
+        x, y = _rows(points, inverse_depth)
+        return np.stack([c * x + s * y, (c * y - s * x) / rho], axis=1).reshape(-1, 6)
+
+
+class Points3D(CornerFeature):
+    """s = (X, Y, Z) of each point in the camera's frame, m; depth by plane, depth image or size.
+
+    L = [-1  [X]x]. Reference: P. Martinet and others, Vision based control law using 3D visual
+    features, World Automation Congress 1996.
+    """
+
+    name = "points_3d"
+    parts, periods = ("X", "Y", "Z"), (0.0, 0.0, 0.0)
+    part_tolerances, part_units = (0.0005, 0.0005, 0.001), ("m", "m", "m")
+
+    def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+        """See CornerFeature.values."""
+        return _places(points, inverse_depth).ravel()
+
+    def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+        """See CornerFeature.interaction."""
+        X, Y, Z = _places(points, inverse_depth).T
+        L = np.zeros((len(X), 3, 6))
+        L[:, 0, 0] = L[:, 1, 1] = L[:, 2, 2] = -1.0
+        L[:, 0, 4], L[:, 0, 5] = -Z, Y
+        L[:, 1, 3], L[:, 1, 5] = Z, -X
+        L[:, 2, 3], L[:, 2, 4] = -Y, X
+        return L.reshape(-1, 6)
+
+
+class Depth(CornerFeature):
+    """s = log Z of the points' middle, so that s - s* = log(Z / Z*): ViSP's vpFeatureDepth.
+
+    L = (0, 0, -1/Z, -y, x, 0), with (x, y) the image of that middle.
+    """
+
+    name = "depth"
+    parts, periods = ("log_Z",), (0.0,)
+    part_tolerances, part_units = (0.005,), ("",)
+    directions = (False, False, True, False, False, False)
+
+    def elements(self, count: int) -> int:
+        """One, of all points together."""
+        return 1
+
+    def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+        """See CornerFeature.values."""
+        return np.log(_places(points, inverse_depth).mean(axis=0)[2:])
+
+    def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+        """See CornerFeature.interaction."""
+        X, Y, Z = _places(points, inverse_depth).mean(axis=0)
+        return np.array([[0.0, 0.0, -1.0 / Z, -Y / Z, X / Z, 0.0]])
+
+
+class EdgeFeature(CornerFeature):
+    """Base of features of the edges from each point to the next, round the polygon."""
+
+    @staticmethod
+    def edges(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """First and last ends (n, 2), lengths (n, 1) and directions (n, 2) of the edges.
+
+        Raises:
+            MeasurementError: two neighbours coincide.
+        """
+        ends = np.roll(points, -1, axis=0)
+        way = ends - points
+        length = np.hypot(way[:, 0], way[:, 1])[:, None]
+        if length.min() < SMALLEST:
+            raise MeasurementError("two neighbouring points coincide: they make no edge")
+        return points, ends, length, way / length
+
+    @staticmethod
+    def edge_rates(
+        points: np.ndarray, inverse_depth: np.ndarray, length: np.ndarray, direction: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
+        """L (n, 6) of x and y of the first ends and of the last, of the length, of the angle."""
+        x, y = _rows(points, inverse_depth)
+        far_x, far_y = np.roll(x, -1, axis=0), np.roll(y, -1, axis=0)
+        dx, dy = direction.T[:, :, None]
+        longer = dx * (far_x - x) + dy * (far_y - y)
+        angle = (dx * (far_y - y) - dy * (far_x - x)) / length
+        return x, y, far_x, far_y, longer, angle
+
+
+class Lines(EdgeFeature):
+    """s = (rho, theta) of each edge's line, x cos(theta) + y sin(theta) = rho.
+
+    An edge has a direction, from its point to the next, and with it the normal a sign: theta runs
+    over the whole turn.
+    """
+
+    name = "lines"
+    parts, periods = ("rho", "theta"), (0.0, TURN)
+    part_tolerances, part_units = (TOLERANCE, 0.005), ("", "rad")
+
+    def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+        """See CornerFeature.values."""
+        start, _, _, d = self.edges(points)
+        rho = -d[:, 1] * start[:, 0] + d[:, 0] * start[:, 1]
+        return np.stack([rho, np.arctan2(d[:, 0], -d[:, 1])], axis=1).ravel()
+
+    def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+        """See CornerFeature.interaction."""
+        start, _, length, d = self.edges(points)
+        x, y, _, _, _, angle = self.edge_rates(points, inverse_depth, length, d)
+        along = (d * start).sum(axis=1)[:, None]
+        rho = -d[:, 1:] * x + d[:, :1] * y - along * angle
+        return np.stack([rho, angle], axis=1).reshape(-1, 6)
+
+
+class Segments(EdgeFeature):
+    """s = (x_m, y_m, length, angle) of each edge: its middle, its size, its direction."""
+
+    name = "segments"
+    parts, periods = ("xm", "ym", "length", "angle"), (0.0, 0.0, 0.0, TURN)
+    part_tolerances = (TOLERANCE, TOLERANCE, 2.0 * TOLERANCE, 0.005)
+    part_units = ("", "", "", "rad")
+
+    def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+        """See CornerFeature.values."""
+        start, end, length, d = self.edges(points)
+        middle = 0.5 * (start + end)
+        return np.hstack([middle, length, np.arctan2(d[:, 1:], d[:, :1])]).ravel()
+
+    def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+        """See CornerFeature.interaction."""
+        _, _, length, d = self.edges(points)
+        x, y, far_x, far_y, longer, angle = self.edge_rates(points, inverse_depth, length, d)
+        rows = [0.5 * (x + far_x), 0.5 * (y + far_y), longer, angle]
+        return np.stack(rows, axis=1).reshape(-1, 6)
+
+
+class NormalisedSegments(EdgeFeature):
+    """s = (x_m / l, y_m / l, 1 / l, angle) of each edge: nearly linear in the translation."""
+
+    name = "normalised_segments"
+    parts, periods = ("xn", "yn", "inverse_length", "angle"), (0.0, 0.0, 0.0, TURN)
+    part_tolerances = (0.005, 0.005, 0.01, 0.005)
+    part_units = ("", "", "", "rad")
+
+    def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+        """See CornerFeature.values."""
+        start, end, length, d = self.edges(points)
+        middle = 0.5 * (start + end)
+        angle = np.arctan2(d[:, 1:], d[:, :1])
+        return np.hstack([middle / length, 1.0 / length, angle]).ravel()
+
+    def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+        """See CornerFeature.interaction."""
+        start, end, length, d = self.edges(points)
+        x, y, far_x, far_y, longer, angle = self.edge_rates(points, inverse_depth, length, d)
+        xm, ym = (0.5 * (start + end)).T[:, :, None]
+        shrink = longer / length**2
+        rows = [
+            0.5 * (x + far_x) / length - xm * shrink, 0.5 * (y + far_y) / length - ym * shrink,
+            -shrink, angle,
+        ]  # fmt: skip
+        return np.stack(rows, axis=1).reshape(-1, 6)
+
+
+class VanishingPoints(CornerFeature):
+    """s = (1/rho, alpha) of the vanishing points of a quadrilateral's two pairs of sides.
+
+    Polar coordinates of where parallels of the target meet in the image; 1/rho is 0 for a target
+    square to the camera. They see rotations alone: with D the direction of the sides in the
+    camera's frame, dD/dt = D x omega.
+    """
+
+    name = "vanishing_points"
+    parts, periods = ("inverse_rho", "alpha"), (0.0, TURN)
+    part_tolerances, part_units = (0.005, 0.005), ("", "rad")
+    directions = (False, False, False, True, True, True)
+
+    def elements(self, count: int) -> int:
+        """Two, of four points."""
+        return 2
+
+    def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+        """See CornerFeature.values."""
+        X, Y, W = self._directions(points).T
+        return np.stack([W / np.hypot(X, Y), np.arctan2(Y, X)], axis=1).ravel()
+
+    def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+        """See CornerFeature.interaction."""
+        L = np.zeros((2, 2, 6))
+        for i, (X, Y, W) in enumerate(self._directions(points)):
+            a = np.hypot(X, Y)
+            by_direction = np.array([
+                [-W * X / a**3, -W * Y / a**3, 1.0 / a], [-Y / a**2, X / a**2, 0.0]
+            ])  # fmt: skip
+            cross = np.array([[0.0, -W, Y], [W, 0.0, -X], [-Y, X, 0.0]])
+            L[i, :, 3:] = by_direction @ cross
+        return L.reshape(-1, 6)
+
+    @staticmethod
+    def _directions(points: np.ndarray) -> np.ndarray:
+        """Directions (2, 3) of the sides 0-1 (and 3-2), and 1-2 (and 0-3), of length 1."""
+        if len(points) != 4:
+            raise MeasurementError(
+                f"vanishing points need the four corners of a parallelogram, not {len(points)}"
+            )
+        p = np.column_stack([points, np.ones(4)])
+        found = []
+        for a, b, c, d in ((0, 1, 3, 2), (1, 2, 0, 3)):
+            meet = np.cross(np.cross(p[a], p[b]), np.cross(p[c], p[d]))
+            # Which way the side runs: its image goes towards the vanishing point, or from it.
+            way = (meet[:2] - p[a, :2] * meet[2]) @ (p[b, :2] - p[a, :2])
+            size = np.linalg.norm(meet)
+            if size < SMALLEST**2 or np.hypot(meet[0], meet[1]) < SMALLEST * size:
+                raise MeasurementError("the sides of the target have no vanishing point")
+            found.append(meet * np.sign(way) / size)
+        return np.array(found)
+
+
+def _rows(points: np.ndarray, inverse_depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """L (n, 6) of x and of y of each point."""
+    L = point_interaction(points, inverse_depth)
+    return L[0::2], L[1::2]
+
+
+def _places(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+    """Points (n, 3) in the camera's frame, m."""
+    return np.column_stack([points, np.ones(len(points))]) / np.asarray(inverse_depth)[:, None]

@@ -6,13 +6,14 @@ dense sums over a triangulation, poses from the poses themselves.
 
 import numpy as np
 from free_camera import exponential, pose
+from scipy.spatial.transform import Rotation
 
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 
 CAMERA = CameraModel(640, 480, (800.0, 0, 320.0, 0, 800.0, 240.0, 0, 0, 1))
-# A parallelogram, for vanishing points, that no turn and no mirror maps onto itself.
-CORNERS = np.array([[-0.11, -0.06, 0], [0.09, -0.08, 0], [0.12, 0.05, 0], [-0.08, 0.07, 0]])
+CORNERS = np.array([[-0.11, -0.05, 0], [0.09, -0.08, 0], [0.13, 0.06, 0], [-0.07, 0.04, 0]])
+PARALLELOGRAM = np.array([[-0.11, -0.06, 0], [0.09, -0.08, 0], [0.12, 0.05, 0], [-0.08, 0.07, 0]])
 GOAL = pose((0.02, -0.03, 0.7), (0.15, -0.2, 0.1))
 VIEWS = [
     pose((0.05, 0.04, 0.9), (0.2, 0.3, 0.5)),
@@ -30,8 +31,8 @@ def seen(camera_T_object, corners=CORNERS):
     return P[:, :2] / P[:, 2:]
 
 
-def look(observer, camera_T_object, stamp=0.0, corners=CORNERS, plane=True):
-    plane = Plane.from_pose(camera_T_object[:3, :3], camera_T_object[:3, 3]) if plane else None
+def look(observer, camera_T_object, stamp=0.0, corners=CORNERS):
+    plane = Plane.from_pose(camera_T_object[:3, :3], camera_T_object[:3, 3])
     points = seen(camera_T_object, corners)
     return observer.of_exact(
         stamp, CAMERA, contour=points, points=points, plane=plane,
@@ -89,8 +90,159 @@ def normalised_segments(c):
 
 
 def vanishing(c):
-    D = np.array([CORNERS[1] - CORNERS[0], CORNERS[2] - CORNERS[1]]) @ c[:3, :3].T
+    D = np.diff(PARALLELOGRAM[:3], axis=0) @ c[:3, :3].T
     return np.array([[d[2] / np.hypot(d[0], d[1]), np.arctan2(d[1], d[0])] for d in D]).ravel()
+
+
+def _goal_T_camera(c):
+    return GOAL @ np.linalg.inv(c)
+
+
+def theta_u(c):
+    return Rotation.from_matrix(_goal_T_camera(c)[:3, :3]).as_rotvec()
+
+
+def translation(c):
+    return _goal_T_camera(c)[:3, 3]
+
+
+def translation_camera(c):
+    return (c @ (*CORNERS.mean(axis=0), 1.0))[:3]
+
+
+def two_and_half(c):
+    X, Y, Z = translation_camera(c)
+    return np.array([X / Z, Y / Z, np.log(Z), *theta_u(c)])
+
+
+# -- moments, by quadrature over the quadrilateral ----------------------------------------------
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(9)
+GRID = np.array([(a, b) for a in NODES for b in NODES])
+GRID_WEIGHTS = np.array([u * v for u in WEIGHTS for v in WEIGHTS])
+
+
+def integral(c, function):
+    """Of a function of z = x + i y over the target's image."""
+    z0, z1, z2, z3 = seen(c) @ (1, 1j)
+    a, b = 0.5 * (GRID.T + 1.0)
+    z = (1 - a) * (1 - b) * z0 + a * (1 - b) * z1 + a * b * z2 + (1 - a) * b * z3
+    by_a = (1 - b) * (z1 - z0) + b * (z2 - z3)
+    by_b = (1 - a) * (z3 - z0) + a * (z2 - z1)
+    area = abs((np.conj(by_a) * by_b).imag)
+    return np.sum(function(z) * area * GRID_WEIGHTS) / 4.0
+
+
+def area(c):
+    return integral(c, np.ones_like).real
+
+
+def middle(c):
+    return integral(c, lambda z: z) / area(c)
+
+
+def mu(c, i, j):
+    g = middle(c)
+    return integral(c, lambda z: (z.real - g.real) ** i * (z.imag - g.imag) ** j).real
+
+
+def complex_moment(c, p, q):
+    """c_pq, the integral of z^p conj(z)^q about the middle."""
+    g = middle(c)
+    return integral(c, lambda z: (z - g) ** p * np.conj(z - g) ** q)
+
+
+def basic(c):
+    pairs = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+    return np.array([integral(c, lambda z, i=i, j=j: z.real**i * z.imag**j).real
+                     for i, j in pairs])  # fmt: skip
+
+
+def centred(c):
+    return np.array([mu(c, 2, 0), mu(c, 1, 1), mu(c, 0, 2),
+                     mu(c, 3, 0), mu(c, 2, 1), mu(c, 1, 2), mu(c, 0, 3)])  # fmt: skip
+
+
+def centre(c):
+    return np.array([middle(c).real, middle(c).imag])
+
+
+def an(c):
+    depth = 1.0 / Plane.from_pose(GOAL[:3, :3], GOAL[:3, 3]).C
+    return np.array([depth * np.sqrt(area(GOAL) / area(c))])
+
+
+def xn_yn(c):
+    return an(c) * centre(c)
+
+
+def alpha(c):
+    """Of the long axis, on the side on which the third-order moments say that it points."""
+    half = 0.5 * np.angle(complex_moment(c, 2, 0))
+    turned = _alpha_at_goal() + _turn(c)
+    return np.array([half + np.pi * np.round((turned - half) / np.pi)])
+
+
+def _alpha_at_goal():
+    return 0.5 * np.angle(complex_moment(GOAL, 2, 0))
+
+
+def _turn(c):
+    """By which the target's image is turned since the goal, roughly: by its first side."""
+    sides = [np.diff(seen(place)[:2] @ (1, 1j))[0] for place in (GOAL, c)]
+    return np.angle(sides[1] / sides[0])
+
+
+def ellipse(c):
+    m00 = area(c)
+    return np.array([*centre(c), mu(c, 2, 0) / m00, mu(c, 1, 1) / m00, mu(c, 0, 2) / m00])
+
+
+def tilts(c):
+    """Sx, Sy of Chaumette 2004, by complex moments."""
+    c20, c11 = complex_moment(c, 2, 0), complex_moment(c, 1, 1).real
+    # i c30 has the parts mu03 - 3 mu21 and mu30 - 3 mu12.
+    both = 1j * complex_moment(c, 3, 0) * np.conj(c20**2)
+    s = both / (abs(c20) ** 2 * c11**1.5 / np.sqrt(area(c)))
+    return np.array([s.real, s.imag])
+
+
+def symmetries(c):
+    c11 = complex_moment(c, 1, 1).real
+    return np.array([abs(complex_moment(c, 2, 0)) ** 2 / c11**2,
+                     area(c) * abs(complex_moment(c, 3, 0)) ** 2 / c11**3])  # fmt: skip
+
+
+def invariants(c):
+    """C1 ... C10 of Tahri and Chaumette 2005; C3 ... C6, of cubic forms, written out."""
+    m = {(p, q): complex_moment(c, p, q) for p in range(6) for q in range(6) if p + q <= 5}
+
+    def square(p, q):
+        return abs(m[p, q]) ** 2
+
+    a, b, k, d = mu(c, 3, 0), mu(c, 2, 1), mu(c, 1, 2), mu(c, 0, 3)
+    I5 = -(a**2 * d**2) + 6 * a * b * k * d - 4 * a * k**3 - 4 * b**3 * d + 3 * b**2 * k**2
+    I6 = (3 * k**4 + 2 * a * k**3 + 3 * a**2 * k**2 - 6 * d * b * k**2 - 6 * a * b**2 * k
+          - 6 * a * b * d * k + 2 * a**2 * d**2 + 2 * b**3 * d + 3 * b**2 * d**2
+          + 3 * b**4)  # fmt: skip
+    I7 = ((3 * b + 2 * d) * k**3 + 3 * a * (d + 2 * b) * k**2 - 3 * b * k * ((d + b) ** 2 - a**2)
+          + a * (d**3 - a**2 * d - 2 * b**3 - 3 * d * b**2))  # fmt: skip
+    I8 = (3 * d * b**3 - 2 * d**2 * b**2 + b**2 * a**2 + 3 * k**2 * d * b - d * b * a**2
+          - d**3 * b + 3 * k**3 * a - 2 * k**2 * a**2 + k**2 * d**2 - k * a**3
+          - k * a * d**2 + 3 * k * a * b**2 - 6 * k * a * d * b)  # fmt: skip
+    I9 = (a**2 + 3 * a * k + 3 * d * b + d**2) ** 2
+    I10 = (square(4, 0) - 4 * square(3, 1) + 3 * square(2, 2)) / 16
+    I11 = (square(4, 0) + 8 * square(3, 1) - 9 * square(2, 2)) / 16
+    I12 = (4 * square(3, 1) + 9 * square(2, 2) - square(4, 0)) / 4
+    return np.array([
+        (square(2, 0) - square(1, 1)) / 4 / square(2, 0), square(3, 0) / square(2, 1),
+        I5 / I6, I7 / I6, I8 / I6, I9 / I6, I11 / I10, I12 / I10,
+        square(3, 2) / square(5, 0), square(4, 1) / square(5, 0),
+    ])  # fmt: skip
+
+
+def stacked(*functions):
+    return lambda c: np.concatenate([function(c) for function in functions])
 
 
 VALUES = {
@@ -103,7 +255,27 @@ VALUES = {
     "segments": segments,
     "normalised_segments": normalised_segments,
     "vanishing_points": vanishing,
+    "theta_u": theta_u,
+    "translation": translation,
+    "translation_camera": translation_camera,
+    "pose": stacked(translation, theta_u),
+    "pose_camera": stacked(translation_camera, theta_u),
+    "two_and_half_d": two_and_half,
+    "basic_moments": basic,
+    "centred_moments": centred,
+    "gravity_centre": centre,
+    "gravity_centre_normalised": xn_yn,
+    "area": lambda c: np.array([area(c)]),
+    "area_normalised": an,
+    "alpha": alpha,
+    "ellipse": ellipse,
+    "invariants": invariants,
+    "sx_sy": tilts,
+    "px_py": symmetries,
+    "moments_pitch": lambda c: np.array([*xn_yn(c), *an(c), tilts(c)[1], *alpha(c)]),
+    "moments_six": stacked(xn_yn, an, tilts, alpha),
 }
+TARGETS = {"vanishing_points": PARALLELOGRAM}
 # Where s has an angle, and its period.
 PERIODS = {
     "polar_points": [0, 2 * np.pi] * 4,
@@ -111,4 +283,7 @@ PERIODS = {
     "segments": [0, 0, 0, 2 * np.pi] * 4,
     "normalised_segments": [0, 0, 0, 2 * np.pi] * 4,
     "vanishing_points": [0, 2 * np.pi] * 2,
+    "alpha": [2 * np.pi],
+    "moments_pitch": [0, 0, 0, 0, 2 * np.pi],
+    "moments_six": [0, 0, 0, 0, 0, 2 * np.pi],
 }

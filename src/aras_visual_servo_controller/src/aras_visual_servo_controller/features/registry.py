@@ -15,8 +15,24 @@ from .corners import (
     VanishingPoints,
 )
 from .kernel import Kernel
+from .moment_features import (
+    Alpha,
+    Area,
+    BasicMoments,
+    CentredMoments,
+    Ellipse,
+    GravityCentre,
+    Invariants,
+    MomentsPitch,
+    MomentsSix,
+    NormalisedArea,
+    NormalisedGravityCentre,
+    Skewness,
+    Symmetry,
+)
 from .moments import ImageMoments
 from .points import Points
+from .pose import Pose, PoseCamera, ThetaU, Translation, TranslationCamera, TwoAndHalfD
 
 FEATURES: dict[str, type[Feature]] = {
     "moments": ImageMoments,
@@ -26,7 +42,10 @@ FEATURES: dict[str, type[Feature]] = {
         feature.name: feature
         for feature in (
             NumberedPoints, PolarPoints, Points3D, Depth, Lines, Segments, NormalisedSegments,
-            VanishingPoints,
+            VanishingPoints, ThetaU, Translation, TranslationCamera, Pose, PoseCamera, TwoAndHalfD,
+            BasicMoments, CentredMoments, GravityCentre, NormalisedGravityCentre, Area,
+            NormalisedArea, Alpha, Ellipse, Invariants, Skewness, Symmetry, MomentsPitch,
+            MomentsSix,
         )
     },
 }

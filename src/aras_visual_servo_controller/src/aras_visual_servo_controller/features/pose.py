@@ -1,0 +1,253 @@
+"""Features of the pose between goal and camera, found from numbered points of the target's plane.
+
+Where the goal's points and the plane that they lie in are known, they are places in 3-D, and the
+pose is that of a plane seen in perspective: a homography first, then Gauss-Newton on the points
+to rounding. No model of the target is needed. Frames: c the camera now, g the camera at the goal,
+o the middle of the points; a_R_b maps b to a.
+
+References: F. Chaumette and S. Hutchinson, Visual servo control, part I, IEEE RAM 13(4), 2006
+(position-based control in both frames); E. Malis, F. Chaumette and S. Boudet, 2 1/2 D visual
+servoing, IEEE Transactions on Robotics and Automation 15(2), 1999.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from ..arm.poses import rotation_vector
+from ..errors import ConfigurationError, MeasurementError
+from ..goal import Goal
+from ..observation import Observation
+from .base import Measured
+from .corners import NumberedPoints
+from .points import point_interaction
+
+REFINEMENTS, REFINED = 10, 1e-13
+FLATTEST = 1e-9  # part of the greatest singular value below which points lie on one line
+
+
+class RelativePose(NumberedPoints):
+    """Base: give `of_pose`, and be servoed.
+
+    Attributes:
+        rows: names of the components, with tolerances and units.
+    """
+
+    rows: ClassVar[tuple[tuple[str, float, str], ...]]
+
+    def of_pose(
+        self, c_T_g: np.ndarray, origin: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """s (k,) and L (k, 6) where the goal's camera stands at c_T_g (4, 4).
+
+        Args:
+            origin: (3,) the middle of the points in the goal's camera frame, m.
+        """
+        raise NotImplementedError
+
+    def check(self, goal: Goal) -> None:
+        """See Feature.check."""
+        super().check(goal)
+        places = self._places(goal)
+        spread = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
+        if len(places) < 4 or spread[1] < FLATTEST * spread[0]:
+            raise ConfigurationError(
+                f"{goal.name}: a pose needs four points that are not on one line: it has "
+                f"{len(places)}"
+            )
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        places = self._places(goal)
+        points, up_to = self._numbered(observation, self.desired_points(goal))
+        c_T_g = pose_of_plane(places, points)
+        origin = places.mean(axis=0)
+        s, L = self.of_pose(c_T_g, origin)
+        desired, _ = self.of_pose(np.eye(4), origin)
+        return Measured(s, desired, s - desired, L, up_to=up_to)
+
+    def desired_interaction(self, goal: Goal) -> np.ndarray:
+        """See Feature.desired_interaction."""
+        return self.of_pose(np.eye(4), self._places(goal).mean(axis=0))[1]
+
+    def _places(self, goal: Goal) -> np.ndarray:
+        """The goal's points (n, 3) in its camera frame, m."""
+        desired = self.desired_points(goal)
+        w = self._goal_depth(goal, desired)
+        return np.column_stack([desired, np.ones(len(desired))]) / w[:, None]
+
+    def _set_count(self, count: int) -> None:
+        self.count = count
+        self.names, self.tolerances, self.units = zip(*self.rows, strict=True)
+
+
+METRES = tuple((name, 0.0005, "m") for name in ("tx", "ty", "tz"))
+RADIANS = tuple((name, 0.003, "rad") for name in ("ux", "uy", "uz"))
+
+
+class ThetaU(RelativePose):
+    """s = theta u of g_R_c, rad: L = (0, J), J the inverse right Jacobian of the rotation."""
+
+    name = "theta_u"
+    rows = RADIANS
+    directions = (False, False, False, True, True, True)
+
+    def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See RelativePose.of_pose."""
+        turn = rotation_vector(c_T_g[:3, :3].T)
+        return turn, np.hstack([np.zeros((3, 3)), turn_rate(turn)])
+
+
+class Translation(RelativePose):
+    """s = g_t_c, m, in the goal's frame: the camera flies straight. L = (g_R_c, 0)."""
+
+    name = "translation"
+    rows = METRES
+    directions = (True, True, True, False, False, False)
+
+    def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See RelativePose.of_pose."""
+        g_R_c = c_T_g[:3, :3].T
+        return -g_R_c @ c_T_g[:3, 3], np.hstack([g_R_c, np.zeros((3, 3))])
+
+
+class TranslationCamera(RelativePose):
+    """s = c_t_o, m, in the camera's frame: the target's middle goes straight in the image.
+
+    L = (-1, [c_t_o]x).
+    """
+
+    name = "translation_camera"
+    rows = METRES
+
+    def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See RelativePose.of_pose."""
+        place = c_T_g[:3, :3] @ origin + c_T_g[:3, 3]
+        return place, np.hstack([-np.eye(3), cross(place)])
+
+
+class Pose(RelativePose):
+    """Position-based: s = (g_t_c, theta u), translation in the goal's frame."""
+
+    name = "pose"
+    rows = METRES + RADIANS
+
+    def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See RelativePose.of_pose."""
+        place = Translation.of_pose(self, c_T_g, origin)
+        return _joined(place, ThetaU.of_pose(self, c_T_g, origin))
+
+
+class PoseCamera(RelativePose):
+    """Position-based: s = (c_t_o, theta u), translation in the camera's frame."""
+
+    name = "pose_camera"
+    rows = METRES + RADIANS
+
+    def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See RelativePose.of_pose."""
+        place = TranslationCamera.of_pose(self, c_T_g, origin)
+        return _joined(place, ThetaU.of_pose(self, c_T_g, origin))
+
+
+class TwoAndHalfD(RelativePose):
+    """2 1/2 D: s = (x, y, log Z, theta u), the image of the points' middle, its depth, the turn."""
+
+    name = "two_and_half_d"
+    rows = (("x", 0.001, ""), ("y", 0.001, ""), ("log_Z", 0.005, ""), *RADIANS)
+
+    def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See RelativePose.of_pose."""
+        X, Y, Z = c_T_g[:3, :3] @ origin + c_T_g[:3, 3]
+        x, y = X / Z, Y / Z
+        turn, L_turn = ThetaU.of_pose(self, c_T_g, origin)
+        L_point = point_interaction(np.array([[x, y]]), np.array([1.0 / Z]))
+        L_depth = np.array([[0.0, 0.0, -1.0 / Z, -y, x, 0.0]])
+        return np.array([x, y, np.log(Z), *turn]), np.vstack([L_point, L_depth, L_turn])
+
+
+def cross(v: np.ndarray) -> np.ndarray:
+    """[v]x (3, 3): cross(v) @ w is v x w."""
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def turn_rate(turn: np.ndarray) -> np.ndarray:
+    """(3, 3): d(theta u)/dt of g_R_c is turn_rate(theta u) @ omega, omega in the camera's frame."""
+    angle, K = float(np.linalg.norm(turn)), cross(turn)
+    if angle < 1e-4:
+        factor = 1.0 / 12.0
+    else:
+        factor = 1.0 / angle**2 - 0.5 * np.cos(0.5 * angle) / (angle * np.sin(0.5 * angle))
+    return np.eye(3) + 0.5 * K + factor * K @ K
+
+
+def pose_of_plane(places: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """c_T_g (4, 4) of points (n, 2), normalised, whose places (n, 3) in g lie in one plane, m.
+
+    Raises:
+        MeasurementError: the points give no pose.
+    """
+    middle = places.mean(axis=0)
+    basis = np.linalg.svd(places - middle)[2]
+    flat = (places - middle) @ basis[:2].T
+    size = np.abs(flat).max()
+    H = _homography(flat / size, points)
+    H[:, :2] /= size
+    if H[2, 2] < 0.0:
+        H = -H
+    scale = np.sqrt(np.linalg.norm(H[:, 0]) * np.linalg.norm(H[:, 1]))
+    if not (np.isfinite(scale) and scale > 0.0):
+        raise MeasurementError("the points of the target give no pose: are they on one line?")
+    H = H / scale
+    normal = np.cross(basis[0], basis[1])
+    frame = np.column_stack([basis[0], basis[1], normal])
+    U, _, Vt = np.linalg.svd(np.column_stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])]))
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt @ frame.T
+    return _refined(R, H[:, 2] - R @ middle, places, points)
+
+
+def _homography(flat: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """H (3, 3) with points ~ H (flat, 1), by the direct linear transform."""
+    p = np.column_stack([flat, np.ones(len(flat))])
+    A = np.zeros((2 * len(p), 9))
+    A[0::2, 0:3] = A[1::2, 3:6] = p
+    A[0::2, 6:9] = -points[:, :1] * p
+    A[1::2, 6:9] = -points[:, 1:] * p
+    return np.linalg.svd(A)[2][-1].reshape(3, 3)
+
+
+def _refined(
+    R: np.ndarray, t: np.ndarray, places: np.ndarray, points: np.ndarray
+) -> np.ndarray:
+    """c_T_g (4, 4) with the least squared distance in the image, from a near one."""
+    for _ in range(REFINEMENTS):
+        P = places @ R.T + t
+        if not (P[:, 2] > 0.0).all():
+            raise MeasurementError("the points of the target give a pose behind the camera")
+        seen = P[:, :2] / P[:, 2:]
+        # The target moves against the camera: hence the sign of L.
+        L = -point_interaction(seen, 1.0 / P[:, 2])
+        step = np.linalg.lstsq(L, (points - seen).ravel(), rcond=None)[0]
+        turned = _rotation(step[3:])
+        R, t = turned @ R, turned @ t + step[:3]
+        if np.abs(step).max() < REFINED:
+            break
+    c_T_g = np.eye(4)
+    c_T_g[:3, :3], c_T_g[:3, 3] = R, t
+    return c_T_g
+
+
+def _rotation(turn: np.ndarray) -> np.ndarray:
+    """R (3, 3) of a rotation vector (3,), rad."""
+    angle, K = float(np.linalg.norm(turn)), cross(turn)
+    if angle < 1e-8:
+        return np.eye(3) + K
+    return np.eye(3) + np.sin(angle) / angle * K + (1.0 - np.cos(angle)) / angle**2 * K @ K
+
+
+def _joined(*parts: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Values one after the other, rows one under the other."""
+    return np.concatenate([s for s, _ in parts]), np.vstack([L for _, L in parts])

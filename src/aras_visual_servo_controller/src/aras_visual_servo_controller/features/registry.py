@@ -15,6 +15,13 @@ from .corners import (
     VanishingPoints,
 )
 from .kernel import Kernel
+from .luminance import (
+    Luminance,
+    LuminanceDamped,
+    LuminanceDCT,
+    LuminancePCA,
+    PhotometricMoments,
+)
 from .moment_features import (
     Alpha,
     Area,
@@ -45,7 +52,7 @@ FEATURES: dict[str, type[Feature]] = {
             VanishingPoints, ThetaU, Translation, TranslationCamera, Pose, PoseCamera, TwoAndHalfD,
             BasicMoments, CentredMoments, GravityCentre, NormalisedGravityCentre, Area,
             NormalisedArea, Alpha, Ellipse, Invariants, Skewness, Symmetry, MomentsPitch,
-            MomentsSix,
+            MomentsSix, Luminance, LuminanceDamped, LuminanceDCT, LuminancePCA, PhotometricMoments,
         )
     },
 }

@@ -1,0 +1,274 @@
+"""Photometric features: the grey levels of the whole picture, and linear maps of them.
+
+    dI/dt = -(dI/dx, dI/dy) (dx/dt, dy/dt) = L_I v,   a row for each pixel, with its depth.
+
+References: C. Collewet and E. Marchand, Photometric visual servoing, IEEE Transactions on
+Robotics 27(4), 2011; E. Marchand, Subspace-based direct visual servoing, IEEE RA-L 4(3), 2019
+(principal components); E. Marchand, Direct visual servoing in the frequency domain, IEEE RA-L
+5(2), 2020 (cosine transform); M. Bakthavatchalam, O. Tahri and F. Chaumette, A direct dense visual
+servoing approach using photometric moments, IEEE Transactions on Robotics 34(5), 2018.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import cv2
+import numpy as np
+
+from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.undistortion import CameraModel
+
+from ..errors import ConfigurationError, MeasurementError
+from ..goal import Goal
+from ..observation import Need, Observation
+from .base import Feature, Measured
+
+BORDER = 10  # pixels at the picture's rim that are left out: what comes in there was not seen
+FLAT = 1e-12  # part of the greatest eigenvalue of L^T L below which the picture tells nothing
+
+
+class _Rays:
+    """Of each pixel inside the border, for one camera: its ray, and pixels per ray's length.
+
+    x, y: (rows, columns) float32. ux, uy, vx, vy: derivatives of the pixel by the ray.
+    """
+
+    def __init__(self, camera: CameraModel) -> None:
+        self.camera = camera
+        x, y = camera.tables.x, camera.tables.y
+        by_row_x, by_column_x = np.gradient(x)
+        by_row_y, by_column_y = np.gradient(y)
+        scale = by_column_x * by_row_y - by_row_x * by_column_y
+        inside = (slice(BORDER, -BORDER),) * 2
+        if min(camera.width, camera.height) < 4 * BORDER:
+            raise MeasurementError("the picture is too small for photometric servoing")
+
+        def part(values: np.ndarray) -> np.ndarray:
+            return np.ascontiguousarray(values[inside], np.float32)
+
+        self.inside = inside
+        self.x, self.y = part(x), part(y)
+        self.ux, self.uy = part(by_row_y / scale), part(-by_row_x / scale)
+        self.vx, self.vy = part(-by_column_y / scale), part(by_column_x / scale)
+
+    def rows(self, grey: np.ndarray, plane: Plane) -> np.ndarray:
+        """L_I (6, pixels) float32 of a picture (rows, columns) float32 of a plane."""
+        by_u = cv2.Sobel(grey, cv2.CV_32F, 1, 0, ksize=1, scale=0.5)[self.inside]
+        by_v = cv2.Sobel(grey, cv2.CV_32F, 0, 1, ksize=1, scale=0.5)[self.inside]
+        x, y = self.x, self.y
+        gx, gy = by_u * self.ux + by_v * self.vx, by_u * self.uy + by_v * self.vy
+        w = np.float32(plane.A) * x + np.float32(plane.B) * y + np.float32(plane.C)
+        radial = x * gx + y * gy
+        L = np.empty((6, *x.shape), np.float32)
+        np.multiply(gx, w, out=L[0])
+        np.multiply(gy, w, out=L[1])
+        np.multiply(radial, -w, out=L[2])
+        np.negative(y * radial + gy, out=L[3])
+        np.add(x * radial, gx, out=L[4])
+        np.subtract(x * gy, y * gx, out=L[5])
+        return L.reshape(6, -1)
+
+
+class Luminance(Feature):
+    """s = the grey level of every pixel; what goes to the law is its normal equations.
+
+    With H = L_I^T L_I = R^T R and g = L_I^T e, six numbers R^-T g with the interaction matrix R
+    have the same least squares: v = -gain H^-1 g, Gauss-Newton. Judged is the root of the mean
+    squared difference of grey levels.
+
+    Attributes:
+        blur: standard deviation of the smoothing of both pictures, px: the wider, the wider the
+            way that it converges from. damping: mu of Levenberg-Marquardt, H + mu diag(H).
+    """
+
+    name = "luminance"
+    needs = frozenset((Need.IMAGE,))
+    names, tolerances, units = ("rms",), (1.5,), ("grey level",)
+    blur: ClassVar[float] = 1.0
+    damping: ClassVar[float] = 0.0
+
+    def __init__(self) -> None:
+        self._goal: Goal | None = None
+        self._rays: _Rays | None = None
+
+    def teach(self, observation: Observation) -> Mapping[str, Any]:
+        """See Feature.teach: the picture itself."""
+        png = cv2.imencode(".png", _grey(observation))[1]
+        return {"png": base64.b64encode(png).decode()}
+
+    def check(self, goal: Goal) -> None:
+        """See Feature.check."""
+        if goal.depth is None and goal.plane is None:
+            raise ConfigurationError(f"{goal.name} does not say the target's depth (m)")
+        try:
+            data = base64.b64decode(goal.features[self.name]["png"])
+            grey = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+        except (KeyError, TypeError, ValueError, cv2.error) as error:
+            raise ConfigurationError(
+                f"{goal.name} holds no picture of {self.name}: teach it (rosrun "
+                f"aras_visual_servo_controller teach --scheme {self.name})"
+            ) from error
+        if grey is None:
+            raise ConfigurationError(f"{goal.name}: the picture of {self.name} is damaged")
+        self._goal, self._desired = goal, self._smooth(grey)
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        if self._goal is not goal:
+            self.check(goal)
+        now = self._smooth(_grey(observation))
+        if now.shape != self._desired.shape:
+            raise MeasurementError(
+                f"the picture has {now.shape[1]} x {now.shape[0]} pixels, the goal's "
+                f"{self._desired.shape[1]} x {self._desired.shape[0]}"
+            )
+        if self._rays is None or self._rays.camera != observation.camera:
+            self._rays = _Rays(observation.camera)
+        plane = observation.plane or goal.plane or Plane.fronto_parallel(goal.depth)
+        inside = self._rays.inside
+        error = np.subtract(now[inside], self._desired[inside]).ravel()
+        rms = float(np.sqrt(np.dot(error, error) / error.size))
+        s, L = self._reduced(error, self._rays.rows(now, plane))
+        return Measured(s, np.zeros_like(s), s, L, judged=np.array([rms]))
+
+    def _reduced(self, error: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What the law gets of e (n,) and L (6, n): an error and its interaction matrix."""
+        H = (L @ L.T).astype(float)
+        g = (L @ error).astype(float)
+        return square_root(H + self.damping * np.diag(np.diag(H)), g)
+
+    def _smooth(self, grey: np.ndarray) -> np.ndarray:
+        return cv2.GaussianBlur(grey.astype(np.float32), (0, 0), self.blur)
+
+
+class LuminanceDamped(Luminance):
+    """Levenberg-Marquardt on the grey levels, with the damping of Collewet and Marchand."""
+
+    name = "luminance_lm"
+    damping: ClassVar[float] = 0.01
+
+
+class LuminanceMap(Luminance):
+    """Base of s = B I: a few numbers of the picture, with the rows B L_I.
+
+    Attributes:
+        count: of the numbers.
+    """
+
+    count: ClassVar[int] = 10
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._basis: np.ndarray | None = None
+
+    def basis(self, rays: _Rays) -> np.ndarray:
+        """B (count, pixels), of pixels inside the border."""
+        raise NotImplementedError
+
+    def check(self, goal: Goal) -> None:
+        """See Feature.check."""
+        super().check(goal)
+        self._basis = None
+
+    def _reduced(self, error: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        if self._basis is None:
+            basis = self.basis(self._rays)
+            size = np.linalg.norm(basis, axis=1, keepdims=True)
+            self._basis = np.ascontiguousarray(basis / size, np.float32)
+        return (self._basis @ error).astype(float), (self._basis @ L.T).astype(float)
+
+
+class LuminanceDCT(LuminanceMap):
+    """s = the lowest coefficients of the picture's cosine transform, but the mean."""
+
+    name = "luminance_dct"
+    count: ClassVar[int] = 20
+
+    def basis(self, rays: _Rays) -> np.ndarray:
+        """See LuminanceMap.basis."""
+        rows, columns = rays.x.shape
+        orders = sorted(
+            ((p, q) for p in range(8) for q in range(8) if p + q), key=lambda o: (sum(o), o)
+        )[: self.count]
+        down = np.cos(np.pi * np.outer(np.arange(8), np.arange(rows) + 0.5) / rows)
+        across = np.cos(np.pi * np.outer(np.arange(8), np.arange(columns) + 0.5) / columns)
+        return np.array([np.outer(down[p], across[q]).ravel() for p, q in orders])
+
+
+class LuminancePCA(LuminanceMap):
+    """s = principal components of pictures that the goal's own picture gives when it is moved.
+
+    The views are made from it: shifts, turns and scales, drawn by a fixed seed.
+    """
+
+    name = "luminance_pca"
+    count: ClassVar[int] = 20
+    views: ClassVar[int] = 80
+    spread: ClassVar[tuple[float, float, float]] = (0.1, 0.2, 0.1)  # of width, rad, of size
+
+    def basis(self, rays: _Rays) -> np.ndarray:
+        """See LuminanceMap.basis."""
+        random = np.random.default_rng(0)
+        rows, columns = self._desired.shape
+        shift, turn, size = self.spread
+        views = []
+        for _ in range(self.views):
+            angle = np.degrees(random.uniform(-turn, turn))
+            moved = cv2.getRotationMatrix2D(
+                (0.5 * columns, 0.5 * rows), angle, 1.0 + random.uniform(-size, size)
+            )
+            moved[:, 2] += random.uniform(-shift, shift, 2) * columns
+            view = cv2.warpAffine(
+                self._desired, moved, (columns, rows), borderMode=cv2.BORDER_REFLECT
+            )
+            views.append(view[rays.inside].ravel() - self._desired[rays.inside].ravel())
+        # The components of few long vectors, by the products of the vectors with each other.
+        V = np.array(views)
+        values, vectors = np.linalg.eigh((V @ V.T).astype(float))
+        chosen = np.argsort(values)[::-1][: self.count]
+        return vectors[:, chosen].T @ V
+
+
+class PhotometricMoments(LuminanceMap):
+    """s = moments up to the third order of the grey levels, weighted to fade towards the rim."""
+
+    name = "photometric_moments"
+    order: ClassVar[int] = 3
+
+    def basis(self, rays: _Rays) -> np.ndarray:
+        """See LuminanceMap.basis."""
+        x, y = rays.x.astype(float), rays.y.astype(float)
+        reach = min(np.abs(x).max(), np.abs(y).max())
+        weight = np.exp(-4.0 * ((x**2 + y**2) / reach**2) ** 2)
+        return np.array([
+            (weight * (x / reach) ** p * (y / reach) ** (n - p)).ravel()
+            for n in range(self.order + 1) for p in range(n + 1)
+        ])  # fmt: skip
+
+
+def square_root(H: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """s (6,) and R (6, 6) with R^T R = H and R^T s = g.
+
+    Raises:
+        MeasurementError: the picture tells nothing of some motion: it is of one colour.
+    """
+    values, vectors = np.linalg.eigh(H)
+    if not values[0] > FLAT * values[-1]:
+        raise MeasurementError("the picture has too little texture for photometric servoing")
+    roots = np.sqrt(values)
+    return vectors.T @ g / roots, roots[:, None] * vectors.T
+
+
+def _grey(observation: Observation) -> np.ndarray:
+    """The picture (rows, columns) uint8.
+
+    Raises:
+        MeasurementError: there is none.
+    """
+    image = observation.image
+    if image is None:
+        raise MeasurementError("no picture in this observation: exact features have none")
+    return image if image.ndim == 2 else cv2.cvtColor(np.asarray(image), cv2.COLOR_RGB2GRAY)

@@ -1,0 +1,160 @@
+"""Photometric features against pictures of an analytic texture, derived by finite differences."""
+
+import cv2
+import numpy as np
+import pytest
+from feature_scenes import moved
+from free_camera import pose
+
+from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
+from aras_visual_servo_controller.features.luminance import BORDER
+from aras_visual_servo_controller.features.registry import FEATURES, create_feature
+from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.observation import Need, Observer
+from aras_visual_servo_controller.schemes import Composed
+
+PINHOLE = CameraModel(160, 120, (180.0, 0, 79.5, 0, 180.0, 59.5, 0, 0, 1))
+WIDE = CameraModel(160, 120, (180.0, 0, 79.5, 0, 165.0, 59.5, 0, 0, 1), (-0.2, 0.05, 0, 0))
+GOAL = pose((0.0, 0.0, 0.8), (0.0, 0.0, 0.0))
+VIEW = pose((0.04, -0.03, 0.9), (0.15, -0.1, 0.2))
+# Every registered feature that needs a picture has to be here.
+MAPS = ("luminance_dct", "luminance_pca", "photometric_moments")
+ALL = ("luminance", "luminance_lm", *MAPS)
+
+
+def texture(X, Y):
+    """Grey levels of the plane, smooth: 20 to 236."""
+    return 128.0 + 36.0 * (
+        np.sin(17.0 * X + 3.0 * Y) + np.cos(5.0 * X - 14.0 * Y + 1.0) + np.sin(9.0 * X * Y * 8 + 2)
+    )  # fmt: skip
+
+
+def picture(camera, camera_T_object):
+    """(rows, columns) float of the plane z = 0 of the object, by its rays."""
+    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    x, y, _ = camera.normalise(u.ravel().astype(float), v.ravel().astype(float))
+    object_T_camera = np.linalg.inv(camera_T_object)
+    rays = np.column_stack([x, y, np.ones(len(x))]) @ object_T_camera[:3, :3].T
+    origin = object_T_camera[:3, 3]
+    P = origin - rays * (origin[2] / rays[:, 2])[:, None]
+    return texture(P[:, 0], P[:, 1]).reshape(camera.height, camera.width)
+
+
+def look(camera, place, needs):
+    plane = Plane.from_pose(place[:3, :3], place[:3, 3])
+    image = np.round(picture(camera, place)).astype(np.uint8)
+    return Observer(None, needs).of_image(0.0, image, camera, plane=plane)
+
+
+def at_goal(name, camera=PINHOLE):
+    feature = create_feature(name)
+    goal = Goal.teach(Composed(feature), look(camera, GOAL, feature.needs))
+    feature.check(goal)
+    return feature, goal
+
+
+def smooth(image):
+    return cv2.GaussianBlur(image, (0, 0), 1.0)[BORDER:-BORDER, BORDER:-BORDER].ravel()
+
+
+def rates(camera, place, step=1e-4):
+    """dI/dv (pixels, 6) by finite differences of exact pictures."""
+    return np.array([
+        (smooth(picture(camera, moved(place, step * v)))
+         - smooth(picture(camera, moved(place, -step * v)))) / (2 * step)
+        for v in np.eye(6)
+    ]).T  # fmt: skip
+
+
+@pytest.mark.parametrize("camera", [PINHOLE, WIDE], ids=["pinhole", "lens"])
+@pytest.mark.parametrize(("name", "damping"), [("luminance", 0.0), ("luminance_lm", 0.01)])
+def test_the_normal_equations_are_those_of_every_pixel(name, damping, camera):
+    feature, goal = at_goal(name, camera)
+    found = feature.measure(look(camera, VIEW, feature.needs), goal)
+    J = rates(camera, VIEW)
+    e = smooth(picture(camera, VIEW)) - smooth(picture(camera, GOAL))
+    H = J.T @ J
+    H += damping * np.diag(np.diag(H))
+    scale = np.sqrt(np.diag(H))
+    assert found.L.T @ found.L / np.outer(scale, scale) == pytest.approx(
+        H / np.outer(scale, scale), abs=0.02
+    )
+    size = scale * np.linalg.norm(e)
+    assert found.L.T @ found.error / size == pytest.approx(J.T @ e / size, abs=0.005)
+    assert found.judged == pytest.approx(np.sqrt(np.mean(e**2)), rel=0.01)
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_maps_are_linear_in_the_picture(name):
+    feature, goal = at_goal(name)
+    found = feature.measure(look(PINHOLE, VIEW, feature.needs), goal)
+    B, J = feature._basis.astype(float), rates(PINHOLE, VIEW)
+    e = smooth(picture(PINHOLE, VIEW)) - smooth(picture(PINHOLE, GOAL))
+    assert np.linalg.norm(B, axis=1) == pytest.approx(1.0, abs=1e-3)
+    assert found.error == pytest.approx(B @ e, abs=0.01 * np.abs(B @ e).max())
+    rows = B @ J
+    assert found.L / np.abs(rows).max(axis=0) == pytest.approx(rows / np.abs(rows).max(axis=0), abs=0.03)
+
+
+def test_moments_are_moments():
+    feature, goal = at_goal("photometric_moments")
+    feature.measure(look(PINHOLE, VIEW, feature.needs), goal)
+    B = feature._basis
+    shape = (PINHOLE.height - 2 * BORDER, PINHOLE.width - 2 * BORDER)
+    even = B[0].reshape(shape)
+    assert even == pytest.approx(even[::-1, ::-1], abs=1e-6)
+    assert even[shape[0] // 2, shape[1] // 2] == even.max()
+    for k in (1, 2):  # x and y: odd, and one the other's
+        odd = B[k].reshape(shape)
+        assert odd == pytest.approx(-odd[::-1, ::-1], abs=1e-6)
+
+
+def test_cosines_are_orthogonal():
+    feature, goal = at_goal("luminance_dct")
+    feature.measure(look(PINHOLE, VIEW, feature.needs), goal)
+    B = feature._basis.astype(float)
+    assert pytest.approx(np.eye(len(B)), abs=1e-4) == B @ B.T
+    assert B.sum(axis=1) == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_at_the_goal_nothing_is_left(name):
+    feature, goal = at_goal(name)
+    found = feature.measure(look(PINHOLE, GOAL, feature.needs), goal)
+    assert found.error == pytest.approx(0.0, abs=1e-9)
+    assert found.judged == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_the_camera_flies_to_where_the_picture_was_taken(name):
+    feature, goal = at_goal(name)
+    scheme = Composed(feature)
+    place = pose((0.01, -0.012, 0.82), (0.02, -0.015, 0.04))
+    first = np.linalg.norm(place @ np.linalg.inv(GOAL) - np.eye(4))
+    for k in range(30):
+        decision = scheme.compute(look(PINHOLE, place, feature.needs), goal, 0.1 * k)
+        place = moved(place, 0.1 * decision.task.twist)
+    assert np.linalg.norm(place @ np.linalg.inv(GOAL) - np.eye(4)) < 0.1 * first
+
+
+def test_each_that_needs_pictures_is_here():
+    assert {n for n, feature in FEATURES.items() if Need.IMAGE in feature.needs} == set(ALL)
+
+
+def test_bad_pictures_are_one_line():
+    feature, goal = at_goal("luminance")
+    other = CameraModel(80, 60, (90.0, 0, 39.5, 0, 90.0, 29.5, 0, 0, 1))
+    with pytest.raises(MeasurementError, match="80 x 60 pixels, the goal's 160 x 120"):
+        feature.measure(look(other, GOAL, feature.needs), goal)
+    exact = Observer(None, feature.needs).of_exact(0.0, PINHOLE)
+    with pytest.raises(MeasurementError, match="no picture"):
+        feature.measure(exact, goal)
+    plain = Observer(None, feature.needs).of_image(0.0, np.full((120, 160), 90, np.uint8), PINHOLE)
+    with pytest.raises(MeasurementError, match="too little texture"):
+        feature.measure(plain, goal)
+    with pytest.raises(ConfigurationError, match="teach it"):
+        feature.check(Goal("mine", depth=1.0))
+    with pytest.raises(ConfigurationError, match="damaged|no picture"):
+        feature.check(Goal("mine", depth=1.0, features={"luminance": {"png": "AAAA"}}))

@@ -12,11 +12,15 @@ from ..naming import construct, find_class
 from .base import JointController, Scheme
 from .composed import Composed
 from .laboratory import Laboratory2016
+from .partitioned import Partitioned
+from .predictive import Predictive
 
 # Beside these every feature's name is a scheme of that feature alone.
 SCHEMES: dict[str, type[Scheme] | type[JointController] | type[Feature]] = {
     **FEATURES,
     "moments_2016": Laboratory2016,
+    "partitioned": Partitioned,
+    "predictive": Predictive,
 }
 
 

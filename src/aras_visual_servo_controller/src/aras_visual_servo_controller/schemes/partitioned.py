@@ -1,0 +1,90 @@
+"""Hybrid control: the motion along and about the optical axis is decided apart from the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ..errors import MeasurementError
+from ..features.base import wrap
+from ..features.corners import NumberedPoints
+from ..goal import Goal
+from ..laws import Law
+from ..observation import Observation
+from ..task import Task, least_squares
+from .base import Decision, Scheme
+
+ALONG = np.array([False, False, True, False, False, True])  # vz, wz
+
+
+class Partitioned(Scheme):
+    """vz by the root of the points' area, wz by the angle of their first edge, the rest by L.
+
+    With s = log(area) / 2 and theta the angle of the edge, vz = gain Z (s* - s) and wz = gain
+    (theta - theta*); of the points' wanted rate what these two bring about is taken off before
+    the other four are solved for. No camera retreat: a turn asks for no translation. Reference:
+    P. Corke and S. Hutchinson, A new partitioned approach to image-based visual servo control,
+    IEEE Transactions on Robotics and Automation 17(4), 2001.
+    """
+
+    def __init__(self, law: Law | None = None) -> None:
+        super().__init__(law)
+        self.feature = NumberedPoints()
+        self.needs = self.feature.needs
+        self._describe()
+
+    def check(self, goal: Goal) -> None:
+        """See Scheme.check."""
+        self.feature.check(goal)
+        self._describe()
+
+    def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
+        """See Scheme.teach."""
+        return {self.feature.name: self.feature.teach(observation)}
+
+    def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
+        """See Scheme.compute."""
+        if not observation.valid:
+            raise MeasurementError(observation.reason or "the target is not visible")
+        measured = self.feature.measure(observation, goal)
+        L, error = measured.L, measured.error
+        points, desired = measured.s.reshape(-1, 2), measured.desired.reshape(-1, 2)
+        rotated = least_squares(L, error)
+        wanted = self.law.rate(error, L, rotated, t, observation.dt)
+        size = float(np.linalg.norm(error))
+        gain = -float(wanted @ error) / size**2 if size > 0.0 else 0.0
+        depth = float(np.mean(-1.0 / L[0::2, 0]))
+        twist = np.zeros(6)
+        twist[2] = gain * depth * 0.5 * np.log(_area(desired) / _area(points))
+        twist[5] = gain * float(wrap(_angle(points) - _angle(desired)))
+        rest = wanted - measured.rate - L @ twist
+        twist[~ALONG] = least_squares(L[:, ~ALONG], rest)
+        return Decision(
+            names=self.names, features=measured.s, desired=measured.desired, error=error,
+            task=Task.of_twist(twist), L=L, up_to=measured.up_to, notes=measured.notes,
+        )  # fmt: skip
+
+    def _describe(self) -> None:
+        self.names, self.units = tuple(self.feature.names), tuple(self.feature.units)
+        self.tolerances = tuple(self.feature.tolerances)
+
+
+def _area(points: np.ndarray) -> float:
+    """Of a polygon (n, 2).
+
+    Raises:
+        MeasurementError: it has none.
+    """
+    x, y = points.T
+    area = 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))
+    if area < 1e-12:
+        raise MeasurementError("the points of the target lie on one line: it has no area")
+    return area
+
+
+def _angle(points: np.ndarray) -> float:
+    """Of the first edge, rad."""
+    dx, dy = points[1] - points[0]
+    return float(np.arctan2(dy, dx))

@@ -1,0 +1,113 @@
+"""Model-predictive control of the points in the image, with visibility and speed constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.optimize import minimize
+
+from ..errors import MeasurementError
+from ..features.corners import NumberedPoints
+from ..goal import Goal
+from ..laws import Law
+from ..observation import Observation
+from ..task import Task
+from .base import Decision, Scheme
+
+GAIN = 1.0  # 1/s, of a law that says none
+
+
+class Predictive(Scheme):
+    """The twist whose predicted way of the points fits a decay best and never leaves the picture.
+
+    Over `horizon` seconds the camera flies with one twist v; at each of `steps` instants the
+    points are s + j dt L v. Minimised is the sum of squares of their distances from s* + (s - s*)
+    exp(-gain j dt) and of `effort` times the twist, subject to |v| <= `speed`, and to every
+    predicted point `margin` pixels inside of the picture (a point that is nearer than that to the
+    border must not go further out). Solved by SciPy's sequential least squares programming.
+    Joints' limits are the resolver's. Reference: G. Allibert, E. Courtial and F. Chaumette,
+    Predictive control for constrained image-based visual servoing, IEEE T-RO 26(5), 2010.
+    """
+
+    horizon: ClassVar[float] = 0.4
+    steps: ClassVar[int] = 4
+    effort: ClassVar[float] = 1e-4
+    speed: ClassVar[tuple[float, ...]] = (0.5, 0.5, 0.5, 1.5, 1.5, 1.5)
+    margin: ClassVar[float] = 12.0  # what the linear prediction errs by at these speeds
+
+    def __init__(self, law: Law | None = None) -> None:
+        super().__init__(law)
+        self.feature = NumberedPoints()
+        self.needs = self.feature.needs
+        self._describe()
+        self._last = np.zeros(6)
+
+    def reset(self) -> None:
+        """See Scheme.reset."""
+        super().reset()
+        self._last = np.zeros(6)
+
+    def check(self, goal: Goal) -> None:
+        """See Scheme.check."""
+        self.feature.check(goal)
+        self._describe()
+
+    def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
+        """See Scheme.teach."""
+        return {self.feature.name: self.feature.teach(observation)}
+
+    def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
+        """See Scheme.compute."""
+        if not observation.valid:
+            raise MeasurementError(observation.reason or "the target is not visible")
+        measured = self.feature.measure(observation, goal)
+        twist, note = self._planned(observation, measured.error, measured.s, measured.L)
+        self._last = twist
+        return Decision(
+            names=self.names, features=measured.s, desired=measured.desired,
+            error=measured.error, task=Task.of_twist(twist), L=measured.L,
+            up_to=measured.up_to, notes=(note,) if note else (),
+        )  # fmt: skip
+
+    def _planned(
+        self, observation: Observation, error: np.ndarray, s: np.ndarray, L: np.ndarray
+    ) -> tuple[np.ndarray, str]:
+        """The twist (6,), and a word where the constraints could not all be kept."""
+        gain = float(getattr(self.law, "gain", GAIN))
+        dt = self.horizon / self.steps
+        times = dt * np.arange(1, self.steps + 1)
+        rows = np.vstack([tau * L for tau in times])
+        wanted = np.concatenate([(np.exp(-gain * tau) - 1.0) * error for tau in times])
+        H = rows.T @ rows + self.effort * np.eye(6)
+        g = -rows.T @ wanted
+        low, high = self._borders(observation, s)
+        ahead = self.horizon * L
+        found = minimize(
+            lambda v: 0.5 * v @ H @ v + g @ v, self._last, jac=lambda v: H @ v + g,
+            method="SLSQP", bounds=[(-most, most) for most in self.speed],
+            constraints=[
+                {"type": "ineq", "fun": lambda v: high - s - ahead @ v, "jac": lambda v: -ahead},
+                {"type": "ineq", "fun": lambda v: s + ahead @ v - low, "jac": lambda v: ahead},
+            ],
+            options={"maxiter": 50, "ftol": 1e-12},
+        )  # fmt: skip
+        if not np.isfinite(found.x).all():
+            raise MeasurementError("the predicted way has no answer")
+        return found.x, "" if found.success else "visibility cannot be kept on this way"
+
+    def _borders(self, observation: Observation, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Least and greatest normalised coordinates (k,) of points in the picture."""
+        camera, margin = observation.camera, self.margin
+        middle_u, middle_v = 0.5 * (camera.width - 1), 0.5 * (camera.height - 1)
+        u = np.array([margin, camera.width - 1 - margin, middle_u, middle_u])
+        v = np.array([middle_v, middle_v, margin, camera.height - 1 - margin])
+        x, y, _ = camera.normalise(u, v)
+        low = np.tile([x[0], y[2]], len(s) // 2)
+        high = np.tile([x[1], y[3]], len(s) // 2)
+        return np.minimum(low, s), np.maximum(high, s)
+
+    def _describe(self) -> None:
+        self.names, self.units = tuple(self.feature.names), tuple(self.feature.units)
+        self.tolerances = tuple(self.feature.tolerances)

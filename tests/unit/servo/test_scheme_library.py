@@ -1,0 +1,119 @@
+"""The shipped compositions on an exact free camera: each comes to its goal as its theory says."""
+
+import numpy as np
+import pytest
+from feature_scenes import CAMERA, CORNERS, GOAL, look, moved
+from free_camera import pose
+
+from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.laws import Proportional
+from aras_visual_servo_controller.observation import Observer
+from aras_visual_servo_controller.schemes import create_scheme
+
+START = pose((0.06, -0.05, 0.9), (0.1, -0.12, 0.5))
+ALL = (
+    "numbered_points", "polar_points", "points_3d", "lines", "segments", "normalised_segments",
+    "pose", "pose_camera", "two_and_half_d", "translation+theta_u", "translation_camera+theta_u",
+    "moments_six", "partitioned", "predictive", "gravity_centre+depth+theta_u",
+)  # fmt: skip
+
+
+def fly(name, start=START, images=200, goal_pose=GOAL, dt=0.04, gain=1.5, **options):
+    scheme = create_scheme(name, Proportional(gain), **options)
+    goal = Goal.teach(scheme, look(Observer(None, scheme.needs), goal_pose))
+    scheme.check(goal)
+    scheme.reset()
+    observer, place, way = Observer(None, scheme.needs), start, [start]
+    for k in range(images):
+        decision = scheme.compute(look(observer, place, dt * k), goal, dt * k)
+        assert len(decision.error) == len(scheme.names) == len(scheme.tolerances)
+        place = moved(place, dt * decision.task.twist)
+        way.append(place)
+    return np.array(way), decision
+
+
+def distance(place, goal_pose=GOAL):
+    return float(np.linalg.norm(place @ np.linalg.inv(goal_pose) - np.eye(4)))
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_it_comes_to_its_goal(name):
+    way, _ = fly(name, images=400 if name == "partitioned" else 200)
+    assert distance(way[-1]) < 5e-3 * distance(way[0])
+
+
+@pytest.mark.parametrize("interaction", ["desired", "mean"])
+def test_points_with_another_interaction_matrix(interaction):
+    way, decision = fly("numbered_points", interaction=interaction)
+    assert distance(way[-1]) < 5e-3 * distance(way[0])
+
+
+def centres(way):
+    """Of the camera in the target's frame (n, 3)."""
+    return np.array([np.linalg.inv(place)[:3, 3] for place in way])
+
+
+def bend(points):
+    """Greatest distance of a way from the straight line between its ends, over its length."""
+    line = points[-1] - points[0]
+    line = line / np.linalg.norm(line)
+    off = points - points[0]
+    across = off - np.outer(off @ line, line)
+    return np.linalg.norm(across, axis=1).max() / np.linalg.norm(points[-1] - points[0])
+
+
+def images(way):
+    middle = (way @ (*CORNERS.mean(axis=0), 1.0))[:, :3]
+    return middle[:, :2] / middle[:, 2:]
+
+
+def test_the_pose_scheme_flies_straight_in_space():
+    way, _ = fly("pose", dt=0.01, images=500)
+    assert bend(centres(way)) < 0.01
+    way, _ = fly("numbered_points", dt=0.01, images=500)
+    assert bend(centres(way)) > 0.02
+
+
+def test_two_and_half_d_goes_straight_in_the_image():
+    way, _ = fly("two_and_half_d", dt=0.01, images=500)
+    assert bend(images(way)) < 0.01
+
+
+def test_pose_camera_keeps_the_target_on_a_line_of_the_camera():
+    way, _ = fly("pose_camera", dt=0.01, images=500)
+    middle = (way @ (*CORNERS.mean(axis=0), 1.0))[:, :3]
+    assert bend(middle) < 0.01
+
+
+def test_partitioned_does_not_retreat():
+    square = pose((0.0, 0.0, 0.7), (0.0, 0.0, 0.0))
+    turned = pose((0.0, 0.0, 0.7), (0.0, 0.0, np.radians(150.0)))
+    depths = {}
+    for name in ("partitioned", "numbered_points"):
+        way, _ = fly(name, turned, goal_pose=square)
+        depths[name] = way[:, 2, 3].max()
+    assert depths["partitioned"] < 0.8
+    assert depths["numbered_points"] > 1.5
+
+
+def test_the_predictive_scheme_keeps_the_points_in_the_picture():
+    # Points of the image fly out where the camera turns by 2 rad close to its target.
+    near, turned = pose((0.0, 0.0, 0.42), (0, 0, 0)), pose((0.03, 0.0, 0.42), (0, 0, 1.6))
+
+    def farthest(way):
+        P = np.einsum("nij,kj->nki", way[:, :3, :3], CORNERS) + way[:, None, :3, 3]
+        u, v = CAMERA.project(P[..., 0] / P[..., 2], P[..., 1] / P[..., 2])
+        return max(np.abs(u - 319.5).max() - 319.5, np.abs(v - 239.5).max() - 239.5)
+
+    free, _ = fly("numbered_points", turned, goal_pose=near, interaction="desired", images=150)
+    kept, _ = fly("predictive", turned, goal_pose=near, images=250)
+    assert farthest(free) > 0.0
+    assert farthest(kept) <= 0.5
+    assert distance(kept[-1], near) < 0.05 * distance(kept[0], near)
+
+
+def test_the_predictive_scheme_keeps_to_its_speeds():
+    far = pose((0.3, 0.2, 2.5), (0.1, 0.1, 0.3))
+    way, _ = fly("predictive", far, images=20, gain=20.0)
+    steps = np.linalg.norm(np.diff(centres(way), axis=0), axis=1) / 0.04
+    assert steps.max() <= np.sqrt(3) * 0.5 + 1e-6

@@ -82,14 +82,14 @@ def test_an_unknown_protocol_names_the_nearest(tmp_path, capsys):
 
 def test_what_cannot_be_run_is_an_outcome(tmp_path):
     (tmp_path / "mine.yaml").write_text(
-        "source: mine\nexperiment: {plant: ideal, scheme: points, goal: {pose: [0,0,-1,0,0,0]},\n"
-        "  start: {pose: [0,0,-1,0,0,0]}, target: {shape: [[0,0],[.1,0],[.1,.1]]},\n"
-        "  options: {interaction: estimated}}\n"
+        "source: mine\nexperiment: {plant: ideal, scheme: vanishing_points, features: exact,\n"
+        "  goal: {pose: [0,0,-1,0,0,0]}, start: {pose: [0,0,-1,0,0,0]},\n"
+        "  target: {shape: [[0,0],[.1,0],[.1,.1]]}}\n"
     )
     assert main([str(tmp_path / "mine.yaml"), "--out", str(tmp_path)]) == 0
     row = table(tmp_path)[0]
     assert row["outcome"] == "not_run"
-    assert "estimat" in row["reason"]
+    assert "four corners" in row["reason"]
 
 
 @pytest.mark.parametrize(
@@ -197,6 +197,21 @@ def test_a_believed_focal_length_scales_what_is_seen():
     believed = run(FLIGHT.with_(believed={"focal": 1.1}, duration=0.1)).features[0]
     true = run(FLIGHT.with_(duration=0.1)).features[0]
     assert believed == pytest.approx(true / 1.1)
+
+
+def test_a_goal_is_shown_through_the_camera_as_believed():
+    result = run(FLIGHT.with_(believed={"focal": 1.1, "depth": 1.2}))
+    assert result.converged
+    assert result.verdict.reached
+
+
+@pytest.mark.parametrize("interaction", ["desired", "mean"])
+def test_another_interaction_matrix_is_no_wrong_camera(interaction):
+    turned = CameraPose((0.0, 0.0, -0.75, 0.0, 0.0, 1.5))
+    result = run(FLIGHT.with_(
+        gain=2.0, start=turned, options={"interaction": interaction}, ideal={"unbounded": True},
+    ))  # fmt: skip
+    assert set(result.outcomes) <= {"running", "converged"}
 
 
 def test_a_moving_target_stays_behind_by_speed_over_gain():

@@ -31,7 +31,8 @@ from .plants.free_body import FreeBody
 from .plants.kinematic import FreeCamera, KinematicChain, Sight
 from .robots import Robot
 from .sampling import draw_start
-from .targets import PlacedTarget, shape_of
+from .shapes import shape_of
+from .targets import PlacedTarget, RoundTarget
 
 PATIENCE_NS = 1_000_000_000  # for the one picture that a goal is taught by
 # What is taught from a picture as the loop will see it: its own errors are then none of the goal.
@@ -95,6 +96,11 @@ class _Builder:
 
     def assemble(self) -> Assembly:
         """All of it; ExperimentError for what cannot be."""
+        if Need.CORNERS in self.needs and isinstance(self.target.shape, RoundTarget):
+            raise ExperimentError(
+                f"target '{self.experiment.target.shape}' has no corners, which scheme "
+                f"'{self.experiment.scheme}' needs: use ellipse or another one of moments"
+            )
         try:
             return self._assembled()
         except (ServoError, ViewError) as error:
@@ -167,7 +173,7 @@ class _Builder:
         """What the true camera sees from a pose (4, 4), as a goal."""
         seen_from = self.target.seen_from(pose)
         plane = self.target.shape.plane(seen_from)
-        observer = Observer(None, self.needs)
+        observer = Observer(None, self.needs, tracker=self.loop_settings.make_tracker())
         if self.experiment.plant == "bullet" and self.needs & PICTURED:
             reading = self._picture(pose, joints)
         else:
@@ -251,6 +257,7 @@ class _Builder:
             grey_noise=0.0 if exactly else experiment.noise,
             jitter=0.0 if exactly else experiment.jitter,
             depth=Need.DEPTH in self.needs,
+            occluder=experiment.target.occluder,
             drop=float(dict(self.settings.get("effects", {})).get("drop_probability", 0.0)),
         )
 
@@ -292,7 +299,8 @@ def assemble(experiment: Experiment, scheme: Scheme | JointController | None = N
 
 def _target(experiment: Experiment) -> PlacedTarget:
     spec = experiment.target
-    return PlacedTarget(shape_of(spec.shape), transform(spec.pose[:3], spec.pose[3:]), spec.motion)
+    shape = shape_of(spec.shape, spec.size)
+    return PlacedTarget(shape, transform(spec.pose[:3], spec.pose[3:]), spec.motion)
 
 
 def _deeper(goal: Goal, factor: float) -> Goal:

@@ -15,6 +15,11 @@ from .targets import Motion
 
 PLANTS = ("bullet", "chain", "free", "ideal")
 FLYING = ("free", "ideal")
+TARGETS = (
+    "aras", "square", "triangle", "l_shape", "heptagon", "circle", "four_dots", "marker",
+    "line_grid", "poster",
+)  # fmt: skip
+LARGEST_TARGET = 2.0  # m
 FEATURES = ("auto", "pictures", "exact")
 COMMANDS = ("joint_states", "images")
 Pair = tuple[float, float]
@@ -56,20 +61,33 @@ class CameraPose:
 
 @dataclass(frozen=True)
 class TargetSpec:
-    """The target: 'aras', the demo's two plates, or corners (x, y), m, of a flat polygon.
+    """The target: what it is, where, and how it moves.
 
+    shape: 'aras', the demo's two plates; corners (x, y), m, of a flat polygon; square, triangle,
+        l_shape, heptagon, circle; four_dots, marker, line_grid, poster; the path of a picture or
+        of an SVG with an outline.
+    size: of a named shape or a path, along x and y, m.
     pose: x, y, z (m), roll, pitch, yaw (rad) of its frame in the world; its z axis is its normal.
     The plates of 'aras' are placed in the world's own frame. motion: see Motion.
+    occluder: low and high corner (x, y), m, of an opaque rectangle that lies on the target.
     """
 
     shape: str | tuple[Pair, ...] = "aras"
+    size: Pair = (0.2, 0.2)
     pose: Six = (0.0,) * 6
     motion: Motion = Motion()
+    occluder: tuple[Pair, Pair] | None = None
 
     def __post_init__(self) -> None:
         require(
-            self.shape == "aras" or not isinstance(self.shape, str),
-            f"target.shape is '{self.shape}', must be aras or a list of corners",
+            min(self.size) > 0.0 and max(self.size) <= LARGEST_TARGET,
+            f"target.size is {self.size}, must be above 0 and at most {LARGEST_TARGET:g} m, the "
+            "table's",
+        )
+        require(
+            self.shape == "aras" or isinstance(self.shape, tuple) or named(self.shape),
+            f"target.shape is '{self.shape}', must be a list of corners, the path of a picture or "
+            f"an SVG, or a name: {nearest(str(self.shape), TARGETS)}",
         )
 
 
@@ -91,6 +109,11 @@ class Ideal:
             self.speed is None or min(self.speed) > 0.0, "ideal.speed must hold m/s, rad/s above 0"
         )
         require(self.stop is None or self.stop > 0.0, "ideal.stop must be above 0, or null")
+
+
+def named(shape: str) -> bool:
+    """Whether it is a target's name, or may be a path."""
+    return shape in TARGETS or bool(Path(shape).suffix)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ depth). Scheme, law, goal, diagnosis and observations are those of every other r
 
 from __future__ import annotations
 
+import contextlib
+
 import numpy as np
 
 from aras_visual_servo_camera.interaction import Plane
@@ -14,6 +16,7 @@ from aras_visual_servo_controller.arm.poses import inverse, transform
 from aras_visual_servo_controller.convergence import Convergence
 from aras_visual_servo_controller.diagnosis import Diagnosis, Outcome
 from aras_visual_servo_controller.errors import MeasurementError, ServoError
+from aras_visual_servo_controller.goal import Goal
 from aras_visual_servo_controller.guard import checked_decision, guarded
 from aras_visual_servo_controller.observation import Need, Observation
 from aras_visual_servo_controller.schemes import Decision, JointController
@@ -54,6 +57,15 @@ def fly(experiment: Experiment, parts: Assembly) -> Run:
     return flight.result()
 
 
+class _NoNoise:
+    """Draws nothing but the mean."""
+
+    @staticmethod
+    def normal(mean: float, deviation: float, shape: tuple[int, ...]) -> np.ndarray:
+        """As numpy's Generator."""
+        return np.full(shape, mean)
+
+
 class Flight:
     """A flight under way.
 
@@ -82,7 +94,25 @@ class Flight:
         self._images, self._blind = 0, 0
         self._converged_at: float | None = None
         self._depth = [self._distance()]
+        if parts.camera != plant.sight.camera:
+            self.goal = self._shown()
         self.scheme.reset()
+
+    def _shown(self) -> Goal:
+        """The goal as it is taught by showing: through the camera as it is believed."""
+        start, self.pose = self.pose, self.parts.goal_pose
+        random, self._random = self._random, _NoNoise()
+        try:
+            goal = Goal.teach(
+                self.scheme, self._observed(), self.goal.name, self.parts.goal.depth
+            )
+            self.scheme.check(goal)
+        except ServoError as error:
+            raise ExperimentError(str(error)) from error
+        finally:
+            self.pose, self._random = start, random
+            self.parts.observer.reset()
+        return goal
 
     # -- one image -------------------------------------------------------------------------
 
@@ -127,19 +157,16 @@ class Flight:
             )  # fmt: skip
         target = parts.target.shape
         seen_from = parts.target.seen_from(self.pose, self.time)
-        outline = points = None
-        try:
-            if parts.needs & OUTLINED:
-                outline = self._blurred(target.outline(seen_from))
-            points = self._blurred(target.points(seen_from))
-            cut_off = not in_view(points, self._sight.camera, 0.0)
-            if cut_off and not experiment.ideal.unbounded:
-                outline = points = None
-        except ViewError:
-            outline = points = None
+        outline = points = plane = None
+        with contextlib.suppress(ViewError):
+            rim, known = target.outline(seen_from), target.points(seen_from)
+            if experiment.ideal.unbounded or in_view(rim, self._sight.camera, 0.0):
+                points = None if known is None else self._blurred(known)
+                outline = self._blurred(rim) if parts.needs & OUTLINED else None
+                plane = self._plane()
         return parts.observer.of_exact(
             self.time, parts.camera, world_T_camera=self.pose, contour=outline, points=points,
-            plane=self._plane() if points is not None else None,
+            plane=plane,
         )  # fmt: skip
 
     def _blurred(self, points: np.ndarray) -> np.ndarray:

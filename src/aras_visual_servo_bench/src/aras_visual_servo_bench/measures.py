@@ -8,7 +8,8 @@ from aras_visual_servo_controller.arm.poses import inverse, pose_difference, tra
 
 from .experiment import Experiment
 from .run import Run
-from .targets import PlacedTarget, shape_of
+from .shapes import shape_of
+from .targets import PlacedTarget
 
 DIGITS = 6
 
@@ -23,7 +24,7 @@ def measures(experiment: Experiment, result: Run) -> dict[str, object]:
     poses = result.pose
     spec = experiment.target
     target = PlacedTarget(
-        shape_of(spec.shape), transform(spec.pose[:3], spec.pose[3:]), spec.motion
+        shape_of(spec.shape, spec.size), transform(spec.pose[:3], spec.pose[3:]), spec.motion
     )
     vertices = target.shape.vertices()
     middle = np.array([0.0, 0.0, target.shape.height, 1.0])

@@ -35,8 +35,8 @@ class Target(ABC):
     def vertices(self) -> np.ndarray:
         """Its corners (n, 3) in its own frame, m, in order around it."""
 
-    def points(self, target_T_camera: np.ndarray) -> np.ndarray:
-        """The corners (n, 2), normalised; ViewError where one is behind the camera."""
+    def points(self, target_T_camera: np.ndarray) -> np.ndarray | None:
+        """The corners (n, 2), normalised, None: it has none; ViewError: one behind the camera."""
         return project(self.vertices(), target_T_camera)
 
     @property
@@ -108,11 +108,20 @@ class PolygonTarget(Target):
 
     def outline(self, target_T_camera: np.ndarray) -> np.ndarray:
         """The projected corners: straight edges stay straight."""
-        return self.points(target_T_camera)
+        return project(self.vertices(), target_T_camera)
 
     def vertices(self) -> np.ndarray:
         """The corners at z = 0."""
         return np.array([(x, y, 0.0) for x, y in self.corners])
+
+
+@dataclass(frozen=True)
+class RoundTarget(PolygonTarget):
+    """A disc, as a polygon of many corners: none of them is a point that could be tracked."""
+
+    def points(self, target_T_camera: np.ndarray) -> np.ndarray | None:
+        """None: a disc has no corners."""
+        return None
 
 
 # The demo's target in base_link, where robots/aras_visual_servo.urdf has it: its table is the
@@ -129,11 +138,6 @@ ARAS = BoxesTarget(
         surface=0.5905,
     )
 )
-
-
-def shape_of(shape: str | tuple[tuple[float, float], ...]) -> Target:
-    """The target of a name, or of the corners of a flat polygon."""
-    return ARAS if isinstance(shape, str) else PolygonTarget(shape)
 
 
 @dataclass(frozen=True)

@@ -182,7 +182,9 @@ class Diagnosis:
                 "let the segmentation choose the target: component 'nearest' or 'mask'",
             )  # fmt: skip
         tolerances = np.asarray(scheme.tolerances, float)
-        self._camera.add(state.decision, observation, tolerances)
+        # An L that is not of this view (desired, mean, estimated) says nothing of the camera.
+        if getattr(scheme, "interaction", "current") == "current":
+            self._camera.add(state.decision, observation, tolerances)
         self._add(state, tolerances)
         if fault := self._camera.fault():
             return Outcome(

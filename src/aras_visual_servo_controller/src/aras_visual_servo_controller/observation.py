@@ -24,6 +24,7 @@ from aras_visual_servo_camera.kernel import kernel_features
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.pipeline import Pipeline
 from aras_visual_servo_camera.pipeline import Settings as VisionSettings
+from aras_visual_servo_camera.trackers import Tracker
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from .joint_sample import JointSample
@@ -109,8 +110,11 @@ class Observer:
         arm: Arm | None,
         needs: frozenset[Need] = frozenset((Need.MOMENTS,)),
         vision: VisionSettings | None = None,
+        tracker: Tracker | None = None,
     ) -> None:
+        """`tracker`: of the points that count as corners; None: those of the outline."""
         self.arm = arm
+        self.tracker = tracker
         self.needs = frozenset(needs)
         self.pipeline = Pipeline(vision if vision is not None else VisionSettings())
         self.reset()
@@ -147,8 +151,18 @@ class Observer:
             image = Image(np.asarray(image), "mono8" if np.ndim(image) == 2 else "rgb8")
         seen: dict[str, object] = {}
         valid, reason = True, ""
-        if self.needs & SEGMENTED:
-            valid, reason, seen = self._segmented(image, camera)
+        tracked = self.tracker is not None and Need.CORNERS in self.needs
+        needs = self.needs - {Need.CORNERS} if tracked else self.needs
+        if needs & SEGMENTED:
+            valid, reason, seen = self._segmented(image, camera, needs)
+        if valid and tracked:
+            try:
+                points = self.tracker.find(image.grey)
+                x, y, _ = camera.normalise(points[:, 0], points[:, 1])
+                seen["corners"] = _frozen(np.column_stack([x, y]))
+                seen["pixel_count"] = 0 if self.tracker.numbered else len(points)
+            except VisionError as error:
+                valid, reason = False, str(error)
         if Need.IMAGE in self.needs:
             pixels = image.rgb if image.has_colour else image.grey
             seen["image"] = _read_only(pixels)
@@ -233,7 +247,7 @@ class Observer:
         )  # fmt: skip
 
     def _segmented(
-        self, image: Image, camera: CameraModel
+        self, image: Image, camera: CameraModel, needs: frozenset[Need]
     ) -> tuple[bool, str, dict[str, object]]:
         """What the pipeline finds of the target, by field of Observation."""
         self.pipeline.set_camera(camera)
@@ -247,12 +261,12 @@ class Observer:
             return False, measured.reason, seen
         seen["moments"] = measured.moments
         try:
-            if self.needs & {Need.CONTOUR, Need.CORNERS}:
+            if needs & {Need.CONTOUR, Need.CORNERS}:
                 contour = outline_of(image.grey, target, camera)
                 seen["contour"] = _frozen(contour)
-                if Need.CORNERS in self.needs:
+                if Need.CORNERS in needs:
                     seen["corners"] = _frozen(corners_of(contour))
-            if Need.KERNEL in self.needs:
+            if Need.KERNEL in needs:
                 mask = self.pipeline.original_mask(image)
                 seen["kernel"] = _frozen(kernel_features(mask).layout())
         except VisionError as error:

@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_camera.trackers import TRACKERS, Tracker
+
 from .arm import (
     Arm,
     JointLimitAvoidance,
@@ -60,6 +62,7 @@ class Settings:
     scheme: str = parameter("moments", "", "feature, scheme, several joined by '+', or "
                             "'package.module:Class'")  # fmt: skip
     interaction: str = parameter("current", "", "L at the view: current, desired, mean, estimated")
+    tracker: str = parameter("outline", "", "of a target's points: outline, dots, marker")
     weights: tuple = parameter((), "", "of stacked features, one each; empty: all alike")
     smoothing: float = parameter(0.0, "s", "time constant of a low-pass on the errors; 0: none")
     law: str = parameter("proportional", "", "proportional, adaptive, diagonal, pi, sliding_mode, "
@@ -265,7 +268,16 @@ class Settings:
 
     def observer(self, arm: Arm, scheme: Scheme | JointController) -> Observer:
         """What makes observations for that scheme."""
-        return Observer(arm, scheme.needs)
+        return Observer(arm, scheme.needs, tracker=self.make_tracker())
+
+    def make_tracker(self) -> Tracker | None:
+        """What finds the points of the target; None: the outline's corners."""
+        if self.tracker not in TRACKERS:
+            raise ConfigurationError(
+                f"unknown tracker '{self.tracker}': {suggestion(self.tracker, TRACKERS)}"
+            )
+        made = TRACKERS[self.tracker]
+        return None if made is None else made()
 
 
 def per_joint(name: str, value: Any, arm: Arm) -> Any:

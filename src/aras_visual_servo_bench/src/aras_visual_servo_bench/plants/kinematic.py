@@ -5,6 +5,7 @@ Time goes from one measurement to the next in a single exact step, however long 
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,11 +16,13 @@ from aras_visual_servo_controller.arm import Arm
 
 from .. import cameras, rigid
 from ..errors import ExperimentError, ViewError
-from ..targets import PlacedTarget
+from ..targets import PlacedTarget, project
+from ..textures import TexturedTarget
 from .base import CameraReading, JointReading, Plant, Reading
 from .free_body import FreeBody
 
 NS = 1_000_000_000
+OCCLUDED = 128  # grey level of the cover's own drawing from which on it hides
 JOINT_PHASE_NS = 1_000_000  # joint states come a millisecond after the hundredths, as in physics
 
 
@@ -31,6 +34,7 @@ class Sight:
     pictures: draw them; otherwise outlines and corners are exact.
     grey_noise: standard deviation of drawn pixels, grey levels. jitter: of exact points, px.
     depth: deliver a depth image too. drop: probability that an image is lost.
+    occluder: corners (x, y), m, of a white rectangle on the target.
     """
 
     camera: CameraModel
@@ -41,6 +45,7 @@ class Sight:
     jitter: float = 0.0
     depth: bool = False
     drop: float = 0.0
+    occluder: tuple[tuple[float, float], tuple[float, float]] | None = None
 
     def look(self, pose: np.ndarray, stamp_ns: int, random: np.random.Generator) -> CameraReading:
         """What the camera sees from world_T_camera (4, 4)."""
@@ -56,14 +61,31 @@ class Sight:
             if outline is not None and self.jitter:
                 focal = self.camera.K[0]
                 outline = outline + random.normal(0.0, self.jitter / focal, outline.shape)
-                points = points + random.normal(0.0, self.jitter / focal, points.shape)
+                if points is not None:
+                    points = points + random.normal(0.0, self.jitter / focal, points.shape)
             return CameraReading(stamp_ns, outline=outline, points=points)
-        image = cameras.draw(outline, self.camera)
+        image = self._drawn(outline, seen_from)
         if self.grey_noise:
             noisy = image + random.normal(0.0, self.grey_noise, image.shape)
             image = np.clip(np.round(noisy), 0, 255).astype(np.uint8)
         depth = self._depth(seen_from) if self.depth else None
         return CameraReading(stamp_ns, image, "mono8", depth)
+
+    def _drawn(self, outline: np.ndarray | None, seen_from: np.ndarray) -> np.ndarray:
+        """The picture (rows, columns) uint8, with what lies on the target."""
+        shape = self.target.shape
+        if outline is not None and isinstance(shape, TexturedTarget):
+            image = shape.picture(self.camera, seen_from)
+        else:
+            image = cameras.draw(outline, self.camera)
+        if outline is not None and self.occluder is not None:
+            (x0, y0), (x1, y1) = self.occluder
+            corners = np.array([(x, y, shape.height) for x, y in (
+                (x0, y0), (x1, y0), (x1, y1), (x0, y1))])  # fmt: skip
+            with contextlib.suppress(ViewError):
+                covered = cameras.draw(project(corners, seen_from), self.camera)
+                image = np.where(covered < OCCLUDED, np.uint8(cameras.WHITE), image)
+        return image
 
     def _depth(self, target_T_camera: np.ndarray) -> np.ndarray:
         """(rows, columns) m of the plane that the target lies in; inf where it is not before."""

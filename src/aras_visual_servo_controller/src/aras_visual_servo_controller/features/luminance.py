@@ -96,7 +96,7 @@ class Luminance(Feature):
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
         """See Feature.teach: the picture itself."""
-        png = cv2.imencode(".png", _grey(observation))[1]
+        png = cv2.imencode(".png", grey_of(observation))[1]
         return {"png": base64.b64encode(png).decode()}
 
     def check(self, goal: Goal) -> None:
@@ -113,13 +113,13 @@ class Luminance(Feature):
             ) from error
         if grey is None:
             raise ConfigurationError(f"{goal.name}: the picture of {self.name} is damaged")
-        self._goal, self._desired = goal, self._smooth(grey)
+        self._goal, self._picture, self._desired = goal, grey, self._smooth(grey)
 
     def measure(self, observation: Observation, goal: Goal) -> Measured:
         """See Feature.measure."""
         if self._goal is not goal:
             self.check(goal)
-        now = self._smooth(_grey(observation))
+        now = self._smooth(grey_of(observation))
         if now.shape != self._desired.shape:
             raise MeasurementError(
                 f"the picture has {now.shape[1]} x {now.shape[0]} pixels, the goal's "
@@ -262,7 +262,7 @@ def square_root(H: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return vectors.T @ g / roots, roots[:, None] * vectors.T
 
 
-def _grey(observation: Observation) -> np.ndarray:
+def grey_of(observation: Observation) -> np.ndarray:
     """The picture (rows, columns) uint8.
 
     Raises:

@@ -22,6 +22,7 @@ from .luminance import (
     LuminancePCA,
     PhotometricMoments,
 )
+from .matches import Matches, MatchesORB, MatchesPose
 from .moment_features import (
     Alpha,
     Area,
@@ -53,6 +54,7 @@ FEATURES: dict[str, type[Feature]] = {
             BasicMoments, CentredMoments, GravityCentre, NormalisedGravityCentre, Area,
             NormalisedArea, Alpha, Ellipse, Invariants, Skewness, Symmetry, MomentsPitch,
             MomentsSix, Luminance, LuminanceDamped, LuminanceDCT, LuminancePCA, PhotometricMoments,
+            Matches, MatchesORB, MatchesPose,
         )
     },
 }

@@ -1,0 +1,140 @@
+"""Feature points of a texture, matched with those of the goal's picture: classical feature-point
+visual servoing, where nothing is known of the target but that it is flat."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import cv2
+import numpy as np
+
+from aras_visual_servo_camera.interaction import Plane
+
+from ..errors import ConfigurationError, MeasurementError
+from ..goal import Goal
+from ..observation import Observation
+from .base import Measured
+from .luminance import Luminance, grey_of
+from .points import point_interaction
+from .pose import Pose, pose_of_plane
+
+RATIO = 0.8  # of the distances of the best and the second best match (Lowe 2004)
+LEAST = 8  # matches that agree, below which a picture tells nothing
+APART = 3.0  # px by which a match may miss the homography
+
+
+class Matches(Luminance):
+    """s = (x, y) of every keypoint that is matched with one of the goal's picture.
+
+    Keypoints by SIFT, or by ORB where `detector` says so; matches that no homography explains are
+    left out. How many there are changes from image to image; judged is their root mean squared
+    distance, in normalised coordinates.
+    """
+
+    name = "matches"
+    names, tolerances, units = ("rms",), (0.001,), ("",)
+    detector: ClassVar[str] = "sift"
+    count: ClassVar[int] = 500
+
+    def __init__(self) -> None:
+        super().__init__()
+        if self.detector == "sift":
+            self._detector, norm = cv2.SIFT_create(nfeatures=self.count), cv2.NORM_L2
+        else:
+            self._detector, norm = cv2.ORB_create(nfeatures=self.count), cv2.NORM_HAMMING
+        self._matcher = cv2.BFMatcher(norm)
+
+    def check(self, goal: Goal) -> None:
+        """See Feature.check."""
+        super().check(goal)
+        places, self._wanted = self._detected(self._picture)
+        if len(places) < LEAST or goal.camera is None:
+            raise ConfigurationError(
+                f"{goal.name}: {len(places)} keypoints in its picture, {LEAST} are needed: teach "
+                "it before a target with texture, or servo on moments"
+            )
+        self._places = places
+        x, y, _ = goal.camera.normalise(*places.T)
+        self._desired_points = np.column_stack([x, y])
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        points, desired = self._matched(observation, goal)
+        error = (points - desired).ravel()
+        rms = float(np.sqrt(np.mean(error**2) * 2.0))
+        w = self._inverse_depth(observation, goal, points, desired)
+        return Measured(
+            points.ravel(), desired.ravel(), error, point_interaction(points, w),
+            judged=np.array([rms]),
+        )  # fmt: skip
+
+    def _inverse_depth(
+        self, observation: Observation, goal: Goal, points: np.ndarray, desired: np.ndarray
+    ) -> np.ndarray:
+        """1/Z (n,): of the plane where it is known in this view, else by the pose."""
+        plane = observation.plane
+        if plane is None:
+            c_T_g = pose_of_plane(self._places_3d(goal, desired), points)
+            P = self._places_3d(goal, desired) @ c_T_g[:3, :3].T + c_T_g[:3, 3]
+            return 1.0 / P[:, 2]
+        w = points @ (plane.A, plane.B) + plane.C
+        return np.maximum(w, 1e-3)
+
+    @staticmethod
+    def _places_3d(goal: Goal, desired: np.ndarray) -> np.ndarray:
+        """Points (n, 3) of the goal's plane in its camera frame, m."""
+        plane = goal.plane or Plane.fronto_parallel(goal.depth)
+        w = desired @ (plane.A, plane.B) + plane.C
+        return np.column_stack([desired, np.ones(len(desired))]) / w[:, None]
+
+    def _matched(self, observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
+        """Points (n, 2) seen and those of the goal, normalised, matched.
+
+        Raises:
+            MeasurementError: too few agree.
+        """
+        if self._goal is not goal:
+            self.check(goal)
+        places, descriptors = self._detected(grey_of(observation))
+        pairs = []
+        if len(places) >= LEAST:
+            for two in self._matcher.knnMatch(descriptors, self._wanted, k=2):
+                if len(two) == 2 and two[0].distance < RATIO * two[1].distance:
+                    pairs.append((two[0].queryIdx, two[0].trainIdx))
+        if len(pairs) >= LEAST:
+            seen, wanted = np.array(pairs).T
+            _, agree = cv2.findHomography(self._places[wanted], places[seen], cv2.RANSAC, APART)
+            keep = np.zeros(len(pairs), bool) if agree is None else agree.ravel().astype(bool)
+            if keep.sum() >= LEAST:
+                x, y, _ = observation.camera.normalise(*places[seen[keep]].T)
+                return np.column_stack([x, y]), self._desired_points[wanted[keep]]
+        raise MeasurementError(
+            f"{len(pairs)} keypoints match the goal's picture, {LEAST} that agree are needed: is "
+            "the target in view, and textured?"
+        )
+
+    def _detected(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Keypoints (n, 2), px, and their descriptors."""
+        found, descriptors = self._detector.detectAndCompute(grey, None)
+        return np.array([k.pt for k in found], float).reshape(-1, 2), descriptors
+
+
+class MatchesORB(Matches):
+    """The same by ORB: ten times as fast, and less sure."""
+
+    name = "matches_orb"
+    detector: ClassVar[str] = "orb"
+
+
+class MatchesPose(Matches):
+    """Position-based on the same matches: s = (g_t_c, theta u) of the plane's points."""
+
+    name = "matches_pose"
+    names, tolerances, units = zip(*Pose.rows, strict=True)
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        points, desired = self._matched(observation, goal)
+        places = self._places_3d(goal, desired)
+        s, L = Pose.of_pose(self, pose_of_plane(places, points), places.mean(axis=0))
+        return Measured(s, np.zeros(6), s, L)

@@ -1,0 +1,195 @@
+"""Targets with pictures and by name, and what trackers find of them against the exact points."""
+
+import cv2
+import numpy as np
+import pytest
+
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment import TARGETS, Experiment
+from aras_visual_servo_bench.plants.kinematic import Sight
+from aras_visual_servo_bench.runner import run
+from aras_visual_servo_bench.shapes import NAMES, shape_of, svg_outline
+from aras_visual_servo_bench.targets import PlacedTarget
+from aras_visual_servo_bench.textures import TexturedTarget
+from aras_visual_servo_camera.errors import VisionError
+from aras_visual_servo_camera.trackers import DotTracker, MarkerTracker
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.arm.poses import transform
+
+CAMERA = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1))
+LENS = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1), (-0.2, 0.05, 0, 0))
+FACING = transform((0.0, 0.0, 0.0), (np.pi, 0.0, 0.0))  # the target's z towards the camera
+SIZE = (0.2, 0.2)
+VIEW = transform((0.02, -0.015, -0.5), (0.08, -0.06, 0.4))
+
+
+def seen(name, camera=CAMERA, view=VIEW, occluder=None):
+    target = PlacedTarget(shape_of(name, SIZE), FACING)
+    sight = Sight(camera, target, pictures=True, occluder=occluder)
+    image = sight.look(view, 0, np.random.default_rng(0)).image
+    points = target.shape.points(target.seen_from(view))
+    return image, None if points is None else np.column_stack(camera.project(*points.T))
+
+
+def test_every_name_is_a_target():
+    assert set(NAMES) == set(TARGETS)
+    for name in NAMES:
+        assert shape_of(name, SIZE).vertices().shape[1] == 3
+
+
+@pytest.mark.parametrize("camera", [CAMERA, LENS], ids=["pinhole", "lens"])
+def test_dots_are_found_where_they_are(camera):
+    image, points = seen("four_dots", camera)
+    found = DotTracker().find(image)
+    nearest = np.linalg.norm(found[:, None] - points[None], axis=2).min(axis=1)
+    assert nearest.max() < 0.3
+    assert len({tuple(np.round(p)) for p in found}) == 4
+
+
+@pytest.mark.parametrize("camera", [CAMERA, LENS], ids=["pinhole", "lens"])
+def test_a_marker_is_found_corner_by_corner(camera):
+    image, points = seen("marker", camera)
+    assert np.abs(MarkerTracker().find(image) - points).max() < 0.6
+
+
+def test_a_line_grid_has_its_crossings_where_they_are_said():
+    image, points = seen("line_grid")
+    for u, v in points:
+        assert image[int(round(v)), int(round(u))] < 150
+
+
+def test_a_picture_stands_upright_and_in_its_size(tmp_path):
+    pixels = np.full((100, 200), 200, np.uint8)
+    pixels[:50, :100] = 20  # first quarter: seen at the upper left
+    cv2.imwrite(str(tmp_path / "mine.png"), pixels)
+    target = shape_of(str(tmp_path / "mine.png"), (0.2, 0.1))
+    sight = Sight(CAMERA, PlacedTarget(target, FACING), pictures=True)
+    image = sight.look(transform((0, 0, -0.3), (0, 0, 0)), 0, np.random.default_rng(0)).image
+    u, v = 159.5, 119.5
+    assert image[int(v - 20), int(u - 40)] < 40
+    assert image[int(v + 20), int(u - 40)] > 180
+    assert image[int(v - 20), int(u + 40)] > 180
+    # 0.2 m at 0.3 m and f = 300 are 200 px; a column further out is ground.
+    row = image[int(v) - 25]
+    assert np.flatnonzero(row < 100)[[0, -1]] == pytest.approx([60, 159], abs=1)
+
+
+def test_smaller_pictures_are_averaged_not_sampled():
+    checks = TexturedTarget((np.indices((1024, 1024)).sum(axis=0) % 2 * 255).astype(np.uint8), SIZE)
+    image = checks.picture(CAMERA, np.linalg.inv(FACING) @ transform((0, 0, -0.5), (0, 0, 0)))
+    inside = image[90:150, 130:190]
+    assert inside.mean() == pytest.approx(127.5, abs=2.0)
+    assert inside.std() < 10.0
+
+
+def test_an_occluder_hides_what_lies_under_it():
+    whole, _ = seen("square")
+    half, _ = seen("square", occluder=((-0.2, 0.0), (0.2, 0.2)))
+    hidden = (whole < 100) & (half > 200)
+    assert 0.4 < hidden.sum() / (whole < 100).sum() < 0.6
+    assert (half >= whole).all()
+
+
+@pytest.mark.parametrize(
+    ("tracker", "shape"), [(DotTracker(), "square"), (MarkerTracker(), "four_dots")]
+)
+def test_what_is_not_there_is_said(tracker, shape):
+    with pytest.raises(VisionError, match="in view"):
+        tracker.find(seen(shape)[0])
+
+
+# -- SVG -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("body", "corners"),
+    [
+        ('<polygon points="0,0 4,0 4,2"/>', [(-0.5, -0.25), (0.5, -0.25), (0.5, 0.25)]),
+        ('<rect x="1" y="1" width="2" height="4"/>',
+         [(-0.25, -0.5), (0.25, -0.5), (0.25, 0.5), (-0.25, 0.5)]),
+        ('<path d="M0 0 h4 v2 l-4 0 z"/>',
+         [(-0.5, -0.25), (0.5, -0.25), (0.5, 0.25), (-0.5, 0.25)]),
+        ('<path d="M 0,0 L 4,0 4,2 H 0 Z"/>',
+         [(-0.5, -0.25), (0.5, -0.25), (0.5, 0.25), (-0.5, 0.25)]),
+    ],
+)  # fmt: skip
+def test_an_outline_of_an_svg(tmp_path, body, corners):
+    file = tmp_path / "a.svg"
+    file.write_text(f'<svg xmlns="http://www.w3.org/2000/svg"><g>{body}</g></svg>')
+    assert np.array(svg_outline(file)) == pytest.approx(np.array(corners))
+
+
+def test_curves_of_an_svg(tmp_path):
+    file = tmp_path / "a.svg"
+    file.write_text('<svg><path d="M0 0 C 0 2 4 2 4 0 Z"/></svg>')
+    points = np.array(svg_outline(file))
+    assert np.ptp(points[:, 0]) == pytest.approx(1.0)
+    assert np.ptp(points[:, 1]) == pytest.approx(1.5 / 4.0, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "told"),
+    [
+        ("a.svg", "<svg><path d='M0 0 A 1 1 0 0 0 2 2'/></svg>", "not understood"),
+        ("a.svg", "<svg><text>hm</text></svg>", "holds no outline"),
+        ("a.svg", "no xml", "is no SVG"),
+        ("a.png", "no picture", "no picture that can be read"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_one_line(tmp_path, name, content, told):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(ExperimentError, match=told):
+        shape_of(str(tmp_path / name), SIZE)
+    with pytest.raises(ExperimentError, match="there is no file"):
+        shape_of(str(tmp_path / f"missing{name}"), SIZE)
+
+
+# -- in the loop -----------------------------------------------------------------------------------
+
+RUN = {
+    "plant": "ideal", "features": "pictures", "gain": 1.5, "duration": 8.0, "linger": 0.2,
+    "camera": {"width": 320, "height": 240, "horizontal_fov": 0.98, "update_rate": 25.0},
+    "goal": {"pose": [0.0, 0.0, -0.35, 0.0, 0.0, 0.0]},
+    "start": {"pose": [0.02, -0.015, -0.4, 0.05, -0.04, 0.2]},
+    "options": {"hold": 0.4}, "reached": [3e-3, 0.02],
+}  # fmt: skip
+TURNED = [0.0, 0.0, 0.0, 3.141592653589793, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("shape", "scheme", "options", "size"),
+    [
+        ("four_dots", "numbered_points", {"tracker": "dots"}, (0.2, 0.2)),
+        ("marker", "pose", {"tracker": "marker"}, (0.2, 0.2)),
+        ("l_shape", "moments_six", {}, (0.2, 0.2)),
+        ("l_shape", "lines", {}, (0.2, 0.2)),
+        ("poster", "matches", {}, (0.8, 0.6)),
+        ("poster", "matches_pose", {}, (0.8, 0.6)),
+    ],
+)
+def test_it_is_servoed_on_by_pictures(shape, scheme, options, size):
+    result = run(Experiment.from_mapping({
+        **RUN, "target": {"shape": shape, "size": size, "pose": TURNED}, "scheme": scheme,
+        "options": {**RUN["options"], **options},
+    }))  # fmt: skip
+    assert result.verdict.reached, (result.outcome, result.reason, result.verdict)
+
+
+def test_a_disc_has_no_corners_and_says_so():
+    spec = {**RUN, "target": {"shape": "circle", "pose": TURNED}, "features": "exact"}
+    assert run(Experiment.from_mapping({**spec, "scheme": "ellipse"})).outcome != "target_lost"
+    with pytest.raises(ExperimentError, match="has no corners"):
+        run(Experiment.from_mapping({**spec, "scheme": "numbered_points"}))
+
+
+def test_a_plain_target_gives_too_few_matches():
+    plain = {"shape": "square", "pose": TURNED, "size": [0.02, 0.02]}
+    spec = {**RUN, "target": plain, "scheme": "matches"}
+    with pytest.raises(ExperimentError, match="keypoints"):
+        run(Experiment.from_mapping(spec))
+
+
+def test_an_unknown_tracker_names_those_there_are():
+    spec = {**RUN, "target": {"shape": "square", "pose": TURNED}, "scheme": "numbered_points"}
+    with pytest.raises(ExperimentError, match="did you mean 'dots'"):
+        run(Experiment.from_mapping({**spec, "options": {"tracker": "dot"}}))

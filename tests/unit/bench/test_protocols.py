@@ -225,3 +225,34 @@ def test_controllers_of_joints_have_none(monkeypatch):
     with pytest.raises(ExperimentError, match="answers joints"):
         l_shape = {"shape": (*SQUARE[:3], (0.0, 0.0))}
         run(FLIGHT.with_(scheme="second_order:SecondOrder", target=l_shape))
+
+
+def test_enough_by_the_truth_ends_the_run_and_so_does_too_far():
+    near = run(FLIGHT.with_(ideal={"enough": 0.1}))
+    assert near.outcome == "converged"
+    way = near.way()
+    assert way[0][-1] <= 0.1 * way[0][0] < way[0][-3]
+    back = FLIGHT.with_(start=CameraPose((0.0, 0.0, -0.8, 0.0, 0.0, 3.0)), ideal={"farthest": 2.0})
+    far = run(back)
+    assert not far.converged
+    assert len(far.stamp) < 200
+
+
+# -- the page --------------------------------------------------------------------------------------
+
+
+def test_the_page_is_made_of_the_tables(tmp_path):
+    from aras_visual_servo_bench.schemes_page import main as page
+
+    lines = ["case,condition,start,verdict,outcome,settled,distance,path_ratio,excursion"]
+    lines += ["one,clean,turn 90,goal_reached,converged,1.5,0.001,1.1,0.2"] * 3
+    lines += ["one,clean,turn 90,goal_missed,camera_retreat,inf,2,,0.3"]
+    (tmp_path / "table.csv").write_text("\n".join(lines) + "\n")
+    out = tmp_path / "page.md"
+    assert page(["--table", str(tmp_path / "table.csv"), "--out", str(out)]) == 0
+    text = out.read_text()
+    assert "| one | clean | turn 90 | 3 of 4 | 30-95 % | 1.50 | 1.000 | 1.10 | 0.20 |" in text
+    assert "| camera_retreat 1 |" in text
+    assert "### `polar_points`" in text
+    assert "Iwatsuki" in text
+    assert page(["--table", str(tmp_path / "none.csv"), "--out", str(out)]) == 1

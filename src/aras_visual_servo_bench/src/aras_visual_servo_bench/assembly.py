@@ -33,6 +33,7 @@ from .robots import Robot
 from .sampling import draw_start
 from .shapes import shape_of
 from .targets import PlacedTarget, RoundTarget
+from .textures import TexturedTarget
 
 PATIENCE_NS = 1_000_000_000  # for the one picture that a goal is taught by
 # What is taught from a picture as the loop will see it: its own errors are then none of the goal.
@@ -249,9 +250,17 @@ class _Builder:
         """How plants without a renderer see; `exactly`: as for teaching, without noise."""
         experiment = self.experiment
         pictures = experiment.pictures and not (exactly and experiment.plant == "bullet")
+        target = self.target
+        if experiment.target.perturbed and not exactly:
+            if not isinstance(target.shape, TexturedTarget):
+                raise ExperimentError(
+                    f"target '{experiment.target.shape}' has no picture that could be perturbed: "
+                    "use poster or a PNG"
+                )
+            target = replace(target, shape=target.shape.perturbed(experiment.seed))
         return Sight(
             self.true_camera,
-            self.target,
+            target,
             float(self.settings.get("update_rate", 30.0)),
             pictures=pictures or (exactly and Need.IMAGE in self.needs),
             grey_noise=0.0 if exactly else experiment.noise,

@@ -70,6 +70,8 @@ class TargetSpec:
     pose: x, y, z (m), roll, pitch, yaw (rad) of its frame in the world; its z axis is its normal.
     The plates of 'aras' are placed in the world's own frame. motion: see Motion.
     occluder: low and high corner (x, y), m, of an opaque rectangle that lies on the target.
+    perturbed: a target with a picture has another one in the run than when the goal was taught:
+        brighter or darker, of other contrast, grained, with a patch erased, by the seed.
     """
 
     shape: str | tuple[Pair, ...] = "aras"
@@ -77,6 +79,7 @@ class TargetSpec:
     pose: Six = (0.0,) * 6
     motion: Motion = Motion()
     occluder: tuple[Pair, Pair] | None = None
+    perturbed: bool = False
 
     def __post_init__(self) -> None:
         require(
@@ -98,17 +101,23 @@ class Ideal:
     speed: m/s and rad/s; where a component of the twist is beyond, the whole twist is scaled.
     stop: sum of the squared errors at which the run has converged; None: as every loop.
     unbounded: what leaves the picture is seen all the same, and behind the camera alone is lost.
+    enough: part of the first distance and angle from the goal that counts as converged, by the
+        truth; it ends the run. farthest: times the first distance at which the run has failed.
     """
 
     speed: Pair | None = None
     stop: float | None = None
     unbounded: bool = False
+    enough: float | None = None
+    farthest: float | None = None
 
     def __post_init__(self) -> None:
         require(
             self.speed is None or min(self.speed) > 0.0, "ideal.speed must hold m/s, rad/s above 0"
         )
-        require(self.stop is None or self.stop > 0.0, "ideal.stop must be above 0, or null")
+        for name in ("stop", "enough", "farthest"):
+            value = getattr(self, name)
+            require(value is None or value > 0.0, f"ideal.{name} must be above 0, or null")
 
 
 def named(shape: str) -> bool:

@@ -12,7 +12,7 @@ import contextlib
 import numpy as np
 
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_controller.arm.poses import inverse, transform
+from aras_visual_servo_controller.arm.poses import inverse, pose_difference, transform
 from aras_visual_servo_controller.convergence import Convergence
 from aras_visual_servo_controller.diagnosis import Diagnosis, Outcome
 from aras_visual_servo_controller.errors import MeasurementError, ServoError
@@ -94,6 +94,7 @@ class Flight:
         self._images, self._blind = 0, 0
         self._converged_at: float | None = None
         self._depth = [self._distance()]
+        self._first = pose_difference(parts.goal_pose, self.pose)
         if parts.camera != plant.sight.camera:
             self.goal = self._shown()
         self.scheme.reset()
@@ -216,11 +217,30 @@ class Flight:
                 self.outcome = found
         else:
             self._converged_at = None
+        if self.outcome is None:
+            self.outcome = self._far_or_near()
         if self.outcome is None and self.time >= self.experiment.duration:
             self._diagnosis.timed_out(self.experiment.duration)
             self.outcome = self._diagnosis.outcome
         if self.outcome is not None and not self.outcome.kind.startswith("converged"):
             self.outcome = self._retreated() or self.outcome
+
+    def _far_or_near(self) -> Outcome | None:
+        """The end by the true pose, where the experiment wants it."""
+        ideal = self.experiment.ideal
+        if ideal.enough is None and ideal.farthest is None:
+            return None
+        way = pose_difference(self.parts.goal_pose, self.pose)
+        if ideal.enough is not None and all(
+            now <= ideal.enough * first for now, first in zip(way, self._first, strict=True)
+        ):
+            return Outcome("converged")
+        if ideal.farthest is not None and way[0] > ideal.farthest * self._first[0]:
+            return Outcome(
+                "timed_out", f"the camera is {way[0]:.2f} m from its goal, more than at its start",
+                "begin nearer to the goal",
+            )  # fmt: skip
+        return None
 
     def _retreated(self) -> Outcome | None:
         goal = self._distance(self.parts.goal_pose)

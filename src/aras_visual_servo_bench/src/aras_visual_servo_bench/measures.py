@@ -12,6 +12,7 @@ from .shapes import shape_of
 from .targets import PlacedTarget
 
 DIGITS = 6
+REDUCED = 0.1
 
 
 def measures(experiment: Experiment, result: Run) -> dict[str, object]:
@@ -39,6 +40,10 @@ def measures(experiment: Experiment, result: Run) -> dict[str, object]:
     straight = angle = 0.0
     if len(poses):
         straight, angle = pose_difference(result.goal_pose, poses[0])
+    # The criterion of the rendered protocols: both are less than a tenth of what they were.
+    reduced = bool(
+        result.verdict.distance <= REDUCED * straight and result.verdict.angle <= REDUCED * angle
+    )
     return {
         "outcome": result.outcome,
         "verdict": result.verdict.word,
@@ -51,6 +56,7 @@ def measures(experiment: Experiment, result: Run) -> dict[str, object]:
         "path_ratio": round(way / straight, 4) if straight > 1e-6 else "",
         "excursion": round(excursion, 4),
         "start_distance": round(straight, DIGITS),
+        "reduced": reduced,
         "start_angle": round(float(np.degrees(angle)), 4),
         "reason": result.reason,
     }

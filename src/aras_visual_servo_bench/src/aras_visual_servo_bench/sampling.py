@@ -45,7 +45,7 @@ def draw_start(
     middle = vertices.mean(axis=0)
     why = dict.fromkeys(("out of reach", "out of view"), 0)
     for _ in range(sampler.attempts):
-        pose, turn = _drawn(sampler, goal_pose, middle, random)
+        pose, turn = drawn_pose(sampler, goal_pose, middle, random)
         try:
             if not in_view(target.shape.outline(target.seen_from(pose)), camera, sampler.margin):
                 raise ViewError("cut off")
@@ -92,7 +92,7 @@ def _joints_at(
     raise UnreachableError("no joints of the arm give this pose", float("nan"))
 
 
-def _drawn(
+def drawn_pose(
     sampler: Sampler, goal_pose: np.ndarray, middle: np.ndarray, random: np.random.Generator
 ) -> tuple[np.ndarray, float]:
     """A pose (4, 4) of the sampler's ranges, and its turn about the vertical, rad."""

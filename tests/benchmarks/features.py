@@ -1,0 +1,74 @@
+"""Processor time of every registered feature's measure, at 320 x 240 where it sees a picture.
+
+    python3 tests/benchmarks/features.py [--count 50]
+
+The last line is JSON: microseconds by name, the middle of `count` measures.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "servo"))
+
+from feature_scenes import CORNERS, GOAL, PARALLELOGRAM, VIEWS, look
+
+from aras_visual_servo_bench.textures import poster
+from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.features.base import Feature
+from aras_visual_servo_controller.features.registry import FEATURES, create_feature
+from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.observation import Need, Observation, Observer
+from aras_visual_servo_controller.schemes import Composed
+
+CAMERA = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1))
+FACING = np.diag([1.0, -1.0, -1.0, 1.0])  # a poster's z is towards the camera
+AWAY = {"kernel"}  # pixel counts of one camera: tests/benchmarks/moments.py
+
+
+def seen(feature: Feature, place: np.ndarray, name: str) -> Observation:
+    """What the feature measures, from camera_T_object (4, 4)."""
+    if Need.IMAGE not in feature.needs:
+        corners = PARALLELOGRAM if name == "vanishing_points" else CORNERS
+        return look(Observer(None, feature.needs), place, corners=corners)
+    image = POSTER.picture(CAMERA, FACING @ np.linalg.inv(place))
+    plane = Plane.from_pose(place[:3, :3], place[:3, 3])
+    return Observer(None, feature.needs).of_image(0.0, image, CAMERA, plane=plane)
+
+
+def microseconds(name: str, count: int) -> float:
+    """Of one measure: the median."""
+    feature = create_feature(name)
+    goal = Goal.teach(Composed(feature), seen(feature, GOAL, name))
+    feature.check(goal)
+    near = GOAL.copy()
+    near[:3, 3] += (0.02, -0.01, 0.05)
+    observation = seen(feature, near if Need.IMAGE in feature.needs else VIEWS[0], name)
+    feature.measure(observation, goal)
+    taken = []
+    for _ in range(count):
+        begin = time.process_time_ns()
+        feature.measure(observation, goal)
+        taken.append(time.process_time_ns() - begin)
+    return float(np.median(taken)) / 1e3
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=50)
+    options = parser.parse_args()
+    cv2.setNumThreads(1)
+    POSTER = poster((0.8, 0.6))
+    found = {}
+    for name in sorted(set(FEATURES) - AWAY):
+        found[name] = round(microseconds(name, options.count), 1)
+        print(f"{name:28s} {found[name]:10.1f} us", flush=True)
+    print(json.dumps(found))

@@ -1,0 +1,46 @@
+"""The learned scheme: its weights, what it says without them, where it comes to."""
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_bench import learned
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment import Experiment
+from aras_visual_servo_bench.runner import run
+from aras_visual_servo_bench.studies.starts import SAMPLER
+from aras_visual_servo_controller.errors import ConfigurationError
+
+SCHEME = "aras_visual_servo_bench.learned:Learned"
+
+
+def test_without_weights_one_line_says_how_to_make_them(monkeypatch, tmp_path):
+    monkeypatch.setenv(learned.VARIABLE, str(tmp_path / "none.npz"))
+    with pytest.raises(ExperimentError, match="has no weights at .*none.npz: make it: python3 -m"):
+        run(Experiment(plant="ideal", features="exact", scheme=SCHEME))
+    (tmp_path / "bad.npz").write_text("no numbers")
+    with pytest.raises(ConfigurationError, match="holds no network"):
+        learned.Network.load(tmp_path / "bad.npz")
+
+
+def test_a_network_learns_what_is_linear(tmp_path):
+    random = np.random.default_rng(0)
+    x = random.normal(size=(300, 10))
+    turn = 0.4 * x[:, 3]
+    y = np.column_stack([0.1 * x[:, 0], x[:, 1] - x[:, 2], x[:, 2], np.cos(turn), np.sin(turn)])
+    np.savez(tmp_path / "w.npz", **learned.train(x, y))
+    network = learned.Network.load(tmp_path / "w.npz")
+    found = np.array([network(row) for row in x[:20]])
+    wanted = np.column_stack([y[:20, :3], turn[:20]])
+    assert np.abs(found - wanted).max() < 0.1
+
+
+def test_unseen_starts_converge():
+    hits = 0
+    for seed in range(500, 510):
+        experiment = Experiment(
+            plant="ideal", features="exact", goal="2016", start=SAMPLER, scheme=SCHEME,
+            gain=2.0, duration=8.0, seed=seed, reached=(1e-3, 0.01),
+            options={"hold": 0.4},
+        )  # fmt: skip
+        hits += run(experiment).verdict.reached
+    assert hits >= 8

@@ -24,6 +24,7 @@ KEYS = {
         for name in ("dask", "distributed", "matplotlib", "numba", "numpy", "pandas", "pyarrow",
                      "rospkg", "scipy")
     },
+    "sklearn": "python3-sklearn",
     "yaml": "python3-yaml",
 }
 ELSEWHERE = {"arm_parts", "gantry_parts", "mesh_primitives"}  # scripts beside the importing one

@@ -79,7 +79,7 @@ def _bears(tree, frames, state, before, gravity, ground, corners, load, dt):
             r = rx if k == 0 else ry if k == 1 else rz
             inside += corner[3 + k] * (corner[k] - r)
             reach += corner[3 + k] * corner[k]
-        if inside < (1.0 - 0.9) * reach:
+        if inside < (1.0 - _SHARE) * reach:
             return False
         x, y, z = corner[0] - rx, corner[1] - ry, corner[2] - rz
         away = x * x + y * y + z * z
@@ -93,7 +93,7 @@ def _bears(tree, frames, state, before, gravity, ground, corners, load, dt):
     )
     # Pressure can be shared out so that friction turns with at least the nearest corner's square
     # over the farthest's distance.
-    return slide + twist * np.sqrt(farthest) / nearest <= 0.9 * friction * pressure
+    return slide + twist * np.sqrt(farthest) / nearest <= _SHARE * friction * pressure
 
 
 class Standing:

@@ -42,6 +42,11 @@ def test_shipped_studies_are_in_the_documentation_by_name():
     assert all(f"| `{path.stem}` |" in DOCS for path in SHIPPED.glob("*.yaml"))
 
 
+def test_the_pictures_of_the_page_are_there():
+    for name in re.findall(r"!\[[^]]*\]\(([^)]+)\)", DOCS):
+        assert (ROOT / "docs" / name).is_file()
+
+
 def test_every_metric_and_key_is_in_the_documentation():
     assert all(f"`{name}`" in DOCS for name in metrics.BUILT_IN)
     assert all(f"`{name}`" in DOCS for name in Study.__dataclass_fields__)

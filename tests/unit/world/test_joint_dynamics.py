@@ -355,3 +355,19 @@ def test_damped_joints_sag_as_they_should_at_every_step(monkeypatch, damping, dt
             world.step()
         found = dict(zip(arm.joint_names, arm.read_joints()[0], strict=True))
     assert found == pytest.approx(SAGGED[damping], abs=3e-4)
+
+
+def test_a_mimicking_joint_s_losses_are_its_leader_s_too(make):
+    """At multiplier -2 four times its damping and twice its friction: 10 N m turn the leader at
+    (10 - 0.5 - 2 * 0.5) / (2 + 4 * 2) rad/s."""
+    text = gripper(make, damping=2.0, friction=0.5).replace('lower="-1.0" upper="1.0"',
+                                                            'lower="-99" upper="99"')
+    text = text.replace('lower="-1.6" upper="1.9"', 'lower="-99" upper="99"')
+    space, _ = space_of(text)
+    space.place(Pose(), (0.0, 0.0, 0.0))
+    for slot in (0, 1):
+        space.set_motor(slot, 0.0, 0.5)
+    for _ in range(3000):
+        space.state[2] = 10.0, 0.0
+        space.advance(DT)
+    assert space.state[1, 0] == pytest.approx(8.5 / 10.0, rel=0.05)

@@ -81,8 +81,8 @@ def main(argv: list[str] | None = None) -> int:
         launched: list[Launch] = []
         try:
             launched.append(Launch(master, MACHINE, {}))
-            launched.append(Launch(master, NODES, {"scheme": options.scheme}))
             launched[0].wait_for_nodes(["/gazebo"], 60.0)
+            launched.append(Launch(master, NODES, {"scheme": options.scheme}))
             os.environ["ROS_MASTER_URI"] = master.environment["ROS_MASTER_URI"]
             rospy.init_node("answer_latency", disable_signals=True)
             watch = Stopwatch()

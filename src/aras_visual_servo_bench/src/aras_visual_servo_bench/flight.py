@@ -91,6 +91,7 @@ class Flight:
         self._convergence = Convergence(parts.settings.hold)
         self._diagnosis = Diagnosis(self._settings)
         self._history = History(0)
+        self._poses: list[np.ndarray] = []
         self._images, self._blind = 0, 0
         self._converged_at: float | None = None
         self._depth = [self._distance()]
@@ -143,7 +144,8 @@ class Flight:
         found = self._diagnosis.see(state, observation, self.goal, self.scheme, faulty)
         object.__setattr__(state, "outcome", found.kind)
         self._history.image(state, self.pose)
-        self._history.joints(self.time, (NONE, NONE), (NONE, NONE), self.pose)
+        self._history.joints(self.time, (NONE, NONE), (NONE, NONE))
+        self._poses.append(self.pose)
         self._end(decision, phase, found, faulty)
         if self.outcome is None and decision is not None:
             self._move(decision.task.twist)
@@ -259,12 +261,17 @@ class Flight:
         )
         return float(seen[2, 3])
 
+    def poses(self, positions: np.ndarray) -> np.ndarray:
+        """World_T_camera (n, 4, 4) of every image: as a plant's, whose joints this one has not."""
+        return np.array(self._poses)
+
     def result(self) -> Run:
         """What the flight has come to."""
         target = self.parts.target
         moved = target.world_T_target(self.time) @ inverse(target.world_T_target(0.0))
         goal_pose = moved @ self.parts.goal_pose
         return self._history.run(
+            self,
             goal_pose=goal_pose,
             joint_names=(),
             outcome=self.outcome.kind,

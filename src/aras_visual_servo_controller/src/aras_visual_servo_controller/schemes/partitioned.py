@@ -11,9 +11,10 @@ from ..errors import MeasurementError
 from ..features.base import wrap
 from ..features.corners import NumberedPoints
 from ..goal import Goal
+from ..inversion import least_squares
 from ..laws import Law
 from ..observation import Observation
-from ..task import Task, least_squares
+from ..task import RANK_TOLERANCE, Task
 from .base import Decision, Scheme
 
 ALONG = np.array([False, False, True, False, False, True])  # vz, wz
@@ -51,7 +52,7 @@ class Partitioned(Scheme):
         measured = self.feature.measure(observation, goal)
         L, error = measured.L, measured.error
         points, desired = measured.s.reshape(-1, 2), measured.desired.reshape(-1, 2)
-        rotated = least_squares(L, error)
+        rotated = least_squares(L, error, RANK_TOLERANCE)
         wanted = self.law.rate(error, L, rotated, t, observation.dt)
         size = float(np.linalg.norm(error))
         gain = -float(wanted @ error) / size**2 if size > 0.0 else 0.0
@@ -60,7 +61,7 @@ class Partitioned(Scheme):
         twist[2] = gain * depth * 0.5 * np.log(_area(desired) / _area(points))
         twist[5] = gain * float(wrap(_angle(points) - _angle(desired)))
         rest = wanted - measured.rate - L @ twist
-        twist[~ALONG] = least_squares(L[:, ~ALONG], rest)
+        twist[~ALONG] = least_squares(np.ascontiguousarray(L[:, ~ALONG]), rest, RANK_TOLERANCE)
         return Decision(
             names=self.names, features=measured.s, desired=measured.desired, error=error,
             task=Task.of_twist(twist), L=L, up_to=measured.up_to, notes=measured.notes,

@@ -9,15 +9,10 @@ from free_camera import exponential
 from loop_rig import CAMERA, STARTS, Rig, lost, scaled, the_arm, the_goal, the_limits, the_servo
 
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.arm.poses import transform
+from aras_visual_servo_controller.arm.poses import body_motion, transform
 from aras_visual_servo_controller.diagnosis import KINDS
 from aras_visual_servo_controller.errors import MeasurementError
-from aras_visual_servo_controller.evidence import (
-    DIRECTIONS,
-    CameraEvidence,
-    Oscillation,
-    body_motion,
-)
+from aras_visual_servo_controller.evidence import DIRECTIONS, CameraEvidence, Oscillation
 from aras_visual_servo_controller.features import Feature, Measured
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.schemes import Composed

@@ -134,3 +134,46 @@ def test_nodes_are_thin() -> None:
     for node in SOURCES.glob("aras_*/nodes/*"):
         if node.is_file():
             assert len(node.read_text().splitlines()) <= 20, f"{node}: belongs into the library"
+
+
+def imported_at_once(file: Path) -> set[str]:
+    """As `imports`, but only what is imported when `file` is: at its top, not for types alone."""
+    tree = ast.parse(file.read_text(), str(file))
+    top = [node for node in tree.body if isinstance(node, (ast.Import, ast.ImportFrom))]
+    names = set()
+    for node in top:
+        base = getattr(node, "module", None) or ""
+        if getattr(node, "level", 0):
+            base = ".".join([*package_of(file, node.level), *filter(None, [node.module])])
+        names |= {f"{base}.{alias.name}".strip(".") for alias in node.names} | {base}
+    return names
+
+
+@pytest.mark.parametrize("package", sorted(LIBRARIES))
+def test_any_module_may_be_imported_first(package: str) -> None:
+    """No module comes back to itself by what it imports, the packages on the way included."""
+    root = LIBRARIES[package]
+    modules = {}
+    for file in root.rglob("*.py"):
+        parts = file.relative_to(root.parent).with_suffix("").parts
+        modules[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
+    edges = {}
+    for name, file in modules.items():
+        edges[name] = set()
+        for wanted in imported_at_once(file) & set(modules):
+            # A module's packages are made first, but those that hold the importer are under way.
+            above = [wanted[:k] for k, c in enumerate(wanted) if c == "."] + [wanted]
+            edges[name] |= {a for a in above if a != name and not name.startswith(f"{a}.")}
+            if name.startswith(f"{wanted}."):
+                edges[name].discard(wanted)
+    done: set[str] = set()
+
+    def visit(name: str, way: tuple[str, ...]) -> None:
+        assert name not in way, " -> ".join((*way[way.index(name):], name))
+        if name not in done:
+            for wanted in sorted(edges[name]):
+                visit(wanted, (*way, name))
+            done.add(name)
+
+    for name in sorted(modules):
+        visit(name, ())

@@ -11,7 +11,7 @@ import numpy as np
 from aras_visual_servo_camera.compiled import MATRIX, NUMBER, VECTOR, compiled
 from aras_visual_servo_camera.degeneracy import anisotropy, gyration_radius
 
-from .arm.poses import rotation_vector
+from .arm.poses import body_motion
 from .goal import Goal
 from .observation import Observation
 from .recent import RecentErrors
@@ -220,17 +220,3 @@ def _compared(error_before, L_before, error, L, motion, tolerances):
         measured[i] = (error[i] - error_before[i]) / tolerances[i]
         wrapped |= abs(measured[i]) > 1.0 / widest
     return parts, greatest, measured, wrapped
-
-
-def body_motion(before_T_after: np.ndarray) -> np.ndarray:
-    """Twist (6,) that gives a small motion (4, 4) in one unit of time: its logarithm."""
-    a, b, c = rotation_vector(before_T_after[:3, :3]).tolist()
-    x, y, z = before_T_after[:3, 3].tolist()
-    along, square = a * x + b * y + c * z, a * a + b * b + c * c
-    # p - w x p / 2 + w x (w x p) / 12
-    return np.array([
-        x - 0.5 * (b * z - c * y) + (a * along - x * square) / 12.0,
-        y - 0.5 * (c * x - a * z) + (b * along - y * square) / 12.0,
-        z - 0.5 * (a * y - b * x) + (c * along - z * square) / 12.0,
-        a, b, c,
-    ])  # fmt: skip

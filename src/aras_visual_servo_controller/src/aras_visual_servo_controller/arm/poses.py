@@ -68,3 +68,17 @@ def rotation_vector(R: np.ndarray) -> np.ndarray:
     if axis @ (x, y, z) < 0.0:
         axis = -axis
     return angle * axis / np.linalg.norm(axis)
+
+
+def body_motion(before_T_after: np.ndarray) -> np.ndarray:
+    """Twist (6,) that gives a small motion (4, 4) in one unit of time: its logarithm."""
+    a, b, c = rotation_vector(before_T_after[:3, :3]).tolist()
+    x, y, z = before_T_after[:3, 3].tolist()
+    along, square = a * x + b * y + c * z, a * a + b * b + c * c
+    # p - w x p / 2 + w x (w x p) / 12
+    return np.array([
+        x - 0.5 * (b * z - c * y) + (a * along - x * square) / 12.0,
+        y - 0.5 * (c * x - a * z) + (b * along - y * square) / 12.0,
+        z - 0.5 * (a * y - b * x) + (c * along - z * square) / 12.0,
+        a, b, c,
+    ])  # fmt: skip

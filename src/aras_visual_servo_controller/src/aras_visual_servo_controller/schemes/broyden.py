@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..evidence import body_motion
+from ..arm.poses import body_motion
 from ..features.base import Measured
 from ..observation import Observation
 

@@ -19,8 +19,8 @@ NEWEST = 0.2
 ROUNDING = 0.003
 # A line lasts longer than the mean interval by so many times the mean change from one interval to
 # the next, so that it has not ended when a command is late: with arrivals up to 2 ms early or late
-# at 100 a second J3's peak stays under 1.5 times the commanded speed, 1.7 without. A steady stream is not
-# delayed by it, from its second interval on.
+# at 100 a second J3's peak stays under 1.5 times the commanded speed, 1.7 without. A steady stream
+# is not delayed by it, from its second interval on.
 CHANGES = 1.6
 _ARRIVED = 1e-9  # rad or m
 

@@ -88,7 +88,7 @@ class Bed:
             if now == before:
                 return
             before = now
-            time.sleep(1.5)
+            time.sleep(1.0)
 
     def launch(self, file: str, nodes: Any, **arguments: Any) -> Launch:
         """Start a launch file of the robot's; returns when its nodes are there. stop() ends it."""

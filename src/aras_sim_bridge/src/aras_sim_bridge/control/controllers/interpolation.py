@@ -18,10 +18,10 @@ NEWEST = 0.2
 # at 1.05 times the commanded speed with it, at 1.55 without; J3 at 1.3 and 1.4.
 ROUNDING = 0.003
 # A line lasts longer than the mean interval by so many times the mean change from one interval to
-# the next, so that it has not ended when a command is late: with arrivals up to 2 ms early or late
-# at 100 a second J3's peak stays under 1.5 times the commanded speed, 1.7 without. A steady stream
-# is not delayed by it, from its second interval on.
-CHANGES = 1.6
+# the next (half an interval at most: more is a pause), so that it has not ended when a command is
+# late: with arrivals up to 2 ms early or late at 100 a second J3's peak stays under 1.5 times the
+# commanded speed, 1.7 without. A steady stream is not delayed by it, from its second interval on.
+CHANGES = 2.2
 _ARRIVED = 1e-9  # rad or m
 
 
@@ -66,7 +66,9 @@ class Interpolation:
                 interval = max(interval, SHORTEST_INTERVAL)
                 self._interval += NEWEST * (interval - self._interval)
                 if self._latest is not None:
-                    self._change += NEWEST * (abs(interval - self._latest) - self._change)
+                    shorter = min(interval, self._latest)
+                    change = min(abs(interval - self._latest), 0.5 * shorter)
+                    self._change += NEWEST * (change - self._change)
                 self._latest = interval
         self._arrival_ns = time_ns
         distance = command - self._line

@@ -103,6 +103,15 @@ def test_starting_forgets_the_stream_and_rests():
     assert follow(it, {1: -0.9}, 50) == follow(fresh, {1: -0.9}, 50)
 
 
+def test_starting_forgets_how_uneven_the_stream_was():
+    it, fresh = interpolation(), interpolation()
+    follow(it, {1: 0.1, 4: 0.2, 16: 0.3, 19: 0.4, 32: 0.5, 35: 0.6}, 40)
+    after = {k: 0.01 * k for k in range(1, 60, 7)}
+    for one in (it, fresh):
+        one.start(0.0)
+    assert follow(it, after, 60) == follow(fresh, after, 60)
+
+
 def test_a_late_command_makes_the_line_rest_only_shortly():
     """Jitter of 1 ms at 100 commands a second: the speed stays within 25 % of the stream's."""
     it = interpolation()

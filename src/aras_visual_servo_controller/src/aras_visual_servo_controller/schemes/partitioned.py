@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from ..errors import MeasurementError
 from ..features.base import wrap
-from ..features.corners import NumberedPoints
 from ..goal import Goal
 from ..inversion import least_squares
-from ..laws import Law
 from ..observation import Observation
 from ..task import RANK_TOLERANCE, Task
-from .base import Decision, Scheme
+from .base import Decision
+from .of_points import OfPoints
 
 ALONG = np.array([False, False, True, False, False, True])  # vz, wz
 
 
-class Partitioned(Scheme):
+class Partitioned(OfPoints):
     """vz by the root of the points' area, wz by the angle of their first edge, the rest by L.
 
     With s = log(area) / 2 and theta the angle of the edge, vz = gain Z (s* - s) and wz = gain
@@ -30,26 +26,9 @@ class Partitioned(Scheme):
     IEEE Transactions on Robotics and Automation 17(4), 2001.
     """
 
-    def __init__(self, law: Law | None = None) -> None:
-        super().__init__(law)
-        self.feature = NumberedPoints()
-        self.needs = self.feature.needs
-        self._describe()
-
-    def check(self, goal: Goal) -> None:
-        """See Scheme.check."""
-        self.feature.check(goal)
-        self._describe()
-
-    def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
-        """See Scheme.teach."""
-        return {self.feature.name: self.feature.teach(observation)}
-
     def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
         """See Scheme.compute."""
-        if not observation.valid:
-            raise MeasurementError(observation.reason or "the target is not visible")
-        measured = self.feature.measure(observation, goal)
+        measured = self.measured(observation, goal)
         L, error = measured.L, measured.error
         points, desired = measured.s.reshape(-1, 2), measured.desired.reshape(-1, 2)
         rotated = least_squares(L, error, RANK_TOLERANCE)
@@ -66,10 +45,6 @@ class Partitioned(Scheme):
             names=self.names, features=measured.s, desired=measured.desired, error=error,
             task=Task.of_twist(twist), L=L, up_to=measured.up_to, notes=measured.notes,
         )  # fmt: skip
-
-    def _describe(self) -> None:
-        self.names, self.units = tuple(self.feature.names), tuple(self.feature.units)
-        self.tolerances = tuple(self.feature.tolerances)
 
 
 def _area(points: np.ndarray) -> float:

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from scipy.optimize import minimize
 
 from ..errors import MeasurementError
-from ..features.corners import NumberedPoints
 from ..goal import Goal
 from ..laws import Law
 from ..observation import Observation
 from ..task import Task
-from .base import Decision, Scheme
+from .base import Decision
+from .of_points import OfPoints
 
 GAIN = 1.0  # 1/s, of a law that says none
 
 
-class Predictive(Scheme):
+class Predictive(OfPoints):
     """The twist whose predicted way of the points fits a decay best and never leaves the picture.
 
     Over `horizon` seconds the camera flies with one twist v; at each of `steps` instants the
@@ -39,9 +38,6 @@ class Predictive(Scheme):
 
     def __init__(self, law: Law | None = None) -> None:
         super().__init__(law)
-        self.feature = NumberedPoints()
-        self.needs = self.feature.needs
-        self._describe()
         self._last = np.zeros(6)
 
     def reset(self) -> None:
@@ -49,20 +45,9 @@ class Predictive(Scheme):
         super().reset()
         self._last = np.zeros(6)
 
-    def check(self, goal: Goal) -> None:
-        """See Scheme.check."""
-        self.feature.check(goal)
-        self._describe()
-
-    def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
-        """See Scheme.teach."""
-        return {self.feature.name: self.feature.teach(observation)}
-
     def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
         """See Scheme.compute."""
-        if not observation.valid:
-            raise MeasurementError(observation.reason or "the target is not visible")
-        measured = self.feature.measure(observation, goal)
+        measured = self.measured(observation, goal)
         twist, note = self._planned(observation, measured.error, measured.s, measured.L)
         self._last = twist
         return Decision(
@@ -107,7 +92,3 @@ class Predictive(Scheme):
         low = np.tile([x[0], y[2]], len(s) // 2)
         high = np.tile([x[1], y[3]], len(s) // 2)
         return np.minimum(low, s), np.maximum(high, s)
-
-    def _describe(self) -> None:
-        self.names, self.units = tuple(self.feature.names), tuple(self.feature.units)
-        self.tolerances = tuple(self.feature.tolerances)

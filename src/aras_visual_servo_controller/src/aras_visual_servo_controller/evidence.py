@@ -161,39 +161,78 @@ class CameraEvidence:
         return self._found
 
     def _judged(self) -> str:
-        N, r = self._normal, self._right
-        # One factor for the translations, with rotations as they are predicted.
-        moved = float(N[:3, :3].sum())
-        depth = float(r[:3].sum() - N[:3, 3:].sum()) / moved if moved > self.KNOWN**2 else 1.0
+        depth, misfit, worst, scale, expected = _scales(
+            self._normal, self._right, self._square, self._rows,
+            self.KNOWN, self.OFF, self.DEVIATIONS,
+        )  # fmt: skip
         if depth <= 0.0:
             return (
                 "the features move otherwise than L and the arm's motion say: against the "
                 "camera's translation"
             )
-        one = np.array([depth, depth, depth, 1.0, 1.0, 1.0])
-        misfit = self._residual(one) / self._square
         if misfit > self.MISFIT:
             return (
                 f"the features move otherwise than L and the arm's motion say: "
                 f"{100.0 * misfit:.0f} % of the motion is not explained"
             )
-        inverse = np.linalg.inv(N + np.eye(6))
-        scale = inverse @ (r + one)
-        noise = np.sqrt(max(self._residual(scale), 0.0) / self._rows)
-        unknown = np.sqrt(np.diag(inverse))
-        off = np.abs(scale - one) - np.maximum(self.OFF, self.DEVIATIONS * noise * unknown)
-        off[unknown > 1.0 / self.KNOWN] = -1.0
-        worst = int(np.argmax(off))
-        if off[worst] <= 0.0:
+        if worst < 0:
             return ""
         return (
-            f"along {DIRECTIONS[worst]} the features move {scale[worst]:.2f} times as far as L and "
-            f"the arm's motion say, elsewhere {one[worst]:.2f} times"
+            f"along {DIRECTIONS[worst]} the features move {scale:.2f} times as far as L and "
+            f"the arm's motion say, elsewhere {expected:.2f} times"
         )
 
-    def _residual(self, scale: np.ndarray) -> float:
-        """Square of what is left with these scales (6,), tolerances^2."""
-        return float(self._square - 2.0 * self._right @ scale + scale @ self._normal @ scale)
+
+@compiled(MATRIX)
+def _inverse(matrix):
+    """Of a symmetric positive definite one (n, n), which needs no pivots; by Gauss and Jordan."""
+    left, right = matrix.copy(), np.eye(len(matrix))
+    for i in range(len(left)):
+        pivot = left[i, i]
+        left[i], right[i] = left[i] / pivot, right[i] / pivot
+        for k in range(len(left)):
+            if k != i:
+                factor = left[k, i]
+                left[k], right[k] = left[k] - factor * left[i], right[k] - factor * right[i]
+    return right
+
+
+@compiled(MATRIX, VECTOR, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER)
+def _scales(normal, right, square, rows, known, off, deviations):
+    """How far the features moved in each direction of the camera, beside what was expected.
+
+    Args:
+        normal, right, square: (6, 6), (6,) of the normal equations, and the motion's square.
+        rows: how many numbers went into them.
+        known, off, deviations: KNOWN, OFF and DEVIATIONS of CameraEvidence.
+
+    Returns:
+        The factor of the translations, with rotations as they are expected; the part of the motion
+        that it leaves unexplained; the direction whose scale is wrong, -1 where none is; its scale;
+        what that should be.
+    """
+    moved = normal[:3, :3].sum()
+    depth = (right[:3].sum() - normal[:3, 3:].sum()) / moved if moved > known**2 else 1.0
+    expected = np.ones(6)
+    expected[:3] = depth
+    spread = _inverse(normal + np.eye(6))
+    scale, left, misfit = np.zeros(6), square, square
+    for i in range(6):
+        for j in range(6):
+            scale[i] += spread[i, j] * (right[j] + expected[j])
+    for i in range(6):
+        left -= 2.0 * right[i] * scale[i]
+        misfit -= 2.0 * right[i] * expected[i]
+        for j in range(6):
+            left += scale[i] * normal[i, j] * scale[j]
+            misfit += expected[i] * normal[i, j] * expected[j]
+    noise, worst, most = np.sqrt(max(left, 0.0) / rows), -1, 0.0
+    for i in range(6):
+        unknown = np.sqrt(spread[i, i])
+        over = abs(scale[i] - expected[i]) - max(off, deviations * noise * unknown)
+        if unknown <= 1.0 / known and over > most:
+            worst, most = i, over
+    return depth, misfit / square, worst, scale[max(worst, 0)], expected[max(worst, 0)]
 
 
 @compiled(VECTOR, MATRIX, VECTOR, MATRIX, VECTOR, VECTOR)

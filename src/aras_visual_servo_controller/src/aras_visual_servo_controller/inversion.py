@@ -373,6 +373,12 @@ def _joint_by_joint(scaled, bent, basis, wanted, weights, wish, low, high, folds
     return solution, spare, free, stopped[:stops], straight
 
 
+@compiled(VECTOR, MATRIX, VECTOR)
+def finite(q, L, rate):
+    """Whether joints (n,), L (k, 6) and rate (k,) are all finite: 0 times what is not is NaN."""
+    return (0.0 * q).sum() + (0.0 * L).sum() + (0.0 * rate).sum() == 0.0
+
+
 @compiled(VECTOR, MATRIX, MATRIX, MATRIX, VECTOR, MATRIX, VECTOR, MATRIX, VECTOR, MATRIX, MATRIX,
           NUMBER, FLAG, VECTOR, VECTOR, VECTOR, VECTOR)
 def resolved(q, jacobian, bent, L, rate, held, errors, free, wish, folds, limits,
@@ -387,12 +393,14 @@ def resolved(q, jacobian, bent, L, rate, held, errors, free, wish, folds, limits
         folds: (m, 3) joint, straight and side of each elbow.
         limits: (4, n) lower, upper, velocity, acceleration.
         dt, limited, previous, total, task: see `_within`.
-        settings: length, damping, damping_below, hold_gain, held_from, held_fully, reach_bend.
+        settings: length, damping, damping_below, hold_gain, held_from, held_fully, reach_bend,
+            shortfall, lost_part.
 
     Returns:
         velocities, primary (n,); twists asked, given and lost (6,), in SI units; scale; the joint
         that slowed the task or -1; joints that a limit stops; whether an elbow would be straight;
-        whether the velocities last; distances (n,) to the limits.
+        whether so much is lost that it is worth a word; whether the velocities last; distances
+        (n,) to the limits.
     """
     length, reach = settings[0], settings[6]
     scale = np.ones(6)
@@ -413,6 +421,8 @@ def resolved(q, jacobian, bent, L, rate, held, errors, free, wish, folds, limits
     )
     short = wanted - _applied(basis, _applied(scaled, solution))
     asked, missing = _applied(basis.T, wanted), _applied(basis.T, short)
+    wish_size, lost_size = np.sqrt((asked * asked).sum()), np.sqrt((missing * missing).sum())
+    worth_a_word = lost_size > max(settings[7], settings[8] * wish_size)
     lasts = len(stopped) == 0 and not straight and slowest < 0
     lasts &= np.abs(velocities).max() * LASTING <= STILL
     if lasts:
@@ -422,5 +432,6 @@ def resolved(q, jacobian, bent, L, rate, held, errors, free, wish, folds, limits
             lasts &= not (moving[int(fold[0])] and _passes(q, fold, velocities, reach, LASTING))
     return (
         velocities, primary, asked / scale, _applied(jacobian, velocities), missing / scale, part,
-        slowest, stopped, straight, lasts, np.minimum(q - limits[0], limits[1] - q),
+        slowest, stopped, straight, worth_a_word, lasts,
+        np.minimum(q - limits[0], limits[1] - q),
     )  # fmt: skip

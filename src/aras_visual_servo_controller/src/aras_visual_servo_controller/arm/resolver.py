@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..inversion import LASTING, resolved
+from ..inversion import LASTING, finite, resolved
 from .arm import Arm
 from .fold import Fold, find
 from .held import held_at
@@ -101,7 +101,8 @@ class Resolver:
         self._scale = np.array([1.0] * 3 + [numbers.length] * 3)
         self._numbers = np.array([
             numbers.length, numbers.damping, numbers.damping_below, numbers.hold_gain,
-            numbers.held_from, numbers.held_fully, numbers.reach_bend,
+            numbers.held_from, numbers.held_fully, numbers.reach_bend, numbers.shortfall,
+            numbers.lost_part,
         ])  # fmt: skip
         self._limits = np.array(
             [limits.lower, limits.upper, limits.velocity, limits.acceleration], float
@@ -134,7 +135,7 @@ class Resolver:
         """
         q, dt = np.asarray(q, float), float(dt)
         L, rate = task.L, task.rate
-        if not math.isfinite(np.vdot(q, q) + np.vdot(L, L) + np.vdot(rate, rate) + dt):
+        if not (finite(q, L, rate) and math.isfinite(dt)):
             raise ValueError(f"resolver: not finite: joints {q}, rate {rate}, L {L}, dt {dt}")
         view, jacobian = self.arm.view(q)
         held = self._held(view, task.modelled)
@@ -149,10 +150,12 @@ class Resolver:
             dt, limited, before, *last, self._numbers,
         )  # fmt: skip
         velocities, primary, asked, twist, lost, scale = found[:6]
-        slowest, stopped, straight, lasts, margins = found[6:]
+        slowest, stopped, straight, short, lasts, margins = found[6:]
         self._last = velocities, primary
         names = [self.arm.names[joint] for joint in stopped]
-        reasons = self._reasons(asked, lost, names, straight)
+        reasons = [f"{name} stopped at its limit" for name in names]
+        if short:
+            reasons += self._lost(lost, bool(names), straight)
         slowing = "" if slowest < 0 else self.arm.names[slowest]
         if slowing:
             reasons.append(f"slowed to {100.0 * scale:.0f} % for a limit of {slowing}")
@@ -180,22 +183,13 @@ class Resolver:
                 bent = fold.bent(bent, fold.side_of(q) * bend - fold.bend(q))
         return jacobian if bent is q else self.arm.jacobian(bent)
 
-    def _reasons(
-        self, asked: np.ndarray, lost: np.ndarray, stopped: Sequence[str], straight: bool
-    ) -> list[str]:
-        """What keeps the camera from what is asked of it, in words."""
-        reasons = [f"{name} stopped at its limit" for name in stopped]
-        missing = (lost * self._scale).tolist()
-        wanted = math.hypot(*(asked * self._scale).tolist())
-        if math.hypot(*missing) <= max(self.settings.shortfall, self.settings.lost_part * wanted):
-            return reasons
+    def _lost(self, lost: np.ndarray, stopped: bool, straight: bool) -> list[str]:
+        """Why a twist (6,) that is asked of the camera cannot be had, in words."""
         if straight:
-            reasons.append("the arm is stretched: what is asked lies beyond its reach")
-        elif not stopped:
-            most = max(map(abs, missing))
-            main = [i for i, part in enumerate(missing) if abs(part) > 0.5 * most]
-            reasons.append(
-                "lost, the arm cannot do it here: "
-                + ", ".join(f"{DIRECTIONS[i]} {lost[i]:.3g} {UNITS[i]}" for i in main)
-            )
-        return reasons
+            return ["the arm is stretched: what is asked lies beyond its reach"]
+        if stopped:
+            return []  # the limit that stops a joint has been named
+        missing = np.abs(lost * self._scale)
+        main = np.flatnonzero(missing > 0.5 * missing.max())
+        words = ", ".join(f"{DIRECTIONS[i]} {lost[i]:.3g} {UNITS[i]}" for i in main)
+        return [f"lost, the arm cannot do it here: {words}"]

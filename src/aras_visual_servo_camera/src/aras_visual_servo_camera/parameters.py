@@ -7,6 +7,10 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
 
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
 from .errors import ParameterError, SegmentationError
 from .moments import MAX_ORDER
 from .pipeline import LAYOUTS, WEIGHTINGS, Settings
@@ -33,6 +37,10 @@ _TABLE: dict[str, tuple[Any, tuple | None]] = {
     "desired_outline": ([], None),
     "log_period": (5.0, (0.1, 3600.0)),
 }
+_OF_SEGMENTATION = (
+    "threshold", "dark_target", "adaptive_block", "adaptive_offset", "component", "min_pixels",
+    "min_contrast",
+)  # fmt: skip
 DEFAULTS: dict[str, Any] = {name: default for name, (default, _) in _TABLE.items()}
 
 
@@ -52,6 +60,21 @@ class NodeParameters:
     desired_outline: tuple[tuple[float, float], ...]
     log_period: float
 
+    def region(self) -> NDArray[np.uint8] | None:
+        """The mask image, grey (rows, columns); None where there is none.
+
+        Raises:
+            ParameterError: it is named, and cannot be read.
+        """
+        if not self.mask_image:
+            return None
+        mask = cv2.imread(self.mask_image, cv2.IMREAD_GRAYSCALE)
+        if mask is None:
+            raise ParameterError(
+                f"parameter ~mask_image: cannot read an image from '{self.mask_image}'"
+            )
+        return mask
+
     @classmethod
     def from_mapping(cls, given: Mapping[str, Any]) -> NodeParameters:
         """Check a mapping of parameters. Raises ParameterError naming the one at fault."""
@@ -69,18 +92,7 @@ class NodeParameters:
         try:
             segmentation = Segmentation(
                 method=value["segmentation"],
-                **{
-                    name: value[name]
-                    for name in (
-                        "threshold",
-                        "dark_target",
-                        "adaptive_block",
-                        "adaptive_offset",
-                        "component",
-                        "min_pixels",
-                        "min_contrast",
-                    )
-                },
+                **{name: value[name] for name in _OF_SEGMENTATION},
                 colour_low=tuple(value["colour_low"]),
                 colour_high=tuple(value["colour_high"]),
             )

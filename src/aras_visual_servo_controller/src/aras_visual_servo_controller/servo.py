@@ -15,7 +15,6 @@ the stamps and `tick` say, simulated or not; nothing here reads a clock of its o
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -26,11 +25,12 @@ from .convergence import Convergence
 from .diagnosis import Diagnosis, Outcome
 from .errors import MeasurementError, SchemeError, ServoError
 from .goal import Goal
-from .guard import checked_decision, checked_goal, checked_joints, guarded
+from .guard import checked_decision, checked_goal, guarded
 from .joint_sample import JointSample
 from .motion import Motion
 from .naming import unknown
 from .observation import Observation
+from .pursuit import Pursuit, checked_resolution
 from .schemes.base import Decision, JointController, Scheme
 from .state import (
     APPROACHING,
@@ -45,7 +45,6 @@ from .state import (
     Source,
     check_settings,
 )
-from .task import Task
 
 if TYPE_CHECKING:
     from .arm import Arm
@@ -97,6 +96,7 @@ class Servo:
         joints = self.goal.joint_values(arm.names)
         resolver.goal = self.goal.world_T_camera if joints is None else arm.view(joints)[0]
         self._motion = Motion(arm.names, resolver.limits, self.settings)
+        self._pursuit = Pursuit(self.name, scheme, resolver, self._motion, self.settings)
         self._approach = None
         if self.settings.start is not None:
             self._approach = Approach(arm.names, resolver.limits.velocity, self.settings)
@@ -219,9 +219,7 @@ class Servo:
         resolution = self.resolver.resolve(
             joints.positions, decision.task, self.settings.resolve_period, self._motion.velocity
         )
-        if not np.isfinite(resolution.velocities).all():
-            raise ServoError("the joint velocities are not finite")
-        return decision, resolution
+        return decision, checked_resolution(resolution)
 
     def _commit(
         self,
@@ -234,15 +232,7 @@ class Servo:
         stamp = observation.stamp
         self._paused, self._fault = False, ""
         self._fresh = True
-        if decision.task is not None:
-            if self.settings.delay > 0.0:
-                self._pending.append((stamp + self.settings.delay, decision.task))
-            else:
-                self._task, self._resolved = decision.task, None
-                if resolution.lasts > 0.0 and self._now is not None:
-                    self._resolved = (self._now, resolution)
-        else:
-            self._controlled = True
+        self._pursuit.ask(decision.task, resolution, stamp, self._now)
         reached = self._convergence.add(stamp, decision.error, np.asarray(self.scheme.tolerances))
         self.phase = CONVERGED if reached else SERVOING
         reasons = [] if resolution is None else list(resolution.reasons)
@@ -297,18 +287,11 @@ class Servo:
 
     def _move(self, t: float, dt: float, measured: JointSample) -> str:
         """Integrate what was asked last; what held it back, in words."""
-        while self._pending and self._pending[0][0] <= t + 1e-12:
-            self._task, self._resolved = self._pending.popleft()[1], None
+        self._pursuit.take_up(t)
+        if self._pursuit.task is not None and dt <= 0.0:
+            return ""  # an image's own instant: the joints will be newer when time goes on
         try:
-            if self._controlled:
-                velocities, reason = self._of_controller(t, dt, measured)
-            elif self._task is not None and dt <= 0.0:
-                return ""  # an image's own instant: the joints will be newer when time goes on
-            elif self._task is not None:
-                velocities, reason = self._of_task(t, dt, measured)
-            else:
-                self._motion.brake(dt)
-                return ""
+            asked = self._pursuit.velocities(t, dt, measured, self._began)
         except SchemeError as error:
             self._fault = str(error)
             self._halt(HOLDING, str(error))
@@ -316,39 +299,14 @@ class Servo:
         except (ServoError, ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
             self._halt(HOLDING, str(error))
         else:
+            if asked is None:
+                self._motion.brake(dt)
+                return ""
+            velocities, reason = asked
             self._late = self._motion.advance(velocities, measured.positions, dt)
             return "; ".join(text for text in (reason, self._late) if text)
         self._motion.brake(dt)
         return self.reason
-
-    def _of_task(self, t: float, dt: float, measured: JointSample) -> tuple[np.ndarray, str]:
-        period = self.settings.resolve_period
-        kept = self._resolved
-        if kept is None or t - kept[0] >= max(kept[1].lasts, period) - 1e-9:
-            resolution = self.resolver.resolve(
-                measured.positions, self._task, max(dt, period), self._motion.velocity
-            )
-            if not np.isfinite(resolution.velocities).all():
-                raise ServoError("the joint velocities are not finite")
-            self._resolved = (t, resolution)
-        resolution = self._resolved[1]
-        return resolution.velocities, "; ".join(resolution.reasons)
-
-    def _of_controller(
-        self, t: float, dt: float, measured: JointSample
-    ) -> tuple[np.ndarray, str]:
-        """Velocities (n,) of a controller that answers joints, within the limits."""
-        answer = guarded(self.name, self.scheme.tick, t - self._began, dt, measured)
-        answer = checked_joints(self.name, answer, len(self.arm.names))
-        if self.scheme.output == "position":
-            velocities = np.zeros_like(answer)
-            if dt > 0.0:
-                velocities = (answer - self._motion.command) / dt
-        elif self.scheme.output == "acceleration":
-            velocities = self._motion.velocity + answer * dt
-        else:
-            velocities = answer
-        return self._motion.limited(velocities, dt)
 
     def _watch(self, t: float) -> None:
         """Stop the arm when no fresh answer comes."""
@@ -387,10 +345,7 @@ class Servo:
 
     def _pause(self) -> None:
         """Nothing is asked of the arm any more; the next image begins the scheme anew."""
-        self._task: Task | None = None
-        self._resolved: tuple[float, Resolution] | None = None
-        self._pending: deque[tuple[float, Task]] = deque()
-        self._controlled = False
+        self._pursuit.drop()
         self._paused = True
         self._fresh, self._answered = False, None
         self._late = ""

@@ -1,12 +1,15 @@
-"""Signals end a node from a thread of their own."""
+"""What ends a node: signals, from a thread of their own; and a master that has gone."""
 
 from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 
 import rospy
+
+from .master_watch import MasterWatch
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM)
 
@@ -35,3 +38,13 @@ def _end(hear: int) -> None:
     ending = threading.Thread(target=rospy.signal_shutdown, args=(reason,), name="shutdown")
     ending.daemon = False  # as this one is, it would be by default
     ending.start()
+
+
+def end_without_master(watch: MasterWatch) -> bool:
+    """Whether the master has gone; then this node says so and ends."""
+    if not (reason := watch.lost()):
+        return False
+    # Logging goes through rosout, which needs the master: say it directly.
+    print(f"{rospy.get_name()[1:]}: {reason}: ending", file=sys.stderr)
+    rospy.signal_shutdown(reason)
+    return True

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 import time
 
 import numpy as np
 import rospy
 
 from aras_visual_servo_ros.master_watch import MasterWatch
-from aras_visual_servo_ros.shutdown import end_on_signals
+from aras_visual_servo_ros.shutdown import end_on_signals, end_without_master
 
 from ..driver import Driver
 from ..errors import ConfigurationError
@@ -60,12 +59,7 @@ class ControllerNode:
 
     def spin(self) -> int:
         """Watch until ROS shuts down, on wall time: simulated time may stop. Exit status."""
-        while not rospy.is_shutdown():
-            if reason := self._master.lost():
-                # Logging goes through rosout, which needs the master: say it directly.
-                print(f"{rospy.get_name()[1:]}: {reason}: ending", file=sys.stderr)
-                rospy.signal_shutdown(reason)
-                break
+        while not (rospy.is_shutdown() or end_without_master(self._master)):
             try:
                 began = None if self.driver is None else self.driver.beginnings
                 if urdf := self._description.new(began):
@@ -83,7 +77,7 @@ class ControllerNode:
         if self.driver is not None and self._settings.output != "position":
             self._inputs.close()  # nothing that still comes in may answer after the zeros
             self.driver.stop("the node ends")
-            self.face.put(np.zeros(len(self.face.names)))
+            self.face.commands.put(np.zeros(len(self.face.names)))
             time.sleep(LAST_WORDS)
 
 

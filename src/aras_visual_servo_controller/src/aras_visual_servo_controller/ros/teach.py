@@ -15,7 +15,7 @@ from ..observation import Need
 from ..settings import Settings
 from ..starts import start_joints
 from ..teaching import Teacher, goal_of
-from .face import RosFace
+from .commands import CommandTopics
 from .given import robot_name
 from .inputs import Inputs
 
@@ -38,7 +38,7 @@ def live(arguments: argparse.Namespace) -> Goal:
     observer = settings.observer(arm, scheme)
     if observer.needs <= {Need.MOMENTS, Need.KERNEL}:
         observer.needs |= {Need.MOMENTS}
-    joints, face = None, None
+    joints, commands = None, None
     if arguments.go:
         path = Path(arguments.go).expanduser()
         if not path.is_file():
@@ -47,8 +47,8 @@ def live(arguments: argparse.Namespace) -> Goal:
             joints = Goal.load(path).for_arm(arm).joint_values(arm.names)
         if joints is None:
             joints = start_joints(arguments.go, arm, package)
-        face = RosFace(settings, arm.names)
-    teacher = Teacher(arm, observer, joints, None if face is None else face.put)
+        commands = CommandTopics(settings, arm.names)
+    teacher = Teacher(arm, observer, joints, None if commands is None else commands.put)
     inputs = Inputs(settings, teacher)
     deadline = time.monotonic() + arguments.timeout
     while len(teacher.views) < arguments.images:

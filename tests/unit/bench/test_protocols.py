@@ -1,12 +1,14 @@
 """The protocols that ship: published figures to the iteration, starts where they say, tables."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
+from aras_visual_servo_bench import protocol as protocols
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment import CameraPose, Experiment
 from aras_visual_servo_bench.protocol import Protocol, main, met
@@ -90,6 +92,99 @@ def test_what_cannot_be_run_is_an_outcome(tmp_path):
     row = table(tmp_path)[0]
     assert row["outcome"] == "not_run"
     assert "four corners" in row["reason"]
+
+
+MINE = {
+    "source": "mine", "seeds": 3, "starts": [{"kind": "turned", "angle": 5.0}],
+    "experiment": {
+        "plant": "ideal", "features": "exact", "scheme": "numbered_points", "duration": 0.2,
+        "target": {"shape": [list(corner) for corner in SQUARE]},
+        "goal": {"pose": [0.0, 0.0, -0.75, 0.0, 0.0, 0.0]},
+    },
+    "cases": [{"name": "slow", "set": {"gain": 0.5}}, {"name": "fast", "set": {"gain": 2.0}}],
+}  # fmt: skip
+
+
+class Counted:
+    """In place of the runner: answers as it does, and notes what was run."""
+
+    def __init__(self):
+        self.gains = []
+
+    def __call__(self, experiment):
+        self.gains.append(experiment.gain)
+        if len(self.gains) == self.stop:
+            raise KeyboardInterrupt
+        return run(experiment)
+
+    stop = None
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch):
+    """Runs the protocol of that content into one folder; answers what was run and the table."""
+    counted = Counted()
+    monkeypatch.setattr(protocols, "run", counted)
+
+    def carry_out(content=MINE, *arguments, stop=None):
+        (tmp_path / "mine.yaml").write_text(yaml.safe_dump(content))
+        counted.gains, counted.stop = [], stop
+        status = main([str(tmp_path / "mine.yaml"), "--out", str(tmp_path / "out"), *arguments])
+        return status, counted.gains, table(tmp_path / "out")
+
+    return carry_out
+
+
+def test_what_was_interrupted_goes_on_with_what_is_missing(mine):
+    status, _, rows = mine(stop=5)
+    assert status == 130
+    assert [row["case"] for row in rows] == ["slow"] * 3
+    status, ran, rows = mine()
+    assert (status, ran) == (0, [2.0] * 3)
+    assert [(row["case"], row["seed"]) for row in rows] == [
+        (case, str(seed)) for case in ("slow", "fast") for seed in range(3)
+    ]
+    assert mine()[1] == []
+
+
+def test_only_what_a_change_touches_is_run_again(mine):
+    _, _, before = mine()
+    changed = {**MINE, "cases": [MINE["cases"][0], {"name": "fast", "set": {"gain": 3.0}}]}
+    status, ran, rows = mine(changed)
+    assert (status, ran) == (0, [3.0] * 3)
+    assert rows[:3] == before[:3]
+    assert rows[3:] != before[3:]
+
+
+def test_cases_one_by_one_come_into_one_table(mine):
+    assert [row["case"] for row in mine(MINE, "--case", "fast")[2]] == ["fast"] * 3
+    assert [row["case"] for row in mine(MINE, "--case", "slow")[2]] == ["slow"] * 3 + ["fast"] * 3
+
+
+def test_workers_give_the_same_table(mine, tmp_path):
+    mine(MINE, "--workers", "2")
+    both = (tmp_path / "out" / "table.csv").read_bytes()
+    for kept in (tmp_path / "out" / "blocks").iterdir():
+        kept.unlink()
+    mine()
+    assert (tmp_path / "out" / "table.csv").read_bytes() == both
+
+
+def test_rows_of_other_code_are_not_mixed_unasked(mine, monkeypatch, capsys):
+    mine()
+    versions = dict(protocols.versions.versions())
+    monkeypatch.setattr(protocols.versions, "versions", lambda: {**versions, "numpy": "0.1"})
+    assert mine()[0] == 1
+    assert "numpy 0.1 here" in capsys.readouterr().err
+    assert mine(MINE, "--mix")[0] == 0
+
+
+def test_a_cut_off_block_is_run_again(mine, tmp_path):
+    mine()
+    kept = sorted((tmp_path / "out" / "blocks").iterdir())
+    kept[0].write_text(kept[0].read_text()[:40])
+    status, ran, rows = mine()
+    assert (status, len(ran), len(rows)) == (0, 3, 6)
 
 
 @pytest.mark.parametrize(
@@ -218,6 +313,41 @@ def test_a_moving_target_stays_behind_by_speed_over_gain():
     motion = {"velocity": [0.01, 0.0, 0.0, 0.0, 0.0, 0.0]}
     result = run(FLIGHT.with_(target={"shape": SQUARE, "motion": motion}, duration=15.0))
     assert result.verdict.distance == pytest.approx(0.01 / 0.5, rel=0.05)
+
+
+FOUR = ((-0.1, -0.1), (0.1, -0.08), (0.08, 0.1), (-0.06, 0.06))  # without symmetry
+ASKEW = Placing("plane", angle=40.0, scatter=(0.01, 2.0))
+TURNED = Placing("turned", angle=90.0, scatter=(0.01, 2.0))
+SKEWED = FLIGHT.with_(
+    target={"shape": FOUR}, gain=2.0, duration=12.0,
+    ideal={"unbounded": True, "speed": [1.0, 1.57]},
+    goal={"pose": [0.0, 0.0, -0.6, 0.0, 0.0, 0.0]}, reached=[5e-3, 0.02], options={"hold": 0.4},
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("scheme", "start", "outcome"),
+    [
+        ("moments_six", ASKEW, "ambiguous"),
+        ("moments_six", TURNED, "ambiguous"),  # told by the third order alone
+        ("gravity_centre_normalised+area_normalised+invariants+alpha", ASKEW, "converged"),
+        ("ellipse", ASKEW, "converged up to 1 direction"),
+        ("ellipse+alpha", ASKEW, "converged up to 1 direction"),  # the ellipse tells alpha
+        ("gravity_centre+area", ASKEW, "ambiguous"),
+        ("numbered_points", ASKEW, "converged"),
+    ],
+)
+def test_equal_features_of_another_pose_are_not_called_the_goal(scheme, start, outcome):
+    result = run(placed(SKEWED.with_(scheme=scheme), start, 0))
+    assert result.outcome == outcome, result.reason
+    assert result.verdict.reached is (outcome == "converged")
+
+
+def test_a_flight_that_measures_nothing_any_more_has_lost_its_target():
+    turned = placed(SKEWED.with_(scheme="ellipse+alpha"), replace(TURNED, angle=180.0), 0)
+    result = run(turned)
+    assert result.outcome == "target_lost"
+    assert "alpha_full" in result.reason
 
 
 def test_controllers_of_joints_have_none(monkeypatch):

@@ -209,7 +209,10 @@ class Flight:
         stop, linger = self.experiment.ideal.stop, self.experiment.linger
         self._blind = self._blind + 1 if decision is None else 0
         if faulty or self._blind >= PATIENCE:
-            self.outcome = found
+            self.outcome = found if found.kind != "running" else Outcome(
+                "target_lost", f"no measurement any more: {found.reason}",
+                "begin nearer to the goal, or with another scheme",
+            )  # fmt: skip
         elif stop is not None and decision is not None and (decision.error**2).sum() < stop:
             self.outcome = Outcome("converged")
         elif stop is None and phase == CONVERGED and linger is not None:

@@ -5,15 +5,21 @@
 A file says where the protocol comes from, which of its ambiguities was chosen, a base experiment,
 the cases (changes to it, and what is published of them), the starts, and how many seeds. What is
 computed here is the list of experiments alone; every one is run by the runner, and is a row.
+
+Runs are kept as they come, a file for each block of one case, condition and start, named by what
+it was computed from: what is interrupted goes on by the same command, and after a change of the
+protocol only what is touched by it is run again.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import hashlib
+import json
 import sys
-from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -25,10 +31,11 @@ from .measures import measures
 from .packages import PackagePath
 from .protocol_starts import START_KINDS, Placing, placed
 from .runner import run
+from .study import versions
 
 FOLDER = "package://aras_visual_servo_bench/package.xml"
-TABLE = "table.csv"
-CHUNK = 8  # runs that a worker is handed at once
+TABLE, BLOCKS, CODE = "table.csv", "blocks", "code.json"
+BLOCK = 25  # seeds that are run, and kept, together
 WITHIN = 0.01  # of a published number
 
 
@@ -147,18 +154,98 @@ def met(value: Any, published: Any) -> bool:
     return abs(value - published) <= WITHIN * abs(published)
 
 
-def _row(planned: Planned) -> dict[str, Any]:
-    return row_of(*planned)
+@dataclass(frozen=True)
+class Block:
+    """Up to BLOCK seeds of one case, condition and start. name: of what it is computed from."""
+
+    runs: tuple[Planned, ...]
+
+    @property
+    def name(self) -> str:
+        """The same for the same rows, whatever else the protocol holds."""
+        return hashlib.sha256(repr(self.runs).encode()).hexdigest()[:20]
+
+    @property
+    def title(self) -> str:
+        """For people."""
+        row = self.runs[0][0]
+        return f"{row['case']}, {row['condition']}, {row['start']}"
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Every run carried out."""
+        return [row_of(*planned) for planned in self.runs]
 
 
-def study(protocol: Protocol, workers: int = 1) -> Iterator[dict[str, Any]]:
-    """Rows in order; with `workers` processes the same rows."""
-    runs = list(protocol.runs())
+def blocks(protocol: Protocol) -> list[Block]:
+    """All runs of a protocol in blocks, in order; ExperimentError as `Protocol.runs`."""
+    found: dict[tuple[object, ...], list[Planned]] = {}
+    for planned in protocol.runs():
+        row = planned[0]
+        key = row["case"], row["condition"], row["start"], row["seed"] // BLOCK
+        found.setdefault(key, []).append(planned)
+    return [Block(tuple(runs)) for runs in found.values()]
+
+
+class Kept:
+    """A protocol's folder: blocks that are done, and the table of them all."""
+
+    def __init__(self, folder: Path, mix: bool = False) -> None:
+        """Open or make it.
+
+        Args:
+            mix: it may have been begun with other code.
+
+        Raises:
+            ExperimentError: it was begun with other code.
+        """
+        self.folder = folder
+        (folder / BLOCKS).mkdir(parents=True, exist_ok=True)
+        now, path = versions.versions(), folder / CODE
+        if path.exists() and not mix:
+            told = versions.difference(now, json.loads(path.read_text(encoding="utf-8")))
+            require(
+                not told,
+                f"{folder} was begun with other code ({told}): name a new folder, or say --mix",
+            )
+        path.write_text(json.dumps(now, indent=1) + "\n", encoding="utf-8")
+
+    def path(self, block: Block) -> Path:
+        """Where a block's rows are."""
+        return self.folder / BLOCKS / f"{block.name}.json"
+
+    def read(self, block: Block) -> list[dict[str, Any]] | None:
+        """Rows of a block, None where it is not done."""
+        try:
+            return json.loads(self.path(block).read_text(encoding="utf-8"))
+        except (FileNotFoundError, ValueError):
+            return None
+
+    def write(self, block: Block, rows: list[dict[str, Any]]) -> None:
+        """Keep a block's rows, whole or not at all."""
+        new = self.path(block).with_suffix(".new")
+        new.write_text(json.dumps(rows), encoding="utf-8")
+        new.replace(self.path(block))
+
+    def tabulate(self, wanted: Sequence[Block]) -> int:
+        """Write the table of those blocks that are done; answers how many runs it has."""
+        done = (self.read(block) for block in wanted)
+        rows = [row for found in done if found is not None for row in found]
+        write_table(self.folder / TABLE, rows)
+        return len(rows)
+
+
+def carry_out(missing: Sequence[Block], workers: int = 1) -> Iterator[tuple[Block, list]]:
+    """Blocks with their rows, as they are done; with `workers` processes the same rows."""
     if workers <= 1:
-        yield from map(_row, runs)
+        yield from ((block, block.rows()) for block in missing)
         return
     with ProcessPoolExecutor(workers) as pool:
-        yield from pool.map(_row, runs, chunksize=CHUNK)
+        try:
+            under_way = {pool.submit(block.rows): block for block in missing}
+            for done in as_completed(under_way):
+                yield under_way[done], done.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def write_table(path: Path, rows: list[dict[str, Any]]) -> None:
@@ -178,37 +265,55 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--seeds", type=int, help="fewer or more than the file says")
     parser.add_argument("--first", type=int, help="first seed")
     parser.add_argument("--case", action="append", help="only these cases")
+    parser.add_argument("--condition", action="append", help="only these conditions")
     parser.add_argument("--workers", type=int, default=1, help="processes")
+    parser.add_argument("--mix", action="store_true", help="go on although the code has changed")
     options = parser.parse_args(argv)
+    changes = {
+        "seeds": options.seeds, "first_seed": options.first, "cases": options.case,
+        "conditions": options.condition,
+    }  # fmt: skip
     try:
-        protocol = Protocol.load(options.name)
-        changes = {
-            "seeds": options.seeds, "first_seed": options.first, "cases": options.case,
-        }  # fmt: skip
-        protocol = _chosen(protocol, {k: v for k, v in changes.items() if v is not None})
-        options.out.mkdir(parents=True, exist_ok=True)
-        rows = []
-        for row in study(protocol, options.workers):
-            rows.append(row)
-            print(" ".join(f"{key}={value}" for key, value in row.items() if key != "reason"),
-                  flush=True)  # fmt: skip
-        write_table(options.out / TABLE, rows)
+        whole = _chosen(Protocol.load(options.name), {**changes, "cases": None, "conditions": None})
+        every = blocks(whole)
+        wanted = blocks(_chosen(whole, changes))
+        kept = Kept(options.out, options.mix)
+        missing = [block for block in wanted if kept.read(block) is None]
+        try:
+            for block, rows in carry_out(missing, options.workers):
+                kept.write(block, rows)
+                print(f"{block.title}: {_told(rows)}", flush=True)
+        except KeyboardInterrupt:
+            print("protocol: interrupted; the same command goes on", file=sys.stderr)
+            return 130
+        finally:
+            count = kept.tabulate(every)
     except (ExperimentError, OSError) as error:
         print(f"protocol: {error}", file=sys.stderr)
         return 1
-    print(f"wrote {options.out / TABLE}: {len(rows)} runs")
+    print(f"wrote {options.out / TABLE}: {count} runs")
     return 0
 
 
-def _chosen(protocol: Protocol, changes: dict[str, Any]) -> Protocol:
-    """The protocol with what the command line says."""
+def _told(rows: Sequence[Mapping[str, Any]]) -> str:
+    """A block in a line."""
+    if len(rows) == 1:
+        return " ".join(f"{k}={v}" for k, v in list(rows[0].items())[4:] if k != "reason")
+    reached = sum(row.get("verdict") == "goal_reached" for row in rows)
+    return f"{reached} of {len(rows)} reached the goal"
+
+
+def _chosen(protocol: Protocol, changes: Mapping[str, Any]) -> Protocol:
+    """The protocol with what the command line says; ExperimentError: a name that it has not."""
     here = {name: getattr(protocol, name) for name in protocol.__dataclass_fields__}
-    if "cases" in changes:
-        known = {case.name: case for case in protocol.cases}
-        for name in changes["cases"]:
-            require(name in known, f"case '{name}': {nearest(name, known)}")
-        changes = {**changes, "cases": tuple(known[name] for name in changes["cases"])}
-    return Protocol(**{**here, **changes})
+    given = {key: value for key, value in changes.items() if value is not None}
+    for key in ("cases", "conditions"):
+        if key in given:
+            known = {one.name: one for one in here[key]}
+            for name in given[key]:
+                require(name in known, f"{key[:-1]} '{name}': {nearest(name, known)}")
+            given[key] = tuple(known[name] for name in given[key])
+    return Protocol(**{**here, **given})
 
 
 if __name__ == "__main__":

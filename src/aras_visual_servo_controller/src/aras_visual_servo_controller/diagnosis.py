@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .evidence import CameraEvidence, Oscillation, ShapeEvidence
+from .evidence import CameraEvidence, Oscillation, ShapeEvidence, ViewEvidence
 from .goal import Goal
 from .observation import Observation
 from .schemes.base import JointController, Scheme
@@ -24,7 +24,7 @@ KINDS = (
     "running", "converged", "target_lost", "local_minimum", "camera_retreat", "singular",
     "out_of_reach",
     "joint_limit", "saturation", "gain_too_high", "too_few_images", "wrong_camera_model",
-    "wrong_object", "scheme_fault", "timed_out", "stopped",
+    "wrong_object", "ambiguous", "scheme_fault", "timed_out", "stopped",
 )  # fmt: skip
 # s over which a lack of progress is judged, and the part of the error that has to be left of it.
 WINDOW, PROGRESS = 1.5, 0.9
@@ -98,6 +98,7 @@ class Diagnosis:
         self._oscillation = Oscillation()
         self._camera = CameraEvidence()
         self._shape = ShapeEvidence()
+        self._view = ViewEvidence()
         self._touched: tuple[str, ...] = ()
         self._measured: float | None = None  # when the scheme could last answer, s
         self._ended: Outcome | None = None
@@ -192,8 +193,7 @@ class Diagnosis:
                 "calibrate the camera: K, D, and where it is mounted",
             )  # fmt: skip
         if state.phase == CONVERGED:
-            up_to = state.decision.up_to
-            return Outcome("converged" + (f" up to {up_to}" if up_to else ""))
+            return self._converged(state, observation, goal)
         ringing = self._oscillation.add(state.stamp, self._window[-1].error)
         if ringing is not None:
             found = Outcome(
@@ -205,6 +205,25 @@ class Diagnosis:
         if self._ringing is not None and state.stamp - self._ringing[0] < RINGS_ON:
             return self._ringing[1]
         return self._stalled(state)
+
+    def _converged(self, state: ServoState, observation: Observation, goal: Goal) -> Outcome:
+        """What it is worth that every feature is the goal's."""
+        if state.decision.up_to:
+            return Outcome(f"converged up to {state.decision.up_to}")
+        if unseen := _unseen(state):
+            return Outcome(
+                f"converged up to {unseen} direction{'s' if unseen > 1 else ''}",
+                f"L has rank {state.decision.task.rank} of {_modelled(state)}: there are motions "
+                "of the camera that no feature sees",
+                "add a feature for them, if the pose matters",
+            )
+        if self._view.add(observation, goal):
+            return Outcome(
+                "ambiguous", "every feature is the goal's, but the picture is not: another pose "
+                "has the same features",
+                "begin nearer to the goal, or use more features than directions",
+            )  # fmt: skip
+        return Outcome("converged")
 
     def _add(self, state: ServoState, tolerances: np.ndarray) -> None:
         decision = state.decision
@@ -327,3 +346,19 @@ class Diagnosis:
             "target_lost", f"target lost at {state.stamp:.2f} s{over}: {state.reason}",
             "begin with the target nearer to the middle, or lower the gain",
         )  # fmt: skip
+
+
+def _modelled(state: ServoState) -> int:
+    """How many directions of the camera the task speaks of."""
+    return int(state.decision.task.modelled.sum())
+
+
+def _unseen(state: ServoState) -> int:
+    """How many directions, of those that the camera can move in, change no feature."""
+    task, resolution = state.decision.task, state.resolution
+    if task is None:
+        return 0
+    missing = _modelled(state) - task.rank
+    if missing > 0 and resolution is not None:
+        return max(min(_modelled(state), resolution.jacobian.shape[1]) - resolution.rank, 0)
+    return missing

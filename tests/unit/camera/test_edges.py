@@ -8,6 +8,8 @@ from test_accuracy import LENSES, camera, sensor_of, target_errors
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.description import Geometry
 from aras_sim_bridge.rendering import View, create_renderer
+from aras_sim_bridge.rendering.renderer import CENTRE
+from aras_sim_bridge.rendering.shading import word
 from aras_sim_bridge.rendering.tiles import MISFIT, TILE, Tiles
 
 K = np.array([[150.0, 0, 80.3], [0, 155.0, 55.8], [0, 0, 1]])
@@ -19,10 +21,11 @@ def finely_sampled(renderer, view, fine=16):
     finer[:2, 2] += (fine - 1) / 2
     large = View(fine * view.width, fine * view.height, view.world_T_optical, finer, view.near,
                  view.far)
-    one = renderer._sample(large, 1.0)
+    one = renderer._sample(large, 1.0, CENTRE)
     shader, background = one.canvas.shader, 255.0 * np.array(renderer.light.background[:3])
     plain = shader.plain(renderer._geometry, one.seen)
-    words = shader.words(renderer._geometry, one.seen, one.samples, plain, background)
+    none = np.zeros(len(one.samples.tile), np.uint64)
+    words = shader.words(renderer._geometry, one.seen, one.samples, plain, word(*background), none)
     rgba = words.view(np.uint8).reshape(*words.shape, 4)[:large.height, :large.width, :3]
     return rgba.reshape(view.height, fine, view.width, fine, 3).mean(axis=(1, 3))
 

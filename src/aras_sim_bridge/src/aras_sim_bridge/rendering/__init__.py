@@ -5,10 +5,10 @@ through a pinhole of its own (tiles): a pinhole camera's tiles are exact, a lens
 enough to be. The triangles of the scene lie in clusters (geometry); a cluster that is turned away,
 out of view or behind what covers its tiles is left out by one look, the others' triangles are
 sorted into the tiles that they touch (binning). In a tile that one triangle covers nothing more is
-to be done; in the others the centre of each pixel is asked which triangle is nearest (sampling),
-and lit (shading). Where a pixel's colour differs from a neighbour's without the shading being the
-cause, an edge runs through it (finding), and its colour is worked out from the areas that its
-triangles cover (edges, fragments). Depth and segmentation are those of the centres (measuring). All
+to be done; in the others the corners of each pixel are asked which triangle is nearest (sampling).
+Where they differ without the shading being the cause, an edge runs through the pixel (finding), and
+its colour is worked out from the areas that its triangles cover (edges, fragments); the others are
+lit as their corners say (shading). Depth and segmentation are those of the centres (measuring). All
 of it runs on the processor and needs no graphics driver, whose limits and whose rounding differ.
 The servo's view takes 0.6 of the time that OpenGL on Mesa's software rasteriser took (at 640 x 480
 0.7), 40 000 triangles with every edge worked out three times as long (tests/benchmarks/render.py).

@@ -142,17 +142,20 @@ def _visible(shape, sizes, i, count, line, lines, plane):
 
 
 @compiled("i8, i8[::1], i8, i8, i8[::1], f8[:,:,::1], i8[::1], f8[:,::1], f8, f8, f4[::1], "
-          "i4[::1], i8, i8[::1], f8[::1], f8[:,::1]")
-def _crowd(first, here, left, solid, member, line, lines, plane, xc, yc, nearest, sample, count,
-           out_member, out_share, out_at):
-    """Add fragments of a pixel by samples; the number of all fragments then."""
+          "f4[::1], i4[::1], i8[::1], f8[:,::1], i8, i8[::1], f8[::1], f8[:,::1]")
+def _crowd(first, here, left, solid, member, line, lines, plane, xc, yc, depth, nearest, sample,
+           shown, middle, count, out_member, out_share, out_at):
+    """Add fragments of a pixel by samples; the number of all fragments then.
+
+    depth, nearest, sample: (FINE,) to work with; shown (.,), middle (., 2) likewise.
+    """
     for i in range(FINE):
         nearest[i], sample[i] = 0.0, -1
     for n in range(left):
         k = here[n]
         # From the pixel's centre; lines that are not there are above everywhere.
-        a0 = a1 = a2 = a3 = a4 = np.float32(1.0)
-        b0 = b1 = b2 = b3 = b4 = c0 = c1 = c2 = c3 = c4 = np.float32(0.0)
+        a0 = a1 = a2 = np.float32(1.0)
+        b0 = b1 = b2 = c0 = c1 = c2 = np.float32(0.0)
         if lines[k] > 0:
             a0 = np.float32(line[k, 0, 0] + line[k, 0, 1] * xc + line[k, 0, 2] * yc)
             a1 = np.float32(line[k, 1, 0] + line[k, 1, 1] * xc + line[k, 1, 2] * yc)
@@ -160,59 +163,61 @@ def _crowd(first, here, left, solid, member, line, lines, plane, xc, yc, nearest
             b0, c0 = np.float32(line[k, 0, 1]), np.float32(line[k, 0, 2])
             b1, c1 = np.float32(line[k, 1, 1]), np.float32(line[k, 1, 2])
             b2, c2 = np.float32(line[k, 2, 1]), np.float32(line[k, 2, 2])
+        a = np.float32(plane[k, 0] + plane[k, 1] * xc + plane[k, 2] * yc)
+        b, c = np.float32(plane[k, 1]), np.float32(plane[k, 2])
+        for i in range(FINE):
+            depth[i] = a + b * SAMPLE_X[i] + c * SAMPLE_Y[i]
         if lines[k] > 3:
             a3 = np.float32(line[k, 3, 0] + line[k, 3, 1] * xc + line[k, 3, 2] * yc)
             a4 = np.float32(line[k, 4, 0] + line[k, 4, 1] * xc + line[k, 4, 2] * yc)
             b3, c3 = np.float32(line[k, 3, 1]), np.float32(line[k, 3, 2])
             b4, c4 = np.float32(line[k, 4, 1]), np.float32(line[k, 4, 2])
-        a = np.float32(plane[k, 0] + plane[k, 1] * xc + plane[k, 2] * yc)
-        b, c = np.float32(plane[k, 1]), np.float32(plane[k, 2])
+            for i in range(FINE):
+                x, y = SAMPLE_X[i], SAMPLE_Y[i]
+                beyond = min(a3 + b3 * x + c3 * y, a4 + b4 * x + c4 * y) < np.float32(0.0)
+                depth[i] = np.float32(0.0) if beyond else depth[i]
         name, hits = np.int32(n), 0
         for i in range(FINE):
             x, y = SAMPLE_X[i], SAMPLE_Y[i]
-            w = a + b * x + c * y
             hit = ((a0 + b0 * x + c0 * y >= np.float32(0.0))
                    & (a1 + b1 * x + c1 * y >= np.float32(0.0))
-                   & (a2 + b2 * x + c2 * y >= np.float32(0.0))
-                   & (a3 + b3 * x + c3 * y >= np.float32(0.0))
-                   & (a4 + b4 * x + c4 * y >= np.float32(0.0)) & (w > nearest[i]))
+                   & (a2 + b2 * x + c2 * y >= np.float32(0.0)) & (depth[i] > nearest[i]))
             if n < solid:
-                nearest[i] = w if hit else nearest[i]
+                nearest[i] = depth[i] if hit else nearest[i]
                 sample[i] = name if hit else sample[i]
             else:
                 hits += hit
         if n >= solid and hits > 0:
             if count < len(out_member):
-                out_member[count], out_share[count] = member[first + k], hits / (FINE)
+                out_member[count], out_share[count] = member[first + k], hits / FINE
                 out_at[count, 0], out_at[count, 1] = xc, yc
             count += 1
         if n == solid - 1:
+            for m in range(solid):
+                shown[m], middle[m, 0], middle[m, 1] = 0, 0.0, 0.0
             for i in range(FINE):
                 m = sample[i]
-                if m < 0:
+                if m >= 0:
+                    shown[m] += 1
+                    middle[m, 0] += SAMPLE_X[i]
+                    middle[m, 1] += SAMPLE_Y[i]
+            for m in range(solid):
+                if shown[m] == 0:
                     continue
-                hits = 0
-                xm = ym = np.float32(0.0)
-                for j in range(i, FINE):
-                    if sample[j] == m:
-                        sample[j] = -1
-                        hits += 1
-                        xm += SAMPLE_X[j]
-                        ym += SAMPLE_Y[j]
                 if count < len(out_member):
-                    out_member[count] = member[first + here[m]]
-                    out_share[count] = hits / (FINE)
-                    out_at[count, 0], out_at[count, 1] = xc + xm / hits, yc + ym / hits
+                    out_member[count], out_share[count] = member[first + here[m]], shown[m] / FINE
+                    out_at[count, 0] = xc + middle[m, 0] / shown[m]
+                    out_at[count, 1] = yc + middle[m, 1] / shown[m]
                 count += 1
     return count
 
 
 @compiled("i8[::1], i8[::1], i8[::1], b1[::1], u8[::1], f8[:,:,::1], b1[::1], b1[::1], u4[::1], "
-          "f8[:,:,::1], f8[:,::1], i8, i8, f8, f8, i8[::1], i8[::1], i8[::1], f8[::1], f8[:,::1]")
+          "f8[:,:,::1], f8[:,::1], i8, i8, f8, f8, i8[::1], i8[::1], f8[::1], f8[:,::1]")
 def resolved(found, start, member, full, touched, side, cut, opaque, plain, matrices, axis, cells,
-             columns, near, far, out_pixel, out_start, out_member, out_share, out_at):
-    """See fragments.Fragments; the numbers of pixels and of fragments, of which as many are stored
-    as there is room for."""
+             columns, near, far, out_start, out_member, out_share, out_at):
+    """See fragments.Fragments; the number of fragments, of which as many are stored as there is
+    room for."""
     size = TILE // cells
     width = columns * TILE
     longest = 1
@@ -224,7 +229,7 @@ def resolved(found, start, member, full, touched, side, cut, opaque, plain, matr
     # Of a cell's pixels: where they are, the triangles in them, and of those that fill one the
     # nearest, which hides what is behind it.
     x_of, y_of, bit_of = np.empty(CELL), np.empty(CELL), np.empty(CELL, np.uint64)
-    inside, fills = np.empty(CELL, np.bool_), np.empty(CELL, np.bool_)
+    reach, bit = np.empty(5), np.uint64(1)
     here_of, left_of = np.empty((CELL, longest), np.int64), np.empty(CELL, np.int64)
     best_of, top_of = np.empty(CELL, np.int64), np.empty(CELL)
     here = np.empty(longest, np.int64)
@@ -236,7 +241,9 @@ def resolved(found, start, member, full, touched, side, cut, opaque, plain, matr
     sizes = np.empty(CROWD + PIECES + 2, np.int64)
     spare = CROWD + PIECES
     nearest, sample = np.empty(FINE, np.float32), np.empty(FINE, np.int32)
-    pixels = count = 0
+    depth, shown, middle = np.empty(FINE, np.float32), np.empty(longest, np.int64), np.empty(
+        (longest, 2))
+    count = 0
     cell = group = end = first = 0
     for number in range(len(found)):
         if number == end:
@@ -252,7 +259,7 @@ def resolved(found, start, member, full, touched, side, cut, opaque, plain, matr
                 cell, first, q = at_cell, start[tile], end - group
                 x_of[q], y_of[q] = float(x0 % size), float(y0 % size)
                 bit_of[q] = np.uint64(y0 * TILE + x0)
-                wanted |= np.uint64(1) << bit_of[q]
+                wanted |= bit << bit_of[q]
                 left_of[q], best_of[q], top_of[q] = 0, -1, 0.0
                 end += 1
             tile = cell // (cells * cells)
@@ -274,22 +281,22 @@ def resolved(found, start, member, full, touched, side, cut, opaque, plain, matr
                         along = axis[tile, 0] * x + axis[tile, 1] * y + axis[tile, 2] * z
                         line[k, 3, j] = along - near * plane[k, j]
                         line[k, 4, j] = far * plane[k, j] - along
-                for q in range(end - group):
-                    inside[q] = (bits >> bit_of[q]) & np.uint64(1) != 0
-                    fills[q] = opaque[m]
                 for i in range(lines[k]):
-                    a, b, c = line[k, i, 0], line[k, i, 1], line[k, i, 2]
-                    reach = 0.5 * (abs(b) + abs(c))
-                    for q in range(end - group):
-                        at = a + b * x_of[q] + c * y_of[q]
-                        inside[q] &= at + reach > 0.0
-                        fills[q] &= at >= reach
+                    reach[i] = 0.5 * (abs(line[k, i, 1]) + abs(line[k, i, 2]))
                 for q in range(end - group):
-                    if inside[q]:
+                    if (bits >> bit_of[q]) & bit == 0:
+                        continue
+                    x, y = x_of[q], y_of[q]
+                    inside, fills = True, opaque[m]
+                    for i in range(lines[k]):
+                        at = line[k, i, 0] + line[k, i, 1] * x + line[k, i, 2] * y
+                        inside &= at + reach[i] > 0.0
+                        fills &= at >= reach[i]
+                    if inside:
                         here_of[q, left_of[q]] = k
                         left_of[q] += 1
-                        w = plane[k, 0] + plane[k, 1] * x_of[q] + plane[k, 2] * y_of[q]
-                        if fills[q] and w > top_of[q]:
+                        w = plane[k, 0] + plane[k, 1] * x + plane[k, 2] * y
+                        if fills and w > top_of[q]:
                             best_of[q], top_of[q] = k, w
         q = number - group
         xc, yc, left, best, top = x_of[q], y_of[q], left_of[q], best_of[q], top_of[q]
@@ -304,17 +311,17 @@ def resolved(found, start, member, full, touched, side, cut, opaque, plain, matr
                 if k == best or at - 0.5 * (abs(b) + abs(c)) < -TOUCHING * top:
                     here[left] = k
                     left += 1
-        if left == 0 or (best >= 0 and left == 1):
-            continue
+        out_start[number] = count
         # Of one colour all over?
-        same = best >= 0 and plain[member[first + best]] != 0
+        same = best >= 0 and (left == 1 or plain[member[first + best]] != 0)
         for n in range(left):
             same = same and plain[member[first + here[n]]] == plain[member[first + best]]
         if same:
+            if count < len(out_member):
+                out_member[count], out_share[count] = member[first + best], 1.0
+                out_at[count, 0], out_at[count, 1] = xc, yc
+            count += 1
             continue
-        out_pixel[pixels] = found[number]
-        out_start[pixels] = count
-        pixels += 1
         # Opaque ones first, then those one sees through from far to near.
         solid = 0
         for n in range(left):
@@ -329,8 +336,8 @@ def resolved(found, start, member, full, touched, side, cut, opaque, plain, matr
                     break
                 here[m], here[m - 1] = other, one
         if left > CROWD:
-            count = _crowd(first, here, left, solid, member, line, lines, plane, xc, yc, nearest,
-                           sample, count, out_member, out_share, out_at)
+            count = _crowd(first, here, left, solid, member, line, lines, plane, xc, yc, depth,
+                           nearest, sample, shown, middle, count, out_member, out_share, out_at)
             continue
         for n in range(left):
             k = here[n]
@@ -393,5 +400,5 @@ def resolved(found, start, member, full, touched, side, cut, opaque, plain, matr
                 out_at[count, 0] = xc + xm / sizes[n]
                 out_at[count, 1] = yc + ym / sizes[n]
             count += 1
-    out_start[pixels] = count
-    return pixels, count
+    out_start[len(found)] = count
+    return count

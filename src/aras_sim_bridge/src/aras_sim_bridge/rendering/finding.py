@@ -1,4 +1,8 @@
-"""Which pixels have edges in them: where one differs from a neighbour, an edge runs by them."""
+"""Which pixels have edges in them: those at whose corners different things are seen.
+
+A straight edge through a pixel always has corners of it on both sides. What reaches into a pixel
+without reaching a corner is the tip of a triangle: it is looked for beside the edges found so.
+"""
 
 from __future__ import annotations
 
@@ -7,23 +11,30 @@ import numpy as np
 from aras_sim_bridge.compiled import compiled, inlined
 
 from .binning import Seen
-from .sampling import NOTHING, SEVERAL, Samples
+from .sampling import BACKGROUND, NOTHING, SEVERAL, Samples
 from .tiles import TILE, Tiles
 
 # Grey levels. What differs by less is as smooth as shading, and an edge of so little contrast that
-# the centre of the pixel decides moves a target of 100 levels by a thirtieth of a pixel at most.
+# one of its sides stands for both moves a target of 100 levels by a thirtieth of a pixel at most.
 THRESHOLD = 6
 
 
-def found_edges(tiles: Tiles, seen: Seen, samples: Samples, words: np.ndarray,
-                plain: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """(P,) row * width + column of pixels with edges, of the padded picture, cell by cell.
+def found_edges(tiles: Tiles, seen: Seen, samples: Samples, plain: np.ndarray, part: np.ndarray,
+                sky: np.uint32) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels with edges: (tiles,) uint64, bit row * TILE + column of each, and (P,) row * width +
+    column, of the padded picture, cell by cell.
 
-    words: the picture with one sample a pixel; part: (N,) of the triangles seen; the rest as in
-    Edges.fragments.
+    samples: of the pixels' upper left corners. plain: (N,) words of the triangles seen that have
+    one colour, 0 for the others; part: (N,) of the triangles seen, negative where it is textured;
+    sky: the background's word.
     """
-    return _found(samples.tile, samples.pixel, samples.start, samples.member, seen.opaque, words,
-                  plain, part, seen.side, seen.light, tiles.matrices, tiles.cells, tiles.columns)
+    t = tiles
+    edges = _edges(samples.tile, samples.pixel, samples.start, samples.member, seen.opaque, plain,
+                   part, sky, seen.side, seen.light, t.matrices, t.valid, t.cells, t.columns)
+    tips = _tips(edges, samples.tile, samples.pixel, seen.corner, t.inverse, t.spread, t.valid,
+                 t.columns)
+    edges |= tips
+    return edges, _listed(edges, t.cells, t.columns)
 
 
 @inlined
@@ -39,12 +50,9 @@ def _apart(a, b):
 
 
 @inlined
-def _brightness(side, light, m, matrices, c, x, y):
-    """Light on triangle m, or where it would go on, at x, y of cell c."""
+def _brightness(side, light, m, rx, ry, rz):
+    """Light on triangle m, or where it would go on, along a ray."""
     lit = w = 0.0
-    rx = matrices[c, 0, 0] * x + matrices[c, 0, 1] * y + matrices[c, 0, 2]
-    ry = matrices[c, 1, 0] * x + matrices[c, 1, 1] * y + matrices[c, 1, 2]
-    rz = matrices[c, 2, 0] * x + matrices[c, 2, 1] * y + matrices[c, 2, 2]
     for k in range(3):
         share = side[m, k, 0] * rx + side[m, k, 1] * ry + side[m, k, 2] * rz
         w += share
@@ -52,65 +60,179 @@ def _brightness(side, light, m, matrices, c, x, y):
     return lit / w
 
 
-@compiled("i8[::1], i4[:,::1], i8[::1], i8[::1], b1[::1], u4[:,::1], u4[::1], i8[::1], "
-          "f8[:,:,::1], f8[:,::1], f8[:,:,::1], i8, i8")
-def _found(tile, pixel, start, member, opaque, words, plain, part, side, light, matrices, cells,
-           columns):
-    """(P,) pixels that differ from one of their eight neighbours, cell by cell, and those of tiles
-    with triangles that one sees through."""
-    height, width = words.shape
-    size = TILE // cells
-    out = np.empty(1024, np.int64)
-    found = 0
+@inlined
+def _shown(tile, pixel, columns, v, u):
+    """What the sample v, u shows; NOTHING where there is none."""
+    if v < 0 or u < 0 or v >= pixel.shape[0] or u >= pixel.shape[1]:
+        return np.int64(NOTHING)
+    whole = tile[(v // TILE) * columns + u // TILE]
+    return np.int64(pixel[v, u]) if whole == SEVERAL else whole
+
+
+@compiled("i8[::1], i4[:,::1], i8[::1], i8[::1], b1[::1], u4[::1], i8[::1], u4, f8[:,:,::1], "
+          "f8[:,::1], f8[:,:,::1], b1[:,::1], i8, i8")
+def _edges(tile, pixel, start, member, opaque, plain, part, sky, side, light, matrices, valid,
+           cells, columns):
+    """(tiles,) uint64, pixels whose corners differ in what they show, and those of tiles with
+    triangles that one sees through."""
+    size, side_of = TILE // cells, TILE + 1
+    # The least and the most light on each triangle.
+    dim = np.empty((len(light), 2))
+    for m in range(len(light)):
+        dim[m, 0] = min(light[m, 0], light[m, 1], light[m, 2])
+        dim[m, 1] = max(light[m, 0], light[m, 1], light[m, 2])
+    out = np.zeros(len(tile), np.uint64)
+    shown = np.empty(side_of * side_of, np.int64)
+    three = np.empty(3, np.int64)
     for n in range(len(tile)):
         if tile[n] != SEVERAL:
             continue
-        if found + TILE * TILE > len(out):
-            longer = np.empty(2 * len(out), np.int64)
-            for k in range(found):
-                longer[k] = out[k]
-            out = longer
         through = False
         for k in range(start[n], start[n + 1]):
             through |= not opaque[member[k]]
         u0, v0 = TILE * (n % columns), TILE * (n // columns)
-        for place in range(cells * cells * size):
-            cell, y = place // size, place % size
-            c, first = n * cells * cells + cell, u0 + cell % cells * size
-            v = v0 + cell // cells * size + y
-            above, below = max(v - 1, 0), min(v + 1, height - 1)
-            for u in range(first, first + size):
-                m = pixel[v, u]
-                if m == NOTHING:
+        for y in range(TILE):
+            for x in range(TILE):
+                shown[y * side_of + x] = pixel[v0 + y, u0 + x]
+        for k in range(side_of):
+            shown[k * side_of + TILE] = _shown(tile, pixel, columns, v0 + k, u0 + TILE)
+            shown[TILE * side_of + k] = _shown(tile, pixel, columns, v0 + TILE, u0 + k)
+        bits = np.uint64(0)
+        for y in range(TILE):
+            for x in range(TILE):
+                i = y * side_of + x
+                m = shown[i]
+                three[0], three[1], three[2] = shown[i + 1], shown[i + side_of], shown[
+                    i + side_of + 1]
+                if (m == three[0] and m == three[1] and m == three[2] and m != NOTHING
+                        and not through) or not valid[v0 + y, u0 + x]:
                     continue
-                # Beyond the border no neighbour would tell.
-                edge = through or u == 0 or v == 0 or u == width - 1 or v == height - 1
-                word = words[v, u]
-                left, right = max(u - 1, 0), min(u + 1, width - 1)
-                if not edge and (word == words[above, left] and word == words[above, u]
-                                 and word == words[above, right] and word == words[v, left]
-                                 and word == words[v, right] and word == words[below, left]
-                                 and word == words[below, u] and word == words[below, right]):
-                    continue
-                for i in range(above, below + 1):
-                    for j in range(left, right + 1):
-                        if words[i, j] >> np.uint32(24) == 0:
-                            edge = True
-                        if edge or words[i, j] == word or not _apart(words[i, j], word):
-                            continue
+                edge = through or m == NOTHING
+                lit, known = 0.0, False
+                rx = ry = rz = 0.0
+                for k in range(3):
+                    other = three[k]
+                    if edge or other == m or (k > 0 and other == three[k - 1]):
+                        continue
+                    if other == NOTHING:
                         edge = True
+                    elif m >= 0 and other >= 0 and part[m] == part[other] and part[m] >= 0:
                         # On one smooth part the colour differs by what the slope makes of it.
-                        other = tile[(i // TILE) * columns + j // TILE]
-                        if other == SEVERAL:
-                            other = pixel[i, j]
-                        if (m == other or (m >= 0 and other >= 0 and part[m] == part[other]
-                                           and plain[m] == 0 and plain[other] == 0)):
-                            xn, yn = float(j - first), float(y + i - v)
-                            # Both at the neighbour.
-                            edge = abs(_brightness(side, light, m, matrices, c, xn, yn)
-                                       - _brightness(side, light, other, matrices, c, xn, yn)
-                                       ) > THRESHOLD / 255.0
+                        if (max(dim[m, 1], dim[other, 1]) - min(dim[m, 0], dim[other, 0])
+                                <= THRESHOLD / 255.0):
+                            continue
+                        if not known:
+                            c = n * cells * cells + (y // size) * cells + x // size
+                            xc, yc = float(x % size), float(y % size)
+                            rx = (matrices[c, 0, 0] * xc + matrices[c, 0, 1] * yc
+                                  + matrices[c, 0, 2])
+                            ry = (matrices[c, 1, 0] * xc + matrices[c, 1, 1] * yc
+                                  + matrices[c, 1, 2])
+                            rz = (matrices[c, 2, 0] * xc + matrices[c, 2, 1] * yc
+                                  + matrices[c, 2, 2])
+                            lit, known = _brightness(side, light, m, rx, ry, rz), True
+                        edge = abs(_brightness(side, light, other, rx, ry, rz) - lit
+                                   ) > THRESHOLD / 255.0
+                    else:
+                        one = sky if m == BACKGROUND else plain[m]
+                        two = sky if other == BACKGROUND else plain[other]
+                        edge = one == 0 or two == 0 or _apart(one, two)
                 if edge:
-                    out[found] = v * width + u
+                    bits |= np.uint64(1) << np.uint64(y * TILE + x)
+        out[n] = bits
+    return out
+
+
+@compiled("u8[::1], i8[::1], i4[:,::1], f8[:,:,::1], f8[:,:,::1], f8[::1], b1[:,::1], i8")
+def _tips(edges, tile, pixel, corner, inverse, spread, valid, columns):
+    """(tiles,) uint64, pixels without an edge beside one with an edge, into which a corner of a
+    triangle that is seen there reaches."""
+    out = np.zeros(len(tile), np.uint64)
+    rows = len(tile) // columns
+    all_left, all_right = np.uint64(0x0101010101010101), np.uint64(0x8080808080808080)
+    one = np.uint64(1)
+    for n in range(len(tile)):
+        if tile[n] != SEVERAL:
+            continue
+        row, column, own = n // columns, n % columns, edges[n]
+        # Of the neighbours to the right, to the left, below and above, which has an edge?
+        right = (own & ~all_left) >> one
+        left = (own & ~all_right) << one
+        below, above = own >> np.uint64(TILE), own << np.uint64(TILE)
+        if column + 1 < columns:
+            right |= (edges[n + 1] & all_left) << np.uint64(TILE - 1)
+        if column > 0:
+            left |= (edges[n - 1] & all_right) >> np.uint64(TILE - 1)
+        if row + 1 < rows:
+            below |= edges[n + columns] << np.uint64(TILE * (TILE - 1))
+        if row > 0:
+            above |= edges[n - columns] >> np.uint64(TILE * (TILE - 1))
+        u0, v0 = TILE * column, TILE * row
+        asked = (right | left | below | above) & ~own
+        for y in range(TILE):
+            if asked >> np.uint64(y * TILE) & np.uint64(255) == 0:
+                continue
+            for x in range(TILE):
+                bit = one << np.uint64(y * TILE + x)
+                if asked & bit == 0 or not valid[v0 + y, u0 + x]:
+                    continue
+                u, v = u0 + x, v0 + y
+                here = _shown(tile, pixel, columns, v, u)
+                for k in range(8):
+                    # Both far corners of each neighbour.
+                    far = k % 2
+                    if k < 2:
+                        beside, i, j = right & bit != 0, v + far, u + 2
+                    elif k < 4:
+                        beside, i, j = left & bit != 0, v + far, u - 1
+                    elif k < 6:
+                        beside, i, j = below & bit != 0, v + 2, u + far
+                    else:
+                        beside, i, j = above & bit != 0, v - 1, u + far
+                    if not beside:
+                        continue
+                    m = _shown(tile, pixel, columns, i, j)
+                    if m < 0 or m == here:
+                        continue
+                    for q in range(3):
+                        px, py, pz = corner[m, q, 0], corner[m, q, 1], corner[m, q, 2]
+                        w = (inverse[n, 2, 0] * px + inverse[n, 2, 1] * py
+                             + inverse[n, 2, 2] * pz)
+                        dx = (inverse[n, 0, 0] * px + inverse[n, 0, 1] * py
+                              + inverse[n, 0, 2] * pz) - x * w
+                        dy = (inverse[n, 1, 0] * px + inverse[n, 1, 1] * py
+                              + inverse[n, 1, 2] * pz) - y * w
+                        if max(abs(dx), abs(dy)) <= (0.5 + spread[n]) * w:
+                            out[n] |= bit
+    return out
+
+
+@compiled("u8[::1], i8, i8")
+def _listed(edges, cells, columns):
+    """(P,) row * width + column, cell by cell."""
+    size, width = TILE // cells, TILE * columns
+    one = np.uint64(1)
+    found = 0
+    for n in range(len(edges)):
+        bits = edges[n]
+        while bits != 0:
+            bits &= bits - one
+            found += 1
+    out = np.empty(found, np.int64)
+    found = 0
+    for n in range(len(edges)):
+        if edges[n] == 0:
+            continue
+        first = TILE * (n // columns) * width + TILE * (n % columns)
+        for place in range(cells * cells * size):
+            cell = place // size
+            y, x0 = cell // cells * size + place % size, cell % cells * size
+            bits = edges[n] >> np.uint64(y * TILE + x0) & ((one << np.uint64(size)) - one)
+            for x in range(x0, x0 + size):
+                if bits == 0:
+                    break
+                if bits & one != 0:
+                    out[found] = first + y * width + x
                     found += 1
-    return out[:found]
+                bits >>= one
+    return out

@@ -1,4 +1,4 @@
-"""What pixels with edges consist of: found, and resolved into what their triangles show of them."""
+"""What pixels with edges consist of: what their triangles show of each."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 
 from .binning import Seen
 from .edges import resolved
-from .finding import found_edges
 from .sampling import Samples
 from .tiles import Tiles
 
@@ -31,26 +30,25 @@ class Fragments:
 
 
 class Edges:
-    """Finds and resolves the edges of pictures through the same tiles."""
+    """Resolves the edges of pictures through the same tiles."""
 
     def __init__(self, tiles: Tiles) -> None:
         self._tiles = tiles
         self._room = 4096
 
-    def fragments(self, seen: Seen, samples: Samples, words: np.ndarray,
-                  plain: np.ndarray, part: np.ndarray, near: float, far: float) -> Fragments:
-        """Fragments of the pixels with edges; words: the picture with one sample a pixel."""
+    def fragments(self, seen: Seen, samples: Samples, found: np.ndarray, plain: np.ndarray,
+                  near: float, far: float) -> Fragments:
+        """What the pixels found consist of; plain: (N,) words of the triangles that have one
+        colour."""
         t = self._tiles
-        found = found_edges(t, seen, samples, words, plain, part)
         while True:
             room = self._room
-            pixel, start = np.empty(len(found), np.int64), np.empty(len(found) + 1, np.int64)
+            start = np.empty(len(found) + 1, np.int64)
             member, share, at = np.empty(room, np.int64), np.empty(room), np.empty((room, 2))
-            pixels, count = resolved(
+            count = resolved(
                 found, samples.start, samples.member, samples.full, samples.touched,
                 seen.side, seen.cut, seen.opaque, plain, t.matrices, t.axis, t.cells, t.columns,
-                near, far, pixel, start, member, share, at)
+                near, far, start, member, share, at)
             if count <= room:
-                return Fragments(pixel[:pixels], start[:pixels + 1], member[:count],
-                                 share[:count], at[:count])
+                return Fragments(found, start, member[:count], share[:count], at[:count])
             self._room = 2 * count

@@ -15,8 +15,9 @@ from .textures import Textures
 # Clusters of 32 draw 40 000 triangles as fast as those of 16 or 64, and the robot a tenth faster
 # than those of 128.
 CLUSTER = 32
-# Smaller ones are cut as well where that makes the boxes times triangles as much smaller.
-WORTHWHILE = 0.6
+# Smaller ones are cut as well where that makes the boxes as much smaller, times what there is to be
+# done in each: a look at a cluster costs what so many triangles do.
+WORTHWHILE, LOOK = 0.6, 1
 # Memory for scenes that come again, bytes: a study shows the same one ten thousand times.
 KEPT = 1 << 27
 
@@ -52,7 +53,8 @@ class Geometry:
     """Triangles of all parts, cluster by cluster.
 
     corners (T, 3, 3), m, and normals (T, 3, 3) at them, link frame; plane (T, 4) n, d with
-        n . x = d; row (T,) of the link, part (T,) of its parts.
+        n . x = d; row (T,) of the link; smooth (T,), the same for those of a part, whose colours
+        differ as their light does, -1 with a texture.
     albedo (T, 4) rgb 0..255 and opacity 0..1.
     uv (T, 3, 2) texture coordinates, layer (T,) of the texture, -1 for none.
     """
@@ -62,7 +64,7 @@ class Geometry:
     normals: np.ndarray
     plane: np.ndarray
     row: np.ndarray
-    part: np.ndarray
+    smooth: np.ndarray
     albedo: np.ndarray
     uv: np.ndarray
     layer: np.ndarray
@@ -118,6 +120,7 @@ class Geometry:
                 quad[n] = True
                 for k, turn in enumerate(turns):
                     corners[first[n] + k] = np.roll(corners[first[n] + k], -turn, axis=0)
+        number[layer >= 0] = -1
         plane = np.concatenate([unit, (unit * corners[:, 0]).sum(axis=1)[:, None]], axis=1)
         clusters = _clusters(first, counts, corners, plane, row, albedo, quad)
         return cls(clusters, corners, normals, plane, row, number, albedo, uv, layer, textures)
@@ -183,10 +186,10 @@ def _groups(corners: np.ndarray, normal: np.ndarray, part: np.ndarray) -> list[n
             for key in keys.T:
                 order = group[np.argsort(key, kind="stable")]
                 two = [order[:len(order) // 2], order[len(order) // 2:]]
-                both = sum(len(half) * _surface(low[half], high[half]) for half in two)
+                both = sum((LOOK + len(half)) * _surface(low[half], high[half]) for half in two)
                 if both < cost:
                     halves, cost = two, both
-        whole = len(group) * _surface(low[group], high[group])
+        whole = (LOOK + len(group)) * _surface(low[group], high[group])
         if len(group) > CLUSTER or cost < WORTHWHILE * whole:
             pending += halves
         else:

@@ -14,24 +14,26 @@ from .tiles import TILE, Tiles
 def measured(tiles: Tiles, seen: Seen, samples: Samples, labels: np.ndarray
              ) -> tuple[np.ndarray, np.ndarray]:
     """Depth (height, width) float32, m, and segmentation (height, width) int32, as
-    Renderer.measure has them. labels: (N,) int32 of the triangles seen."""
+    Renderer.measure has them. samples: of the pixels' centres. labels: (N,) int32 of the
+    triangles seen."""
     depth = np.empty((tiles.height, tiles.width), np.float32)
     label = np.empty((tiles.height, tiles.width), np.int32)
-    _measure(samples.tile, samples.pixel, seen.side, labels, tiles.matrices, tiles.exact,
-             tiles.cells, tiles.columns, tiles.forward, depth, label)
+    _measure(samples.tile, samples.pixel, tiles.valid, seen.side, labels, tiles.matrices,
+             tiles.exact, tiles.cells, tiles.columns, tiles.forward, depth, label)
     return depth, label
 
 
-@compiled("i8[::1], i4[:,::1], f8[:,:,::1], i4[::1], f8[:,:,::1], f4[:,:,::1], i8, i8, b1, "
-          "f4[:,::1], i4[:,::1]")
-def _measure(tile, pixel, side, labels, matrices, exact, cells, columns, forward, depth, label):
+@compiled("i8[::1], i4[:,::1], b1[:,::1], f8[:,:,::1], i4[::1], f8[:,:,::1], f4[:,:,::1], i8, i8, "
+          "b1, f4[:,::1], i4[:,::1]")
+def _measure(tile, pixel, valid, side, labels, matrices, exact, cells, columns, forward, depth,
+             label):
     size = TILE // cells
     ray = np.empty(3)
     for v in range(depth.shape[0]):
         for u in range(depth.shape[1]):
             n = (v // TILE) * columns + u // TILE
             m = tile[n] if tile[n] > -3 else pixel[v, u]
-            if m < 0:
+            if m < 0 or not valid[v, u]:
                 depth[v, u], label[v, u] = np.inf, -1
                 continue
             x, y = u % TILE, v % TILE

@@ -11,18 +11,21 @@ import numpy as np
 from ..errors import RenderingError
 from ..world import World
 from .binning import Binning, Seen
+from .finding import found_edges
 from .fragments import Edges
 from .geometry import Geometry
 from .measuring import measured
 from .recent import Recent
 from .sampling import Sampler, Samples
 from .scene import Scene
-from .shading import Shader
+from .shading import Shader, word
 from .tiles import Tiles
 from .view import Sun, View
 
 # Memory for what is prepared for views that come again, bytes: 20 cameras of 1920 x 1200.
 KEPT = 1 << 28
+# Where pixels are sampled, px.
+CENTRE, UPPER_LEFT = 0.0, -0.5
 
 
 class _Canvas:
@@ -66,20 +69,21 @@ class ExactRenderer:
         self._canvas(view)
 
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
-        one = self._sample(view, blend)
+        one = self._sample(view, blend, UPPER_LEFT)
         canvas, geometry = one.canvas, self._geometry
         background = 255.0 * np.array(self.light.background[:3])
-        plain = canvas.shader.plain(geometry, one.seen)
-        words = canvas.shader.words(geometry, one.seen, one.samples, plain, background)
-        fragments = canvas.edges.fragments(
-            one.seen, one.samples, words, plain, geometry.part[one.seen.triangle],
-            view.near, view.far)
+        sky, plain = word(*background), canvas.shader.plain(geometry, one.seen)
+        part = geometry.smooth[one.seen.triangle]
+        edges, found = found_edges(canvas.tiles, one.seen, one.samples, plain, part, sky)
+        words = canvas.shader.words(geometry, one.seen, one.samples, plain, sky, edges)
+        fragments = canvas.edges.fragments(one.seen, one.samples, found, plain, view.near,
+                                           view.far)
         canvas.shader.blend(geometry, one.seen, fragments, background, words)
         rgba = words.view(np.uint8).reshape(*words.shape, 4)
         return cv2.cvtColor(rgba[:view.height, :view.width], cv2.COLOR_RGBA2RGB)
 
     def measure(self, view: View, blend: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-        one = self._sample(view, blend)
+        one = self._sample(view, blend, CENTRE)
         labels = self.scene.labels()[self._geometry.row[one.seen.triangle]]
         return measured(one.canvas.tiles, one.seen, one.samples, labels)
 
@@ -89,7 +93,7 @@ class ExactRenderer:
     def _canvas(self, view: View) -> _Canvas:
         return self._canvases.get(view.rays_key, lambda: _Canvas(view.tiles()))
 
-    def _sample(self, view: View, blend: float) -> _Sampled:
+    def _sample(self, view: View, blend: float, at: float) -> _Sampled:
         if self._closed:
             raise RenderingError("the renderer is closed")
         self.scene.refresh()
@@ -104,4 +108,4 @@ class ExactRenderer:
             canvas.tiles, view.optical_T_world @ world_T_link,
             self.light.to_sun @ world_T_link[:, :3, :3],
             np.array([self.light.ambient, self.light.diffuse]), view.near, view.far)
-        return _Sampled(canvas, seen, canvas.sampler.samples(seen, view.near, view.far))
+        return _Sampled(canvas, seen, canvas.sampler.samples(seen, view.near, view.far, at))

@@ -1,4 +1,4 @@
-"""What the centre of each pixel shows.
+"""What one point of each pixel shows, its centre or its upper left corner.
 
 Of the triangles in a tile, those are left out that one covering the whole tile hides. A tile of
 which nothing else is left shows that one, without a look at its pixels; in the others the
@@ -22,7 +22,7 @@ BACKGROUND, NOTHING, SEVERAL = -1, -2, -3
 
 @dataclass(frozen=True)
 class Samples:
-    """What pixels show, as numbers in Seen, or BACKGROUND, or NOTHING beyond a lens's rim.
+    """What pixels show, as numbers in Seen, or BACKGROUND, or NOTHING where a lens shows nothing.
 
     tile: (tiles,) what the whole tile shows, or SEVERAL.
     pixel: (rows * TILE, columns * TILE) int32; only of tiles with SEVERAL.
@@ -48,8 +48,11 @@ class Sampler:
         self._tiles = tiles
         self._pixel = np.empty((tiles.rows * TILE, tiles.columns * TILE), np.int32)
 
-    def samples(self, seen: Seen, near: float, far: float) -> Samples:
-        """Those of what is opaque; the rest is left to the edges."""
+    def samples(self, seen: Seen, near: float, far: float, at: float) -> Samples:
+        """Those of what is opaque, the rest is left to the edges, beyond a lens's rim too.
+
+        at: px, where in each pixel, to the right of its centre and below it.
+        """
         t = self._tiles
         tile, most, start, member, full = _settled(
             seen.cover, seen.start, seen.member, seen.full, seen.side, seen.opaque, t.matrices,
@@ -57,8 +60,7 @@ class Sampler:
         touched = np.empty(len(member), np.uint64)
         left = _sample(
             tile, start, member, full, seen.corner, seen.side, seen.cut, seen.opaque, t.matrices,
-            t.inverse, t.spread, t.axis, t.valid, t.cells, t.columns, near, far, self._pixel,
-            touched)
+            t.inverse, t.spread, t.axis, t.cells, t.columns, near, far, at, self._pixel, touched)
         return Samples(tile, self._pixel, most, start, member[:left], full[:left], touched[:left])
 
 
@@ -142,15 +144,15 @@ def _settled(cover, start, member, full, side, opaque, matrices, axis, nodes, wh
 
 
 @compiled("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], f8[:,:,::1], b1[::1], b1[::1], "
-          "f8[:,:,::1], f8[:,:,::1], f8[::1], f8[:,::1], b1[:,::1], i8, i8, f8, f8, i4[:,::1], "
-          "u8[::1]")
+          "f8[:,:,::1], f8[:,:,::1], f8[::1], f8[:,::1], i8, i8, f8, f8, f8, i4[:,::1], u8[::1]")
 def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inverse, spread, axis,
-            valid, cells, columns, near, far, pixel, touched):
+            cells, columns, near, far, at, pixel, touched):
     """Fill `pixel` and `touched` where tiles show several, and leave in start, member and full only
     what touches pixels of those; the number of that."""
     size = TILE // cells
-    nearest = np.empty(TILE * TILE)
-    shown = np.empty(TILE * TILE, np.int32)
+    nearest, shown = np.empty(TILE * TILE), np.empty(TILE * TILE, np.int64)
+    rx, ry, rz, along = (np.empty(TILE * TILE), np.empty(TILE * TILE), np.empty(TILE * TILE),
+                         np.empty(TILE * TILE))
     one = np.uint64(1)
     kept, end = 0, start[0]
     for n in range(len(tile)):
@@ -160,6 +162,14 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
             continue
         for i in range(TILE * TILE):
             nearest[i], shown[i] = 0.0, BACKGROUND
+            # The ray, and how far it goes along the axis.
+            row, column = i // TILE, i % TILE
+            c = n * cells * cells + row // size * cells + column // size
+            xc, yc = column % size + at, row % size + at
+            rx[i] = matrices[c, 0, 0] * xc + matrices[c, 0, 1] * yc + matrices[c, 0, 2]
+            ry[i] = matrices[c, 1, 0] * xc + matrices[c, 1, 1] * yc + matrices[c, 1, 2]
+            rz[i] = matrices[c, 2, 0] * xc + matrices[c, 2, 1] * yc + matrices[c, 2, 2]
+            along[i] = axis[n, 0] * rx[i] + axis[n, 1] * ry[i] + axis[n, 2] * rz[i]
         i00, i01, i02 = inverse[n, 0, 0], inverse[n, 0, 1], inverse[n, 0, 2]
         i10, i11, i12 = inverse[n, 1, 0], inverse[n, 1, 1], inverse[n, 1, 2]
         i20, i21, i22 = inverse[n, 2, 0], inverse[n, 2, 1], inverse[n, 2, 2]
@@ -192,71 +202,33 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
                 u0, u1, v0, v1 = max(u0, 0), min(u1, TILE - 1), max(v0, 0), min(v1, TILE - 1)
                 if u0 > u1 or v0 > v1:
                     continue
-                row = ((one << np.uint64(u1 - u0 + 1)) - one) << np.uint64(u0)
+                across = ((one << np.uint64(u1 - u0 + 1)) - one) << np.uint64(u0)
                 # A row in each byte, those beyond the last pushed out.
-                rows = np.uint64(0x0101010101010101) >> np.uint64(8 * (TILE - 1 - v1 + v0))
-                pixels = row * (rows << np.uint64(8 * v0))
+                down = np.uint64(0x0101010101010101) >> np.uint64(8 * (TILE - 1 - v1 + v0))
+                pixels = across * (down << np.uint64(8 * v0))
             member[kept], full[kept], touched[kept] = m, all_over, pixels
             kept += 1
             if not opaque[m]:
                 continue
-            u0, u1 = max(int(np.ceil(left)), 0), min(int(np.floor(right)), TILE - 1)
-            v0, v1 = max(int(np.ceil(top)), 0), min(int(np.floor(bottom)), TILE - 1)
-            if u0 > u1 or v0 > v1:
-                continue
-            for cell_v in range(v0 // size, v1 // size + 1):
-                for cell_u in range(u0 // size, u1 // size + 1):
-                    c = (n * cells + cell_v) * cells + cell_u
-                    x, y, z = matrices[c, 0, 0], matrices[c, 1, 0], matrices[c, 2, 0]
-                    a0 = side[m, 0, 0] * x + side[m, 0, 1] * y + side[m, 0, 2] * z
-                    a1 = side[m, 1, 0] * x + side[m, 1, 1] * y + side[m, 1, 2] * z
-                    a2 = side[m, 2, 0] * x + side[m, 2, 1] * y + side[m, 2, 2] * z
-                    x, y, z = matrices[c, 0, 1], matrices[c, 1, 1], matrices[c, 2, 1]
-                    b0 = side[m, 0, 0] * x + side[m, 0, 1] * y + side[m, 0, 2] * z
-                    b1 = side[m, 1, 0] * x + side[m, 1, 1] * y + side[m, 1, 2] * z
-                    b2 = side[m, 2, 0] * x + side[m, 2, 1] * y + side[m, 2, 2] * z
-                    x, y, z = matrices[c, 0, 2], matrices[c, 1, 2], matrices[c, 2, 2]
-                    c0 = side[m, 0, 0] * x + side[m, 0, 1] * y + side[m, 0, 2] * z
-                    c1 = side[m, 1, 0] * x + side[m, 1, 1] * y + side[m, 1, 2] * z
-                    c2 = side[m, 2, 0] * x + side[m, 2, 1] * y + side[m, 2, 2] * z
-                    x_first, x_last = max(u0 - cell_u * size, 0), min(u1 - cell_u * size, size - 1)
-                    y_first, y_last = max(v0 - cell_v * size, 0), min(v1 - cell_v * size, size - 1)
-                    corner_i = cell_v * size * TILE + cell_u * size
-                    if all_over:
-                        a, b, w0 = a0 + a1 + a2, b0 + b1 + b2, c0 + c1 + c2
-                        for y0 in range(size):
-                            for x0 in range(size):
-                                w = w0 + a * x0 + b * y0
-                                i = corner_i + TILE * y0 + x0
-                                if w > nearest[i]:
-                                    nearest[i], shown[i] = w, m
-                        continue
-                    # The most that each can become along a row.
-                    most0 = max(a0 * x_first, a0 * x_last)
-                    most1 = max(a1 * x_first, a1 * x_last)
-                    most2 = max(a2 * x_first, a2 * x_last)
-                    for y0 in range(y_first, y_last + 1):
-                        row0, row1, row2 = c0 + b0 * y0, c1 + b1 * y0, c2 + b2 * y0
-                        if row0 + most0 < 0.0 or row1 + most1 < 0.0 or row2 + most2 < 0.0:
-                            continue
-                        for x0 in range(x_first, x_last + 1):
-                            l0, l1, l2 = row0 + a0 * x0, row1 + a1 * x0, row2 + a2 * x0
-                            w = l0 + l1 + l2
-                            i = corner_i + TILE * y0 + x0
-                            if l0 >= 0.0 and l1 >= 0.0 and l2 >= 0.0 and w > nearest[i]:
-                                if cut[m]:
-                                    depth = 0.0
-                                    for j in range(3):
-                                        depth += axis[n, j] * (matrices[c, j, 0] * x0
-                                                               + matrices[c, j, 1] * y0
-                                                               + matrices[c, j, 2])
-                                    if depth < near * w or depth > far * w:
-                                        continue
-                                nearest[i], shown[i] = w, m
+            x, y, z = side[m, 0, 0], side[m, 0, 1], side[m, 0, 2]
+            x1, y1, z1 = side[m, 1, 0], side[m, 1, 1], side[m, 1, 2]
+            x2, y2, z2 = side[m, 2, 0], side[m, 2, 1], side[m, 2, 2]
+            if all_over:  # as one half of a quad it may stand for both
+                x, y, z = x + x1 + x2, y + y1 + y2, z + z1 + z2
+                x1 = y1 = z1 = x2 = y2 = z2 = 0.0
+            low, high = (near, far) if cut[m] else (0.0, np.inf)
+            for i in range(TILE * TILE):
+                l0 = x * rx[i] + y * ry[i] + z * rz[i]
+                l1 = x1 * rx[i] + y1 * ry[i] + z1 * rz[i]
+                l2 = x2 * rx[i] + y2 * ry[i] + z2 * rz[i]
+                w = l0 + l1 + l2
+                hit = ((l0 >= 0.0) & (l1 >= 0.0) & (l2 >= 0.0) & (w > nearest[i])
+                       & (low * w <= along[i]) & (high * w >= along[i]))
+                nearest[i] = w if hit else nearest[i]
+                shown[i] = m if hit else shown[i]
         u, v = TILE * (n % columns), TILE * (n // columns)
         for y0 in range(TILE):
             for x0 in range(TILE):
-                there = valid[v + y0, u + x0]
-                pixel[v + y0, u + x0] = shown[y0 * TILE + x0] if there else NOTHING
+                pixel[v + y0, u + x0] = shown[y0 * TILE + x0]
     start[len(tile)] = kept
     return kept

@@ -30,25 +30,24 @@ class Shader:
         return _plain(seen.triangle, seen.light, geometry.albedo, geometry.layer)
 
     def words(self, geometry: Geometry, seen: Seen, samples: Samples, plain: np.ndarray,
-              background: np.ndarray) -> np.ndarray:
-        """The picture with one sample a pixel, in an array that the next picture overwrites.
+              sky: np.uint32, edges: np.ndarray) -> np.ndarray:
+        """The picture but for the pixels with edges, in an array that the next one overwrites.
 
-        background: (3,) rgb 0..255.
+        plain, sky, edges: as in finding.found_edges.
         """
         t, g = self._tiles, geometry
-        sky = _word(*background)
         if samples.most == BACKGROUND:
             self._words.fill(sky)
         elif plain[samples.most]:
             self._words.fill(plain[samples.most])
-        _colour(samples.tile, samples.pixel, samples.most, plain, sky, seen.triangle, seen.side,
-                seen.light, g.albedo, g.layer, g.uv, g.textures.texels, t.matrices, t.cells,
-                t.columns, self._words)
+        _colour(samples.tile, samples.pixel, samples.most, edges, plain, sky, seen.triangle,
+                seen.side, seen.light, g.albedo, g.layer, g.uv, g.textures.texels, t.matrices,
+                t.valid, t.cells, t.columns, self._words)
         return self._words
 
     def blend(self, geometry: Geometry, seen: Seen, fragments: Fragments, background: np.ndarray,
               words: np.ndarray) -> None:
-        """Put the pixels that consist of fragments into words."""
+        """Put the pixels that consist of fragments into words. background: (3,) rgb 0..255."""
         g, t, f = geometry, self._tiles, fragments
         _blend(f.pixel, f.start, f.member, f.share, f.at, seen.triangle, seen.side, seen.light,
                g.albedo, g.layer, g.uv, g.textures.texels, t.matrices, t.cells, t.columns,
@@ -56,7 +55,8 @@ class Shader:
 
 
 @compiled("f8, f8, f8")
-def _word(red, green, blue):
+def word(red, green, blue):
+    """A colour 0..255 as a pixel."""
     r = np.uint32(np.rint(min(max(red, 0.0), 255.0)))
     g = np.uint32(np.rint(min(max(green, 0.0), 255.0)))
     b = np.uint32(np.rint(min(max(blue, 0.0), 255.0)))
@@ -69,7 +69,7 @@ def _plain(triangle, light, albedo, layer):
     for n in range(len(triangle)):
         t, lit = triangle[n], light[n]
         if layer[t] < 0 and lit[0] == lit[1] and lit[1] == lit[2]:
-            out[n] = _word(albedo[t, 0] * lit[0], albedo[t, 1] * lit[0], albedo[t, 2] * lit[0])
+            out[n] = word(albedo[t, 0] * lit[0], albedo[t, 1] * lit[0], albedo[t, 2] * lit[0])
     return out
 
 
@@ -136,10 +136,10 @@ def _light(matrices, c, side, light, m, x, y):
     return lit / w
 
 
-@compiled("i8[::1], i4[:,::1], i8, u4[::1], u4, i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], "
-          "i8[::1], f8[:,:,::1], u1[:,::1], f8[:,:,::1], i8, i8, u4[:,::1]")
-def _colour(tile, pixel, most, plain, sky, triangle, side, light, albedo, layer, uv, texels,
-            matrices, cells, columns, words):
+@compiled("i8[::1], i4[:,::1], i8, u8[::1], u4[::1], u4, i8[::1], f8[:,:,::1], f8[:,::1], "
+          "f8[:,::1], i8[::1], f8[:,:,::1], u1[:,::1], f8[:,:,::1], b1[:,::1], i8, i8, u4[:,::1]")
+def _colour(tile, pixel, most, edges, plain, sky, triangle, side, light, albedo, layer, uv, texels,
+            matrices, valid, cells, columns, words):
     size = TILE // cells
     rgb = np.empty(3)
     for n in range(len(tile)):
@@ -154,8 +154,12 @@ def _colour(tile, pixel, most, plain, sky, triangle, side, light, albedo, layer,
         for y in range(TILE):
             for x in range(TILE):
                 m = one if one >= 0 else pixel[v + y, u + x]
-                if m < 0:
-                    words[v + y, u + x] = 0 if m == NOTHING else sky
+                if edges[n] >> np.uint64(y * TILE + x) & np.uint64(1) != 0:
+                    continue
+                if not valid[v + y, u + x]:
+                    words[v + y, u + x] = 0
+                elif m < 0:
+                    words[v + y, u + x] = sky
                 elif plain[m] != 0:
                     words[v + y, u + x] = plain[m]
                 else:
@@ -167,7 +171,7 @@ def _colour(tile, pixel, most, plain, sky, triangle, side, light, albedo, layer,
                         rgb[k] = albedo[t, k] * lit
                     if layer[t] >= 0:
                         _textured(matrices, c, side, m, layer[t], uv, t, texels, xc, yc, rgb)
-                    words[v + y, u + x] = _word(rgb[0], rgb[1], rgb[2])
+                    words[v + y, u + x] = word(rgb[0], rgb[1], rgb[2])
 
 
 @compiled("i8[::1], i8[::1], i8[::1], f8[::1], f8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1], "
@@ -191,7 +195,9 @@ def _blend(pixel, start, member, share, at, triangle, side, light, albedo, layer
         for k in range(start[n], start[n + 1]):
             m = member[k]
             t = triangle[m]
-            lit = _light(matrices, c, side, light, m, at[k, 0], at[k, 1])
+            lit = light[m, 0]
+            if light[m, 1] != lit or light[m, 2] != lit:
+                lit = _light(matrices, c, side, light, m, at[k, 0], at[k, 1])
             for j in range(3):
                 rgb[j] = min(albedo[t, j] * lit, 255.0)
             if layer[t] >= 0:
@@ -200,4 +206,4 @@ def _blend(pixel, start, member, share, at, triangle, side, light, albedo, layer
             weight = share[k] * albedo[t, 3]
             for j in range(3):
                 total[j] += weight * (rgb[j] - total[j] if through else rgb[j])
-        words[v, u] = _word(total[0], total[1], total[2])
+        words[v, u] = word(total[0], total[1], total[2])

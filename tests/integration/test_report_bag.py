@@ -2,25 +2,36 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
+import cv2
 import numpy as np
 import pytest
 import rosbag
 import rospy
+import yaml
 from aras_visual_servo_camera.msg import ImageMoments
+from aras_visual_servo_controller.msg import ServoState
 from geometry_msgs.msg import TransformStamped
-from sensor_msgs.msg import CameraInfo, Image, JointState
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
+from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from aras_visual_servo_bench.assembly import assemble
+from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.experiment import Experiment
-from aras_visual_servo_bench.report import analysis
+from aras_visual_servo_bench.report.record import Record
+from aras_visual_servo_bench.report.summary import summarise
+from aras_visual_servo_bench.report.write import write_report
 from aras_visual_servo_bench.ros.bag import read_bag
+from aras_visual_servo_bench.run import Details
 from aras_visual_servo_bench.runner import Loop
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_controller.ros.messages import report_message, state_message
 
 NAMESPACE = "/aras_visual_servo"
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def transform(parent, child, pose, stamp):
@@ -38,9 +49,28 @@ def transform(parent, child, pose, stamp):
     return message
 
 
-def write_run(path, year="2016", optical=True, seconds=4.0):
-    """Record a run of the runner as the recorder would; returns last joints, arm and goal."""
-    experiment = Experiment(plant="chain", start=year, duration=seconds, linger=None)
+def description():
+    """What the node `describe` tells of a run of the demo."""
+    urdf = (ROOT / "src/aras_visual_servo_gazebo/robots/aras_visual_servo.urdf").read_text()
+    goal = ROOT / "src/aras_visual_servo_controller/config/goal_2016.yaml"
+    return {
+        "format": 1, "controller": "/aras_visual_servo_controller",
+        "parameters": {
+            "robot_description": urdf, "gazebo": {"seed": 7},
+            "aras_visual_servo_controller": {
+                "scheme": "moments", "start": 2016, "desired": "auto", "gain": 4.0, "listeners": 2,
+                "smoothing": 0.02, "gains": {"gain": 4.0},
+            },
+        },
+        "launch": [["-p", "11311", "aras_visual_servo_gazebo", "aras_visual_servo.launch",
+                    "camera:=fisheye", "camera_xyz:=0 0.03 0"]],
+        "goals": {goal.name: goal.read_text()}, "versions": {"numpy": "2"},
+    }  # fmt: skip
+
+
+def write_run(path, optical=True, seconds=3.0, described=False, compressed=False):
+    """Record a run of the runner as the recorder would; returns run, details, arm, last joints."""
+    experiment = Experiment(plant="chain", start="2016", duration=seconds, linger=None)
     loop = Loop(experiment, assemble(experiment))
     arm = loop.plant.arm
     # The camera hangs upside down: split its turn, for a half turn has no unique small quaternion.
@@ -51,7 +81,7 @@ def write_run(path, year="2016", optical=True, seconds=4.0):
     while (state := loop.to_image()) is not None:
         seen.append((state, loop.plant.joints()[0], loop.reading.outline))
 
-    with rosbag.Bag(str(path), "w") as bag:
+    with rosbag.Bag(str(path), "w", chunk_threshold=20_000) as bag:
         half = transform("base_link", "upside_down", np.eye(4), rospy.Time(1))
         half.transform.rotation.x, half.transform.rotation.w = 1.0, 0.0
         static = [half]
@@ -60,6 +90,9 @@ def write_run(path, year="2016", optical=True, seconds=4.0):
                 transform("camera_link", "camera_optical_frame", link_T_optical, rospy.Time(1))
             )
         bag.write("/tf_static", TFMessage(static), rospy.Time(1))
+        if described:
+            text = String(json.dumps(description()))
+            bag.write(f"{NAMESPACE}/experiment", text, rospy.Time(1))
         for seen_state, q, outline in seen:
             stamp = seen_state.stamp
             time = rospy.Time.from_sec(1.0 + stamp)
@@ -78,8 +111,15 @@ def write_run(path, year="2016", optical=True, seconds=4.0):
                               D=[0.0] * 4, distortion_model="equidistant")
             bag.write("/labrob/camera/camera_info", info, later)
             image = Image(encoding="rgb8", width=4, height=2, step=12, data=bytes(range(24)))
+            topic = "/labrob/camera/image_raw"
+            if compressed:
+                red = np.zeros((2, 4, 3), np.uint8)
+                red[..., 2] = 255
+                image = CompressedImage(format="rgb8; jpeg compressed bgr8",
+                                        data=cv2.imencode(".jpg", red)[1].tobytes())  # fmt: skip
+                topic += "/compressed"
             image.header.stamp = time
-            bag.write("/labrob/camera/image_raw", image, later)
+            bag.write(topic, image, later)
 
             moments = ImageMoments(valid=True, order=4)
             moments.header.stamp = time
@@ -93,38 +133,113 @@ def write_run(path, year="2016", optical=True, seconds=4.0):
             state.header.stamp = report.header.stamp = time
             bag.write(f"{NAMESPACE}/controller/state", state, later)
             bag.write(f"{NAMESPACE}/controller/diagnosis", report, later)
-    return seen[-1][1], arm, loop.servo.goal
+    return loop.result(), loop.details(), arm, seen[-1][1]
 
 
 @pytest.mark.parametrize("optical", [True, False])
 def test_bag_gives_the_run_back(tmp_path, optical):
     path = tmp_path / "run.bag"
-    last, arm, goal = write_run(path, optical=optical)
-    run = read_bag(path)
-    np.testing.assert_allclose(run.joints[-1], last)
-    np.testing.assert_allclose(run.camera_pose[-1], arm.pose(last), atol=1e-6)
-    assert run.outcome == "converged"
-    assert run.images.first.shape == (2, 4, 3)
-    assert run.images.first[0, 1, 2] == 5
-    column, row = run.images.camera.project([1.0], [0.0])  # 45 degrees to the right
+    result, details, arm, last = write_run(path, optical=optical)
+    record = read_bag(path)
+    run = record.run
+    assert run.names == result.names and run.outcome == "converged"
+    np.testing.assert_allclose(run.error, result.error)
+    np.testing.assert_allclose(run.desired, result.desired)
+    np.testing.assert_allclose(run.asked, result.asked)
+    np.testing.assert_allclose(run.achieved, result.achieved)
+    np.testing.assert_allclose(run.measured[-1], last)
+    np.testing.assert_allclose(run.true_pose[-1], arm.pose(last), atol=1e-6)
+    assert run.phases == result.phases
+    np.testing.assert_allclose(record.details.singular_LJ, details.singular_LJ)
+    np.testing.assert_allclose(record.details.manipulability, details.manipulability)
+    assert record.units == ("m", "m", "m", "rad")
+    assert record.images.pictures[0][1].shape == (2, 4, 3)
+    assert record.images.pictures[0][1][0, 1, 2] == 5
+    column, row = record.camera.project([1.0], [0.0])  # 45 degrees to the right
     np.testing.assert_allclose([column[0], row[0]], [160 + 100 * np.pi / 4, 120])
+    found = {q.key: q.value for q in summarise(record)}
+    assert found["image_rate"] == pytest.approx(30.0, abs=0.01) and found["images_late"] == 0
+    assert found["delay"] == pytest.approx(4.0, abs=0.01)
+    assert np.isnan(found["final_distance"])  # nobody has told the goal
+    assert any("is of an older version" in note for note in record.notes)
 
-    summary = analysis.summarise(run, goal)
-    assert summary["converged"] is True
-    assert summary["final_camera_error"]["position_mm"] < 0.1
-    assert summary["image_rate_hz"] == pytest.approx(30.0, abs=0.01)
-    assert summary["images_late"] == 0
+
+def test_a_described_bag_tells_what_the_run_itself_tells(tmp_path):
+    path = tmp_path / "run.bag"
+    result, *_ = write_run(path, described=True)
+    record = read_bag(path)
+    assert record.notes == []
+    assert record.tolerances == (0.0005, 0.0005, 0.001, 0.005)
+    assert record.joint_units == ("m", *("rad",) * 5)
+    np.testing.assert_allclose(record.speed, [1.0, 2.0, 2.0, 2.0, 2.0, 2.0])
+    assert record.run.verdict.word == result.verdict.word == "goal_reached"
+    assert record.run.verdict.distance == pytest.approx(result.verdict.distance, abs=1e-6)
+    # To the printed digits, from the first image on.
+    found = {q.key: q for q in summarise(record)}
+    own = {q.key: q for q in summarise(Record("own", "", result, Details.unknown(result),
+                                              record.units))}  # fmt: skip
+    for key in ("error_settled", "decay_rate", "overshoot", "final_error_xn", "worst_error_alpha",
+                "servoing_time", "top_speed"):  # fmt: skip
+        assert found[key].shown == own[key].shown, key
+    assert found["settled"].value == pytest.approx(result.settled(), abs=0.04)
+    tracks = record.tracks()
+    assert tracks.names[-1] == "centre of gravity"
+    np.testing.assert_allclose(tracks.pixels[-1], tracks.desired, atol=0.5)
+
+
+def test_a_described_bag_gives_its_experiment_back(tmp_path):
+    path = tmp_path / "run.bag"
+    write_run(path, described=True)
+    told = Experiment.from_mapping(yaml.safe_load(read_bag(path).experiment))
+    assert (told.scheme, told.start, told.camera) == ("moments", "2016", "fisheye")
+    assert told.camera_xyz == (0.0, 0.03, 0.0) and told.seed == 7 and told.gain == 4.0
+    assert told.options == {"smoothing": 0.02}
+
+
+def test_compressed_pictures_are_pictures(tmp_path):
+    path = tmp_path / "run.bag"
+    write_run(path, compressed=True)
+    (_, picture), *_ = read_bag(path).images.pictures
+    assert picture.shape == (2, 4, 3) and picture[0, 0, 0] > 200 and picture[0, 0, 2] < 50  # red
+
+
+@pytest.mark.parametrize("kept", [0.97, 0.6, 0.3])
+def test_of_a_bag_that_was_cut_off_is_told_what_is_there(tmp_path, kept):
+    whole = tmp_path / "whole.bag"
+    write_run(whole)
+    there = len(read_bag(whole).run.stamp)
+    data = bytearray(whole.read_bytes())
+    cut = tmp_path / "cut.bag.active"
+    # A recorder writes where its index is when it closes the bag.
+    at = data.index(b"index_pos=") + len(b"index_pos=")
+    data[at : at + 8] = bytes(8)
+    cut.write_bytes(data[: int(kept * len(data))])
+    before = cut.read_bytes()
+    record = read_bag(cut)
+    assert "was not closed" in record.notes[0]
+    assert 0.5 * kept * there < len(record.run.stamp) <= there
+    assert cut.read_bytes() == before  # nothing is done to the file
+    assert write_report([record], tmp_path / "out", ())[0].is_file()
 
 
 def test_bags_that_cannot_be_reported_on_are_named(tmp_path):
-    with pytest.raises(ServoError, match="cannot read the bag"):
+    with pytest.raises(BenchError, match="cannot read the bag"):
         read_bag(tmp_path / "none.bag")
     broken = tmp_path / "broken.bag"
     broken.write_bytes(b"#ROSBAG V2.0\n" + b"\0" * 50)
-    with pytest.raises(ServoError, match="cannot read the bag"):
+    with pytest.raises(BenchError, match="broken.bag"):
+        read_bag(broken)
+    broken.write_bytes(b"\x89PNG")
+    with pytest.raises(BenchError, match="cannot read the bag .*broken.bag"):
         read_bag(broken)
     empty = tmp_path / "empty.bag"
     with rosbag.Bag(str(empty), "w") as bag:
         bag.write("/clock", JointState(), rospy.Time(1))
-    with pytest.raises(ServoError, match="holds no states of a servoing controller"):
+    with pytest.raises(BenchError, match="holds no state of a servo controller .* it has /clock"):
         read_bag(empty)
+    waiting = tmp_path / "waiting.bag"
+    with rosbag.Bag(str(waiting), "w") as bag:
+        state = ServoState(phase="waiting", reason="no image on /labrob/camera")
+        bag.write(f"{NAMESPACE}/controller/state", state, rospy.Time(1))
+    with pytest.raises(BenchError, match="was waiting: no image on /labrob/camera"):
+        read_bag(waiting)

@@ -26,7 +26,7 @@ for package in ("sim_bridge", "visual_servo_camera", "visual_servo_controller",
     sys.path.append({str(SOURCES)!r} + f"/aras_{{package}}/src")
 from aras_visual_servo_bench.environment import ServoEnv
 from aras_visual_servo_bench.experiment import Experiment
-from aras_visual_servo_bench.report import analysis, plots
+from aras_visual_servo_bench.report import record, summary
 from aras_visual_servo_bench.runner import run
 bullet = run(Experiment(duration=0.2))
 assert len(bullet.stamp) > 4, bullet

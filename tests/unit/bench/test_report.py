@@ -1,130 +1,338 @@
-"""The report: right numbers from a run, every plot drawn, a table a person understands."""
+"""The report: right numbers of a run, curves with units for any scheme, one page, clear ends."""
 
+import csv
+import errno
 import json
+import re
+from dataclasses import replace
+from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.assembly import assemble
+from aras_visual_servo_bench.commands import analyzing, main
+from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.experiment import Experiment
-from aras_visual_servo_bench.report import analysis, plots
-from aras_visual_servo_bench.report.recording import Images, MomentsTrack, Recording, States
-from aras_visual_servo_bench.runner import Loop
-from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_bench.report import curves, style, summary, views
+from aras_visual_servo_bench.report.record import Images, milestones, nearest
+from aras_visual_servo_bench.report.write import FIGURES, NAMES, tables, write_report
+from aras_visual_servo_bench.study import metrics
+from aras_visual_servo_bench.study.replay import _with_pictures, carried_out
 
-SECONDS = 4.0
-
-
-@pytest.fixture(scope="module")
-def loop():
-    loop = Loop(*(lambda e: (e, assemble(e)))(
-        Experiment(plant="chain", duration=SECONDS, linger=None)
-    ))  # fmt: skip
-    loop.moments = []
-    while loop.to_image() is not None:
-        loop.moments.append(Moments.from_polygon(loop.reading.outline, 4))
-    return loop
+SECONDS = 3.0
 
 
 @pytest.fixture(scope="module")
-def goal(loop):
-    return loop.servo.goal
+def moments():
+    """The paper's moments on an arm without dynamics, exactly seen."""
+    return carried_out("moments", Experiment(plant="chain", duration=SECONDS, linger=None))
 
 
 @pytest.fixture(scope="module")
-def run(loop):
-    """A run of the runner in the form that a bag would give."""
-    result = loop.result()
-    count = len(result.stamp)
-    states = States(
-        stamp=result.stamp,
-        phase=list(result.phases),
-        reason=list(result.reasons),
-        names=result.names,
-        features=result.features,
-        desired=result.desired,
-        error=result.error,
-        twist=result.asked,
-        joint_names=result.joint_names,
-        commands=result.joints,
-        singular_values=np.ones((count, 4)),
-    )
-    picture = np.full((240, 320, 3), 255, np.uint8)
-    return Recording(
-        states=states,
-        joint_stamp=result.joint_stamp,
-        joints=result.measured,
-        camera_stamp=result.stamp,
-        camera_pose=result.pose,
-        images=Images(result.stamp, result.stamp + 0.004, picture, picture, loop.parts.camera),
-        moments=MomentsTrack(
-            result.stamp,
-            4,
-            np.array([m.m_array for m in loop.moments]),
-            np.array([m.mu_array for m in loop.moments]),
-        ),
-        outcome=result.outcome,
-        reason=result.reason,
-    )
+def points():
+    """Four points of a square, seen by a camera that flies."""
+    return carried_out("points", Experiment.from_mapping({
+        "plant": "free", "target": {"shape": "square", "size": [0.1, 0.1]},
+        "scheme": "numbered_points", "start": {"pose": [0.05, -0.03, 0.4, 3.14159, 0.0, 0.5]},
+        "goal": {"pose": [0.0, 0.0, 0.25, 3.14159, 0.0, 0.0]}, "duration": SECONDS,
+        "linger": None,
+    }))  # fmt: skip
 
 
-def test_summary_has_what_it_promises(run, goal):
-    summary = analysis.summarise(run, goal, scheme="moments", start="2016")
-    assert summary["converged"] is True
-    assert (summary["outcome"], summary["verdict"]) == ("converged", "goal_reached")
-    assert summary["reason"] == ""
-    assert 0.3 < summary["settling_time_s"] < 2.0
-    assert set(summary["final_error"]) == {"xn", "yn", "an", "alpha"}
-    assert summary["final_camera_error"]["position_mm"] < 0.1
-    assert summary["final_camera_error"]["rotation_deg"] < 0.05
-    assert summary["image_rate_hz"] == pytest.approx(30.0, abs=0.01)
-    assert abs(summary["images"] - 30 * SECONDS) <= 2
-    assert summary["images_late"] == 0
-    assert json.loads(json.dumps(summary)) == summary
+def values(record):
+    return {q.key: q.value for q in summary.summarise(record)}
 
 
-def test_errors_recomputed_from_moments_equal_those_of_the_loop(run, goal):
-    stamp, errors = analysis.moment_errors(run, goal)
-    np.testing.assert_array_equal(stamp, run.states.stamp)
-    np.testing.assert_allclose(errors, run.states.error, atol=2e-3)
+# -- numbers --------------------------------------------------------------------------------
+
+
+def test_the_numbers_are_those_of_the_studies():
+    experiment = Experiment(plant="chain", duration=1.0, linger=None)
+    finished, details, pictures = _with_pictures(experiment)
+    found = values(carried_out("again", experiment))
+    for name, metric in metrics.BUILT_IN.items():
+        assert found[name] == pytest.approx(metric.measure(finished), abs=0.0, nan_ok=True), name
+    assert len(pictures) == len(finished.run.stamp) == len(details.computing)
+
+
+def test_summary_says_how_it_ended_with_units_and_definitions(moments):
+    found = {q.key: q for q in summary.summarise(moments)}
+    assert (found["outcome"].value, found["verdict"].value) == ("converged", "goal_reached")
+    assert 0.3 < found["settled"].value < 2.0 and found["settled"].unit == "s"
+    assert abs(found["final_error_xn"].value) < 1e-3 and found["final_error_xn"].unit == "m"
+    assert found["final_error_alpha"].unit == "rad"
+    assert found["image_rate"].value == pytest.approx(30.0, abs=0.01)
+    assert abs(found["images"].value - 30 * SECONDS) <= 2 and found["images_late"].value == 0
+    assert all(q.text for q in found.values())
+    told = summary.mapping(moments, list(found.values()))
+    assert json.loads(json.dumps(told)) == told and told["converged"] is True
+    assert told["units"]["settled"] == "s" and set(told["definitions"]) == set(found)
+
+
+def test_final_and_worst_errors_are_of_the_end_and_signed(moments):
+    run = moments.run
+    error = np.full_like(run.error, 5.0)
+    late = run.stamp >= run.stamp[-1] - summary.FINAL_WINDOW
+    error[late, 0], error[run.stamp >= run.stamp[-1] - summary.LAST, 1] = -2.0, -7.0
+    found = values(replace(moments, run=replace(run, error=error)))
+    assert found["final_error_xn"] == pytest.approx(-2.0)
+    assert found["worst_error_yn"] == pytest.approx(7.0)
 
 
 def test_settling_time_wants_the_error_to_stay_small():
     stamp = np.arange(6.0)
-    error = np.array([[1.0], [0.01], [0.5], [0.01], [0.015], [0.0]])
-    assert analysis.settling_time(stamp, error) == 3.0
-    assert analysis.settling_time(stamp, error[[0, 1, 1, 1, 1, 0]]) is None
+    size = np.array([1.0, 0.01, 0.5, 0.01, 0.015, 0.0])
+    assert summary.settling_time(stamp, size) == 3.0
+    assert np.isnan(summary.settling_time(stamp, size[[0, 1, 1, 1, 1, 0]]))
+    assert summary.settling_time(stamp, np.zeros(6)) == 0.0
 
 
 def test_late_and_missing_images_are_counted():
     stamp = np.delete(np.arange(30) / 30.0, [7, 8])
     arrival = stamp + 0.004
     arrival[12] += 0.06
-    figures = analysis.image_figures(Images(stamp, arrival))
-    assert figures["images"] == 28
-    assert figures["images_late"] == 3  # two missing, one late
+    figures = summary.image_figures(Images(stamp, arrival))
+    assert figures["late"] == 3  # two missing, one late
+    assert figures["rate"] == pytest.approx(27 / (29 / 30.0))
 
 
-def test_table_speaks_plainly(run, goal):
-    summary = analysis.summarise(run, goal, real_time_factor=0.998)
-    lines = analysis.table(summary).splitlines()
-    assert lines[0].split() == ["Target", "reached", "yes,", "and", "held"]
-    assert any("1.00 x real time" in line for line in lines)
-    summary.update(converged=False, settling_time_s=None, real_time_factor=None)
-    summary.update(outcome="target_lost", reason="over the left border")
-    assert "NO: target_lost (over the left border)" in analysis.table(summary)
-    assert "never" in analysis.table(summary)
+def test_condition_is_the_largest_over_the_smallest_singular_value_of_each_image():
+    singular = np.array([[4.0, 2.0, np.nan], [9.0, 3.0, 1.0], [np.nan] * 3, [1.0, 0.0, np.nan]])
+    np.testing.assert_array_equal(curves.condition(singular), [2.0, 9.0, np.nan, np.inf])
+    assert np.isnan(curves.condition(np.zeros((3, 0)))).all()
 
 
-def test_every_plot_is_drawn(run, goal, tmp_path):
-    files = plots.write_all(
-        run,
-        goal.world_T_camera,
-        np.array([goal.moments.xg, goal.moments.yg]),
-        tmp_path,
-        analysis.tolerances("moments", goal),
-        settling=1.2,
-    )
-    files += plots.write_images(run, tmp_path)
-    assert len(files) == 7
-    assert all(file.stat().st_size > 300 for file in files)
+def test_words_tell_a_failure_with_reason_and_mend(moments):
+    lost = replace(moments, run=replace(
+        moments.run, outcome="target_lost", reason="over the left border", mend="begin nearer",
+    ))  # fmt: skip
+    told = summary.told(summary.summarise(lost))
+    assert "NO: target_lost (over the left border)" in told and "begin nearer" in told
+    assert "yes, and held" in summary.told(summary.summarise(moments))
+    nowhere = replace(moments.run, goal_pose=np.full((4, 4), np.nan))
+    blind = replace(moments, run=replace(nowhere, verdict=replace(
+        moments.run.verdict, word="", distance=np.nan, angle=np.nan)))  # fmt: skip
+    assert re.search(r"Camera off its goal by +unknown\n", summary.told(summary.summarise(blind)))
+
+
+def test_the_best_of_each_row_is_marked_once_it_differs_in_print():
+    def column(*numbers):
+        return [summary.Quantity("settled", numbers[0], "s", "-", "smaller"),
+                summary.Quantity("images", numbers[1], "", "-")]  # fmt: skip
+
+    columns = {"a": column(1.0, 3), "b": column(0.5, 9), "c": column(0.50000001, 9)}
+    assert summary.best(columns, "settled") == {"b", "c"}
+    assert summary.best(columns, "images") == set()
+    assert summary.best({"a": columns["b"], "b": columns["c"]}, "settled") == set()
+    better = {k: [replace(q[0], better="greater")] for k, q in columns.items()}
+    assert summary.best(better, "settled") == {"a"}
+    columns["d"] = column(float("nan"), 1)
+    assert summary.best(columns, "settled") == {"b", "c"}
+
+
+# -- what happened in the image --------------------------------------------------------------
+
+
+def test_four_points_are_four_tracks_in_pixels(points):
+    tracks = points.tracks()
+    assert tracks.measured and tracks.names == ("point 0", "point 1", "point 2", "point 3")
+    x, y = points.run.features[5, 4:6]  # of point 2
+    np.testing.assert_allclose(tracks.pixels[5, 2], np.ravel(points.camera.project([x], [y])))
+    x, y = points.run.desired[-1, 2:4]
+    np.testing.assert_allclose(tracks.desired[1], np.ravel(points.camera.project([x], [y])))
+
+
+def test_other_schemes_show_the_targets_corners_and_its_centre(moments):
+    tracks = moments.tracks()
+    assert not tracks.measured and tracks.names[-1] == "centre of gravity"
+    assert len(tracks.names) == 9  # the two plates together have eight corners
+    # The run ends at its goal: so do the corners and the centre.
+    np.testing.assert_allclose(tracks.pixels[-1, :-1], tracks.desired[:-1], atol=0.2)
+    np.testing.assert_allclose(tracks.pixels[-1, -1], tracks.desired[-1], atol=0.2)
+    # A turn by a turn of the camera: pixels at the start are those of the start's pose.
+    rim = moments.outline(moments.run.pose[0], moments.began)
+    low, high = rim.min(axis=0), rim.max(axis=0)
+    start = tracks.pixels[0]
+    assert (start >= low - 0.5).all() and (start <= high + 0.5).all()
+
+
+def test_pictures_are_chosen_by_what_is_left_of_the_error(moments):
+    run = moments.run
+    error = np.zeros((6, 4))
+    error[:, 0] = [1.0, 0.9, 0.5, 0.15, 0.01, 0.01]
+    short = replace(run, stamp=np.arange(6.0), error=error)
+    assert milestones(short, (1.0, 0.7, 0.2, 0.0)) == [0.0, 2.0, 3.0, 5.0]
+    assert milestones(replace(short, error=np.full((6, 4), np.nan))) == [0.0, 5.0]
+    np.testing.assert_array_equal(nearest(np.array([0.0, 1.0, 4.0]), np.array([-1, 0.6, 2.4, 9])),
+                                  [0, 1, 1, 2])  # fmt: skip
+
+
+def test_the_straight_way_begins_and_ends_where_it_must():
+    from aras_visual_servo_controller.arm.poses import transform
+
+    a, b = transform((0.1, 0.2, 0.5), (3.0, 0.1, 0.3)), transform((0.0, 0.0, 0.3), (3.1, 0.0, -0.4))
+    way = views.straight(a, b, 21)
+    np.testing.assert_allclose(way[0], a, atol=1e-12)
+    np.testing.assert_allclose(way[-1], b, atol=1e-9)
+    np.testing.assert_allclose(way[10, :3, 3], 0.5 * (a[:3, 3] + b[:3, 3]))
+    half = [way[i, :3, :3].T @ way[i + 10, :3, :3] for i in (0, 10)]
+    np.testing.assert_allclose(*half, atol=1e-9)  # one axis, evenly
+
+
+# -- figures ---------------------------------------------------------------------------------
+
+
+def test_features_share_an_axis_with_those_of_their_unit(moments, points):
+    with style.look():
+        figure = curves.feature_errors([moments])
+        labels = [axis.get_ylabel() for axis in figure.axes]
+        assert labels == ["error (m)", "error (rad)", "norm, relative"]
+        eight = curves.features([points])
+        (axis,) = eight.axes
+        assert axis.get_ylabel() == "feature (no unit)"
+        assert len(axis.get_legend_handles_labels()[1]) == 8
+        plt.close("all")
+
+
+def test_curves_are_the_arrays(moments):
+    with style.look():
+        figure = curves.camera_twist([moments])
+        full = [line for line in figure.axes[1].lines if line.get_label() == r"$\omega_y$"]
+        np.testing.assert_array_equal(full[0].get_ydata(), moments.run.achieved[:, 4])
+        np.testing.assert_array_equal(full[0].get_xdata(), moments.run.stamp - moments.run.stamp[0])
+        figure = curves.pose_errors([moments])
+        distance = moments.run.way()[0][moments.servoing]
+        np.testing.assert_allclose(
+            figure.axes[0].lines[0].get_ydata(), np.maximum(1e3 * distance, 1e-4)
+        )
+        plt.close("all")
+
+
+def test_limits_that_are_near_are_lines_and_others_words(moments):
+    run = moments.run
+    top = float(run.measured[:, 0].max())
+    near = (np.full(6, -50.0), np.r_[top + 0.001, np.full(5, 50.0)])
+    with style.look():
+        figure = curves.joint_positions([replace(moments, limits=near)])
+        first, other = figure.axes[0], figure.axes[2]
+        assert any(np.allclose(line.get_ydata(), top + 0.001) for line in first.lines)
+        assert first.get_ylim()[1] > top + 0.001
+        assert [text.get_text() for text in other.texts] == ["limits -50 to 50"]
+        plt.close("all")
+
+
+@pytest.mark.parametrize("draw", [d for row in FIGURES for *_, d in row], ids=NAMES)
+def test_every_figure_is_drawn_of_one_run_of_two_and_for_paper(draw, moments, points):
+    for paper in (False, True):
+        with style.look(paper):
+            for records in ([moments], [points], [moments, points], [moments, moments]):
+                figure = draw(records)
+                if figure is not None:
+                    assert figure.get_size_inches()[0] == (3.5 if paper else 7.2)
+                    assert all(axis.has_data() for axis in figure.axes if axis.get_visible())
+            plt.close("all")
+
+
+# -- files -----------------------------------------------------------------------------------
+
+
+def test_the_report_is_one_page_that_needs_nothing_else(moments, tmp_path):
+    moments.notes.append("the bag was <not> closed")
+    told = []
+    try:
+        written = write_report([moments], tmp_path, ("png",),
+                               progress=lambda part, what: told.append(part))  # fmt: skip
+    finally:
+        moments.notes.clear()
+    page = (tmp_path / "report.html").read_text()
+    assert written[0] == tmp_path / "report.html"
+    assert not re.findall(r'(?:src|href)="(?!data:|#)', page) and "http" not in page
+    assert "the bag was &lt;not&gt; closed" in page
+    assert page.count("<img ") == len(NAMES)
+    assert {path.stem for path in (tmp_path / "figures").iterdir()} == set(NAMES)
+    assert told == sorted(told) and told[-1] == 1.0
+    kept = json.loads((tmp_path / "summary.json").read_text())
+    for q in summary.summarise(moments):
+        if isinstance(q.value, float) and np.isfinite(q.value):
+            assert kept[q.key] == q.value
+            assert f">{q.shown}<" in page, q.key  # to the printed digits
+    with (tmp_path / "summary.csv").open() as stream:
+        rows = {row["quantity"]: row for row in csv.DictReader(stream)}
+    assert float(rows["settled"]["value"]) == kept["settled"] and rows["settled"]["unit"] == "s"
+
+
+def test_tables_hold_the_arrays_with_units(moments):
+    rows = list(csv.DictReader(tables(moments)["images"].splitlines()))
+    assert len(rows) == len(moments.run.stamp)
+    assert float(rows[7]["alpha error [rad]"]) == pytest.approx(moments.run.error[7, 3], rel=1e-8)
+    assert float(rows[7]["wy achieved [rad/s]"]) == pytest.approx(
+        moments.run.achieved[7, 4], rel=1e-8)
+    assert rows[-1]["phase"] == "converged"
+    joints = list(csv.DictReader(tables(moments)["joints"].splitlines()))
+    assert float(joints[50]["J2 speed [rad/s]"]) == pytest.approx(
+        moments.run.measured_speed[50, 2], rel=1e-8)
+    assert "gantry [m]" in joints[0]
+
+
+def test_several_runs_are_compared_with_the_best_marked(moments, points, tmp_path):
+    write_report([moments, replace(points, name="<points>")], tmp_path, ())
+    page = (tmp_path / "report.html").read_text()
+    assert 'id="comparison"' in page and 'class="number best"' in page
+    assert "&lt;points&gt;" in page and "<points>" not in page
+    assert [one["name"] for one in json.loads((tmp_path / "summary.json").read_text())] == [
+        "moments", "<points>"]
+    assert {path.name for path in (tmp_path / "data").iterdir()} == {
+        "1_images.csv", "1_joints.csv", "2_images.csv", "2_joints.csv"}
+
+
+def test_figures_for_a_paper_are_vectors_a_column_wide(points, tmp_path):
+    write_report([points], tmp_path, ("png", "svg", "pdf"), paper=True)
+    files = {path.name for path in (tmp_path / "figures").iterdir()}
+    assert "camera_path.pdf" in files and "camera_path.svg" in files
+    assert not any(name.endswith(".png") for name in files)
+    assert 'width="252pt"' in (tmp_path / "figures" / "features.svg").read_text()  # 3.5 inches
+    assert b"/Type3" not in (tmp_path / "figures" / "features.pdf").read_bytes()
+
+
+def test_a_full_disk_is_one_clear_line(points, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(BenchError, match=r"cannot write the report into .*: No space left"):
+        write_report([points], tmp_path, ("png",))
+    with pytest.raises(BenchError, match="no format 'jpg': there are png, svg, pdf"):
+        write_report([points], tmp_path, ("jpg",))
+
+
+# -- command ---------------------------------------------------------------------------------
+
+
+def test_an_experiments_file_is_run_and_reported(tmp_path, capsys):
+    file = tmp_path / "quick.yaml"
+    file.write_text("{plant: free, duration: 0.4, linger: null}\n")
+    out = tmp_path / "out"
+    assert main(["analyze", str(file), "--out", str(out), "--formats", "svg"]) == 0
+    told = capsys.readouterr().out
+    assert "quick:" in told and str(out / "report.html") in told
+    assert (out / "figures" / "feature_errors.svg").is_file()
+
+
+@pytest.mark.parametrize(("words", "complaint"), [
+    (["none.bag"], "there is no file none.bag"),
+    (["."], "holds no run.bag; a study's run is named as .:NUMBER"),
+    (["none.bag", "--formats", "gif"], "no format 'gif'"),
+    (["none.bag", "--names", "a,b"], "2 names for 1 runs"),
+])  # fmt: skip
+def test_what_cannot_be_analyzed_is_one_line(words, complaint, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["analyze", *words, "--out", "out"]) == 1
+    assert complaint in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_runs_of_one_name_are_told_apart(points):
+    twins = [replace(points), replace(points)]
+    analyzing._told_apart(twins)
+    assert [one.name for one in twins] == ["points (1)", "points (2)"]

@@ -38,7 +38,7 @@ def test_the_original_launch_files_are_there():
 def test_every_argument_is_documented_and_has_a_default(path):
     for arg in ElementTree.parse(path).getroot().findall("arg"):
         assert arg.get("doc"), f"argument {arg.get('name')} has no doc="
-        assert arg.get("default") is not None
+        assert arg.get("default", arg.get("value")) is not None
 
 
 @pytest.mark.parametrize("path", LAUNCH, ids=lambda path: path.name)
@@ -126,13 +126,39 @@ def test_camera_presets():
 
 
 def test_the_recording_holds_what_the_graph_carries():
-    (record,) = root("record.launch").findall("node")
-    topics = {word for word in record.get("args").split() if word.startswith("/")}
+    topics = set(recorder().split())
     assert topics >= {f"/aras_visual_servo/{name}/command" for name in GAINS}
     assert topics >= {"/clock", "/tf", "/tf_static", "/rosout", "/aras_visual_servo/joint_states"}
-    assert topics >= {"/labrob/camera/image_raw", "/labrob/camera/camera_info"}
+    assert topics >= {"/labrob/camera/image_raw/compressed", "/labrob/camera/camera_info"}
+    assert "/labrob/camera/image_raw" not in topics
+    assert topics >= {"/aras_visual_servo/experiment", "/gazebo/performance_metrics"}
     assert topics >= {f"/aras_visual_servo/camera/{t}" for t in ("data", "moments")}
     assert topics >= {f"/aras_visual_servo/controller/{t}" for t in ("state", "camera_twist")}
+
+
+def recorder(*given):
+    """The recorder's arguments, as roslaunch works them out."""
+    roslaunch = pytest.importorskip("roslaunch")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_PACKAGE_PATH", f"{PACKAGE.parent}:/usr/share")
+        launch = [(str(PACKAGE / "launch" / "record.launch"), ["bag:=/tmp/run.bag", *given])]
+        config = roslaunch.config.load_config_default(launch, None, assign_machines=False)
+    (args,) = [node.args for node in config.nodes if node.type == "record"]
+    assert {node.type for node in config.nodes} == {"record", "describe"}
+    return args
+
+
+@pytest.mark.parametrize(("given", "there", "missing"), [
+    ([], ["--output-name=/tmp/run.bag", "--repeat-latched"], ["--split", "--max-splits"]),
+    (["raw:=true"], ["/labrob/camera/image_raw"], ["/labrob/camera/image_raw/compressed"]),
+    (["split:=200"], ["--split", "--size=200"], ["--max-splits"]),
+    (["split:=200", "most:=3"], ["--split", "--size=200", "--max-splits=3"], []),
+    (["most:=3"], [], ["--split", "--max-splits=3"]),
+    (["camera:=/other/eye"], ["/other/eye/image_raw/compressed", "/other/eye/camera_info"], []),
+])  # fmt: skip
+def test_the_recorder_takes_pictures_and_limits_as_it_is_told(given, there, missing):
+    words = recorder(*given).split()
+    assert set(there) <= set(words) and not set(missing) & set(words), words
 
 
 def test_world_has_floor_and_sun_but_no_shadows():

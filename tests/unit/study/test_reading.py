@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 
 import numpy as np
 import pyarrow as pa
@@ -12,7 +13,7 @@ from scipy import stats
 
 from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.study import compare, figures, replay, statistics, tables
+from aras_visual_servo_bench.study import compare, figures, replay, rows, statistics, tables
 from aras_visual_servo_bench.study.engine import carry_out
 from aras_visual_servo_bench.study.folder import Folder
 from aras_visual_servo_bench.study.pools import ThisProcess
@@ -236,7 +237,11 @@ def test_a_run_is_shown_again_as_it_was(tiny, tmp_path):
     assert len(shown.pictures) == shown.row["images"]
     assert shown.pictures[0].shape[2] == 3 and shown.pictures[0].min() < 128  # the target is there
     names = {path.name for path in replay.write(shown, tmp_path / "show")}
-    assert {"report.md", "summary.json", "video.mp4", "first.png", "feature_errors.png"} <= names
+    assert {"report.html", "summary.json", "video.mp4", "feature_errors.png"} <= names
+    told = json.loads((tmp_path / "show" / "summary.json").read_text())
+    assert study.metric_names
+    for name in study.metric_names:
+        assert told[name] == shown.row[rows.column(name)], name
     import cv2
 
     video = cv2.VideoCapture(str(tmp_path / "show" / "video.mp4"))

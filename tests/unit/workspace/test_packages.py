@@ -17,12 +17,13 @@ KEYS = {
     "cv2": "python3-opencv",
     "gymnasium": "python3-gymnasium-pip",
     "genpy": "genpy",
+    "mpl_toolkits": "python3-matplotlib",
     "pybullet": "python3-pybullet-pip",
     "pinocchio": "pinocchio",
     **{
         name: f"python3-{name}"
-        for name in ("dask", "distributed", "matplotlib", "numba", "numpy", "pandas", "pyarrow",
-                     "rospkg", "scipy")
+        for name in ("dask", "distributed", "jinja2", "matplotlib", "numba", "numpy", "pandas",
+                     "pyarrow", "rospkg", "scipy")
     },
     "sklearn": "python3-sklearn",
     "yaml": "python3-yaml",

@@ -35,7 +35,7 @@ from .experiment import Experiment
 from .history import History
 from .plants.kinematic import FreeCamera
 from .rigid import exponential
-from .run import Run, Verdict
+from .run import Details, Run, Verdict
 
 NS = 1_000_000_000
 PATIENCE = 5  # images without a measurement after which nothing new will come: the camera stands
@@ -267,6 +267,10 @@ class Flight:
     def poses(self, positions: np.ndarray) -> np.ndarray:
         """World_T_camera (n, 4, 4) of every image: as a plant's, whose joints this one has not."""
         return np.array(self._poses)
+
+    def details(self) -> Details:
+        """What the scheme has worked out for each image besides."""
+        return self._history.details()
 
     def result(self) -> Run:
         """What the flight has come to."""

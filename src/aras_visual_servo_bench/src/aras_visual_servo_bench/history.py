@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from aras_visual_servo_controller.state import ServoState
 
 from .plants import Plant
-from .run import Run
+from .run import Details, Run
 
 
 class History:
@@ -90,3 +91,32 @@ class History:
             true_pose=plant.poses(np.array([row[2] for row in self._joints])),
             **known,
         )
+
+    def details(self) -> Details:
+        """What the loop worked out for the images besides; costs two decompositions an image."""
+        states = [state for state, _ in self._states]
+        decisions = [state.decision for state in states]
+        found = [state.resolution for state in states]
+        judged = [None if d is None else d.filtered_error if d.filtered_error is not None
+                  else d.error for d in decisions]  # fmt: skip
+        return Details(
+            filtered=padded(judged),
+            singular_L=padded(state.singular_values_L for state in states),
+            singular_LJ=padded(None if r is None else r.singular_values for r in found),
+            manipulability=_numbers(r and r.manipulability for r in found),
+            scale=_numbers(r and r.scale for r in found),
+            computing=_numbers(s.computing or None for s in states),
+        )
+
+
+def padded(values: Iterable[Sequence[float] | None]) -> np.ndarray:
+    """Rows of different lengths as one array (n, longest), NaN where there is nothing."""
+    rows = [np.zeros(0) if row is None else np.asarray(row, float) for row in values]
+    table = np.full((len(rows), max((len(row) for row in rows), default=0)), np.nan)
+    for i, row in enumerate(rows):
+        table[i, : len(row)] = row
+    return table
+
+
+def _numbers(values: Iterable[float | None]) -> np.ndarray:
+    return np.array([np.nan if value is None else value for value in values], float)

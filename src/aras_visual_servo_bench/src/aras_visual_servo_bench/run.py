@@ -34,6 +34,33 @@ class Verdict:
 
 
 @dataclass(frozen=True, eq=False)
+class Details:
+    """What the loop worked out for each of n images besides; NaN where it did not.
+
+    Attributes:
+        filtered: (n, k) errors behind the scheme's filter; as measured where it has none.
+        singular_L: (n, p) singular values of L in its modelled directions, largest first.
+        singular_LJ: (n, q) of the task's Jacobian L J.
+        manipulability: (n,) product of the singular values of L J.
+        scale: (n,) 1, or the factor by which the task was slowed for limits.
+        computing: (n,) s that the scheme took.
+    """
+
+    filtered: np.ndarray
+    singular_L: np.ndarray
+    singular_LJ: np.ndarray
+    manipulability: np.ndarray
+    scale: np.ndarray
+    computing: np.ndarray
+
+    @classmethod
+    def unknown(cls, run: Run) -> Details:
+        """Of a run of which no more is known than its arrays."""
+        none = np.full(len(run.stamp), np.nan)
+        return cls(run.error, run.smallest[:, None], none[:, None], none, none, none)
+
+
+@dataclass(frozen=True, eq=False)
 class Run:
     """A run as arrays; n images were answered, m joint states came.
 
@@ -92,6 +119,11 @@ class Run:
         """Whether the loop holds that it has reached its goal."""
         return self.outcome.startswith("converged")
 
+    @property
+    def servoing(self) -> np.ndarray:
+        """(m,) bool, joint states since the first image."""
+        return self.joint_stamp >= (self.stamp[0] if len(self.stamp) else np.inf)
+
     def commanded_speed(self) -> np.ndarray:
         """Greatest speed (j,) at which position commands moved, rad/s or m/s."""
         moved = np.diff(self.commanded, axis=0) / np.diff(self.joint_stamp)[:, None]
@@ -109,7 +141,7 @@ class Run:
 
         floor: m and rad (0.1 mm, 0.1 degrees) that count as there however short the way was.
         """
-        after = self.joint_stamp >= self.stamp[0] if len(self.stamp) else np.array([], bool)
+        after = self.servoing
         if not after.any():
             return float("inf")
         latest = 0.0

@@ -17,7 +17,7 @@ from .flight import fly
 from .history import History
 from .plants import CameraReading
 from .plants.base import seconds
-from .run import Run, Verdict
+from .run import Details, Run, Verdict
 
 NS = 1_000_000_000
 LAST_NS = 50_000_000
@@ -160,6 +160,10 @@ class Loop:
             verdict=self.verdict(),
             peak_speed=getattr(self.plant, "peak_speed", None),
         )
+
+    def details(self) -> Details:
+        """What the loop has worked out for each image besides."""
+        return self._history.details()
 
     def close(self) -> None:
         """Give back what the plant holds."""

@@ -1,4 +1,4 @@
-"""The bench's command line: `bench run`, `resume`, `table`, `plot`, `diff`, `show`, `tune`."""
+"""The bench's command line: run, resume, table, plot, diff, show, tune and analyze."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import argparse
 import sys
 
 from ..errors import BenchError
-from . import looking, reading, running
+from . import analyzing, looking, reading, running
 
-PARTS = (running, reading, looking)
+PARTS = (running, reading, looking, analyzing)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -1,1 +1,1 @@
-"""What a run was worth: numbers, tables and plots, without ROS."""
+"""What a run was worth: numbers, curves, tables and one page, without ROS."""

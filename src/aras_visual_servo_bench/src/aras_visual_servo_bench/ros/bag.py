@@ -1,189 +1,231 @@
-"""A recorded run read from a bag."""
+"""A recorded run read from a bag: what a report needs of it, whatever its age and however it ended.
 
-import contextlib
-from collections.abc import Iterable
+Topics are found by their types, so that other namespaces, cameras and robots are read as well.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import cv2
 import numpy as np
 
-from aras_visual_servo_camera.errors import CalibrationError
-from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.errors import ServoError
+from aras_visual_servo_controller.arm.poses import optical
 
-from ..report.recording import Images, MomentsTrack, Recording, States
+from ..errors import BenchError
+from ..report.record import Record, nearest
+from .bag_record import Messages
+from .unclosed import UnclosedBag
 
-NAMESPACE = "/aras_visual_servo"
-CAMERA_LINK = "camera_link"
-OPTICAL_FRAME = "camera_optical_frame"
+if TYPE_CHECKING:
+    import rosbag
+
+STATE, REPORT, MOMENTS = (
+    "aras_visual_servo_controller/ServoState", "aras_visual_servo_controller/ServoReport",
+    "aras_visual_servo_camera/ImageMoments",
+)  # fmt: skip
+JOINTS, INFO, METRICS = (
+    "sensor_msgs/JointState", "sensor_msgs/CameraInfo", "gazebo_msgs/PerformanceMetrics",
+)
+IMAGE, COMPRESSED = "sensor_msgs/Image", "sensor_msgs/CompressedImage"
+EXPERIMENT = "experiment"  # last part of the topic's name
+CAMERA = "/labrob/camera/"  # of the shipped robot, where a bag has several
+OPTICAL, LINK = "camera_optical_frame", "camera_link"
 
 
-def read_bag(path: str | Path) -> Recording:
+def read_bag(
+    path: str | Path, progress: Callable[[float], None] = lambda part: None, name: str = ""
+) -> Record:
     """Read a bag that record.launch wrote.
 
+    Args:
+        progress: told the part that is read. name: of the run; empty: the file's.
+
     Raises:
-        ServoError: the file cannot be read or lacks what a report needs.
+        BenchError: the file cannot be read, or lacks what a report needs.
     """
     import rosbag
 
+    path = Path(path)
     try:
-        with rosbag.Bag(str(path)) as bag:
-            collector = _Collector()
-            for topic, message, time in bag.read_messages(topics=collector.topics):
-                collector.take(topic, message, time.to_sec())
-    except (OSError, rosbag.ROSBagException) as error:
-        raise ServoError(f"cannot read the bag {path}: {error}") from error
-    return collector.run(str(path))
+        bag, note = _opened(path)
+        with bag:
+            reader = Reader(bag, path)
+            reader.read(progress)
+            record = Messages(reader).record(name or _name(path))
+    except (OSError, rosbag.ROSBagException, struct.error, ValueError, RuntimeError) as error:
+        raise BenchError(f"cannot read the bag {path}: {error}") from error
+    if note:
+        record.notes.insert(0, note)
+    return record
 
 
-class _Collector:
-    """Sorts messages into lists while the bag is read once."""
+def _name(path: Path) -> str:
+    """The folder's name for a demo's run.bag, else the file's."""
+    stem = path.name.split(".")[0]
+    return path.resolve().parent.name if stem == "run" else stem
 
-    def __init__(self) -> None:
-        self.topics = [
-            "/tf_static",
-            "/tf",
-            f"{NAMESPACE}/joint_states",
-            f"{NAMESPACE}/controller/state",
-            f"{NAMESPACE}/controller/diagnosis",
-            f"{NAMESPACE}/camera/moments",
-            "/labrob/camera/image_raw",
-            "/labrob/camera/camera_info",
-        ]
+
+def _opened(path: Path) -> tuple[rosbag.Bag | UnclosedBag, str]:
+    """The bag, and what a reader must know of it."""
+    import rosbag
+
+    try:
+        return rosbag.Bag(str(path)), ""
+    except rosbag.ROSBagUnindexedException:
+        return UnclosedBag(path), (
+            "the bag was not closed: it is still being recorded, or its recorder was killed. What "
+            "is here is what was whole when it was read."
+        )
+
+
+@dataclass
+class _Topics:
+    """Names of what a report is made of; empty where the bag has none."""
+
+    state: str
+    report: str
+    moments: str
+    joints: str
+    info: str
+    metrics: str
+    image: str
+    experiment: str
+
+    @classmethod
+    def of(cls, kinds: Mapping[str, str]) -> _Topics:
+        """kinds: type of each topic."""
+
+        def first(kind: str, ending: str = "", near: str = "") -> str:
+            found = [t for t, k in kinds.items() if k == kind and t.endswith(ending)]
+            return next((t for t in found if near and near in t), found[0] if found else "")
+
+        info = first(INFO, near=CAMERA)
+        camera = info.rpartition("/")[0] + "/" if info else CAMERA
+        image = first(IMAGE, "image_raw", camera) or first(COMPRESSED, near=camera)
+        if not image.startswith(camera):
+            image = first(COMPRESSED, near=camera) or image
+        return cls(
+            first(STATE), first(REPORT), first(MOMENTS), first(JOINTS, "joint_states"), info,
+            first(METRICS), image, first("std_msgs/String", EXPERIMENT),
+        )  # fmt: skip
+
+
+class Reader:
+    """Reads once all but the pictures, and then the few pictures that are shown."""
+
+    def __init__(self, bag: rosbag.Bag | UnclosedBag, path: Path) -> None:
+        self._bag, self.path = bag, path
+        info = bag.get_type_and_topic_info().topics
+        self._topics = _Topics.of({topic: one.msg_type for topic, one in info.items()})
+        if not self._topics.state:
+            there = ", ".join(sorted(info)) or "no message"
+            raise BenchError(
+                f"{path} holds no state of a servo controller (a topic of type {STATE}); it has "
+                f"{there}"
+            )
+        self._counts = {topic: one.message_count for topic, one in info.items()}
+        self.states: list[Any] = []
+        self.reports: dict[int, Any] = {}
+        self.moments: dict[int, Any] = {}
+        self.joints: list[Any] = []
+        self.pace: list[tuple[float, float]] = []
+        self.stamps: list[tuple[float, float, Any]] = []  # exposure, arrival, arrival as written
+        self.poses: list[tuple[float, np.ndarray]] = []
         self._transforms: dict[str, tuple[str, np.ndarray]] = {}
-        self._camera: list[tuple[float, np.ndarray]] = []
-        self._joints: list[tuple[float, dict[str, float]]] = []
-        self._diagnosis: Any = None
-        self._states: list[Any] = []
-        self._moments: list[Any] = []
-        self._images: list[tuple[float, float]] = []
-        self._first: Any = None
-        self._last: Any = None
-        self._intrinsics = Images.camera
+        self.info: Any = None
+        self.described = ""
 
-    def take(self, topic: str, message: Any, arrival: float) -> None:
-        if topic.startswith("/tf"):
-            self._take_transforms(message, topic == "/tf")
-        elif topic.endswith("joint_states"):
-            values = dict(zip(message.name, message.position, strict=False))
-            self._joints.append((message.header.stamp.to_sec(), values))
-        elif topic.endswith("controller/diagnosis"):
-            self._diagnosis = message
-        elif topic.endswith("controller/state"):
-            if len(message.error) > 0:
-                self._states.append(message)
-        elif topic.endswith("moments"):
-            if message.valid:
-                self._moments.append(message)
-        elif topic.endswith("image_raw"):
-            self._images.append((message.header.stamp.to_sec(), arrival))
-            # The first image that matters is the one the controller began with.
-            if self._first is None or not self._states:
-                self._first = message
-            self._last = message
-        else:
-            with contextlib.suppress(CalibrationError):  # the camera node has told
-                self._intrinsics = CameraModel.from_message(message)
+    # -- reading ---------------------------------------------------------------------------
 
-    def _take_transforms(self, message: Any, moving: bool) -> None:
+    def read(self, progress: Callable[[float], None]) -> None:
+        """All but the pictures' own bytes."""
+        t = self._topics
+        takers: dict[str, Callable[[Any], None]] = {
+            t.state: self.states.append, t.report: self._take_report,
+            t.moments: self._take_moments, t.joints: self.joints.append,
+            t.info: self._take_info, t.metrics: self._take_metrics,
+            t.experiment: self._take_experiment, "/tf": self._take_tf, "/tf_static": self._take_tf,
+        }  # fmt: skip
+        takers.pop("", None)
+        wanted = [topic for topic in (*takers, t.image) if topic in self._counts]
+        total, done = sum(self._counts[topic] for topic in wanted) or 1, 0
+        for topic, message, time in self._bag.read_messages(wanted, raw=True):
+            done += 1
+            if done % 500 == 0:
+                progress(done / total)
+            if topic == t.image:
+                _, data, *_ = message
+                # std_msgs/Header: seq, secs, nsecs, each four bytes
+                _, secs, nsecs = struct.unpack_from("<III", data)
+                self.stamps.append((secs + 1e-9 * nsecs, time.to_sec(), time))
+                continue
+            takers[topic](_unpacked(message))
+
+    def _take_report(self, message: Any) -> None:
+        self.reports[message.header.stamp.to_nsec()] = message
+
+    def _take_moments(self, message: Any) -> None:
+        if message.valid:
+            self.moments[message.header.stamp.to_nsec()] = message
+
+    def _take_metrics(self, message: Any) -> None:
+        self.pace.append((message.header.stamp.to_sec(), message.real_time_factor))
+
+    def _take_info(self, message: Any) -> None:
+        self.info = message
+
+    def _take_experiment(self, message: Any) -> None:
+        self.described = message.data
+
+    def _take_tf(self, message: Any) -> None:
         for entry in message.transforms:
             self._transforms[entry.child_frame_id.lstrip("/")] = (
-                entry.header.frame_id.lstrip("/"),
-                _matrix(entry.transform),
-            )
-        if not moving or not message.transforms:
-            return
-        pose = self._optical_pose()
-        if pose is not None:
-            self._camera.append((message.transforms[0].header.stamp.to_sec(), pose))
+                entry.header.frame_id.lstrip("/"), _matrix(entry.transform),
+            )  # fmt: skip
+        if message.transforms:
+            pose = self._optical_pose()
+            if pose is not None:
+                self.poses.append((message.transforms[0].header.stamp.to_sec(), pose))
 
     def _optical_pose(self) -> np.ndarray | None:
         """`base_T_optical` along the tree of transforms known by now."""
-        has_optical = OPTICAL_FRAME in self._transforms
-        frame = OPTICAL_FRAME if has_optical else CAMERA_LINK
-        pose = np.eye(4)
+        frame = OPTICAL if OPTICAL in self._transforms else LINK
         if frame not in self._transforms:
             return None
-        if not has_optical:
-            pose[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
+        pose = np.eye(4)
+        if frame == LINK:
+            pose = optical(pose)
         while frame in self._transforms:
             frame, parent_T_frame = self._transforms[frame]
             pose = parent_T_frame @ pose
         return pose
 
-    def run(self, path: str) -> Recording:
-        for what, found in (
-            ("states of a servoing controller", self._states),
-            ("images", self._images),
-            ("joint states", self._joints),
-            ("transforms of the camera", self._camera),
-            ("valid image moments", self._moments),
-        ):
-            if not found:
-                raise ServoError(f"{path} holds no {what}: nothing to report on")
-        camera_stamp, camera_pose = zip(*self._camera, strict=True)
-        names = tuple(self._states[0].joint_names)
-        known = [(t, q) for t, q in self._joints if all(name in q for name in names)]
-        if not known:
-            raise ServoError(f"{path} holds no joint states of {', '.join(names)}")
-        joint_stamp = [stamp for stamp, _ in known]
-        joints = [[values[name] for name in names] for _, values in known]
-        last = self._diagnosis
-        stamp, arrival = np.array(self._images).T
-        return Recording(
-            states=_states(self._states),
-            joint_stamp=np.array(joint_stamp),
-            joints=np.array(joints),
-            camera_stamp=np.array(camera_stamp),
-            camera_pose=np.array(camera_pose),
-            images=Images(
-                stamp,
-                arrival,
-                _rgb(self._first),
-                _rgb(self._last),
-                self._intrinsics,
-            ),
-            moments=MomentsTrack(
-                np.array([m.header.stamp.to_sec() for m in self._moments]),
-                int(self._moments[0].order),
-                np.array([m.m for m in self._moments]),
-                np.array([m.mu for m in self._moments]),
-            ),
-            **({} if last is None else
-               {"outcome": last.outcome, "reason": last.reason, "mend": last.mend}),
-        )
+    def pictures(self, stamps: Iterable[float]) -> Iterator[tuple[float, np.ndarray]]:
+        """The pictures that are next to these exposures, as rgb."""
+        if not self.stamps:
+            return
+        exposures = np.array([row[0] for row in self.stamps])
+        for index in dict.fromkeys(nearest(exposures, np.array(list(stamps))).tolist()):
+            exposure, _, written = self.stamps[index]
+            times = {"start_time": written, "end_time": written}
+            for _, message, _ in self._bag.read_messages([self._topics.image], raw=True, **times):
+                picture = _rgb(_unpacked(message))
+                if picture is not None:
+                    yield exposure, picture
+                    break
 
 
-def _states(messages: Iterable[Any]) -> States:
-    messages = list(messages)
-    return States(
-        stamp=np.array([m.header.stamp.to_sec() for m in messages]),
-        phase=[m.phase for m in messages],
-        reason=[m.reason for m in messages],
-        names=tuple(messages[0].feature_names),
-        features=np.array([m.features for m in messages]),
-        desired=np.array([m.desired_features for m in messages]),
-        error=np.array([m.error for m in messages]),
-        twist=np.array(
-            [
-                [getattr(part, axis) for part in (t.linear, t.angular) for axis in "xyz"]
-                for t in (m.camera_twist for m in messages)
-            ]
-        ),
-        joint_names=tuple(messages[0].joint_names),
-        commands=np.array([
-            _padded(m.joint_commands, len(messages[0].joint_names)) for m in messages
-        ]),
-        singular_values=np.array([
-            _padded(m.singular_values, max(len(m.singular_values) for m in messages))
-            for m in messages
-        ]),
-    )
-
-
-def _padded(values: Iterable[float], count: int) -> list[float]:
-    values = list(values)[:count]
-    return values + [float("nan")] * (count - len(values))
+def _unpacked(raw: tuple) -> Any:
+    """The message of (type, bytes, md5, position, class)."""
+    _, data, _, _, kind = raw
+    message = kind()
+    message.deserialize(data)
+    return message
 
 
 def _matrix(transform: Any) -> np.ndarray:
@@ -201,7 +243,10 @@ def _matrix(transform: Any) -> np.ndarray:
 
 
 def _rgb(message: Any) -> np.ndarray | None:
-    """(H, W, 3) uint8 of an image message with eight bits a channel; None for other kinds."""
+    """(H, W, 3) uint8 of an image of eight bits a channel, raw or compressed; None: other kinds."""
+    if hasattr(message, "format"):
+        image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR)
+        return None if image is None else image[..., ::-1].copy()
     channels = {"rgb8": 3, "bgr8": 3, "mono8": 1}.get(message.encoding)
     if channels is None:
         return None

@@ -5,9 +5,7 @@ when the target was reached and held, 1 when not, 2 for wrong arguments, 130 aft
 """
 
 import argparse
-import json
 import os
-import platform
 import signal
 import sys
 import time
@@ -18,10 +16,9 @@ import numpy as np
 import rospy
 
 from aras_visual_servo_controller.errors import ServoError
-from aras_visual_servo_controller.goal import Goal
-from aras_visual_servo_controller.settings import Settings
 from aras_visual_servo_controller.state import HOLDING
 
+from ..errors import BenchError
 from .processes import Launch, free_port
 
 STARTUP_TIMEOUT = 90.0  # s of wall time until joint states and the recorder are there
@@ -104,7 +101,6 @@ class Demo:
         self.uri = f"http://localhost:{free_port()}"
         self.launches: list[Launch] = []
         self.progress: Any = None
-        self.urdf = ""
         self._checked = 0.0
         self._holds_since: float | None = None
 
@@ -149,7 +145,6 @@ class Demo:
             STARTUP_TIMEOUT,
             "the simulated robot and the recorder",
         )
-        self.urdf = str(rospy.get_param("robot_description"))
         # The recorder and this process: rosbag takes a second to connect to a new topic.
         node = "/aras_visual_servo_controller"
         rospy.set_param(f"{node}/listeners", 2)
@@ -200,46 +195,26 @@ class Demo:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def _report(self) -> int:
-        """Write summary, pictures and plots; print the table."""
-        from ..report import analysis, plots
+        """Write the report; print its numbers."""
+        from ..report.summary import summarise, told
+        from ..report.write import write_report
         from .bag import read_bag
 
-        _say("reading the bag, drawing the plots")
-        run = read_bag(self.bag)
-        goal = self._goal()
-        scheme = self.arguments.scheme
+        _say("reading the bag, drawing the report")
+        record = read_bag(self.bag, name=self.out.name)
         factor = self.progress.real_time_factor
-        summary = analysis.summarise(
-            run,
-            goal,
-            scheme=scheme,
-            start=self.arguments.start,
-            camera=self.arguments.camera,
-            **self._moved(),
-            real_time_factor=None if factor is None else round(factor, 4),
-            versions=_versions(),
-        )
-        path = self.out / "summary.json"
-        path.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
-        plots.write_all(
-            run,
-            goal.world_T_camera,
-            np.array([goal.moments.xg, goal.moments.yg]),
-            self.out,
-            analysis.tolerances(scheme, goal),
-            summary["settling_time_s"],
-        )
-        plots.write_images(run, self.out)
-        print(f"\nVisual servoing by scheme '{scheme}' from the initial pose "
+        if factor is not None:  # of the whole run; the bag has the simulator's own
+            record.pace = np.array([[record.began, factor]])
+        record.settings = {
+            "scheme": self.arguments.scheme, "start": self.arguments.start,
+            "camera": self.arguments.camera, **self._moved(), **record.settings,
+        }  # fmt: skip
+        page = write_report([record], self.out, ("png",))[0]
+        print(f"\nVisual servoing by scheme '{self.arguments.scheme}' from the initial pose "
               f"{self.arguments.start}, camera '{self.arguments.camera}':\n\n"
-              f"{analysis.table(summary)}\n\n"
-              f"  Results in {self.out}/\n", flush=True)
-        return 0 if summary["converged"] else 1
-
-    def _goal(self) -> Goal:
-        """The goal that the controller had, as its arm sees it."""
-        settings = Settings.from_mapping({"start": self.arguments.start}, _package())
-        return Goal.load(settings.goal_path()).for_arm(settings.arm(self.urdf))
+              f"{told(summarise(record))}\n\n"
+              f"  Report: {page}\n", flush=True)
+        return 0 if record.run.converged else 1
 
     def _moved(self) -> dict[str, str]:
         """Launch arguments of a camera that was moved."""
@@ -284,25 +259,6 @@ class Demo:
             raise ServoError(f"the controller holds still: {progress.reason}")
 
 
-def _package() -> Path:
-    import rospkg
-
-    return Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
-
-
-def _versions() -> dict[str, str]:
-    """Of what the numbers depend on."""
-    import importlib.metadata as metadata
-
-    found = {"python": platform.python_version()}
-    for name in ("numpy", "opencv-python-headless", "pybullet", "pin", "matplotlib"):
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    return found
-
-
 def _say(text: str) -> None:
     print(f"[demo] {text}", flush=True)
 
@@ -320,6 +276,6 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         _say("interrupted")
         return 130
-    except (ServoError, OSError) as error:
+    except (BenchError, ServoError, OSError) as error:
         print(f"[demo] failed: {error}", file=sys.stderr)
         return 1

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from ..errors import StudyError
-from ..report.plots import COLOURS, STYLE
+from ..report.style import COLOURS, STYLE
 from . import folder as folders
 from .folder import Folder
 from .metrics import Metric

@@ -12,9 +12,11 @@ import functools
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
+from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm.poses import pose_difference
 
 from ..assembly import Assembly
@@ -22,6 +24,7 @@ from ..checked import nearest
 from ..errors import StudyError, ViewError
 from ..experiment import Experiment
 from ..run import Run
+from ..targets import PlacedTarget
 
 SMALLER, GREATER = "smaller", "greater"
 AT_LIMIT = 1e-3  # part of a joint's range
@@ -39,9 +42,38 @@ class Finished:
     @functools.cached_property
     def servoing(self) -> np.ndarray:
         """(m,) bool, joint states since the first image."""
-        run = self.run
-        first = run.stamp[0] if len(run.stamp) else np.inf
-        return run.joint_stamp >= first
+        return self.run.servoing
+
+    @property
+    def limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and greatest joints (j,), rad or m; empty where there are none."""
+        arm = self.parts.servo.arm
+        return tuple(np.asarray(getattr(arm, side, ()), float) for side in ("lower", "upper"))
+
+    @property
+    def target(self) -> PlacedTarget:
+        """In the world."""
+        return self.parts.target
+
+    @property
+    def camera(self) -> CameraModel:
+        """The true one."""
+        return self.parts.plant.camera
+
+
+class Judged(Protocol):
+    """What the built-in metrics ask of a run: a Finished has it, and a report's Record.
+
+    Attributes:
+        run: the arrays. servoing: (m,) bool, joint states since the first image.
+        limits: least and greatest joints (j,). target, camera: the true ones, or None.
+    """
+
+    run: Run
+    servoing: np.ndarray
+    limits: tuple[np.ndarray, np.ndarray]
+    target: PlacedTarget | None
+    camera: CameraModel | None
 
 
 @dataclass(frozen=True)
@@ -92,20 +124,20 @@ def find(name: str) -> Metric:
 
 
 @metric("", GREATER, "the loop's outcome and the physics' verdict together")
-def success(finished: Finished) -> float:
+def success(finished: Judged) -> float:
     """1 where the loop holds that it has converged and the camera truly stands at its goal."""
     return float(finished.run.converged and finished.run.verdict.reached)
 
 
 @metric("s", SMALLER, "control's 2 % band, of the camera's true way")
-def settled(finished: Finished) -> float:
+def settled(finished: Judged) -> float:
     """Time until the camera stays within 2 % of its first way."""
     time = finished.run.settled()
     return time if np.isfinite(time) else np.nan
 
 
 @metric("", SMALLER, "control's overshoot, of the worst feature")
-def overshoot(finished: Finished) -> float:
+def overshoot(finished: Judged) -> float:
     """How far a feature's error goes beyond its goal, as a part of its first error."""
     error = finished.run.error
     error = error[np.isfinite(error).all(axis=1)]
@@ -121,26 +153,26 @@ def overshoot(finished: Finished) -> float:
 
 
 @metric("m", SMALLER, "pose of the physics")
-def final_distance(finished: Finished) -> float:
+def final_distance(finished: Judged) -> float:
     """How far the camera is from its goal at the end."""
     return finished.run.verdict.distance
 
 
 @metric("rad", SMALLER, "pose of the physics")
-def final_angle(finished: Finished) -> float:
+def final_angle(finished: Judged) -> float:
     """How far the camera is turned from its goal at the end."""
     return finished.run.verdict.angle
 
 
 @metric("m", SMALLER, "pose of the physics")
-def path_length(finished: Finished) -> float:
+def path_length(finished: Judged) -> float:
     """Length of the camera's way."""
     places = finished.run.true_pose[finished.servoing, :3, 3]
     return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
 
 @metric("", SMALLER, "pose of the physics; 1 is a straight line")
-def path_ratio(finished: Finished) -> float:
+def path_ratio(finished: Judged) -> float:
     """Length of the camera's way over the distance from its start to its goal."""
     poses = finished.run.true_pose[finished.servoing]
     if not len(poses):
@@ -150,7 +182,7 @@ def path_ratio(finished: Finished) -> float:
 
 
 @metric("rad²/s", SMALLER, "integral of the squared joint speeds; m²/s for joints that slide")
-def energy(finished: Finished) -> float:
+def energy(finished: Judged) -> float:
     """What the joints' motion costs: the integral of the sum of their squared speeds."""
     run, after = finished.run, finished.servoing
     if after.sum() < 2:
@@ -160,10 +192,10 @@ def energy(finished: Finished) -> float:
 
 
 @metric("s", SMALLER, "joints of the physics, limits of the description")
-def limit_time(finished: Finished) -> float:
+def limit_time(finished: Judged) -> float:
     """Time during which a joint stands at one of its limits."""
-    arm, run, after = finished.parts.servo.arm, finished.run, finished.servoing
-    lower, upper = (np.asarray(getattr(arm, side, None), float) for side in ("lower", "upper"))
+    run, after = finished.run, finished.servoing
+    lower, upper = finished.limits
     if after.sum() < 2 or lower.shape != run.true_joints.shape[1:]:
         return 0.0
     margin = AT_LIMIT * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
@@ -173,9 +205,11 @@ def limit_time(finished: Finished) -> float:
 
 
 @metric("", SMALLER, "exact projection of the target's corners by the true camera")
-def image_excursion(finished: Finished) -> float:
+def image_excursion(finished: Judged) -> float:
     """Farthest place of a corner from the image's centre, in half sizes: above 1 it was outside."""
-    target, camera = finished.parts.target, finished.parts.plant.camera
+    target, camera = finished.target, finished.camera
+    if target is None or camera is None:
+        return np.nan
     half = np.array([camera.width, camera.height]) / 2.0
     worst = np.nan
     for stamp, pose in zip(finished.run.stamp, finished.run.pose, strict=True):
@@ -189,7 +223,7 @@ def image_excursion(finished: Finished) -> float:
 
 
 @metric("1/s", GREATER, "logarithm of the error between 80 and 15 % of its first value")
-def decay_rate(finished: Finished) -> float:
+def decay_rate(finished: Judged) -> float:
     """How fast the norm of the features' error, each in parts of its first, decays."""
     run = finished.run
     known = np.isfinite(run.error).all(axis=1)

@@ -8,7 +8,6 @@ from collections.abc import Callable
 from typing import TextIO
 
 EVERY = 10.0  # s between lines where there is no terminal
-WIDTH = 24
 
 
 class Progress:
@@ -40,12 +39,11 @@ class Progress:
     def line(self) -> str:
         """As it stands."""
         part = self._done / self._total if self._total else 1.0
-        filled = int(part * WIDTH)
         spent = max(self._clock() - self._began, 1e-9)
         rate = (self._done - self._before) / spent
         left = (self._total - self._done) / rate if rate else float("inf")
         return (
-            f"[{'#' * filled}{'.' * (WIDTH - filled)}] {self._done}/{self._total} runs, "
+            f"{bar(part)} {self._done}/{self._total} runs, "
             f"{rate:.3g}/s, {self.failed} without success, {duration(left)} left"
         )
 
@@ -67,3 +65,27 @@ def duration(seconds: float) -> str:
     if seconds < 172800.0:
         return f"{seconds / 3600.0:.1f} h"
     return f"{seconds / 86400.0:.1f} days"
+
+
+def bar(part: float, width: int = 24) -> str:
+    """[####....] for a part of 0 to 1."""
+    filled = int(part * width)
+    return f"[{'#' * filled}{'.' * (width - filled)}]"
+
+
+class Bar:
+    """A line that fills on a terminal; silent elsewhere."""
+
+    def __init__(self, out: TextIO) -> None:
+        self._out, self._shown = out, out.isatty()
+
+    def show(self, part: float, what: str) -> None:
+        """The part that is done, 0 to 1, and what is being done."""
+        if self._shown:
+            self._out.write(f"\r{bar(part)} {100.0 * part:3.0f} % {what[-48:]}\x1b[K")
+            self._out.flush()
+
+    def close(self) -> None:
+        """Leave no half line."""
+        if self._shown:
+            self._out.write("\r\x1b[K")

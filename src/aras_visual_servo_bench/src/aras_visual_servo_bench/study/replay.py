@@ -2,39 +2,39 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import cv2
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.figure import Figure
 
 from .. import cameras
 from ..assembly import assemble
 from ..errors import ExperimentError, StudyError
+from ..experiment import Experiment
+from ..flight import Flight
 from ..plants import CameraReading
-from ..report import plots
-from ..report.recording import Images, MomentsTrack, Recording, States
-from ..run import Run
+from ..report.of_run import record_of
+from ..report.record import Record
+from ..report.write import write_report
+from ..run import Details
 from ..runner import Loop
 from . import metrics as known_metrics
 from . import rows
 from .folder import Folder
 from .metrics import Finished
-from .tables import number
 
 
 @dataclass(frozen=True)
 class Replay:
-    """The run again. pictures: rgb (rows, columns, 3) of every image. changed: what is not as it
-    was recorded, by column."""
+    """The run again. study: its folder. details: of its loop. pictures: rgb (rows, columns, 3) of
+    every image. changed: what is not as it was recorded, by column."""
 
     number: int
+    study: Path
     finished: Finished
+    details: Details
     pictures: list[np.ndarray]
     row: dict[str, Any]
     changed: dict[str, tuple[Any, Any]]
@@ -49,22 +49,10 @@ def replay(folder: Folder, run: int) -> Replay:
     study = folder.study
     if not 0 <= run < study.runs:
         raise StudyError(f"there is no run {run}: {folder.path} has runs 0 to {study.runs - 1}")
-    pictures: list[np.ndarray] = []
     try:
-        experiment = study.experiment_of(run)
-        parts = assemble(experiment)
+        finished, details, pictures = _with_pictures(study.experiment_of(run))
     except ExperimentError as error:
         raise StudyError(f"run {run}: {error}") from error
-    loop = Loop(experiment, parts)
-    try:
-        while not loop.over:
-            before = loop.reading
-            loop.to_image()
-            if loop.reading is not None and loop.reading is not before:
-                pictures.append(_picture(loop.reading, loop))
-        finished = Finished(experiment, parts, loop.result())
-    finally:
-        loop.close()
     now = _row(folder, run, finished)
     recorded = _recorded(folder, run)
     changed = {
@@ -72,7 +60,33 @@ def replay(folder: Folder, run: int) -> Replay:
         if key in recorded and recorded[key] != value
         and not (recorded[key] != recorded[key] and value != value)
     }  # fmt: skip
-    return Replay(run, finished, pictures, now, changed)
+    return Replay(run, folder.path, finished, details, pictures, now, changed)
+
+
+def carried_out(name: str, experiment: Experiment, source: str = "") -> Record:
+    """The record of an experiment that is run here and now; ExperimentError where it cannot."""
+    return record_of(name, *_with_pictures(experiment), source)
+
+
+def _with_pictures(experiment: Experiment) -> tuple[Finished, Details, list[np.ndarray]]:
+    """A run with all that its loop knew, and rgb of every image that was answered."""
+    parts = assemble(experiment)
+    if experiment.plant == "ideal":
+        flight = Flight(experiment, parts)
+        while flight.outcome is None:
+            flight.step()
+        return Finished(experiment, parts, flight.result()), flight.details(), []
+    pictures: list[np.ndarray] = []
+    loop = Loop(experiment, parts)
+    try:
+        while not loop.over:
+            before = loop.reading
+            loop.to_image()
+            if loop.reading is not None and loop.reading is not before:
+                pictures.append(_picture(loop.reading, loop))
+        return Finished(experiment, parts, loop.result()), loop.details(), pictures
+    finally:
+        loop.close()
 
 
 def _row(folder: Folder, run: int, finished: Finished) -> dict[str, Any]:
@@ -106,53 +120,27 @@ def _picture(reading: CameraReading, loop: Loop) -> np.ndarray:
 
 
 def write(shown: Replay, out: Path) -> list[Path]:
-    """report.md with its plots, summary.json and video.mp4; StudyError where it cannot."""
-    result = shown.finished.run
-    recording = recorded(result, shown.finished.parts.plant.camera, shown.pictures)
-    drawings: dict[str, Callable[[], Figure]] = {}
-    if len(result.stamp) > 1 and result.names:
-        drawings = {
-            "feature_errors": lambda: plots.feature_errors(recording),
-            "camera_twist": lambda: plots.camera_twist(recording),
-            "joint_positions": lambda: plots.joint_positions(recording),
-        }
-        if shown.finished.experiment.target.shape == "aras":
-            drawings["camera_path"] = lambda: plots.camera_path(recording, result.goal_pose)
+    """The report, with video.mp4 where there are pictures; StudyError where it cannot."""
     try:
-        out.mkdir(parents=True, exist_ok=True)
-        written = plots.write_images(recording, out)
-        with plt.rc_context(plots.STYLE):
-            for name, draw in drawings.items():
-                figure = draw()
-                written.append(out / f"{name}.png")
-                figure.savefig(written[-1])
-                plt.close(figure)
+        written = write_report([record(shown)], out, ("png",))
         if shown.pictures:
             written.append(_video(shown, out / "video.mp4"))
-        (out / "summary.json").write_text(json.dumps(shown.row, indent=1) + "\n")
-        (out / "report.md").write_text(_report(shown, written), encoding="utf-8")
     except OSError as error:
         raise StudyError(f"cannot write into {out}: {error.strerror or error}") from None
-    return [out / "report.md", out / "summary.json", *written]
+    return written
 
 
-def recorded(result: Run, camera: Any, pictures: list[np.ndarray]) -> Recording:
-    """A run of the runner's as the report's plots take it."""
-    sent = np.searchsorted(result.joint_stamp, result.stamp).clip(max=len(result.joint_stamp) - 1)
-    states = States(
-        result.stamp, list(result.phases), list(result.reasons), result.names, result.features,
-        result.desired, result.error, result.asked, result.joint_names, result.commanded[sent],
-        result.smallest[:, None],
+def record(shown: Replay, name: str = "") -> Record:
+    """The run as a report takes it, with what is not as it was recorded for a note."""
+    found = record_of(
+        name or f"run {shown.number}", shown.finished, shown.details, shown.pictures,
+        f"run {shown.number} of the study {shown.study}",
     )  # fmt: skip
-    images = Images(
-        result.stamp, result.stamp, pictures[0] if pictures else None,
-        pictures[-1] if pictures else None, camera,
-    )  # fmt: skip
-    none = MomentsTrack(np.zeros(0), 3, np.zeros((0, 0)), np.zeros((0, 0)))
-    return Recording(
-        states, result.joint_stamp, result.measured, result.joint_stamp, result.true_pose, images,
-        none, result.outcome, result.reason, result.mend,
-    )  # fmt: skip
+    found.notes += [
+        f"not as it was recorded: {key} was {old}, is {new}"
+        for key, (old, new) in shown.changed.items()
+    ]
+    return found
 
 
 def _video(shown: Replay, path: Path) -> Path:
@@ -166,21 +154,3 @@ def _video(shown: Replay, path: Path) -> Path:
         writer.write(np.ascontiguousarray(picture[..., ::-1]))
     writer.release()
     return path
-
-
-def _report(shown: Replay, written: list[Path]) -> str:
-    result = shown.finished.run
-    lines = [f"# Run {shown.number}", "", f"{result.outcome}, {result.verdict.word}"]
-    lines[-1] += f": {result.reason}" if result.reason else ""
-    if shown.changed:
-        lines += ["", "Not as it was recorded: " + "; ".join(
-            f"{key} was {old}, is {new}" for key, (old, new) in shown.changed.items())]  # fmt: skip
-    lines += ["", "| metric | value | unit | what | source |", "|---|---|---|---|---|"]
-    for name in [key for key in shown.row if key in known_metrics.BUILT_IN]:
-        m = known_metrics.BUILT_IN[name]
-        lines.append(f"| {name} | {number(shown.row[name])} | {m.unit} | {m.text} | {m.source} |")
-    lines.append("")
-    for path in written:
-        mark = "!" if path.suffix == ".png" else ""
-        lines.append(f"{mark}[{path.stem.replace('_', ' ')}]({path.name})\n")
-    return "\n".join(lines)

@@ -1,0 +1,119 @@
+"""`bench analyze RUN... --out DIR`: a report of bags, of runs of studies, and of experiments."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ..errors import BenchError, ExperimentError
+from ..report.record import Record
+from ..study.progress import Bar
+
+RUN_OF_STUDY = re.compile(r"(.+):(\d+)$")
+
+
+def add(commands: Any) -> None:
+    """The command's own parser."""
+    analyze = commands.add_parser("analyze", help="a report of recorded runs, with all curves")
+    add_arguments(analyze)
+    analyze.set_defaults(carry_out=carry_out)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """What is analyzed, and into what."""
+    parser.add_argument(
+        "runs", nargs="+", metavar="RUN",
+        help="a bag, a folder that the demo wrote, a study's run as DIR:NUMBER, or an experiment's "
+             "YAML file; several are compared",
+    )  # fmt: skip
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR")
+    parser.add_argument("--formats", default="png,svg,pdf", metavar="png,svg,pdf")
+    parser.add_argument("--paper", action="store_true",
+                        help="figures for a paper's column: vectors, 8 point serif letters")
+    parser.add_argument("--names", default="", metavar="NAMES",
+                        help="of the runs in legends, with commas")
+
+
+def carry_out(options: argparse.Namespace) -> int:
+    """Read, draw, write; the page's path is printed."""
+    from ..report.summary import summarise, told
+    from ..report.write import KINDS, write_report
+
+    kinds = [kind.strip() for kind in options.formats.split(",") if kind.strip()]
+    for kind in kinds:  # before a minute of reading
+        if kind not in KINDS:
+            raise BenchError(f"no format '{kind}': there are {', '.join(KINDS)}")
+    names = [name.strip() for name in options.names.split(",") if name.strip()]
+    if names and len(names) != len(options.runs):
+        raise BenchError(f"{len(names)} names for {len(options.runs)} runs")
+    bar = Bar(sys.stderr)
+    try:
+        records = []
+        for i, given in enumerate(options.runs):
+            low, each = 0.5 * i / len(options.runs), 0.5 / len(options.runs)
+            record = read(given, lambda part, low=low, each=each, given=given: bar.show(
+                low + each * part, f"reading {given}"))  # fmt: skip
+            record.name = names[i] if names else record.name
+            records.append(record)
+        _told_apart(records)
+        written = write_report(
+            records, options.out, kinds, options.paper,
+            lambda part, what: bar.show(0.5 + 0.5 * part, what),
+        )  # fmt: skip
+    finally:
+        bar.close()
+    for record in records:
+        print(f"\n{record.name}:\n{told(summarise(record))}")
+        for note in record.notes:
+            print(f"  Note: {note}")
+    print(f"\n{len(written)} files, the page is {written[0]}")
+    return 0
+
+
+def read(given: str, progress: Callable[[float], None]) -> Record:
+    """The record that a word on the command line names.
+
+    Raises:
+        BenchError: there is no such run, or it cannot be read.
+    """
+    match, path = RUN_OF_STUDY.match(given), Path(given)
+    if match and not path.exists():
+        from ..study import replay
+        from ..study.folder import Folder
+
+        folder = Folder.open(Path(match[1]))
+        return replay.record(replay.replay(folder, int(match[2])), f"{folder.path.name}:{match[2]}")
+    if path.is_dir():
+        bags = [path / name for name in ("run.bag", "run.bag.active") if (path / name).is_file()]
+        if not bags:
+            raise BenchError(
+                f"{path} holds no run.bag; a study's run is named as {path}:NUMBER"
+            )
+        path = bags[0]
+    if not path.is_file():
+        raise BenchError(f"there is no file {path}")
+    if path.suffix in (".yaml", ".yml"):
+        from ..experiment import Experiment
+        from ..study.replay import carried_out
+
+        try:
+            return carried_out(path.stem, Experiment.from_yaml(path), str(path))
+        except ExperimentError as error:
+            raise BenchError(f"{path}: {error}") from None
+    try:
+        from ..ros.bag import read_bag
+    except ImportError as error:
+        raise BenchError(f"bags need ROS's Python packages: {error}") from None
+    return read_bag(path, progress)
+
+
+def _told_apart(records: list[Record]) -> None:
+    """Runs of one name get numbers."""
+    names = [record.name for record in records]
+    for i, record in enumerate(records):
+        if names.count(record.name) > 1:
+            record.name = f"{record.name} ({i + 1})"

@@ -1,0 +1,110 @@
+"""The report as one page that needs no other file."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import jinja2
+
+from .record import Record
+from .summary import Quantity, best
+from .template import PAGE
+
+# On the tiles: key, factor, unit of what is printed, words.
+TILES = (
+    ("settled", 1.0, "s", "until it stays within 2 % of its way"),
+    ("final_distance", 1e3, "mm", "camera off its goal"),
+    ("final_angle", 180.0 / math.pi, "°", "camera turned from its goal"),
+    ("path_ratio", 1.0, "", "camera's way over a straight line"),
+    ("decay_rate", 1.0, "1/s", "decay of the error"),
+    ("condition_L", 1.0, "", "greatest condition number of L"),
+    ("image_rate", 1.0, "Hz", "images in simulated time"),
+    ("real_time_factor", 1.0, "×", "real time"),
+)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A figure on the page: name of its files, title, words below, content of its SVG or PNG."""
+
+    name: str
+    title: str
+    text: str
+    content: bytes
+    kind: str = "svg+xml"
+
+    @property
+    def data(self) -> str:
+        """As an address that holds the picture itself."""
+        return f"data:image/{self.kind};base64,{base64.b64encode(self.content).decode()}"
+
+
+def page(
+    title: str,
+    records: Sequence[Record],
+    summaries: Sequence[Sequence[Quantity]],
+    figures: Sequence[Sequence[Shown]],
+    footer: str,
+) -> str:
+    """The HTML text.
+
+    Args:
+        summaries: of each record. figures: rows of one or two.
+    """
+    made = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    return made.from_string(PAGE).render(
+        title=title,
+        runs=[_run(record, quantities) for record, quantities in
+              zip(records, summaries, strict=True)],
+        tiles=_tiles(summaries[0]) if len(records) == 1 else [],
+        comparison=_comparison(records, summaries) if len(records) > 1 else [],
+        figures=figures,
+        footer=footer,
+    )  # fmt: skip
+
+
+def _run(record: Record, quantities: Sequence[Quantity]) -> Mapping[str, object]:
+    run = record.run
+    told = ", ".join(f"{key} {value}" for key, value in list(record.settings.items())[:7])
+    return {
+        "name": record.name, "outcome": run.outcome, "verdict": run.verdict.word,
+        "converged": run.converged, "reached": run.verdict.reached, "reason": run.reason,
+        "mend": run.mend, "notes": record.notes, "quantities": quantities,
+        "settings": list(record.settings.items()), "versions": list(record.versions.items()),
+        "experiment": record.experiment,
+        "meta": " · ".join(filter(None, (record.source, told))),
+    }  # fmt: skip
+
+
+def _tiles(quantities: Sequence[Quantity]) -> list[Mapping[str, str]]:
+    known = {q.key: q.value for q in quantities}
+    found = []
+    for key, factor, unit, text in TILES:
+        value = known.get(key, float("nan"))
+        if isinstance(value, float) and math.isfinite(value):
+            found.append({"value": f"{factor * value:.3g} {unit}".strip(), "text": text})
+    return found
+
+
+def _comparison(
+    records: Sequence[Record], summaries: Sequence[Sequence[Quantity]]
+) -> list[Mapping[str, object]]:
+    """A row a quantity that some run has, a column a run, the best marked."""
+    columns = {str(i): list(qs) for i, qs in enumerate(summaries)}
+    keys = list(dict.fromkeys(q.key for qs in summaries for q in qs))
+    rows = []
+    for key in keys:
+        cells = {name: {q.key: q for q in qs}.get(key) for name, qs in columns.items()}
+        first = next(q for q in cells.values() if q is not None)
+        shown = {name: "–" if q is None else q.shown for name, q in cells.items()}
+        if set(shown.values()) <= {"–"}:
+            continue
+        top = best(columns, key)
+        rows.append({
+            "key": key, "unit": first.unit, "text": first.text,
+            "cells": [{"value": shown[name], "best": name in top} for name in columns],
+        })  # fmt: skip
+    return rows

@@ -1,0 +1,219 @@
+"""A report into a folder: page, figures, tables, numbers."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Callable, Sequence
+from datetime import datetime
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..errors import BenchError
+from . import curves, style, views
+from .page import Shown, page
+from .record import Record
+from .summary import Quantity, mapping, summarise
+
+Drawing = Callable[[Sequence[Record]], Figure | None]
+KINDS = ("png", "svg", "pdf")
+# name of the files, title, words below, drawing; rows of the page
+FIGURES: tuple[tuple[tuple[str, str, str, Drawing], ...], ...] = (
+    (("filmstrip", "Filmstrip", "What the camera saw as the error shrank; green: the outline that "
+      "the goal wants.", views.filmstrip),),
+    (("feature_errors", "Errors", "Errors by unit, and their norm with each in parts of its "
+      "largest.", curves.feature_errors),
+     ("pose_errors", "Pose", "Of the true camera; what the loop itself does not know.",
+      curves.pose_errors)),
+    (("features", "Features", "As measured, and as wanted.", curves.features),
+     ("camera_twist", "Twist", "In the camera's optical frame: x right, y down, z ahead.",
+      curves.camera_twist)),
+    (("image_trajectory", "Image plane", "Behind the curves: the last picture.",
+      views.image_trajectory),
+     ("camera_path", "Path", "In the world's frame; frusta open along the optical axis.",
+      views.camera_path)),
+    (("joint_positions", "Joints", "Red: limits of the description.", curves.joint_positions),),
+    (("conditioning", "Conditioning", "L in its modelled directions; L J is what the arm inverts.",
+      curves.conditioning),
+     ("timing", "Timing", "In simulated time; the real-time factor is what the simulator tells.",
+      curves.timing)),
+)  # fmt: skip
+RASTER = ("filmstrip",)  # pictures of pictures: on the page as PNG
+NAMES = tuple(name for row in FIGURES for name, *_ in row)
+
+
+def write_report(
+    records: Sequence[Record],
+    out: Path,
+    kinds: Sequence[str] = KINDS,
+    paper: bool = False,
+    progress: Callable[[float, str], None] = lambda part, what: None,
+) -> list[Path]:
+    """Write report.html, summary.json, summary.csv, figures/ and data/ into a folder.
+
+    Args:
+        records: one run, or several to be compared.
+        out: made if need be; files of the same names are overwritten.
+        kinds: of png, svg, pdf; of figures as files. Those of the page are SVG if that is one.
+        paper: figures as a paper's column has them, vector files alone; the page keeps its own.
+        progress: told the part that is done and what comes next.
+
+    Returns:
+        The files, the page first.
+
+    Raises:
+        BenchError: a kind that there is not, or a folder that cannot be written to.
+    """
+    for kind in kinds:
+        if kind not in KINDS:
+            raise BenchError(f"no format '{kind}': there are {', '.join(KINDS)}")
+    if not records:
+        raise BenchError("nothing to report on")
+    try:
+        return _Report(records, out, kinds, paper, progress).write()
+    except OSError as error:
+        raise BenchError(
+            f"cannot write the report into {out}: {error.strerror or error}"
+        ) from None
+
+
+class _Report:
+    """One report on its way."""
+
+    def __init__(
+        self, records: Sequence[Record], out: Path, kinds: Sequence[str], paper: bool,
+        progress: Callable[[float, str], None],
+    ) -> None:  # fmt: skip
+        self.records, self.out, self.progress = list(records), out, progress
+        self.kinds, self.paper = [k for k in kinds if not (paper and k == "png")], paper
+        self.written: list[Path] = []
+        self._steps, self._done = len(NAMES) * (2 if paper else 1) + 2, 0
+
+    def write(self) -> list[Path]:
+        """All files."""
+        for folder in ("figures", "data"):
+            (self.out / folder).mkdir(parents=True, exist_ok=True)
+        self._next("numbers")
+        summaries = [summarise(record) for record in self.records]
+        self._numbers(summaries)
+        for number, record in enumerate(self.records):
+            label = "" if len(self.records) == 1 else f"{number + 1}_"
+            for name, table in tables(record).items():
+                self._text(self.out / "data" / f"{label}{name}.csv", table)
+        with style.look():
+            rows = [self._row(row) for row in FIGURES]
+        if self.paper:
+            with style.look(paper=True):
+                for row in FIGURES:
+                    self._row(row, files=True)
+        self._next("page")
+        names = [record.name for record in self.records]
+        title = names[0] if len(names) == 1 else "Comparison of " + ", ".join(names)
+        footer = f"Written {datetime.now():%Y-%m-%d %H:%M} by aras_visual_servo_bench analyze."
+        text = page(title, self.records, summaries, [row for row in rows if row], footer)
+        self._text(self.out / "report.html", text)
+        self.progress(1.0, "done")
+        return [self.out / "report.html",
+                *(path for path in self.written if path.name != "report.html")]  # fmt: skip
+
+    def _next(self, what: str) -> None:
+        self.progress(self._done / self._steps, what)
+        self._done += 1
+
+    def _text(self, path: Path, text: str) -> None:
+        path.write_text(text, encoding="utf-8")
+        self.written.append(path)
+
+    def _numbers(self, summaries: Sequence[Sequence[Quantity]]) -> None:
+        told = [mapping(r, qs) for r, qs in zip(self.records, summaries, strict=True)]
+        text = json.dumps(told[0] if len(told) == 1 else told, indent=2, ensure_ascii=False)
+        self._text(self.out / "summary.json", text + "\n")
+        stream = io.StringIO()
+        rows = csv.writer(stream)
+        rows.writerow(["run", "quantity", "value", "unit", "what it is"])
+        for record, quantities in zip(self.records, summaries, strict=True):
+            for q in quantities:
+                value = "" if isinstance(q.value, float) and math.isnan(q.value) else q.value
+                rows.writerow([record.name, q.key, value, q.unit, q.text])
+        self._text(self.out / "summary.csv", stream.getvalue())
+
+    def _row(self, row: Sequence[tuple], files: bool | None = None) -> list[Shown]:
+        """Draw a row's figures; those of a paper go into files alone."""
+        files = not self.paper if files is None else files
+        found = []
+        for name, title, text, draw in row:
+            self._next(title.lower())
+            figure = draw(self.records)
+            if figure is None:
+                continue
+            kind = "png" if name in RASTER or "svg" not in self.kinds else "svg"
+            shown = _drawn(figure, kind)
+            for wanted in self.kinds if files else ():
+                path = self.out / "figures" / f"{name}.{wanted}"
+                path.write_bytes(shown if wanted == kind else _drawn(figure, wanted))
+                self.written.append(path)
+            plt.close(figure)
+            found.append(Shown(name, title, text, shown, "svg+xml" if kind == "svg" else "png"))
+        return found
+
+
+def _drawn(figure: Figure, kind: str) -> bytes:
+    stream = io.BytesIO()
+    plain = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
+    figure.savefig(stream, format=kind, metadata=plain)
+    return stream.getvalue()
+
+
+def tables(record: Record) -> dict[str, str]:
+    """CSV texts: images (a row an image that was answered) and joints (one a joint state)."""
+    run, details = record.run, record.details
+    images: dict[str, np.ndarray] = {"time [s]": record.time, "stamp [s]": run.stamp}
+    for i, name in enumerate(run.names):
+        unit = f" [{record.units[i]}]" if record.units[i] else ""
+        images[f"{name}{unit}"] = run.features[:, i]
+        images[f"{name} desired{unit}"] = run.desired[:, i]
+        images[f"{name} error{unit}"] = run.error[:, i]
+        if details.filtered.shape == run.error.shape:
+            images[f"{name} filtered error{unit}"] = details.filtered[:, i]
+    for word, twist in (("asked", run.asked), ("achieved", run.achieved)):
+        for i, axis in enumerate(("vx", "vy", "vz", "wx", "wy", "wz")):
+            images[f"{axis} {word} [{'m/s' if i < 3 else 'rad/s'}]"] = twist[:, i]
+    images["condition of L"] = curves.condition(details.singular_L)
+    images["condition of L J"] = curves.condition(details.singular_LJ)
+    images["manipulability"], images["scale"] = details.manipulability, details.scale
+    images["computing [s]"] = details.computing
+    for i, axis in enumerate("xyz"):
+        images[f"camera {axis} [m]"] = run.pose[:, i, 3]
+    joints: dict[str, np.ndarray] = {
+        "time [s]": record.joint_time, "stamp [s]": run.joint_stamp,
+    }  # fmt: skip
+    units = dict(zip(run.joint_names, record.joint_units, strict=False))
+    for i, name in enumerate(run.joint_names):
+        unit = units.get(name, "rad")
+        joints[f"{name} [{unit}]"] = run.measured[:, i]
+        joints[f"{name} speed [{unit}/s]"] = run.measured_speed[:, i]
+        joints[f"{name} command [{unit}]"] = run.commanded[:, i]
+    for i, axis in enumerate("xyz"):
+        joints[f"camera {axis} [m]"] = run.true_pose[:, i, 3]
+    return {
+        "images": _csv(images, [("phase", run.phases), ("outcome", run.outcomes),
+                                ("reason", run.reasons)]),
+        "joints": _csv(joints, []),
+    }  # fmt: skip
+
+
+def _csv(columns: dict[str, np.ndarray], words: Sequence[tuple[str, Sequence[str]]]) -> str:
+    """Nine digits, nothing where there is no number."""
+    stream = io.StringIO()
+    rows = csv.writer(stream, lineterminator="\n")
+    rows.writerow([*columns, *(name for name, _ in words)])
+    numbers = np.column_stack(list(columns.values())) if columns else np.zeros((0, 0))
+    for i, row in enumerate(numbers.tolist()):
+        told = ["" if math.isnan(value) else f"{value:.9g}" for value in row]
+        rows.writerow([*told, *(texts[i] for _, texts in words)])
+    return stream.getvalue()

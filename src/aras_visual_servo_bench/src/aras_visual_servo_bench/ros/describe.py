@@ -1,0 +1,99 @@
+"""One latched message with everything that repeats a run, for who records it.
+
+JSON with: `parameters`, the whole parameter server; `launch`, the words of every roslaunch of this
+master; `goals`, the texts of the goal files that the controller may take; `presets`, the camera's
+file; `versions` and `code`, of what computes; `controller`, the node whose parameters count. It is
+sent again whenever one of them changes. Nothing of it is judged here: who reads it does.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import time
+from collections.abc import Mapping
+from pathlib import Path
+
+FORMAT = 1
+TOPIC = "/aras_visual_servo/experiment"
+CONTROLLER = "/aras_visual_servo_controller"
+PERIOD = 1.0  # s of wall time between two looks
+LARGEST = 200_000  # bytes of a goal file
+
+
+def gathered(parameters: Mapping[str, object], controller: str = CONTROLLER) -> dict[str, object]:
+    """What the message says of these parameters; see the module."""
+    from ..study.versions import code, versions
+
+    return {
+        "format": FORMAT,
+        "controller": controller,
+        "parameters": parameters,
+        "launch": launches(),
+        "goals": goals(at(parameters, controller)),
+        "versions": {**versions(), "code": code()},
+    }
+
+
+def at(parameters: Mapping[str, object], name: str) -> dict[str, object]:
+    """The branch of the parameter server below a name; empty where there is none."""
+    found: object = parameters
+    for part in filter(None, name.split("/")):
+        found = found.get(part, {}) if isinstance(found, Mapping) else {}
+    return dict(found) if isinstance(found, Mapping) else {}
+
+
+def goals(controller: Mapping[str, object]) -> dict[str, str]:
+    """Texts of the goal files that may be meant, by file name."""
+    import rospkg
+
+    with contextlib.suppress(rospkg.ResourceNotFound):
+        folder = Path(rospkg.RosPack().get_path("aras_visual_servo_controller")) / "config"
+        named = [str(controller.get(key, "")) for key in ("desired", "start")] + ["2016"]
+        paths = [folder / f"goal_{Path(name).name}.yaml" for name in named]
+        paths.append(Path(str(controller.get("desired", ""))).expanduser())
+        return {
+            path.name: path.read_text(encoding="utf-8", errors="replace")
+            for path in dict.fromkeys(paths)
+            if path.is_file() and path.stat().st_size < LARGEST
+        }
+    return {}
+
+
+def launches(proc: Path = Path("/proc")) -> list[list[str]]:
+    """Words behind the name of every roslaunch on this machine that has the same master."""
+    master, found = os.environ.get("ROS_MASTER_URI", ""), []
+    for entry in sorted(proc.iterdir(), key=lambda one: (len(one.name), one.name)):
+        if not entry.name.isdigit():
+            continue
+        with contextlib.suppress(OSError):
+            words = (entry / "cmdline").read_bytes().decode(errors="replace").split("\0")[:-1]
+            names = [Path(word).name for word in words[:3]]
+            if "roslaunch" not in names:
+                continue
+            environment = (entry / "environ").read_bytes().decode(errors="replace").split("\0")
+            theirs = dict(line.partition("=")[::2] for line in environment).get("ROS_MASTER_URI")
+            if theirs == master:
+                found.append(words[names.index("roslaunch") + 1 :])
+    return found
+
+
+def main() -> int:
+    """The node `describe`: look, and tell what is new."""
+    import rospy
+    from std_msgs.msg import String
+
+    rospy.init_node("describe", disable_rostime=True)
+    controller = rospy.get_param("~controller", CONTROLLER)
+    publisher = rospy.Publisher(TOPIC, String, queue_size=1, latch=True)
+    told = ""
+    while not rospy.is_shutdown():
+        with contextlib.suppress(rospy.ROSException, OSError):
+            parameters = rospy.get_param("/")
+            text = json.dumps(parameters, sort_keys=True, default=str)
+            if text != told:
+                told = text
+                publisher.publish(String(json.dumps(gathered(parameters, controller), default=str)))
+        time.sleep(PERIOD)
+    return 0

@@ -77,15 +77,19 @@ class JointSpace:
     def advance(self, dt: float) -> int:
         """One step of `dt` s; -1, or the number of a joint that diverged."""
         bad = joint_dynamics.advance(*self._step, dt)
-        if self._pushed:
-            self._wrenches[:] = 0.0
-            self._pushed = False
+        self._forget_pushes()
         return bad
 
     def react(self, dt: float) -> list[float]:
         """Efforts of damping and of stops in the coming step, where somebody else makes it."""
         joint_dynamics.react(*self._step, dt)
+        self._forget_pushes()
         return self._rows[PUSH].tolist()
+
+    def _forget_pushes(self) -> None:
+        if self._pushed:
+            self._wrenches[:] = 0.0
+            self._pushed = False
 
     def bias_efforts(self) -> list[float]:
         """What gravity, Coriolis and centrifugal forces ask of each joint, N m or N."""

@@ -241,8 +241,9 @@ class Model:
         if self.let_go is not None and index in self.base_links():
             self._release()
         self.pushed = True
-        if self.joints.own:
+        if self.joints.space is not None:
             self.joints.space.push(link, force, position, torque)
+        if self.joints.own:
             return
         if any(force):
             pybullet.applyExternalForce(self.body_id, index, force, position,

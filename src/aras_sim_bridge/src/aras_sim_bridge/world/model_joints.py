@@ -54,8 +54,9 @@ class ModelJoints:
             pybullet.changeDynamics(body.body_id, index, jointLimitForce=NO_LIMIT_FORCE,
                                     physicsClientId=body.client)
             self.restore_friction(slot)
-        for name, fastest in self._speed_bounds.items():
-            self.bound_speed(name, fastest)
+        if self.space is not None:  # a base that was let go is bounded again when it is held
+            for name, fastest in self._speed_bounds.items():
+                self.space.bound_speed(self._slot[name], fastest)
         for name, position in positions.items():
             self._set_state(self._slot[name], position)
         self._gears = self._make_gears()
@@ -172,9 +173,8 @@ class ModelJoints:
         """Hand the pending efforts, which are finite, to Bullet."""
         efforts = total = self.pending_efforts
         if self.space is not None:
-            state = self.space.state
-            state[0], state[1], _ = self.read()
-            state[2] = efforts
+            self.take_note()
+            self.space.state[2] = efforts
             total = [e + t for e, t in zip(efforts, self.space.react(dt), strict=True)]
         else:
             self.damping.before_step(dt)
@@ -184,6 +184,10 @@ class ModelJoints:
                 physicsClientId=self.body.client)
         self.applied, self.pending_efforts = efforts, [0.0] * len(efforts)
         self._dirty = False
+
+    def take_note(self) -> None:
+        """Take Bullet's state of the joints over into `space`, whose steps Bullet makes."""
+        self.space.state[0], self.space.state[1], _ = self.read()
 
     def advance(self, dt: float) -> None:
         """Make a step with the pending efforts, which are finite; `own` is true.
@@ -331,7 +335,7 @@ class ModelJoints:
         and damping. For models with a fixed base.
         """
         if not self.own:
-            self.space.state[0], self.space.state[1], _ = self.read()
+            self.take_note()
         return self.space.bias_efforts()
 
     def _make_gears(self) -> list[int]:

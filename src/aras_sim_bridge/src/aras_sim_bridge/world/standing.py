@@ -3,9 +3,9 @@
 The original's robot weighs 1.7 t and stands on the floor. Contacts of twelve corners in each step
 cost five times what the arm does, and all they say is that the base does not move. So a free model
 that rests on what never moves is stepped as if it were bolted down, as ODE puts resting bodies to
-sleep; but after every step the floor is asked whether it can bear what the arm asks of the base:
-by pressure within its corners, and by friction. When it cannot, or somebody pushes, moves or
-changes anything, the base is free again.
+sleep; but after every step the floor is asked whether it can bear what the arm, and whatever lies
+on the model or strikes it, asks of the base: by pressure within its corners, and by friction. When
+it cannot, or somebody pushes, moves or changes anything, the base is free again.
 """
 
 from __future__ import annotations
@@ -18,7 +18,16 @@ import numpy as np
 
 from aras_sim_bridge.compiled import compiled
 from aras_sim_bridge.description import Geometry, shapes
-from aras_sim_bridge.poses import Pose, Twist, rotate
+from aras_sim_bridge.poses import (
+    Pose,
+    Twist,
+    add,
+    conjugate,
+    cross,
+    rotate,
+    scaled,
+    subtract,
+)
 from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.model import Model
 
@@ -27,19 +36,25 @@ PATIENCE = 1000  # steps after which a base that the floor could not hold is loo
 _STILL = 1e-6  # m and rad between two looks
 _TOUCHING = 1e-4  # m; Bullet lets what rests sink in by a tenth of it
 _SHARE = 0.9  # of what friction and corners can bear
+# What strikes a base finds it bolted for a step, and rebounds as from a wall: off by the share that
+# its mass has of the base's. So a base is held only where that is so much heavier.
+_HEAVIER = 100.0
 
 
-@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1], f8")
-def _bears(tree, frames, state, before, gravity, ground, corners, load, dt):
+@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1], "
+          "f8[::1], f8")
+def _bears(tree, frames, state, before, gravity, ground, corners, touch, load, dt):
     """Whether the ground can bear a bolted tree's base over the step that was just made.
 
     tree, frames, state: of joint_dynamics.py, after the step. before (n,): speeds before it.
     gravity (3,): m/s². ground (11,): mass and centre of mass of the base, the ground's normal, a
     point of the ground, friction coefficient. corners (m, 6): of a polygon on the ground, each
-    with the outward normal of the edge that begins there. All in the root's axes, about its
-    origin. load (6,): gets torque and force of the base on the tree.
+    with the outward normal of the edge that begins there. touch (6,): torque and force of what
+    touches the model. All in the root's axes, about its origin. load (6,): gets torque and force
+    that the ground and the base's weight must give.
     """
-    load[:] = 0.0
+    for k in range(6):
+        load[k] = -touch[k]
     for j in range(len(tree)):
         f = frames[j]
         a = (state[1, j] - before[j]) / dt
@@ -97,19 +112,23 @@ def _bears(tree, frames, state, before, gravity, ground, corners, load, dt):
 
 
 class Standing:
-    """A free model that stands, held as if bolted down."""
+    """A free model that stands, held as if bolted down. mass: of its base, kg."""
 
-    def __init__(self, model: Model, ground: np.ndarray, corners: np.ndarray) -> None:
+    def __init__(self, model: Model, ground: np.ndarray, corners: np.ndarray,
+                 grounds: frozenset[int]) -> None:
         self.model = model
+        self.mass = ground[0]
+        self._grounds = grounds
         self._ground, self._corners = ground, corners
         self._before = np.zeros(len(model.joint_names))
-        self._load = np.zeros(6)
+        self._touch, self._load = np.zeros(6), np.zeros(6)
+        self._base = model.base_links()
         self._speeds = self._before
         self._arrays: tuple[np.ndarray, ...] = ()
 
     @classmethod
     def found(cls, model: Model, others: Mapping[int, Model]) -> Standing | None:
-        """How a free model stands; None where something else than the ground carries it.
+        """How a free model stands; None where something that may move carries it.
 
         Args:
             others: all models by Bullet's number.
@@ -119,8 +138,9 @@ class Standing:
         for contact in pybullet.getContactPoints(bodyA=model.body_id,
                                                  physicsClientId=model.client):
             other = others[contact[2]]
-            if contact[3] not in base or not other.fixed_base or contact[4] != -1 or \
-                    contact[8] < -_TOUCHING:
+            if contact[3] not in base or not other.fixed_base:
+                continue  # what it carries, or leans on: weighed when it is held
+            if contact[4] != -1 or contact[8] < -_TOUCHING or other.let_go is not None:
                 return None
             if contact[8] < _TOUCHING:
                 points.append(contact[6])
@@ -143,7 +163,8 @@ class Standing:
             return None
         middle += corners[:, :3].mean(axis=0)
         corners[:, :3] -= corners[:, :3].mean(axis=0)
-        return cls(model, np.array([mass, *centre, *normal, *middle, friction]), corners)
+        return cls(model, np.array([mass, *centre, *normal, *middle, friction]), corners,
+                   frozenset(grounds))
 
     def hold(self) -> None:
         """Step the model as if bolted down from now on."""
@@ -151,7 +172,7 @@ class Standing:
         space = self.model.joints.space
         self._speeds = space.state[1]
         self._arrays = (space.tree, space.frames, space.state, self._before, space.gravity,
-                        self._ground, self._corners, self._load)
+                        self._ground, self._corners, self._touch, self._load)
 
     def before_step(self) -> None:
         """Note what the joints' speeds are."""
@@ -159,7 +180,31 @@ class Standing:
 
     def bears(self, dt: float) -> bool:
         """Whether the ground could bear the step of `dt` s that was just made."""
+        if not self.model.joints.own:
+            self.model.joints.take_note()
+            self._feel()
         return _bears(*self._arrays, dt)
+
+    def _feel(self) -> None:
+        """Note what touched the model in Bullet's step; the ground does not touch what is bolted,
+        but Bullet looks at links fixed to the root all the same."""
+        self._touch[:] = 0.0
+        contacts = pybullet.getContactPoints(bodyA=self.model.body_id,
+                                             physicsClientId=self.model.client)
+        if not contacts:
+            return
+        root = self.model.pose()
+        force = torque = (0.0, 0.0, 0.0)
+        for contact in contacts:
+            if contact[3] in self._base and contact[2] in self._grounds:
+                continue
+            push = scaled(contact[7], contact[9])
+            for size, way in (contact[10:12], contact[12:14]):  # of friction
+                push = add(push, scaled(way, size))
+            force = add(force, push)
+            torque = add(torque, cross(subtract(contact[5], root.xyz), push))
+        back = conjugate(root.quat)
+        self._touch[:] = *rotate(back, torque), *rotate(back, force)
 
     def push(self) -> None:
         """Give the model, free again, what the ground could not bear."""
@@ -169,7 +214,7 @@ class Standing:
 
 
 class FreeBases:
-    """The models of a world that are not bolted down, held while all of them stand.
+    """The jointed models of a world that are not bolted down, held while they stand.
 
     Attributes:
         fresh: whether `begin` is to be called before the next step.
@@ -177,9 +222,8 @@ class FreeBases:
         held: those that stand now; each step asks them.
     """
 
-    def __init__(self, models: Mapping[str, Model], changed: Callable[[], bool]) -> None:
-        """`changed` tells the world that models were loaded anew, and answers whether nothing can
-        touch anything then."""
+    def __init__(self, models: Mapping[str, Model], changed: Callable[[], None]) -> None:
+        """`changed` tells the world that models were loaded anew."""
         self._models, self._changed = models, changed
         self.held: list[Standing] = []
         self.watched = self.fresh = False
@@ -188,54 +232,56 @@ class FreeBases:
 
     def models_changed(self) -> None:
         """Models came, went or were loaded anew."""
-        free = [model for model in self._models.values() if not model.fixed_base]
-        self.watched = bool(free) and all(
-            model.joint_names and not model.body.weightless for model in free)
-        self.fresh = self.watched
+        self.fresh = self.watched = bool(self._free())
         self._seen = {}
+
+    def _free(self) -> list[Model]:
+        return [model for model in self._models.values()
+                if not model.fixed_base and model.joint_names and not model.body.weightless]
 
     def begin(self) -> None:
         """Before the first step: hold the models that were put on the ground and stand there."""
         self.fresh = False
-        free = [model for model in self._models.values() if not model.fixed_base]
-        if all(model.twist() == Twist() for model in free):
+        free = [model for model in self._free() if model.twist() == Twist()]
+        if free:
             pybullet.performCollisionDetection(physicsClientId=free[0].client)
             self._hold(free)
 
     def look(self) -> None:
-        """After a step of Bullet's: hold all free models where they have come to rest."""
+        """After a step of Bullet's: hold the free models that have come to rest."""
         self._countdown -= 1
         if self._countdown > 0:
             return
         self._countdown = LOOK_EVERY
-        free = [model for model in self._models.values() if not model.fixed_base]
+        free = self._free()
         seen, self._seen = self._seen, {model.name: model.pose() for model in free}
-        calm = all(not model.pushed and model.name in seen and
-                   _still(seen[model.name], self._seen[model.name]) for model in free)
+        calm = [model for model in free if not model.pushed and model.name in seen and
+                _still(seen[model.name], self._seen[model.name])]
         for model in free:
             model.pushed = False
         if calm and not self._hold(free):
             self._countdown = 4 * LOOK_EVERY  # Bullet finds some corners late
 
     def _hold(self, free: list[Model]) -> bool:
-        """Hold these models; False, and nothing changed, where one of them does not stand."""
+        """Hold those of these models that stand; False, and nothing changed, where none does."""
         others = {model.body_id: model for model in self._models.values()}
-        found = [Standing.found(model, others) for model in free]
-        if any(standing is None for standing in found):
+        found = [one for one in (Standing.found(model, others) for model in free) if one]
+        standing = [one.model for one in found]
+        heaviest = max((_mass(model) for model in others.values()
+                        if not model.fixed_base and model not in standing), default=0.0)
+        found = [one for one in found if one.mass >= _HEAVIER * heaviest]
+        if not found:
             return False
         for standing in found:
             standing.hold()
-        self.held = found
-        if self._changed():
-            for standing in found:
-                standing.model.let_go = self.release
-        else:  # something else could touch them: Bullet's to see
-            self.release()
-            self._countdown = 100 * PATIENCE
+            standing.model.let_go = self.release
+        self.held = self.held + found
+        self._changed()
+        self.fresh = False
         return True
 
     def check(self, dt: float) -> None:
-        """After a step of `dt` s of our own: set free what the ground cannot bear."""
+        """After a step of `dt` s: set all free where the ground cannot bear one."""
         for standing in self.held:
             if not standing.bears(dt):
                 break
@@ -262,6 +308,10 @@ class FreeBases:
 def _still(before: Pose, now: Pose) -> bool:
     turned = sum((a - b) ** 2 for a, b in zip(before.quat, now.quat, strict=True))
     return math.dist(before.xyz, now.xyz) < _STILL and 2.0 * math.sqrt(turned) < _STILL
+
+
+def _mass(model: Model) -> float:
+    return sum(link.inertial.mass for link in model.description.links.values() if link.inertial)
 
 
 def _mass_of_base(model: Model, root: Pose) -> tuple[float, np.ndarray]:

@@ -226,19 +226,14 @@ class World:
         model.rebuild(description)
         self._models_changed()
 
-    def _models_changed(self) -> bool:
-        """Models came, went or were loaded anew: note what a step has to do for them.
-
-        Returns:
-            Whether nothing can touch anything.
-        """
+    def _models_changed(self) -> None:
+        """Models came, went or were loaded anew: note what a step has to do for them."""
         self.revision += 1
         self._friction.models_changed(self.models.values())
         self._choose_solver()
         self._models_moved()
         if not self._gui:
             self._bases.models_changed()
-        return self._apart
 
     def _fixed_model_moved(self) -> None:
         self._bases.release()  # one may have stood on it
@@ -267,10 +262,10 @@ class World:
             self._bases.begin()
         models = self._active
         dt = self._time_step
+        held = self._bases.held
         for model in models:
             model.check_efforts()
         if self._apart:
-            held = self._bases.held
             for standing in held:
                 standing.before_step()
             for model in models:
@@ -280,11 +275,15 @@ class World:
             return
         for model in models:
             model.before_step(dt)
+        for standing in held:
+            standing.before_step()
         if self._friction.watched:
             self._friction.before_step()
         pybullet.stepSimulation(self.client)
         for model in models:
             model.after_step()
+        if held:
+            self._bases.check(dt)
         if self._bases.watched:
             self._bases.look()
 

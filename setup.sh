@@ -75,13 +75,15 @@ packages=(
     # running: the ROS tools, and the Python side of the messages and libraries that the nodes import
     ros-base rosbash python3-rospy python3-rosbag python3-actionlib python3-dynamic-reconfigure
     python3-rosgraph-msgs python3-sensor-msgs python3-std-srvs python3-trajectory-msgs
-    python3-tf python3-tf2-ros ros-robot-state-publisher rviz
+    python3-tf python3-tf2-ros python3-visualization-msgs ros-robot-state-publisher rviz
     # the messages that dynamic_reconfigure's Python side loads are in its development package
     libdynamic-reconfigure-config-init-mutex-dev
     "${of_this_system[@]}"
 )
-# Linters; EGL with Mesa's rasteriser and ROS's angles to compare with.
-[[ $tier != developing ]] || packages+=(catkin-lint liburdfdom-tools libegl1 libgl1-mesa-dri python3-angles)
+# Linters; EGL with Mesa's rasteriser and ROS's angles to compare with; a browser without a window for the live page.
+[[ $tier != developing ]] || packages+=(
+    catkin-lint liburdfdom-tools libegl1 libgl1-mesa-dri python3-angles chromium-headless-shell
+)
 if [[ -n $list ]]; then
     printf '%s\n' "${packages[@]}"
     exit

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
-WORLD = Path(__file__).resolve().parents[1] / "world"
-if str(WORLD) not in sys.path:
-    sys.path.insert(0, str(WORLD))
+HERE = Path(__file__).resolve().parent
+for folder in (HERE, HERE.parent / "world"):
+    if str(folder) not in sys.path:
+        sys.path.insert(0, str(folder))
 
 from aras_visual_servo_bench import cameras  # noqa: E402
 from aras_visual_servo_bench.robots import Robot, RobotSpec  # noqa: E402

@@ -12,13 +12,14 @@ pytest.importorskip("sensor_msgs.msg")
 
 from std_msgs.msg import Header  # noqa: E402
 
-from aras_visual_servo_camera.errors import MomentsError  # noqa: E402
+from aras_visual_servo_camera.errors import MomentsError, VisionError  # noqa: E402
 from aras_visual_servo_camera.images import Image  # noqa: E402
 from aras_visual_servo_camera.messages import (  # noqa: E402
     array_message,
     image_message,
     moments_from_message,
     moments_message,
+    outline_of,
 )
 from aras_visual_servo_camera.pipeline import Measurement, Pipeline, Settings  # noqa: E402
 from aras_visual_servo_camera.undistortion import CameraModel  # noqa: E402
@@ -86,3 +87,24 @@ def test_pictures_are_sent_row_by_row(encoding: str, channels: int) -> None:
     assert (message.height, message.width, message.step) == (4, 5, 5 * channels)
     assert message.encoding == encoding and message.header is HEADER
     assert message.data == pixels.tobytes()
+
+
+def test_a_desired_outline_is_read_as_it_was_sent() -> None:
+    from aras_visual_servo_controller.ros.goal_topics import outline_message
+
+    corners = np.array([[0.1, 0.2], [-0.3, 0.4], [0.5, -0.25]])
+    message = outline_message(corners, "camera_optical_frame")
+    assert message.header.frame_id == "camera_optical_frame"
+    assert [point.z for point in message.polygon.points] == [1.0, 1.0, 1.0]
+    np.testing.assert_allclose(outline_of(message), corners, atol=1e-7)
+    assert outline_of(outline_message(np.zeros((0, 2)), "")) == ()
+
+
+@pytest.mark.parametrize("corners", [
+    [[0.0, 0.0], [1.0, 0.0]], [[0.0, 0.0], [1.0, 0.0], [float("nan"), 1.0]]
+])  # fmt: skip
+def test_an_outline_that_is_none_is_refused(corners: list[list[float]]) -> None:
+    from aras_visual_servo_controller.ros.goal_topics import outline_message
+
+    with pytest.raises(VisionError, match="fewer than three corners, or not finite"):
+        outline_of(outline_message(np.array(corners), ""))

@@ -1,6 +1,10 @@
 """Launch, world, gains, camera presets and rviz configuration: read as their tools read them."""
 
+import os
 import re
+import socket
+import subprocess
+import sys
 import xml.etree.ElementTree as ElementTree
 
 import pytest
@@ -175,13 +179,61 @@ def test_rviz_shows_the_robot_its_frames_the_images_and_the_target():
     manager = config["Visualization Manager"]
     assert manager["Global Options"]["Fixed Frame"] == "base_link"
     shown = [d for d in manager["Displays"] if d["Enabled"]]
-    assert {"rviz/RobotModel", "rviz/TF", "rviz/Grid"} <= {d["Class"] for d in shown}
+    assert {"rviz/RobotModel", "rviz/Grid"} <= {d["Class"] for d in shown}
+    assert "rviz/TF" in {d["Class"] for d in manager["Displays"]}  # to be ticked: it hides the run
     assert {d["Image Topic"] for d in shown if d["Class"] == "rviz/Image"} == {
         "/labrob/camera/image_raw",
         "/aras_visual_servo/camera/thresholded_image",
         "/aras_visual_servo/camera/overlay",
     }
     assert "planar_object" in {d.get("Reference Frame") for d in shown}
+    drawn = {d["Marker Topic"] for d in shown if d["Class"] == "rviz/MarkerArray"}
+    assert drawn == {"/aras_visual_servo/markers"}
+
+
+@pytest.mark.parametrize(("display", "why"), [
+    ("", "DISPLAY is not set"), (":4711", "nobody answers on display :4711"),
+])  # fmt: skip
+def test_without_a_display_rviz_says_so_and_the_run_goes_on(display, why):
+    done = subprocess.run(
+        [sys.executable, str(PACKAGE / "scripts" / "show_rviz"), "-d", "x.rviz"],
+        env={"PATH": os.environ["PATH"], "DISPLAY": display}, capture_output=True, text=True,
+        timeout=20, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0
+    assert done.stderr == f"show_rviz: no window: {why}; the run goes on without it\n"
+
+
+def test_rviz_is_shown_where_there_is_a_display(tmp_path):
+    tmp_path.joinpath("rviz").write_text("#!/bin/sh\necho \"shown $@\"\n")
+    tmp_path.joinpath("rviz").chmod(0o755)
+    name = f":{os.getpid()}"
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(f"\0/tmp/.X11-unix/X{os.getpid()}")
+        server.listen()
+        done = subprocess.run(
+            [sys.executable, str(PACKAGE / "scripts" / "show_rviz"), "-d", "x.rviz"],
+            env={"PATH": f"{tmp_path}:{os.environ['PATH']}", "DISPLAY": name},
+            capture_output=True, text=True, timeout=20, check=False,
+        )  # fmt: skip
+    assert (done.returncode, done.stdout) == (0, "shown -d x.rviz\n")
+
+
+def test_markers_come_with_rviz_or_when_asked_for(monkeypatch):
+    roslaunch = pytest.importorskip("roslaunch")
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f"{PACKAGE.parent}:/usr/share")
+    path = str(PACKAGE / "launch" / "aras_visual_servo_gazebo.launch")
+
+    def nodes(*given):
+        config = roslaunch.config.load_config_default([(path, list(given))], None,
+                                                      assign_machines=False)  # fmt: skip
+        return {node.type for node in config.nodes} & {"markers", "show_rviz", "dashboard"}
+
+    assert nodes() == set()
+    assert nodes("show_rviz:=true") == {"markers", "show_rviz"}
+    assert nodes("show_rviz:=true", "markers:=false") == {"show_rviz"}
+    assert nodes("markers:=true") == {"markers"}
+    assert nodes("dashboard:=true") == {"dashboard"}
 
 
 def test_roslaunch_resolves_every_file(monkeypatch):

@@ -9,6 +9,7 @@ import pytest
 import yaml
 from loop_rig import CAMERA, CONFIG, the_arm, the_goal
 
+from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.arm.poses import pose_difference, transform
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
@@ -201,3 +202,23 @@ def test_targets_geometry():
     apart = {"boxes": [[[0, 0, 0], [0.1, 0.1, 0.01]], [[0.5, 0.5, 0], [0.6, 0.6, 0.01]]]}
     with pytest.raises(ServoError, match="do not overlap"):
         TargetGeometry.from_mapping(apart).outline(above)
+
+
+def test_the_outline_to_be_seen_is_the_targets_where_its_geometry_is_known():
+    goal = the_goal("2016").for_arm(the_arm())
+    np.testing.assert_array_equal(goal.outline(), goal.target.outline(goal.world_T_camera))
+
+
+def test_where_only_moments_are_known_the_outline_is_the_ellipse_that_has_them():
+    turn = np.radians(25.0)
+    R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    box = np.array([[-0.3, -0.1], [0.3, -0.1], [0.3, 0.1], [-0.3, 0.1]]) @ R.T + [0.05, -0.02]
+    goal = replace(the_goal("2016"), target=None, moments=Moments.from_polygon(box, 4))
+    seen = Moments.from_polygon(goal.outline(), 2)
+    assert (seen.xg, seen.yg) == pytest.approx((0.05, -0.02))
+    spread = [seen.mu(i, 2 - i) / seen.m00 for i in range(3)]
+    # a polygon of 32 corners is a little smaller than its ellipse
+    assert spread == pytest.approx(
+        [goal.moments.mu(i, 2 - i) / goal.moments.m00 for i in range(3)], rel=0.03
+    )
+    assert replace(goal, moments=None).outline().shape == (0, 2)

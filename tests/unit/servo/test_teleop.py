@@ -1,9 +1,32 @@
-"""Keys of the teleoperation."""
+"""Keys of the teleoperation, and a gamepad."""
+
+import time
 
 import numpy as np
-from loop_rig import the_limits
+import pytest
+from loop_rig import the_arm, the_limits
 
-from aras_visual_servo_controller.teleop import JOINTS, command_for
+from aras_visual_servo_controller import teleop
+from aras_visual_servo_controller.gamepad import (
+    AXIS,
+    BUTTON,
+    DEAD,
+    EVENT,
+    FAST,
+    INITIAL,
+    SLOW,
+    JoyDevice,
+    twist_of,
+)
+from aras_visual_servo_controller.jog import TWIST, Jog
+from aras_visual_servo_controller.teleop import (
+    CAMERA_KEYS,
+    JOINTS,
+    SPEEDS,
+    Keys,
+    command_for,
+    keys_of,
+)
 
 
 def test_arrows_step_gantry_and_j2():
@@ -19,3 +42,109 @@ def test_a_step_beyond_the_limit_is_not_taken():
     after, told = command_for("\x1b[C", command, the_limits(), JOINTS)
     np.testing.assert_array_equal(after, command)
     assert "gantry is at its limit" in told
+
+
+class Asked(Jog):
+    """A drive that notes what it is asked."""
+
+    def __init__(self):
+        super().__init__(the_arm(), the_limits())
+        self.heard = []
+
+    def twist(self, twist, t):
+        super().twist(twist, t)
+        self.heard.append(list(twist))
+
+    def joint(self, name, part, t):
+        super().joint(name, part, t)
+        self.heard.append((name, part))
+
+
+@pytest.mark.parametrize(("key", "row", "sign"), [
+    ("d", 0, 1), ("a", 0, -1), ("s", 1, 1), ("w", 1, -1), ("r", 2, 1), ("f", 2, -1),
+    ("i", 3, 1), ("k", 3, -1), ("o", 4, 1), ("u", 4, -1), ("l", 5, 1), ("j", 5, -1),
+])  # fmt: skip
+def test_each_key_moves_the_camera_in_its_direction(key, row, sign):
+    jog, keys = Asked(), Keys(the_arm().names)
+    assert keys.press(key, jog, 0.0) == (True, "")
+    expected = np.zeros(6)
+    expected[row] = sign * SPEEDS[keys.speed] * TWIST[row]
+    np.testing.assert_allclose(jog.heard, [expected])
+
+
+def test_a_chosen_joint_is_moved_and_no_other():
+    jog, keys = Asked(), Keys(the_arm().names)
+    assert keys.press("3", jog, 0.0) == (False, "+ and - move J2")
+    keys.press("+", jog, 0.0)
+    keys.press("-", jog, 0.0)
+    assert jog.heard == [("J2", SPEEDS[2]), ("J2", -SPEEDS[2])]
+    assert keys.press("7", jog, 0.0)[1].startswith("there are 6 joints: gantry")
+    assert keys.chosen == 2
+
+
+def test_speed_stays_between_the_least_and_the_greatest():
+    keys, jog = Keys(the_arm().names), Asked()
+    for _ in range(10):
+        told = keys.press(">", jog, 0.0)[1]
+    assert told == "speed 100 %"
+    for _ in range(10):
+        told = keys.press("<", jog, 0.0)[1]
+    assert told == "speed 5 %"
+    assert not jog.heard
+
+
+def test_no_key_means_two_things_and_the_help_names_all():
+    taken = set(CAMERA_KEYS) | set(teleop.SIGNS) | {"<", ">", "h", "q", " "}
+    assert len(taken) == len(CAMERA_KEYS) + len(teleop.SIGNS) + 5
+    words = set(teleop.__doc__.replace(",", " ").split())
+    assert set(CAMERA_KEYS) | {"+", "-", "<", ">", "h", "q"} <= words
+
+
+def test_a_held_key_and_arrows_are_told_apart():
+    assert keys_of("dd\x1b[Cq") == ["d", "d", "\x1b[C", "q"]
+    assert keys_of("") == []
+
+
+def test_a_pad_moves_nothing_until_a_shoulder_button_is_held():
+    axes, none = [1.0] * 8, [0] * 8
+    assert twist_of(axes, none) is None
+    assert twist_of(axes, []) is None
+    slow, fast = list(none), list(none)
+    slow[SLOW], fast[FAST] = 1, 1
+    # left and up: the picture's left and up; nearer; turned to the left
+    np.testing.assert_allclose(
+        twist_of(axes, fast), np.array(TWIST) * [-1.0, -1.0, 1.0, 1.0, -1.0, -1.0])
+    np.testing.assert_allclose(twist_of(axes, slow), 0.3 * twist_of(axes, fast))
+
+
+def test_a_stick_near_its_middle_counts_as_none():
+    buttons = [0, 0, 0, 0, 1, 0]
+    assert not twist_of([0.9 * DEAD, -0.9 * DEAD, float("nan")], buttons).any()
+    assert abs(twist_of([1.02 * DEAD], buttons)[0]) < 0.03 * TWIST[0]
+    np.testing.assert_allclose(twist_of([5.0], buttons)[0], -0.3 * TWIST[0])
+
+
+def test_the_kernels_events_are_a_pads_state(tmp_path):
+    path = tmp_path / "js0"
+    path.write_bytes(b"")
+    pad = JoyDevice(path)
+    pad.axes, pad.buttons = [0.0] * 8, [0] * 16
+    pad.take(EVENT.pack(1, -32767, AXIS | INITIAL, 0))  # the kernel's left is negative
+    pad.take(EVENT.pack(2, 1, BUTTON, SLOW))
+    pad.take(EVENT.pack(3, 1, BUTTON, 200))
+    assert pad.axes[0] == 1.0
+    assert pad.buttons[SLOW] == 1
+    pad.take(EVENT.pack(4, 0, BUTTON, SLOW))
+    assert not any(pad.buttons)
+
+
+def test_a_pad_that_is_unplugged_asks_for_nothing(tmp_path):
+    path = tmp_path / "js0"
+    path.write_bytes(EVENT.pack(1, 1, BUTTON, FAST))
+    pad = JoyDevice(path)
+    for _ in range(1000):
+        if pad.gone:
+            break
+        time.sleep(0.005)
+    assert pad.gone
+    assert twist_of(pad.axes, pad.buttons) is None

@@ -19,7 +19,8 @@ ALLOWED = {
     "aras_visual_servo_camera": {"aras_visual_servo_ros"},
     "aras_visual_servo_controller": {"aras_visual_servo_camera", "aras_visual_servo_ros"},
     "aras_visual_servo_bench": {
-        "aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller"
+        "aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller",
+        "aras_visual_servo_ros",
     },
 }
 

@@ -23,7 +23,7 @@ KEYS = {
     **{
         name: f"python3-{name}"
         for name in ("dask", "distributed", "jinja2", "matplotlib", "numba", "numpy", "pandas",
-                     "pyarrow", "rospkg", "scipy")
+                     "pyarrow", "rospkg", "scipy", "tornado")
     },
     "sklearn": "python3-sklearn",
     "yaml": "python3-yaml",

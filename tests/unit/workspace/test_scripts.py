@@ -74,7 +74,8 @@ def test_only_developers_get_linters() -> None:
     running = set(run("setup.sh", "--for=running", "--packages").stdout.split())
     developing = set(run("setup.sh", "--for=developing", "--packages").stdout.split())
     assert developing - running == {
-        "catkin-lint", "liburdfdom-tools", "libegl1", "libgl1-mesa-dri", "python3-angles"
+        "catkin-lint", "liburdfdom-tools", "libegl1", "libgl1-mesa-dri", "python3-angles",
+        "chromium-headless-shell",
     }  # fmt: skip
 
 

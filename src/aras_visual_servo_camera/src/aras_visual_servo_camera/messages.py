@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import Image as ImageMessage
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension
 
-from .errors import MomentsError
+from .errors import MomentsError, VisionError
 from .moments import Moments
 from .pipeline import Measurement
 
@@ -57,6 +57,17 @@ def array_message(numbers: list[float]) -> Float64MultiArray:
     message = Float64MultiArray(data=numbers)
     message.layout.dim = [MultiArrayDimension("features", len(numbers), len(numbers))]
     return message
+
+
+def outline_of(message: Any) -> tuple[tuple[float, float], ...]:
+    """Corners of a geometry_msgs/PolygonStamped on the plane z = 1, normalised; () for none.
+
+    Raises VisionError where they are not finite, or fewer than three.
+    """
+    corners = tuple((float(p.x), float(p.y)) for p in message.polygon.points)
+    if corners and (len(corners) < 3 or not np.isfinite(corners).all()):
+        raise VisionError("a desired outline of fewer than three corners, or not finite")
+    return corners
 
 
 def image_message(pixels: NDArray[np.uint8], encoding: str, header: Header) -> ImageMessage:

@@ -6,17 +6,25 @@ import re
 from collections.abc import Callable
 
 import rospy
+from geometry_msgs.msg import PolygonStamped
 from sensor_msgs.msg import Image as ImageMessage
 from std_msgs.msg import Float64MultiArray
 
 from .errors import VisionError
 from .images import Image
-from .messages import array_message, image_message, kernel_message, moments_message
+from .messages import (
+    array_message,
+    image_message,
+    kernel_message,
+    moments_message,
+    outline_of,
+)
 from .overlay import draw
 from .parameters import NodeParameters
 from .pipeline import Measurement, Pipeline
 
 SPACE = "/aras_visual_servo/camera/"
+OUTLINE_TOPIC = "/aras_visual_servo/controller/desired_outline"
 
 
 class Outputs:
@@ -35,6 +43,9 @@ class Outputs:
         self._kernel = rospy.Publisher(SPACE + "kernel", KernelFeatures, queue_size=1)
         self._binary = rospy.Publisher(SPACE + "thresholded_image", ImageMessage, queue_size=1)
         self._overlay = rospy.Publisher(SPACE + "overlay", ImageMessage, queue_size=1)
+        self._desired = parameters.desired_outline
+        if not self._desired:
+            rospy.Subscriber(OUTLINE_TOPIC, PolygonStamped, self._on_outline, queue_size=1)
 
     def publish(self, image: Image, measurement: Measurement, message: ImageMessage) -> None:
         """All that is wanted of one image; `message`: the one that it came in."""
@@ -51,8 +62,15 @@ class Outputs:
             mask = measurement.target.mask
             self._binary.publish(image_message(mask, "mono8", message.header))
         if self._overlay.get_num_connections():
-            picture = draw(image.rgb, measurement, self._parameters.desired_outline)
+            picture = draw(image.rgb, measurement, self._desired)
             self._overlay.publish(image_message(picture, "rgb8", message.header))
+
+    def _on_outline(self, message: PolygonStamped) -> None:
+        """What the controller wants to see, for the overlay alone."""
+        try:
+            self._desired = outline_of(message)
+        except VisionError as error:
+            self._say("outline", str(error))
 
     def _publish_kernel(self, image: Image, message: ImageMessage) -> None:
         numbers, reason = [], ""

@@ -19,6 +19,7 @@ anew.
 
 from __future__ import annotations
 
+import contextlib
 import stat
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -49,6 +50,7 @@ LARGEST = 1_000_000  # bytes of a goal file
 SAME_PLACE, SAME_ANGLE = 1e-4, 1e-3
 # Sine of the angle between line of sight and target's plane below which nothing is seen of it.
 EDGE_ON = 0.05
+ELLIPSE_CORNERS = 32
 KEYS = ("joints", "camera_pose", "depth", "plane", "moments", "kernel", "camera", "features",
         "target", "mounting")  # fmt: skip
 
@@ -193,6 +195,24 @@ class Goal:
             self, world_T_camera=world_T_camera, depth=depth, plane=plane, moments=moments,
             kernel=kernel, features={}, mounting=None,
         )  # fmt: skip
+
+    def outline(self) -> np.ndarray:
+        """The target (n, 2) as it looks from the goal, normalised; (0, 2) where nobody knows.
+
+        By its geometry, else the ellipse that has its moments: as large, as long and turned alike.
+        """
+        if self.target is not None and self.world_T_camera is not None:
+            with contextlib.suppress(ServoError):
+                return self.target.outline(self.world_T_camera)
+        if self.moments is None:
+            return np.zeros((0, 2))
+        m, mu = self.moments, self.moments.mu
+        spread = np.array([[mu(2, 0), mu(1, 1)], [mu(1, 1), mu(0, 2)]]) / m.m00
+        squares, axes = np.linalg.eigh(spread)
+        around = np.linspace(0.0, 2.0 * np.pi, ELLIPSE_CORNERS, endpoint=False)
+        # Half an axis of a filled ellipse is twice the standard deviation along it.
+        reach = axes * (2.0 * np.sqrt(np.maximum(squares, 0.0)))
+        return np.array([m.xg, m.yg]) + np.stack([np.cos(around), np.sin(around)], 1) @ reach.T
 
     def joint_values(self, names: Sequence[str]) -> np.ndarray | None:
         """The joints (n,) in this order; None where the goal has none.

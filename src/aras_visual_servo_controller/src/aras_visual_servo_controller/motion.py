@@ -40,6 +40,12 @@ class Motion:
         self.reset()
         self.command = np.array(positions, float)
 
+    def take_up(self, positions: np.ndarray) -> None:
+        """Begin at the joints (n,) if somebody else has moved them since they stood still."""
+        arrived = np.asarray(self.settings.arrived, float)
+        if self.command is not None and (np.abs(positions - self.command) > arrived).any():
+            self.begin(positions)
+
     @property
     def at_rest(self) -> bool:
         """Whether the command stands still."""

@@ -132,6 +132,8 @@ class Servo:
     def start(self) -> None:
         """Go on after `stop` or `hold`; the goal is taken up anew."""
         self._held = ""
+        if self.phase == STOPPED and self._joints is not None:
+            self._motion.take_up(self._joints.positions)
         if self.phase in (STOPPED, HOLDING):
             self.phase, self.reason = WAITING, ""
         self.diagnosis.reset()

@@ -1,28 +1,36 @@
-"""Drive two joints by the arrow keys, in steps of 0.05 (m, rad), as the original did.
+"""Drive the arm by keys: joints one by one, or the camera along its own axes. A gamepad, too.
 
-    left, right     the first (gantry)     up, down     the second (J2)
-    space           where are we           q, ^C        end
+    left, right     the first joint (gantry), in steps of 0.05      up, down    the second (J2)
+    1 2 3 ...       choose a joint          + -     move it, as long as the key is held
 
-Others than gantry and J2: ~across and ~along.
+    the camera in its own picture, as long as the key is held:
+    w s a d         up, down, left, right   r f     nearer to what it sees, away from it
+    j l             turn about the view     i k     tilt up and down      u o     to the sides
+    < >             slower, faster
+
+    space           where are we, and why does it not move              h       this help
+    q, ^C           end
+
+The controller is stopped when the camera or a chosen joint is first moved. Other joints for the
+arrows than gantry and J2: ~across and ~along. A gamepad: ~joy (topic), ~joystick (device).
 """
+
+from __future__ import annotations
 
 import contextlib
 import os
 import select
 import sys
 import termios
-import threading
 import tty
-import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator, Mapping
-from pathlib import Path
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from .arm import Limits
-from .errors import ConfigurationError, MeasurementError, ServoError
-from .naming import unknown
-from .settings import Settings
+from .errors import ServoError
+from .jog import TWIST, Jog
 
 STEP = 0.05
 JOINTS = {"across": "gantry", "along": "J2"}
@@ -32,6 +40,13 @@ KEYS = {
     "\x1b[A": ("along", STEP),
     "\x1b[B": ("along", -STEP),
 }
+# Row of the camera's twist, and sign: x right, y down, z forward.
+CAMERA_KEYS = {
+    "a": (0, -1.0), "d": (0, 1.0), "w": (1, -1.0), "s": (1, 1.0), "r": (2, 1.0), "f": (2, -1.0),
+    "i": (3, 1.0), "k": (3, -1.0), "o": (4, 1.0), "u": (4, -1.0), "l": (5, 1.0), "j": (5, -1.0),
+}  # fmt: skip
+SPEEDS = (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)  # parts of the greatest
+SIGNS = {"+": 1.0, "=": 1.0, "-": -1.0}
 
 
 def command_for(
@@ -54,8 +69,55 @@ def command_for(
     return after, f"{name} to {value:.3f}"
 
 
+@dataclass
+class Keys:
+    """What the keys of a drive mean now.
+
+    Attributes:
+        names: of the joints.
+        chosen: the joint that + and - move.
+        speed: which of SPEEDS.
+    """
+
+    names: Sequence[str]
+    chosen: int = 0
+    speed: int = field(default=2)
+
+    def press(self, key: str, jog: Jog, t: float) -> tuple[bool, str]:
+        """Take a key at t (s); whether the arm is to move for it, and what to tell the driver."""
+        if key in CAMERA_KEYS:
+            row, sign = CAMERA_KEYS[key]
+            twist = np.zeros(6)
+            twist[row] = sign * SPEEDS[self.speed] * TWIST[row]
+            jog.twist(twist, t)
+            return True, ""
+        if key in SIGNS:
+            jog.joint(self.names[self.chosen], SIGNS[key] * SPEEDS[self.speed], t)
+            return True, ""
+        if key in ("<", ">"):
+            self.speed = min(max(self.speed + (1 if key == ">" else -1), 0), len(SPEEDS) - 1)
+            return False, f"speed {100 * SPEEDS[self.speed]:.0f} %"
+        if key.isdigit() and key != "0":
+            if int(key) > len(self.names):
+                return False, f"there are {len(self.names)} joints: {', '.join(self.names)}"
+            self.chosen = int(key) - 1
+            return False, f"+ and - move {self.names[self.chosen]}"
+        return False, ""
+
+
+def keys_of(text: str) -> list[str]:
+    """The keys of what a terminal sent: an arrow is an escape sequence, a held key comes many
+    times."""
+    found: list[str] = []
+    while text:
+        arrow = next((key for key in KEYS if text.startswith(key)), None)
+        found.append(arrow or text[0])
+        text = text[len(found[-1]) :]
+    return found
+
+
 @contextlib.contextmanager
-def _raw_terminal() -> Iterator[None]:
+def raw_terminal() -> Iterator[None]:
     """Keys one by one and unseen; the terminal is as before afterwards."""
     before = termios.tcgetattr(sys.stdin)
     try:
@@ -65,11 +127,11 @@ def _raw_terminal() -> Iterator[None]:
         termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)
 
 
-def _key(timeout: float) -> str:
-    """The next key, an arrow as its whole escape sequence, '' if none comes."""
+def pressed(timeout: float) -> list[str]:
+    """The next keys, none if none comes in time (s)."""
     if not select.select([sys.stdin], [], [], timeout)[0]:
-        return ""
-    return os.read(sys.stdin.fileno(), 8).decode(errors="replace")
+        return []
+    return keys_of(os.read(sys.stdin.fileno(), 64).decode(errors="replace")) or ["\x04"]
 
 
 def main() -> int:
@@ -79,67 +141,13 @@ def main() -> int:
         return 1
     import rospy
 
+    from .ros.teleop import Teleop
+
     rospy.init_node("aras_teleop", anonymous=True, disable_signals=True)
     try:
-        return _drive()
+        return Teleop().run()
     except ServoError as error:
         print(f"aras_teleop: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         return 0
-
-
-def _drive() -> int:
-    import rospkg
-    import rospy
-    from sensor_msgs.msg import JointState
-    from std_msgs.msg import Float64
-
-    package = Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
-    settings = Settings(package=package)
-    urdf = str(rospy.get_param(settings.description, ""))
-    if not urdf:
-        raise ConfigurationError(f"no robot description on parameter {settings.description}")
-    settings = settings.for_robot(ElementTree.fromstring(urdf).get("name", ""), ())
-    arm = settings.arm(urdf)
-    limits, space = settings.limits(arm), settings.namespace.rstrip("/")
-    joints = {way: str(rospy.get_param(f"~{way}", name)) for way, name in JOINTS.items()}
-    for name in joints.values():
-        if name not in arm.names:
-            raise unknown("joint", name, arm.names)
-    measured: dict[str, np.ndarray] = {}
-    heard = threading.Event()
-
-    def on_joints(message: JointState) -> None:
-        with contextlib.suppress(MeasurementError):
-            measured["q"] = arm.sample(message.name, message.position).positions
-            heard.set()
-
-    rospy.Subscriber(f"{space}/joint_states", JointState, on_joints, queue_size=1)
-    publishers = {
-        way: rospy.Publisher(
-            f"{space}/{settings.controllers.get(name, f'{name}_position_controller')}/command",
-            Float64,
-            queue_size=1,
-        )
-        for way, name in joints.items()
-    }
-    print(__doc__)
-    while not heard.wait(2.0):
-        print(f"waiting for joint states on {space}/joint_states")
-    command = measured["q"].copy()
-    with _raw_terminal():
-        while not rospy.is_shutdown():
-            key = _key(0.2)
-            if key in ("q", "\x04"):
-                break
-            if key == " ":
-                print("  ".join(f"{n} {v:.3f}" for n, v in
-                                zip(arm.names, measured["q"], strict=True)))
-            command, told = command_for(key, command, limits, joints)
-            if told:
-                print(told)
-                way = KEYS[key][0]
-                value = command[limits.names.index(joints[way])]
-                publishers[way].publish(Float64(float(value)))
-    return 0

@@ -17,6 +17,7 @@ from .control import Control
 from .description import DescriptionWatch
 from .face import RosFace
 from .given import given_settings, robot_name
+from .goal_topics import GoalTopics
 from .inputs import Inputs
 from .reconfigure import GainServer
 
@@ -35,6 +36,7 @@ class ControllerNode:
         self.face: RosFace | None = None
         self._control: Control | None = None
         self._description = DescriptionWatch(settings.description)
+        self._goal = GoalTopics(settings.namespace.rstrip("/"))
 
     def build(self, urdf: str) -> None:
         """The loop and its faces; ConfigurationError for what cannot be."""
@@ -55,6 +57,7 @@ class ControllerNode:
         if self._control is None:
             self._control = Control(settings.namespace.rstrip("/"), self)
             self._gains = GainServer(self)
+        self._goal.announce(servo)
         self._inputs = Inputs(settings, self.driver)
 
     def spin(self) -> int:

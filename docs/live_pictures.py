@@ -1,0 +1,130 @@
+#!/usr/bin/env python3
+"""Makes images/rviz.png and images/page*.png: a run on a graph of its own, on its way.
+
+    . devel/setup.bash; .venv/bin/python docs/live_pictures.py rviz     # needs Xvfb
+    . devel/setup.bash; .venv/bin/python docs/live_pictures.py page     # needs headless Chromium
+
+Nothing is shown on your display.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import rospy
+from aras_visual_servo_controller.msg import ServoState
+
+from aras_visual_servo_bench.ros.processes import Launch, free_port
+
+IMAGES = Path(__file__).parent / "images"
+SIZE = (1500, 900)
+SLOW = "0.5"  # gain, 1/s: a run that is still on its way when its picture is taken
+ON_THE_WAY = 1.6  # s of servoing at which it is taken
+
+
+def screenshot(framebuffer: Path) -> np.ndarray:
+    """The (rows, columns, 3) bgr picture of an X window dump (xwd, 32 bits a pixel)."""
+    content = framebuffer.read_bytes()
+    header = struct.unpack(">25I", content[:100])
+    size, width, height, line, colours = header[0], header[4], header[5], header[12], header[19]
+    pixels = np.frombuffer(content, np.uint8, line * height, size + 12 * colours)
+    return pixels.reshape(height, line)[:, : 4 * width].reshape(height, width, 4)[:, :, :3]
+
+
+class Run:
+    """A simulator and its nodes on a master of their own, as long as the block lasts."""
+
+    def __init__(self, directory: Path, **arguments: str) -> None:
+        port = free_port()
+        os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{port}", ROS_IP="127.0.0.1",
+                          ROS_LOG_DIR=str(directory))  # fmt: skip
+        self._launches = []
+        given = [f"{key}:={value}" for key, value in arguments.items()]
+        self._launch(directory / "robot.txt", "-p", str(port), "aras_visual_servo_gazebo",
+                     "aras_visual_servo.launch", "server_required:=true", *given)  # fmt: skip
+        self.state: ServoState | None = None
+        self._began: float | None = None
+        self._directory = directory
+
+    def _launch(self, log: Path, *words: str) -> None:
+        self._launches.append(Launch(list(words), log, dict(os.environ)))
+
+    def servo(self, seconds: float, **arguments: str) -> None:
+        """Start the nodes; returns when they have servoed for so long."""
+        deadline = time.monotonic() + 120.0
+        while subprocess.run(["rosservice", "info", "/gazebo/pause_physics"], check=False,
+                             capture_output=True).returncode:  # fmt: skip
+            if time.monotonic() > deadline:
+                raise SystemExit(f"the simulator did not start: {self._launches[0].last_lines()}")
+            time.sleep(0.5)
+        rospy.init_node("pictures", anonymous=True, disable_rostime=True, disable_signals=True)
+        rospy.Subscriber("/aras_visual_servo/controller/state", ServoState, self._on_state)
+        time.sleep(6.0)  # the window opens
+        given = [f"{key}:={value}" for key, value in arguments.items()]
+        self._launch(self._directory / "nodes.txt", "aras_visual_servo_gazebo",
+                     "aras_visual_servo_nodes.launch", *given)  # fmt: skip
+        deadline = time.monotonic() + 120.0
+        while self._servoed() < seconds:
+            if time.monotonic() > deadline:
+                raise SystemExit(f"no servoing: {self._launches[-1].last_lines()}")
+            time.sleep(0.01)
+
+    def _on_state(self, message: ServoState) -> None:
+        self.state = message
+        if self._began is None and message.phase == "servoing":
+            self._began = message.header.stamp.to_sec()
+
+    def _servoed(self) -> float:
+        if self.state is None or self._began is None:
+            return -1.0
+        return self.state.header.stamp.to_sec() - self._began
+
+    def __enter__(self) -> Run:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for launch in reversed(self._launches):
+            launch.stop()
+
+
+def rviz(directory: Path) -> None:
+    """images/rviz.png, of rviz under Xvfb with Mesa's rasteriser."""
+    display = f":{100 + os.getpid() % 800}"
+    server = subprocess.Popen(
+        ["Xvfb", display, "-screen", "0", f"{SIZE[0]}x{SIZE[1]}x24", "-fbdir", str(directory),
+         "-nocursor"]
+    )
+    try:
+        time.sleep(1.0)
+        os.environ.update(DISPLAY=display, LIBGL_ALWAYS_SOFTWARE="1", QT_X11_NO_MITSHM="1")
+        with Run(directory, show_rviz="true") as run:
+            run.servo(ON_THE_WAY, gain=SLOW, start="2016")
+            picture = screenshot(directory / "Xvfb_screen0")
+    finally:
+        server.terminate()
+        server.wait()
+    cv2.imwrite(str(IMAGES / "rviz.png"), picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+
+
+def main() -> int:
+    """Make what is asked for."""
+    makers = {"rviz": rviz}
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("what", nargs="+", choices=makers)
+    for name in parser.parse_args().what:
+        with tempfile.TemporaryDirectory() as directory:
+            makers[name](Path(directory))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,143 @@
+"""What the live page is told: from a story to messages, each thing once.
+
+A viewer that comes gets everything; after that all viewers get what has changed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from .shapes import TEXT, Shape
+from .story import Story, Told
+
+KEPT = 900  # samples: half a minute at 30 images/s
+DIGITS = 5  # of a length, m; a pixel of the page is a millimetre
+NEW_RUN = -1.0  # s; a stamp that much older than the last begins anew
+
+
+def finite(values: Sequence[float], digits: int = 6) -> list[float | None]:
+    """Numbers as JSON may hold them; null for what is none."""
+    return [round(float(v), digits) if math.isfinite(v) else None for v in values]
+
+
+class Page:
+    """The page's contents.
+
+    Attributes:
+        choices: what may be chosen, by kind: lists of names.
+        state: further words and numbers for the page, plain for JSON; sent when they change.
+    """
+
+    def __init__(self) -> None:
+        self.choices: dict[str, list[str]] = {}
+        self.state: dict[str, Any] = {}
+        self._limits: dict[str, Any] = {}
+        self._names: tuple[str, ...] = ()
+        self._samples: deque[list[Any]] = deque(maxlen=KEPT)
+        self._fresh: list[list[Any]] = []
+        self._sent: dict[str, str] = {}
+        self._told: dict[str, Any] = {}
+        self._shapes: dict[str, dict[str, Any]] = {}
+        self._last = -math.inf
+
+    # -- what it is told -------------------------------------------------------------------
+
+    def robot(self, names: Sequence[str], lower: Sequence[float], upper: Sequence[float],
+              velocity: Sequence[float], prismatic: Sequence[bool]) -> None:  # fmt: skip
+        """The joints (n,) and their limits; infinite ones are null."""
+        self._limits = {
+            "names": list(names), "lower": finite(lower), "upper": finite(upper),
+            "velocity": finite(velocity), "prismatic": [bool(p) for p in prismatic],
+        }  # fmt: skip
+
+    def sample(self, told: Told, joints: Sequence[float]) -> None:
+        """One state of the controller, for the plots."""
+        if told.names != self._names or told.stamp - self._last < NEW_RUN:
+            self._names = told.names
+            self._samples.clear()
+            self._fresh = [["clear"]]
+        self._last = told.stamp
+        row = [
+            round(told.stamp, 4), finite(told.error), finite(told.asked), finite(told.achieved),
+            finite(joints),
+        ]  # fmt: skip
+        self._samples.append(row)
+        self._fresh.append(row)
+        if len(self._fresh) > KEPT:  # nobody looks
+            self._fresh = []
+
+    # -- what it answers -------------------------------------------------------------------
+
+    def whole(self) -> dict[str, Any]:
+        """Everything, for a viewer that has just come."""
+        return {
+            "kind": "whole",
+            "limits": self._limits,
+            "choices": self.choices,
+            "state": self.state,
+            "told": self._told,
+            "names": list(self._names),
+            "samples": list(self._samples),
+            "shapes": self._shapes,
+        }
+
+    def news(
+        self, story: Story | None, joints: Sequence[float], velocities: Sequence[float],
+        stamp: float,
+    ) -> dict[str, Any]:  # fmt: skip
+        """What has changed since the last call, for those who are there."""
+        message: dict[str, Any] = {"kind": "news", "stamp": round(stamp, 3)}
+        if story is not None:
+            told = story.told
+            message["joints"], message["speeds"] = finite(joints), finite(velocities, 4)
+            message["factor"] = None if story.factor is None else round(story.factor, 3)
+            self._told = {
+                "scheme": told.scheme, "phase": told.phase, "outcome": told.outcome,
+                "reason": told.reason, "mend": told.mend,
+            }  # fmt: skip
+            self._changed(message, "told", self._told)
+            shapes = self._changed_shapes(story.shapes())
+            if shapes:
+                message["shapes"] = shapes
+        self._changed(message, "limits", self._limits)
+        self._changed(message, "choices", self.choices)
+        self._changed(message, "state", self.state)
+        if self._fresh:
+            message["samples"], self._fresh = self._fresh, []
+            message["names"] = list(self._names)
+        return message
+
+    def _changed(self, message: dict[str, Any], key: str, value: Mapping[str, Any]) -> None:
+        mark = repr(value)
+        if self._sent.get(key) != mark:
+            self._sent[key] = mark
+            message[key] = value
+
+    def _changed_shapes(self, shapes: Sequence[Shape]) -> dict[str, dict[str, Any] | None]:
+        """By name; null for what is no more."""
+        changed: dict[str, dict[str, Any] | None] = {}
+        names = set()
+        for shape in shapes:
+            if shape.kind == TEXT:
+                continue  # the page says it in its own place
+            names.add(shape.name)
+            points = np.round(shape.points, DIGITS)
+            mark = hashlib.blake2b(points.tobytes(), digest_size=8).hexdigest()
+            if self._sent.get(f"shape {shape.name}") == mark:
+                continue
+            self._sent[f"shape {shape.name}"] = mark
+            changed[shape.name] = self._shapes[shape.name] = {
+                "kind": shape.kind, "points": points.ravel().tolist(),
+                "colour": list(shape.colour), "width": shape.width,
+            }  # fmt: skip
+        for name in set(self._shapes) - names:
+            del self._shapes[name]
+            self._sent.pop(f"shape {name}", None)
+            changed[name] = None
+        return changed

@@ -1,0 +1,338 @@
+// The live page: what comes over the WebSocket is shown, what is pressed is asked for.
+
+import { Plot } from "./plots.js";
+import { Scene } from "./scene.js";
+
+const token = new URLSearchParams(location.search).get("token") || "";
+const $ = (id) => document.getElementById(id);
+const KEPT = 900;       // samples, as the server's
+const JOG_PERIOD = 100; // ms; the robot stops when nothing comes for three of them
+const state = { limits: {}, choices: {}, values: {}, names: [], samples: [], told: {}, factor: null };
+let socket = null, scene = null, robotOf = null, dirty = true, positions = {};
+
+try {
+  scene = new Scene($("scene"));
+} catch (error) {
+  trouble(String(error.message || error));
+}
+const plots = [
+  new Plot($("plot-error"), (s) => s[1]),
+  new Plot($("plot-velocity"), (s) => s[2].slice(0, 3), (s) => s[3].slice(0, 3)),
+  new Plot($("plot-turn"), (s) => s[2].slice(3), (s) => s[3].slice(3)),
+];
+plots[1].names = ["vx", "vy", "vz"];
+plots[2].names = ["ωx", "ωy", "ωz"];
+
+function trouble(text) {
+  $("trouble").textContent = text;
+  $("trouble").hidden = !text;
+}
+
+function ask(request) {
+  if (!socket || socket.readyState !== WebSocket.OPEN) {
+    say({ done: false, text: "no connection to the simulator" });
+    return;
+  }
+  socket.send(JSON.stringify(request));
+}
+
+function say(answer) {
+  if (answer.done && !answer.text) return;
+  $("answer").textContent = answer.text;
+  $("answer").classList.toggle("refused", !answer.done);
+}
+
+// -- what comes --------------------------------------------------------------------------
+
+function connect() {
+  socket = new WebSocket(`ws://${location.host}/live?token=${encodeURIComponent(token)}`);
+  socket.binaryType = "arraybuffer";
+  let opened = false;
+  socket.onopen = () => { opened = true; link("connected", true); };
+  socket.onmessage = (event) => {
+    if (typeof event.data === "string") hear(JSON.parse(event.data));
+    else picture(event.data);
+  };
+  socket.onclose = async () => {
+    link("no connection", false);
+    if (!opened) {
+      try {  // a refusal is said in words, a simulator that is gone says nothing
+        const reply = await fetch(`/robot?token=${encodeURIComponent(token)}`);
+        if (reply.status === 403) { trouble(await reply.text()); return; }
+      } catch { /* not there (yet) */ }
+    }
+    setTimeout(connect, 1000);
+  };
+}
+
+function link(text, on) {
+  $("link").textContent = text;
+  $("link").className = `badge ${on ? "on" : "off"}`;
+}
+
+function hear(message) {
+  if (message.kind === "answer") { say(message); return; }
+  const whole = message.kind === "whole";
+  if (whole) { state.samples = []; robotOf = null; }
+  if (message.limits) limits(message.limits);
+  if (message.choices) choices(message.choices);
+  if (message.state) values(message.state);
+  if (message.told) told(message.told);
+  if (message.names) state.names = plots[0].names = message.names;
+  if (message.samples) samples(message.samples);
+  if (scene && (message.shapes || whole)) scene.setShapes(message.shapes || {}, whole);
+  if (message.joints) joints(message.joints, message.speeds);
+  if ("factor" in message) $("factor").textContent = message.factor === null ? "–" : message.factor.toFixed(2);
+  if ("stamp" in message) $("time").textContent = message.stamp.toFixed(2);
+}
+
+function samples(rows) {
+  for (const row of rows) {
+    if (row[0] === "clear") { state.samples = []; continue; }
+    const last = state.samples.length ? state.samples[state.samples.length - 1][0] : -Infinity;
+    if (row[0] > last) state.samples.push(row);
+    else if (row[0] < last - 1) state.samples = [row];
+  }
+  if (state.samples.length > KEPT) state.samples.splice(0, state.samples.length - KEPT);
+  dirty = true;
+}
+
+function told(words) {
+  state.told = words;
+  $("phase").textContent = words.phase || "waiting";
+  $("phase").className = `badge ${words.phase || "waiting"}`;
+  $("scheme").textContent = words.scheme;
+  const outcome = words.outcome && !["running", words.phase].includes(words.outcome) ? words.outcome.replace(/_/g, " ") : "";
+  const text = [outcome, words.reason].filter(Boolean).join(": ");
+  $("words").textContent = words.mend && outcome ? `${text} — ${words.mend}` : text;
+  $("words").title = $("words").textContent;
+}
+
+async function robot(of) {
+  if (robotOf === of || !scene) return;
+  robotOf = of;
+  const reply = await fetch(`/robot?token=${encodeURIComponent(token)}`);
+  if (reply.ok) { scene.setRobot(await reply.json()); scene.setJoints(positions); }
+  else { robotOf = null; trouble(await reply.text()); }
+}
+
+function limits(given) {
+  state.limits = given;
+  const box = $("joints");
+  box.textContent = "";
+  (given.names || []).forEach((name) => {
+    const row = document.createElement("div");
+    row.className = "joint";
+    const label = document.createElement("span"), bar = document.createElement("div");
+    const mark = document.createElement("i"), output = document.createElement("output");
+    label.textContent = label.title = name;
+    bar.className = "bar";
+    bar.append(mark);
+    row.append(label, bar, output);
+    box.append(row);
+  });
+  jogJoints(given.names || []);
+}
+
+function joints(values, speeds) {
+  const { names = [], lower = [], upper = [], prismatic = [] } = state.limits;
+  positions = Object.fromEntries(names.map((name, i) => [name, values[i]]));
+  if (scene) scene.setJoints(positions);
+  [...$("joints").children].forEach((row, i) => {
+    const value = values[i], low = lower[i], high = upper[i];
+    if (value === null || value === undefined) return;
+    const bounded = low !== null && high !== null;
+    const part = bounded ? (value - low) / (high - low) : 0.5 + Math.atan(value / 3) / Math.PI;
+    row.querySelector("i").style.left = `${100 * Math.min(1, Math.max(0, part))}%`;
+    row.classList.toggle("near", bounded && (part < 0.1 || part > 0.9));
+    row.classList.toggle("at", bounded && (part < 0.01 || part > 0.99));
+    const speed = speeds && speeds[i] !== null ? speeds[i] : 0;
+    row.querySelector("output").textContent = prismatic[i]
+      ? `${value.toFixed(3)} m` : `${(value * 180 / Math.PI).toFixed(1)}°`;
+    row.title = `${value.toFixed(4)} ${prismatic[i] ? "m" : "rad"}, ${speed.toFixed(3)}/s`
+      + (bounded ? `, limits ${low.toFixed(3)} to ${high.toFixed(3)}` : ", no limits");
+  });
+}
+
+let decoding = false;
+async function picture(bytes) {
+  if (decoding || document.hidden) return;
+  decoding = true;
+  try {
+    const bitmap = await createImageBitmap(new Blob([bytes], { type: "image/jpeg" }));
+    const canvas = $("picture");
+    if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
+      canvas.width = bitmap.width; canvas.height = bitmap.height;
+    }
+    canvas.getContext("2d").drawImage(bitmap, 0, 0);
+  } finally { decoding = false; }
+}
+
+// -- what may be chosen ------------------------------------------------------------------
+
+function choices(given) {
+  state.choices = given;
+  for (const [id, kind, current] of [
+    ["scheme", "schemes", "scheme"], ["law", "laws", "law"], ["start", "starts", "start"],
+    ["goal", "goals", "goal"], ["camera", "cameras", "camera"], ["target", "targets", "target"],
+  ]) {
+    const select = $(`choose-${id}`), before = select.value;
+    select.textContent = "";
+    for (const name of given[kind] || []) select.add(new Option(name, name));
+    const wanted = (given[kind] || []).includes(before) ? before : state.values[current];
+    if (wanted) select.value = wanted;
+  }
+  $("target").disabled = !(given.targets || []).length;
+}
+
+function values(given) {
+  const first = !Object.keys(state.values).length;
+  state.values = given;
+  if (first) {
+    for (const id of ["scheme", "law", "start", "goal", "camera", "target"]) {
+      if (given[id]) $(`choose-${id}`).value = given[id];
+    }
+  }
+  gains(given.gains || {});
+  robot(given.robot);
+  $("recording").textContent = given.recording ? `recording to ${given.recording}`
+    : given.recorded ? `recorded: ${given.recorded}` : "";
+  $("report-link").hidden = !given.report;
+  if (given.report) $("report-link").href = `/report/${given.report}?token=${encodeURIComponent(token)}`;
+  if (given.picture) $("picture-note").textContent = given.picture;
+}
+
+function slider(name, low, high, step, value, changed) {
+  const row = document.createElement("div"), label = document.createElement("span");
+  const input = document.createElement("input"), output = document.createElement("output");
+  row.className = "slider";
+  label.textContent = name;
+  Object.assign(input, { type: "range", min: low, max: high, step, value });
+  input.setAttribute("aria-label", name);
+  const show = () => { output.textContent = changed.show ? changed.show(+input.value) : (+input.value).toFixed(2); };
+  input.addEventListener("input", show);
+  input.addEventListener("change", () => changed.set && changed.set(+input.value));
+  row.append(label, input, output);
+  row.input = input; row.show = show;
+  show();
+  return row;
+}
+
+// Gains on a logarithmic scale, from a thousandth of their greatest value.
+function gains(given) {
+  const box = $("gains"), names = Object.keys(given);
+  if (box.dataset.names !== names.join()) {
+    box.dataset.names = names.join();
+    box.textContent = names.length ? "" : "no controller with gains now";
+    for (const name of names) {
+      const row = slider(name, -2, 2, 0.02, Math.log10(given[name]), {
+        set: (v) => ask({ do: "gain", name, value: Math.pow(10, v) }),
+        show: (v) => Math.pow(10, v).toPrecision(3),
+      });
+      row.dataset.gain = name;
+      box.append(row);
+    }
+  }
+  for (const row of box.querySelectorAll("[data-gain]")) {
+    if (document.activeElement !== row.input) { row.input.value = Math.log10(given[row.dataset.gain]); row.show(); }
+  }
+}
+
+const goalRows = {};
+for (const [name, reach] of [["x", 0.1], ["y", 0.1], ["z", 0.1], ["turn", 1.5]]) {
+  goalRows[name] = slider(name, -reach, reach, reach / 50, 0, {});
+  $("goal-sliders").append(goalRows[name]);
+}
+
+for (const button of document.querySelectorAll("[data-do]")) {
+  button.addEventListener("click", () => ask({ do: button.dataset.do }));
+}
+$("step").addEventListener("click", () => ask({ do: "step", steps: +$("steps").value }));
+$("servo").addEventListener("click", () => ask({
+  do: "servo", scheme: $("choose-scheme").value, law: $("choose-law").value,
+  start: $("choose-start").value, goal: $("choose-goal").value,
+}));
+$("goal").addEventListener("click", () => ask({
+  do: "goal", ...Object.fromEntries(Object.entries(goalRows).map(([k, row]) => [k, +row.input.value])),
+}));
+$("camera").addEventListener("click", () => ask({ do: "camera", preset: $("choose-camera").value }));
+$("target").addEventListener("click", () => ask({ do: "target", name: $("choose-target").value }));
+$("teach").addEventListener("click", () => ask({ do: "teach", name: $("teach-name").value }));
+$("view-all").addEventListener("click", () => scene && scene.setView("all"));
+$("view-run").addEventListener("click", () => scene && scene.setView("run"));
+
+// -- driving by hand ---------------------------------------------------------------------
+
+const AXES = ["vx", "vy", "vz", "wx", "wy", "wz"];
+const KEYS = { d: ["vx", 1], a: ["vx", -1], s: ["vy", 1], w: ["vy", -1], r: ["vz", 1], f: ["vz", -1],
+  k: ["wx", -1], i: ["wx", 1], l: ["wy", 1], j: ["wy", -1], e: ["wz", 1], q: ["wz", -1] };
+const held = new Map();
+let jogging = null;
+
+function hold(key, request) {
+  held.set(key, request);
+  if (!jogging) { jog(); jogging = setInterval(jog, JOG_PERIOD); }
+}
+
+function release(key) {
+  if (!held.delete(key) || held.size) return;
+  clearInterval(jogging);
+  jogging = null;
+  ask({ do: "jog" });
+}
+
+function jog() {
+  const speed = +$("jog-speed").value, twist = {};
+  for (const request of held.values()) {
+    if (request.joint) { ask({ do: "jog_joint", joint: request.joint, speed: request.sign * speed }); return; }
+    twist[request.axis] = request.sign * speed * (request.axis[0] === "v" ? 0.25 : 1);
+  }
+  ask({ do: "jog", ...twist });
+}
+
+function jogButton(text, request) {
+  const button = document.createElement("button");
+  button.textContent = text;
+  button.addEventListener("pointerdown", (e) => {
+    button.setPointerCapture(e.pointerId);
+    button.classList.add("held");
+    hold(button, request);
+  });
+  for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
+    button.addEventListener(end, () => { button.classList.remove("held"); release(button); });
+  }
+  return button;
+}
+
+for (const axis of AXES) {
+  for (const sign of [-1, 1]) {
+    $("jog-camera").append(jogButton(`${axis.replace("w", "ω")} ${sign < 0 ? "−" : "+"}`, { axis, sign }));
+  }
+}
+function jogJoints(names) {
+  $("jog-joints").textContent = "";
+  for (const joint of names) {
+    for (const sign of [-1, 1]) {
+      $("jog-joints").append(jogButton(`${joint} ${sign < 0 ? "−" : "+"}`, { joint, sign }));
+    }
+  }
+}
+$("scene").addEventListener("keydown", (e) => {
+  const key = KEYS[e.key.toLowerCase()];
+  if (!key || e.ctrlKey || e.metaKey || e.altKey) return;
+  e.preventDefault();
+  hold(e.key.toLowerCase(), { axis: key[0], sign: key[1] });
+});
+addEventListener("keyup", (e) => release(e.key.toLowerCase()));
+addEventListener("blur", () => { for (const key of [...held.keys()]) release(key); });
+
+// -- plots: as often as the eye asks for -----------------------------------------------------
+
+setInterval(() => {
+  if (!dirty || document.hidden) return;
+  dirty = false;
+  for (const plot of plots) plot.draw(state.samples);
+}, 120);
+new ResizeObserver(() => { dirty = true; }).observe($("plots-box"));
+connect();
+window.arasPage = { state, get scene() { return scene; } };  // for the tests

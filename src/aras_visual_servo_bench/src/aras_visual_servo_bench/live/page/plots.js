@@ -1,0 +1,96 @@
+// Scrolling plots: time to the left, the newest at the right.
+
+export const COLOURS = ["#56b4e9", "#e69f00", "#00bf8c", "#cc79a7", "#f0e342", "#ff7b5a", "#b4a7ff", "#c8d0dc"];
+const SPAN = 20, LEAST = 4;  // s that are shown, at most and at least
+const MOST = 8;   // curves with a name; the others are thin
+
+/** Ticks between two bounds: round numbers, about `count` of them. */
+export function ticks(low, high, count) {
+  const rough = (high - low) / count, power = Math.pow(10, Math.floor(Math.log10(rough)));
+  const step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= rough) || rough;
+  const first = Math.ceil(low / step - 1e-9), found = [];
+  for (let i = first; i * step <= high + 1e-9 * step; i++) found.push(i * step);
+  return { found, digits: Math.max(0, Math.min(6, -Math.floor(Math.log10(step) + 1e-9))) };
+}
+
+export class Plot {
+  /** `pick(sample)`: the solid curves' numbers; `dashed(sample)`: those beside them, or nothing. */
+  constructor(canvas, pick, dashed) {
+    Object.assign(this, { canvas, pick, dashed, names: [] });
+  }
+
+  draw(samples) {
+    const scale = Math.min(window.devicePixelRatio || 1, 2);
+    const width = this.canvas.clientWidth, height = this.canvas.clientHeight;
+    if (!width || !height) return;
+    if (this.canvas.width !== Math.round(width * scale)) this.canvas.width = Math.round(width * scale);
+    if (this.canvas.height !== Math.round(height * scale)) this.canvas.height = Math.round(height * scale);
+    const c = this.canvas.getContext("2d");
+    c.setTransform(scale, 0, 0, scale, 0, 0);
+    c.clearRect(0, 0, width, height);
+    c.font = "11px system-ui, 'DejaVu Sans', sans-serif";
+    const newest = samples.length ? samples[samples.length - 1][0] : 0;
+    const first = Math.max(newest - SPAN, samples.length ? samples[0][0] : 0);
+    const last = Math.max(newest, first + LEAST);
+    const shown = samples.filter((s) => s[0] >= first);
+    let low = Infinity, high = -Infinity;
+    for (const s of shown) {
+      for (const v of [...this.pick(s), ...(this.dashed ? this.dashed(s) : [])]) {
+        if (v === null) continue;
+        low = Math.min(low, v); high = Math.max(high, v);
+      }
+    }
+    if (!(low <= high)) { low = -1; high = 1; }
+    const room = Math.max(0.08 * (high - low), 1e-4);
+    low -= room; high += room;
+    const left = 52, right = width - 6, top = 18, bottom = height - 18;
+    const X = (t) => left + (t - first) / (last - first) * (right - left);
+    const Y = (v) => bottom - (v - low) / (high - low) * (bottom - top);
+    c.textBaseline = "middle";
+    const marks = ticks(low, high, 4);
+    for (const v of marks.found) {
+      c.strokeStyle = Math.abs(v) < 1e-12 ? "#56627a" : "#28303c";
+      c.beginPath(); c.moveTo(left, Y(v)); c.lineTo(right, Y(v)); c.stroke();
+      c.fillStyle = "#93a0b4"; c.textAlign = "right";
+      c.fillText(v.toFixed(marks.digits), left - 6, Y(v));
+    }
+    c.textAlign = "center";
+    for (const t of ticks(first, last, 5).found) {
+      if (t < 0) continue;
+      c.fillStyle = "#93a0b4"; c.fillText(`${t} s`, X(t), height - 7);
+    }
+    c.save();
+    c.beginPath(); c.rect(left, top - 2, right - left, bottom - top + 4); c.clip();
+    const curves = (numbers, dash, opacity) => {
+      const count = shown.length ? numbers(shown[shown.length - 1]).length : 0;
+      c.setLineDash(dash); c.globalAlpha = opacity;
+      for (let i = 0; i < count; i++) {
+        c.strokeStyle = COLOURS[i % COLOURS.length]; c.lineWidth = i < MOST ? 1.7 : 0.8;
+        c.beginPath();
+        let pen = false;
+        for (const s of shown) {
+          const v = numbers(s)[i];
+          if (v === null || v === undefined) { pen = false; continue; }
+          if (pen) c.lineTo(X(s[0]), Y(v)); else c.moveTo(X(s[0]), Y(v));
+          pen = true;
+        }
+        c.stroke();
+      }
+      c.setLineDash([]); c.globalAlpha = 1;
+    };
+    if (this.dashed) curves(this.dashed, [4, 3], 0.75);
+    curves(this.pick, [], 1);
+    c.restore();
+    let x = left;
+    c.textAlign = "left";
+    const values = shown.length ? this.pick(shown[shown.length - 1]) : [];
+    this.names.slice(0, MOST).forEach((name, i) => {
+      const value = values[i];
+      const text = name + (value === null || value === undefined ? "" : ` ${value.toFixed(4)}`);
+      c.fillStyle = COLOURS[i % COLOURS.length];
+      if (x + c.measureText(text).width > right) return;
+      c.fillText(text, x, 8);
+      x += c.measureText(text).width + 12;
+    });
+  }
+}

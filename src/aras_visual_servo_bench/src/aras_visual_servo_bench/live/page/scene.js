@@ -1,0 +1,300 @@
+// The 3-D scene: the robot by its joints, and the run's shapes. WebGL alone, drawn when something is new.
+
+const VERTEX = `
+attribute vec3 place; attribute vec3 normal;
+uniform mat4 model, view; uniform vec4 colour;
+varying vec4 tone;
+void main() {
+  vec3 n = normalize(mat3(model) * normal);
+  float light = 0.32 + 0.34 * max(dot(n, normalize(vec3(0.5, 0.35, 0.85))), 0.0)
+    + 0.18 * max(dot(n, normalize(vec3(-0.6, -0.5, 0.3))), 0.0);
+  tone = vec4(colour.rgb * light, colour.a);
+  gl_Position = view * model * vec4(place, 1.0);
+}`;
+// A line is a ribbon of so many pixels, spread in the picture's plane.
+const LINE_VERTEX = `
+attribute vec3 here, there; attribute float side;
+uniform mat4 view; uniform vec2 size; uniform float width; uniform vec4 colour;
+varying vec4 tone;
+void main() {
+  vec4 a = view * vec4(here, 1.0), b = view * vec4(there, 1.0);
+  vec2 way = (b.xy / max(b.w, 0.01) - a.xy / max(a.w, 0.01)) * size;
+  float far = length(way);
+  vec2 across = far > 1e-6 ? vec2(-way.y, way.x) / far : vec2(0.0);
+  gl_Position = a + vec4(across * side * width / size * a.w, -0.0005 * a.w, 0.0);
+  tone = colour;
+}`;
+const FRAGMENT = "precision mediump float; varying vec4 tone; void main() { gl_FragColor = tone; }";
+
+const multiply = (a, b) => {  // 4 x 4, row by row
+  const c = new Array(16);
+  for (let i = 0; i < 4; i++) for (let j = 0; j < 4; j++) {
+    c[4 * i + j] = a[4 * i] * b[j] + a[4 * i + 1] * b[4 + j] + a[4 * i + 2] * b[8 + j] + a[4 * i + 3] * b[12 + j];
+  }
+  return c;
+};
+const columns = (m) => new Float32Array([0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15].map((i) => m[i]));
+const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
+const minus = (a, b) => a.map((v, i) => v - b[i]);
+const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const unit = (a) => { const n = Math.hypot(...a) || 1; return a.map((v) => v / n); };
+
+/** parent_T_child of a joint at a position. */
+export function placed(joint, position) {
+  const [x, y, z] = joint.axis;
+  let motion = IDENTITY;
+  if (joint.kind === "prismatic") {
+    motion = [1, 0, 0, x * position, 0, 1, 0, y * position, 0, 0, 1, z * position, 0, 0, 0, 1];
+  } else if (joint.kind === "revolute" || joint.kind === "continuous") {
+    const c = Math.cos(position), s = Math.sin(position), k = 1 - c;
+    motion = [c + x * x * k, x * y * k - z * s, x * z * k + y * s, 0,
+      y * x * k + z * s, c + y * y * k, y * z * k - x * s, 0,
+      z * x * k - y * s, z * y * k + x * s, c + z * z * k, 0, 0, 0, 0, 1];
+  }
+  return multiply(joint.origin, motion);
+}
+
+/** base_T_link of every link, for joint positions by name. */
+export function linkPoses(robot, positions) {
+  const poses = { [robot.root]: IDENTITY }, left = [...robot.joints];
+  for (let round = 0; left.length && round <= robot.joints.length; round++) {
+    for (let i = left.length - 1; i >= 0; i--) {
+      const joint = left[i];
+      if (!(joint.parent in poses)) continue;
+      poses[joint.child] = multiply(poses[joint.parent], placed(joint, positions[joint.name] || 0));
+      left.splice(i, 1);
+    }
+  }
+  return poses;
+}
+
+export class Scene {
+  constructor(canvas) {
+    this.canvas = canvas;
+    this.robot = null; this.meshes = []; this.poses = {}; this.shapes = {}; this.lines = {};
+    this.views = {
+      all: { middle: [0, 0, 0.9], distance: 4.3, yaw: 0.75, pitch: 0.38 },
+      run: { middle: [0, 0, 0.78], distance: 1.25, yaw: 0.95, pitch: 0.36 },
+    };
+    this.view = { ...this.views.run };
+    const gl = canvas.getContext("webgl", { antialias: true, preserveDrawingBuffer: true });
+    if (!gl) throw new Error("this browser has no WebGL: the scene is not drawn, all else works");
+    this.gl = gl;
+    gl.getExtension("OES_element_index_uint");
+    this.solid = this._program(VERTEX);
+    this.ribbon = this._program(LINE_VERTEX);
+    this.grid = this._lineBuffer(this._gridPoints(), true);
+    canvas.addEventListener("webglcontextlost", (e) => { e.preventDefault(); this.lost = true; });
+    canvas.addEventListener("webglcontextrestored", () => location.reload());
+    this._listen();
+    new ResizeObserver(() => this.ask()).observe(canvas);
+    this.ask();
+  }
+
+  setView(name) { this.view = { ...this.views[name], middle: [...this.views[name].middle] }; this.ask(); }
+
+  setRobot(robot) {
+    const gl = this.gl;
+    for (const mesh of this.meshes) gl.deleteBuffer(mesh.buffer);
+    this.robot = robot; this.meshes = [];
+    for (const [link, parts] of Object.entries(robot.links)) {
+      for (const part of parts) {
+        const bytes = Uint8Array.from(atob(part.corners), (c) => c.charCodeAt(0));
+        const buffer = gl.createBuffer();
+        gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+        gl.bufferData(gl.ARRAY_BUFFER, bytes, gl.STATIC_DRAW);
+        this.meshes.push({ link, buffer, count: bytes.length / 24, colour: part.colour });
+      }
+    }
+    this.setJoints({});
+  }
+
+  setJoints(positions) {
+    if (this.robot) this.poses = linkPoses(this.robot, positions);
+    this.ask();
+  }
+
+  setShapes(changed, whole) {
+    if (whole) for (const name of Object.keys(this.shapes)) if (!(name in changed)) this._drop(name);
+    for (const [name, shape] of Object.entries(changed)) {
+      this._drop(name);
+      if (!shape || !shape.points.length) continue;
+      this.shapes[name] = shape;
+      const pairs = shape.kind === "lines";
+      this.lines[name] = this._lineBuffer(shape.points, pairs);
+      if (shape.kind === "arrow") this.lines[name].head = this._cone(shape);
+    }
+    this.ask();
+  }
+
+  _drop(name) {
+    const line = this.lines[name];
+    if (line) {
+      this.gl.deleteBuffer(line.buffer);
+      if (line.head) this.gl.deleteBuffer(line.head.buffer);
+    }
+    delete this.lines[name]; delete this.shapes[name];
+  }
+
+  _gridPoints() {
+    const points = [], reach = 3, step = 0.5;
+    for (let v = -reach; v <= reach + 1e-9; v += step) {
+      points.push(v, -reach, 0, v, reach, 0, -reach, v, 0, reach, v, 0);
+    }
+    return points;
+  }
+
+  _lineBuffer(points, pairs) {
+    const rows = [], count = points.length / 3;
+    for (let i = 0; i + 1 < count; i += pairs ? 2 : 1) {
+      const a = points.slice(3 * i, 3 * i + 3), b = points.slice(3 * i + 3, 3 * i + 6);
+      // two triangles; seen from its other end a side is the other one
+      rows.push(...a, ...b, 1, ...a, ...b, -1, ...b, ...a, -1, ...b, ...a, -1, ...a, ...b, -1, ...b, ...a, 1);
+    }
+    const gl = this.gl, buffer = gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(rows), gl.STATIC_DRAW);
+    return { buffer, count: rows.length / 7 };
+  }
+
+  _cone(shape) {
+    const tail = shape.points.slice(0, 3), tip = shape.points.slice(3, 6);
+    const way = unit(minus(tip, tail)), radius = 1.4 * shape.width, long = 4 * shape.width;
+    const u = unit(cross(way, Math.abs(way[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0])), v = cross(way, u);
+    const ring = (k) => {
+      const a = 2 * Math.PI * k / 12, n = [0, 1, 2].map((i) => Math.cos(a) * u[i] + Math.sin(a) * v[i]);
+      return { n, p: [0, 1, 2].map((i) => tip[i] + radius * n[i]) };
+    };
+    const top = [0, 1, 2].map((i) => tip[i] + long * way[i]), rows = [];
+    for (let k = 0; k < 12; k++) {
+      const a = ring(k), b = ring(k + 1), down = way.map((w) => -w);
+      rows.push(...a.p, ...a.n, ...b.p, ...b.n, ...top, ...a.n, ...a.p, ...down, ...tip, ...down, ...b.p, ...down);
+    }
+    const gl = this.gl, buffer = gl.createBuffer();
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
+    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(rows), gl.STATIC_DRAW);
+    return { buffer, count: rows.length / 6 };
+  }
+
+  _program(vertex) {
+    const gl = this.gl, program = gl.createProgram();
+    for (const [kind, source] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
+      const shader = gl.createShader(kind);
+      gl.shaderSource(shader, source);
+      gl.compileShader(shader);
+      if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
+      gl.attachShader(program, shader);
+    }
+    gl.linkProgram(program);
+    const places = {};
+    for (const name of ["model", "view", "colour", "size", "width"]) places[name] = gl.getUniformLocation(program, name);
+    for (const name of ["place", "normal", "here", "there", "side"]) places[name] = gl.getAttribLocation(program, name);
+    return { program, ...places };
+  }
+
+  /** Draw when the browser next does; not at all while nobody sees it. */
+  ask() {
+    if (this.asked) return;
+    this.asked = true;
+    requestAnimationFrame(() => { this.asked = false; if (!this.lost) this.draw(); });
+  }
+
+  _eye() {
+    const { middle, distance, yaw, pitch } = this.view;
+    const back = [Math.cos(pitch) * Math.cos(yaw), Math.cos(pitch) * Math.sin(yaw), Math.sin(pitch)];
+    return { back, eye: middle.map((m, i) => m + distance * back[i]) };
+  }
+
+  _projection() {
+    const { back, eye } = this._eye(), right = unit(cross([0, 0, 1], back)), up = cross(back, right);
+    const look = [...right, -dot(right, eye), ...up, -dot(up, eye), ...back, -dot(back, eye), 0, 0, 0, 1];
+    const f = 1 / Math.tan(0.39), near = 0.02, far = 40, aspect = this.canvas.width / this.canvas.height;
+    return multiply([f / aspect, 0, 0, 0, 0, f, 0, 0, 0, 0, (far + near) / (near - far), 2 * far * near / (near - far),
+      0, 0, -1, 0], look);
+  }
+
+  draw() {
+    const gl = this.gl, canvas = this.canvas, scale = Math.min(window.devicePixelRatio || 1, 2);
+    const width = Math.max(1, Math.round(canvas.clientWidth * scale)), height = Math.max(1, Math.round(canvas.clientHeight * scale));
+    if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
+    gl.viewport(0, 0, width, height);
+    gl.clearColor(0.105, 0.125, 0.165, 1);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    gl.enable(gl.DEPTH_TEST);
+    gl.enable(gl.BLEND);
+    gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
+    const view = columns(this._projection());
+    gl.useProgram(this.solid.program);
+    gl.uniformMatrix4fv(this.solid.view, false, view);
+    for (const mesh of this.meshes) this._triangles(mesh, columns(this.poses[mesh.link] || IDENTITY), mesh.colour);
+    for (const [name, line] of Object.entries(this.lines)) {
+      if (line.head) this._triangles(line.head, columns(IDENTITY), this.shapes[name].colour);
+    }
+    gl.useProgram(this.ribbon.program);
+    gl.uniformMatrix4fv(this.ribbon.view, false, view);
+    gl.uniform2f(this.ribbon.size, width, height);
+    this._ribbon(this.grid, [0.45, 0.5, 0.6, 0.28], scale);
+    for (const [name, line] of Object.entries(this.lines)) {
+      const shape = this.shapes[name];
+      const pixels = Math.min(5, Math.max(1.2, 0.75 * shape.width / this.view.distance * 1100));
+      this._ribbon(line, shape.colour, pixels * scale);
+    }
+  }
+
+  _triangles(mesh, model, colour) {
+    const gl = this.gl, p = this.solid;
+    gl.uniformMatrix4fv(p.model, false, model);
+    // black would show no shape at all
+    gl.uniform4f(p.colour, ...colour.slice(0, 3).map((c) => 0.04 + 0.96 * c), colour[3]);
+    gl.bindBuffer(gl.ARRAY_BUFFER, mesh.buffer);
+    gl.enableVertexAttribArray(p.place);
+    gl.vertexAttribPointer(p.place, 3, gl.FLOAT, false, 24, 0);
+    gl.enableVertexAttribArray(p.normal);
+    gl.vertexAttribPointer(p.normal, 3, gl.FLOAT, false, 24, 12);
+    gl.drawArrays(gl.TRIANGLES, 0, mesh.count);
+  }
+
+  _ribbon(line, colour, pixels) {
+    const gl = this.gl, p = this.ribbon;
+    gl.uniform4f(p.colour, ...colour);
+    gl.uniform1f(p.width, pixels);
+    gl.bindBuffer(gl.ARRAY_BUFFER, line.buffer);
+    for (const [name, size, offset] of [["here", 3, 0], ["there", 3, 12], ["side", 1, 24]]) {
+      gl.enableVertexAttribArray(p[name]);
+      gl.vertexAttribPointer(p[name], size, gl.FLOAT, false, 28, offset);
+    }
+    gl.drawArrays(gl.TRIANGLES, 0, line.count);
+  }
+
+  _listen() {
+    const canvas = this.canvas;
+    let held = null;
+    canvas.addEventListener("contextmenu", (e) => e.preventDefault());
+    canvas.addEventListener("pointerdown", (e) => {
+      held = { x: e.clientX, y: e.clientY, move: e.button !== 0 || e.shiftKey };
+      canvas.setPointerCapture(e.pointerId);
+    });
+    canvas.addEventListener("pointerup", () => { held = null; });
+    canvas.addEventListener("pointercancel", () => { held = null; });
+    canvas.addEventListener("pointermove", (e) => {
+      if (!held) return;
+      const dx = e.clientX - held.x, dy = e.clientY - held.y, view = this.view;
+      held.x = e.clientX; held.y = e.clientY;
+      if (held.move) {
+        const { back } = this._eye(), right = unit(cross([0, 0, 1], back)), up = cross(back, right);
+        const k = 0.82 * view.distance / canvas.clientHeight;
+        view.middle = view.middle.map((m, i) => m - k * dx * right[i] + k * dy * up[i]);
+      } else {
+        view.yaw -= 0.008 * dx;
+        view.pitch = Math.min(1.55, Math.max(-0.6, view.pitch + 0.008 * dy));
+      }
+      this.ask();
+    });
+    canvas.addEventListener("wheel", (e) => {
+      e.preventDefault();
+      this.view.distance = Math.min(15, Math.max(0.15, this.view.distance * Math.exp(0.001 * e.deltaY)));
+      this.ask();
+    }, { passive: false });
+  }
+}

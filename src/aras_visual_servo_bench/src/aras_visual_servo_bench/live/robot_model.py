@@ -1,0 +1,98 @@
+"""A robot as a browser draws it: its tree of joints, and triangles in colours."""
+
+from __future__ import annotations
+
+import base64
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aras_sim_bridge.description import Geometry, parse_urdf
+from aras_sim_bridge.description.mesh import Mesh
+from aras_sim_bridge.description.packages import ResolvePackage, find
+from aras_sim_bridge.description.shapes import triangles
+from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_controller.arm.poses import transform
+
+GREY = (0.7, 0.7, 0.72, 1.0)  # of what has no colour
+LARGEST = 400_000  # triangles; a browser without a graphics card draws no more at a useful rate
+
+
+def robot_model(urdf: str, resolve: ResolvePackage = find) -> dict[str, Any]:
+    """Plain numbers for JSON.
+
+    Returns:
+        {"name", "joints": [{name, kind, parent, child, origin: 16 numbers row by row, axis}],
+        "links": {name: [{colour, corners}]}}; corners: base64 of float32, position (m, in the
+        link) and normal of each corner of each triangle.
+
+    Raises:
+        DescriptionError: the description, or one of its meshes, cannot be used.
+    """
+    robot = parse_urdf(urdf, resolve)
+    colours = _colours(urdf)
+    links, count = {}, 0
+    for link in robot.links.values():
+        parts = []
+        for i, visual in enumerate(link.visuals):
+            colour = colours.get((link.name, i), robot.colours.get(link.name, GREY))
+            for mesh in _meshes(visual.geometry):
+                placed = mesh.transformed(transform(visual.origin_xyz, visual.origin_rpy))
+                count += len(placed.triangles)
+                parts.append({"colour": list(mesh.rgba or colour), "corners": _encoded(placed)})
+        if parts:
+            links[link.name] = parts
+    if count > LARGEST:
+        raise DescriptionError(f"{robot.name} has {count} triangles; a page draws {LARGEST}")
+    joints = [
+        {
+            "name": joint.name,
+            "kind": joint.kind,
+            "parent": joint.parent,
+            "child": joint.child,
+            "origin": transform(joint.origin_xyz, joint.origin_rpy).ravel().tolist(),
+            "axis": list(joint.axis),
+        }
+        for joint in robot.joints.values()
+    ]
+    return {"name": robot.name, "root": robot.root, "joints": joints, "links": links}
+
+
+def _meshes(geometry: Geometry) -> tuple[Mesh, ...]:
+    if geometry.kind == "mesh" and not Path(geometry.filename).is_file():
+        return ()  # whoever spawned it has been told
+    return triangles(geometry)
+
+
+def _encoded(mesh: Mesh) -> str:
+    corners = np.concatenate([mesh.positions, mesh.normals], axis=1)[mesh.triangles.ravel()]
+    return base64.b64encode(corners.astype("<f4").tobytes()).decode("ascii")
+
+
+def _colours(urdf: str) -> dict[tuple[str, int], tuple[float, ...]]:
+    """What the description's own materials say of each visual, by link and number.
+
+    The simulator's cameras go by Gazebo's materials; a person wants to see what rviz shows.
+    """
+    root = ElementTree.fromstring(urdf)
+    known = {m.get("name"): _rgba(m) for m in root.findall("material")}
+    found = {}
+    for link in root.findall("link"):
+        for i, visual in enumerate(link.findall("visual")):
+            material = visual.find("material")
+            if material is not None:
+                rgba = _rgba(material) or known.get(material.get("name"))
+                if rgba:
+                    found[link.get("name", ""), i] = rgba
+    return found
+
+
+def _rgba(material: ElementTree.Element) -> tuple[float, ...] | None:
+    colour = material.find("color")
+    try:
+        values = tuple(float(word) for word in colour.get("rgba", "").split())
+    except (AttributeError, ValueError):
+        return None
+    return values if len(values) == 4 else None

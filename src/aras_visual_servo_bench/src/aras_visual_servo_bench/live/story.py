@@ -1,0 +1,258 @@
+"""A run as it goes on, drawn: camera, goal, paths, twists, features, words.
+
+Told what the graph says, it answers shapes in the arm's base. A run begins where servoing begins:
+the camera's path and the features' trajectories from there on, and the straightest way to the goal.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.state import APPROACHING, CONVERGED, SERVOING, STOPPED, WAITING
+
+from .shapes import (
+    ARROW,
+    LINES,
+    STRIP,
+    TEXT,
+    Rgba,
+    Shape,
+    axes,
+    carried,
+    frustum,
+    on_picture,
+    picture_border,
+)
+from .track import Track
+
+# Okabe and Ito's palette, as in the plots; the goal is blue, as in the overlay.
+GOAL, NOW = (0.24, 0.47, 1.0), (0.95, 0.95, 0.95)
+PATH, IDEAL, FEATURE = (0.90, 0.62, 0.0), (0.75, 0.78, 0.85), (0.94, 0.89, 0.26)
+ASKED, ACHIEVED = (0.84, 0.37, 0.0), (0.0, 0.75, 0.55)
+ASKED_TURN, ACHIEVED_TURN = (0.80, 0.47, 0.65), (0.34, 0.71, 0.91)
+
+FRUSTUM = 0.16  # m, from the optical centre to a corner of the drawn picture
+FRAME = 0.05  # m, an axis of a drawn frame
+SECONDS = 1.0  # an arrow is as long as the way of so many seconds, m
+TURN_LENGTH = 0.1  # m for a radian
+LONGEST = 0.3  # m, of an arrow
+SHORTEST = 2e-3  # m; what is shorter is not drawn
+STEPS = 24  # points of the ideal path
+NEAR = 5e-4  # m between two points of the path
+NEAR_IN_PICTURE = 2e-3  # likewise of trajectories, normalised
+BESIDE = (-0.27, 0.24, 0.2)  # m from the camera to the words, in the base: beside the arm
+POINT = re.compile(r"^(.*)x(\d+)$")  # x0 and y0 are a place in the picture
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """The latest of what the controller said.
+
+    Attributes:
+        stamp: of the image, s.
+        scheme, phase, outcome, reason, mend: its words.
+        names, error, features: of the k features.
+        asked, achieved: (6,) twists of the camera in its own frame, m/s and rad/s.
+    """
+
+    stamp: float = 0.0
+    scheme: str = ""
+    phase: str = ""
+    outcome: str = ""
+    reason: str = ""
+    mend: str = ""
+    names: tuple[str, ...] = ()
+    error: tuple[float, ...] = ()
+    features: tuple[float, ...] = ()
+    asked: tuple[float, ...] = (0.0,) * 6
+    achieved: tuple[float, ...] = (0.0,) * 6
+
+
+class Story:
+    """One robot's run.
+
+    Attributes:
+        arm: its kinematics.
+        camera: what it looks through; None before it is known.
+        goal: (4, 4) base_T_camera; None before it is known.
+        outline: (n, 2) of the target at the goal, normalised.
+        told: by the controller.
+        factor: real-time factor, None while it is not known.
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        self.arm = arm
+        self.camera: CameraModel | None = None
+        self.goal: np.ndarray | None = None
+        self.outline = np.zeros((0, 2))
+        self.told = Told()
+        self.factor: float | None = None
+        self._pose: np.ndarray | None = None
+        self._border: tuple[CameraModel, np.ndarray] | None = None
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the run, not the robot: for a clock that went back."""
+        self.told = Told()
+        self.began: np.ndarray | None = None
+        self._path = Track(3, NEAR)
+        self._trajectories: dict[str, Track] = {}
+
+    @property
+    def pose(self) -> np.ndarray | None:
+        """(4, 4) base_T_camera, None before joints were heard."""
+        return self._pose
+
+    @property
+    def path(self) -> np.ndarray:
+        """(n, 3) the camera's places since servoing began, m."""
+        return self._path.points
+
+    # -- what it is told -------------------------------------------------------------------
+
+    def joints(self, positions: Sequence[float]) -> None:
+        """Where the joints are (n,), in the arm's order."""
+        self._pose = self.arm.pose(np.asarray(positions, float))
+
+    def say(self, told: Told, positions: Sequence[float] = ()) -> None:
+        """A state of the controller, with the joints (n,) that it saw, where it saw some."""
+        before, self.told = self.told, told
+        moving = told.phase in (SERVOING, CONVERGED)
+        if not moving:
+            return
+        if before.phase in ("", APPROACHING, WAITING, STOPPED):
+            self.began, self._trajectories = None, {}
+            self._path.clear()
+        if len(positions) == len(self.arm.names):
+            pose = self.arm.pose(np.asarray(positions, float))
+            if self.began is None:
+                self.began = np.array(pose)
+            self._path.add(pose[:3, 3])
+        for name, x, y in _points_of(told):
+            self.see(name, x, y)
+
+    def see(self, name: str, x: float, y: float) -> None:
+        """Where something of the target is in the picture, normalised."""
+        if self.told.phase not in (SERVOING, CONVERGED):
+            return
+        if name not in self._trajectories:
+            self._trajectories[name] = Track(2, NEAR_IN_PICTURE)
+        self._trajectories[name].add(np.array([x, y]))
+
+    # -- what it answers -------------------------------------------------------------------
+
+    def ideal(self) -> np.ndarray:
+        """Places (n, 3) of the straight way from where servoing began to the goal."""
+        if self.began is None or self.goal is None:
+            return np.zeros((0, 3))
+        along = np.linspace(0.0, 1.0, STEPS)[:, None]
+        start, end = self.began[:3, 3], self.goal[:3, 3]
+        return start + along * (end - start)
+
+    def words(self) -> list[str]:
+        """What is to be read beside it."""
+        told = self.told
+        if not told.phase:
+            return ["no controller yet"]
+        lines = [" - ".join(w for w in (told.scheme.rpartition(":")[2], told.phase) if w)]
+        if told.outcome not in ("", "running", told.phase):
+            lines[0] += f" ({told.outcome})"
+        if told.reason:
+            lines.append(_folded(told.reason))
+        if told.error:
+            pairs = zip(told.names[:4], told.error[:4], strict=False)
+            more = " ..." if len(told.error) > 4 else ""
+            lines.append("error " + "  ".join(f"{n} {e:+.4f}" for n, e in pairs) + more)
+        if self.factor is not None:
+            lines.append(f"real-time factor {self.factor:.2f}")
+        return lines
+
+    def shapes(self) -> list[Shape]:
+        """Everything, in the arm's base; what cannot be drawn now has no points."""
+        shapes = [self._line("path", self.path, (*PATH, 1.0), 0.006)]
+        ideal = self.ideal()
+        shapes.append(Shape("ideal path", LINES, ideal, (*IDEAL, 0.9), 0.003))
+        border = self._picture()
+        if self.goal is not None:
+            shapes += axes("desired", self.goal, 1.4 * FRAME, 0.9)
+            if border is not None:
+                shapes += frustum("desired camera", self.goal, border, FRUSTUM, (*GOAL, 0.9))
+        if self._pose is None:
+            return shapes
+        shapes += axes("camera", self._pose, FRAME)
+        if border is not None:
+            shapes += frustum("camera", self._pose, border, FRUSTUM, (*NOW, 0.9))
+            shapes += self._seen(border)
+        shapes += self._arrows()
+        text, place = "\n".join(self.words()), (self._pose[:3, 3] + BESIDE)[None]
+        shapes.append(Shape("words", TEXT, place, (1.0, 1.0, 1.0, 1.0), 0.026, text))
+        return shapes
+
+    def _picture(self) -> np.ndarray | None:
+        if self.camera is None:
+            return None
+        if self._border is None or self._border[0] != self.camera:
+            self._border = self.camera, picture_border(self.camera)
+        return self._border[1]
+
+    def _seen(self, border: np.ndarray) -> list[Shape]:
+        """Trajectories of what is seen, and the desired outline, on the drawn picture."""
+        shapes = []
+        outline = self.outline
+        if len(outline):
+            closed = on_picture(border, np.vstack([outline, outline[:1]]), FRUSTUM)
+            shapes.append(self._line("desired outline", carried(self._pose, closed), (*GOAL, 1.0),
+                                     0.002))  # fmt: skip
+        for name, track in self._trajectories.items():
+            points = carried(self._pose, on_picture(border, track.points, FRUSTUM))
+            shapes.append(self._line(f"trajectory {name}", points, (*FEATURE, 1.0), 0.002))
+        return shapes
+
+    def _arrows(self) -> list[Shape]:
+        told, shapes = self.told, []
+        for what, twist, move, turn in (
+            ("asked", told.asked, ASKED, ASKED_TURN),
+            ("achieved", told.achieved, ACHIEVED, ACHIEVED_TURN),
+        ):
+            width = 0.008 if what == "asked" else 0.012
+            ways = np.array(twist[:3]) * SECONDS, np.array(twist[3:]) * TURN_LENGTH
+            for part, way, colour in (("velocity", ways[0], move), ("turn", ways[1], turn)):
+                points, length = np.zeros((0, 3)), float(np.linalg.norm(way))
+                if np.isfinite(length) and length > SHORTEST:
+                    tip = way * min(1.0, LONGEST / length)
+                    points = carried(self._pose, np.array([np.zeros(3), tip]))
+                opacity = 1.0 if what == "asked" else 0.55
+                shapes.append(Shape(f"{what} {part}", ARROW, points, (*colour, opacity), width))
+        return shapes
+
+    @staticmethod
+    def _line(name: str, points: np.ndarray, colour: Rgba, width: float) -> Shape:
+        """A curve; one point alone is none."""
+        return Shape(name, STRIP, points if len(points) > 1 else np.zeros((0, 3)), colour, width)
+
+
+def _points_of(told: Told) -> list[tuple[str, float, float]]:
+    """Features that are places in the picture: x0 and y0, x1 and y1, ..."""
+    values, found = dict(zip(told.names, told.features, strict=False)), []
+    for name, x in values.items():
+        match = POINT.match(name)
+        y = values.get(f"{match[1]}y{match[2]}") if match else None
+        if y is not None:
+            found.append((f"point {match[2]}", x, y))
+    return found
+
+
+def _folded(text: str, width: int = 44) -> str:
+    """Long words in lines of a width."""
+    lines = [""]
+    for word in text.split():
+        if lines[-1] and len(lines[-1]) + len(word) >= width:
+            lines.append("")
+        lines[-1] += (" " if lines[-1] else "") + word
+    return "\n".join(lines[:3])

@@ -1,0 +1,69 @@
+"""A curve that grows while something moves, and a clock's pace."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+
+MOST = 600  # points of a track; then every other one is left out
+
+
+class Track:
+    """Points in their order; where many come, they are thinned alike from end to end."""
+
+    def __init__(self, width: int, spacing: float) -> None:
+        """`width`: numbers of a point; `spacing`: a point nearer to the last one is left out."""
+        self._width, self._least = width, spacing
+        self.clear()
+
+    def clear(self) -> None:
+        """Begin anew."""
+        self._points: list[np.ndarray] = []
+        self._spacing = self._least
+
+    def add(self, point: np.ndarray) -> None:
+        """One more; what is not finite is no place."""
+        point = np.array(point, float)
+        if point.shape != (self._width,) or not np.isfinite(point).all():
+            return
+        if self._points and np.linalg.norm(point - self._points[-1]) < self._spacing:
+            return
+        self._points.append(point)
+        if len(self._points) > MOST:
+            self._points = self._points[::2]
+            gaps = np.linalg.norm(np.diff(self._points, axis=0), axis=1)
+            self._spacing = max(2.0 * self._spacing, float(np.median(gaps)))
+
+    @property
+    def points(self) -> np.ndarray:
+        """(n, width)."""
+        return np.array(self._points).reshape(-1, self._width)
+
+
+class Pace:
+    """How fast simulated time goes: simulated s in a s of wall time, over the last seconds."""
+
+    WINDOW = 2.0  # s of wall time
+    LEAST = 0.3  # s of wall time before there is anything to tell
+
+    def __init__(self) -> None:
+        self._samples: deque[tuple[float, float]] = deque()
+
+    def add(self, wall: float, simulated: float) -> None:
+        """One instant of both clocks, s; a simulated clock that goes back begins anew."""
+        if self._samples and simulated < self._samples[-1][1]:
+            self._samples.clear()
+        self._samples.append((wall, simulated))
+        while wall - self._samples[0][0] > self.WINDOW:
+            self._samples.popleft()
+
+    @property
+    def factor(self) -> float | None:
+        """The real-time factor; None while it is not known."""
+        if not self._samples:
+            return None
+        (wall_0, simulated_0), (wall, simulated) = self._samples[0], self._samples[-1]
+        if wall - wall_0 < self.LEAST:
+            return None
+        return (simulated - simulated_0) / (wall - wall_0)

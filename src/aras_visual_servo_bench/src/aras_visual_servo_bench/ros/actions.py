@@ -1,0 +1,272 @@
+"""What the live page does on a graph: services, gains, nodes begun anew, the robot spawned anew."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import rosnode
+import rospkg
+import rospy
+import yaml
+from aras_sim_bridge.srv import StepWorld
+from controller_manager_msgs.srv import ListControllers, LoadController, SwitchController
+from dynamic_reconfigure.msg import Config, DoubleParameter
+from dynamic_reconfigure.srv import Reconfigure
+from gazebo_msgs.srv import DeleteModel, GetModelState, SpawnModel
+from geometry_msgs.msg import Pose
+from std_srvs.srv import Empty, Trigger
+
+from aras_visual_servo_controller.arm.poses import transform
+from aras_visual_servo_controller.errors import ConfigurationError, ServoError
+from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.laws.registry import LAWS
+from aras_visual_servo_controller.schemes.registry import SCHEMES
+from aras_visual_servo_controller.settings import Settings
+
+from ..live.requests import RefusedError
+from .listener import Listener
+from .processes import Launch
+
+CONTROLLER, CAMERA = "/aras_visual_servo_controller", "/aras_visual_servo_camera"
+CAMERA_PARAMETERS = "/gazebo/cameras/labrob/camera"
+PATIENCE = 5.0  # s of wall time for a service to be there
+TARGET = "target"  # the name under which a target is spawned, as the launch files have it
+STRICT = 2
+
+
+class Actions:
+    """Carries out what a page asks for; each method answers what to say, or raises RefusedError."""
+
+    def __init__(self, listener: Listener, settings: Settings, directory: Path,
+                 robot: str) -> None:  # fmt: skip
+        """`directory`: where goals, bags, reports and logs go; `robot`: the model's name."""
+        self._listener, self._settings, self.directory = listener, settings, directory
+        self._robot, self._space = robot, settings.namespace.rstrip("/")
+        self._lock = threading.Lock()  # one thing at a time
+        self.gains: dict[str, float] = {}
+        self.chosen: dict[str, str] = {}
+        self._nodes: Launch | None = None
+        self._packages = rospkg.RosPack()
+        self._descriptions: set[str] = set()
+        rospy.Subscriber(f"{CONTROLLER}/gains/parameter_updates", Config, self._on_gains)
+
+    def choices(self) -> dict[str, list[str]]:
+        """What may be chosen now."""
+        gazebo = Path(self._packages.get_path("aras_visual_servo_gazebo"))
+        starts = yaml.safe_load((self._settings.package / "config" / "starts.yaml").read_text())
+        shipped = sorted(p.stem[5:] for p in self._settings.package.glob("config/goal_*.yaml"))
+        own = sorted(p.stem for p in self.directory.glob("goals/*.yaml"))
+        given = self.given()
+        more = {kind: [given[key]] if given.get(key) else [] for kind, key in (
+            ("schemes", "scheme"), ("laws", "law"), ("starts", "start"), ("goals", "goal"))}
+        return {
+            "schemes": _once([*sorted(SCHEMES), *more["schemes"]]),
+            "laws": _once([*sorted(LAWS), *more["laws"]]),
+            "starts": _once(["none", *sorted(starts), *more["starts"]]),
+            "goals": _once(["auto", *shipped, *own, *more["goals"]]),
+            "cameras": sorted(p.stem for p in gazebo.glob("config/cameras/*.yaml")),
+            "targets": sorted(p.stem for p in gazebo.glob("targets/*.urdf")),
+            "gains": sorted(self.gains),
+            "joints": list(self._listener.story.arm.names) if self._listener.story else [],
+        }
+
+    def given(self) -> dict[str, str]:
+        """What the controller node runs with, as far as it is to be chosen."""
+        names = {"scheme": "scheme", "law": "law", "start": "start", "desired": "goal"}
+        try:
+            parameters = rospy.get_param(CONTROLLER, {})
+        except OSError:
+            return {}
+        found = {"law": "proportional", **self.chosen}
+        if isinstance(parameters, dict):
+            found |= {names[k]: str(v) for k, v in parameters.items() if k in names}
+        return found
+
+    # -- the simulator and the loop ----------------------------------------------------------
+
+    def loop(self, name: str) -> str:
+        """start, stop or hold."""
+        answer = self._call(f"{self._space}/controller/{name}", Trigger,
+                            "is the controller node running?")  # fmt: skip
+        return answer.message
+
+    def clock(self, name: str) -> str:
+        """pause_physics, unpause_physics or reset_simulation."""
+        self._call(f"/gazebo/{name}", Empty, "is the simulator running?")
+        return {"pause_physics": "time stands still", "unpause_physics": "time goes on",
+                "reset_simulation": "everything begins anew, at time 0"}[name]  # fmt: skip
+
+    def step(self, steps: int) -> str:
+        """So many physics steps of the paused simulation."""
+        answer = self._call("/gazebo/step_world", StepWorld, "is the simulator running?", steps)
+        if not answer.success:
+            raise RefusedError(answer.status_message)
+        return f"{steps} steps, to {answer.sim_time.to_sec():.3f} s"
+
+    def gain(self, name: str, value: float) -> str:
+        """A gain of the law, while it runs."""
+        config = Config(doubles=[DoubleParameter(name, value)])
+        answer = self._call(f"{CONTROLLER}/gains/set_parameters", Reconfigure,
+                            "is the controller node running?", config)  # fmt: skip
+        after = {entry.name: entry.value for entry in answer.config.doubles}
+        if name not in after:
+            raise RefusedError(f"the law that runs now has no {name}")
+        return f"{name} is {after[name]:.4g}"
+
+    # -- nodes begun anew ----------------------------------------------------------------------
+
+    def servo(self, scheme: str, law: str, start: str, goal: str) -> str:
+        """End the nodes that servo, wherever they were started, and begin them with these."""
+        own = self.directory / "goals" / f"{goal}.yaml"
+        return self._begin(scheme, law, start, str(own) if own.is_file() else goal)
+
+    def goal(self, x: float, y: float, z: float, turn: float) -> str:
+        """Servo to the goal moved in the camera's frame, m, and turned about its axis, rad."""
+        given, story = self.given(), self._listener.story
+        if story is None:
+            raise RefusedError("there is no robot yet")
+        settings = self._settings.from_mapping(
+            {"start": given.get("start", "none"), "desired": given.get("goal", "auto")},
+            self._settings.package,
+        )
+        try:
+            before = self.chosen.get("goal before", str(settings.goal_path()))
+            goal = Goal.load(before).for_arm(story.arm)
+            moved = goal.world_T_camera @ transform((x, y, z), (0.0, 0.0, turn))
+            seen = goal.seen_from(moved)
+            joints = story.arm.inverse(moved, goal.joint_values(story.arm.names))
+        except (ServoError, ConfigurationError) as error:
+            raise RefusedError(f"that goal cannot be: {error}") from error
+        values = dict(zip(story.arm.names, joints.tolist(), strict=True))
+        path = self._written("moved", replace(seen, joints=values).to_yaml(
+            "Moved on the live page."))
+        text = self._begin(given.get("scheme", "moments"), given["law"], "none", str(path))
+        self.chosen["goal before"] = before
+        return text
+
+    def _begin(self, scheme: str, law: str, start: str, goal: str) -> str:
+        with self._lock:
+            self.chosen.pop("goal before", None)
+            self._end_nodes()
+            self.directory.joinpath("log").mkdir(parents=True, exist_ok=True)
+            self._nodes = Launch(
+                ["aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch", f"scheme:={scheme}",
+                 f"law:={law}", f"start:={start}", f"goal:={goal}"],
+                self.directory / "log" / "nodes.txt", dict(os.environ),
+            )  # fmt: skip
+            ended = self._wait(lambda: self._nodes.death() or self._up(), 30.0)
+            if ended is not True:
+                raise RefusedError(
+                    f"the nodes did not start: {ended or 'no answer'}: {self._nodes.last_lines(2)}"
+                )
+        return f"servoing with {scheme}, law {law}, from {start} to {Path(goal).stem}"
+
+    def _up(self) -> bool:
+        try:
+            return bool(rosnode.rosnode_ping(CONTROLLER, max_count=1)) and rospy.has_param(
+                f"{CONTROLLER}/scheme")
+        except (rosnode.ROSNodeException, OSError):
+            return False
+
+    def _end_nodes(self) -> None:
+        if self._nodes is not None:
+            self._nodes.stop()
+            self._nodes = None
+        with contextlib.suppress(rosnode.ROSNodeException, OSError):
+            there = [name for name in (CONTROLLER, CAMERA) if name in rosnode.get_node_names()]
+            rosnode.kill_nodes(there)
+            self._wait(lambda: not set(there) & set(rosnode.get_node_names()), PATIENCE)
+        with contextlib.suppress(KeyError, OSError):
+            rospy.delete_param(CONTROLLER)
+        self.gains = {}
+
+    # -- the robot and the target spawned anew ---------------------------------------------------
+
+    def camera(self, preset: str) -> str:
+        """The robot taken away and put back with another camera; its controllers with it."""
+        gazebo = Path(self._packages.get_path("aras_visual_servo_gazebo"))
+        settings = yaml.safe_load((gazebo / "config" / "cameras" / f"{preset}.yaml").read_text())
+        manager = f"{self._space}/controller_manager"
+        with self._lock:
+            there = self._call(f"{manager}/list_controllers", ListControllers,
+                               "are the robot's controllers loaded?").controller  # fmt: skip
+            if rospy.has_param(CAMERA_PARAMETERS):
+                rospy.delete_param(CAMERA_PARAMETERS)
+            rospy.set_param(CAMERA_PARAMETERS, settings or {})
+            self._call("/gazebo/delete_model", DeleteModel, "", self._robot)
+            spawned = self._call("/gazebo/spawn_urdf_model", SpawnModel, "", self._robot,
+                                 rospy.get_param(self._settings.description), "", Pose(), "")
+            if not spawned.success:
+                raise RefusedError(f"the robot did not come back: {spawned.status_message}")
+            for controller in there:
+                self._call(f"{manager}/load_controller", LoadController, "", controller.name)
+            running = [c.name for c in there if c.state == "running"]
+            switched = self._call(f"{manager}/switch_controller", SwitchController, "", running,
+                                  [], STRICT, False, 0.0)  # fmt: skip
+            if not switched.ok:
+                raise RefusedError("the robot came back without its controllers: reset")
+        self.chosen["camera"] = preset
+        return f"the robot has the camera {preset}"
+
+    def target(self, name: str) -> str:
+        """A target put into the world, in the place of the one that was."""
+        gazebo = Path(self._packages.get_path("aras_visual_servo_gazebo"))
+        text = (gazebo / "targets" / f"{name}.urdf").read_text(encoding="utf-8")
+        with self._lock:
+            state = self._call("/gazebo/get_model_state", GetModelState, "", TARGET, "")
+            pose = state.pose if state.success else Pose()
+            if state.success:
+                self._call("/gazebo/delete_model", DeleteModel, "", TARGET)
+            answer = self._call("/gazebo/spawn_urdf_model", SpawnModel, "", TARGET, text, "",
+                                pose, "")  # fmt: skip
+            if not answer.success:
+                raise RefusedError(answer.status_message)
+        self.chosen["target"] = name
+        return f"the target is {name}"
+
+    # -- shared ------------------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """End what was started here."""
+        if self._nodes is not None:
+            self._nodes.stop()
+
+    def _on_gains(self, message: Config) -> None:
+        self.gains = {entry.name: round(entry.value, 6) for entry in message.doubles}
+
+    def _written(self, name: str, text: str) -> Path:
+        path = self.directory / "goals" / f"{name}.yaml"
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise RefusedError(f"cannot write {path}: {error.strerror}") from error
+        return path
+
+    @staticmethod
+    def _wait(done: Callable[[], Any], seconds: float) -> Any:
+        end = time.monotonic() + seconds
+        while not (found := done()) and time.monotonic() < end:
+            time.sleep(0.1)
+        return found
+
+    @staticmethod
+    def _call(name: str, kind: type, hint: str, *given: object) -> Any:
+        """A service's answer; RefusedError where it is not there or fails."""
+        try:
+            rospy.wait_for_service(name, PATIENCE)
+            return rospy.ServiceProxy(name, kind)(*given)
+        except (rospy.ROSException, rospy.ServiceException, OSError) as error:
+            why = f"{name} does not answer" + (f" ({hint})" if hint else f": {error}")
+            raise RefusedError(why) from error
+
+
+def _once(names: list[str]) -> list[str]:
+    return list(dict.fromkeys(names))

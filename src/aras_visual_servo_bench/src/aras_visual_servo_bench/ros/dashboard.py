@@ -1,0 +1,203 @@
+"""The live page of a running graph: see it, drive it, change it, in a browser on this machine."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import rospy
+
+from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_controller.errors import ServoError
+from aras_visual_servo_ros.master_watch import MasterWatch
+from aras_visual_servo_ros.shutdown import end_on_signals, end_without_master
+
+from ..errors import BenchError
+from ..live.page import Page
+from ..live.requests import RefusedError, Request
+from ..live.robot_model import robot_model
+from .listener import Listener, listener_settings
+
+PERIOD = 0.5  # s of wall time between two looks at what changes seldom
+# Own parameters, besides those of the controller that say where the robot is: default of each.
+OWN: dict[str, Any] = {
+    "host": "127.0.0.1", "port": 8080, "token": "", "directory": "", "robot": "aras_visual_servo",
+}  # fmt: skip
+
+
+class Dashboard:
+    """The server's Host: a graph's story, pictures and actions."""
+
+    def __init__(self, listener: Listener, given: dict[str, Any], directory: Path) -> None:
+        from .actions import Actions
+        from .driving import Driving
+        from .keeping import Keeping
+        from .pictures import Pictures
+
+        settings = listener.settings
+        self.page, self._listener = Page(), listener
+        self._actions = Actions(listener, settings, directory, given["robot"])
+        self._keeping = Keeping(directory)
+        self._driving = Driving(listener, settings)
+        self._pictures = Pictures(
+            settings.namespace.rstrip("/"), settings.camera_namespace.rstrip("/")
+        )
+        self._model: tuple[str, dict[str, Any]] = ("", {})
+        self._viewers = 0
+        self._model_lock = threading.Lock()
+        listener.hear = self.page.sample
+        actions, keeping, driving = self._actions, self._keeping, self._driving
+        self._doers = {
+            **{name: lambda g, n=name: actions.loop(n) for name in ("start", "stop", "hold")},
+            "reset": lambda g: actions.clock("reset_simulation"),
+            "pause": lambda g: actions.clock("pause_physics"),
+            "resume": lambda g: actions.clock("unpause_physics"),
+            "step": lambda g: actions.step(**g),
+            "gain": lambda g: actions.gain(**g),
+            "servo": lambda g: actions.servo(**g),
+            "goal": lambda g: actions.goal(**g),
+            "camera": lambda g: actions.camera(**g),
+            "target": lambda g: actions.target(**g),
+            "teach": lambda g: keeping.teach(g["name"], actions.given().get("scheme", "moments")),
+            "record": lambda g: keeping.record(),
+            "stop_record": lambda g: keeping.stop_record(),
+            "report": lambda g: keeping.make_report(),
+            "jog": lambda g: driving.twist([g[k] for k in ("vx", "vy", "vz", "wx", "wy", "wz")]),
+            "jog_joint": lambda g: driving.joint(g["joint"], g["speed"]),
+        }  # fmt: skip
+
+    # -- what the server asks for ------------------------------------------------------------
+
+    def news(self) -> dict[str, Any]:
+        """What has changed since the last call."""
+        listener = self._listener
+        with listener.lock:
+            story = listener.look_again()
+            joints, speeds = listener.positions, listener.velocities
+            if joints is None:
+                story, joints, speeds = None, (), ()
+            return self.page.news(story, joints, speeds, listener.stamp)
+
+    def robot(self) -> dict[str, Any] | None:
+        """The robot's model; a description that cannot be drawn is told, and drawn as nothing."""
+        urdf = self._listener.urdf
+        if not urdf:
+            return None
+        with self._model_lock:
+            if self._model[0] != urdf:
+                try:
+                    self._model = urdf, robot_model(urdf)
+                except DescriptionError as error:
+                    rospy.logwarn("the page does not draw the robot: %s", error)
+                    self._model = urdf, {"name": "", "root": "", "joints": [], "links": {}}
+            return self._model[1]
+
+    def picture(self) -> bytes | None:
+        """A new JPEG, None where there is none since the last call."""
+        return self._pictures.jpeg()
+
+    def watched(self, viewers: int) -> None:
+        """So many look on now."""
+        self._viewers = viewers
+        self._pictures.watched(viewers)
+
+    def do(self, request: Request) -> str:
+        """Carry out a request; what to say. RefusedError: why not."""
+        try:
+            return self._doers[request.do](request.given)
+        except (ServoError, OSError, rospy.ROSException) as error:
+            raise RefusedError(str(error)) from error
+
+    def file(self, path: str) -> Path | None:
+        """A file of the last run's report."""
+        return self._keeping.file(path)
+
+    # -- what changes seldom -----------------------------------------------------------------
+
+    def refresh(self) -> None:
+        """Look for another robot, for nodes that have come or gone, for choices."""
+        listener, keeping = self._listener, self._keeping
+        story = listener.look()
+        if story is None or not self._viewers:
+            return
+        arm = story.arm
+        limits = listener.settings.for_robot(listener.robot, ()).limits(arm)
+        self.page.robot(arm.names, limits.lower, limits.upper, limits.velocity, arm.prismatic)
+        self._pictures.choose()
+        self.page.choices = self._actions.choices()
+        self.page.state = {
+            **self._actions.given(), "gains": self._actions.gains,
+            "robot": listener.robots, "picture": self._pictures.note,
+            "recording": str(keeping.recording or ""), "recorded": str(keeping.recorded or ""),
+            "report": keeping.report,
+        }  # fmt: skip
+
+    def close(self) -> None:
+        """End what was started from the page."""
+        self._actions.close()
+        self._keeping.close()
+
+
+def own_parameters(given: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The page's own parameters, checked, and the rest.
+
+    Raises:
+        ServoError: one that is of a wrong kind, or out of range.
+    """
+    own = {name: given.get(name, default) for name, default in OWN.items()}
+    rest = {name: value for name, value in given.items() if name not in OWN}
+    port = own["port"]
+    if isinstance(port, bool) or not isinstance(port, int) or not 1 <= port <= 65535:
+        raise ServoError(f"parameter ~port is {port!r}, must be a port, 1 to 65535")
+    for name in ("host", "token", "directory", "robot"):
+        if not isinstance(own[name], str):
+            raise ServoError(f"parameter ~{name} is {own[name]!r}, must be a text")
+    if own["token"] and (len(own["token"]) < 12 or not own["token"].isascii()):
+        raise ServoError("parameter ~token is too easy to guess: 12 characters or more, or empty")
+    return own, rest
+
+
+def main() -> int:
+    """Run the node; returns its exit status."""
+    rospy.init_node("aras_visual_servo_dashboard", disable_rostime=True)
+    end_on_signals()
+    try:
+        from ..live.server import serve
+    except ModuleNotFoundError as error:
+        rospy.logfatal("the live page needs %s: ./setup.sh --for bench installs it", error.name)
+        return 1
+    try:
+        own, rest = own_parameters(rospy.get_param("~", {}))
+        listener = Listener(listener_settings(rest))
+        home = Path(os.environ.get("ROS_HOME", "~/.ros")).expanduser()
+        directory = Path(own["directory"] or home / "aras_dashboard").expanduser()
+        dashboard = Dashboard(listener, own, directory)
+        server = serve(dashboard, own["host"], own["port"], own["token"], rospy.loginfo)
+    except (BenchError, ServoError) as error:
+        rospy.logfatal("%s", error)
+        return 1
+    print(f"\n    {server.access.address}\n", flush=True)  # a line that a terminal makes a link of
+    try:
+        _watch(dashboard)
+    except ServoError as error:
+        rospy.logfatal("%s", error)
+        return 1
+    finally:
+        server.close()
+        dashboard.close()
+    return 0
+
+
+def _watch(dashboard: Dashboard) -> None:
+    master = MasterWatch(rospy.get_name())
+    while not rospy.is_shutdown() and not end_without_master(master):
+        dashboard.refresh()
+        time.sleep(PERIOD)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,92 @@
+"""The arm driven by hand, by whoever asks: a thread that sends what a Jog says."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+
+import rospy
+from std_srvs.srv import Trigger
+
+from aras_visual_servo_controller.arm import Resolver
+from aras_visual_servo_controller.jog import Jog
+from aras_visual_servo_controller.ros.commands import CommandTopics
+from aras_visual_servo_controller.settings import Settings
+
+from ..live.requests import RefusedError
+from .listener import Listener
+
+PERIOD = 0.02  # s of wall time between two commands
+
+
+class Driving:
+    """One person's hand on one robot."""
+
+    def __init__(self, listener: Listener, settings: Settings) -> None:
+        self._listener, self._settings = listener, settings
+        self._lock = threading.Lock()
+        self._jog: Jog | None = None
+        self._topics: CommandTopics | None = None
+        self._wake = threading.Event()
+        threading.Thread(target=self._run, name="driving", daemon=True).start()
+
+    def twist(self, twist: Sequence[float]) -> str:
+        """Move the camera in its own frame, (6,) m/s and rad/s, for a moment."""
+        jog = self._begun() if any(twist) else self._jog
+        if jog is None:
+            return ""
+        with self._lock:
+            jog.twist(twist, time.monotonic())
+        self._wake.set()
+        return jog.reason
+
+    def joint(self, name: str, part: float) -> str:
+        """Move one joint with a part of its greatest speed, for a moment."""
+        jog = self._begun()
+        with self._lock:
+            jog.joint(name, part, time.monotonic())
+        self._wake.set()
+        return jog.reason
+
+    def _begun(self) -> Jog:
+        """The jog of the robot that is there now, the controller being stopped."""
+        story = self._listener.story
+        if story is None or self._listener.positions is None:
+            raise RefusedError("there are no joint states: is the robot there?")
+        if story.told.phase not in ("", "stopped"):
+            self._stop_controller()
+        if self._jog is None or self._jog.arm is not story.arm:
+            settings = self._settings.for_robot(self._listener.robot, ())
+            limits = settings.limits(story.arm)
+            topics = CommandTopics(settings, story.arm.names)
+            with self._lock:
+                if self._topics is not None:
+                    self._topics.close()
+                self._jog = Jog(story.arm, limits, Resolver(story.arm, limits))
+                self._topics = topics
+        return self._jog
+
+    def _stop_controller(self) -> None:
+        """It would command the joints as well."""
+        name = f"{self._settings.namespace.rstrip('/')}/controller/stop"
+        try:
+            rospy.wait_for_service(name, 0.5)
+            rospy.ServiceProxy(name, Trigger)()
+        except (rospy.ROSException, rospy.ServiceException, OSError):
+            return  # it is not there any more
+
+    def _run(self) -> None:
+        while not rospy.is_shutdown():
+            self._wake.wait(0.5)
+            with self._lock:
+                jog, positions = self._jog, self._listener.positions
+                command = None
+                if jog is not None and positions is not None:
+                    command = jog.tick(time.monotonic(), positions)
+                    if command is not None:
+                        self._topics.put(command)
+            if command is None:
+                self._wake.clear()
+                continue
+            time.sleep(PERIOD)

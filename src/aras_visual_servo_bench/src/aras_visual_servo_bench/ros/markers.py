@@ -1,0 +1,83 @@
+"""What a run looks like, as markers for rviz: camera, goal, paths, twists, features, words."""
+
+from __future__ import annotations
+
+import time
+
+import rospy
+from geometry_msgs.msg import Point
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_ros.master_watch import MasterWatch
+from aras_visual_servo_ros.shutdown import end_on_signals, end_without_master
+
+from ..live.shapes import ARROW, LINES, STRIP, TEXT, Shape
+from .listener import Listener, listener_settings
+
+PERIOD = 0.1  # s of wall time; rviz draws 30 times a second, and interpolates nothing
+KINDS = {
+    LINES: Marker.LINE_LIST, STRIP: Marker.LINE_STRIP, ARROW: Marker.ARROW,
+    TEXT: Marker.TEXT_VIEW_FACING,
+}  # fmt: skip
+HEAD, HEAD_LENGTH = 2.2, 3.0  # an arrow's head, in widths of its shaft
+
+
+def marker(shape: Shape, frame: str) -> Marker:
+    """visualization_msgs/Marker of a shape; one without points takes the former one away."""
+    message = Marker(ns=shape.name, type=KINDS[shape.kind], action=Marker.ADD)
+    message.header.frame_id = frame  # stamp 0: as the frame stands now
+    message.pose.orientation.w = 1.0
+    if not len(shape.points):
+        message.action = Marker.DELETE
+        return message
+    message.color = ColorRGBA(*shape.colour)
+    width = shape.width
+    if shape.kind == TEXT:
+        message.text, message.scale.z = shape.text, width
+        place = message.pose.position
+        place.x, place.y, place.z = (float(v) for v in shape.points[0])
+        return message
+    message.scale.x = width
+    if shape.kind == ARROW:
+        message.scale.y, message.scale.z = HEAD * width, HEAD_LENGTH * width
+    message.points = [Point(*point) for point in shape.points.tolist()]
+    return message
+
+
+def markers(shapes: list[Shape], frame: str, before: set[str]) -> MarkerArray:
+    """All of them, and the end of those of `before` that are no more."""
+    array = MarkerArray([marker(shape, frame) for shape in shapes])
+    for name in sorted(before - {shape.name for shape in shapes}):
+        array.markers.append(Marker(ns=name, action=Marker.DELETE))
+    return array
+
+
+def main() -> int:
+    """Run the node; returns its exit status."""
+    rospy.init_node("aras_visual_servo_markers", disable_rostime=True)
+    end_on_signals()
+    try:
+        settings = listener_settings(rospy.get_param("~", {}))
+        listener = Listener(settings)
+        topic = f"{settings.namespace.rstrip('/')}/markers"
+        publisher = rospy.Publisher(topic, MarkerArray, queue_size=1)
+        _publish(listener, publisher)
+    except ConfigurationError as error:
+        rospy.logfatal("%s", error)
+        return 1
+    return 0
+
+
+def _publish(listener: Listener, publisher: rospy.Publisher) -> None:
+    """Draw, ten times a second, for whoever looks."""
+    master, drawn = MasterWatch(rospy.get_name()), set()
+    while not rospy.is_shutdown() and not end_without_master(master):
+        story = listener.look()
+        if story is not None and publisher.get_num_connections():
+            with listener.lock:
+                shapes, frame = story.shapes(), story.arm.target_frame or story.arm.base_frame
+            publisher.publish(markers(shapes, frame, drawn))
+            drawn = {shape.name for shape in shapes}
+        time.sleep(PERIOD)

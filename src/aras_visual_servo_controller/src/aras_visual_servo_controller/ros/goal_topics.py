@@ -1,0 +1,49 @@
+"""Where the camera is to go and what it is to see there, for whoever draws it."""
+
+from __future__ import annotations
+
+import numpy as np
+import rospy
+from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped
+from scipy.spatial.transform import Rotation
+
+from ..servo import Servo
+
+
+class GoalTopics:
+    """Latched: the goal's pose, and the target's outline as it looks from there."""
+
+    def __init__(self, space: str) -> None:
+        """`space`: namespace of the topics."""
+        self._pose = rospy.Publisher(
+            f"{space}/controller/goal", PoseStamped, latch=True, queue_size=1
+        )
+        self._outline = rospy.Publisher(
+            f"{space}/controller/desired_outline", PolygonStamped, latch=True, queue_size=1
+        )
+
+    def announce(self, servo: Servo) -> None:
+        """Tell of a loop's goal; a pose that it does not know is not told."""
+        arm, pose = servo.arm, servo.resolver.goal
+        if pose is not None:
+            self._pose.publish(pose_message(pose, arm.target_frame or arm.base_frame))
+        self._outline.publish(outline_message(servo.goal.outline(), arm.camera_frame))
+
+
+def pose_message(a_T_b: np.ndarray, frame: str) -> PoseStamped:
+    """geometry_msgs/PoseStamped of (4, 4) in the frame a."""
+    message = PoseStamped()
+    message.header.frame_id = frame
+    place, turn = message.pose.position, message.pose.orientation
+    place.x, place.y, place.z = (float(v) for v in a_T_b[:3, 3])
+    turn.x, turn.y, turn.z, turn.w = (float(v) for v in Rotation.from_matrix(
+        a_T_b[:3, :3]).as_quat())
+    return message
+
+
+def outline_message(outline: np.ndarray, frame: str) -> PolygonStamped:
+    """geometry_msgs/PolygonStamped of normalised (n, 2), on the plane z = 1 of the camera."""
+    message = PolygonStamped()
+    message.header.frame_id = frame
+    message.polygon.points = [Point32(float(x), float(y), 1.0) for x, y in outline]
+    return message

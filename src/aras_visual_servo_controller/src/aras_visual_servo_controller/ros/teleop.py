@@ -1,0 +1,149 @@
+"""Teleoperation on a running graph: keys, gamepad, and the commands that come of them."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import rospkg
+import rospy
+from sensor_msgs.msg import JointState, Joy
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
+
+from .. import teleop
+from ..arm import Resolver
+from ..errors import ConfigurationError, MeasurementError
+from ..gamepad import HELP, JoyDevice, twist_of
+from ..jog import Jog
+from ..naming import unknown
+from ..settings import Settings
+from .commands import CommandTopics
+from .given import robot_name
+
+PERIOD = 0.02  # s of wall time between two commands
+
+
+class Teleop:
+    """One person at a terminal, one arm."""
+
+    def __init__(self) -> None:
+        """ConfigurationError: no robot, or a joint that it has not."""
+        package = Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
+        settings = Settings(package=package)
+        urdf = str(rospy.get_param(settings.description, ""))
+        if not urdf:
+            raise ConfigurationError(f"no robot description on parameter {settings.description}")
+        settings = settings.for_robot(robot_name(urdf), ())
+        self._arm = arm = settings.arm(urdf)
+        self._limits, self._space = settings.limits(arm), settings.namespace.rstrip("/")
+        self._joints = {
+            way: str(rospy.get_param(f"~{way}", name)) for way, name in teleop.JOINTS.items()
+        }
+        for name in self._joints.values():
+            if name not in arm.names:
+                raise unknown("joint", name, arm.names)
+        self._jog = Jog(arm, self._limits, Resolver(arm, self._limits))
+        self._keys = teleop.Keys(arm.names)
+        self._topics = CommandTopics(settings, arm.names)
+        self._steps = {
+            way: rospy.Publisher(
+                f"{self._space}/{settings.controllers.get(name, f'{name}_position_controller')}"
+                "/command", Float64, queue_size=1,
+            )
+            for way, name in self._joints.items()
+        }  # fmt: skip
+        self._measured: np.ndarray | None = None
+        self._heard, self._pad = threading.Event(), threading.Lock()
+        self._stopped, self._told = False, ""
+        self._device: JoyDevice | None = None
+        rospy.Subscriber(f"{self._space}/joint_states", JointState, self._on_joints, queue_size=1)
+        rospy.Subscriber(str(rospy.get_param("~joy", "/joy")), Joy, self._on_joy, queue_size=1)
+        device = Path(str(rospy.get_param("~joystick", "/dev/input/js0")))
+        with contextlib.suppress(OSError):  # without a gamepad there are still the keys
+            self._device = JoyDevice(device)
+
+    def run(self) -> int:
+        """Until q or ^C; returns the exit status."""
+        print(teleop.__doc__)
+        if self._device is not None:
+            print(HELP)
+        while not self._heard.wait(2.0):
+            print(f"waiting for joint states on {self._space}/joint_states")
+        command = self._measured.copy()
+        with teleop.raw_terminal():
+            while not rospy.is_shutdown():
+                for key in teleop.pressed(PERIOD):
+                    if key in ("q", "\x04"):
+                        return 0
+                    command = self._press(key, command)
+                if self._device is not None:
+                    self._drive(self._device.axes, self._device.buttons)
+                if self._move():
+                    command = self._measured.copy()
+        return 0
+
+    def _press(self, key: str, command: np.ndarray) -> np.ndarray:
+        if key == "h":
+            print(teleop.__doc__ + (HELP if self._device is not None else ""))
+        elif key == " ":
+            print("  ".join(f"{n} {v:.3f}" for n, v in
+                            zip(self._arm.names, self._measured, strict=True)))  # fmt: skip
+            if self._jog.reason:
+                print(self._jog.reason)
+        elif key in teleop.KEYS:
+            command, told = teleop.command_for(key, command, self._limits, self._joints)
+            print(told)
+            way = teleop.KEYS[key][0]
+            value = command[self._limits.names.index(self._joints[way])]
+            self._steps[way].publish(Float64(float(value)))
+        else:
+            moves, told = self._keys.press(key, self._jog, time.monotonic())
+            if moves:
+                self._stop_controller()
+            if told:
+                print(told)
+        return command
+
+    def _move(self) -> bool:
+        """Send what the drive comes to; whether anything was sent."""
+        with self._pad:
+            command = self._jog.tick(time.monotonic(), self._measured)
+        if command is None:
+            return False
+        self._topics.put(command)
+        if self._jog.reason and self._jog.reason != self._told:
+            print(self._jog.reason)
+        self._told = self._jog.reason
+        return True
+
+    def _drive(self, axes: list[float], buttons: list[int]) -> None:
+        twist = twist_of(axes, buttons)
+        if twist is None:
+            return
+        self._stop_controller()
+        with self._pad:
+            self._jog.twist(twist, time.monotonic())
+
+    def _stop_controller(self) -> None:
+        """Once: a controller that servoes would command the joints as well."""
+        if self._stopped:
+            return
+        self._stopped = True
+        with contextlib.suppress(rospy.ROSException, rospy.ServiceException, OSError):
+            name = f"{self._space}/controller/stop"
+            rospy.wait_for_service(name, 0.3)
+            rospy.ServiceProxy(name, Trigger)()
+            print("the controller is stopped: its service start lets it go on")
+
+    def _on_joints(self, message: JointState) -> None:
+        with contextlib.suppress(MeasurementError):
+            self._measured = self._arm.sample(message.name, message.position).positions
+            self._heard.set()
+
+    def _on_joy(self, message: Joy) -> None:
+        if self._heard.is_set():
+            self._drive(list(message.axes), list(message.buttons))

@@ -1,0 +1,284 @@
+"""The live page on a running graph: what it tells, what it does, and whom it refuses."""
+
+import json
+import re
+import socket
+import threading
+import time
+from urllib.error import HTTPError, URLError
+from urllib.request import urlopen
+
+import pytest
+
+pytest.importorskip("rospy")
+websocket = pytest.importorskip("tornado.websocket")
+
+from ros_graph import wait_for, wait_for_message  # noqa: E402
+from tornado.httpclient import HTTPClientError  # noqa: E402
+from tornado.ioloop import IOLoop  # noqa: E402
+
+NODES = ("/gazebo", "/aras_visual_servo_dashboard", "/aras_visual_servo_markers")
+TOKEN = "a-token-for-the-tests"
+
+
+class Viewer:
+    """What a browser is to the page, in a thread: all that was heard, and answers waited for."""
+
+    def __init__(self, port: int) -> None:
+        self.told, self.pictures, self.answers, self.shapes = {}, [], [], {}
+        self.samples, self.news = [], 0
+        self._address = f"ws://127.0.0.1:{port}/live?token={TOKEN}"
+        self._ready = threading.Event()
+        threading.Thread(target=self._run, daemon=True).start()
+        assert self._ready.wait(20.0)
+
+    def _run(self) -> None:
+        import asyncio
+
+        asyncio.set_event_loop(asyncio.new_event_loop())
+        self._loop = IOLoop.current()
+        self._loop.run_sync(self._listen)
+
+    async def _listen(self) -> None:
+        self._socket = await websocket.websocket_connect(self._address)
+        self._ready.set()
+        while (message := await self._socket.read_message()) is not None:
+            if isinstance(message, bytes):
+                self.pictures.append(message)
+                continue
+            data = json.loads(message)
+            if data["kind"] == "answer":
+                self.answers.append(data)
+                continue
+            self.news += 1
+            self.samples += [row for row in data.pop("samples", []) if row[0] != "clear"]
+            self.shapes |= data.pop("shapes", {})
+            self.told |= data
+
+    def ask(self, do: str, timeout: float = 60.0, **given) -> tuple[bool, str]:
+        """Whether it was done, and what was said."""
+        self.answers.clear()
+        message = json.dumps({"do": do, **given})
+        self._loop.add_callback(lambda: self._socket.write_message(message))
+        answer = wait_for(lambda: self.answers, timeout, f"an answer to {do}")[0]
+        return answer["done"], answer["text"]
+
+    def phase(self) -> str:
+        return self.told.get("told", {}).get("phase", "")
+
+    def wait(self, phase: str, timeout: float = 60.0) -> None:
+        wait_for(lambda: self.phase() == phase, timeout, f"{phase}, now {self.told.get('told')}")
+
+    def close(self) -> None:
+        self._loop.add_callback(self._socket.close)
+
+
+@pytest.fixture(scope="module")
+def taken():
+    """A port that somebody has already."""
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        yield other.getsockname()[1]
+
+
+@pytest.fixture(scope="module")
+def directory(tmp_path_factory):
+    return tmp_path_factory.mktemp("dashboard")
+
+
+@pytest.fixture(scope="module")
+def graph(launch, ros_master, taken, directory):
+    import rospy
+
+    for name, value in (("token", TOKEN), ("directory", str(directory))):
+        ros_master.run(["rosparam", "set", f"/aras_visual_servo_dashboard/{name}", value])
+    launched = launch("aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=NODES,
+                      dashboard=True, markers=True, dashboard_port=taken)  # fmt: skip
+    assert rospy
+    return launched
+
+
+@pytest.fixture(scope="module")
+def port(graph, taken):
+    """The next free port, which the node has said."""
+    said = wait_for(lambda: re.search(r"http://127\.0\.0\.1:(\d+)/\?token=", graph.output()), 60.0,
+                    "the page's address")  # fmt: skip
+    assert int(said[1]) > taken
+    assert f"port {taken} is taken" in graph.output()
+    return int(said[1])
+
+
+@pytest.fixture(scope="module")
+def viewer(port, ros_node):
+    found = Viewer(port)
+    yield found
+    found.close()
+
+
+def test_strangers_are_refused(port):
+    for path, code, why in (
+        ("/", 403, "no token"), ("/?token=wrong", 403, "not this simulator's"),
+        (f"/nothing?token={TOKEN}", 404, "nothing here"),
+    ):  # fmt: skip
+        with pytest.raises(HTTPError) as refused:
+            urlopen(f"http://127.0.0.1:{port}{path}", timeout=20)
+        assert refused.value.code == code
+        assert why in refused.value.read().decode()
+    with pytest.raises(HTTPClientError, match="403"):
+        IOLoop().run_sync(
+            lambda: websocket.websocket_connect(f"ws://127.0.0.1:{port}/live?token=none"))
+    with urlopen(f"http://127.0.0.1:{port}/?token={TOKEN}", timeout=20) as page:
+        assert b"ARAS visual servoing" in page.read()
+    own = socket.gethostbyname(socket.gethostname())
+    if not own.startswith("127."):
+        with pytest.raises((URLError, OSError)):
+            urlopen(f"http://{own}:{port}/?token={TOKEN}", timeout=5)
+
+
+def test_a_run_is_seen_from_its_start(viewer, graph, launch):
+    wait_for(lambda: viewer.told.get("joints"), 60.0, "joints")
+    launch("aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch",
+           nodes=("/aras_visual_servo_controller",))  # fmt: skip
+    viewer.wait("converged", 120.0)
+    told = viewer.told
+    assert told["limits"]["names"] == ["gantry", "J1", "J2", "J3", "J5", "J6"]
+    assert told["names"] == ["xn", "yn", "an", "alpha"]
+    assert told["state"]["gains"] == {"gain": 5.0}
+    assert told["state"]["scheme"] == "moments"
+    assert told["factor"] == pytest.approx(1.0, abs=0.3)
+    assert len(viewer.samples) > 30
+    errors = [row[1] for row in viewer.samples if row[1]]
+    assert max(map(abs, errors[-1])) < 0.1 * max(map(abs, errors[0]))
+    assert len(viewer.shapes["path"]["points"]) > 9
+    start, end = viewer.shapes["ideal path"]["points"][:3], viewer.shapes["path"]["points"][-3:]
+    assert viewer.shapes["path"]["points"][:3] == pytest.approx(start, abs=1e-3)
+    assert viewer.shapes["ideal path"]["points"][-3:] == pytest.approx(end, abs=1e-3)
+    for name in ("desired camera picture", "camera picture", "desired outline"):
+        assert viewer.shapes[name]["points"], name
+    assert viewer.pictures[-1].startswith(b"\xff\xd8")
+
+
+def test_rviz_gets_the_same_shapes(viewer, ros_node):
+    from visualization_msgs.msg import Marker, MarkerArray
+
+    array = wait_for_message("/aras_visual_servo/markers", MarkerArray, 20.0)
+    by_name = {marker.ns: marker for marker in array.markers}
+    path = by_name["path"]
+    assert (path.type, path.header.frame_id) == (Marker.LINE_STRIP, "base_link")
+    assert len(path.points) * 3 == len(viewer.shapes["path"]["points"])
+    assert "moments - converged" in by_name["words"].text
+    assert by_name["asked velocity"].action in (Marker.ADD, Marker.DELETE)
+
+
+def test_the_overlay_shows_what_is_to_be_seen(viewer, ros_node):
+    from geometry_msgs.msg import PolygonStamped, PoseStamped
+
+    outline = wait_for_message("/aras_visual_servo/controller/desired_outline", PolygonStamped)
+    assert len(outline.polygon.points) == 8  # a square with a patch
+    goal = wait_for_message("/aras_visual_servo/controller/goal", PoseStamped)
+    assert goal.header.frame_id == "base_link"
+    assert goal.pose.position.z == pytest.approx(0.7834, abs=2e-3)
+
+
+def test_the_loop_obeys(viewer):
+    assert viewer.ask("hold") == (True, "hold: holding")
+    viewer.wait("holding")
+    assert viewer.ask("stop") == (True, "stop: stopped")
+    viewer.wait("stopped")
+    assert viewer.ask("gain", name="gain", value=2.5) == (True, "gain is 2.5")
+    wait_for(lambda: viewer.told["state"]["gains"] == {"gain": 2.5}, 20.0, "the new gain")
+    done, why = viewer.ask("gain", name="gain", value=1e6)
+    assert (done, why) == (False, "value is 1e+06: it must be 0.001 to 100")
+    done, why = viewer.ask("gain", name="gian", value=1.0)
+    assert not done and "there are gain" in why
+
+
+def test_the_arm_is_driven_by_hand_and_stands_when_let_go(viewer):
+    viewer.wait("stopped")
+    before = viewer.told["joints"][0]
+    end = time.monotonic() + 60.0
+    while abs(viewer.told["joints"][0] - before) < 0.02 and time.monotonic() < end:
+        assert viewer.ask("jog", vx=0.2)[0]
+        time.sleep(0.05)
+    assert viewer.told["joints"][0] > before + 0.02  # the picture's x is along the gantry
+    time.sleep(1.5)
+    first = viewer.told["joints"]
+    time.sleep(0.5)
+    assert viewer.told["joints"] == pytest.approx(first, abs=1e-3)
+    assert viewer.phase() == "stopped"
+    # Servoing begins where the arm was driven to, and does not jump back first.
+    moved, fastest = viewer.told["joints"][0], 0.0
+    assert viewer.ask("start")[0]
+    viewer.wait("converged")
+    for row in viewer.samples[-200:]:
+        fastest = max(fastest, abs(row[4][0] - moved) if row[4] else 0.0)
+    assert fastest < 0.2
+
+
+def test_time_stands_still_steps_and_begins_anew(viewer):
+    assert viewer.ask("pause")[0]
+    time.sleep(0.5)
+    before = viewer.told["stamp"]
+    assert viewer.ask("step", steps=500)[0]
+    wait_for(lambda: viewer.told["stamp"] > before + 0.4, 20.0, "half a second")
+    time.sleep(0.5)
+    assert viewer.told["stamp"] == pytest.approx(before + 0.5, abs=0.02)
+    done, why = viewer.ask("step", steps=1.5)
+    assert (done, why) == (False, "steps is 1.5: it must be a whole number")
+    assert viewer.ask("resume")[0]
+    assert viewer.ask("reset")[0]
+    wait_for(lambda: viewer.told["stamp"] < before, 30.0, "time 0")
+    viewer.wait("converged", 120.0)
+
+
+def test_another_scheme_and_a_moved_goal(viewer):
+    done, why = viewer.ask("servo", scheme="os:system", law="proportional", start="2016",
+                           goal="auto")  # fmt: skip
+    assert not done and why.startswith("scheme is 'os:system': there are")
+    done, text = viewer.ask("servo", scheme="points", law="proportional", start="2015",
+                            goal="2016", timeout=120.0)  # fmt: skip
+    assert done, text
+    wait_for(lambda: viewer.told["told"]["scheme"] == "points", 60.0, "points")
+    viewer.wait("converged", 120.0)
+    at = viewer.told["joints"][0]
+    done, text = viewer.ask("goal", x=0.03, y=0.0, z=0.0, turn=0.0, timeout=120.0)
+    assert done, text
+    wait_for(lambda: viewer.told["joints"][0] > at + 0.02, 60.0, "the moved goal")
+    viewer.wait("converged", 120.0)
+
+
+def test_another_camera(viewer):
+    done, text = viewer.ask("camera", preset="wide", timeout=120.0)
+    assert done, text
+    count = len(viewer.pictures)
+    wait_for(lambda: len(viewer.pictures) > count + 3, 60.0, "pictures of the new camera")
+    wait_for(lambda: viewer.told["factor"] is not None, 60.0, "joint states")
+
+
+def test_a_bag_is_recorded_and_a_goal_taught(viewer, directory):
+    done, text = viewer.ask("record")
+    assert done, text
+    assert viewer.ask("report")[0] is False
+    done, why = viewer.ask("teach", name="../../mine")
+    assert not done and "letters, digits" in why
+    time.sleep(1.0)
+    done, text = viewer.ask("stop_record")
+    assert done, text
+    assert list(directory.glob("bags/*.bag"))
+    done, text = viewer.ask("teach", name="mine", timeout=120.0)
+    assert done, text
+    wait_for(lambda: "mine" in viewer.told["choices"]["goals"], 20.0, "the taught goal")
+
+
+def test_without_a_viewer_nothing_is_drawn(viewer, port, ros_node, ros_master):
+    second = Viewer(port)
+    wait_for(lambda: second.told.get("joints"), 20.0, "the second viewer's joints")
+    second.close()
+    viewer.close()
+
+    def listeners() -> str:
+        said = ros_master.run(["rostopic", "info", "/aras_visual_servo/camera/overlay"])
+        return said.partition("Subscribers:")[2]
+
+    wait_for(lambda: "dashboard" not in listeners(), 20.0, "nobody to look at the overlay", 0.5)

@@ -1,0 +1,147 @@
+"""A headless Chromium for tests and pictures, driven over its own DevTools socket."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import itertools
+import json
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from urllib.request import Request, urlopen
+
+from tornado.websocket import websocket_connect
+
+NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome")
+HOW = ("no Chromium here: apt-get install chromium-headless-shell (./setup.sh --for developing "
+       "does so)")  # fmt: skip
+OPTIONS = (
+    "--headless", "--no-sandbox", "--disable-gpu-sandbox", "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader", "--disable-dev-shm-usage", "--hide-scrollbars",
+    "--no-first-run", "--remote-debugging-port=0", "--remote-allow-origins=*",
+    "--disable-background-networking", "--disable-component-update",
+)  # fmt: skip
+START, ANSWER = 30.0, 30.0  # s of wall time
+
+
+def chromium() -> str | None:
+    """The program; None where there is none."""
+    return next(filter(None, map(shutil.which, NAMES)), None)
+
+
+class Browser:
+    """One browser with a profile of its own; ends with the block."""
+
+    def __init__(self, size: tuple[int, int] = (1440, 900)) -> None:
+        program = chromium()
+        if program is None:
+            raise RuntimeError(HOW)
+        self._profile = tempfile.TemporaryDirectory(prefix="browser", ignore_cleanup_errors=True)
+        self._loop = asyncio.new_event_loop()
+        self._process = subprocess.Popen(
+            [program, *OPTIONS, f"--window-size={size[0]},{size[1]}",
+             f"--user-data-dir={self._profile.name}", "about:blank"],
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        self._size = size
+        file = Path(self._profile.name) / "DevToolsActivePort"
+        end = time.monotonic() + START
+        while not (file.is_file() and file.read_text().count("\n")):
+            if time.monotonic() > end or self._process.poll() is not None:
+                self.close()
+                raise RuntimeError("Chromium did not start")
+            time.sleep(0.05)
+        self._port = int(file.read_text().splitlines()[0])
+
+    def open(self, address: str) -> Tab:
+        """A new tab that shows an address."""
+        asked = Request(f"http://127.0.0.1:{self._port}/json/new?about:blank", method="PUT")
+        with urlopen(asked, timeout=ANSWER) as answer:
+            found = json.load(answer)
+        tab = Tab(self._loop, found["webSocketDebuggerUrl"])
+        tab.call("Emulation.setDeviceMetricsOverride", width=self._size[0], height=self._size[1],
+                 deviceScaleFactor=1, mobile=False)  # fmt: skip
+        tab.call("Page.enable")
+        tab.call("Page.navigate", url=address)
+        return tab
+
+    def close(self) -> None:
+        """End it."""
+        self._process.terminate()
+        try:
+            self._process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._loop.close()
+        self._profile.cleanup()
+
+    def __enter__(self) -> Browser:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+class Tab:
+    """One page."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, address: str) -> None:
+        self._loop, self._numbers = loop, itertools.count(1)
+        self._socket = self._run(
+            lambda: websocket_connect(address, max_message_size=2**27)
+        )
+
+    def _run(self, begin: Callable[[], Any]) -> Any:
+        async def wait() -> Any:
+            return await asyncio.wait_for(begin(), ANSWER)
+
+        return self._loop.run_until_complete(wait())
+
+    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        """One DevTools command and its answer."""
+        number = next(self._numbers)
+        message = json.dumps({"id": number, "method": method, "params": parameters})
+        self._run(lambda: self._socket.write_message(message))
+        while True:
+            text = self._run(self._socket.read_message)
+            if text is None:
+                raise RuntimeError(f"{method}: the page is gone")
+            answer = json.loads(text)
+            if answer.get("id") == number:
+                if "error" in answer:
+                    raise RuntimeError(f"{method}: {answer['error']['message']}")
+                return answer["result"]
+
+    def js(self, expression: str) -> Any:
+        """The value of an expression; a promise is waited for."""
+        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True,
+                           awaitPromise=True)  # fmt: skip
+        if "exceptionDetails" in answer:
+            told = answer["exceptionDetails"]
+            raise RuntimeError(told.get("exception", {}).get("description", told["text"]))
+        return answer["result"].get("value")
+
+    def wait(self, expression: str, timeout: float = 20.0) -> Any:
+        """The expression's first true value."""
+        end = time.monotonic() + timeout
+        while not (value := self.js(expression)):
+            if time.monotonic() > end:
+                raise AssertionError(f"waited {timeout:g} s in vain for {expression}")
+            time.sleep(0.1)
+        return value
+
+    def screenshot(self) -> bytes:
+        """PNG of what is to be seen."""
+        return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+
+    def close(self) -> None:
+        """Close the tab."""
+        message = json.dumps({"id": 0, "method": "Page.close"})
+        self._run(lambda: self._socket.write_message(message))
+        self._socket.close()

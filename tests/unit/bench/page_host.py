@@ -1,0 +1,80 @@
+"""A page's host without ROS: a robot that goes where it is told, and notes what is asked."""
+
+from __future__ import annotations
+
+import threading
+
+import cv2
+import numpy as np
+
+from aras_visual_servo_bench.live.page import Page
+from aras_visual_servo_bench.live.requests import RefusedError
+from aras_visual_servo_bench.live.robot_model import robot_model
+from aras_visual_servo_bench.live.story import Story, Told
+
+
+class StandIn:
+    """What Dashboard is on a graph."""
+
+    def __init__(self, robot, camera) -> None:
+        self.arm = robot.arm()
+        self._robot = robot
+        self.page, self.story = Page(), Story(self.arm)
+        self.story.camera = camera
+        self.q = np.array([-0.1, 0.0, 0.349, -0.262, -0.087, 0.1745])
+        self.goal = np.array([0.05, 0.0, -0.09, 0.045, 0.045, 0.0])
+        self.story.goal = np.array(self.arm.pose(self.goal))
+        self.story.outline = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
+        self.story.factor = 1.0
+        self.asked, self.viewers, self.time = [], [], 0.0
+        self.lock = threading.Lock()
+        arm = self.arm
+        self.page.robot(arm.names, arm.lower, arm.upper, arm.velocity, arm.prismatic)
+        self.page.choices = {
+            "schemes": ["moments", "points"], "laws": ["proportional"], "starts": ["2015", "2016"],
+            "goals": ["auto", "2016"], "cameras": ["original", "wide"], "targets": [],
+            "gains": ["gain"], "joints": list(arm.names),
+        }  # fmt: skip
+        self.page.state = {"scheme": "moments", "gains": {"gain": 5.0}, "robot": 1,
+                           "start": "2016", "camera": "original"}  # fmt: skip
+        self.move()
+
+    def move(self, phase: str = "servoing") -> None:
+        """One image later."""
+        with self.lock:
+            self.time += 1 / 30
+            step = 0.08 * (self.goal - self.q)
+            self.q = self.q + step
+            twist = tuple(self.arm.jacobian(self.q) @ step * 30.0)
+            error = tuple((self.goal - self.q)[:4])
+            told = Told(self.time, "moments", phase, "running", "", "", ("xn", "yn", "an", "alpha"),
+                        error, error, twist, tuple(0.97 * v for v in twist))  # fmt: skip
+            self.story.joints(self.q)
+            self.story.say(told, self.q)
+            self.story.see("centre", 0.5 * error[0], 0.4 * error[2])
+            self.page.sample(told, self.q)
+
+    def news(self):
+        with self.lock:
+            return self.page.news(self.story, self.q, np.zeros(len(self.q)), self.time)
+
+    def robot(self):
+        return robot_model(self._robot.urdf, self._robot.packages.find)
+
+    def picture(self):
+        image = np.full((240, 320, 3), 245, np.uint8)
+        cv2.rectangle(image, (150, 100), (180, 130), (0, 0, 0), -1)
+        cv2.rectangle(image, (145, 105), (175, 135), (255, 120, 60), 1)
+        return cv2.imencode(".jpg", image)[1].tobytes()
+
+    def watched(self, viewers):
+        self.viewers.append(viewers)
+
+    def do(self, request):
+        self.asked.append(request)
+        if request.do == "hold":
+            raise RefusedError("no controller here")
+        return f"done: {request.do}"
+
+    def file(self, path):
+        return None

@@ -1,0 +1,161 @@
+"""The live page in a real browser: drawn, alive, and asking for what is pressed."""
+
+import os
+
+import cv2
+import numpy as np
+import pytest
+from browser import HOW, Browser, chromium
+from page_host import StandIn
+
+from aras_visual_servo_bench.live.server import serve
+
+COLOURS = """(() => {{ const c = document.getElementById("{0}");
+  const d = document.createElement("canvas"); d.width = c.width; d.height = c.height;
+  const x = d.getContext("2d"); x.drawImage(c, 0, 0);
+  const p = x.getImageData(0, 0, d.width, d.height).data, found = new Set();
+  for (let i = 0; i < p.length; i += 4)
+    found.add((p[i] >> 4) * 256 + (p[i + 1] >> 4) * 16 + (p[i + 2] >> 4));
+  return found.size; }})()"""
+
+
+@pytest.fixture(scope="module")
+def browser():
+    if chromium() is None:
+        if os.environ.get("CI"):
+            pytest.fail(HOW)
+        pytest.skip(HOW)
+    with Browser() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def host(robot, pinhole):
+    return StandIn(robot, pinhole)
+
+
+@pytest.fixture(scope="module")
+def server(host):
+    found = serve(host, "127.0.0.1", 18300 + os.getpid() % 1000, say=lambda _: None)
+    yield found
+    found.close()
+
+
+@pytest.fixture(scope="module")
+def page(browser, server, host):
+    tab = browser.open(server.access.address)
+    tab.wait("window.arasPage && arasPage.scene && arasPage.scene.meshes.length > 5")
+    for _ in range(40):
+        host.move()
+    tab.wait("arasPage.state.samples.length >= 41")
+    return tab
+
+
+def test_all_is_drawn(page, tmp_path):
+    page.wait(f"({COLOURS.format('scene')}) > 40")
+    page.wait(f"({COLOURS.format('picture')}) > 2")
+    page.wait(f"({COLOURS.format('plot-error')}) > 4")
+    picture = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
+    assert picture.shape == (900, 1440, 3)
+    if keep := os.environ.get("ARAS_SCREENSHOTS"):
+        cv2.imwrite(f"{keep}/page_stand_in.png", picture)
+
+
+def test_links_stand_where_the_arm_has_them(page, host):
+    """The page's own forward kinematics against Pinocchio's."""
+    joints = dict(zip(host.arm.names, host.q.tolist(), strict=True))
+    shown = page.js("import('/scene.js').then((m) => m.linkPoses(arasPage.scene.robot, "
+                    f"{joints})['camera_optical_frame'])")  # fmt: skip
+    np.testing.assert_allclose(np.reshape(shown, (4, 4)), host.arm.pose(host.q), atol=1e-6)
+
+
+def test_words_and_joints_are_shown(page, host):
+    page.wait("document.getElementById('phase').textContent === 'servoing'")
+    assert page.js("document.getElementById('factor').textContent") == "1.00"
+    rows = page.js("[...document.querySelectorAll('.joint')].map((r) => r.innerText)")
+    assert len(rows) == len(host.arm.names)
+    value = f"{np.degrees(host.q[2]):.1f}°"
+    page.wait(f"document.querySelectorAll('.joint output')[2].textContent === '{value}'")
+    assert page.js("document.querySelectorAll('.joint output')[0].textContent.endsWith(' m')")
+
+
+def test_what_is_pressed_is_asked_for_and_answered(page, host):
+    host.asked.clear()
+    page.js("document.querySelector('[data-do=start]').click()")
+    page.wait("document.getElementById('answer').textContent === 'done: start'")
+    page.js("""(() => { const s = document.querySelector("#gains input"); s.value = Math.log10(2);
+        s.dispatchEvent(new Event("change")); })()""")
+    page.wait("document.getElementById('answer').textContent === 'done: gain'")
+    page.js("document.querySelector('[data-do=hold]').click()")
+    page.wait("document.getElementById('answer').classList.contains('refused')")
+    assert [request.do for request in host.asked] == ["start", "gain", "hold"]
+    assert host.asked[1].given == {"name": "gain", "value": pytest.approx(2.0, rel=0.05)}
+
+
+def test_a_key_drives_the_camera_as_long_as_it_is_held(page, host):
+    host.asked.clear()
+    page.js("""document.getElementById("scene").dispatchEvent(
+        new KeyboardEvent("keydown", {key: "r", bubbles: true}))""")
+    page.js("new Promise((go) => setTimeout(go, 350))")
+    page.js('dispatchEvent(new KeyboardEvent("keyup", {key: "r"}))')
+    page.js("new Promise((go) => setTimeout(go, 300))")
+    asked = [request.given for request in host.asked]
+    assert len(asked) >= 3
+    assert all(given["vz"] > 0.0 for given in asked[:-1])
+    assert not any(asked[-1].values())
+
+
+def test_a_second_browser_a_reload_and_a_closed_tab(browser, page, server, host):
+    second = browser.open(server.access.address)
+    second.wait("window.arasPage && arasPage.state.samples.length >= 41")
+    assert len(server.viewers) == 2
+    host.move()
+    count = len(host.page.whole()["samples"])
+    for tab in (page, second):
+        tab.wait(f"arasPage.state.samples.length === {count}")
+    page.call("Page.reload")
+    page.wait("window.arasPage && document.getElementById('phase').textContent === 'servoing'")
+    page.wait(f"arasPage.state.samples.length === {count}")
+    second.close()
+    page.wait("true")
+    for _ in range(100):
+        if len(server.viewers) == 1:
+            break
+        page.js("new Promise((go) => setTimeout(go, 50))")
+    assert len(server.viewers) == 1
+
+
+def test_a_wrong_token_is_said_on_the_page(browser, server):
+    address = server.access.address
+    tab = browser.open(address[:-3] + "xyz")
+    tab.wait("document.body.innerText.includes('open the address that it printed')")
+    tab.close()
+
+
+def test_a_page_of_elsewhere_gets_nothing(browser, page, server):
+    """Another origin that knows even the token: neither socket nor robot."""
+    tab = browser.open("about:blank")
+    address = f"{server.access.host}:{server.access.port}"
+    opened = tab.js(f"""new Promise((done) => {{
+        const s = new WebSocket("ws://{address}/live?token={server.access.token}");
+        s.onopen = () => done("open"); s.onerror = () => done("refused"); }})""")
+    fetched = tab.js(f"""fetch("http://{address}/robot?token={server.access.token}")
+        .then(() => "read", () => "refused")""")
+    assert (opened, fetched) == ("refused", "refused")
+    tab.close()
+
+
+def test_a_simulator_started_again_is_found_again(browser, host, server):
+    port, token = server.access.port + 1000, "a-token-of-sixteen"
+    again = serve(host, "127.0.0.1", port, token, lambda _: None)
+    tab = browser.open(again.access.address)
+    tab.wait("window.arasPage && document.getElementById('link').textContent === 'connected'")
+    again.close()
+    tab.wait("document.getElementById('link').textContent === 'no connection'")
+    third = serve(host, "127.0.0.1", again.access.port, token, lambda _: None)
+    try:
+        tab.wait("document.getElementById('link').textContent === 'connected'")
+        tab.wait("arasPage.state.samples.length > 0")
+    finally:
+        tab.close()
+        third.close()

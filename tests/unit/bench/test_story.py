@@ -1,0 +1,171 @@
+"""What is drawn of a run: where, and when it begins anew."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_bench.live.shapes import (
+    ARROW,
+    STRIP,
+    WIDEST,
+    on_picture,
+    picture_border,
+    picture_depth,
+)
+from aras_visual_servo_bench.live.story import FRUSTUM, LONGEST, SECONDS, Story, Told
+from aras_visual_servo_bench.live.track import MOST, Pace, Track
+from aras_visual_servo_camera.undistortion import CameraModel
+
+STRAIGHT = np.array([0.1, 0.0, 0.3, -0.2, -0.1, 0.4])
+BENT = np.array([0.05, 0.1, 0.2, -0.2, -0.1, 0.2])
+SERVOING = Told(1.0, "moments", "servoing", "running", names=("xn", "yn"), error=(0.01, -0.02))
+
+
+@pytest.fixture
+def story(arm, pinhole):
+    told = Story(arm)
+    told.camera = pinhole
+    told.goal = np.array(arm.pose(BENT))
+    return told
+
+
+def shape(story, name):
+    found = [entry for entry in story.shapes() if entry.name == name]
+    assert len(found) == 1, name
+    return found[0]
+
+
+def test_the_path_begins_where_servoing_begins(story, arm):
+    story.say(replace(SERVOING, phase="approaching"), BENT)
+    assert len(story.path) == 0
+    story.say(SERVOING, STRAIGHT)
+    story.say(SERVOING, BENT)
+    np.testing.assert_allclose(story.path, [arm.pose(q)[:3, 3] for q in (STRAIGHT, BENT)])
+    ideal = story.ideal()
+    np.testing.assert_allclose(ideal[[0, -1]], [story.path[0], story.goal[:3, 3]])
+    np.testing.assert_allclose(np.diff(ideal, axis=0), np.diff(ideal, axis=0)[:1].repeat(
+        len(ideal) - 1, 0), atol=1e-12)  # fmt: skip
+
+
+@pytest.mark.parametrize(("between", "kept"), [
+    ("stopped", False), ("waiting", False), ("approaching", False), ("holding", True),
+    ("converged", True),
+])  # fmt: skip
+def test_what_ends_a_run_begins_another(story, between, kept):
+    story.joints(STRAIGHT)
+    story.say(SERVOING, STRAIGHT)
+    story.see("centre", 0.1, 0.1)
+    story.say(replace(SERVOING, phase=between), STRAIGHT)
+    story.say(SERVOING, BENT)
+    story.see("centre", 0.3, 0.1)
+    assert len(story.path) == 1 + kept
+    assert len(shape(story, "trajectory centre").points) == 2 * kept
+
+
+def test_a_clock_that_goes_back_leaves_nothing_of_the_run(story):
+    story.joints(STRAIGHT)
+    story.say(SERVOING, STRAIGHT)
+    story.see("centre", 0.1, 0.1)
+    story.clear()
+    assert len(story.path) == len(story.ideal()) == 0
+    assert story.told.phase == ""
+    assert not [entry for entry in story.shapes() if entry.name.startswith("trajectory")]
+
+
+def test_arrows_point_where_the_camera_is_to_go(story, arm):
+    story.joints(STRAIGHT)
+    twist = (0.1, -0.05, 0.2, 0.0, 0.0, 0.5)
+    story.say(replace(SERVOING, asked=twist, achieved=(0.0,) * 6), STRAIGHT)
+    tail, tip = shape(story, "asked velocity").points
+    pose = arm.pose(STRAIGHT)
+    np.testing.assert_allclose(tail, pose[:3, 3])
+    np.testing.assert_allclose(tip - tail, pose[:3, :3] @ twist[:3] * SECONDS)
+    turn = shape(story, "asked turn").points
+    assert np.cross(turn[1] - turn[0], pose[:3, 2]) == pytest.approx(np.zeros(3), abs=1e-12)
+    assert (turn[1] - turn[0]) @ pose[:3, 2] > 0.0
+    # what is not there is taken away, not left standing
+    assert len(shape(story, "achieved velocity").points) == 0
+
+
+def test_a_wild_twist_stays_in_the_room(story):
+    story.joints(STRAIGHT)
+    story.say(replace(SERVOING, asked=(50.0, 0.0, 0.0, 0.0, np.nan, 0.0)), STRAIGHT)
+    arrow = shape(story, "asked velocity")
+    assert arrow.kind == ARROW
+    assert np.linalg.norm(arrow.points[1] - arrow.points[0]) == pytest.approx(LONGEST)
+    assert len(shape(story, "asked turn").points) == 0
+
+
+def test_the_desired_outline_lies_on_the_picture_where_it_is_to_be_seen(story, arm):
+    story.joints(STRAIGHT)
+    story.outline = np.array([[0.1, 0.2], [-0.1, 0.2], [0.0, -0.3]])
+    drawn = shape(story, "desired outline")
+    assert drawn.kind == STRIP
+    camera = (drawn.points - arm.pose(STRAIGHT)[:3, 3]) @ arm.pose(STRAIGHT)[:3, :3]
+    np.testing.assert_allclose(camera[:3, :2] / camera[:3, 2:], story.outline, atol=1e-12)
+    np.testing.assert_allclose(camera[3], camera[0])
+    assert np.ptp(camera[:, 2]) < 1e-12
+    assert camera[0, 2] == pytest.approx(picture_depth(picture_border(story.camera), FRUSTUM))
+
+
+def test_points_in_the_picture_leave_trajectories(story):
+    names = ("x0", "y0", "x1", "y1", "theta")
+    for shift in (0.0, 0.1):
+        values = (shift, 0.0, 0.5, shift, 1.0)
+        story.say(replace(SERVOING, names=names, features=values, error=values), STRAIGHT)
+    story.joints(STRAIGHT)
+    drawn = [s.name for s in story.shapes() if s.name.startswith("trajectory")]
+    assert drawn == ["trajectory point 0", "trajectory point 1"]
+    border = picture_border(story.camera)
+    points = shape(story, "trajectory point 1").points
+    expected = on_picture(border, np.array([[0.5, 0.0], [0.5, 0.1]]), FRUSTUM)
+    np.testing.assert_allclose(
+        (points - story.pose[:3, 3]) @ story.pose[:3, :3], expected, atol=1e-12)
+
+
+def test_border_of_a_pinhole_is_its_pictures(pinhole):
+    border = picture_border(pinhole)
+    u, v = pinhole.project(*border.T)
+    assert u.min() == pytest.approx(-0.5) and u.max() == pytest.approx(pinhole.width - 0.5)
+    assert v.min() == pytest.approx(-0.5) and v.max() == pytest.approx(pinhole.height - 0.5)
+
+
+def test_border_of_a_fisheye_stays_in_front():
+    fisheye = CameraModel(320, 240, (106.6, 0, 159.5, 0, 106.6, 119.5, 0, 0, 1.0), (0.0,) * 4,
+                          "equidistant")  # fmt: skip
+    border = picture_border(fisheye)
+    assert np.isfinite(border).all()
+    assert np.hypot(*border.T).max() == pytest.approx(np.tan(WIDEST))
+    corner = border[0]
+    assert corner[0] < 0.0 and corner[1] < 0.0
+
+
+def test_words_say_scheme_phase_reason_error_and_pace(story):
+    story.factor = 0.987
+    story.say(replace(SERVOING, outcome="joint_limit", reason="J2 stopped at its limit"), STRAIGHT)
+    text = "\n".join(story.words())
+    for part in ("moments - servoing (joint_limit)", "J2 stopped", "xn +0.0100", "yn -0.0200",
+                 "real-time factor 0.99"):
+        assert part in text
+
+
+def test_a_track_keeps_its_ends_and_its_size():
+    track = Track(2, 1e-6)
+    for i in range(5 * MOST):
+        track.add(np.array([i, 0.0]))
+    track.add(np.array([np.nan, 0.0]))
+    points = track.points
+    assert MOST / 4 < len(points) <= MOST
+    assert points[0, 0] == 0.0
+    assert points[-1, 0] > 4.9 * MOST
+    assert np.ptp(np.diff(points[:, 0])) <= np.diff(points[:, 0]).max() / 2
+
+
+def test_pace_is_that_of_the_last_seconds():
+    pace = Pace()
+    for i in range(100):
+        pace.add(0.1 * i, 0.1 * i if i < 50 else 5.0 + 0.05 * (i - 50))
+    assert pace.factor == pytest.approx(0.5)
+    pace.add(10.0, 0.0)  # the clock went back
+    assert pace.factor is None

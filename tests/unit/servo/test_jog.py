@@ -1,0 +1,131 @@
+"""Driving by hand: what is asked is done, within the limits, and ends when nobody asks any more."""
+
+import numpy as np
+import pytest
+from loop_rig import STARTS, the_arm, the_goal, the_limits, the_servo
+
+from aras_visual_servo_controller.arm.poses import body_motion
+from aras_visual_servo_controller.errors import ConfigurationError, ServoError
+from aras_visual_servo_controller.jog import LASTS, LEAD, RISE, Jog
+
+START = np.array(STARTS["2016"])
+DT = 0.02
+
+
+def drive(jog, ask, seconds, q=START, follow=1.0, t=0.0):
+    """The joints after so long, and the commands; joints follow a part of the way each tick."""
+    q, commands = np.array(q), []
+    end = t + seconds
+    while t < end - 1e-9:
+        ask(t)
+        command = jog.tick(t, q)
+        if command is not None:
+            commands.append(command)
+            q = q + follow * (command - q)
+        t += DT
+    return q, np.array(commands)
+
+
+@pytest.mark.parametrize(("axis", "sign"), [(0, -1.0), (0, 1.0), (1, 1.0), (2, -1.0)])
+def test_the_camera_goes_along_its_own_axes(axis, sign):
+    arm, twist = the_arm(), np.zeros(6)
+    twist[axis] = 0.05 * sign
+    jog = Jog(arm, the_limits())
+    q, _ = drive(jog, lambda t: jog.twist(twist, t), 1.0)
+    moved = body_motion(np.linalg.inv(arm.pose(START)) @ arm.pose(q))
+    assert moved[axis] == pytest.approx(0.05 * sign, rel=0.25)  # a moment passes until it moves
+    others = np.delete(moved[:3], axis)
+    assert np.abs(others).max() < 0.05 * np.abs(moved[axis])
+    assert np.abs(moved[3:]).max() < 0.01
+
+
+def test_a_stretched_arm_says_so_and_stays_where_it_is():
+    """Its reach ends just below: the elbow comes to rest straight, and never flips."""
+    arm, jog = the_arm(), Jog(the_arm(), the_limits())
+    q, commands = drive(jog, lambda t: jog.twist([0.0, 0.0, 0.05, 0.0, 0.0, 0.0], t), 2.0)
+    assert "stretched" in jog.reason or "lost" in jog.reason or "slowed" in jog.reason
+    assert (commands[:, 3] < 1e-3).all()
+    assert arm.pose(START)[2, 3] - arm.pose(q)[2, 3] < 0.01
+    assert np.abs(arm.pose(q)[:2, 3] - arm.pose(START)[:2, 3]).max() < 0.02
+
+
+def test_one_joint_moves_with_a_part_of_its_speed_and_no_other():
+    jog = Jog(the_arm(), the_limits())
+    q, _ = drive(jog, lambda t: jog.joint("J2", -0.25, t), 1.0)
+    moved = q - START
+    assert moved[2] == pytest.approx(-0.25 * 2.0, rel=0.15)
+    assert not np.delete(moved, 2).any()
+
+
+def test_it_ends_when_nobody_asks_any_more():
+    jog = Jog(the_arm(), the_limits())
+    q, _ = drive(jog, lambda t: jog.joint("gantry", 0.5, t), 0.5)
+    rest, commands = drive(jog, lambda t: None, 2.0, q, t=0.5)
+    assert 0.0 < rest[0] - q[0] < 0.5 * (LASTS + RISE + DT)
+    assert not jog.moving
+    assert len(commands) < (LASTS + RISE + DT) / DT  # then the joints are left alone
+    assert jog.tick(3.0, rest) is None
+
+
+def test_the_next_drive_begins_where_the_joints_are():
+    jog = Jog(the_arm(), the_limits())
+    drive(jog, lambda t: jog.joint("gantry", 0.5, t), 0.5)
+    drive(jog, lambda t: None, 1.0, t=0.5)
+    elsewhere = START + 0.2
+    jog.joint("J1", 0.1, 5.0)
+    assert jog.tick(5.0, elsewhere) == pytest.approx(elsewhere)
+
+
+def test_a_limit_stops_a_joint_and_is_named():
+    arm = the_arm()
+    jog = Jog(arm, the_limits())
+    near = START.copy()
+    near[0] = arm.upper[0] - 0.01
+    q, commands = drive(jog, lambda t: jog.joint("gantry", 1.0, t), 1.0, near)
+    assert commands[:, 0].max() == pytest.approx(arm.upper[0])
+    assert jog.reason == "gantry is at its limit"
+    q, _ = drive(jog, lambda t: jog.joint("gantry", -1.0, t), 0.5, q, t=1.0)
+    assert q[0] < arm.upper[0] - 0.05
+
+
+def test_a_joint_that_is_blocked_has_no_command_that_runs_away():
+    jog = Jog(the_arm(), the_limits())
+    _, commands = drive(jog, lambda t: jog.joint("J3", 0.5, t), 3.0, follow=0.0)
+    assert np.abs(commands[:, 3] - START[3]).max() <= LEAD + 0.15 * 1.0 + 1e-9
+
+
+def test_speed_comes_and_goes_gradually():
+    jog = Jog(the_arm(), the_limits())
+    _, commands = drive(jog, lambda t: jog.joint("J1", 1.0, t), 0.5)
+    speeds = np.diff(commands[:, 1]) / DT
+    assert np.abs(np.diff(speeds)).max() <= 2.0 * DT / RISE + 1e-9
+    assert speeds.max() == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("ask", [
+    lambda jog: jog.twist([0.0] * 5, 0.0),
+    lambda jog: jog.twist([np.nan] + [0.0] * 5, 0.0),
+    lambda jog: jog.joint("J4", 0.1, 0.0),
+    lambda jog: jog.joint("J1", 1.5, 0.0),
+    lambda jog: jog.joint("J1", float("nan"), 0.0),
+])  # fmt: skip
+def test_what_cannot_be_is_refused(ask):
+    jog = Jog(the_arm(), the_limits())
+    with pytest.raises((ConfigurationError, ServoError)):
+        ask(jog)
+    assert jog.tick(0.0, START) is None
+
+
+@pytest.mark.parametrize(("away", "begins"), [(0.1, "there"), (0.001, "where it stood")])
+def test_servoing_begins_where_somebody_else_has_moved_the_arm(away, begins):
+    servo, arm = the_servo(), the_arm()
+    for i in range(10):
+        servo.tick(0.01 * i, arm.sample(arm.names, START))
+    servo.stop()
+    servo.tick(0.2, arm.sample(arm.names, START))
+    after = START + away
+    servo.tick(0.3, arm.sample(arm.names, after))
+    servo.start()
+    command = servo.tick(0.31, arm.sample(arm.names, after)).positions
+    np.testing.assert_allclose(command, after if begins == "there" else START, atol=1e-9)
+    assert the_goal("2016") is not None

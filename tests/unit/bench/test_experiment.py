@@ -63,7 +63,7 @@ def test_a_changed_experiment_is_checked_again():
         ({"start": {"height": [0.3, 0.2]}}, "start.height is 0.3 to 0.2"),
         ({"reached": [0, 0.1]}, "reached must hold"),
         ({"features": "exact"}, "the Bullet arm has pictures"),
-        ({"target": {"pose": [1, 0, 0, 0, 0, 0]}}, "use plant chain or free"),
+        ({"target": {"pose": [1, 0, 0, 0, 0, 0]}}, "name another shape"),
         ({"plant": "free", "noise": 5}, "give jitter"),
         ({"jitter": 1}, "give noise"),
         ({"plant": "free", "target": {"motion": {"amplitude": [1, 0, 0]}}}, "needs a frequency"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ from .plants.kinematic import FreeCamera, KinematicChain, Sight
 from .robots import Robot
 from .sampling import draw_start
 from .shapes import shape_of
+from .target_files import description_file
 from .targets import PlacedTarget, RoundTarget
 from .textures import TexturedTarget
 
@@ -83,8 +85,9 @@ class _Builder:
     def __init__(self, experiment: Experiment, scheme: Scheme | JointController | None) -> None:
         self.experiment = experiment
         self.robot = Robot(
-            experiment.robot, experiment.camera_xyz, experiment.camera_rpy, experiment.friction
-        )
+            experiment.robot, experiment.camera_xyz, experiment.camera_rpy, experiment.friction,
+            target=experiment.target.described,
+        )  # fmt: skip
         self.settings = cameras.preset(
             experiment.camera, self.robot.packages, experiment.robot.cameras
         )
@@ -201,7 +204,7 @@ class _Builder:
             found = self.true_arm.inverse(pose, start)
             joints = dict(zip(self.true_arm.names, found.tolist(), strict=True))
         q = np.array([joints[name] for name in self.true_arm.names])
-        plant = self._plant(self.true_arm, q)
+        plant = self._plant(self.true_arm, q, exactly=True)
         try:
             while plant.time_ns < PATIENCE_NS:
                 for reading in plant.advance(PATIENCE_NS):
@@ -270,7 +273,15 @@ class _Builder:
             drop=float(dict(self.settings.get("effects", {})).get("drop_probability", 0.0)),
         )
 
-    def _plant(self, arm: Arm | FreeBody, start: np.ndarray) -> Plant:
+    def _spawned(self, exactly: bool) -> tuple[PlacedTarget, Path] | None:
+        """The target that is put into the simulated world, None where the robot brings its own."""
+        spec = self.experiment.target
+        if spec.described:
+            return None
+        seed = self.experiment.seed if spec.perturbed and not exactly else None
+        return self.target, description_file(spec, seed)
+
+    def _plant(self, arm: Arm | FreeBody, start: np.ndarray, exactly: bool = False) -> Plant:
         experiment = self.experiment
         if experiment.plant == "bullet":
             settings = dict(self.settings)
@@ -282,7 +293,7 @@ class _Builder:
             joints = dict(zip(arm.names, start.tolist(), strict=True))
             return BulletArm(
                 self.robot, settings, joints, experiment.seed, experiment.renderer,
-                experiment.traced,
+                experiment.traced, self._spawned(exactly),
             )  # fmt: skip
         kind = FreeCamera if experiment.plant in FLYING else KinematicChain
         return kind(arm, start, self._sight(), lag=experiment.lag, seed=experiment.seed)

@@ -81,6 +81,12 @@ class TargetSpec:
     occluder: tuple[Pair, Pair] | None = None
     perturbed: bool = False
 
+    @property
+    def described(self) -> bool:
+        """Whether it is part of the simulated robot's description: the shipped robot's plates, or
+        corners in the world's own frame, which a robot of one's own brings with it."""
+        return self.shape == "aras" or isinstance(self.shape, tuple) and not any(self.pose)
+
     def __post_init__(self) -> None:
         require(
             min(self.size) > 0.0 and max(self.size) <= LARGEST_TARGET,
@@ -134,7 +140,8 @@ class Experiment:
         motion an image, with the target's true plane: what papers compute).
     ideal: see Ideal.
     robot: see RobotSpec. friction: of its joints (bullet). lag: of each joint (chain, free), s.
-    target: see TargetSpec; the Bullet arm has the one of its description, which must be said here.
+    target: see TargetSpec; 'aras' is part of the Bullet arm's description, others are put into the
+        world in its place.
     camera: name of a preset, path of a YAML file, or the settings: the true one.
     camera_xyz, camera_rpy: how it is moved in its link, m and rad.
     believed: how the controller's idea of the camera differs; see Belief.
@@ -198,10 +205,21 @@ class Experiment:
                 self.features != "exact",
                 "features are 'exact', but the Bullet arm has pictures: use plant chain or free",
             )
+            own = not (self.target.motion.still and not any(self.target.pose))
             require(
-                self.target.motion.still and not any(self.target.pose),
-                "the Bullet arm's target lies still in its description: for one that moves use "
-                "plant chain or free",
+                not (self.target.described and own),
+                "a target in the Bullet arm's description lies still where that has it: name "
+                "another shape, with a pose, for one that moves or lies elsewhere",
+            )
+            require(
+                self.target.described or any(self.target.pose),
+                "target.pose says where on the Bullet arm's table the target lies: its top is at "
+                "z = 0.59, so [0, 0, 0.591, 0, 0, 0] is its middle",
+            )
+            require(
+                self.target.described or not self.robot.target_frame,
+                "a target that the arm moves is part of the robot's description: leave out "
+                "target.shape or robot.target_frame",
             )
         else:
             require(not self.traced, "traced is for the Bullet arm: other plants have no steps")

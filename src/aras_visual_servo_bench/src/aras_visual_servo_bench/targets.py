@@ -142,39 +142,52 @@ ARAS = BoxesTarget(
 
 @dataclass(frozen=True)
 class Motion:
-    """How a target moves: a steady twist, and one harmonic on top of it.
+    """How a target moves: a steady twist, a sine or a circle, and steps, one on top of the other.
 
     velocity: (vx, vy, vz, wx, wy, wz) in world axes about its own origin, m/s and rad/s.
-    amplitude: (x, y, z) m in world axes. frequency: Hz. begin: s; still until then.
+    amplitude: (x, y, z) m in world axes. frequency: Hz, of that and of the circle.
+    circle: radius, m, of one in the world's level; it begins and ends at the target's place.
+    step: (x, y, z) m in world axes that it jumps away at `begin`, and back and away again after
+        every `hold` s; 0: once. begin: s; still until then.
     """
 
     velocity: tuple[float, float, float, float, float, float] = (0.0,) * 6
     amplitude: tuple[float, float, float] = (0.0,) * 3
     frequency: float = 0.0
+    circle: float = 0.0
+    step: tuple[float, float, float] = (0.0,) * 3
+    hold: float = 0.0
     begin: float = 0.0
 
     def __post_init__(self) -> None:
-        require(self.frequency >= 0.0, f"target motion: frequency {self.frequency:g} Hz is below 0")
+        for name in ("frequency", "circle", "hold", "begin"):
+            value = getattr(self, name)
+            require(value >= 0.0, f"target motion: {name} {value:g} is below 0")
         require(
-            self.frequency > 0.0 or not any(self.amplitude),
-            "target motion: an amplitude needs a frequency above 0 Hz",
+            self.frequency > 0.0 or not (any(self.amplitude) or self.circle),
+            "target motion: an amplitude, or a circle, needs a frequency above 0 Hz",
         )
 
     @property
     def still(self) -> bool:
         """Whether it never moves."""
-        return not (any(self.velocity) or any(self.amplitude))
+        return not (
+            any(self.velocity) or any(self.amplitude) or self.circle or any(self.step)
+        )
 
     def displacement(self, time: float) -> np.ndarray:
         """(4, 4) by which the target has moved at `time` (s), about its own origin."""
         moved = np.eye(4)
-        since = max(time - self.begin, 0.0)
-        if self.still or since == 0.0:
+        since = time - self.begin
+        if self.still or since < 0.0:
             return moved
         velocity = np.asarray(self.velocity)
         moved[:3, :3] = rigid.exponential((0.0, 0.0, 0.0, *(velocity[3:] * since)))[:3, :3]
-        swing = np.sin(2.0 * np.pi * self.frequency * since)
-        moved[:3, 3] = velocity[:3] * since + np.asarray(self.amplitude) * swing
+        phase = 2.0 * np.pi * self.frequency * since
+        moved[:3, 3] = velocity[:3] * since + np.asarray(self.amplitude) * np.sin(phase)
+        moved[:2, 3] += self.circle * np.array([np.sin(phase), 1.0 - np.cos(phase)])
+        if not self.hold or int(since / self.hold) % 2 == 0:
+            moved[:3, 3] += self.step
         return moved
 
 

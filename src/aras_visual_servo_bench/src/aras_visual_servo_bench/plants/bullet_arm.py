@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from aras_sim_bridge.description import RobotDescription, parse_urdf
 from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.poses import Pose
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.world.model import Model
 from aras_visual_servo_controller.arm.poses import inverse
 
 from .. import cameras
 from ..errors import ExperimentError
+from ..rigid import to_xyz_rpy
 from ..robots import Robot
+from ..targets import PlacedTarget
 from .base import CameraReading, JointReading, Plant, Reading
 
-MODEL = "robot"
+MODEL, TARGET = "robot", "target"
+NS = 1_000_000_000
 
 
 class BulletArm(Plant):
@@ -30,6 +38,7 @@ class BulletArm(Plant):
         seed: int = 0,
         renderer: str = "auto",
         traced: bool = False,
+        target: tuple[PlacedTarget, Path] | None = None,
     ) -> None:
         """Spawn the robot at these joints, controllers and camera running.
 
@@ -37,6 +46,7 @@ class BulletArm(Plant):
             camera: settings laid over the description's camera.
             joints: positions by name, rad or m.
             traced: keep every step's joint velocities, for `peak_speed`.
+            target: that is put into the world, and its URDF; None: the robot's own.
 
         Raises:
             ExperimentError: what of it is impossible.
@@ -54,10 +64,13 @@ class BulletArm(Plant):
         self.outputs = frozenset((kind,))
         self._controllers = list(controllers.values())
         self._readings: list[Reading] = []
+        self._carried: tuple[PlacedTarget, Model] | None = None
         self._peak = np.zeros(len(self.joint_names)) if traced else None
         self._simulation = Simulation(SimulationConfig(renderer=renderer, seed=seed))
         try:
             self._spawn(robot, description, name, camera, joints)
+            if target is not None:
+                self._place(*target)
         except SimError as error:
             self.close()
             raise ExperimentError(str(error)) from error
@@ -93,6 +106,14 @@ class BulletArm(Plant):
         self._carrier = spec.target_frame
         self.camera = cameras.model_of_info(mounted.sensor.info)
 
+    def _place(self, target: PlacedTarget, urdf: Path) -> None:
+        """Put a target into the world; one that moves is where it belongs at every step."""
+        model = self._simulation.spawn(
+            _target_description(urdf), TARGET, _pose(target.world_T_target(0.0))
+        )
+        if not target.motion.still:
+            self._carried = target, model
+
     @property
     def time_ns(self) -> int:
         """Simulated time, ns."""
@@ -103,6 +124,8 @@ class BulletArm(Plant):
         simulation, step, readings = self._simulation, self._simulation.step, self._readings
         if self._peak is not None:
             step = self._traced_step
+        if self._carried is not None:
+            step = partial(self._carrying_step, step)
         while not readings and simulation.time_ns < until_ns:
             step()
         self._readings = []
@@ -148,6 +171,13 @@ class BulletArm(Plant):
         self._simulation.step()
         np.maximum(self._peak, np.abs(self.joints()[1]), out=self._peak)
 
+    def _carrying_step(self, step: Callable[[], None]) -> None:
+        """A step that ends with the target where it belongs then."""
+        (target, model), simulation = self._carried, self._simulation
+        time = (simulation.time_ns + simulation.step_ns) / NS
+        model.set_pose(_pose(target.world_T_target(time)))
+        step()
+
     def _on_joints(self, state: Any) -> None:
         self._readings.append(
             JointReading(state.stamp_ns, tuple(state.names), state.positions, state.velocities)
@@ -157,6 +187,15 @@ class BulletArm(Plant):
         self._readings.append(
             CameraReading(frame.stamp_ns, frame.image, frame.encoding, frame.depth)
         )
+
+
+@lru_cache(maxsize=64)
+def _target_description(urdf: Path) -> RobotDescription:
+    return parse_urdf(urdf.read_text(encoding="utf-8"))
+
+
+def _pose(matrix: np.ndarray) -> Pose:
+    return Pose.from_rpy(*to_xyz_rpy(matrix))
 
 
 def _name(camera: Any) -> str:

@@ -1,0 +1,189 @@
+"""Targets in the simulated world: what is drawn of them is what their geometry says."""
+
+import runpy
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from aras_sim_bridge.description import parse_urdf
+from aras_visual_servo_bench.assembly import assemble
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment import Experiment, TargetSpec
+from aras_visual_servo_bench.plants import CameraReading
+from aras_visual_servo_bench.runner import run
+from aras_visual_servo_bench.shapes import NAMES, shape_of
+from aras_visual_servo_bench.target_files import description_file, main, triangles, write
+from aras_visual_servo_camera.trackers import DotTracker, MarkerTracker
+
+GAZEBO = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
+GOAL = (0.05, 0.0, -0.09, 0.045, 0.045, 0.0)
+START = [0.07, 0.0, -0.09, 0.045, 0.045, 0.3]
+PLACE = [0.01, -0.02, 0.591, 0.0, 0.0, 0.4]
+
+
+def on_the_arm(shape, size=(0.1, 0.1), motion=None, **changes):
+    target = {"shape": shape, "size": list(size), "pose": PLACE, "motion": motion or {}}
+    occluder = changes.pop("occluder", None)
+    return Experiment.from_mapping({
+        "target": {**target, "occluder": occluder}, "goal": list(GOAL), "start": START,
+        "duration": 5.0, **changes,
+    })  # fmt: skip
+
+
+def seen(experiment, wanted=1):
+    """The picture (rows, columns) of that number, its stamp, and target and camera then."""
+    parts = assemble(experiment)
+    plant = parts.plant
+    try:
+        for _ in range(200):
+            for reading in plant.advance(plant.time_ns + 10**9):
+                if isinstance(reading, CameraReading):
+                    wanted -= 1
+                    if wanted == 0:
+                        grey = getattr(reading.picture, "grey", reading.picture)
+                        grey = grey if grey.ndim == 2 else cv2.cvtColor(grey, cv2.COLOR_RGB2GRAY)
+                        return grey, reading.stamp_ns * 1e-9, parts, plant.pose()
+    finally:
+        plant.close()
+    raise AssertionError("no picture")
+
+
+def missed(parts, found, pose, stamp):
+    """Greatest distance, px, of points (n, 2) found from where the geometry has them."""
+    x, y = parts.target.shape.points(parts.target.seen_from(pose, stamp)).T
+    exact = np.column_stack(parts.plant.camera.project(x, y))
+    if len(found) == 4 and parts.target.shape is shape_of("four_dots", (0.1, 0.1)):
+        offset = exact - exact.mean(axis=0)
+        exact = exact[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))]
+    return np.linalg.norm(found - exact, axis=1).max()
+
+
+STILL = {"scheme": "gravity_centre"}
+
+
+def test_a_picture_lies_where_its_geometry_has_it_the_right_way_round():
+    grey, stamp, parts, pose = seen(on_the_arm("marker", **STILL))
+    assert missed(parts, MarkerTracker().find(grey), pose, stamp) < 0.4
+
+
+def test_dots_are_found_to_a_tenth_of_a_pixel():
+    grey, stamp, parts, pose = seen(on_the_arm("four_dots", **STILL))
+    assert missed(parts, DotTracker().find(grey), pose, stamp) < 0.1
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [
+        {"velocity": [0.05, 0.0, 0.0, 0.0, 0.0, 0.3]},
+        {"circle": 0.02, "frequency": 0.4},
+        {"step": [0.0, 0.02, 0.0], "begin": 0.3},
+    ],
+)
+def test_a_moving_target_is_in_every_picture_where_it_belongs(motion):
+    grey, stamp, parts, pose = seen(on_the_arm("four_dots", motion=motion, **STILL), wanted=20)
+    assert stamp > 0.4
+    found = DotTracker().find(grey)
+    assert missed(parts, found, pose, stamp) < 0.15
+    assert missed(parts, found, pose, 0.0) > 2.0
+
+
+def test_an_occluder_hides_what_is_below_it():
+    dark = [
+        (seen(on_the_arm("square", occluder=occluder, **STILL))[0] < 100).sum()
+        for occluder in (None, [[-0.05, -0.05], [0.0, 0.05]])
+    ]
+    assert dark[1] == pytest.approx(0.5 * dark[0], rel=0.05)
+
+
+def test_the_arm_servoes_on_a_target_that_was_put_there():
+    result = run(on_the_arm("l_shape", (0.05, 0.05)))
+    assert result.outcome == "converged", result.reason
+    assert result.verdict.reached
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"shape": "four_dots"}, "its top is at z = 0.59"),
+        ({"shape": "aras", "pose": PLACE}, "lies still where that has it"),
+        ({"shape": "square", "pose": PLACE, "size": [3, 1]}, "the table's"),
+        ({"shape": "nowhere.png", "pose": PLACE}, "there is no file"),
+    ],
+)
+def test_what_cannot_lie_on_the_table_is_told(changes, told):
+    with pytest.raises(ExperimentError, match=told):
+        assemble(Experiment.from_mapping({"target": changes, "goal": list(GOAL), "start": START}))
+
+
+def test_a_target_without_a_picture_cannot_be_perturbed():
+    spec = TargetSpec("square", (0.1, 0.1), tuple(PLACE))
+    with pytest.raises(ExperimentError, match="no picture that could be perturbed"):
+        description_file(spec, 3)
+    poster = replace(spec, shape="poster")
+    one, other = (
+        cv2.imread(str(description_file(poster, seed).with_suffix(".png"))) for seed in (3, None)
+    )
+    assert (one != other).any()
+
+
+@pytest.mark.parametrize("name", sorted(set(NAMES) - {"aras"}))
+def test_what_ships_is_what_is_made(name, tmp_path):
+    size = (0.4, 0.3) if name == "poster" else (0.1, 0.1)
+    write(shape_of(name, size), tmp_path, name, "package://aras_visual_servo_gazebo/targets")
+    for made in sorted(tmp_path.iterdir()):
+        kept = GAZEBO / "targets" / made.name
+        if made.suffix == ".png":
+            assert (cv2.imread(str(made)) == cv2.imread(str(kept))).all()
+        else:
+            assert made.read_text() == kept.read_text()
+
+
+def test_ears_are_cut_to_the_polygon_s_area():
+    corners = np.array([(x, y) for x, y, _ in shape_of("l_shape", (1.0, 1.0)).vertices()])
+    for given in (corners, corners[::-1]):
+        parts = triangles(given)
+        areas = [np.linalg.det(np.array([given[b] - given[a], given[c] - given[a]])) / 2
+                 for a, b, c in parts]  # fmt: skip
+        assert len(parts) == len(corners) - 2
+        assert min(areas) > 0.0
+        assert sum(areas) == pytest.approx(1.0 * 0.4 + 0.6 * 0.4)
+    with pytest.raises(ExperimentError, match="edges cross"):
+        triangles(np.array([(0, 0), (1, 0), (0, 0), (1, 0)], float))
+
+
+def test_files_by_command(tmp_path, capsys):
+    assert main(["triangle", "--out", str(tmp_path), "--occluder", "0", "0", "0.01", "0.02"]) == 0
+    made = parse_urdf((tmp_path / "triangle.urdf").read_text())
+    assert made.static
+    assert main(["triangel", "--out", str(tmp_path)]) == 1
+    assert "did you mean 'triangle'" in capsys.readouterr().err
+
+
+# -- the launch files' script ----------------------------------------------------------------------
+
+SCRIPT = runpy.run_path(str(GAZEBO / "scripts" / "target_description"))
+
+
+def test_a_picture_by_its_path_is_a_plane_of_that_size(tmp_path):
+    picture = tmp_path / "mine.png"
+    cv2.imwrite(str(picture), np.full((20, 30), 90, np.uint8))
+    text = SCRIPT["described"](str(picture), (0.3, 0.2), tmp_path / "made")
+    assert parse_urdf(text).static
+    lines = next((tmp_path / "made").rglob("*.obj")).read_text().split("\n")
+    corners = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
+    assert np.ptp(corners, axis=0) == pytest.approx([0.3, 0.2, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [("four_dot", "did you mean 'four_dots'"), ("/none.png", "there is no file"),
+     ("{}/text.png", "neither PNG nor JPEG"), ("{}/a.svg", "target_files")],
+)  # fmt: skip
+def test_what_cannot_be_a_target_is_told(given, told, tmp_path):
+    (tmp_path / "text.png").write_text("no picture at all")
+    (tmp_path / "a.svg").write_text("<svg/>")
+    with pytest.raises(ValueError, match=told):
+        SCRIPT["described"](given.format(tmp_path), (0.1, 0.1), tmp_path)

@@ -4,16 +4,20 @@ import csv
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import yaml
 
 from aras_visual_servo_bench import protocol as protocols
+from aras_visual_servo_bench import schemes_pictures
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment import CameraPose, Experiment
 from aras_visual_servo_bench.protocol import Protocol, main, met
 from aras_visual_servo_bench.protocol_starts import Placing, placed
 from aras_visual_servo_bench.runner import run
+from aras_visual_servo_bench.schemes_page import main as page
+from aras_visual_servo_bench.schemes_page import succeeded
 from aras_visual_servo_controller.arm.poses import pose_difference, transform
 
 PROTOCOLS = Path(__file__).parents[3] / "src" / "aras_visual_servo_bench" / "protocols"
@@ -371,18 +375,39 @@ def test_enough_by_the_truth_ends_the_run_and_so_does_too_far():
 # -- the page --------------------------------------------------------------------------------------
 
 
-def test_the_page_is_made_of_the_tables(tmp_path):
-    from aras_visual_servo_bench.schemes_page import main as page
+HEADS = "case,condition,start,seed,verdict,outcome,settled,distance,angle,path_ratio,excursion"
 
-    lines = ["case,condition,start,verdict,outcome,settled,distance,path_ratio,excursion"]
-    lines += ["one,clean,turn 90,goal_reached,converged,1.5,0.001,1.1,0.2"] * 3
-    lines += ["one,clean,turn 90,goal_missed,camera_retreat,inf,2,,0.3"]
+
+def test_the_page_is_made_of_the_tables(tmp_path, capsys):
+    lines = [HEADS]
+    lines += [f"one,clean,turn 90,{n},goal_reached,converged,1.5,0.001,0.2,1.1,0.2" for n in "012"]
+    lines += ["one,clean,turn 90,3,goal_missed,camera_retreat,inf,2,9,,0.3"]
+    lines += [f"two,clean,turn 90,{n},goal_missed,ambiguous,inf,2,9,,0.3" for n in "0123"]
     (tmp_path / "table.csv").write_text("\n".join(lines) + "\n")
+    heads = "case,condition,start,seed,verdict,outcome,reduced,iterations,path_ratio"
+    rows = ["feature points,clean,box,0,goal_missed,converged,True,40,1.2",
+            "feature points,clean,box,1,goal_missed,target_lost,False,9,1.4"]  # fmt: skip
+    (tmp_path / "domain.csv").write_text("\n".join([heads, *rows]) + "\n")
     out = tmp_path / "page.md"
-    assert page(["--table", str(tmp_path / "table.csv"), "--out", str(out)]) == 0
+    tables = ["--canonical", str(tmp_path / "table.csv"), "--domain", str(tmp_path / "domain.csv")]
+    assert page([*tables, "--out", str(out), "--no-pictures"]) == 0
     text = out.read_text()
-    assert "| one | clean | turn 90 | 3 of 4 | 30-95 % | 1.50 | 1.000 | 1.10 | 0.20 |" in text
-    assert "| camera_retreat 1 |" in text
+    assert "| one | clean | 3/4 |" in text
+    assert "| 3 of 4 (30-95 %) | 1.50 | 1.000 | 0.200 | 1.10 | 0.20 | camera_retreat 1 |" in text
+    assert "| two | 4 | -75.0 | 0 | 3 | 0.250 |" in text
+    assert "| 1 of 2 (9-91 %) | 89.6 % (ViT-VS, SIFT) | 40 | 1.20 | target_lost 1 |" in text
     assert "### `polar_points`" in text
     assert "Iwatsuki" in text
-    assert page(["--table", str(tmp_path / "none.csv"), "--out", str(out)]) == 1
+    assert page(["--canonical", str(tmp_path / "none.csv"), "--out", str(out)]) == 1
+    assert "cannot read" in capsys.readouterr().err
+
+
+def test_its_pictures_are_drawn(tmp_path, mine):
+    rows = mine()[2]
+    protocol = Protocol.load(str(tmp_path / "mine.yaml"))
+    schemes_pictures.ways(protocol, "turned", tmp_path / "ways.png")
+    schemes_pictures.success_map(rows, succeeded, tmp_path / "map.png")
+    for name in ("ways.png", "map.png"):
+        drawn = cv2.imread(str(tmp_path / name))
+        assert min(drawn.shape[:2]) > 100
+        assert drawn.std() > 10.0

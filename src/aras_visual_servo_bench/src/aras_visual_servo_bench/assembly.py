@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -221,9 +221,11 @@ class _Builder:
         if isinstance(start, Sampler):
             near = np.zeros(len(arm.names))
             if isinstance(arm, Arm):
+                spec = self.experiment.robot
+                frames = spec.camera_frame, spec.target_frame
+                found = _joints_of(self.robot.urdf, frames, goal_pose.tobytes())
                 # A goal out of reach is an outcome, and starts can be found all the same.
-                with contextlib.suppress(UnreachableError):
-                    near = arm.inverse(goal_pose, near)
+                near = near if found is None else np.array(found)
             return draw_start(
                 start, arm, goal_pose, near, self.target, self.true_camera, self.experiment.seed
             )
@@ -297,6 +299,19 @@ class _Builder:
             )  # fmt: skip
         kind = FreeCamera if experiment.plant in FLYING else KinematicChain
         return kind(arm, start, self._sight(), lag=experiment.lag, seed=experiment.seed)
+
+
+@lru_cache(maxsize=32)
+def _joints_of(urdf: str, frames: tuple[str, str], pose: bytes) -> tuple[float, ...] | None:
+    """Joints of an arm's camera pose (4, 4), None out of reach: all runs of a study share a goal.
+
+    frames: of the camera and of the target.
+    """
+    arm = Arm.from_urdf(urdf, frames[0], target_frame=frames[1])
+    try:
+        return tuple(arm.inverse(np.frombuffer(pose).reshape(4, 4), np.zeros(len(arm.names))))
+    except UnreachableError:
+        return None
 
 
 def check(experiment: Experiment) -> None:

@@ -46,12 +46,14 @@ class Case:
     set: keys of the experiment. starts: its own, instead of the protocol's.
     published: metric to what is published of it: a word, a whole number (to be met exactly), any
         other number (within 1 %), or [least, greatest]. A start may have its own.
+    elsewhere: by condition, what others have published of the like, to be told beside ours.
     """
 
     name: str
     set: Mapping[str, Any] = field(default_factory=dict)
     starts: tuple[Placing, ...] = ()
     published: Mapping[str, Any] = field(default_factory=dict)
+    elsewhere: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -81,6 +81,7 @@ class Robot:
         """
         self.spec = spec
         self.packages = PackagePath(spec.search)
+        self._known: Arm | None = None
         self._plain = self.packages.file(spec.urdf).read_text(encoding="utf-8")
         if not friction:
             self._plain = self._adapted("without_friction", self._plain)
@@ -103,8 +104,10 @@ class Robot:
             raise ExperimentError(f"{self.spec.urdf}: {error}") from None
 
     def arm(self) -> Arm:
-        """Its true kinematics."""
-        return self._arm(self.urdf)
+        """Its true kinematics, worked out once."""
+        if self._known is None:
+            self._known = self._arm(self.urdf)
+        return self._known
 
     def believed_arm(self, xyz: Sequence[float], rpy: Sequence[float]) -> Arm:
         """Its kinematics with the camera believed elsewhere, off its place in its link, m, rad."""

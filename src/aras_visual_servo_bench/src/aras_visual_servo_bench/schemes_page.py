@@ -1,6 +1,7 @@
 """The page of schemes, made of what the protocols left: every scheme with its figures.
 
-    python3 -m aras_visual_servo_bench.schemes_page --table DIR/table.csv --out docs/schemes.md
+    python3 -m aras_visual_servo_bench.schemes_page --canonical DIR/table.csv \\
+        --domain DIR/table.csv --out docs/schemes.md
 
 What a scheme is stands in its class's own words; nothing on the page is written by hand.
 """
@@ -17,73 +18,142 @@ from pathlib import Path
 
 import numpy as np
 
-from aras_visual_servo_controller.arm.poses import inverse
 from aras_visual_servo_controller.features.base import Feature
 from aras_visual_servo_controller.schemes.registry import SCHEMES
 
+from . import schemes_pictures as pictures
 from .errors import ExperimentError
 from .protocol import Protocol
-from .runner import run
-from .study.statistics import proportion
+from .study.statistics import compare_rates, holm, proportion
 
 HEAD = """# Schemes
 
-Made by `python3 -m aras_visual_servo_bench.schemes_page` from the tables that the protocols leave;
-`rosrun aras_visual_servo_bench protocol canonical --out DIR` makes them anew.
+Every visual servoing scheme that ships, in the field's own protocols. Made by `python3 -m
+aras_visual_servo_bench.schemes_page` from the tables that the protocols leave; `rosrun
+aras_visual_servo_bench protocol canonical --out DIR` makes those anew.
 
 """
-COLUMNS = ("case", "condition", "start")
 GOAL = "goal_reached"
-PANELS = 4  # in a row of the picture
+Row = Mapping[str, str]
+Rows = Sequence[Row]
 
 
-def read(paths: Sequence[Path]) -> list[dict[str, str]]:
-    """Rows of tables; ExperimentError: one that cannot be read."""
-    rows: list[dict[str, str]] = []
-    for path in paths:
-        try:
-            with path.open(newline="", encoding="utf-8") as file:
-                rows += list(csv.DictReader(file))
-        except OSError as error:
-            raise ExperimentError(f"cannot read {path}: {error.strerror}") from None
-    return rows
+def read(path: Path) -> list[dict[str, str]]:
+    """Rows of a table; ExperimentError: it cannot be read."""
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            return list(csv.DictReader(file))
+    except OSError as error:
+        raise ExperimentError(f"cannot read {path}: {error.strerror}") from None
 
 
-def cell(rows: Sequence[Mapping[str, str]]) -> list[str]:
-    """What the runs of one cell came to, in words for a table."""
-    reached = [row for row in rows if row["verdict"] == GOAL]
-    rate = proportion(len(reached), len(rows))
-    outcomes = collections.Counter(row["outcome"] for row in rows if row["verdict"] != GOAL)
-    return [
-        f"{len(reached)} of {len(rows)}",
-        f"{100 * rate.low:.0f}-{100 * rate.high:.0f} %",
-        _middle(reached, "settled", "{:.2f}"),
-        _middle(reached, "distance", "{:.3f}", 1e3),
-        _middle(reached, "path_ratio", "{:.2f}"),
-        _middle(rows, "excursion", "{:.2f}"),
-        ", ".join(f"{word} {count}" for word, count in outcomes.most_common(2)),
-    ]
+def grouped(rows: Rows, *keys: str) -> dict[tuple[str, ...], list[Row]]:
+    """Rows that are alike in these columns, in the order in which they come up."""
+    groups: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        groups.setdefault(tuple(row[key] for key in keys), []).append(row)
+    return groups
 
 
-def _middle(
-    rows: Sequence[Mapping[str, str]], key: str, form: str, factor: float = 1.0
-) -> str:
+def succeeded(row: Row) -> bool:
+    """Whether the run came to its protocol's goal.
+
+    Runs of a protocol that ends them by the truth are judged by its criterion: both distance and
+    angle are a tenth of what they were.
+    """
+    return row["verdict"] == GOAL or row.get("by_truth") == "True" and row["reduced"] == "True"
+
+
+def markdown(heads: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """A table."""
+    written = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+    return "\n".join([*written, *("| " + " | ".join(line) + " |" for line in lines)]) + "\n"
+
+
+def rate(rows: Rows) -> str:
+    """Successes of so many, with Wilson's 95 % interval."""
+    hits = sum(map(succeeded, rows))
+    interval = proportion(hits, len(rows))
+    return f"{hits} of {len(rows)} ({100 * interval.low:.0f}-{100 * interval.high:.0f} %)"
+
+
+def _middle(rows: Rows, key: str, form: str, factor: float = 1.0) -> str:
     """Median of a column, empty where nothing is known."""
     values = [float(row[key]) for row in rows if row.get(key) not in ("", None, "inf")]
     return form.format(factor * float(np.median(values))) if values else ""
 
 
-def table(rows: Sequence[Mapping[str, str]]) -> str:
-    """Markdown: a line for each case, condition and start, in the order of the rows."""
-    groups: dict[tuple[str, ...], list[Mapping[str, str]]] = {}
-    for row in rows:
-        groups.setdefault(tuple(row[name] for name in COLUMNS), []).append(row)
-    heads = ("scheme", "condition", "task", "reached", "Wilson 95 %", "settled, s",
-             "error, mm", "way / straight", "excursion", "what else it came to")  # fmt: skip
-    lines = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
-    for key, found in groups.items():
-        lines.append("| " + " | ".join((*key, *cell(found))) + " |")
-    return "\n".join(lines) + "\n"
+def overview(rows: Rows) -> str:
+    """Successes: a line for each case and condition, a column for each start."""
+    starts = list(dict.fromkeys(row["start"] for row in rows))
+    lines = []
+    for key, found in grouped(rows, "case", "condition").items():
+        by_start = grouped(found, "start")
+        counts = [by_start.get((start,), []) for start in starts]
+        cells = [f"{sum(map(succeeded, c))}/{len(c)}" if c else "" for c in counts]
+        lines.append([*key, *cells])
+    return markdown(["scheme", "condition", *starts], lines)
+
+
+def details(rows: Rows) -> str:
+    """A line for each case, condition and start."""
+    lines = []
+    for key, found in grouped(rows, "case", "condition", "start").items():
+        reached = [row for row in found if succeeded(row)]
+        others = collections.Counter(row["outcome"] for row in found if not succeeded(row))
+        lines.append([
+            *key, rate(found), _middle(reached, "settled", "{:.2f}"),
+            _middle(reached, "distance", "{:.3f}", 1e3), _middle(reached, "angle", "{:.3f}"),
+            _middle(reached, "path_ratio", "{:.2f}"), _middle(found, "excursion", "{:.2f}"),
+            ", ".join(f"{word} {count}" for word, count in others.most_common(3)),
+        ])  # fmt: skip
+    return markdown(
+        ["scheme", "condition", "task", "reached (Wilson 95 %)", "settled, s", "error, mm",
+         "error, degrees", "way / straight", "excursion", "the others came to"], lines
+    )  # fmt: skip
+
+
+def paired(rows: Rows) -> str:
+    """Each case against the first one, run by run from the same starts (McNemar, Holm)."""
+    cases = grouped(rows, "case")
+    (first,), before = next(iter(cases.items()))
+    known = {_run(row): float(succeeded(row)) for row in before}
+    lines, chances = [], []
+    for (case,), found in list(cases.items())[1:]:
+        pairs = [(known[_run(row)], float(succeeded(row))) for row in found if _run(row) in known]
+        if not pairs:
+            continue
+        one, other = np.array(pairs).T
+        chances.append(compare_rates(one, other, paired=True).p)
+        lines.append([case, f"{len(one)}", f"{100 * (other.mean() - one.mean()):+.1f}",
+                      f"{int((other > one).sum())}", f"{int((other < one).sum())}"])  # fmt: skip
+    for line, p in zip(lines, holm(chances), strict=True):
+        line.append("below 0.001" if p < 1e-3 else f"{p:.3f}")
+    heads = ["scheme", "pairs", f"success against '{first}', points", "it alone reached",
+             f"'{first}' alone reached", "chance of that by luck"]  # fmt: skip
+    return markdown(heads, lines)
+
+
+def _run(row: Row) -> tuple[str, ...]:
+    return row["condition"], row["start"], row["seed"]
+
+
+def domain(rows: Rows, elsewhere: Mapping[str, Mapping[str, str]]) -> str:
+    """A line for each case and condition of a convergence domain, beside what others published."""
+    lines = []
+    for (case, condition), found in grouped(rows, "case", "condition").items():
+        reached = [row for row in found if succeeded(row)]
+        others = collections.Counter(row["outcome"] for row in found if not succeeded(row))
+        published = elsewhere.get(case, {}).get(condition, "")
+        lines.append([
+            case, condition, rate(found), published, _middle(reached, "iterations", "{:.0f}"),
+            _middle(reached, "path_ratio", "{:.2f}"),
+            ", ".join(f"{word} {count}" for word, count in others.most_common(3)),
+        ])  # fmt: skip
+    return markdown(
+        ["scheme", "condition", "converged (Wilson 95 %)", "published elsewhere", "images",
+         "way / straight", "the others came to"], lines
+    )  # fmt: skip
 
 
 def descriptions() -> str:
@@ -98,64 +168,61 @@ def descriptions() -> str:
     return "\n".join(parts)
 
 
-def picture(protocol: Protocol, start: str, path: Path) -> None:
-    """How the target's corners went through the image, a panel for each case, from one start."""
-    import matplotlib
+def _chosen(protocol: Protocol) -> str:
+    text = f"Source: {protocol.source}.\n\nWhat was chosen where that leaves a choice:\n\n"
+    return text + "".join(f"- {line}\n" for line in protocol.chosen) + "\n"
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
 
-    from .shapes import shape_of
+def canonical_part(path: Path, images: Path | None) -> str:
+    """Of the canonical tasks."""
+    protocol, rows = Protocol.load("canonical"), read(path)
+    page = "## Canonical tasks\n\n" + _chosen(protocol)
+    page += "Starts from which the goal was reached:\n\n" + overview(rows) + "\n"
+    if images is not None:
+        pictures.ways(protocol, "turn 90", images / "schemes.png")
+        page += "Ways of the target's corners through the image, a turn of 90 degrees, first start:"
+        page += "\n\n![ways through the image](images/schemes.png)\n\n"
+    page += "Every scheme against the first one, over the same starts:\n\n" + paired(rows) + "\n"
+    page += "<details><summary>Every task: times, errors, ways</summary>\n\n" + details(rows)
+    return page + "\n</details>\n\n"
 
-    chosen = [
-        (row, experiment) for row, experiment, _ in protocol.runs()
-        if row["start"] == start and row["seed"] == protocol.first_seed
-        and row["condition"] == protocol.conditions[0].name
-    ]  # fmt: skip
-    rows = -(-len(chosen) // PANELS)
-    figure, axes = pyplot.subplots(rows, PANELS, figsize=(3 * PANELS, 2.6 * rows), squeeze=False)
-    for axis in axes.ravel():
-        axis.set_axis_off()
-    for axis, (row, experiment) in zip(axes.ravel(), chosen, strict=False):
-        result = run(experiment)
-        corners = shape_of(experiment.target.shape, experiment.target.size).vertices()
-        ways = []
-        for pose in result.pose:
-            seen = inverse(pose)
-            points = corners @ seen[:3, :3].T + seen[:3, 3]
-            ways.append(np.where(points[:, 2:] > 0.0, points[:, :2] / points[:, 2:], np.nan))
-        ways = np.array(ways)
-        axis.set_axis_on()
-        axis.plot(ways[:, :, 0], ways[:, :, 1], linewidth=1.0)
-        axis.plot(ways[-1, :, 0], ways[-1, :, 1], "ko", markersize=3.0)
-        axis.set_title(f"{row['case']}: {result.outcome}", fontsize=7)
-        axis.set_xlim(-0.45, 0.45)
-        axis.set_ylim(0.35, -0.35)
-        axis.tick_params(labelsize=6)
-    figure.tight_layout()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=100)
-    pyplot.close(figure)
+
+def domain_part(path: Path, images: Path | None) -> str:
+    """Of the rendered convergence domain."""
+    protocol, rows = Protocol.load("convergence_domain"), read(path)
+    rows = [{**row, "by_truth": "True"} for row in rows]
+    elsewhere = {case.name: case.elsewhere for case in protocol.cases}
+    page = "## Convergence domain, rendered\n\n" + _chosen(protocol)
+    page += domain(rows, elsewhere) + "\n"
+    if images is not None:
+        pictures.success_map(rows, succeeded, images / "convergence_domain.png")
+        page += "Every start by its distance and angle from the goal; blue converged, red not:\n\n"
+        page += "![convergence domain](images/convergence_domain.png)\n\n"
+    return page
+
+
+def basin_part(path: Path) -> str:
+    """Of the paper's own case."""
+    protocol = Protocol.load("paper_basin")
+    return "## The paper's own case\n\n" + _chosen(protocol) + details(read(path)) + "\n"
 
 
 def main(argv: list[str] | None = None) -> int:
     """Write the page; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--table", type=Path, action="append", required=True)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--picture", type=Path, help="PNG of the ways through the image")
-    parser.add_argument("--protocol", default="canonical")
-    parser.add_argument("--start", default="turn 90", help="task of the picture")
+    parser.add_argument("--canonical", type=Path, required=True, help="table.csv of that protocol")
+    parser.add_argument("--domain", type=Path, help="table.csv of convergence_domain")
+    parser.add_argument("--basin", type=Path, help="table.csv of paper_basin")
+    parser.add_argument("--out", type=Path, required=True, help="the page")
+    parser.add_argument("--no-pictures", action="store_true")
     options = parser.parse_args(argv)
+    images = None if options.no_pictures else options.out.parent / "images"
     try:
-        protocol = Protocol.load(options.protocol)
-        page = HEAD + "## Figures\n\n" + f"Source: {protocol.source}.\n\nChosen:\n\n"
-        page += "".join(f"- {text}\n" for text in protocol.chosen) + "\n"
-        page += table(read(options.table)) + "\n"
-        if options.picture is not None:
-            picture(protocol, options.start, options.picture)
-            page += f"Ways of the corners through the image, task {options.start}, first seed:\n\n"
-            page += f"![ways through the image](images/{options.picture.name})\n\n"
+        page = HEAD + canonical_part(options.canonical, images)
+        if options.domain is not None:
+            page += domain_part(options.domain, images)
+        if options.basin is not None:
+            page += basin_part(options.basin)
         page += "## What each is\n\n" + descriptions()
         options.out.write_text(page, encoding="utf-8")
     except (ExperimentError, OSError) as error:

@@ -36,6 +36,14 @@ def test_an_experiment_is_read_from_yaml(tmp_path):
     assert experiment.linger is None
 
 
+def test_keys_with_values_are_taken_by_the_constructor_as_from_a_file():
+    values = {"plant": "free", "believed": {"focal": 0.9}, "start": {"height": [0.2, 0.3]},
+              "target": {"shape": [[0, 0], [1, 0], [1, 1]]}}  # fmt: skip
+    assert Experiment(**values) == Experiment.from_mapping(values)
+    with pytest.raises(ExperimentError, match="unknown key 'believed.fokal': did you mean 'focal'"):
+        Experiment(believed={"fokal": 0.9})
+
+
 def test_a_changed_experiment_is_checked_again():
     assert Experiment().with_(gain=2, seed=4).seed == 4
     with pytest.raises(ExperimentError, match="gain is -2"):

@@ -48,7 +48,7 @@ def build(cls: type[T], values: Any, where: str = "") -> T:
     if not isinstance(values, Mapping):
         raise ExperimentError(f"{where or cls.__name__} is {values!r}, must be keys with values")
     known = {f.name: f for f in dataclasses.fields(cls) if f.init}
-    hints = _hints(cls)
+    hints = annotations(cls)
     found = {}
     for key, value in values.items():
         place = f"{where}.{key}" if where else str(key)
@@ -62,7 +62,8 @@ def build(cls: type[T], values: Any, where: str = "") -> T:
 
 
 @functools.lru_cache(maxsize=64)
-def _hints(cls: type) -> dict[str, Any]:
+def annotations(cls: type) -> dict[str, Any]:
+    """Of a dataclass's fields, by name."""
     return typing.get_type_hints(cls)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from .cameras import Belief
-from .checked import build, nearest, read_yaml, require
+from .checked import annotations, build, convert, nearest, read_yaml, require
 from .robots import RobotSpec
 from .targets import Motion
 
@@ -189,6 +189,10 @@ class Experiment:
     traced: bool = False
 
     def __post_init__(self) -> None:
+        for name, hint in annotations(type(self)).items():
+            value = getattr(self, name)
+            if isinstance(value, Mapping | list):  # as in a file: believed={"focal": 0.9}
+                object.__setattr__(self, name, convert(value, hint, name))
         for name, known in (("plant", PLANTS), ("features", FEATURES), ("commands", COMMANDS)):
             value = getattr(self, name)
             require(value in known, f"{name} is '{value}': {nearest(value, known)}")

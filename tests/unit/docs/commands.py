@@ -1,0 +1,269 @@
+"""Whether a command of the documentation would be taken as it is written; little is carried out."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.abc
+import importlib.machinery
+import os
+import re
+import runpy
+import shutil
+import subprocess
+import sys
+import types
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+from blocks import ROOT
+
+from aras_visual_servo_bench.experiment import Experiment
+
+SOURCES = ROOT / "src"
+OTHERS = {"tf2_ros", "camera_calibration", "rviz", "rosbag"}  # ROS's own, not looked into
+Words = list[str]
+
+
+class Parsed(Exception):  # noqa: N818
+    """A command line was taken."""
+
+
+class Messages(importlib.abc.MetaPathFinder, importlib.abc.Loader):
+    """Message packages where nothing is built: programs import them before they read words."""
+
+    def find_spec(self, name, path=None, target=None):
+        if re.search(r"(^|\.)(\w+_msgs|msg|srv)(\.|$)", name):
+            return importlib.machinery.ModuleSpec(name, self, is_package=True)
+        return None
+
+    def create_module(self, spec):
+        module = types.ModuleType(spec.name)
+        module.__getattr__ = _message
+        return module
+
+    def exec_module(self, module) -> None:
+        """There is nothing to carry out."""
+
+
+def _message(name: str) -> type:
+    if name.startswith("__"):
+        raise AttributeError(name)
+    return type(name, (), {"__slots__": ()})
+
+
+def check(words: Words, folder: Path) -> None:
+    """Fail where the command would be refused, or where nothing here knows its program."""
+    program = words[0]
+    name = program.rpartition("/")[2]
+    if name.startswith("python"):
+        name = "python"
+    if name not in CHECKS:
+        pytest.fail(f"nothing checks '{program}': add it to tests/unit/docs/commands.py")
+    CHECKS[name](words, folder)
+
+
+def taken(run: Callable[[], object], words: Words) -> None:
+    """Let a program read its command line, and stop it there."""
+    plain = argparse.ArgumentParser.parse_known_args
+    depth = 0
+
+    def parse(self, args=None, namespace=None):
+        nonlocal depth
+        depth += 1
+        try:
+            options, behind = plain(self, args, namespace)
+        finally:
+            depth -= 1
+        strange = [word for word in behind if "=" not in word or word.startswith("-")]
+        if depth == 0:
+            assert not strange, f"{self.prog} does not take {strange}"
+            raise Parsed
+        return options, behind
+
+    known = set(sys.modules)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(argparse.ArgumentParser, "parse_known_args", parse)
+        patch.setattr(argparse.ArgumentParser, "parse_args", lambda *a, **k: parse(*a, **k)[0])
+        patch.setattr(sys, "argv", words)
+        patch.setattr(sys, "meta_path", [*sys.meta_path, Messages()])
+        try:
+            run()
+        except Parsed:
+            return
+        except SystemExit as end:
+            pytest.fail(f"{' '.join(words)}: refused with status {end.code}")
+        finally:
+            forget(set(sys.modules) - known)
+    pytest.fail(f"{' '.join(words)}: no command line was read")
+
+
+def forget(modules: set[str]) -> None:
+    """Stand-ins for messages, and what of ours was made with them."""
+    made = {name for name in modules if isinstance(sys.modules[name].__loader__, Messages)}
+    for name in modules if made else ():
+        if name in made or name.startswith("aras_"):
+            del sys.modules[name]
+
+
+def python(words: Words, folder: Path) -> None:
+    rest = words[1:]
+    if rest[0] == "-m" and rest[1] in ("pytest", "ruff"):
+        there(rest[2:])
+    elif rest[0] == "-m":
+        taken(lambda: runpy.run_module(rest[1], run_name="__main__", alter_sys=True), rest[1:])
+    else:
+        script = found(rest[0], folder)
+        if len(rest) > 1 or "argparse" in script.read_text(encoding="utf-8"):
+            words = [str(script), *rest[1:]]
+            taken(lambda: runpy.run_path(str(script), run_name="__main__"), words)
+
+
+def found(name: str, folder: Path) -> Path:
+    """A file that the page made, or one of the checkout."""
+    packages = [path.parent for path in SOURCES.glob("*/package.xml")]
+    for place in (folder, ROOT, *packages):
+        if (place / name).is_file():
+            return place / name
+    return pytest.fail(f"there is no file {name}")
+
+
+def there(words: Words) -> None:
+    for word in words:
+        path = word.partition("::")[0]
+        assert "/" not in path or word.startswith("-") or (ROOT / path).exists(), f"no {path}"
+
+
+def rosrun(words: Words, folder: Path) -> None:
+    package, name, *rest = words[1:]
+    if package in OTHERS:
+        return
+    files = [SOURCES / package / part / name for part in ("nodes", "scripts")]
+    file = next((file for file in files if file.is_file()), None)
+    assert file is not None, f"{package} has no executable {name}"
+    text = file.read_text(encoding="utf-8")
+    imported = re.search(r"^from ([\w.]+) import main$", text, re.MULTILINE)
+    source = Path(*imported[1].split(".")) if imported else Path("none")
+    reads = [*SOURCES.glob(f"*/src/{source}.py"), *SOURCES.glob(f"*/src/{source}/__init__.py")]
+    if rest or any("argparse" in path.read_text(encoding="utf-8") for path in reads):
+        taken(lambda: runpy.run_path(str(file), run_name="__main__"), [name, *rest])
+
+
+def roslaunch(words: Words, folder: Path) -> None:
+    package, name, *rest = [word for word in words[1:] if not word.startswith("--")]
+    path = SOURCES / package / "launch" / name
+    if name.isupper():  # FILE, where a table names them
+        return
+    assert path.is_file(), f"{package} has no {name}"
+    known = {arg.get("name") for arg in ElementTree.parse(path).iter("arg") if arg.get("doc")}
+    for word in rest:
+        key, given, value = word.partition(":=")
+        assert given, f"roslaunch's arguments are name:=value, not {word}"
+        assert key in known, f"{name} has no argument {key}"
+        if key == "scheme":
+            scheme(value)
+        elif key == "camera":
+            camera(value, folder)
+
+
+def scheme(name: str) -> None:
+    """A name that the registry knows; a class is looked for where the page made it."""
+    if ":" not in name:
+        Experiment(scheme=name)
+        from aras_visual_servo_controller.schemes import create_scheme
+
+        create_scheme(name)
+
+
+def camera(name: str, folder: Path) -> None:
+    presets = SOURCES / "aras_visual_servo_gazebo" / "config" / "cameras"
+    if "/" in name:
+        assert (folder / name.rpartition("/")[2]).is_file(), f"no block makes {name}"
+    else:
+        assert (presets / f"{name}.yaml").is_file(), f"no camera preset {name}"
+
+
+def script(words: Words, folder: Path) -> None:
+    """Our own scripts, without what they would start."""
+    name, *rest = words
+    name = Path(name).name
+    if name == "test.sh":
+        there(rest)
+        if rest[:1] == ["--faults"]:
+            campaign = ROOT / "tests" / "faults" / "campaign.py"
+            taken(lambda: runpy.run_path(str(campaign), run_name="__main__"), [name, *rest[1:]])
+        return
+    if name == "setup.sh":
+        end = subprocess.run([ROOT / name, *rest, "--packages"], capture_output=True, text=True)
+        assert end.returncode == 0, end.stderr
+        return
+    said = _without_setup(folder, rest)
+    file = SOURCES / "aras_visual_servo_bench" / "nodes" / "demo"
+    taken(lambda: runpy.run_path(str(file), run_name="__main__"), ["demo", *said])
+
+
+def _without_setup(folder: Path, rest: Words) -> Words:
+    """What demo.sh hands on, in a workspace where there is nothing to set up."""
+    stage = folder / "stage"
+    shutil.rmtree(stage, ignore_errors=True)
+    (stage / "devel").mkdir(parents=True)
+    shutil.copy(ROOT / "demo.sh", stage)
+    (stage / "src").symlink_to(SOURCES)
+    (stage / "devel" / "setup.bash").write_text("")
+    for name, text in (("setup.sh", ""), ("rosrun", 'printf "%s\\n" "${@:3}" > "$TOLD"\n')):
+        path = stage / ".venv" / "bin" / name if name == "rosrun" else stage / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"#!/bin/bash\n{text}")
+        path.chmod(0o755)
+    told = folder / "told"
+    rest = [word for word in rest if word != "--rviz"]  # asks for a display
+    env = {**os.environ, "TOLD": str(told)}
+    end = subprocess.run(
+        [stage / "demo.sh", *rest], env=env, cwd=folder, capture_output=True, text=True
+    )
+    assert end.returncode == 0, end.stderr
+    return told.read_text().splitlines()
+
+
+def docker(words: Words, folder: Path) -> None:
+    """`docker compose -f FILE run --rm SERVICE [command]`, or `docker build -f FILE .`"""
+    file = ROOT / words[words.index("-f") + 1]
+    assert file.is_file(), f"no {file}"
+    if words[1] == "compose":
+        services = yaml.safe_load(file.read_text(encoding="utf-8"))["services"]
+        rest = [word for word in words[words.index("-f") + 2 :] if not word.startswith("-")]
+        assert rest[0] in ("run", "up", "build") and set(rest[1:2]) <= set(services), rest
+
+
+def copy(words: Words, folder: Path) -> None:
+    """From the checkout to where the page works."""
+    assert words[-1] == ".", words
+    for word in words[1:-1]:
+        shutil.copy(ROOT / word, folder)
+
+
+def bag(words: Words, folder: Path) -> None:
+    assert words[1] in ("info", "play", "check", "record", "filter"), words
+
+
+def service(words: Words, folder: Path) -> None:
+    """That it is there when the graph runs, tests/integration/test_docs.py sees."""
+    assert words[1] in ("call", "list", "info", "echo", "hz", "load", "set", "get", "pub"), words
+
+
+def anything(words: Words, folder: Path) -> None:
+    """The system's own."""
+
+
+CHECKS: dict[str, Callable[[Words, Path], None]] = {
+    "python": python, "rosrun": rosrun, "roslaunch": roslaunch, "docker": docker, "rosbag": bag,
+    "cp": copy,
+    "setup.sh": script, "demo.sh": script, "test.sh": script,
+    "truth": lambda w, f: taken(lambda: runpy.run_path(str(ROOT / w[0]), run_name="__main__"), w),
+    **dict.fromkeys(("rosservice", "rostopic", "rosparam", "rosnode"), service),
+    **dict.fromkeys(
+        ("cd", "mkdir", "export", "source", ".", "git", "apt", "catkin_make", "roscore",
+         "cat", "xdg-open", "ls"), anything),
+}  # fmt: skip

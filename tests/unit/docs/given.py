@@ -1,0 +1,55 @@
+"""What code in the documentation takes for granted, by the name in the comment before it."""
+
+from __future__ import annotations
+
+import sys
+import types
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from blocks import ROOT
+
+from aras_visual_servo_bench.cameras import draw
+from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.features.moments import ImageMoments
+from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.joint_sample import JointSample
+
+SQUARE = np.array([[-0.2, -0.1], [0.2, -0.1], [0.25, 0.1], [-0.2, 0.1]])
+CONFIG = ROOT / "src" / "aras_visual_servo_controller" / "config"
+
+
+def loop() -> dict[str, Any]:
+    """What somebody has who writes his own loop: a goal file, a description, a picture, joints."""
+    Path("goal_2016.yaml").write_text((CONFIG / "goal_2016.yaml").read_text())
+    urdf = (ROOT / "src/aras_visual_servo_gazebo/robots/aras_visual_servo.urdf").read_text()
+    arm, goal = Arm.from_urdf(urdf), Goal.load("goal_2016.yaml")
+    focal = 102.74
+    camera = CameraModel(320, 240, (focal, 0, 159.5, 0, focal, 119.5, 0, 0, 1))
+    joints = JointSample.of(0.0, arm.names, goal.joint_values(arm.names))
+    picture = draw(goal.target.outline(arm.pose(joints.positions)), camera)
+    return dict(urdf=urdf, camera=camera, joints=joints, picture=picture, stamp=0.0, now=0.01)
+
+
+def moments() -> dict[str, Any]:
+    """An ImageMoments message, and the outline that is wanted."""
+    seen = Moments.from_polygon(0.9 * SQUARE)
+    message = types.SimpleNamespace(valid=True, m=seen.m_array, mu=seen.mu_array, order=seen.order)
+    return {"corners_at_the_desired_pose": SQUARE, "message": message}
+
+
+def my_package() -> dict[str, Any]:
+    """A user's package with a feature."""
+    module = types.ModuleType("my_package.my_module")
+    module.MyFeature = type("MyFeature", (ImageMoments,), {})
+    sys.modules.update({"my_package": types.ModuleType("my_package"), module.__name__: module})
+    return {}
+
+
+GIVEN: dict[str, Callable[[], dict[str, Any]]] = {
+    "loop": loop, "moments": moments, "my_package": my_package,
+}  # fmt: skip

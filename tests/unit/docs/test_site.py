@@ -1,0 +1,46 @@
+"""The documentation site is built whole, offline, with warnings as errors."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from blocks import PAGES, ROOT
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory) -> Path:
+    out = tmp_path_factory.mktemp("site")
+    words = [sys.executable, str(ROOT / "docs" / "make_site.py"), "--fresh", "--out", str(out)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, f"a warning is an error:\n{done.stderr[-3000:]}"
+    return out
+
+
+def test_every_page_is_there_and_in_the_contents(site):
+    first = (site / "index.html").read_text(encoding="utf-8")
+    for page in PAGES:
+        name = page.relative_to(ROOT).with_suffix(".html")
+        if name.parts[0] == "src" and "upstream" in name.parts[1]:
+            continue
+        assert (site / name).is_file(), f"{page} is in no chapter of docs/conf.py"
+        assert name.name == "README.html" and len(name.parts) == 1 or f'href="{name}"' in first
+
+
+def test_nothing_is_fetched_from_elsewhere(site):
+    """A page opened without a network looks as with one."""
+    for page in site.rglob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        assert not re.findall(r'<(?:script|link|img)\b[^>]*(?:src|href)="https?:[^"]*"', text), page
+
+
+def test_docstrings_are_shown_as_they_are_written(site):
+    text = (site / "docs" / "api" / "bench.html").read_text(encoding="utf-8")
+    shown = re.sub(r"<[^>]+>", "", text)
+    # a field that goes on in the next line, and names that end in an underscore
+    assert "height: of the camera above the target, least and greatest, m. side: greatest" in shown
+    assert "with_" in shown and "problematic" not in text
+    assert "Raises" in shown and "ExperimentError: it cannot be run." in shown

@@ -49,8 +49,14 @@ class Block:
 
     def commands(self) -> Iterator[list[str]]:
         """The words of each command of a shell's block, without what puts it in the background."""
+        pending = ""
         for line in self.text.replace("\\\n", " ").splitlines():
-            words = shlex.split(line, comments=True)
+            pending += f"{line}\n"
+            try:
+                words = shlex.split(pending, comments=True)
+            except ValueError:  # a quotation goes on
+                continue
+            pending = ""
             while words:
                 cut = next((i for i, word in enumerate(words) if word in ("&&", "&", ";")), None)
                 command, words = words[:cut], [] if cut is None else words[cut + 1 :]
@@ -58,6 +64,7 @@ class Block:
                     command = command[1:]
                 if command:
                     yield command
+        assert not pending, f"{self.place}: a quotation does not end"
 
 
 def blocks(page: Path) -> list[Block]:

@@ -53,6 +53,7 @@ copybutton_exclude = ".linenos, .gp, .go"
 CONTENTS = """
 ```{{toctree}}
 :hidden:
+:glob:
 :caption: {caption}
 
 {pages}
@@ -64,7 +65,10 @@ CHAPTERS = {
         "docs/studies", "docs/reading_results", "docs/installing",
     ),
     "Coming from Gazebo": ("docs/porting", "docs/differences"),
-    "Theory": ("docs/theory", "docs/moments", "docs/camera", "docs/step_response", "docs/truth"),
+    "Theory": (
+        "docs/theory", "docs/moments", "docs/camera", "docs/step_response",
+        "docs/truth",
+    ),
     "Reference": (
         "docs/packages", "docs/topics",
         "src/aras_visual_servo_gazebo/README", "src/aras_sim_bridge/README",

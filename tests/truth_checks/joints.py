@@ -12,7 +12,7 @@ import pinocchio
 from scipy.integrate import solve_ivp
 
 from aras_sim_bridge.description import RobotDescription, parse_urdf
-from aras_sim_bridge.world import World
+from aras_sim_bridge.world import Twist, World
 
 from .check import Row, check
 from .reference import Reference
@@ -22,6 +22,13 @@ sys.path.append(str(SOURCES.parent / "tests" / "unit" / "world"))
 
 from aras_robot import CONTROLLERS, ArasRobot  # noqa: E402
 
+_SLIDE = """<robot name="block">
+<link name="base"><inertial><mass value="20"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0"
+ iyz="0"/></inertial></link>
+<link name="slide"><inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0"
+ iyz="0"/></inertial></link>
+<joint name="rail" type="prismatic"><parent link="base"/><child link="slide"/><axis xyz="1 0 0"/>
+ <limit lower="-0.5" upper="0.5" effort="1000" velocity="100"/></joint></robot>"""
 _WHEEL = """<robot name="wheel"><link name="world"/><link name="wheel"><inertial>
 <mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
 </link><joint name="spin" type="revolute"><parent link="world"/><child link="wheel"/>
@@ -52,6 +59,25 @@ def joint_stops() -> Iterator[Row]:
                 beyond = max(beyond, abs(wheel.read_joints()[0][0]) - 1.0)
             yield Row(f"driven by {effort:g} N m", "stays within", beyond / 2.0, 0.01,
                       "of the range")
+
+
+@check("closed form", quick=True)
+def joint_stops_of_a_free_base() -> Iterator[Row]:
+    """A slide of 1 m on a block that flies: Bullet's stops, which see a step's end alone."""
+    for speed in (1.0, 5.0, 20.0):
+        with World() as world:
+            block = world.spawn(parse_urdf(_SLIDE), "block")
+            block.set_twist(Twist((0.1, 0.0, 0.0), (0.0, 0.0, 0.2)))
+            beyond = last = 0.0
+            for direction in (1.0, -1.0):
+                block.joints.restore([(0.0, direction * speed)])
+                for _ in range(1000):
+                    world.step()
+                    last = max(0.0, abs(block.read_joints()[0][0]) - 0.5)
+                    beyond = max(beyond, last)
+            yield Row(f"thrown at {speed:g} m/s", "a step's travel at most", beyond,
+                      1.1 * speed * world.time_step, "m")
+            yield Row(f"thrown at {speed:g} m/s, afterwards", "back within", last, 1e-4, "m")
 
 
 def _shipped(damping: Mapping[str, float]) -> RobotDescription:

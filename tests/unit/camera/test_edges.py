@@ -69,6 +69,23 @@ def test_crossing_faces_meet_along_a_straight_line(bench):
     assert off.max() < 14.0
 
 
+def test_tips_that_reach_no_corner_of_a_pixel_are_drawn(bench):
+    """A square's corners poke into pixels from all four sides, over the borders of tiles too."""
+    bench.box([1.5, 1.5, 0.05], [0, 0, -0.05])
+    bench.box([0.05, 0.05, 1e-5], [0, 0, 0], "Gazebo/Black")
+    renderer = create_renderer("exact", bench.world)
+    rng = np.random.default_rng(8)
+    lost = []
+    for _ in range(60):
+        turn = rng.uniform(0.0, 2 * np.pi)
+        at = rng.uniform(-0.02, 0.02, 2)
+        pose = looking([*at, 0.5], [*at, 0.0], (np.cos(turn), np.sin(turn), 0))
+        view = View(64, 48, pose, np.array([[120.0, 0, 31.5], [0, 120.0, 23.5], [0, 0, 1]]), 0.02)
+        black = (255.0 - renderer.render(view)[..., 0]).sum() / 255.0
+        lost.append(24.0**2 * (0.5 / (0.5 - 1e-5)) ** 2 - black)
+    assert np.abs(lost).max() < 0.12, "px²"
+
+
 def test_glass_dims_what_is_behind_it_by_its_opacity(bench):
     bench.box([1.0, 1.0, 0.1], [0, 0, 0], "Gazebo/White")
     bench.box([0.2, 0.2, 0.01], [0, 0, 0.3], "Gazebo/GreyTransparent")

@@ -10,9 +10,10 @@ Where they differ without the shading being the cause, an edge runs through the 
 its colour is worked out from the areas that its triangles cover (edges, fragments); the others are
 lit as their corners say (shading). Depth and segmentation are those of the centres (measuring). All
 of it runs on the processor and needs no graphics driver, whose limits and whose rounding differ.
-The servo's view takes 0.6 of the time that OpenGL on Mesa's software rasteriser took (at 640 x 480
-0.7), 40 000 triangles with every edge worked out three times as long (tests/benchmarks/render.py).
-'tiny' draws with PyBullet's software renderer, to compare.
+The servo's view takes 0.5 of the time that OpenGL on Mesa's software rasteriser took (at 640 x 480
+0.7); a room full of edges and 40 000 triangles, with every edge worked out, take twice as long as
+there (tests/benchmarks/render.py). 'tiny' draws with PyBullet's software
+renderer, to compare.
 """
 
 from __future__ import annotations

@@ -12,11 +12,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.runner import run
 from aras_visual_servo_bench.study import engine, folder, rows, work
 from aras_visual_servo_bench.study.folder import Folder
 from aras_visual_servo_bench.study.metrics import metric
 from aras_visual_servo_bench.study.pools import Done, ThisProcess
 from aras_visual_servo_bench.study.progress import Progress
+from aras_visual_servo_bench.study.study import Study
 
 
 @metric("", "smaller", "these tests")
@@ -277,3 +279,22 @@ def test_the_line_of_progress():
     now[0] = 21.0
     progress.more(59, 0)
     assert "100/100" in out.getvalue()
+
+
+def test_a_study_of_the_ideal_camera_flies_it_as_a_run_does():
+    """One exact motion an image; under the servo loop, with its delay, it would go otherwise."""
+    square = [[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]]
+    study = Study.from_mapping({
+        "experiment": {
+            "plant": "ideal", "features": "exact", "scheme": "numbered_points", "gain": 0.5,
+            "target": {"shape": square}, "goal": {"pose": [0, 0, -0.75, 0, 0, 0]},
+            "start": {"pose": [0.05, 0.02, -0.9, 0.0, 0.1, 0.3]}, "ideal": {"stop": 1e-4},
+        },
+        "repeats": 1,
+    })  # fmt: skip
+    row = rows.row_of(study, 0).values[0]
+    flown = run(study.experiment_of(0))
+    assert (row["outcome"], row["images"]) == ("converged", len(flown.stamp))
+    assert row["final_distance"] == flown.verdict.distance
+    assert row["simulated"] == pytest.approx(flown.stamp[-1])
+    assert row["path_ratio"] == pytest.approx(1.0, abs=0.2)

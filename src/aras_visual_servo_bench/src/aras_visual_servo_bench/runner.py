@@ -31,13 +31,18 @@ def run(experiment: Experiment) -> Run:
     Raises:
         ExperimentError: it cannot be run. What goes wrong while it runs is an outcome.
     """
-    parts = assemble(experiment)
+    return carry_out(experiment, assemble(experiment))[0]
+
+
+def carry_out(experiment: Experiment, parts: Assembly) -> tuple[Run, float]:
+    """A run of parts that are assembled, from their start to the end, and its simulated time, s."""
     if experiment.plant == "ideal":
-        return fly(experiment, parts)
+        result = fly(experiment, parts)
+        return result, float(result.stamp[-1])
     loop = Loop(experiment, parts)
     try:
         loop.to_end()
-        return loop.result()
+        return loop.result(), loop.plant.time_ns / NS
     finally:
         loop.close()
 

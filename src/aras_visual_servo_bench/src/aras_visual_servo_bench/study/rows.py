@@ -14,7 +14,7 @@ import pyarrow as pa
 from ..assembly import assemble
 from ..errors import ExperimentError
 from ..experiment import Experiment
-from ..runner import Loop
+from ..runner import carry_out
 from . import metrics as known_metrics
 from .metrics import Finished
 from .study import Study
@@ -90,30 +90,25 @@ def _finished(
     study: Study, experiment: Experiment, run: int, traces: list[dict[str, Any]]
 ) -> dict[str, Any]:
     parts = assemble(experiment)
-    loop = Loop(experiment, parts)
-    try:
-        loop.to_end()
-        result = loop.result()
-        finished = Finished(experiment, parts, result)
-        if study.traces:
-            traces += (
-                {"run": run, "stamp": float(result.stamp[i]), "phase": result.phases[i],
-                 "error": result.error[i].tolist(), "asked": result.asked[i].tolist(),
-                 "pose": result.pose[i].ravel().tolist()}
-                for i in range(len(result.stamp))
-            )  # fmt: skip
-        return {
-            "seed": experiment.seed,
-            "outcome": result.outcome,
-            "verdict": result.verdict.word,
-            "reason": _line(result.reason),
-            "images": len(result.stamp),
-            "simulated": loop.plant.time_ns * 1e-9,
-            **{column(name): float(known_metrics.find(name).measure(finished))
-               for name in study.metric_names},
-        }  # fmt: skip
-    finally:
-        loop.close()
+    result, simulated = carry_out(experiment, parts)
+    finished = Finished(experiment, parts, result)
+    if study.traces:
+        traces += (
+            {"run": run, "stamp": float(result.stamp[i]), "phase": result.phases[i],
+             "error": result.error[i].tolist(), "asked": result.asked[i].tolist(),
+             "pose": result.pose[i].ravel().tolist()}
+            for i in range(len(result.stamp))
+        )  # fmt: skip
+    return {
+        "seed": experiment.seed,
+        "outcome": result.outcome,
+        "verdict": result.verdict.word,
+        "reason": _line(result.reason),
+        "images": len(result.stamp),
+        "simulated": simulated,
+        **{column(name): float(known_metrics.find(name).measure(finished))
+           for name in study.metric_names},
+    }  # fmt: skip
 
 
 def column(metric: str) -> str:

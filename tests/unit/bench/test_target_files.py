@@ -13,9 +13,11 @@ from aras_visual_servo_bench.assembly import assemble
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment import Experiment, TargetSpec
 from aras_visual_servo_bench.plants import CameraReading
+from aras_visual_servo_bench.ros.move_target import motion_of
 from aras_visual_servo_bench.runner import run
 from aras_visual_servo_bench.shapes import NAMES, shape_of
 from aras_visual_servo_bench.target_files import description_file, main, triangles, write
+from aras_visual_servo_bench.targets import Motion
 from aras_visual_servo_camera.trackers import DotTracker, MarkerTracker
 
 GAZEBO = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
@@ -187,3 +189,21 @@ def test_what_cannot_be_a_target_is_told(given, told, tmp_path):
     (tmp_path / "a.svg").write_text("<svg/>")
     with pytest.raises(ValueError, match=told):
         SCRIPT["described"](given.format(tmp_path), (0.1, 0.1), tmp_path)
+
+
+# -- the node that moves one -----------------------------------------------------------------------
+
+
+def test_a_motion_by_words():
+    words = ["circle=0.02", "frequency=0.2", "velocity=[0.1, 0, 0, 0, 0, 0]"]
+    assert motion_of(words) == Motion((0.1, 0, 0, 0, 0, 0), frequency=0.2, circle=0.02)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [(["circl=0.02"], "did you mean 'circle'"), (["circle=0.02"], "needs a frequency"),
+     ([], "nothing moves"), (["circle"], "key=value"), (["hold=-1"], "is below 0")],
+)  # fmt: skip
+def test_a_wrong_motion_is_told(words, told):
+    with pytest.raises(ExperimentError, match=told):
+        motion_of(words)

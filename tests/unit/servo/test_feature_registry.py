@@ -69,6 +69,22 @@ def test_the_error_is_the_difference_on_the_manifold(name, view):
     assert found.error == pytest.approx(expected, abs=1e-9)
 
 
+TURNING = ("alpha", "moments_six", "moments_pitch", "polar_points", "lines", "segments", "theta_u")
+
+
+@pytest.mark.parametrize("name", TURNING)
+def test_a_turn_goes_the_short_way_over_the_end_of_the_circle(name):
+    """No angle's error is more than half a turn, and a small turn is a small error, wherever the
+    angles of goal and view happen to lie."""
+    for turn in np.radians(np.arange(0.0, 360.0, 20.0)):
+        about_goal = moved(GOAL, np.array([0, 0, 0, 0, 0, turn]))
+        feature, goal = at_goal(name, about_goal)
+        for further, most in ((0.2, 0.35), (2.6, np.pi), (-2.6, np.pi)):
+            on = moved(about_goal, np.array([0, 0, 0, 0, 0, further]))
+            found = feature.measure(shown(name, feature, on), goal)
+            assert np.abs(found.error).max() < most
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_nothing_is_left_to_do_at_the_goal(name):
     feature, goal = at_goal(name)

@@ -1,0 +1,92 @@
+"""Moves a target of the running simulation: a line, a sine, a circle, steps.
+
+    rosrun aras_visual_servo_bench move_target circle=0.02 frequency=0.2
+    rosrun aras_visual_servo_bench move_target velocity='[0.01, 0, 0, 0, 0, 0.1]' begin=2
+
+The keys are those of an experiment's `target.motion`; it begins where the target lies, and when
+this is started. The simulation is asked by Gazebo's own service, `set_model_state`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+import numpy as np
+
+from aras_sim_bridge.poses import Pose
+
+from ..checked import build
+from ..errors import ExperimentError, StudyError
+from ..rigid import to_xyz_rpy
+from ..study.overrides import parsed
+from ..targets import Motion, PlacedTarget, PolygonTarget
+
+RATE = 60.0  # Hz of simulated time: twice the camera's
+PATIENCE = 10.0  # s for the simulation to answer
+POINT = PolygonTarget(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))  # its shape is none of our business
+
+
+def motion_of(words: list[str]) -> Motion:
+    """The motion that is written as key=value; ExperimentError naming what is wrong."""
+    try:
+        motion = build(Motion, parsed(words), "motion")
+    except StudyError as error:
+        raise ExperimentError(str(error)) from None
+    if motion.still:
+        raise ExperimentError(
+            "nothing moves: say velocity, amplitude and frequency, circle and frequency, or step"
+        )
+    return motion
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Move the target until the end; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="move_target", description=__doc__.splitlines()[0])
+    parser.add_argument("motion", nargs="*", metavar="key=value", help="velocity, circle, ...")
+    parser.add_argument("--model", default="target", help="name of the model")
+    arguments = [word for word in argv or sys.argv[1:] if ":=" not in word]
+    options = parser.parse_args(arguments)
+    try:
+        motion = motion_of(options.motion)
+        return _move(motion, options.model)
+    except ExperimentError as error:
+        print(f"move_target: {error}", file=sys.stderr)
+        return 1
+
+
+def _move(motion: Motion, model: str) -> int:
+    import rospy
+    from gazebo_msgs.msg import ModelState
+    from gazebo_msgs.srv import GetModelState, SetModelState
+    from geometry_msgs.msg import Point, Quaternion
+
+    rospy.init_node("move_target", anonymous=True)
+    try:
+        rospy.wait_for_service("/gazebo/set_model_state", PATIENCE)
+    except rospy.ROSException:
+        raise ExperimentError(
+            f"no simulation answers within {PATIENCE:g} s: start it first, roslaunch "
+            "aras_visual_servo_gazebo aras_visual_servo.launch target:=four_dots"
+        ) from None
+    found = rospy.ServiceProxy("/gazebo/get_model_state", GetModelState)(model, "")
+    if not found.success:
+        raise ExperimentError(
+            f"the simulation has no model '{model}' ({found.status_message}): launch it with "
+            "target:=four_dots, or say --model"
+        )
+    place, turn = found.pose.position, found.pose.orientation
+    pose = Pose((place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w))
+    target = PlacedTarget(POINT, np.array(pose.matrix()), motion)
+    ask = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState, persistent=True)
+    began, rate = rospy.get_time(), rospy.Rate(RATE)
+    while not rospy.is_shutdown():
+        moved = Pose.from_rpy(*to_xyz_rpy(target.world_T_target(rospy.get_time() - began)))
+        state = ModelState(model_name=model, reference_frame="world")
+        state.pose.position, state.pose.orientation = Point(*moved.xyz), Quaternion(*moved.quat)
+        try:
+            ask(state)
+            rate.sleep()
+        except (rospy.ServiceException, rospy.ROSInterruptException):
+            break  # the simulation, or this node, has ended
+    return 0

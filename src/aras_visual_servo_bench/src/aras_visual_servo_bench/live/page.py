@@ -58,8 +58,9 @@ class Page:
 
     def sample(self, told: Told, joints: Sequence[float]) -> None:
         """One state of the controller, for the plots."""
-        if told.names != self._names or told.stamp - self._last < NEW_RUN:
-            self._names = told.names
+        anew = told.names != self._names or told.stamp - self._last < NEW_RUN
+        self._names = told.names
+        if anew and self._samples:
             self._samples.clear()
             self._fresh = [["clear"]]
         self._last = told.stamp

@@ -1,0 +1,208 @@
+"""The page's server without a browser, and what it tells its viewers."""
+
+import asyncio
+import base64
+import json
+import os
+import socket
+import urllib.error
+import urllib.request
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from page_host import StandIn
+from tornado.httpclient import HTTPClientError, HTTPRequest
+from tornado.websocket import websocket_connect
+
+from aras_visual_servo_bench.live.page import KEPT, Page
+from aras_visual_servo_bench.live.robot_model import robot_model
+from aras_visual_servo_bench.live.server import PortTakenError, bound, serve
+from aras_visual_servo_bench.live.story import Told
+
+SAMPLE = Told(1.0, "moments", "servoing", names=("xn", "yn"), error=(0.1, -0.2))
+
+
+@pytest.fixture(scope="module")
+def host(robot, pinhole):
+    return StandIn(robot, pinhole)
+
+
+@pytest.fixture(scope="module")
+def server(host):
+    found = serve(host, "127.0.0.1", 19400 + os.getpid() % 500, say=lambda _: None)
+    yield found
+    found.close()
+
+
+def get(server, path, **headers):
+    """Status and text of a page's answer."""
+    address = f"http://127.0.0.1:{server.access.port}{path}"
+    try:
+        with urllib.request.urlopen(
+            urllib.request.Request(address, headers=headers), timeout=20
+        ) as answer:
+            return answer.status, answer.read().decode(), dict(answer.headers)
+    except urllib.error.HTTPError as error:
+        return error.code, error.read().decode(), dict(error.headers)
+
+
+def talk(server, *messages, token=None, headers=None, answers=0):
+    """Answers to messages over one socket, after what everybody is told first."""
+
+    async def run():
+        access = server.access
+        request = HTTPRequest(
+            f"ws://127.0.0.1:{access.port}/live?token={access.token if token is None else token}",
+            headers=headers or {})
+        viewer = await websocket_connect(request)
+        heard, told = [], []
+        for message in messages:
+            await viewer.write_message(message)
+        while len(heard) < answers or not told:
+            message = await asyncio.wait_for(viewer.read_message(), 20)
+            if isinstance(message, str):
+                data = json.loads(message)
+                (heard if data["kind"] == "answer" else told).append(data)
+        viewer.close()
+        return heard, told
+
+    return asyncio.run(run())
+
+
+@pytest.mark.parametrize("path", ["/", "/robot", "/report/x.html", "/live", "/nothing"])
+def test_nothing_is_told_without_the_token(server, path):
+    assert get(server, path)[:2] == (
+        403, "Refused: the address has no token: open the one that the simulator printed.\n")
+    assert get(server, f"{path}?token=x")[0] == 403
+    status, text, headers = get(server, f"{path}?token={server.access.token}", Host="evil.example")
+    assert status == 403 and "not served under" in text
+    status, text, _ = get(server, f"{path}?token={server.access.token}", Origin="http://evil.test")
+    assert status == 403 and "may not ask here" in text
+
+
+def test_whoever_has_it_gets_the_page_and_nothing_that_lets_others_in(server):
+    status, text, headers = get(server, f"/?token={server.access.token}")
+    assert status == 200 and "<title>ARAS visual servoing</title>" in text
+    assert server.access.token not in text
+    assert "default-src 'none'" in headers["Content-Security-Policy"]
+    assert headers["Referrer-Policy"] == "no-referrer"
+    assert "Access-Control-Allow-Origin" not in headers
+    assert get(server, "/app.js")[0] == 200
+    for path in ("/server.js", "/../page.py", "/%2e%2e/page.py", "/app.js/"):
+        assert get(server, f"{path}?token={server.access.token}")[0] == 404
+
+
+@pytest.mark.parametrize(("token", "headers"), [
+    ("", None), ("wrong", None), (None, {"Origin": "http://evil.example"}),
+    (None, {"Origin": "null"}), (None, {"Host": "evil.example:80"}),
+])  # fmt: skip
+def test_a_socket_of_a_stranger_is_refused(server, token, headers):
+    with pytest.raises(HTTPClientError) as refused:
+        talk(server, token=token, headers=headers)
+    assert refused.value.code == 403
+
+
+def test_requests_are_answered_and_wrong_ones_refused_with_the_reason(server, host):
+    host.asked.clear()
+    sent = ['{"do": "start"}', '{"do": "step", "steps": -1}', "nonsense", '{"do": "hold"}']
+    heard, told = talk(server, *sent, answers=4)
+    by_text = {answer["text"]: answer["done"] for answer in heard}
+    assert by_text == {
+        "done: start": True, "steps is -1: it must be 1 to 10000": False,
+        "a request is a JSON object": False, "no controller here": False,
+    }  # fmt: skip
+    assert sorted(request.do for request in host.asked) == ["hold", "start"]
+    assert told[0]["kind"] == "whole"
+    assert told[0]["limits"]["names"] == list(host.arm.names)
+
+
+def test_a_message_too_long_ends_the_socket_and_nothing_else(server):
+    async def run():
+        access = server.access
+        viewer = await websocket_connect(
+            f"ws://127.0.0.1:{access.port}/live?token={access.token}")
+        await viewer.write_message("x" * 100_000)
+        while await asyncio.wait_for(viewer.read_message(), 20) is not None:
+            pass
+
+    asyncio.run(run())
+    assert get(server, f"/?token={server.access.token}")[0] == 200
+
+
+def test_viewers_are_counted_and_nothing_is_worked_out_without_them(server, host):
+    host.viewers.clear()
+    talk(server)
+    for _ in range(200):
+        if host.viewers[-1:] == [0]:
+            break
+        socket.create_connection(("127.0.0.1", server.access.port)).close()
+    assert host.viewers == [1, 0]
+
+
+def test_a_taken_port_is_said_and_the_next_one_is_taken():
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        sockets, word = bound("127.0.0.1", port)
+        assert word == f"port {port} is taken"
+        assert port < sockets[0].getsockname()[1] <= port + 20
+        for found in sockets:
+            found.close()
+    with pytest.raises(PortTakenError, match="cannot listen on 192.0.2.1"):
+        bound("192.0.2.1", port)
+    sockets, word = bound("127.0.0.1", port)
+    assert word == "" and sockets[0].getsockname()[1] == port
+    for found in sockets:
+        found.close()
+
+
+def test_each_thing_is_told_once(host):
+    page = Page()
+    page.robot(["J1"], [-np.inf], [1.0], [2.0], [False])
+    page.sample(SAMPLE, [0.5])
+    first = page.news(host.story, [0.5], [0.0], 1.0)
+    assert first["limits"]["lower"] == [None]
+    assert first["samples"] == [[1.0, [0.1, -0.2], [0.0] * 6, [0.0] * 6, [0.5]]]
+    assert first["told"]["phase"] == host.story.told.phase
+    again = page.news(host.story, [0.5], [0.0], 1.1)
+    assert set(again) == {"kind", "stamp", "joints", "speeds", "factor"}
+    host.move()
+    moved = page.news(host.story, [0.5], [0.0], 1.2)
+    assert "camera picture" in moved["shapes"] and "desired camera picture" not in moved["shapes"]
+    whole = page.whole()
+    assert whole["samples"] == first["samples"] and whole["told"] == first["told"]
+    assert whole["shapes"]["camera picture"] == moved["shapes"]["camera picture"]
+    json.dumps(whole, allow_nan=False)
+
+
+def test_other_features_or_a_clock_that_went_back_begin_the_plots_anew(host):
+    page = Page()
+    page.sample(SAMPLE, [])
+    page.sample(replace(SAMPLE, stamp=1.5, names=("x0",), error=(float("nan"),)), [])
+    assert page.news(None, [], [], 0.0)["samples"] == [["clear"], [1.5, [None], [0.0] * 6,
+                                                                   [0.0] * 6, []]]  # fmt: skip
+    page.sample(replace(SAMPLE, stamp=0.1, names=("x0",), error=(1.0,)), [])
+    assert len(page.whole()["samples"]) == 1
+
+
+def test_what_nobody_fetches_does_not_grow(host):
+    page = Page()
+    for i in range(5 * KEPT):
+        page.sample(replace(SAMPLE, stamp=i / 30), [])
+    assert len(page.whole()["samples"]) == KEPT
+    assert len(page.news(None, [], [], 0.0)["samples"]) <= KEPT
+
+
+def test_the_robots_model_is_the_descriptions(robot, host):
+    model = robot_model(robot.urdf, robot.packages.find)
+    assert model["name"] == "aras_visual_servo"
+    assert {j["name"] for j in model["joints"]} >= set(host.arm.names)
+    assert model["links"]["planar_object"][0]["colour"] == [0.0, 0.0, 0.0, 1.0]
+    assert model["links"]["slider"][0]["colour"] == [0.792, 0.82, 0.933, 1.0]
+    corners = np.frombuffer(base64.b64decode(model["links"]["base_link"][0]["corners"]), "<f4")
+    corners = corners.reshape(-1, 3, 6)
+    assert np.abs(corners[..., :3]).max() == pytest.approx(1.75)  # the top of the gantry, m
+    edges = np.cross(corners[:, 1, :3] - corners[:, 0, :3], corners[:, 2, :3] - corners[:, 0, :3])
+    assert (np.einsum("ij,ij->i", edges, corners[:, 0, 3:]) > 0.0).mean() > 0.99  # faces out

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import struct
 import subprocess
 import sys
@@ -27,6 +28,7 @@ from aras_visual_servo_bench.ros.processes import Launch, free_port
 
 IMAGES = Path(__file__).parent / "images"
 SIZE = (1500, 900)
+PAGE = (1440, 860)
 SLOW = "0.5"  # gain, 1/s: a run that is still on its way when its picture is taken
 ON_THE_WAY = 1.6  # s of servoing at which it is taken
 
@@ -73,17 +75,28 @@ class Run:
         self._launch(self._directory / "nodes.txt", "aras_visual_servo_gazebo",
                      "aras_visual_servo_nodes.launch", *given)  # fmt: skip
         deadline = time.monotonic() + 120.0
-        while self._servoed() < seconds:
+        while self.servoed() < seconds:
             if time.monotonic() > deadline:
                 raise SystemExit(f"no servoing: {self._launches[-1].last_lines()}")
             time.sleep(0.01)
+
+    def address(self) -> str:
+        """Of the live page, as it was said."""
+        deadline = time.monotonic() + 60.0
+        log = self._directory / "robot.txt"
+        while not (said := re.search(r"http://127\S+/\?token=\S+", log.read_text())):
+            if time.monotonic() > deadline:
+                raise SystemExit(f"no page: {self._launches[0].last_lines()}")
+            time.sleep(0.2)
+        return said[0]
 
     def _on_state(self, message: ServoState) -> None:
         self.state = message
         if self._began is None and message.phase == "servoing":
             self._began = message.header.stamp.to_sec()
 
-    def _servoed(self) -> float:
+    def servoed(self) -> float:
+        """s of servoing; -1 before it has begun."""
         if self.state is None or self._began is None:
             return -1.0
         return self.state.header.stamp.to_sec() - self._began
@@ -115,9 +128,26 @@ def rviz(directory: Path) -> None:
     cv2.imwrite(str(IMAGES / "rviz.png"), picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
 
 
+def page(directory: Path) -> None:
+    """images/page.png, of the live page in headless Chromium."""
+    sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "unit" / "bench"))
+    from browser import Browser
+
+    with Browser(PAGE) as browser, Run(directory, dashboard="true", dashboard_port="18777") as run:
+        run.servo(-1.0, gain=SLOW, start="2016")
+        tab = browser.open(run.address())
+        tab.wait("window.arasPage && arasPage.scene && arasPage.scene.meshes.length > 5", 60.0)
+        while run.servoed() < ON_THE_WAY:
+            time.sleep(0.02)
+        tab.js("arasPage.still = true")  # a software renderer has time for the picture, then
+        content = np.frombuffer(tab.screenshot(), np.uint8)
+    picture = cv2.imdecode(content, cv2.IMREAD_COLOR)
+    cv2.imwrite(str(IMAGES / "page.png"), picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+
+
 def main() -> int:
     """Make what is asked for."""
-    makers = {"rviz": rviz}
+    makers = {"rviz": rviz, "page": page}
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("what", nargs="+", choices=makers)
     for name in parser.parse_args().what:

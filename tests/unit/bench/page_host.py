@@ -74,6 +74,8 @@ class StandIn:
         self.asked.append(request)
         if request.do == "hold":
             raise RefusedError("no controller here")
+        if request.do == "reset":
+            raise ZeroDivisionError("a fault")
         return f"done: {request.do}"
 
     def file(self, path):

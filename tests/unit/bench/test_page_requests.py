@@ -60,6 +60,11 @@ def test_what_is_wrong_is_refused_with_the_reason(do, given, why):
     assert "\n" not in str(refused.value)
 
 
+def test_a_long_request_is_not_read_at_all():
+    with pytest.raises(RefusedError, match=f"at most {LARGEST} characters"):
+        read_request(json.dumps({"do": "start"}) + " " * LARGEST, CHOICES)
+
+
 @pytest.mark.parametrize("text", [
     "", "start", "[]", '"start"', "{}", '{"do": 1}', "[" * 4000, b"\x00", b'{"do": "start"}',
     '{"do": "start", "x": "' + "a" * LARGEST + '"}',

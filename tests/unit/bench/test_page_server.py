@@ -117,6 +117,12 @@ def test_requests_are_answered_and_wrong_ones_refused_with_the_reason(server, ho
     assert told[0]["limits"]["names"] == list(host.arm.names)
 
 
+def test_a_fault_of_ours_is_said_and_closes_nothing(server):
+    heard, _ = talk(server, '{"do": "reset"}', '{"do": "start"}', answers=2)
+    assert {answer["text"] for answer in heard} == {
+        "reset failed: ZeroDivisionError: a fault", "done: start"}
+
+
 def test_a_message_too_long_ends_the_socket_and_nothing_else(server):
     async def run():
         access = server.access
@@ -175,6 +181,19 @@ def test_each_thing_is_told_once(host):
     assert whole["samples"] == first["samples"] and whole["told"] == first["told"]
     assert whole["shapes"]["camera picture"] == moved["shapes"]["camera picture"]
     json.dumps(whole, allow_nan=False)
+
+
+def test_what_is_no_more_is_taken_away_from_those_who_saw_it(host):
+    page = Page()
+    page.news(host.story, [], [], 1.0)
+    gone = {s.name for s in host.story.shapes() if s.name.startswith("trajectory")}
+    assert gone == {"trajectory centre"}
+    host.story.clear()
+    told = page.news(host.story, [], [], 1.1)
+    assert told["shapes"]["trajectory centre"] is None
+    assert "trajectory centre" not in page.whole()["shapes"]
+    assert "shapes" not in page.news(host.story, [], [], 1.2)
+    host.move()
 
 
 def test_other_features_or_a_clock_that_went_back_begin_the_plots_anew(host):

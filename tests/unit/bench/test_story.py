@@ -75,7 +75,7 @@ def test_a_clock_that_goes_back_leaves_nothing_of_the_run(story):
 
 def test_arrows_point_where_the_camera_is_to_go(story, arm):
     story.joints(STRAIGHT)
-    twist = (0.1, -0.05, 0.2, 0.0, 0.0, 0.5)
+    twist = (0.05, -0.025, 0.1, 0.0, 0.0, 0.5)
     story.say(replace(SERVOING, asked=twist, achieved=(0.0,) * 6), STRAIGHT)
     tail, tip = shape(story, "asked velocity").points
     pose = arm.pose(STRAIGHT)
@@ -107,6 +107,16 @@ def test_the_desired_outline_lies_on_the_picture_where_it_is_to_be_seen(story, a
     np.testing.assert_allclose(camera[3], camera[0])
     assert np.ptp(camera[:, 2]) < 1e-12
     assert camera[0, 2] == pytest.approx(picture_depth(picture_border(story.camera), FRUSTUM))
+
+
+def test_frames_stand_where_the_camera_is_and_where_it_is_to_be(story, arm):
+    story.joints(STRAIGHT)
+    for name, pose in (("camera", arm.pose(STRAIGHT)), ("desired", story.goal)):
+        for i, axis in enumerate("xyz"):
+            origin, tip = shape(story, f"{name} {axis}").points
+            np.testing.assert_allclose(origin, pose[:3, 3])
+            along = (tip - origin) / np.linalg.norm(tip - origin)
+            np.testing.assert_allclose(along, pose[:3, i], atol=1e-12)
 
 
 def test_points_in_the_picture_leave_trajectories(story):

@@ -334,6 +334,10 @@ class Viewer(tornado.websocket.WebSocketHandler):
             answer = {"kind": "answer", "do": do, "done": True, "text": text}
         except RefusedError as error:
             answer = {"kind": "answer", "do": do, "done": False, "text": str(error)}
+        except Exception as error:  # a fault of ours must not close the page
+            logging.getLogger(__name__).exception("%s", do)
+            text = f"{do} failed: {type(error).__name__}: {error}"
+            answer = {"kind": "answer", "do": do, "done": False, "text": text}
         self.tell(json.dumps(answer))
 
 

@@ -39,14 +39,15 @@ ASKED_TURN, ACHIEVED_TURN = (0.80, 0.47, 0.65), (0.34, 0.71, 0.91)
 
 FRUSTUM = 0.16  # m, from the optical centre to a corner of the drawn picture
 FRAME = 0.05  # m, an axis of a drawn frame
-SECONDS = 1.0  # an arrow is as long as the way of so many seconds, m
+SECONDS = 2.0  # an arrow is as long as the way of so many seconds, m
 TURN_LENGTH = 0.1  # m for a radian
 LONGEST = 0.3  # m, of an arrow
 SHORTEST = 2e-3  # m; what is shorter is not drawn
 STEPS = 24  # points of the ideal path
 NEAR = 5e-4  # m between two points of the path
 NEAR_IN_PICTURE = 2e-3  # likewise of trajectories, normalised
-BESIDE = (-0.27, 0.24, 0.2)  # m from the camera to the words, in the base: beside the arm
+BESIDE = (-0.29, 0.24, 0.19)  # m from the camera to the words, in the base: beside the arm
+MOST = 6  # errors that are read out
 POINT = re.compile(r"^(.*)x(\d+)$")  # x0 and y0 are a place in the picture
 
 
@@ -166,9 +167,10 @@ class Story:
         if told.reason:
             lines.append(_folded(told.reason))
         if told.error:
-            pairs = zip(told.names[:4], told.error[:4], strict=False)
-            more = " ..." if len(told.error) > 4 else ""
-            lines.append("error " + "  ".join(f"{n} {e:+.4f}" for n, e in pairs) + more)
+            pairs = zip(told.names[:MOST], told.error[:MOST], strict=False)
+            lines += [f"{name} {error:+.4f}" for name, error in pairs]
+            if len(told.error) > MOST:
+                lines.append(f"and {len(told.error) - MOST} more")
         if self.factor is not None:
             lines.append(f"real-time factor {self.factor:.2f}")
         return lines
@@ -191,7 +193,7 @@ class Story:
             shapes += self._seen(border)
         shapes += self._arrows()
         text, place = "\n".join(self.words()), (self._pose[:3, 3] + BESIDE)[None]
-        shapes.append(Shape("words", TEXT, place, (1.0, 1.0, 1.0, 1.0), 0.026, text))
+        shapes.append(Shape("words", TEXT, place, (1.0, 1.0, 1.0, 1.0), 0.023, text))
         return shapes
 
     def _picture(self) -> np.ndarray | None:

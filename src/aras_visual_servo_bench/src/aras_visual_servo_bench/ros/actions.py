@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import threading
 import time
 from collections.abc import Callable
@@ -14,6 +15,7 @@ from typing import Any
 import rosnode
 import rospkg
 import rospy
+import rosservice
 import yaml
 from aras_sim_bridge.srv import StepWorld
 from controller_manager_msgs.srv import ListControllers, LoadController, SwitchController
@@ -37,6 +39,8 @@ from .processes import Launch
 CONTROLLER, CAMERA = "/aras_visual_servo_controller", "/aras_visual_servo_camera"
 CAMERA_PARAMETERS = "/gazebo/cameras/labrob/camera"
 PATIENCE = 5.0  # s of wall time for a service to be there
+START = 60.0  # s of wall time for nodes to come up; their loops may have to be compiled first
+LOGGED = re.compile(r"^\[\w+\] \[[\d., ]+\]: ")  # what a log line begins with
 TARGET = "target"  # the name under which a target is spawned, as the launch files have it
 STRICT = 2
 
@@ -161,18 +165,18 @@ class Actions:
                  f"law:={law}", f"start:={start}", f"goal:={goal}"],
                 self.directory / "log" / "nodes.txt", dict(os.environ),
             )  # fmt: skip
-            ended = self._wait(lambda: self._nodes.death() or self._up(), 30.0)
+            ended = self._wait(lambda: self._nodes.death() or self._up(), START)
             if ended is not True:
-                raise RefusedError(
-                    f"the nodes did not start: {ended or 'no answer'}: {self._nodes.last_lines(2)}"
-                )
+                why = self._nodes.last_lines(1).strip() if ended else "they do not answer"
+                self._end_nodes()
+                raise RefusedError(f"no controller runs now: {LOGGED.sub('', why)}")
         return f"servoing with {scheme}, law {law}, from {start} to {Path(goal).stem}"
 
     def _up(self) -> bool:
+        """Whether the controller has its robot and serves."""
         try:
-            return bool(rosnode.rosnode_ping(CONTROLLER, max_count=1)) and rospy.has_param(
-                f"{CONTROLLER}/scheme")
-        except (rosnode.ROSNodeException, OSError):
+            return rosservice.get_service_node(f"{self._space}/controller/start") == CONTROLLER
+        except (rosservice.ROSServiceException, OSError):
             return False
 
     def _end_nodes(self) -> None:

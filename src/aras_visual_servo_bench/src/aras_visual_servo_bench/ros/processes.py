@@ -11,6 +11,8 @@ import time
 from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
+# Looked up here, not between fork and exec, where the locks of other threads stay shut.
+_PRCTL = ctypes.CDLL(None).prctl
 
 
 def free_port() -> int:
@@ -102,4 +104,4 @@ class Launch:
 
 def _end_with_parent() -> None:
     """In the child: be interrupted when the demo is killed outright."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
+    _PRCTL(_PR_SET_PDEATHSIG, signal.SIGINT)

@@ -50,6 +50,7 @@ function connect() {
   let opened = false;
   socket.onopen = () => { opened = true; link("connected", true); };
   socket.onmessage = (event) => {
+    if (window.arasPage.still) return;
     if (typeof event.data === "string") hear(JSON.parse(event.data));
     else picture(event.data);
   };
@@ -334,5 +335,6 @@ setInterval(() => {
   for (const plot of plots) plot.draw(state.samples);
 }, 120);
 new ResizeObserver(() => { dirty = true; }).observe($("plots-box"));
+// For tests and pictures: what is known, and `still`, which lets nothing change any more.
+window.arasPage = { state, still: false, get scene() { return scene; } };
 connect();
-window.arasPage = { state, get scene() { return scene; } };  // for the tests

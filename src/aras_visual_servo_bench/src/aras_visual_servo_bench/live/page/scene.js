@@ -24,6 +24,7 @@ void main() {
   gl_Position = a + vec4(across * side * width / size * a.w, -0.0005 * a.w, 0.0);
   tone = colour;
 }`;
+const SLOW = 120;  // ms from asking for a drawing to drawing
 const FRAGMENT = "precision mediump float; varying vec4 tone; void main() { gl_FragColor = tone; }";
 
 const multiply = (a, b) => {  // 4 x 4, row by row
@@ -78,6 +79,7 @@ export class Scene {
       run: { middle: [0, 0, 0.78], distance: 1.25, yaw: 0.95, pitch: 0.36 },
     };
     this.view = { ...this.views.run };
+    this.finest = 2; this.slow = 0;  // most pixels for one of the page's, and slow drawings in a row
     const gl = canvas.getContext("webgl", { antialias: true, preserveDrawingBuffer: true });
     if (!gl) throw new Error("this browser has no WebGL: the scene is not drawn, all else works");
     this.gl = gl;
@@ -196,8 +198,14 @@ export class Scene {
   /** Draw when the browser next does; not at all while nobody sees it. */
   ask() {
     if (this.asked) return;
-    this.asked = true;
-    requestAnimationFrame(() => { this.asked = false; if (!this.lost) this.draw(); });
+    this.asked = performance.now();
+    requestAnimationFrame(() => {
+      // Where no graphics card draws, fewer pixels keep the page alive.
+      this.slow = performance.now() - this.asked > SLOW ? this.slow + 1 : 0;
+      if (this.slow > 8 && this.finest > 0.5) { this.finest *= 0.75; this.slow = 0; }
+      this.asked = 0;
+      if (!this.lost) this.draw();
+    });
   }
 
   _eye() {
@@ -215,7 +223,7 @@ export class Scene {
   }
 
   draw() {
-    const gl = this.gl, canvas = this.canvas, scale = Math.min(window.devicePixelRatio || 1, 2);
+    const gl = this.gl, canvas = this.canvas, scale = Math.min(window.devicePixelRatio || 1, this.finest);
     const width = Math.max(1, Math.round(canvas.clientWidth * scale)), height = Math.max(1, Math.round(canvas.clientHeight * scale));
     if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
     gl.viewport(0, 0, width, height);

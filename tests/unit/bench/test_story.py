@@ -155,7 +155,7 @@ def test_words_say_scheme_phase_reason_error_and_pace(story):
     story.factor = 0.987
     story.say(replace(SERVOING, outcome="joint_limit", reason="J2 stopped at its limit"), STRAIGHT)
     text = "\n".join(story.words())
-    for part in ("moments - servoing (joint_limit)", "J2 stopped", "xn +0.0100", "yn -0.0200",
+    for part in ("moments - servoing\njoint limit\n", "J2 stopped", "xn +0.0100", "yn -0.0200",
                  "real-time factor 0.99"):
         assert part in text
 

@@ -163,7 +163,7 @@ class Story:
             return ["no controller yet"]
         lines = [" - ".join(w for w in (told.scheme.rpartition(":")[2], told.phase) if w)]
         if told.outcome not in ("", "running", told.phase):
-            lines[0] += f" ({told.outcome})"
+            lines.append(told.outcome.replace("_", " "))
         if told.reason:
             lines.append(_folded(told.reason))
         if told.error:

@@ -137,9 +137,11 @@ def page(directory: Path) -> None:
         run.servo(-1.0, gain=SLOW, start="2016")
         tab = browser.open(run.address())
         tab.wait("window.arasPage && arasPage.scene && arasPage.scene.meshes.length > 5", 60.0)
-        while run.servoed() < ON_THE_WAY:
-            time.sleep(0.02)
-        tab.js("arasPage.still = true")  # a software renderer has time for the picture, then
+        tab.wait(f"""arasPage.state.told.phase === "servoing" && arasPage.state.samples.filter(
+            (s) => s[1].length).length > {30 * ON_THE_WAY}""", 60.0)
+        # A software renderer has time for the picture, then.
+        tab.js("arasPage.still = true; arasPage.scene.ask()")
+        time.sleep(3.0)
         content = np.frombuffer(tab.screenshot(), np.uint8)
     picture = cv2.imdecode(content, cv2.IMREAD_COLOR)
     cv2.imwrite(str(IMAGES / "page.png"), picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])

@@ -41,7 +41,7 @@ export class Plot {
       }
     }
     if (!(low <= high)) { low = -1; high = 1; }
-    const room = Math.max(0.08 * (high - low), 1e-4);
+    const room = Math.max(0.08 * (high - low), 1e-3);
     low -= room; high += room;
     const left = 52, right = width - 6, top = 18, bottom = height - 18;
     const X = (t) => left + (t - first) / (last - first) * (right - left);

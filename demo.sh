@@ -59,7 +59,7 @@ presets=$root/src/aras_visual_servo_gazebo/config/cameras
 # Made here, not after a minute of work: a folder that cannot be written is told at once.
 mkdir -p -- "$out" && out=$(cd -- "$out" && pwd) && [[ -w $out ]] || fail "--out: cannot write to $out"
 
-"$root/setup.sh"
+[[ -n ${ARAS_PREPARED-} ]] || "$root/setup.sh" --for demo # an image is made ready once for all
 # Whatever ROS the caller's shell has sourced stays out of it.
 unset CMAKE_PREFIX_PATH ROS_PACKAGE_PATH PYTHONPATH PYTHONHOME
 set +u # catkin's file reads variables that may be unset

@@ -5,7 +5,7 @@ set -euo pipefail
 
 usage() {
     cat <<'TEXT'
-Usage: ./setup.sh [--for running|bench|developing] [--packages] [--help]
+Usage: ./setup.sh [--for running|demo|bench|developing] [--packages | --packages-to-run] [--help]
 
 Prepares a Debian 12 or 13 machine for this workspace, in four steps, each left out when it is done already:
   1. installs the Debian packages it needs (as root or through sudo),
@@ -13,11 +13,13 @@ Prepares a Debian 12 or 13 machine for this workspace, in four steps, each left 
   3. builds the workspace with catkin_make and that interpreter,
   4. compiles loops (Numba), which the first start would wait for otherwise.
 
-  --for TIER   how much is installed: `running` is the simulator with its nodes, `bench` (default) also
-               experiments without ROS, the demo and its plots, `developing` also linters and tests;
-               what is there already stays
-  --packages   print the Debian packages of that tier, one a line, and do nothing
-  --help       print this
+  --for TIER         how much is installed: `running` is the simulator with its nodes, `demo` also what ./demo.sh
+                     draws its plots with, `bench` (default) also experiments without ROS and studies,
+                     `developing` also linters and tests; what is there already stays
+  --packages         print the Debian packages of that tier, one a line, and do nothing
+  --packages-to-run  the same, without those that only building needs: for a machine (an image, say) to which
+                     a workspace is copied that was made elsewhere, to the same path
+  --help             print this
 TEXT
 }
 
@@ -26,7 +28,7 @@ fail() {
     exit 1
 }
 
-tiers=(running bench developing)
+tiers=(running demo bench developing)
 tier=bench list=""
 while (($#)); do
     case "$1" in
@@ -38,7 +40,8 @@ while (($#)); do
             tier=$2
             shift 2
             ;;
-        --packages) list=yes; shift ;;
+        --packages) list=all; shift ;;
+        --packages-to-run) list=running; shift ;;
         -h | --help) usage; exit ;;
         *) usage >&2; fail "unknown option $1" ;;
     esac
@@ -46,13 +49,16 @@ done
 
 # --- What differs between systems, all of it -----------------------------------------------------
 system=$(. /etc/os-release && printf '%s %s' "${ID:-unknown}" "${VERSION_ID:-}")
-of_this_system=() # more Debian packages
+for_building=() for_running=() # more Debian packages
 pybullet_wheel=yes # whether PyPI has PyBullet built for this system's Python
+python=""
 case "$system" in
-    "debian 12") ;;
+    "debian 12") python=3.11 ;;
     "debian 13")
-        of_this_system=(python3-dev ros-environment) # building PyBullet; setting ROS_PACKAGE_PATH
+        python=3.13
         pybullet_wheel=""
+        for_building=(python3-dev)    # for PyBullet
+        for_running=(ros-environment) # sets ROS_PACKAGE_PATH
         ;;
     ubuntu*)
         unsupported="Ubuntu has no ROS 1 of its own, and ROS One's packages (/opt/ros/one) go by other names: install \
@@ -64,46 +70,66 @@ esac
     conda="A conda shell is active; RoboStack's ROS is not used: its Python could not see Debian's rospy."
 # -------------------------------------------------------------------------------------------------
 
-# What the workspace needs of Debian, without recommendations.
-packages=(
-    # building: catkin, a compiler (CMake insists on one), and the messages ours are made of; their
-    # definitions (ros-*-msgs) and their CMake files (lib*-dev) are packages of their own
-    catkin cmake g++ make python3-venv ros-message-generation
+# What the workspace needs of Debian, without recommendations. To build: catkin, a compiler (CMake insists on
+# one), and the messages ours are made of; their definitions (ros-*-msgs) and their CMake files (lib*-dev) are
+# packages of their own.
+building=(
+    catkin cmake g++ make python3-venv ros-base ros-message-generation
     ros-actionlib-msgs ros-geometry-msgs ros-rosgraph-msgs ros-sensor-msgs ros-std-msgs ros-std-srvs
     ros-tf2-msgs ros-trajectory-msgs
     libactionlib-msgs-dev libgeometry-msgs-dev libsensor-msgs-dev libstd-msgs-dev libtrajectory-msgs-dev
-    # running: the ROS tools, and the Python side of the messages and libraries that the nodes import
-    ros-base rosbash python3-rospy python3-rosbag python3-actionlib python3-dynamic-reconfigure
+    "${for_building[@]}"
+)
+# To run: the ROS tools, and the Python side of the messages and libraries that the nodes import.
+running=(
+    rosbash rosout python3-roslaunch python3-rosmaster python3-rosmsg python3-rosnode python3-rosparam
+    python3-rosservice python3-rostopic
+    python3-rospy python3-rosbag python3-actionlib python3-dynamic-reconfigure
     python3-rosgraph-msgs python3-sensor-msgs python3-std-srvs python3-trajectory-msgs
     python3-tf python3-tf2-ros python3-visualization-msgs ros-robot-state-publisher rviz
     # the messages that dynamic_reconfigure's Python side loads are in its development package
     libdynamic-reconfigure-config-init-mutex-dev
-    "${of_this_system[@]}"
+    "${for_running[@]}"
 )
 # Linters; EGL with Mesa's rasteriser and ROS's angles to compare with; a browser without a window for the live page.
-[[ $tier != developing ]] || packages+=(
+[[ $tier != developing ]] || running+=(
     catkin-lint liburdfdom-tools libegl1 libgl1-mesa-dri python3-angles chromium-headless-shell
 )
+packages=("${building[@]}" "${running[@]}")
 if [[ -n $list ]]; then
+    [[ $list == all ]] || packages=("${running[@]}")
     printf '%s\n' "${packages[@]}"
     exit
 fi
 
+# free FOLDER: MB that can be written there.
+free() {
+    df --output=avail --block-size=1M "$1" | tail -n 1
+}
+
 # step TEXT COMMAND...: run a command quietly; its output goes to the log, whose end is shown when it fails.
 step() {
-    local text=$1 start=$SECONDS
+    local text=$1 start=$SECONDS why=""
     shift
+    if [[ -z ${begun-} ]]; then
+        { mkdir -p build && : >"$log"; } 2>/dev/null ||
+            fail "cannot write to $root/build: is it another user's, or read-only, or the disk full ($(free "$root") MB left)?"
+        begun=yes
+    fi
     printf '%s ... ' "$text"
     if "$@" >>"$log" 2>&1; then
         printf 'done (%d s)\n' "$((SECONDS - start))"
-    else
-        printf 'failed\n'
-        tail -n 20 "$log" >&2
-        local why=""
-        [[ "$*" != *apt-get* && "$*" != *pip* ]] || why=" (is there a network?)"
-        (($(df --output=avail -k . | tail -n 1) > 100000)) || why=" (the disk is full)"
-        fail "this step failed: $text$why" "the whole output is in $log; start again when it is mended"
+        return
     fi
+    printf 'failed\n'
+    tail -n 20 "$log" >&2
+    if grep -qE 'Temporary failure resolving|Could not resolve|Failed to establish a new connection|NameResolutionError|Network is unreachable|Unable to locate package' "$log"; then
+        why="; there seems to be no network (or a proxy is to be set: http_proxy, https_proxy)"
+    fi
+    for folder in "$root" /usr /var "${TMPDIR:-/tmp}"; do
+        (($(free "$folder") > 100)) || why="; the disk of $folder is full"
+    done
+    fail "this step failed: $text$why" "the whole output is in $log; start again when it is mended: what is done stays done"
 }
 
 cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")"
@@ -111,20 +137,41 @@ root=$PWD
 log=$root/build/setup.log
 
 # Only Debian's own tools and ROS count here: a pyenv, a conda or another sourced ROS workspace in the
-# caller's shell must not end up in the build (CMake looks for packages beside the folders of PATH too).
+# caller's shell must not end up in the build (CMake looks for packages beside the folders of PATH too),
+# and pip installs into .venv whatever the user's settings say.
 export PATH=/usr/local/sbin:/usr/sbin:/sbin:/usr/bin:/bin
 unset CMAKE_PREFIX_PATH ROS_PACKAGE_PATH ROS_ROOT ROS_ETC_DIR PYTHONPATH PYTHONHOME VIRTUAL_ENV
+unset CC CXX CFLAGS CXXFLAGS LDFLAGS PIP_TARGET PIP_PREFIX PIP_REQUIRE_VIRTUALENV
+export PIP_USER=0
 
+# What stands in the way of any set-up, before anything is begun.
 [[ $root != *[[:space:]]* ]] ||
     fail "the interpreter's path stands in the first line of every node, which cannot carry a space:" \
         "  $root" "Move the workspace to a folder without spaces in its path."
+[[ $root != *[\;:\$\&\(\)\<\>\|\*\?\'\"\\\`\#\%\!\{\}\[\]=]* ]] ||
+    fail "search paths and CMake cannot carry a sign of this path: $root" \
+        "Move the workspace to a folder with letters, digits, and _ - . + , @ ~ alone in its path."
+((${#root} <= 200)) || fail "this path is longer than the first line of a node can carry: $root" \
+    "Move the workspace to a folder with a path of at most 200 letters."
 [[ -z ${unsupported-} ]] || fail "this is '$system'. $unsupported" ${conda:+"$conda"}
 [[ $(uname -m) == x86_64 ]] ||
     fail "this machine is $(uname -m): PyPI has PyBullet and Pinocchio built for x86_64 alone. Use an x86_64 machine."
+if [[ -e /usr/bin/python3 ]]; then
+    found=$(/usr/bin/python3 -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>&1 || true)
+    [[ $found == "$python" ]] ||
+        fail "/usr/bin/python3 is Python ${found:-?}, and this system's ROS is made for its own, $python." \
+            "Point it back: ln -sf python$python /usr/bin/python3  (as root)"
+fi
 
 # One set-up at a time: demo.sh and test.sh may be started together.
 exec 9<"$root/setup.sh"
-flock 9
+flock -n 9 || { echo "Another set-up of this workspace is running; waiting for its end."; flock 9; }
+
+# room FOLDER MB: stop before a disk is filled in vain.
+room() {
+    (($(free "$1") >= $2)) ||
+        fail "this needs some $2 MB below $1, where $(free "$1") MB are left: make room and start again"
+}
 
 # 1. Debian packages
 missing=()
@@ -146,11 +193,15 @@ if ((${#missing[@]})); then
                 "then start again."
         fi
     fi
-    mkdir -p build
+    ((${#missing[@]} < 20)) || room /usr 2000
     echo "Installing Debian packages: ${missing[*]}"
-    step "  apt-get update" "${as_root[@]}" apt-get update
+    # An installation that was cut short is ended first; one that is under way elsewhere is waited for.
+    [[ -z $(ls /var/lib/dpkg/updates 2>/dev/null; dpkg --audit 2>/dev/null) ]] ||
+        step "  dpkg --configure -a (an earlier installation was cut short)" "${as_root[@]}" \
+            env DEBIAN_FRONTEND=noninteractive dpkg --configure -a
+    step "  apt-get update" "${as_root[@]}" apt-get -o DPkg::Lock::Timeout=600 update
     step "  apt-get install (this may take some minutes)" "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
-        apt-get install -y --no-install-recommends "${missing[@]}"
+        apt-get -o DPkg::Lock::Timeout=600 install -y --no-install-recommends "${missing[@]}"
 fi
 
 # digest FILE...: one hash of the files' names and contents, and of the text on standard input.
@@ -181,7 +232,7 @@ stamped="" having=""
 [[ ! -e .venv/setup.stamp ]] || read -r stamped having <.venv/setup.stamp || true
 if [[ $stamped != "$base" ]]; then
     having=""
-    mkdir -p build
+    room "$root" 2500
     rm -rf .venv/setup.stamp
     step "Making the virtual environment .venv" \
         /usr/bin/python3 -m venv --clear --system-site-packages .venv
@@ -189,8 +240,11 @@ if [[ $stamped != "$base" ]]; then
         step "Building PyBullet for this Python (once, some three minutes)" \
             pybullet_from_source "$(grep -hx 'pybullet==.*' requirements/running.txt)"
     fi
+    printf '%s\n' "$base" >.venv/setup.stamp # what pip is stopped in goes on here
 fi
-if [[ " ${tiers[*]} " != *" $tier "*"${having:-none} "* ]]; then
+from_it_on=" ${tiers[*]} " # the tiers that hold this one, itself the first
+from_it_on=" $tier ${from_it_on#* "$tier" }"
+if [[ $from_it_on != *" ${having:-none} "* ]]; then
     step "Installing the Python packages for $tier (requirements/$tier.txt)" pip install -r "requirements/$tier.txt"
     printf '%s %s\n' "$base" "$tier" >.venv/setup.stamp
 fi
@@ -209,7 +263,6 @@ if [[ $(cat devel/setup.stamp 2>/dev/null) != "$stamp" ]]; then
     if [[ -e build/CMakeCache.txt ]] && ! grep -qxF "CMAKE_HOME_DIRECTORY:INTERNAL=$root/src" build/CMakeCache.txt; then
         rm -rf build devel
     fi
-    mkdir -p build
     rm -f devel/setup.stamp src/upstream_msgs/*/CATKIN_IGNORE
     # Without --force-cmake a package that has come or gone in /usr would not be noticed.
     # Python and C++ messages are enough; the Lisp ones would take a third of the build.

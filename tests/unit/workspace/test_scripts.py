@@ -67,7 +67,7 @@ def test_setup_refuses_unknown_options() -> None:
 def test_setup_names_the_tiers() -> None:
     done = run("setup.sh", "--for", "fun")
     assert done.returncode == 1
-    assert "running bench developing" in done.stderr
+    assert "running demo bench developing" in done.stderr
 
 
 def test_only_developers_get_linters() -> None:
@@ -79,7 +79,7 @@ def test_only_developers_get_linters() -> None:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("tier", ["running", "bench", "developing", "building"])
+@pytest.mark.parametrize("tier", ["running", "demo", "bench", "developing", "building"])
 def test_requirements_are_pinned(tier: str) -> None:
     lines = (ROOT / "requirements" / f"{tier}.txt").read_text().splitlines()
     for line in lines:

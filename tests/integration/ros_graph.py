@@ -25,6 +25,8 @@ WATCH = Path(__file__).parent / "watch"  # names who touches the simulation from
 TOUCHED = "another thread touched"
 # What roslaunch and the master themselves keep on the parameter server.
 OWN_PARAMETERS = ("run_id", "rosdistro", "rosversion", "roslaunch")
+# Other graphs beside this one (pytest -n) take their part of the machine.
+PATIENCE = 2.0 if "PYTEST_XDIST_WORKER" in os.environ else 1.0
 
 
 class GraphError(AssertionError):
@@ -36,8 +38,9 @@ def wait_for(
 ) -> Any:
     """Return the first true value of `predicate()`; polled every `interval` seconds of wall time.
 
-    Raises GraphError, naming `what`, after `timeout` seconds.
+    Raises GraphError, naming `what`, after `timeout` seconds (twice that beside other graphs).
     """
+    timeout *= PATIENCE
     end = time.monotonic() + timeout
     while True:
         value = predicate()
@@ -158,6 +161,7 @@ class RosMaster:
 
         Raises GraphError, with the output, when it takes too long or (with `check`) fails.
         """
+        timeout *= PATIENCE
         try:
             done = subprocess.run(
                 command,
@@ -228,6 +232,7 @@ class Launch:
 
     def wait_for_nodes(self, names: Sequence[str], timeout: float = 60.0) -> None:
         """Wait until all `names` (absolute) are registered; GraphError if roslaunch ends first."""
+        timeout *= PATIENCE
         end = time.monotonic() + timeout
         while missing := set(names) - self.master.nodes():
             if self.process.poll() is not None:

@@ -1,0 +1,156 @@
+"""What set-up says on machines that it cannot work on: one line that names the mend.
+
+Each machine is this one seen from a namespace of its own, where some files are others. Nothing is
+installed: what would do so is among those files.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+DEBIAN = 'ID=debian\nVERSION_ID="12"\n'
+PYTHON = "#!/bin/sh\necho 3.11\n"
+NOTHING_INSTALLED = "#!/bin/sh\nexit 1\n"
+# Where root runs the tests, it gives up being root by hand; others are made root of a namespace.
+OWN = ["unshare", "--mount"] if os.geteuid() == 0 else ["unshare", "--user", "-r", "--mount"]
+READ_ALL = "+dac_override"  # pytest's folders are their owner's alone
+AS_USER = f"setpriv --reuid=1000 --clear-groups --inh-caps={READ_ALL} --ambient-caps={READ_ALL}"
+
+
+@pytest.fixture
+def machine(tmp_path: Path):
+    """Factory: what ./setup.sh prints and its status, in a folder, where files are others."""
+    possible = subprocess.run([*OWN, "mount", "--bind", "/mnt", "/mnt"], capture_output=True)
+    if possible.returncode:
+        pytest.skip("this machine lets nobody make namespaces")
+
+    def run(
+        files: dict[str, str] | None = None,
+        folder: str = "workspace",
+        before: str = "",
+        root: bool = True,
+        **environment: str,
+    ) -> tuple[int, str]:
+        workspace = tmp_path / folder
+        if not workspace.exists():
+            workspace.mkdir(parents=True)
+            shutil.copy(ROOT / "setup.sh", workspace)
+            shutil.copytree(ROOT / "requirements", workspace / "requirements")
+            (workspace / "src").mkdir()
+        commands = [before.replace("WORKSPACE", f"'{workspace}'")]
+        given = {"/etc/os-release": DEBIAN, "/usr/bin/python3": PYTHON,
+                 "/usr/bin/dpkg-query": NOTHING_INSTALLED, **(files or {})}  # fmt: skip
+        for number, (place, text) in enumerate(given.items()):
+            stand_in = tmp_path / str(number)
+            stand_in.write_text(text)
+            stand_in.chmod(0o755)
+            commands.append(f"mount --bind '{stand_in}' $(readlink -f {place})")
+        commands.append(f"cd '{workspace}' && exec {'' if root else AS_USER} ./setup.sh")
+        done = subprocess.run(
+            [*OWN, "bash", "-ec", "\n".join(commands)],
+            env={"PATH": os.environ["PATH"], "HOME": str(tmp_path), **environment},
+            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+            timeout=30,
+        )  # fmt: skip
+        return done.returncode, done.stdout
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("files", "told"),
+    [
+        ({"/etc/os-release": 'ID=ubuntu\nVERSION_ID="24.04"\n'}, "'ubuntu 24.04'. Ubuntu has no"),
+        ({"/etc/os-release": 'ID=debian\nVERSION_ID="11"\n'}, "Use Debian 12 or 13"),
+        ({"/etc/os-release": "ID=arch\n"}, "or the container in docker/"),
+        ({"/usr/bin/uname": "#!/bin/sh\necho aarch64\n"}, "Use an x86_64 machine"),
+        ({"/usr/bin/python3": "#!/bin/sh\necho 3.12\n"}, "ln -sf python3.11 /usr/bin/python3"),
+    ],
+    ids=["ubuntu", "old", "other", "processor", "python"],
+)
+def test_a_machine_that_cannot_do_is_told_before_anything_begins(machine, files, told, tmp_path):
+    status, text = machine(files)
+    assert status == 1 and told in text
+    assert not (tmp_path / "workspace" / "build").exists()
+
+
+def test_a_conda_shell_where_ros_cannot_come_from_debian(machine):
+    ubuntu = {"/etc/os-release": 'ID=ubuntu\nVERSION_ID="24.04"\n'}
+    assert "A conda shell is active" in machine(ubuntu, CONDA_PREFIX="/opt/conda")[1]
+
+
+@pytest.mark.parametrize(
+    ("folder", "told"),
+    [("my work", "without spaces"), ("a:b", "cannot carry a sign"), ("it#1", "cannot carry a sign"),
+     ("x" * 120 + "/" + "y" * 120, "at most 200 letters")],
+)  # fmt: skip
+def test_a_path_that_nodes_cannot_have(machine, folder, told):
+    status, text = machine(folder=folder)
+    assert status == 1 and "Move the workspace" in text and told in text
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="root alone can become another user")
+def test_without_root_the_command_to_run_is_told(machine):
+    status, text = machine(root=False)
+    assert status == 1
+    assert "As root, run:  apt-get update && apt-get install --no-install-recommends catkin" in text
+
+
+@pytest.mark.parametrize(
+    "told", ["Temporary failure resolving 'deb.debian.org'", "Unable to locate package catkin"]
+)
+def test_without_network_it_says_so(machine, told):
+    apt = f'#!/bin/sh\n[ "$3" = update ] || {{ echo "E: {told}"; exit 100; }}\n'
+    room = "#!/bin/sh\necho Avail; echo 100000\n"
+    status, text = machine({"/usr/bin/apt-get": apt, "/usr/bin/df": room})
+    assert status == 1
+    assert "there seems to be no network" in text and "start again when it is mended" in text
+    assert "apt-get update ... done" in text
+
+
+def test_an_installation_that_was_cut_short_is_ended_first(machine, tmp_path):
+    files = {
+        "/usr/bin/apt-get": "#!/bin/sh\nexit 100\n",
+        "/usr/bin/df": "#!/bin/sh\necho Avail; echo 100000\n",
+        "/usr/bin/dpkg": f"#!/bin/sh\necho $1 >>'{tmp_path}/asked'\n",
+    }
+    machine(files)
+    assert (tmp_path / "asked").read_text() == "--audit\n"
+    # what is half installed is what dpkg tells of
+    files["/usr/bin/dpkg"] = f"#!/bin/sh\necho $1 | tee -a '{tmp_path}/asked'\n"
+    text = machine(files)[1]
+    assert "dpkg --configure -a (an earlier installation was cut short) ... done" in text
+    assert (tmp_path / "asked").read_text() == "--audit\n--audit\n--configure\n"
+
+
+def test_a_disk_without_room_is_told_before_it_is_filled(machine):
+    room = "#!/bin/sh\necho Avail; echo 700\n"
+    status, text = machine({"/usr/bin/df": room, "/usr/bin/apt-get": "#!/bin/sh\n"})
+    assert status == 1 and "needs some 2000 MB below /usr, where 700 MB are left" in text
+
+
+def test_a_disk_that_is_full_when_a_step_fails_is_named(machine):
+    fills = "#!/bin/sh\n[ -e $HOME/full ] && echo 3 || echo 9000\n"
+    files = {"/usr/bin/apt-get": "#!/bin/sh\ntouch $HOME/full\nexit 1\n", "/usr/bin/df": fills}
+    status, text = machine(files)
+    assert status == 1 and "the disk of" in text and "is full" in text
+
+
+def test_a_folder_that_cannot_be_written(machine):
+    before = "mount --bind WORKSPACE WORKSPACE && mount -o remount,ro,bind WORKSPACE"
+    files = {"/usr/bin/df": "#!/bin/sh\necho Avail; echo 9000\n", "/usr/bin/apt-get": "#!/bin/sh\n"}
+    status, text = machine(files, before=before)
+    assert status == 1 and "cannot write to" in text and "read-only" in text
+
+
+def test_a_second_set_up_waits_for_the_first_and_says_so(machine, tmp_path):
+    hold = "(exec 7<WORKSPACE/setup.sh; flock 7; sleep 1) & sleep 0.3"
+    status, text = machine(before=hold)
+    told, _, after = text.partition("Another set-up of this workspace is running; waiting")
+    assert told == "" and "Installing Debian packages" in after

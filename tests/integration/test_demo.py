@@ -58,9 +58,7 @@ def converged(out, *arguments):
     return summary
 
 
-@pytest.mark.parametrize(
-    ("scheme", "start"), [("moments", "2015"), ("moments", "2016"), ("kernel", "2015")]
-)
+@pytest.mark.parametrize(("scheme", "start"), [("moments", "2015"), ("kernel", "2015")])
 def test_converges_and_reports(tmp_path, scheme, start):
     out = tmp_path / "out"
     summary = converged(out, "--scheme", scheme, "--start", start)
@@ -83,15 +81,14 @@ def test_converges_and_reports(tmp_path, scheme, start):
 @pytest.mark.parametrize(
     ("camera", "start", "moved"),
     [
-        ("wide", "2016", []),
         ("fisheye", "2015", []),
-        ("noisy", "2016", []),
-        ("original", "2016", ["--camera-xyz", "0 0.03 0", "--camera-rpy", "0 0.1745 0"]),
+        ("noisy", "2016", ["--camera-xyz", "0 0.03 0", "--camera-rpy", "0 0.1745 0"]),
     ],
-    ids=["wide", "fisheye", "noisy", "moved"],
+    ids=["fisheye", "noisy-moved"],
 )
 def test_converges_with_other_cameras(tmp_path, camera, start, moved):
-    """How fast and how near is held to in tests/unit/loop; here, that the graph does it too."""
+    """How fast and how near is held to in tests/unit/loop, for every preset; here, that the graph
+    does it too: a lens of its own kind, and noise, another start and another mounting at once."""
     summary = converged(tmp_path / "out", "--camera", camera, "--start", start, *moved)
     assert summary["settings"]["camera"] == camera
     assert summary["image_rate"] == pytest.approx(30.0, abs=0.05)

@@ -1,0 +1,218 @@
+"""Robots of a public registry as they are shipped, meshes and all: a UR5 in the root namespace and
+in one of its own, a Panda with its hand, and TIAGo, which drives, in the root namespace again."""
+
+from __future__ import annotations
+
+import math
+import os
+import sysconfig
+from pathlib import Path
+
+import actionlib
+import pytest
+import rospy
+from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryGoal
+from controller_manager_msgs.srv import ListControllers, LoadController, SwitchController
+from gazebo_msgs.srv import DeleteModel, GetModelState, SpawnModel
+from geometry_msgs.msg import Pose
+from ros_graph import wait_for
+from sensor_msgs.msg import CameraInfo, Image, JointState
+from std_msgs.msg import Float64, Float64MultiArray
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+SHARE = Path(sysconfig.get_paths()["purelib"], "cmeel.prefix/share")
+ROBOTS = SHARE / "example-robot-data/robots"
+UR5 = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint",
+       "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]  # fmt: skip
+PANDA = [f"panda_joint{k}" for k in range(1, 8)]
+FINGER = "panda_finger_joint1"
+WHEELS = ["wheel_left_joint", "wheel_right_joint"]
+WHEEL_RADIUS = 0.0985  # m, of TIAGo
+STATES = {"type": "joint_state_controller/JointStateController", "publish_rate": 100}
+CAMERA = """
+<link name="eye"/><joint name="eye_mount" type="fixed"><parent link="PARENT"/><child link="eye"/>
+  <origin xyz="0 0 0.02" rpy="0 -1.5708 0"/></joint>
+<gazebo reference="eye"><sensor type="camera" name="eye"><update_rate>20</update_rate>
+  <camera><horizontal_fov>1.2</horizontal_fov><image><width>96</width><height>64</height>
+  <format>R8G8B8</format></image><clip><near>0.02</near><far>50</far></clip></camera>
+  <plugin name="eye" filename="libgazebo_ros_camera.so"><cameraName>eye</cameraName>
+  <imageTopicName>image_raw</imageTopicName><cameraInfoTopicName>camera_info</cameraInfoTopicName>
+  <frameName>eye</frameName></plugin></sensor></gazebo>"""
+PLUGIN = '<gazebo><plugin name="control" filename="libgazebo_ros_control.so"/></gazebo>'
+
+
+def shipped(path: str, *added: str) -> str:
+    """The registry's description, with elements of ours at its end."""
+    file = ROBOTS / path
+    if not file.is_file():
+        missing = f"{file} is missing: install the packages of requirements/developing.txt"
+        (pytest.fail if os.environ.get("ARAS_REQUIRE_GRAPH") else pytest.skip)(missing)
+    head, end, _ = file.read_text().rpartition("</robot>")
+    return "".join((head, *added, end))
+
+
+def transmission(joint: str, interface: str) -> str:
+    return (
+        f'<transmission name="{joint}_t"><type>transmission_interface/SimpleTransmission</type>'
+        f'<joint name="{joint}"><hardwareInterface>hardware_interface/{interface}'
+        f'</hardwareInterface></joint><actuator name="{joint}_m"/></transmission>'
+    )
+
+
+def trajectory(interface: str, joints: list[str], **more: object) -> dict:
+    return {"type": f"{interface}_controllers/JointTrajectoryController", "joints": joints,
+            "constraints": {"goal_time": 2.0}, **more}  # fmt: skip
+
+
+class Robot:
+    """One spawned description, asked through its namespace's controller manager."""
+
+    def __init__(self, name: str, namespace: str, collect) -> None:
+        self.name, self.namespace = name, namespace
+        self._states = collect(f"{namespace}/joint_states", JointState)
+
+    def spawn(self, description: str, parameters: dict, place=(0.0, 0.0, 0.0)) -> None:
+        """Parameters are set when the node has long been running, as rosparam does it."""
+        for key, value in parameters.items():
+            rospy.set_param(f"{self.namespace}/{key}", value)
+        pose = Pose()
+        pose.position.x, pose.position.y, pose.position.z = place
+        pose.orientation.w = 1.0
+        space = self.namespace and f"{self.namespace}/"
+        spawn = (self.name, description, space, pose, "")
+        answer = call("/gazebo/spawn_urdf_model", SpawnModel, *spawn)
+        assert answer.success, answer.status_message
+        manager = f"{self.namespace}/controller_manager"
+        for name in parameters:
+            assert call(f"{manager}/load_controller", LoadController, name).ok, name
+        assert call(
+            f"{manager}/switch_controller", SwitchController, list(parameters), [], 2, False, 0.0
+        ).ok
+        running = call(f"{manager}/list_controllers", ListControllers).controller
+        assert {c.name for c in running if c.state == "running"} == set(parameters)
+
+    def joint(self, name: str, field: str = "position") -> float:
+        last = self._states.messages[-1]
+        return getattr(last, field)[last.name.index(name)]
+
+    def follows(self, controller: str, joints: list[str], goal: list[float]) -> None:
+        """The trajectory action takes them there, and says so."""
+        client = actionlib.SimpleActionClient(
+            f"{self.namespace}/{controller}/follow_joint_trajectory", FollowJointTrajectoryAction
+        )
+        # the action's own wait_for_server sleeps in simulated time, which this process has not
+        wait_for(lambda: client.wait_for_server(rospy.Duration(0.1)), 20.0, f"{controller} to act")
+        wanted = FollowJointTrajectoryGoal()
+        wanted.trajectory.joint_names = joints
+        wanted.trajectory.points = [
+            JointTrajectoryPoint(positions=goal, time_from_start=rospy.Duration(0.8))
+        ]
+        client.send_goal(wanted)
+        wait_for(lambda: client.get_state() == actionlib.GoalStatus.SUCCEEDED, 20.0,
+                 f"{self.namespace}/{controller} to arrive")  # fmt: skip
+        for joint, value in zip(joints, goal, strict=True):
+            assert self.joint(joint) == pytest.approx(value, abs=0.02), joint
+
+    def sends(self, controller: str, message) -> None:
+        publisher = rospy.Publisher(
+            f"{self.namespace}/{controller}/command", type(message), queue_size=1
+        )
+        wait_for(publisher.get_num_connections, 10.0, f"{controller} listens")
+        publisher.publish(message)
+
+    def delete(self) -> None:
+        assert call("/gazebo/delete_model", DeleteModel, self.name).success
+
+
+def call(name: str, service: type, *args: object) -> object:
+    rospy.wait_for_service(name, 20.0)
+    return rospy.ServiceProxy(name, service)(*args)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def world(launch, ros_master, ros_node):
+    """An empty world; the registry is on ROS's package path."""
+    before = ros_master.environment["ROS_PACKAGE_PATH"]
+    ros_master.environment["ROS_PACKAGE_PATH"] = f"{before}{os.pathsep}{SHARE}"
+    launched = launch("aras_sim_bridge", "empty_world.launch", nodes=["/gazebo"])
+    ros_master.environment["ROS_PACKAGE_PATH"] = before
+    return launched
+
+
+@pytest.mark.parametrize("namespace", ["", "/left"], ids=["root", "namespace"])
+def test_ur5(namespace, collect):
+    """Position interface; the plugin names no namespace, so it is the one of the spawn."""
+    robot = Robot("ur5", namespace, collect)
+    images = collect(f"{namespace}/eye/image_raw", Image)
+    infos = collect(f"{namespace}/eye/camera_info", CameraInfo)
+    text = shipped("ur_description/urdf/ur5_robot.urdf", CAMERA.replace("PARENT", "tool0"))
+    robot.spawn(text, {
+        "joint_state_controller": STATES, "arm_controller": trajectory("position", UR5)
+    })  # fmt: skip
+    robot.follows("arm_controller", UR5, [0.3, -1.2, 0.9, -0.6, -0.4, 0.5])
+    image, info = images.wait(2, 10.0), infos.wait(1, 10.0)
+    assert (image.width, image.height, info.width) == (96, 64, 96)
+    assert len(set(image.data)) > 5, "the camera on the flange sees the arm's world"
+    robot.delete()
+
+
+@pytest.mark.parametrize(
+    ("interface", "gains"),
+    [
+        ("effort", {j: {"p": 600.0, "d": 50.0, "i": 100.0, "i_clamp": 50.0} for j in PANDA}),
+        ("velocity", {j: {"p": 15.0} for j in PANDA}),
+    ],
+    ids=["effort", "velocity"],
+)
+def test_panda_and_its_gripper(interface, gains, collect):
+    """The fingers by an effort PID; the second mimics the first."""
+    robot = Robot("panda", "/panda", collect)
+    kind = f"{interface.capitalize()}JointInterface"
+    text = shipped(
+        "panda_description/urdf/panda.urdf",
+        *(transmission(joint, kind) for joint in PANDA),
+        transmission(FINGER, "EffortJointInterface"), PLUGIN,
+        '<link name="world"/><joint name="foot" type="fixed"><parent link="world"/>'
+        '<child link="panda_link0"/></joint>',
+    )  # fmt: skip
+    robot.spawn(text, {
+        "joint_state_controller": STATES,
+        "arm": trajectory(interface, PANDA, gains=gains),
+        "hand": {"type": "effort_controllers/JointPositionController", "joint": FINGER,
+                 "pid": {"p": 300.0, "d": 30.0, "i": 20.0, "i_clamp": 5.0}},
+    })  # fmt: skip
+    robot.follows("arm", PANDA, [0.2, -0.3, 0.1, -1.8, 0.1, 1.6, 0.6])
+    robot.sends("hand", Float64(0.03))
+    wait_for(lambda: abs(robot.joint(FINGER) - 0.03) < 1.5e-3, 10.0, "the finger opens")
+    robot.delete()
+
+
+def test_tiago_drives_and_moves_its_arm(collect):
+    """Shipped for PAL's own Gazebo plugins, several interfaces a joint, in the root namespace."""
+    robot = Robot("tiago", "", collect)
+    arm = [f"arm_{k}_joint" for k in range(1, 5)]
+    robot.spawn(shipped("tiago_description/robots/tiago.urdf"), {
+        "joint_state_controller": STATES,
+        "base": {"type": "velocity_controllers/JointGroupVelocityController", "joints": WHEELS},
+        "arm": trajectory("position", arm),
+        "thumb": {"type": "position_controllers/JointPositionController",
+                  "joint": "hand_thumb_joint"},
+    }, (0.0, 0.0, 0.005))  # fmt: skip
+
+    def base():
+        return call("/gazebo/get_model_state", GetModelState, "tiago", "world").pose
+
+    robot.follows("arm", arm, [0.4, -0.4, -1.0, 1.0])
+    robot.sends("thumb", Float64(1.0))
+    wait_for(lambda: abs(robot.joint("hand_thumb_joint") - 1.0) < 0.02, 10.0, "the thumb bends")
+    before, turned = base(), [robot.joint(wheel) for wheel in WHEELS]
+    robot.sends("base", Float64MultiArray(data=[4.0, 4.0]))
+    wait_for(lambda: base().position.x - before.position.x > 0.4, 20.0, "it drives")
+    robot.sends("base", Float64MultiArray(data=[0.0, 0.0]))
+    wait_for(lambda: abs(robot.joint(WHEELS[0], "velocity")) < 0.01, 10.0, "it stops")
+    after = base()
+    rolled = [robot.joint(w) - t for w, t in zip(WHEELS, turned, strict=True)]
+    way = math.hypot(after.position.x - before.position.x, after.position.y - before.position.y)
+    assert way == pytest.approx(WHEEL_RADIUS * sum(rolled) / 2, rel=0.05), "it does not slip"
+    assert abs(after.position.z - before.position.z) < 0.01
+    robot.delete()

@@ -1,4 +1,8 @@
-"""Launch trees written for Gazebo run as they are: their package names are found here as well."""
+"""Launch trees written for Gazebo run as they are: their package names are found here as well.
+
+This one is shaped as the original's first generation, its parts launched one by one and its
+description made by xacro; test_second_generation.py has the other.
+"""
 
 from __future__ import annotations
 

@@ -20,8 +20,8 @@ from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-SHARE = Path(sysconfig.get_paths()["purelib"], "cmeel.prefix/share")
-ROBOTS = SHARE / "example-robot-data/robots"
+REGISTRY = "example-robot-data"  # what its descriptions call it; its manifest has another name
+ROBOTS = Path(sysconfig.get_paths()["purelib"], "cmeel.prefix/share", REGISTRY, "robots")
 UR5 = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint",
        "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]  # fmt: skip
 PANDA = [f"panda_joint{k}" for k in range(1, 8)]
@@ -130,10 +130,14 @@ def call(name: str, service: type, *args: object) -> object:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def world(launch, ros_master, ros_node):
-    """An empty world; the registry is on ROS's package path."""
+def world(launch, ros_master, ros_node, tmp_path_factory):
+    """An empty world; the registry is a package on ROS's path."""
+    package = tmp_path_factory.mktemp("packages") / REGISTRY
+    package.mkdir()
+    (package / "package.xml").write_text(f"<package><name>{REGISTRY}</name></package>")
+    (package / "robots").symlink_to(ROBOTS)
     before = ros_master.environment["ROS_PACKAGE_PATH"]
-    ros_master.environment["ROS_PACKAGE_PATH"] = f"{before}{os.pathsep}{SHARE}"
+    ros_master.environment["ROS_PACKAGE_PATH"] = f"{before}{os.pathsep}{package.parent}"
     launched = launch("aras_sim_bridge", "empty_world.launch", nodes=["/gazebo"])
     ros_master.environment["ROS_PACKAGE_PATH"] = before
     return launched

@@ -67,8 +67,8 @@ def trajectory(interface: str, joints: list[str], **more: object) -> dict:
 class Robot:
     """One spawned description, asked through its namespace's controller manager."""
 
-    def __init__(self, name: str, namespace: str, collect) -> None:
-        self.name, self.namespace = name, namespace
+    def __init__(self, name: str, namespace: str, collect, output) -> None:
+        self.name, self.namespace, self._output = name, namespace, output
         self._states = collect(f"{namespace}/joint_states", JointState)
 
     def spawn(self, description: str, parameters: dict, place=(0.0, 0.0, 0.0)) -> None:
@@ -84,10 +84,11 @@ class Robot:
         assert answer.success, answer.status_message
         manager = f"{self.namespace}/controller_manager"
         for name in parameters:
-            assert call(f"{manager}/load_controller", LoadController, name).ok, name
-        assert call(
-            f"{manager}/switch_controller", SwitchController, list(parameters), [], 2, False, 0.0
-        ).ok
+            loaded = call(f"{manager}/load_controller", LoadController, name).ok
+            assert loaded, f"{name}: {self._output()[-1500:]}"
+        switch = (list(parameters), [], 2, False, 0.0)
+        switched = call(f"{manager}/switch_controller", SwitchController, *switch).ok
+        assert switched, self._output()[-1500:]
         running = call(f"{manager}/list_controllers", ListControllers).controller
         assert {c.name for c in running if c.state == "running"} == set(parameters)
 
@@ -120,9 +121,6 @@ class Robot:
         wait_for(publisher.get_num_connections, 10.0, f"{controller} listens")
         publisher.publish(message)
 
-    def delete(self) -> None:
-        assert call("/gazebo/delete_model", DeleteModel, self.name).success
-
 
 def call(name: str, service: type, *args: object) -> object:
     rospy.wait_for_service(name, 20.0)
@@ -143,21 +141,34 @@ def world(launch, ros_master, ros_node, tmp_path_factory):
     return launched
 
 
+@pytest.fixture
+def robot(world, collect):
+    """Factory: `robot(name, namespace)` → Robot; its model is deleted at the end of the test."""
+    made: list[Robot] = []
+
+    def make(name: str, namespace: str) -> Robot:
+        made.append(Robot(name, namespace, collect, world.output))
+        return made[-1]
+
+    yield make
+    for one in made:
+        call("/gazebo/delete_model", DeleteModel, one.name)
+
+
 @pytest.mark.parametrize("namespace", ["", "/left"], ids=["root", "namespace"])
-def test_ur5(namespace, collect):
+def test_ur5(namespace, robot, collect):
     """Position interface; the plugin names no namespace, so it is the one of the spawn."""
-    robot = Robot("ur5", namespace, collect)
+    arm = robot("ur5", namespace)
     images = collect(f"{namespace}/eye/image_raw", Image)
     infos = collect(f"{namespace}/eye/camera_info", CameraInfo)
     text = shipped("ur_description/urdf/ur5_robot.urdf", CAMERA.replace("PARENT", "tool0"))
-    robot.spawn(text, {
+    arm.spawn(text, {
         "joint_state_controller": STATES, "arm_controller": trajectory("position", UR5)
     })  # fmt: skip
-    robot.follows("arm_controller", UR5, [0.3, -1.2, 0.9, -0.6, -0.4, 0.5])
+    arm.follows("arm_controller", UR5, [0.3, -1.2, 0.9, -0.6, -0.4, 0.5])
     image, info = images.wait(2, 10.0), infos.wait(1, 10.0)
     assert (image.width, image.height, info.width) == (96, 64, 96)
     assert len(set(image.data)) > 5, "the camera on the flange sees the arm's world"
-    robot.delete()
 
 
 @pytest.mark.parametrize(
@@ -168,9 +179,9 @@ def test_ur5(namespace, collect):
     ],
     ids=["effort", "velocity"],
 )
-def test_panda_and_its_gripper(interface, gains, collect):
+def test_panda_and_its_gripper(interface, gains, robot):
     """The fingers by an effort PID; the second mimics the first."""
-    robot = Robot("panda", "/panda", collect)
+    panda = robot("panda", "/panda")
     kind = f"{interface.capitalize()}JointInterface"
     text = shipped(
         "panda_description/urdf/panda.urdf",
@@ -179,23 +190,22 @@ def test_panda_and_its_gripper(interface, gains, collect):
         '<link name="world"/><joint name="foot" type="fixed"><parent link="world"/>'
         '<child link="panda_link0"/></joint>',
     )  # fmt: skip
-    robot.spawn(text, {
+    panda.spawn(text, {
         "joint_state_controller": STATES,
         "arm": trajectory(interface, PANDA, gains=gains),
         "hand": {"type": "effort_controllers/JointPositionController", "joint": FINGER,
                  "pid": {"p": 300.0, "d": 30.0, "i": 20.0, "i_clamp": 5.0}},
     })  # fmt: skip
-    robot.follows("arm", PANDA, [0.2, -0.3, 0.1, -1.8, 0.1, 1.6, 0.6])
-    robot.sends("hand", Float64(0.03))
-    wait_for(lambda: abs(robot.joint(FINGER) - 0.03) < 1.5e-3, 10.0, "the finger opens")
-    robot.delete()
+    panda.follows("arm", PANDA, [0.2, -0.3, 0.1, -1.8, 0.1, 1.6, 0.6])
+    panda.sends("hand", Float64(0.03))
+    wait_for(lambda: abs(panda.joint(FINGER) - 0.03) < 1.5e-3, 10.0, "the finger opens")
 
 
-def test_tiago_drives_and_moves_its_arm(collect):
+def test_tiago_drives_and_moves_its_arm(robot):
     """Shipped for PAL's own Gazebo plugins, several interfaces a joint, in the root namespace."""
-    robot = Robot("tiago", "", collect)
+    tiago = robot("tiago", "")
     arm = [f"arm_{k}_joint" for k in range(1, 5)]
-    robot.spawn(shipped("tiago_description/robots/tiago.urdf"), {
+    tiago.spawn(shipped("tiago_description/robots/tiago.urdf"), {
         "joint_state_controller": STATES,
         "base": {"type": "velocity_controllers/JointGroupVelocityController", "joints": WHEELS},
         "arm": trajectory("position", arm),
@@ -206,17 +216,16 @@ def test_tiago_drives_and_moves_its_arm(collect):
     def base():
         return call("/gazebo/get_model_state", GetModelState, "tiago", "world").pose
 
-    robot.follows("arm", arm, [0.4, -0.4, -1.0, 1.0])
-    robot.sends("thumb", Float64(1.0))
-    wait_for(lambda: abs(robot.joint("hand_thumb_joint") - 1.0) < 0.02, 10.0, "the thumb bends")
-    before, turned = base(), [robot.joint(wheel) for wheel in WHEELS]
-    robot.sends("base", Float64MultiArray(data=[4.0, 4.0]))
+    tiago.follows("arm", arm, [0.4, -0.4, -1.0, 1.0])
+    tiago.sends("thumb", Float64(1.0))
+    wait_for(lambda: abs(tiago.joint("hand_thumb_joint") - 1.0) < 0.02, 10.0, "the thumb bends")
+    before, turned = base(), [tiago.joint(wheel) for wheel in WHEELS]
+    tiago.sends("base", Float64MultiArray(data=[4.0, 4.0]))
     wait_for(lambda: base().position.x - before.position.x > 0.4, 20.0, "it drives")
-    robot.sends("base", Float64MultiArray(data=[0.0, 0.0]))
-    wait_for(lambda: abs(robot.joint(WHEELS[0], "velocity")) < 0.01, 10.0, "it stops")
+    tiago.sends("base", Float64MultiArray(data=[0.0, 0.0]))
+    wait_for(lambda: abs(tiago.joint(WHEELS[0], "velocity")) < 0.01, 10.0, "it stops")
     after = base()
-    rolled = [robot.joint(w) - t for w, t in zip(WHEELS, turned, strict=True)]
+    rolled = [tiago.joint(w) - t for w, t in zip(WHEELS, turned, strict=True)]
     way = math.hypot(after.position.x - before.position.x, after.position.y - before.position.y)
     assert way == pytest.approx(WHEEL_RADIUS * sum(rolled) / 2, rel=0.05), "it does not slip"
     assert abs(after.position.z - before.position.z) < 0.01
-    robot.delete()

@@ -7,6 +7,8 @@ from aras_sim_bridge.errors import DescriptionError
 
 # Rounding in CAD exports breaks the triangle inequality by less than this share of the trace.
 _TRIANGLE_TOLERANCE = 1e-3
+# kg m². Shipped robots have links of a milligram with made-up tensors (TIAGo's antennas).
+_NEGLIGIBLE = 1e-6
 
 
 def tensor(inertia: tuple[float, ...]) -> np.ndarray:
@@ -26,8 +28,8 @@ def checked_inertial(
     """An Inertial that a rigid body can have, or None for a link without mass.
 
     A tensor that breaks the triangle inequality is kept, with a warning (the equations of motion
-    only need it positive). A missing or zero tensor is replaced by that of a solid sphere of
-    5 cm radius, with a warning.
+    only need it positive). A missing or zero tensor, and one with a negative principal moment that
+    is too small to matter, is replaced by that of a solid sphere of 5 cm radius, with a warning.
 
     Raises:
         DescriptionError: negative mass, or a tensor with a negative principal moment.
@@ -38,15 +40,17 @@ def checked_inertial(
         return None
     principal = np.linalg.eigvalsh(tensor(inertia))
     trace = float(principal.sum())
-    if principal[0] < -1e-9 * max(abs(principal[2]), 1e-12):
+    negative = principal[0] < -1e-9 * max(abs(principal[2]), 1e-12)
+    if negative and np.abs(principal).max() > _NEGLIGIBLE:
         raise DescriptionError(
             f"{where}: the inertia tensor has a negative principal moment ({principal[0]:.4g}); "
             "check the signs of ixx … izz"
         )
-    if principal[1] <= 0.0:
+    if negative or principal[1] <= 0.0:
         sphere = 0.4 * mass * 0.05**2
+        what = f"has a negative principal moment ({principal[0]:.4g})" if negative else "is zero"
         warnings.append(
-            f"{where}: the inertia tensor is zero; used that of a solid sphere of 5 cm radius "
+            f"{where}: the inertia tensor {what}; used that of a solid sphere of 5 cm radius "
             f"({sphere:.3g} kg m²)"
         )
         return Inertial(mass, xyz, rpy, (sphere, 0.0, 0.0, sphere, 0.0, sphere))

@@ -174,7 +174,8 @@ def test_ur5(namespace, robot, collect):
 @pytest.mark.parametrize(
     ("interface", "gains"),
     [
-        ("effort", {j: {"p": 600.0, "d": 50.0, "i": 100.0, "i_clamp": 50.0} for j in PANDA}),
+        ("effort", {j: {"p": 800.0, "d": 40.0, "i": 100.0, "i_clamp": 50.0} for j in PANDA[:4]}
+         | {j: {"p": 80.0, "d": 2.0, "i": 20.0, "i_clamp": 10.0} for j in PANDA[4:]}),
         ("velocity", {j: {"p": 15.0} for j in PANDA}),
     ],
     ids=["effort", "velocity"],

@@ -9,6 +9,7 @@ import pytest
 
 from aras_sim_bridge.description.mesh import from_corners
 from aras_sim_bridge.rendering.geometry import Geometry
+from aras_sim_bridge.rendering.grouping import CLUSTER, groups
 from aras_sim_bridge.rendering.scene import Part
 
 CORNERS = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 1], [1, 0, 1], [0, 1, 1]]])
@@ -45,3 +46,40 @@ def test_a_texture_that_was_painted_over_is_read_again(tmp_path):
     cv2.imwrite(str(file), np.full((4, 4, 3), 200, np.uint8))
     os.utime(file, ns=(1, 1))
     assert Geometry.of(textured).textures.texels.min() == 200
+
+
+def test_every_triangle_is_in_one_group_of_few_that_face_one_side():
+    """Of each part and side by itself, cut where that makes the boxes smaller."""
+    draw = np.random.default_rng(3)
+    corners = draw.normal(size=(900, 1, 3)) + 0.05 * draw.normal(size=(900, 3, 3))
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    part = np.repeat([0, 4, 7], 300)
+    made = groups(corners, normal, part)
+    assert sorted(np.concatenate(made)) == list(range(900))
+    side = 2 * np.abs(normal).argmax(axis=1)
+    side += normal[np.arange(900), side // 2] > 0
+    for group in made:
+        assert len(group) <= CLUSTER
+        assert len(set(part[group])) == len(set(side[group])) == 1
+    # neighbours are together: a strip of squares is cut across, not into its odd and even ones
+    strip = np.array([[[x, 0, 0], [x + 1, 0, 0], [x, 1, 0]] for x in range(64)], float)
+    halves = groups(strip, np.tile([0.0, 0, 1], (64, 1)), np.zeros(64, int))
+    assert all(np.ptp(np.sort(group)) == len(group) - 1 for group in halves)
+    assert groups(strip[:0], strip[:0, 0], np.zeros(0, int)) == []
+
+
+def test_what_is_known_of_a_cluster_holds_all_its_triangles():
+    draw = np.random.default_rng(4)
+    corners = draw.normal(size=(200, 1, 3)) + 0.05 * draw.normal(size=(200, 3, 3))
+    made = Geometry.of([Part(0, from_corners(corners), (1.0, 0.0, 0.0, 1.0))])
+    seen = made.clusters
+    assert seen.count.sum() == len(made.corners) == 200
+    for n, (first, count) in enumerate(zip(seen.first, seen.count, strict=True)):
+        points = made.corners[first:first + count].reshape(-1, 3)
+        plane = made.plane[first:first + count]
+        assert (np.abs(points - seen.centre[n]) <= seen.half[n] + 1e-12).all()
+        assert np.linalg.norm(points - seen.centre[n], axis=1).max() == pytest.approx(
+            seen.radius[n])
+        assert (plane[:, :3] @ seen.axis[n]).min() == pytest.approx(seen.cosine[n])
+        assert (plane[:, 3] - plane[:, :3] @ seen.centre[n]).min() == pytest.approx(seen.height[n])

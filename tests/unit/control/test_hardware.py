@@ -250,6 +250,17 @@ class TestTransmissions:
         assert not rig.hardware.handles
         assert "J_transmission" in rig.log[0]
 
+    def test_one_for_states_alone_commands_nothing_and_refuses_nothing(self, make_rig, make_joint):
+        """TIAGo lists its mimicking fingers so, and the state's interface before its others."""
+        state = "JointStateInterface"
+        rig = make_rig([
+            make_joint("J", interface=state, interfaces=(state,)),
+            make_joint("K", interface=state, interfaces=(state, POSITION)),
+        ])
+        assert set(rig.hardware.handles) == {"K"}
+        assert rig.hardware.handles["K"].interface == POSITION
+        assert len(rig.log) == 1 and "J_transmission' is skipped: nothing can be" in rig.log[0]
+
     def test_of_several_interfaces_the_first_counts(self, make_rig, make_joint):
         rig = make_rig([make_joint("J", interfaces=("EffortJointInterface", POSITION))])
         assert rig.hardware.handles["J"].interface == "EffortJointInterface"

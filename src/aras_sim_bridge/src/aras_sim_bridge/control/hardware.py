@@ -99,6 +99,12 @@ class RobotHardware:
         """Register one transmission; returns its joint if the interface lacks the prefix."""
         label = f"transmission '{transmission.name}'"
         joint_name, interface = transmission.joint, transmission.interface
+        commanded = [i for i in transmission.interfaces if i.removeprefix(_PREFIX) != STATE]
+        if interface.removeprefix(_PREFIX) == STATE:
+            if not commanded:
+                self._warn(f"{label} is skipped: nothing can be commanded through {interface}")
+                return []
+            interface = commanded[0]
         if not (transmission.type and joint_name and interface and transmission.has_actuator):
             self._warn(
                 f"{label} is skipped: it needs a <type>, a <joint> with a <hardwareInterface> "
@@ -109,8 +115,8 @@ class RobotHardware:
             self._warn(f"{label} is skipped: one joint each is simulated, it has "
                        f"{', '.join(transmission.joints)}")
             return []
-        if len(transmission.interfaces) > 1:
-            self._warn(f"{label}: of {', '.join(transmission.interfaces)} the first is used")
+        if len(commanded) > 1:
+            self._warn(f"{label}: of {', '.join(commanded)} the first is used")
         short = interface.removeprefix(_PREFIX)
         if short not in COMMAND_INTERFACES:
             raise HardwareError(

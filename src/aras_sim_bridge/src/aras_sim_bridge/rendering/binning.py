@@ -14,7 +14,8 @@ import numpy as np
 
 from aras_sim_bridge.compiled import compiled, inlined
 
-from .geometry import CLUSTER, Geometry
+from .geometry import Geometry
+from .grouping import CLUSTER
 from .tiles import Tiles
 
 

@@ -8,16 +8,11 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from . import grouping
 from .recent import Recent
 from .scene import Part
 from .textures import Textures
 
-# Clusters of 32 draw 40 000 triangles as fast as those of 16 or 64, and the robot a tenth faster
-# than those of 128.
-CLUSTER = 32
-# Smaller ones are cut as well where that makes the boxes as much smaller, times what there is to be
-# done in each: a look at a cluster costs what so many triangles do.
-WORTHWHILE, LOOK = 0.6, 1
 # Memory for scenes that come again, bytes: a study shows the same one ten thousand times.
 KEPT = 1 << 27
 
@@ -103,9 +98,9 @@ class Geometry:
         area = np.cross(lists[0][:, 1] - lists[0][:, 0], lists[0][:, 2] - lists[0][:, 0])
         size = np.linalg.norm(area, axis=1)
         lists = [one[size > 0.0] for one in lists]
-        unit = area[size > 0.0] / size[size > 0.0, None]
-        groups = _groups(lists[0], unit, lists[6])
-        groups.sort(key=lambda group: -size[size > 0.0][group].max())
+        unit, size = area[size > 0.0] / size[size > 0.0, None], size[size > 0.0]
+        groups = grouping.groups(lists[0], unit, lists[6])
+        groups.sort(key=lambda group: -size[group].max())
         order = np.concatenate([np.zeros(0, int), *groups])
         corners, normals, albedo, uv, layer, row, number = (one[order].copy() for one in lists)
         unit = unit[order]
@@ -166,54 +161,22 @@ def _quad(corners: np.ndarray) -> tuple[int, int] | None:
     return (i, j) if flat and (turn @ normal > 0.0).all() else None
 
 
-def _groups(corners: np.ndarray, normal: np.ndarray, part: np.ndarray) -> list[np.ndarray]:
-    """Triangles (T, 3, 3) of one part whose normals follow the same axis, cut in two until they are
-    few, and then as long as the boxes around the halves are much smaller."""
-    if not len(corners):
-        return []
-    along = np.abs(normal).argmax(axis=1)
-    side = 2 * along + (normal[np.arange(len(along)), along] > 0)
-    label = 6 * part + side
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    pending = [np.flatnonzero(label == value) for value in np.unique(label)]
-    groups = []
-    while pending:
-        group = pending.pop()
-        halves, cost = [group], np.inf
-        if len(group) > 1:
-            # By place, or the large from the small.
-            keys = np.column_stack([low[group] + high[group], (high - low)[group].max(axis=1)])
-            for key in keys.T:
-                order = group[np.argsort(key, kind="stable")]
-                two = [order[:len(order) // 2], order[len(order) // 2:]]
-                both = sum((LOOK + len(half)) * _surface(low[half], high[half]) for half in two)
-                if both < cost:
-                    halves, cost = two, both
-        whole = (LOOK + len(group)) * _surface(low[group], high[group])
-        if len(group) > CLUSTER or cost < WORTHWHILE * whole:
-            pending += halves
-        else:
-            groups.append(group)
-    return groups
-
-
-def _surface(low: np.ndarray, high: np.ndarray) -> float:
-    """Of the box around boxes (N, 3)."""
-    x, y, z = high.max(axis=0) - low.min(axis=0)
-    return x * y + y * z + z * x
-
-
 def _clusters(first: np.ndarray, count: np.ndarray, corners: np.ndarray, plane: np.ndarray,
               row: np.ndarray, albedo: np.ndarray, quad: np.ndarray) -> Clusters:
-    centre, half, axis = (np.zeros((len(count), 3)) for _ in range(3))
-    radius, cosine, height = (np.zeros(len(count)) for _ in range(3))
-    for n, (start, size) in enumerate(zip(first, count, strict=True)):
-        points, planes = corners[start:start + size].reshape(-1, 3), plane[start:start + size]
-        centre[n] = (points.min(axis=0) + points.max(axis=0)) / 2
-        half[n] = np.ptp(points, axis=0) / 2
-        radius[n] = np.linalg.norm(points - centre[n], axis=1).max()
-        axis[n] = planes[:, :3].sum(axis=0) / np.linalg.norm(planes[:, :3].sum(axis=0))
-        cosine[n] = np.clip((planes[:, :3] @ axis[n]).min(), -1.0, 1.0)
-        height[n] = (planes[:, 3] - planes[:, :3] @ centre[n]).min()
+    if not len(first):
+        empty, none = np.zeros((0, 3)), np.zeros(0)
+        return Clusters(first, count, none.astype(int), empty, empty, none, empty, none, none,
+                        none.astype(bool), quad)
+    low = np.minimum.reduceat(corners.min(axis=1), first)
+    high = np.maximum.reduceat(corners.max(axis=1), first)
+    centre, half = (low + high) / 2, (high - low) / 2
+    mine = np.repeat(np.arange(len(first)), count)  # cluster of each triangle
+    away = np.linalg.norm(corners - centre[mine, None], axis=2).max(axis=1)
+    radius = np.maximum.reduceat(away, first)
+    axis = np.add.reduceat(plane[:, :3], first)
+    axis /= np.linalg.norm(axis, axis=1)[:, None]
+    cosine = np.minimum.reduceat((plane[:, :3] * axis[mine]).sum(axis=1), first).clip(-1.0, 1.0)
+    above = plane[:, 3] - (plane[:, :3] * centre[mine]).sum(axis=1)
+    height = np.minimum.reduceat(above, first)
     return Clusters(first, count, row[first], centre, half, radius, axis, cosine, height,
                     albedo[first, 3] >= 1.0, quad)

@@ -255,7 +255,7 @@ class TestTransmissions:
         state = "JointStateInterface"
         rig = make_rig([
             make_joint("J", interface=state, interfaces=(state,)),
-            make_joint("K", interface=state, interfaces=(state, POSITION)),
+            make_joint("K", interface=state, interfaces=(state, f"hardware_interface/{POSITION}")),
         ])
         assert set(rig.hardware.handles) == {"K"}
         assert rig.hardware.handles["K"].interface == POSITION

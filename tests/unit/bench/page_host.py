@@ -28,6 +28,7 @@ class StandIn:
         self.story.factor = 1.0
         self.asked, self.viewers, self.time = [], [], 0.0
         self.lock = threading.Lock()
+        self.waited = threading.Event()
         arm = self.arm
         self.page.robot(arm.names, arm.lower, arm.upper, arm.velocity, arm.prismatic)
         self.page.choices = {
@@ -74,6 +75,10 @@ class StandIn:
         self.asked.append(request)
         if request.do == "hold":
             raise RefusedError("no controller here")
+        if request.do == "pause":
+            self.waited.set()
+        if request.do == "report" and not self.waited.wait(10.0):
+            raise RefusedError("nobody else was heard meanwhile")
         if request.do == "reset":
             raise ZeroDivisionError("a fault")
         return f"done: {request.do}"

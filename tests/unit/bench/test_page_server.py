@@ -117,6 +117,20 @@ def test_requests_are_answered_and_wrong_ones_refused_with_the_reason(server, ho
     assert told[0]["limits"]["names"] == list(host.arm.names)
 
 
+def test_what_takes_long_keeps_nobody_waiting(server, host):
+    host.waited.clear()
+    heard, _ = talk(server, '{"do": "report"}', '{"do": "pause"}', answers=2)
+    assert {answer["text"] for answer in heard} == {"done: report", "done: pause"}
+
+
+def test_a_flood_of_requests_is_refused(server, host):
+    host.waited.clear()
+    heard, _ = talk(server, *['{"do": "report"}'] * 3, *['{"do": "start"}'] * 40,
+                    '{"do": "pause"}', answers=30)  # fmt: skip
+    assert any("8 requests are being carried out" in answer["text"] for answer in heard)
+    host.waited.set()
+
+
 def test_a_fault_of_ours_is_said_and_closes_nothing(server):
     heard, _ = talk(server, '{"do": "reset"}', '{"do": "start"}', answers=2)
     assert {answer["text"] for answer in heard} == {

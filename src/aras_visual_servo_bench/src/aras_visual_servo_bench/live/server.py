@@ -33,6 +33,7 @@ RATE = 15.0  # messages a second to each viewer
 PICTURE_RATE = 10.0
 PORTS = 20  # tried one after the other, where the first is taken
 VIEWERS = 8  # at most; each costs its part of a core
+ASKED = 8  # requests of one viewer at a time
 UNREAD = 2_000_000  # bytes that a viewer may lag behind before it is left out of a round
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
@@ -323,7 +324,16 @@ class Viewer(tornado.websocket.WebSocketHandler):
         except tornado.websocket.WebSocketClosedError:
             self.server.went(self)
 
-    async def on_message(self, message: str | bytes) -> None:
+    def on_message(self, message: str | bytes) -> None:
+        """Have a request carried out; meanwhile the socket goes on being read, pongs included."""
+        if self._busy >= ASKED:
+            text = f"{ASKED} requests are being carried out: wait for them"
+            self.tell(json.dumps({"kind": "answer", "do": None, "done": False, "text": text}))
+            return
+        self._busy += 1
+        tornado.ioloop.IOLoop.current().spawn_callback(self._carry_out, message)
+
+    async def _carry_out(self, message: str | bytes) -> None:
         """Carry out a request, and say how that went."""
         loop, host = tornado.ioloop.IOLoop.current(), self.server.host
         do: str | None = None
@@ -338,6 +348,7 @@ class Viewer(tornado.websocket.WebSocketHandler):
             logging.getLogger(__name__).exception("%s", do)
             text = f"{do} failed: {type(error).__name__}: {error}"
             answer = {"kind": "answer", "do": do, "done": False, "text": text}
+        self._busy -= 1
         self.tell(json.dumps(answer))
 
 

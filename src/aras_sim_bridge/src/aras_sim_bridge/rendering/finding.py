@@ -1,7 +1,7 @@
 """Which pixels have edges in them: those at whose corners different things are seen.
 
 A straight edge through a pixel always has corners of it on both sides. What reaches into a pixel
-without reaching a corner is the tip of a triangle: it is looked for beside the edges found so.
+without reaching a corner is a triangle's tip, or narrow: it is looked for beside the edges found.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def found_edges(tiles: Tiles, seen: Seen, samples: Samples, plain: np.ndarray, p
     t = tiles
     edges = _edges(samples.tile, samples.pixel, samples.start, samples.member, seen.opaque, plain,
                    part, sky, seen.side, seen.light, t.matrices, t.valid, t.cells, t.columns)
-    tips = _tips(edges, samples.tile, samples.pixel, seen.corner, t.inverse, t.spread, t.valid,
+    tips = _tips(edges, samples.tile, samples.pixel, seen.side, t.matrices, t.valid, t.cells,
                  t.columns)
     edges |= tips
     return edges, _listed(edges, t.cells, t.columns)
@@ -143,11 +143,12 @@ def _edges(tile, pixel, start, member, opaque, plain, part, sky, side, light, ma
     return out
 
 
-@compiled("u8[::1], i8[::1], i4[:,::1], f8[:,:,::1], f8[:,:,::1], f8[::1], b1[:,::1], i8")
-def _tips(edges, tile, pixel, corner, inverse, spread, valid, columns):
-    """(tiles,) uint64, pixels without an edge beside one with an edge, into which a corner of a
-    triangle that is seen there reaches."""
+@compiled("u8[::1], i8[::1], i4[:,::1], f8[:,:,::1], f8[:,:,::1], b1[:,::1], i8, i8")
+def _tips(edges, tile, pixel, side, matrices, valid, cells, columns):
+    """(tiles,) uint64, pixels without an edge beside one with an edge, into which a triangle that
+    is seen there reaches before what the pixel shows."""
     out = np.zeros(len(tile), np.uint64)
+    size = TILE // cells
     rows = len(tile) // columns
     all_left, all_right = np.uint64(0x0101010101010101), np.uint64(0x8080808080808080)
     one = np.uint64(1)
@@ -178,6 +179,8 @@ def _tips(edges, tile, pixel, corner, inverse, spread, valid, columns):
                     continue
                 u, v = u0 + x, v0 + y
                 here = _shown(tile, pixel, columns, v, u)
+                M = matrices[n * cells * cells + (y // size) * cells + x // size]
+                xc, yc = float(x % size), float(y % size)
                 for k in range(8):
                     # Both far corners of each neighbour.
                     far = k % 2
@@ -194,16 +197,27 @@ def _tips(edges, tile, pixel, corner, inverse, spread, valid, columns):
                     m = _shown(tile, pixel, columns, i, j)
                     if m < 0 or m == here:
                         continue
+                    reaches, ahead = True, 0.0
                     for q in range(3):
-                        px, py, pz = corner[m, q, 0], corner[m, q, 1], corner[m, q, 2]
-                        w = (inverse[n, 2, 0] * px + inverse[n, 2, 1] * py
-                             + inverse[n, 2, 2] * pz)
-                        dx = (inverse[n, 0, 0] * px + inverse[n, 0, 1] * py
-                              + inverse[n, 0, 2] * pz) - x * w
-                        dy = (inverse[n, 1, 0] * px + inverse[n, 1, 1] * py
-                              + inverse[n, 1, 2] * pz) - y * w
-                        if max(abs(dx), abs(dy)) <= (0.5 + spread[n]) * w:
-                            out[n] |= bit
+                        a = b = c = 0.0
+                        for j in range(3):
+                            a += side[m, q, j] * M[j, 0]
+                            b += side[m, q, j] * M[j, 1]
+                            c += side[m, q, j] * M[j, 2]
+                        at = a * xc + b * yc + c
+                        reaches &= at + 0.5 * (abs(a) + abs(b)) > 0.0
+                        ahead += at
+                    if not reaches:
+                        continue
+                    if here >= 0:
+                        behind = 0.0
+                        for q in range(3):
+                            for j in range(3):
+                                behind += side[here, q, j] * (M[j, 0] * xc + M[j, 1] * yc
+                                                              + M[j, 2])
+                        reaches = ahead >= behind * (1.0 - 1e-6)
+                    if reaches:
+                        out[n] |= bit
     return out
 
 

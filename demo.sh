@@ -9,10 +9,12 @@ Usage: ./demo.sh [--scheme NAME] [--start POSE] [--law NAME] [--gain NUMBER] [--
 Sets up the workspace if need be, simulates the ARAS robot while it servoes its camera to the target,
 and ends by itself. The status is 0 only when the robot has converged.
 
-  --scheme NAME   features: moments (default), kernel, points, or package.module:Class of your own
-  --start POSE    initial pose: 2015 (default), 2016, or gantry (m), J1, J2, J3, J5, J6 (rad), as
+  --scheme NAME   features: moments (default), kernel, points, ...; several joined by +; or your own as
+                  package.module:Class, found on PYTHONPATH or in the folder you are in
+  --start POSE    initial pose: 2016 (default), 2015, or gantry (m), J1, J2, J3, J5, J6 (rad), as
                   '0.1 0 0.17 -0.09 -0.09 2.09'
-  --law NAME      control law: proportional (default), adaptive, diagonal, pi, sliding_mode
+  --law NAME      control law: proportional (default), adaptive, diagonal, pi, sliding_mode, ..., or
+                  package.module:Class
   --gain NUMBER   of the law, 1/s; without it the controller's own
   --camera NAME   camera preset: original (default), calibrated, wide, fisheye, noisy, or a file of
                   your own in src/aras_visual_servo_gazebo/config/cameras
@@ -29,7 +31,7 @@ fail() {
 }
 
 root=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")
-scheme=moments start=2015 law= gain= camera=original out=$root/out rviz=()
+scheme=moments start=2016 law= gain= camera=original out=$root/out rviz=()
 while (($#)); do
     case "$1" in
         --scheme=* | --start=* | --law=* | --gain=* | --camera=* | --out=*) set -- "${1%%=*}" "${1#*=}" "${@:2}" ;;
@@ -46,12 +48,13 @@ while (($#)); do
     esac
 done
 number='[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?'
-[[ $scheme =~ ^(moments|moments_2016|kernel|points|[A-Za-z_][A-Za-z0-9_.]*:[A-Za-z_][A-Za-z0-9_]*)$ ]] ||
-    fail "--scheme is moments, moments_2016, kernel, points or package.module:Class, not $scheme"
+name='[A-Za-z_][A-Za-z0-9_]*'
+[[ $scheme =~ ^$name(\+$name)*$ || $scheme =~ ^$name(\.$name)*:$name$ ]] ||
+    fail "--scheme is a name, as moments, several joined by +, or package.module:Class, not $scheme"
 [[ $start == 2015 || $start == 2016 || $start =~ ^\ *($number\ +){5}$number\ *$ ]] ||
     fail "--start is 2015, 2016 or six numbers, not $start"
-[[ -z $law || $law =~ ^[a-z_]+$ || $law =~ ^[A-Za-z_][A-Za-z0-9_.]*:[A-Za-z_][A-Za-z0-9_]*$ ]] ||
-    fail "--law is proportional, adaptive, diagonal, pi, sliding_mode or package.module:Class, not $law"
+[[ -z $law || $law =~ ^$name$ || $law =~ ^$name(\.$name)*:$name$ ]] ||
+    fail "--law is a name, as proportional, or package.module:Class, not $law"
 [[ -z $gain || $gain =~ ^$number$ ]] || fail "--gain is a number above 0, not $gain"
 presets=$root/src/aras_visual_servo_gazebo/config/cameras
 [[ -f $presets/$camera.yaml ]] || fail "--camera: there is no preset $presets/$camera.yaml"
@@ -60,13 +63,19 @@ presets=$root/src/aras_visual_servo_gazebo/config/cameras
 mkdir -p -- "$out" && out=$(cd -- "$out" && pwd) && [[ -w $out ]] || fail "--out: cannot write to $out"
 
 [[ -n ${ARAS_PREPARED-} ]] || "$root/setup.sh" --for demo # an image is made ready once for all
-# Whatever ROS the caller's shell has sourced stays out of it.
+# Where classes of one's own are looked for; whatever ROS the caller's shell has sourced stays out of it.
+own=$PWD
+IFS=: read -ra folders <<<"${PYTHONPATH-}"
+for folder in "${folders[@]}"; do
+    [[ -z $folder || $folder == */dist-packages || -e $folder/rospy ]] || own=$folder:$own
+done
 unset CMAKE_PREFIX_PATH ROS_PACKAGE_PATH PYTHONPATH PYTHONHOME
 set +u # catkin's file reads variables that may be unset
 . "$root/devel/setup.bash"
 set -u
 # Some of Debian's ROS tools start with `env python3`, which another Python in PATH would answer.
 export PATH=$root/.venv/bin:$PATH
+[[ $scheme$law != *:* ]] || export PYTHONPATH=$PYTHONPATH:$own
 options=()
 [[ -z $law ]] || options+=(--law "$law")
 [[ -z $gain ]] || options+=(--gain "$gain")

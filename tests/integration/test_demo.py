@@ -121,12 +121,22 @@ def test_interrupt_leaves_no_process_behind(tmp_path):
     assert leftovers(out) == []
 
 
-def test_wrong_scheme_ends_with_the_controllers_own_words(tmp_path):
-    done = demo(tmp_path, "--scheme", "momments", timeout=120.0)
-    assert done.returncode == 1
-    assert "unknown scheme 'momments': did you mean 'moments'?" in done.stderr
-    assert "Traceback" not in done.stderr
-    assert leftovers(tmp_path) == []
+@pytest.mark.parametrize(("arguments", "words"), [
+    (["--scheme", "momments"], "unknown scheme 'momments': did you mean 'moments'?"),
+    (["--scheme", "momnets"], "known are moments, "),
+    (["--scheme", "moments+poimts"], "did you mean 'points'?"),
+    (["--scheme", "my_module:MyScheme"], "my_module"),
+    (["--law", "proportionel"], "did you mean 'proportional'?"),
+])  # fmt: skip
+def test_wrong_names_are_told_with_those_that_there_are_before_anything_starts(
+    tmp_path, arguments, words
+):
+    done = demo(tmp_path / "out", *arguments, timeout=30.0)
+    assert done.returncode == 2
+    assert words in done.stderr and "Traceback" not in done.stderr
+    for name in ("partitioned", "luminance", "pose_camera"):  # the whole registry
+        assert name in done.stderr or "known are moments" not in words
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

@@ -32,11 +32,12 @@ def test_help_names_every_option(script: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["--scheme", "hand"], "or package.module:Class, not hand"),
+        (["--scheme", "my hand"], "or package.module:Class, not my hand"),
+        (["--scheme", "my.module:"], "or package.module:Class, not my.module:"),
         (["--start=1999"], "--start is 2015, 2016 or six numbers, not 1999"),
         (["--start", "0 0 0 0 0 x"], "six numbers"),
         (["--start", "0 0 0 0 0"], "six numbers"),
-        (["--law", "P I"], "--law is proportional"),
+        (["--law", "P I"], "--law is a name, as proportional"),
         (["--gain", "high"], "--gain is a number"),
         (["--scheme"], "--scheme needs a value"),
         (["--camera=pinhole"], "--camera: there is no preset"),

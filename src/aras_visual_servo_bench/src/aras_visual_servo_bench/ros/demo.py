@@ -15,7 +15,9 @@ from typing import Any
 import numpy as np
 import rospy
 
-from aras_visual_servo_controller.errors import ServoError
+from aras_visual_servo_controller.errors import ConfigurationError, ServoError
+from aras_visual_servo_controller.laws import create_law
+from aras_visual_servo_controller.schemes import create_scheme
 from aras_visual_servo_controller.state import HOLDING
 
 from ..errors import BenchError
@@ -33,7 +35,8 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument(
         "--scheme", default="moments",
-        help="moments (default), moments_2016, kernel, or package.module:Class of your own",
+        help="a feature or scheme by name, moments by default, several joined by +, or "
+             "package.module:Class of your own, on PYTHONPATH; a wrong name lists all",
     )
     parser.add_argument(
         "--start", type=_start, default="2016",
@@ -41,7 +44,8 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
              "'0.1 0 0.17 -0.09 -0.09 2.09'",
     )
     parser.add_argument(
-        "--law", default="", help="control law: proportional (default), adaptive, pi, sliding_mode"
+        "--law", default="", help="control law by name, proportional by default, or "
+        "package.module:Class; a wrong name lists all",
     )
     parser.add_argument("--gain", type=_gain, help="of the law, 1/s (default: the controller's)")
     parser.add_argument(
@@ -58,6 +62,10 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
             help=f"where the camera is mounted in camera_link, {unit} (default: not moved)",
         )
     arguments = parser.parse_args(argv)
+    try:
+        create_scheme(arguments.scheme, create_law(arguments.law or "proportional"))
+    except ConfigurationError as error:
+        parser.error(str(error))
     if arguments.rviz and not os.environ.get("DISPLAY"):
         parser.error("--rviz needs a display: DISPLAY is not set")
     if not arguments.timeout > 0.0:
@@ -210,6 +218,8 @@ class Demo:
             "camera": self.arguments.camera, **self._moved(), **record.settings,
         }  # fmt: skip
         page = write_report([record], self.out, ("png",))[0]
+        if not record.run.converged:
+            _say(f"the nodes' log: {self.launches[-1].log}")
         print(f"\nVisual servoing by scheme '{self.arguments.scheme}' from the initial pose "
               f"{self.arguments.start}, camera '{self.arguments.camera}':\n\n"
               f"{told(summarise(record))}\n\n"
@@ -249,14 +259,19 @@ class Demo:
         self._checked = now
         for launch in self.launches:
             if death := launch.death():
-                raise ServoError(f"{death}; its last words:\n{launch.last_lines()}")
+                raise ServoError(
+                    f"{death}; its last words:\n{launch.last_lines()}\nThe whole log: {launch.log}"
+                )
         progress = self.progress
         if progress is None or progress.began is not None or progress.phase != HOLDING:
             self._holds_since = None
         elif self._holds_since is None:
             self._holds_since = now
         elif now - self._holds_since > HOLDING_PATIENCE:
-            raise ServoError(f"the controller holds still: {progress.reason}")
+            raise ServoError(
+                f"the controller holds still: {progress.reason}\nThe whole log: "
+                f"{self.launches[-1].log}"
+            )
 
 
 def _say(text: str) -> None:

@@ -10,7 +10,7 @@ import pytest
 from feature_cases import RECTANGLE, grey_image
 
 from aras_visual_servo_camera.images import Image
-from aras_visual_servo_camera.overlay import draw
+from aras_visual_servo_camera.overlay import _text, _wrapped, draw
 from aras_visual_servo_camera.pipeline import Measurement, Pipeline, Settings
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -99,9 +99,35 @@ def test_a_target_that_is_not_valid_is_red_with_the_reason_below(grey: np.ndarra
     red = {tuple(place) for place in places(picture, RED).tolist()}
     assert {(100, 35), (159, 35), (105, 39), (155, 39)} <= red
     assert tuple(picture[10, 105]) == (0, 0, 0)  # its inside is not drawn over
-    text = np.argwhere((picture[60:] != 255).any(axis=2)) + (60, 0)
-    assert 215 < text[:, 0].min() < 229 and text[:, 0].max() < 240  # not cut off below
-    assert text[:, 1].min() >= 2 and 150 < text[:, 1].max() < 320  # all of it is in the picture
+    written = letters(picture)
+    assert written[:, 0].min() > 200 and written[:, 0].max() < 239  # two lines, not cut off below
+    assert written[:, 1].min() >= 2 and 150 < written[:, 1].max() < 319  # all of it is there
+
+
+def letters(picture: np.ndarray) -> np.ndarray:
+    """(n, 2) row, column of the red pixels in the lower half."""
+    half = picture.shape[0] // 2
+    low = picture[half:].astype(int)
+    return np.argwhere((low[..., 0] - low[..., 1] > 60) & (low[..., 1] < 160)) + (half, 0)
+
+
+@pytest.mark.parametrize("width", [96, 160, 320, 640])
+def test_words_can_be_read_once_however_small_the_picture_is(width: int) -> None:
+    picture = np.tile(np.array([[[90] * 3], [[200] * 3]], np.uint8), (width * 3 // 8, width, 1))
+    before = picture.copy()
+    _text(picture, "the target touches the left border of the image, and this goes on")
+    rows = np.flatnonzero((picture != before).any(axis=(1, 2)))
+    assert rows[-1] == len(picture) - 1 and rows[0] >= len(picture) // 2 - 4
+    # A light ground behind all of it, and one red on it: no border round the letters.
+    ground = picture[rows[0] :]
+    shade = ground[(ground[..., 0].astype(int) - ground[..., 1]) < 8]
+    assert shade.min() >= 204
+    assert letters(picture)[:, 1].min() >= 4 and letters(picture)[:, 1].max() < width
+
+
+def test_lines_are_whole_words_that_fit() -> None:
+    wrapped = _wrapped("one two three unbreakable", lambda line: len(line) <= 7)
+    assert wrapped == ["one two", "three", "unbreakable"]
 
 
 def test_the_picture_given_stays_as_it_is(grey: np.ndarray) -> None:

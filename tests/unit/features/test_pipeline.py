@@ -134,6 +134,26 @@ def test_bad_targets_are_not_valid_and_say_why(grey, text: str, weighting: str) 
     assert measured.moments is None or measured.target.borders
 
 
+@pytest.mark.parametrize(("component", "words"), [
+    ("largest", "of 2 objects of target colour the largest is taken, 2400 pixels around column 20, "
+                "row 130"),
+    ("nearest", "of 2 objects of target colour the one nearest to where the target was is taken"),
+    ("all", "all of target colour is taken together"),
+])  # fmt: skip
+def test_of_several_objects_is_said_which_is_the_target_and_why(component, words) -> None:
+    grey = with_box(100, 0, 60, 40)
+    grey[30:50, 200:220] = 0
+    measured = measure(grey, segmentation=Segmentation(component=component))
+    assert not measured.valid
+    assert measured.reason.startswith("the target touches the left border of the image (")
+    assert words in measured.reason
+
+
+def test_of_one_object_is_said_where_it_is() -> None:
+    reason = measure(with_box(0, 100, 40, 60)).reason
+    assert "(the only object of target colour, 2400 pixels around column 130, row 20)" in reason
+
+
 def test_diagonal_line_is_no_target() -> None:
     grey = white()
     for k in range(60):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import atan2, cos, sin, sqrt
 
 import cv2
@@ -59,10 +59,29 @@ def _polyline(picture: NDArray, points: NDArray, colour: tuple, closed: bool = T
 
 
 def _text(picture: NDArray, text: str) -> None:
-    """One line along the bottom, as large as fits."""
+    """Lines along the bottom, in letters that can be read however small the picture is."""
     font, margin = cv2.FONT_HERSHEY_SIMPLEX, 4
-    width = cv2.getTextSize(text, font, 1.0, 1)[0][0]
-    scale = min(0.5, (picture.shape[1] - 2 * margin) / max(width, 1))
-    place = (margin, picture.shape[0] - margin)
-    cv2.putText(picture, text, place, font, scale, (255, 255, 255), 3, cv2.LINE_AA)
-    cv2.putText(picture, text, place, font, scale, _RED, 1, cv2.LINE_AA)
+    scale = 0.5 if picture.shape[1] >= 480 else 0.35
+    (_, height), below = cv2.getTextSize("Ag", font, scale, 1)
+    step = height + below + 1
+    room = picture.shape[1] - 2 * margin
+    lines = _wrapped(text, lambda words: cv2.getTextSize(words, font, scale, 1)[0][0] <= room)
+    lines = lines[: max((picture.shape[0] // 2 - margin) // step, 1)]
+    # A ground of its own, not a border around each letter: in small letters that looks like a
+    # second text.
+    top = picture.shape[0] - len(lines) * step - margin
+    picture[max(top, 0) :] = picture[max(top, 0) :] // 5 + 204
+    for number, line in enumerate(lines):
+        place = (margin, top + (number + 1) * step - below + 1)
+        cv2.putText(picture, line, place, font, scale, _RED, 1, cv2.LINE_AA)
+
+
+def _wrapped(text: str, fits: Callable[[str], bool]) -> list[str]:
+    """Lines of whole words that fit; a word that is too long stands alone."""
+    lines: list[str] = []
+    for word in text.split():
+        if lines and fits(f"{lines[-1]} {word}"):
+            lines[-1] += f" {word}"
+        else:
+            lines.append(word)
+    return lines

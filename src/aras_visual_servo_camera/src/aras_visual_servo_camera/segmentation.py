@@ -20,6 +20,11 @@ Box = tuple[int, int, int, int]
 
 METHODS = ("fixed", "otsu", "adaptive", "colour")
 COMPONENTS = ("all", "largest", "nearest", "mask")
+TAKEN = {
+    "largest": "the largest is taken",
+    "nearest": "the one nearest to where the target was is taken",
+    "mask": "the one that fills most of the mask image is taken",
+}
 
 
 @dataclass(frozen=True)
@@ -84,6 +89,8 @@ class Target:
         threshold: grey level that was used; NaN-free: -1 where the method has no single one.
         borders: sides of the image that it touches: 'left', 'right', 'top', 'bottom'.
         reason: why there is no usable target; empty if there is one (a border may touch it).
+        pieces: connected ones of target colour in the image, of which this is one, or all.
+        component: by which it was taken; see Segmentation.
     """
 
     mask: Mask
@@ -92,6 +99,21 @@ class Target:
     threshold: float
     borders: tuple[str, ...] = ()
     reason: str = ""
+    pieces: int = 1
+    component: str = "all"
+
+    def taken(self) -> str:
+        """Which object of the image it is and why that one, in words."""
+        column, row, width, height = self.box
+        place = (
+            f"{self.pixel_count} pixels around column {column + width // 2}, "
+            f"row {row + height // 2}"
+        )
+        if self.component == "all":
+            return f"all of target colour is taken together, {place}"
+        if self.pieces == 1:
+            return f"the only object of target colour, {place}"
+        return f"of {self.pieces} objects of target colour {TAKEN[self.component]}, {place}"
 
 
 def threshold_image(
@@ -163,13 +185,15 @@ def segment(
     box = cv2.boundingRect(mask)
     if box[2] == 0:
         return Target(mask, (0, 0, 0, 0), 0, level, (), reason or "no target in view")
+    pieces = 1
     if settings.component != "all":
-        mask, box = _choose(mask, box, settings, previous, region)
+        mask, box, pieces = _choose(mask, box, settings, previous, region)
         if box[2] == 0:
             return Target(mask, box, 0, level, (), "no target inside the mask image")
     count = cv2.countNonZero(mask[_slices(box)])
     borders = _borders(box, mask.shape)
-    return Target(mask, box, count, level, borders, _unusable(count, box, mask, settings))
+    unusable = _unusable(count, box, mask, settings)
+    return Target(mask, box, count, level, borders, unusable, pieces, settings.component)
 
 
 def _unusable(count: int, box: Box, mask: Mask, settings: Segmentation) -> str:
@@ -204,8 +228,8 @@ def _choose(
     settings: Segmentation,
     previous: tuple[float, float] | None,
     region: Mask | None,
-) -> tuple[Mask, Box]:
-    """The one connected piece (8 neighbours) that the settings ask for."""
+) -> tuple[Mask, Box, int]:
+    """The one connected piece (8 neighbours) that the settings ask for, and how many there are."""
     crop = mask[_slices(box)]
     count, labels, stats, centres = cv2.connectedComponentsWithStats(crop, connectivity=8)
     if settings.component == "mask":
@@ -218,7 +242,7 @@ def _choose(
         inside[0] = 0
         chosen = int(inside.argmax())
         if inside[chosen] == 0:
-            return np.zeros_like(mask), (0, 0, 0, 0)
+            return np.zeros_like(mask), (0, 0, 0, 0), count - 1
     elif settings.component == "nearest" and previous is not None:
         gap = centres - (previous[0] - box[0], previous[1] - box[1])
         distance = np.hypot(gap[:, 0], gap[:, 1])
@@ -231,13 +255,13 @@ def _choose(
     else:
         chosen = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
     if count == 2:
-        return mask, box
+        return mask, box, 1
     left, top, width, height = (int(k) for k in stats[chosen, :4])
     new_box = (box[0] + left, box[1] + top, width, height)
     alone = np.zeros_like(mask)
     piece = labels[top : top + height, left : left + width] == chosen
     alone[_slices(new_box)] = piece.view(np.uint8) * 255
-    return alone, new_box
+    return alone, new_box, count - 1
 
 
 def coverage(

@@ -19,6 +19,7 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from aras_visual_servo_bench.assembly import assemble
+from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.experiment import Experiment
 from aras_visual_servo_bench.report.record import Record
@@ -196,6 +197,67 @@ def test_a_described_bag_gives_its_experiment_back(tmp_path):
     assert told.options == {"smoothing": 0.02}
 
 
+def test_a_bag_shows_its_experiment_and_what_it_was_made_of(tmp_path, capsys):
+    path, out = tmp_path / "run.bag", tmp_path / "shown"
+    write_run(path, described=True)
+    assert main(["show", str(path), "--out", str(out)]) == 0
+    told = yaml.safe_load(capsys.readouterr().out)
+    assert told["camera"] == "fisheye" and Experiment.from_mapping(told).seed == 7
+    assert Experiment.from_yaml(out / "experiment.yaml") == Experiment.from_mapping(told)
+    assert (out / "robot.urdf").read_text() == description()["parameters"]["robot_description"]
+    assert (out / "goal_2016.yaml").is_file()
+    assert "camera:=fisheye" in (out / "launch.txt").read_text()
+    kept = yaml.safe_load((out / "parameters.yaml").read_text())
+    assert kept["aras_visual_servo_controller"]["gain"] == 4.0
+    write_run(path)
+    assert main(["show", str(path)]) == 1
+    assert "older version" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_foxgloves_own_reader_reads_the_conversion(tmp_path, closed, capsys):
+    """Every message of the bag, bit for bit, through the reference implementation of MCAP."""
+    reader = pytest.importorskip("mcap.reader")
+    decoder = pytest.importorskip("mcap_ros1.decoder")
+    path = tmp_path / "run.bag"
+    write_run(path)
+    with rosbag.Bag(str(path)) as bag:
+        written = [(t, raw[1], time.to_nsec()) for t, raw, time in bag.read_messages(raw=True)]
+    if not closed:
+        path = cut_off(path, 1.0)
+    assert main(["convert", str(path)]) == 0
+    out = tmp_path / f"{path.name.split('.')[0]}.mcap"
+    assert f"{out}: {len(written)} messages of 8 topics" in capsys.readouterr().out
+    with out.open("rb") as stream:
+        made = reader.make_reader(stream, validate_crcs=True,
+                                  decoder_factories=[decoder.DecoderFactory()])  # fmt: skip
+        assert made.get_header().profile == "ros1"
+        summary = made.get_summary()
+        assert summary.statistics.message_count == len(written)
+        assert summary.statistics.message_start_time == min(time for *_, time in written)
+        assert summary.statistics.message_end_time == max(time for *_, time in written)
+        read = [(c.topic, m.data, m.log_time) for _, c, m in made.iter_messages()]
+        assert sorted(read) == sorted(written)
+        decoded = {c.topic: d for _, c, _, d in made.iter_decoded_messages()}
+        assert decoded["/labrob/camera/camera_info"].distortion_model == "equidistant"
+        assert decoded[f"{NAMESPACE}/controller/state"].phase == "converged"
+        # By its index: a second of one topic.
+        start = written[0][2] + 1_000_000_000
+        part = list(made.iter_messages([f"{NAMESPACE}/joint_states"], start, start + 10**9))
+        assert 29 <= len(part) <= 31 and all(start <= m.log_time for _, _, m in part)
+
+
+def test_a_conversion_that_fails_leaves_nothing_behind(tmp_path, capsys):
+    broken = tmp_path / "broken.bag"
+    broken.write_bytes(b"no bag")
+    assert main(["convert", str(broken)]) == 1
+    assert "cannot convert" in capsys.readouterr().err
+    path = tmp_path / "run.bag"
+    write_run(path, seconds=0.2)
+    assert main(["convert", str(path), "--out", str(tmp_path / "none" / "x.mcap")]) == 1
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["broken.bag", "run.bag"]
+
+
 def test_compressed_pictures_are_pictures(tmp_path):
     path = tmp_path / "run.bag"
     write_run(path, compressed=True)
@@ -203,17 +265,23 @@ def test_compressed_pictures_are_pictures(tmp_path):
     assert picture.shape == (2, 4, 3) and picture[0, 0, 0] > 200 and picture[0, 0, 2] < 50  # red
 
 
+def cut_off(bag, kept):
+    """The first part of a bag, as a recorder leaves it that was killed."""
+    data = bytearray(bag.read_bytes())
+    # It writes where its index is when it closes the bag.
+    at = data.index(b"index_pos=") + len(b"index_pos=")
+    data[at : at + 8] = bytes(8)
+    cut = bag.with_name("cut.bag.active")
+    cut.write_bytes(data[: int(kept * len(data))])
+    return cut
+
+
 @pytest.mark.parametrize("kept", [0.97, 0.6, 0.3])
 def test_of_a_bag_that_was_cut_off_is_told_what_is_there(tmp_path, kept):
     whole = tmp_path / "whole.bag"
     write_run(whole)
     there = len(read_bag(whole).run.stamp)
-    data = bytearray(whole.read_bytes())
-    cut = tmp_path / "cut.bag.active"
-    # A recorder writes where its index is when it closes the bag.
-    at = data.index(b"index_pos=") + len(b"index_pos=")
-    data[at : at + 8] = bytes(8)
-    cut.write_bytes(data[: int(kept * len(data))])
+    cut = cut_off(whole, kept)
     before = cut.read_bytes()
     record = read_bag(cut)
     assert "was not closed" in record.notes[0]

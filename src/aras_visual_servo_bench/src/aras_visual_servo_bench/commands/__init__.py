@@ -1,4 +1,5 @@
-"""The bench's command line: run, resume, table, plot, diff, show, tune and analyze."""
+"""The bench's command line: run, resume, table, plot, diff, show, tune, analyze and
+convert."""
 
 from __future__ import annotations
 

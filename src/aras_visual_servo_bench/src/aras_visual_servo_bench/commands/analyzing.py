@@ -1,4 +1,5 @@
-"""`bench analyze RUN... --out DIR`: a report of bags, of runs of studies, and of experiments."""
+"""`bench analyze RUN... --out DIR`, a report of bags, runs of studies and experiments; and
+`bench convert BAG`, a bag for Foxglove."""
 
 from __future__ import annotations
 
@@ -21,6 +22,10 @@ def add(commands: Any) -> None:
     analyze = commands.add_parser("analyze", help="a report of recorded runs, with all curves")
     add_arguments(analyze)
     analyze.set_defaults(carry_out=carry_out)
+    convert = commands.add_parser("convert", help="a bag as an MCAP file, which Foxglove reads")
+    convert.add_argument("bag", type=Path)
+    convert.add_argument("--out", type=Path, metavar="FILE", help="default: beside the bag, .mcap")
+    convert.set_defaults(carry_out=_convert)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -117,3 +122,21 @@ def _told_apart(records: list[Record]) -> None:
     for i, record in enumerate(records):
         if names.count(record.name) > 1:
             record.name = f"{record.name} ({i + 1})"
+
+
+def _convert(options: argparse.Namespace) -> int:
+    """Write the file; how many messages it has is printed."""
+    if not options.bag.is_file():
+        raise BenchError(f"there is no file {options.bag}")
+    try:
+        from ..ros.mcap import convert
+    except ImportError as error:
+        raise BenchError(f"bags need ROS's Python packages: {error}") from None
+    out = options.out or options.bag.with_name(options.bag.name.split(".")[0] + ".mcap")
+    bar = Bar(sys.stderr)
+    try:
+        counts = convert(options.bag, out, lambda part: bar.show(part, f"converting {options.bag}"))
+    finally:
+        bar.close()
+    print(f"{out}: {sum(counts.values())} messages of {len(counts)} topics")
+    return 0

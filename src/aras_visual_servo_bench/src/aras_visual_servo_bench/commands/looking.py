@@ -1,4 +1,4 @@
-"""`bench show DIR RUN` and `bench tune STUDY --over key=low:high --out DIR`."""
+"""`bench show DIR RUN`, `bench show BAG` and `bench tune STUDY --over key=low:high --out DIR`."""
 
 from __future__ import annotations
 
@@ -18,10 +18,12 @@ from . import running
 
 def add(commands: Any) -> None:
     """The commands' own parsers."""
-    show = commands.add_parser("show", help="one run again, with pictures, report and video")
-    show.add_argument("folder", type=Path)
-    show.add_argument("run", type=int)
-    show.add_argument("--out", type=Path, metavar="DIR", help="default: show-RUN in the folder")
+    show = commands.add_parser("show", help="a study's run again, with report and video; of a bag, "
+                               "the experiment that it holds")  # fmt: skip
+    show.add_argument("folder", type=Path, metavar="DIR|BAG", help="a study's folder, or a bag")
+    show.add_argument("run", type=int, nargs="?", help="number of the study's run")
+    show.add_argument("--out", type=Path, metavar="DIR", help="of a run, default: show-RUN in the "
+                      "folder; of a bag: where experiment, parameters, description and goal go")
     show.set_defaults(carry_out=_show)
     tune = commands.add_parser("tune", help="search settings that make a metric best")
     tune.add_argument("study", type=Path, help="YAML file: the runs that every candidate meets")
@@ -37,6 +39,10 @@ def add(commands: Any) -> None:
 
 
 def _show(options: argparse.Namespace) -> int:
+    if options.folder.is_file():
+        return _show_bag(options)
+    if options.run is None:
+        raise StudyError(f"say which run of {options.folder}: bench show {options.folder} 0")
     from ..study import replay  # half a second that the others need not wait for
 
     folder = Folder.open(options.folder)
@@ -45,6 +51,27 @@ def _show(options: argparse.Namespace) -> int:
         print(path)
     for key, (old, new) in shown.changed.items():
         print(f"not as it was recorded: {key} was {old}, is {new}")
+    return 0
+
+
+def _show_bag(options: argparse.Namespace) -> int:
+    """The experiment of a bag, to be run again; and into --out whatever it was made of."""
+    from ..ros.bag import described
+
+    if options.run is not None:
+        raise StudyError(f"{options.folder} is a bag: it holds one run")
+    found = described(options.folder)
+    told = yaml.safe_dump(found.mapping(), sort_keys=False, default_flow_style=None)
+    print(told, end="")
+    for note in found.notes:
+        print(f"# {note}")
+    if options.out is not None:
+        try:
+            options.out.mkdir(parents=True, exist_ok=True)
+            for name, text in {"experiment.yaml": told, **found.files()}.items():
+                (options.out / name).write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise StudyError(f"cannot write into {options.out}: {error.strerror}") from None
     return 0
 
 

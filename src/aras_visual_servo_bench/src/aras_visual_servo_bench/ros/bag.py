@@ -19,6 +19,7 @@ from aras_visual_servo_controller.arm.poses import optical
 from ..errors import BenchError
 from ..report.record import Record, nearest
 from .bag_record import Messages
+from .described import Described
 from .unclosed import UnclosedBag
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ def read_bag(
 
     path = Path(path)
     try:
-        bag, note = _opened(path)
+        bag, note = opened(path)
         with bag:
             reader = Reader(bag, path)
             reader.read(progress)
@@ -64,13 +65,30 @@ def read_bag(
     return record
 
 
+def described(path: Path) -> Described:
+    """What a bag says of its run, read without the rest of it; BenchError where it cannot be."""
+    import rosbag
+
+    text = ""
+    try:
+        bag, _ = opened(path)
+        with bag:
+            topics = bag.get_type_and_topic_info().topics
+            named = _Topics.of({topic: one.msg_type for topic, one in topics.items()}).experiment
+            for _, raw, _ in bag.read_messages([named], raw=True) if named else ():
+                text = unpacked(raw).data
+    except (OSError, rosbag.ROSBagException, struct.error, ValueError, RuntimeError) as error:
+        raise BenchError(f"cannot read the bag {path}: {error}") from error
+    return Described.of(text)
+
+
 def _name(path: Path) -> str:
     """The folder's name for a demo's run.bag, else the file's."""
     stem = path.name.split(".")[0]
     return path.resolve().parent.name if stem == "run" else stem
 
 
-def _opened(path: Path) -> tuple[rosbag.Bag | UnclosedBag, str]:
+def opened(path: Path) -> tuple[rosbag.Bag | UnclosedBag, str]:
     """The bag, and what a reader must know of it."""
     import rosbag
 
@@ -164,7 +182,7 @@ class Reader:
                 _, secs, nsecs = struct.unpack_from("<III", data)
                 self.stamps.append((secs + 1e-9 * nsecs, time.to_sec(), time))
                 continue
-            takers[topic](_unpacked(message))
+            takers[topic](unpacked(message))
 
     def _take_report(self, message: Any) -> None:
         self.reports[message.header.stamp.to_nsec()] = message
@@ -214,13 +232,13 @@ class Reader:
             exposure, _, written = self.stamps[index]
             times = {"start_time": written, "end_time": written}
             for _, message, _ in self._bag.read_messages([self._topics.image], raw=True, **times):
-                picture = _rgb(_unpacked(message))
+                picture = _rgb(unpacked(message))
                 if picture is not None:
                     yield exposure, picture
                     break
 
 
-def _unpacked(raw: tuple) -> Any:
+def unpacked(raw: tuple) -> Any:
     """The message of (type, bytes, md5, position, class)."""
     _, data, _, _, kind = raw
     message = kind()

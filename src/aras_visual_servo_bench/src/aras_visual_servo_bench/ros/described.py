@@ -161,6 +161,24 @@ class Described:
         except ExperimentError as error:
             raise BenchError(f"the bag's run is no experiment of the bench: {error}") from error
 
+    def mapping(self) -> dict[str, Any]:
+        """The experiment's keys, checked; BenchError as above."""
+        self.experiment()
+        return self._experiment()
+
+    def files(self) -> dict[str, str]:
+        """What the run was made of, by file name."""
+        launch = "".join(f"roslaunch {' '.join(words)}\n" for words in self.given.get("launch", []))
+        parameters = dict(self.given.get("parameters", {}))
+        versions = self.given.get("versions", {})
+        return {
+            "parameters.yaml": yaml.safe_dump(parameters, sort_keys=False),
+            "robot.urdf": self.urdf,
+            "launch.txt": launch,
+            "versions.txt": "".join(f"{name} {value}\n" for name, value in versions.items()),
+            **self.given.get("goals", {}),
+        }
+
     def _experiment(self) -> dict[str, Any]:
         """Keys that differ from an experiment's defaults."""
         loop, launch, simulator = self.controller, self.arguments, at(

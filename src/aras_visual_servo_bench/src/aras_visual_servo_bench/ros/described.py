@@ -22,6 +22,7 @@ from ..errors import BenchError, ExperimentError
 from ..experiment import Experiment
 from ..packages import PackagePath
 from ..report.of_run import settings_of
+from ..robots import RobotSpec
 from .describe import at
 
 # Of the loop's node alone: an experiment has them elsewhere, or not at all.
@@ -31,6 +32,11 @@ NOT_OPTIONS = {
     "controllers", "gains", "delay",
 }  # fmt: skip
 LONGEST = 8.0  # s; an experiment's own, where a graph has none
+
+
+def shipped_description() -> str:
+    """The URDF of the shipped robot."""
+    return PackagePath().file(RobotSpec().urdf).read_text(encoding="utf-8")
 
 
 @dataclass

@@ -1,0 +1,43 @@
+"""Compressed pictures of a bag as raw ones, for rviz and the camera node, which know no others."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import rospy
+from sensor_msgs.msg import CompressedImage, Image
+
+
+def decompressed(message: CompressedImage) -> Image | None:
+    """The picture with its stamp and frame, rgb8 or mono8; None where it cannot be read."""
+    picture = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if picture is None or picture.dtype != np.uint8:
+        return None
+    encoding = "mono8" if picture.ndim == 2 else "rgb8"
+    if encoding == "rgb8":
+        picture = cv2.cvtColor(picture[..., :3], cv2.COLOR_BGR2RGB)
+    height, width = picture.shape[:2]
+    return Image(
+        header=message.header, height=height, width=width, encoding=encoding,
+        step=picture.size // height, data=picture.tobytes(),
+    )  # fmt: skip
+
+
+def main() -> int:
+    """The node `decompress`: from ~camera/image_raw/compressed to ~camera/image_raw."""
+    rospy.init_node("decompress")
+    topic = rospy.get_param("~camera", "/labrob/camera").rstrip("/") + "/image_raw"
+    publisher = rospy.Publisher(topic, Image, queue_size=2)
+
+    def pass_on(message: CompressedImage) -> None:
+        picture = decompressed(message)
+        if picture is None:
+            rospy.logwarn_throttle(
+                5.0, f"{topic}/compressed: a picture ({message.format}) cannot be read"
+            )
+        elif not rospy.is_shutdown():
+            publisher.publish(picture)
+
+    rospy.Subscriber(f"{topic}/compressed", CompressedImage, pass_on, queue_size=2)
+    rospy.spin()
+    return 0

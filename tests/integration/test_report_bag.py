@@ -71,7 +71,8 @@ def description():
 
 def write_run(path, optical=True, seconds=3.0, described=False, compressed=False):
     """Record a run of the runner as the recorder would; returns run, details, arm, last joints."""
-    experiment = Experiment(plant="chain", start="2016", duration=seconds, linger=None)
+    experiment = Experiment(plant="chain", start="2016", duration=seconds, linger=None,
+                            options={"smoothing": 0.05})  # fmt: skip
     loop = Loop(experiment, assemble(experiment))
     arm = loop.plant.arm
     # The camera hangs upside down: split its turn, for a half turn has no unique small quaternion.
@@ -151,6 +152,8 @@ def test_bag_gives_the_run_back(tmp_path, optical):
     np.testing.assert_allclose(run.measured[-1], last)
     np.testing.assert_allclose(run.true_pose[-1], arm.pose(last), atol=1e-6)
     assert run.phases == result.phases
+    np.testing.assert_allclose(record.details.filtered, details.filtered)
+    assert np.abs(details.filtered - run.error).max() > 0.01
     np.testing.assert_allclose(record.details.singular_LJ, details.singular_LJ)
     np.testing.assert_allclose(record.details.manipulability, details.manipulability)
     assert record.units == ("m", "m", "m", "rad")

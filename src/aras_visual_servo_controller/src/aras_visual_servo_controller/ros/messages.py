@@ -68,6 +68,8 @@ def report_message(state: State, frame: str, names: tuple[str, ...]) -> ServoRep
     message.asked, message.achieved = twist_message(state.twist), twist_message(state.achieved)
     message.rank, message.singular_values_l = int(state.rank), list(state.singular_values_L)
     message.scale, message.computing = 1.0, state.computing
+    if state.decision is not None and state.decision.filtered_error is not None:
+        message.filtered_error = np.asarray(state.decision.filtered_error).tolist()
     resolution = state.resolution
     if resolution is not None:
         message.lost = twist_message(resolution.lost)

@@ -251,6 +251,24 @@ def test_a_run_is_shown_again_as_it_was(tiny, tmp_path):
         replay.replay(Folder.open(tmp_path / "out"), 6)
 
 
+def test_runs_of_a_study_are_analyzed_beside_each_other(tiny, tmp_path, capsys):
+    study, out = tiny(), tmp_path / "out"
+    in_process(study, out)
+    words = ["analyze", f"{out}:0", f"{out}:3", "--out", str(tmp_path / "both"), "--formats", ""]
+    assert main(words) == 0
+    told = json.loads((tmp_path / "both" / "summary.json").read_text())
+    assert [one["name"] for one in told] == ["out:0", "out:3"]
+    kept = {row["run"]: row for row in Folder.open(out).results().to_pylist()}
+    for one, run in zip(told, (0, 3), strict=True):
+        for name in study.metric_names:
+            assert one[name] == kept[run][rows.column(name)], name
+    capsys.readouterr()
+    assert main(["analyze", f"{out}:6", "--out", str(tmp_path / "none")]) == 1
+    assert "there is no run 6" in capsys.readouterr().err
+    assert main(["show", str(out)]) == 1
+    assert "say which run" in capsys.readouterr().err
+
+
 def test_the_command_line_from_file_to_table(tmp_path, capsys):
     file = tmp_path / "study.yaml"
     file.write_text("experiment: {plant: free, duration: 0.1}\nvary: {gain: [1.0, 2.0]}\n")

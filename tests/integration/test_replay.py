@@ -54,6 +54,12 @@ def bag(tmp_path_factory):
     return path
 
 
+def contour(message: Image) -> np.ndarray:
+    """Where the overlay draws a valid target's outline, (rows, columns)."""
+    drawn = np.frombuffer(message.data, np.uint8).reshape(240, 320, 3)
+    return (drawn == (0, 220, 0)).all(axis=2)
+
+
 def test_a_bag_plays_with_its_robot_its_clock_and_its_pictures(launch, collect, bag):
     clock = collect("/clock", Clock)
     raw = collect("/labrob/camera/image_raw", Image)
@@ -64,15 +70,15 @@ def test_a_bag_plays_with_its_robot_its_clock_and_its_pictures(launch, collect, 
            bag=str(bag), show_rviz="false")  # fmt: skip
     assert rospy.get_param("/robot_description") == URDF
     assert rospy.get_param("/use_sim_time") is True
-    drawn = overlay.wait(timeout=90.0)
+    # The first pictures may come before the camera's intrinsics.
+    drawn = overlay.wait(timeout=90.0, where=lambda message: contour(message).sum() > 150)
+    assert contour(drawn)[100, 150] and not contour(drawn)[120, 150]  # of the box
     seen = raw.wait()
     assert (seen.encoding, seen.header.frame_id) == ("rgb8", "eye")
     np.testing.assert_array_equal(
         np.frombuffer(seen.data, np.uint8).reshape(240, 320, 3), picture()[..., ::-1]
     )
-    green = (np.frombuffer(drawn.data, np.uint8).reshape(240, 320, 3) == (0, 220, 0)).all(axis=2)
-    assert green.sum() > 150  # the contour of the box
-    moments = measured.wait()
+    moments = measured.wait(where=lambda message: message.valid)
     assert moments.valid and moments.pixel_count == 2400
     assert recorded.messages == []  # what the bag says is not said twice
     stamps = [message.clock.to_sec() for message in clock.messages]

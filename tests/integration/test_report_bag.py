@@ -26,6 +26,8 @@ from aras_visual_servo_bench.report.record import Record
 from aras_visual_servo_bench.report.summary import summarise
 from aras_visual_servo_bench.report.write import write_report
 from aras_visual_servo_bench.ros.bag import read_bag
+from aras_visual_servo_bench.ros.describe import launches
+from aras_visual_servo_bench.ros.described import preset_of
 from aras_visual_servo_bench.run import Details
 from aras_visual_servo_bench.runner import Loop
 from aras_visual_servo_camera.moments import Moments
@@ -198,6 +200,30 @@ def test_a_described_bag_gives_its_experiment_back(tmp_path):
     assert (told.scheme, told.start, told.camera) == ("moments", "2016", "fisheye")
     assert told.camera_xyz == (0.0, 0.03, 0.0) and told.seed == 7 and told.gain == 4.0
     assert told.options == {"smoothing": 0.02}
+
+
+def test_launches_of_this_master_are_found_whatever_its_address_looks_like(tmp_path, monkeypatch):
+    def process(number, words, master):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        (folder / "cmdline").write_bytes("\0".join([*words, ""]).encode())
+        (folder / "environ").write_bytes(f"HOME=/root\0ROS_MASTER_URI={master}\0".encode())
+
+    here = "http://localhost:11311"
+    process(9, ["python3", "/usr/bin/roslaunch", "a", "b.launch", "camera:=wide"], here + "/")
+    process(10, ["/usr/bin/python3", "/usr/bin/roslaunch", "c", "d.launch"], here)
+    process(11, ["python3", "/usr/bin/roslaunch", "e", "f.launch"], "http://elsewhere:11311")
+    process(12, ["python3", "/usr/bin/rosmaster", "roslauncher"], here)
+    (tmp_path / "self").mkdir()
+    monkeypatch.setenv("ROS_MASTER_URI", here + "/")
+    assert launches(tmp_path) == [["a", "b.launch", "camera:=wide"], ["c", "d.launch"]]
+
+
+def test_a_camera_is_named_by_its_preset():
+    presets = ROOT / "src/aras_visual_servo_gazebo/config/cameras"
+    for name in ("original", "fisheye"):
+        assert preset_of(yaml.safe_load((presets / f"{name}.yaml").read_text())) == name
+    assert preset_of({"width": 17}) == {"width": 17} and preset_of({}) == "original"
 
 
 def test_a_bag_shows_its_experiment_and_what_it_was_made_of(tmp_path, capsys):

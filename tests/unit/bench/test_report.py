@@ -105,15 +105,21 @@ def test_condition_is_the_largest_over_the_smallest_singular_value_of_each_image
 
 def test_words_tell_a_failure_with_reason_and_mend(moments):
     lost = replace(moments, run=replace(
-        moments.run, outcome="target_lost", reason="over the left border", mend="begin nearer",
+        moments.run, phases=("servoing",) * len(moments.run.stamp), outcome="target_lost",
+        reason="over the left border", mend="begin nearer",
     ))  # fmt: skip
-    told = summary.told(summary.summarise(lost))
+    told = summary.told(lost, summary.summarise(lost))
     assert "NO: target_lost (over the left border)" in told and "begin nearer" in told
-    assert "yes, and held" in summary.told(summary.summarise(moments))
+    assert "yes, and held" in summary.told(moments, summary.summarise(moments))
+    doubted = replace(moments, run=replace(moments.run, outcome="wrong_camera_model"))
+    assert doubted.converged  # it is held at the goal all the same
+    told = summary.told(doubted, summary.summarise(doubted))
+    assert "yes, and held; yet wrong_camera_model" in told
     nowhere = replace(moments.run, goal_pose=np.full((4, 4), np.nan))
     blind = replace(moments, run=replace(nowhere, verdict=replace(
         moments.run.verdict, word="", distance=np.nan, angle=np.nan)))  # fmt: skip
-    assert re.search(r"Camera off its goal by +unknown\n", summary.told(summary.summarise(blind)))
+    told = summary.told(blind, summary.summarise(blind))
+    assert re.search(r"Camera off its goal by +unknown\n", told)
 
 
 def test_the_best_of_each_row_is_marked_once_it_differs_in_print():

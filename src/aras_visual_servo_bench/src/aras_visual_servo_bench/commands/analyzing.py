@@ -72,7 +72,7 @@ def carry_out(options: argparse.Namespace) -> int:
     finally:
         bar.close()
     for record in records:
-        print(f"\n{record.name}:\n{told(summarise(record))}")
+        print(f"\n{record.name}:\n{told(record, summarise(record))}")
         for note in record.notes:
             print(f"  Note: {note}")
     print(f"\n{len(written)} files, the page is {written[0]}")

@@ -22,8 +22,6 @@ def add(commands: Any) -> None:
                                "the experiment that it holds")  # fmt: skip
     show.add_argument("folder", type=Path, metavar="DIR|BAG", help="a study's folder, or a bag")
     show.add_argument("run", type=int, nargs="?", help="number of the study's run")
-    show.add_argument("--urdf", action="store_true", help="print the description that a bag holds; "
-                      "the shipped one where it holds none")  # fmt: skip
     show.add_argument("--out", type=Path, metavar="DIR", help="of a run, default: show-RUN in the "
                       "folder; of a bag: where experiment, parameters, description and goal go")
     show.set_defaults(carry_out=_show)
@@ -59,14 +57,10 @@ def _show(options: argparse.Namespace) -> int:
 def _show_bag(options: argparse.Namespace) -> int:
     """The experiment of a bag, to be run again; and into --out whatever it was made of."""
     from ..ros.bag import described
-    from ..ros.described import shipped_description
 
     if options.run is not None:
         raise StudyError(f"{options.folder} is a bag: it holds one run")
     found = described(options.folder)
-    if options.urdf:
-        print(found.urdf or shipped_description(), end="")
-        return 0
     told = yaml.safe_dump(found.mapping(), sort_keys=False, default_flow_style=None)
     print(told, end="")
     for note in found.notes:

@@ -240,7 +240,7 @@ def joint_positions(records: Sequence[Record]) -> Figure | None:
         _limits(speed, -top, top)
     heading(axes[0, 0], "Positions")
     heading(axes[0, 1], "Speeds")
-    legend(axes[0, 1 if single else 0], 2 if single else 3)
+    legend(axes[0, 1 if single else 0], 2 if single else 3, handlelength=1.2, columnspacing=0.8)
     for column in (0, 1):
         _times(axes[:, column], records, "time (s)" if is_paper() else TIME)
     return figure

@@ -71,7 +71,7 @@ def _run(record: Record, quantities: Sequence[Quantity]) -> Mapping[str, object]
     told = ", ".join(f"{key} {value}" for key, value in list(record.settings.items())[:7])
     return {
         "name": record.name, "outcome": run.outcome, "verdict": run.verdict.word,
-        "converged": run.converged, "reached": run.verdict.reached, "reason": run.reason,
+        "converged": record.converged, "reached": run.verdict.reached, "reason": run.reason,
         "mend": run.mend, "notes": record.notes, "quantities": quantities,
         "settings": list(record.settings.items()), "versions": list(record.versions.items()),
         "experiment": record.experiment,

@@ -11,6 +11,7 @@ import numpy as np
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.state import CONVERGED
 
 from ..errors import ViewError
 from ..run import Details, Run
@@ -103,6 +104,12 @@ class Record:
         self.units = tuple(self.units) if len(self.units) == count else ("",) * count
         if len(self.tolerances) != count:
             self.tolerances = ()
+
+    @property
+    def converged(self) -> bool:
+        """Whether the camera was held at the goal in the end, whatever else the loop had to say."""
+        phases = self.run.phases
+        return self.run.converged or bool(phases) and phases[-1] == CONVERGED
 
     @property
     def servoing(self) -> np.ndarray:

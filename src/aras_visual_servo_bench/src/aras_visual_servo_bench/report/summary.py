@@ -180,7 +180,7 @@ def mapping(record: Record, quantities: Sequence[Quantity]) -> dict[str, object]
         "name": record.name,
         "source": record.source,
         **plain,
-        "converged": record.run.converged,
+        "converged": record.converged,
         "settings": dict(record.settings),
         "versions": dict(record.versions),
         "notes": list(record.notes),
@@ -189,7 +189,7 @@ def mapping(record: Record, quantities: Sequence[Quantity]) -> dict[str, object]
     }
 
 
-def told(quantities: Sequence[Quantity]) -> str:
+def told(record: Record, quantities: Sequence[Quantity]) -> str:
     """The summary in words a person understands."""
     known = {q.key: q for q in quantities}
 
@@ -197,11 +197,11 @@ def told(quantities: Sequence[Quantity]) -> str:
         value = float(known[key].value)
         return text.format(factor * value) if math.isfinite(value) else none
 
-    reached = known["outcome"].value.startswith("converged")
     said = str(known["outcome"].value)
     said += f" ({known['reason'].value})" if known["reason"].value else ""
-    rows = [("Target reached", "yes, and held" if reached else f"NO: {said}")]
-    if known["mend"].value and not reached:
+    reached = "yes, and held" + ("" if record.run.converged else f"; yet {said}")
+    rows = [("Target reached", reached if record.converged else f"NO: {said}")]
+    if known["mend"].value and not record.run.converged:
         rows.append(("What would mend it", str(known["mend"].value)))
     where_known = math.isfinite(known["final_distance"].value)
     rows += [

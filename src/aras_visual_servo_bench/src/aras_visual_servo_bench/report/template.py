@@ -32,7 +32,7 @@ section { background: white; border: 1px solid var(--line); border-radius: 8px;
 .tiles { display: grid; grid-template-columns: repeat(auto-fill, minmax(150px, 1fr)); gap: 12px;
          margin-top: 16px; }
 .tile { background: white; border: 1px solid var(--line); border-radius: 8px; padding: 10px 14px; }
-.tile b { display: block; font-size: 20px; font-weight: 600; font-variant-numeric: tabular-nums; }
+.tile b { display: block; font-size: 18px; font-weight: 600; font-variant-numeric: tabular-nums; }
 .tile span { color: var(--soft); font-size: 12.5px; }
 figure { margin: 0 auto; max-width: 860px; }
 figure.full { max-width: none; } figure img { display: block; width: 100%; height: auto; }
@@ -65,8 +65,9 @@ footer { color: var(--soft); font-size: 12.5px; padding: 0 0 30px; }
 {% if run.verdict %}<span class="badge {{ 'good' if run.reached else 'bad' }}">{{ run.verdict }}
 </span>{% endif %}
 <p class="meta">{{ run.meta }}</p>
-{% if run.reason and not run.converged %}<div class="why"><b>Why:</b> {{ run.reason }}
-{% if run.mend %}<br><b>What would mend it:</b> {{ run.mend }}{% endif %}</div>{% endif %}
+{% if (run.reason or run.mend) and run.outcome[:9] != 'converged' %}
+<div class="why">{% if run.reason %}<b>Why:</b> {{ run.reason }}<br>{% endif %}
+{% if run.mend %}<b>What would mend it:</b> {{ run.mend }}{% endif %}</div>{% endif %}
 {% for note in run.notes %}<div class="note"><b>Note:</b> {{ note }}</div>{% endfor %}
 </div>
 {% endfor %}

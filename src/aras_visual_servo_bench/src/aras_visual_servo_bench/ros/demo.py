@@ -218,13 +218,13 @@ class Demo:
             "camera": self.arguments.camera, **self._moved(), **record.settings,
         }  # fmt: skip
         page = write_report([record], self.out, ("png",))[0]
-        if not record.run.converged:
+        if not record.converged:
             _say(f"the nodes' log: {self.launches[-1].log}")
         print(f"\nVisual servoing by scheme '{self.arguments.scheme}' from the initial pose "
               f"{self.arguments.start}, camera '{self.arguments.camera}':\n\n"
-              f"{told(summarise(record))}\n\n"
+              f"{told(record, summarise(record))}\n\n"
               f"  Report: {page}\n", flush=True)
-        return 0 if record.run.converged else 1
+        return 0 if record.converged else 1
 
     def _moved(self) -> dict[str, str]:
         """Launch arguments of a camera that was moved."""

@@ -63,7 +63,7 @@ def goals(controller: Mapping[str, object]) -> dict[str, str]:
 
 def launches(proc: Path = Path("/proc")) -> list[list[str]]:
     """Words behind the name of every roslaunch on this machine that has the same master."""
-    master, found = os.environ.get("ROS_MASTER_URI", ""), []
+    master, found = os.environ.get("ROS_MASTER_URI", "").rstrip("/"), []
     for entry in sorted(proc.iterdir(), key=lambda one: (len(one.name), one.name)):
         if not entry.name.isdigit():
             continue
@@ -73,8 +73,8 @@ def launches(proc: Path = Path("/proc")) -> list[list[str]]:
             if "roslaunch" not in names:
                 continue
             environment = (entry / "environ").read_bytes().decode(errors="replace").split("\0")
-            theirs = dict(line.partition("=")[::2] for line in environment).get("ROS_MASTER_URI")
-            if theirs == master:
+            values = dict(line.partition("=")[::2] for line in environment)
+            if values.get("ROS_MASTER_URI", "").rstrip("/") == master:
                 found.append(words[names.index("roslaunch") + 1 :])
     return found
 

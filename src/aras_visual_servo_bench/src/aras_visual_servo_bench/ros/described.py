@@ -34,9 +34,13 @@ NOT_OPTIONS = {
 LONGEST = 8.0  # s; an experiment's own, where a graph has none
 
 
-def shipped_description() -> str:
-    """The URDF of the shipped robot."""
-    return PackagePath().file(RobotSpec().urdf).read_text(encoding="utf-8")
+def preset_of(settings: Mapping[str, Any]) -> str | dict[str, Any]:
+    """The name of the shipped preset with these settings; the settings where it is none."""
+    folder = Path(PackagePath().find(RobotSpec().cameras)) / "config" / "cameras"
+    for file in sorted(folder.glob("*.yaml")):
+        if yaml.safe_load(file.read_text(encoding="utf-8")) == dict(settings):
+            return file.stem
+    return dict(settings) if settings else "original"
 
 
 @dataclass
@@ -198,8 +202,8 @@ class Described:
             keys["start"] = [float(number) for number in start.split()]
         elif start is not None and not isinstance(start, (list, Mapping)):
             keys["start"] = str(start)
-        keys["camera"] = launch.get("camera") or next(
-            iter(at(simulator, "cameras/labrob").values()), "original")  # fmt: skip
+        keys["camera"] = launch.get("camera") or preset_of(
+            next(iter(at(simulator, "cameras/labrob").values()), {}))  # fmt: skip
         for key in ("camera_xyz", "camera_rpy"):
             if launch.get(key):
                 keys[key] = [float(number) for number in launch[key].split()]

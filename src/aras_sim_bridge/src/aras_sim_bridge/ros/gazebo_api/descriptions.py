@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 from aras_sim_bridge.description import Light, RobotDescription, parse_sdf, parse_urdf, read_sdf
 from aras_sim_bridge.description.safe_xml import LARGEST_TEXT
@@ -53,6 +54,19 @@ def parse(text: str) -> RobotDescription | Light:
         return parse_sdf(text)
     found = f"<{root}>" if root else "no element"
     raise DescriptionError(f"the model's root is {found}; give URDF (<robot>) or SDF (<sdf>)")
+
+
+def in_namespace(description: RobotDescription, requested: str) -> RobotDescription:
+    """The description with its cameras in the namespace of the request, as gazebo_ros gives every
+    plugin one that has none. (The control plugin's own, if it has one, is not the cameras'.)"""
+    if not requested.strip("/"):
+        return description
+    cameras = tuple(
+        camera if camera.plugin is None or camera.plugin.robot_namespace else
+        replace(camera, plugin=replace(camera.plugin, robot_namespace=requested.strip("/")))
+        for camera in description.cameras
+    )
+    return replace(description, cameras=cameras)
 
 
 def robot_namespace(description: RobotDescription, requested: str) -> str:

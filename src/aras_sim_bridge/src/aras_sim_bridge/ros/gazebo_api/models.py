@@ -83,6 +83,7 @@ class Models:
                 done += f"; a {description.kind} light is kept, but pictures are drawn by the sun "
                 done += "alone"
             return {"status_message": done}
+        description = descriptions.in_namespace(description, request.robot_namespace)
         pose = pose @ Pose.from_rpy(*description.initial_pose)
         for warning in description.warnings:
             rospy.logwarn("model '%s': %s", name, warning)

@@ -1,0 +1,238 @@
+"""Robots of a public registry as they are shipped, meshes and all: a UR5 in the root namespace and
+in one of its own, a Panda with its hand, and TIAGo, which drives, in the root namespace again."""
+
+from __future__ import annotations
+
+import math
+import os
+import sysconfig
+from pathlib import Path
+
+import actionlib
+import pytest
+import rospy
+from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryGoal
+from controller_manager_msgs.srv import ListControllers, LoadController, SwitchController
+from gazebo_msgs.srv import DeleteModel, GetModelState, SpawnModel
+from geometry_msgs.msg import Pose
+from ros_graph import wait_for
+from sensor_msgs.msg import CameraInfo, Image, JointState
+from std_msgs.msg import Float64, Float64MultiArray
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+REGISTRY = "example-robot-data"  # what its descriptions call it; its manifest has another name
+ROBOTS = Path(sysconfig.get_paths()["purelib"], "cmeel.prefix/share", REGISTRY, "robots")
+UR5 = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint",
+       "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]  # fmt: skip
+PANDA = [f"panda_joint{k}" for k in range(1, 8)]
+FINGER = "panda_finger_joint1"
+WHEELS = ["wheel_left_joint", "wheel_right_joint"]
+WHEEL_RADIUS = 0.0985  # m, of TIAGo
+STATES = {"type": "joint_state_controller/JointStateController", "publish_rate": 100}
+CAMERA = """
+<link name="eye"/><joint name="eye_mount" type="fixed"><parent link="PARENT"/><child link="eye"/>
+  <origin xyz="0 0 0.02" rpy="0 -1.5708 0"/></joint>
+<gazebo reference="eye"><sensor type="camera" name="eye"><update_rate>20</update_rate>
+  <camera><horizontal_fov>1.2</horizontal_fov><image><width>96</width><height>64</height>
+  <format>R8G8B8</format></image><clip><near>0.02</near><far>50</far></clip></camera>
+  <plugin name="eye" filename="libgazebo_ros_camera.so"><cameraName>eye</cameraName>
+  <imageTopicName>image_raw</imageTopicName><cameraInfoTopicName>camera_info</cameraInfoTopicName>
+  <frameName>eye</frameName></plugin></sensor></gazebo>"""
+PLUGIN = '<gazebo><plugin name="control" filename="libgazebo_ros_control.so"/></gazebo>'
+
+
+def shipped(path: str, *added: str) -> str:
+    """The registry's description, with elements of ours at its end."""
+    file = ROBOTS / path
+    if not file.is_file():
+        missing = f"{file} is missing: install the packages of requirements/developing.txt"
+        (pytest.fail if os.environ.get("ARAS_REQUIRE_GRAPH") else pytest.skip)(missing)
+    head, end, _ = file.read_text().rpartition("</robot>")
+    return "".join((head, *added, end))
+
+
+def transmission(joint: str, interface: str) -> str:
+    return (
+        f'<transmission name="{joint}_t"><type>transmission_interface/SimpleTransmission</type>'
+        f'<joint name="{joint}"><hardwareInterface>hardware_interface/{interface}'
+        f'</hardwareInterface></joint><actuator name="{joint}_m"/></transmission>'
+    )
+
+
+def trajectory(interface: str, joints: list[str], **more: object) -> dict:
+    """With the tolerance that UR's own configuration has: a joint that is put where it is
+    commanded shows what gravity gives it in one step."""
+    return {"type": f"{interface}_controllers/JointTrajectoryController", "joints": joints,
+            "constraints": {"goal_time": 3.0, "stopped_velocity_tolerance": 0.05},
+            **more}  # fmt: skip
+
+
+class Robot:
+    """One spawned description, asked through its namespace's controller manager."""
+
+    def __init__(self, name: str, namespace: str, collect, output) -> None:
+        self.name, self.namespace, self._output = name, namespace, output
+        self._states = collect(f"{namespace}/joint_states", JointState)
+
+    def spawn(self, description: str, parameters: dict, place=(0.0, 0.0, 0.0)) -> None:
+        """Parameters are set when the node has long been running, as rosparam does it."""
+        for key, value in parameters.items():
+            rospy.set_param(f"{self.namespace}/{key}", value)
+        pose = Pose()
+        pose.position.x, pose.position.y, pose.position.z = place
+        pose.orientation.w = 1.0
+        space = self.namespace and f"{self.namespace}/"
+        spawn = (self.name, description, space, pose, "")
+        answer = call("/gazebo/spawn_urdf_model", SpawnModel, *spawn)
+        assert answer.success, answer.status_message
+        manager = f"{self.namespace}/controller_manager"
+        for name in parameters:
+            loaded = call(f"{manager}/load_controller", LoadController, name).ok
+            assert loaded, f"{name}: {self._output()[-1500:]}"
+        switch = (list(parameters), [], 2, False, 0.0)
+        switched = call(f"{manager}/switch_controller", SwitchController, *switch).ok
+        assert switched, self._output()[-1500:]
+        running = call(f"{manager}/list_controllers", ListControllers).controller
+        assert {c.name for c in running if c.state == "running"} == set(parameters)
+
+    def joint(self, name: str, field: str = "position") -> float:
+        last = self._states.messages[-1]
+        return getattr(last, field)[last.name.index(name)]
+
+    def follows(self, controller: str, joints: list[str], goal: list[float]) -> None:
+        """The trajectory action takes them there, and says so."""
+        client = actionlib.SimpleActionClient(
+            f"{self.namespace}/{controller}/follow_joint_trajectory", FollowJointTrajectoryAction
+        )
+        # the action's own wait_for_server sleeps in simulated time, which this process has not
+        wait_for(lambda: client.wait_for_server(rospy.Duration(0.1)), 20.0, f"{controller} to act")
+        wanted = FollowJointTrajectoryGoal()
+        wanted.trajectory.joint_names = joints
+        wanted.trajectory.points = [
+            JointTrajectoryPoint(positions=goal, time_from_start=rospy.Duration(0.8))
+        ]
+        client.send_goal(wanted)
+        wait_for(lambda: client.get_state() > actionlib.GoalStatus.ACTIVE, 20.0,
+                 f"{self.namespace}/{controller} to end")  # fmt: skip
+        assert client.get_state() == actionlib.GoalStatus.SUCCEEDED, (
+            client.get_result(), self._states.messages[-1]
+        )
+        for joint, value in zip(joints, goal, strict=True):
+            assert self.joint(joint) == pytest.approx(value, abs=0.05), joint
+
+    def sends(self, controller: str, message) -> None:
+        publisher = rospy.Publisher(
+            f"{self.namespace}/{controller}/command", type(message), queue_size=1
+        )
+        wait_for(publisher.get_num_connections, 10.0, f"{controller} listens")
+        publisher.publish(message)
+
+
+def call(name: str, service: type, *args: object) -> object:
+    rospy.wait_for_service(name, 20.0)
+    return rospy.ServiceProxy(name, service)(*args)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def world(launch, ros_master, ros_node, tmp_path_factory):
+    """An empty world; the registry is a package on ROS's path."""
+    package = tmp_path_factory.mktemp("packages") / REGISTRY
+    package.mkdir()
+    (package / "package.xml").write_text(f"<package><name>{REGISTRY}</name></package>")
+    (package / "robots").symlink_to(ROBOTS)
+    before = ros_master.environment["ROS_PACKAGE_PATH"]
+    ros_master.environment["ROS_PACKAGE_PATH"] = f"{before}{os.pathsep}{package.parent}"
+    launched = launch("aras_sim_bridge", "empty_world.launch", nodes=["/gazebo"])
+    ros_master.environment["ROS_PACKAGE_PATH"] = before
+    return launched
+
+
+@pytest.fixture
+def robot(world, collect):
+    """Factory: `robot(name, namespace)` → Robot; its model is deleted at the end of the test."""
+    made: list[Robot] = []
+
+    def make(name: str, namespace: str) -> Robot:
+        made.append(Robot(name, namespace, collect, world.output))
+        return made[-1]
+
+    yield make
+    for one in made:
+        call("/gazebo/delete_model", DeleteModel, one.name)
+
+
+@pytest.mark.parametrize("namespace", ["", "/left"], ids=["root", "namespace"])
+def test_ur5(namespace, robot, collect):
+    """Position interface; the plugin names no namespace, so it is the one of the spawn."""
+    arm = robot("ur5", namespace)
+    images = collect(f"{namespace}/eye/image_raw", Image)
+    infos = collect(f"{namespace}/eye/camera_info", CameraInfo)
+    text = shipped("ur_description/urdf/ur5_robot.urdf", CAMERA.replace("PARENT", "tool0"))
+    arm.spawn(text, {
+        "joint_state_controller": STATES, "arm_controller": trajectory("position", UR5)
+    })  # fmt: skip
+    arm.follows("arm_controller", UR5, [0.3, -1.2, 1.2, -1.6, -1.57, 0.5])
+    # looking down by then: not only at the sky
+    image = images.wait(1, 10.0, where=lambda m: len(set(m.data)) > 1)
+    assert (image.width, image.height, infos.wait(1, 10.0).width) == (96, 64, 96)
+
+
+@pytest.mark.parametrize(
+    ("interface", "gains"),
+    [
+        ("effort", {j: {"p": 6000.0, "d": 200.0} for j in PANDA[:4]}
+         | {j: {"p": 300.0, "d": 5.0} for j in PANDA[4:]}),
+        ("velocity", {j: {"p": 15.0} for j in PANDA}),
+    ],
+    ids=["effort", "velocity"],
+)
+def test_panda_and_its_gripper(interface, gains, robot):
+    """The fingers by an effort PID; the second mimics the first."""
+    panda = robot("panda", "/panda")
+    kind = f"{interface.capitalize()}JointInterface"
+    text = shipped(
+        "panda_description/urdf/panda.urdf",
+        *(transmission(joint, kind) for joint in PANDA),
+        transmission(FINGER, "EffortJointInterface"), PLUGIN,
+        '<link name="world"/><joint name="foot" type="fixed"><parent link="world"/>'
+        '<child link="panda_link0"/></joint>',
+    )  # fmt: skip
+    panda.spawn(text, {
+        "joint_state_controller": STATES,
+        "arm": trajectory(interface, PANDA, gains=gains),
+        "hand": {"type": "effort_controllers/JointPositionController", "joint": FINGER,
+                 "pid": {"p": 300.0, "d": 30.0, "i": 20.0, "i_clamp": 5.0}},
+    })  # fmt: skip
+    panda.follows("arm", PANDA, [0.2, -0.3, 0.1, -1.8, 0.1, 1.6, 0.6])
+    panda.sends("hand", Float64(0.03))
+    wait_for(lambda: abs(panda.joint(FINGER) - 0.03) < 1.5e-3, 10.0, "the finger opens")
+
+
+def test_tiago_drives_and_moves_its_arm(robot):
+    """Shipped for PAL's own Gazebo plugins, several interfaces a joint, in the root namespace."""
+    tiago = robot("tiago", "")
+    arm = [f"arm_{k}_joint" for k in range(1, 5)]
+    tiago.spawn(shipped("tiago_description/robots/tiago.urdf"), {
+        "joint_state_controller": STATES,
+        "base": {"type": "velocity_controllers/JointGroupVelocityController", "joints": WHEELS},
+        "arm": trajectory("position", arm),
+        "thumb": {"type": "position_controllers/JointPositionController",
+                  "joint": "hand_thumb_joint"},
+    }, (0.0, 0.0, 0.005))  # fmt: skip
+
+    def base():
+        return call("/gazebo/get_model_state", GetModelState, "tiago", "world").pose
+
+    tiago.follows("arm", arm, [0.4, -0.4, -1.0, 1.0])
+    tiago.sends("thumb", Float64(1.0))
+    wait_for(lambda: abs(tiago.joint("hand_thumb_joint") - 1.0) < 0.02, 10.0, "the thumb bends")
+    before, turned = base(), [tiago.joint(wheel) for wheel in WHEELS]
+    tiago.sends("base", Float64MultiArray(data=[4.0, 4.0]))
+    wait_for(lambda: base().position.x - before.position.x > 0.4, 20.0, "it drives")
+    tiago.sends("base", Float64MultiArray(data=[0.0, 0.0]))
+    wait_for(lambda: abs(tiago.joint(WHEELS[0], "velocity")) < 0.01, 10.0, "it stops")
+    after = base()
+    rolled = [tiago.joint(w) - t for w, t in zip(WHEELS, turned, strict=True)]
+    way = math.hypot(after.position.x - before.position.x, after.position.y - before.position.y)
+    assert way == pytest.approx(WHEEL_RADIUS * sum(rolled) / 2, rel=0.05), "it does not slip"
+    assert abs(after.position.z - before.position.z) < 0.01

@@ -47,7 +47,7 @@ def test_the_first_hour_on_a_graph(launch, ros_master, ros_node, collect, tmp_pa
     )  # fmt: skip
     try:
         wait_for(
-            lambda: reports.messages and reports.messages[-1].outcome == "converged", 90.0,
+            lambda: reports.messages and reports.messages[-1].phase == "converged", 90.0,
             "a user's scheme to converge",
         )  # fmt: skip
     finally:

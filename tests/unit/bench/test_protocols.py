@@ -165,15 +165,6 @@ def test_cases_one_by_one_come_into_one_table(mine):
     assert [row["case"] for row in mine(MINE, "--case", "slow")[2]] == ["slow"] * 3 + ["fast"] * 3
 
 
-def test_workers_give_the_same_table(mine, tmp_path):
-    mine(MINE, "--workers", "2")
-    both = (tmp_path / "out" / "table.csv").read_bytes()
-    for kept in (tmp_path / "out" / "blocks").iterdir():
-        kept.unlink()
-    mine()
-    assert (tmp_path / "out" / "table.csv").read_bytes() == both
-
-
 def test_rows_of_other_code_are_not_mixed_unasked(mine, monkeypatch, capsys):
     mine()
     versions = dict(protocols.versions.versions())

@@ -21,6 +21,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -241,7 +242,8 @@ def carry_out(missing: Sequence[Block], workers: int = 1) -> Iterator[tuple[Bloc
     if workers <= 1:
         yield from ((block, block.rows()) for block in missing)
         return
-    with ProcessPoolExecutor(workers) as pool:
+    # Begun anew, not forked: a fork of a process with threads may wait for ever for a lock.
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         try:
             under_way = {pool.submit(block.rows): block for block in missing}
             for done in as_completed(under_way):

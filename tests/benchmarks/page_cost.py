@@ -13,6 +13,7 @@ import argparse
 import asyncio
 import json
 import os
+import socket
 import statistics
 import subprocess
 import tempfile
@@ -82,6 +83,17 @@ def watch(stop: threading.Event, told: list[int]) -> None:
     asyncio.run(read())
 
 
+def await_port() -> None:
+    """Until the page listens."""
+    end = time.monotonic() + 60.0
+    while time.monotonic() < end:
+        with socket.socket() as probe:
+            if probe.connect_ex(("127.0.0.1", PORT)) == 0:
+                return
+        time.sleep(0.2)
+    raise SystemExit("the page does not come up")
+
+
 def main() -> int:
     """Measure, and print a table and a line of JSON."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -130,7 +142,7 @@ def turn(
             ["rosrun", "aras_visual_servo_bench", "dashboard", f"_token:={TOKEN}",
              f"_port:={PORT}"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
-        time.sleep(5.0)
+        await_port()
         viewer = threading.Thread(target=watch, args=(stop, told), daemon=True)
         viewer.start()
     time.sleep(2.0)

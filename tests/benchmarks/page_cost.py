@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import contextlib
 import json
 import os
 import socket
@@ -118,11 +119,10 @@ def main() -> int:
         for _ in range(given.turns):
             for page in (False, True):
                 rows.append(turn(page, given.seconds, factor, simulator, camera))
+                print("  ".join(f"{key} {value}" for key, value in rows[-1].items()), flush=True)
     finally:
         for launch in reversed(launches):
             launch.stop()
-    for row in rows:
-        print("  ".join(f"{key} {value}" for key, value in row.items()))
     means = {
         page: {key: round(statistics.mean(row[key] for row in rows if row["page"] == page), 4)
                for key in ("factor", "page_cpu", "camera_cpu", "simulator_cpu")}
@@ -159,7 +159,9 @@ def turn(
     if process is not None:
         viewer.join(5.0)
         process.terminate()
-        process.wait(10.0)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(20.0)
+        process.kill()
     return row
 
 

@@ -61,6 +61,20 @@ def test_all_is_drawn(page, tmp_path):
         cv2.imwrite(f"{keep}/page_stand_in.png", picture)
 
 
+def test_nothing_is_drawn_from_what_has_been_taken_away(page, host):
+    """WebGL refuses to draw while any enabled array lies in a deleted buffer."""
+    for _ in range(3):
+        host.move()
+    page.js("""(() => { const scene = arasPage.scene; scene.draw();
+        for (const name of Object.keys(scene.lines)) scene._drop(name);
+        scene.gl.getError(); scene.draw(); })()""")
+    assert page.js("arasPage.scene.gl.getError()") == 0
+    host.story.outline = 1.01 * host.story.outline
+    page.call("Page.reload")  # what was taken away comes back
+    page.wait("window.arasPage && arasPage.scene && arasPage.scene.meshes.length > 5")
+    page.wait("arasPage.state.samples.length > 0")
+
+
 def test_links_stand_where_the_arm_has_them(page, host):
     """The page's own forward kinematics against Pinocchio's."""
     joints = dict(zip(host.arm.names, host.q.tolist(), strict=True))

@@ -248,6 +248,8 @@ export class Scene {
       const pixels = Math.min(5, Math.max(1.2, 0.75 * shape.width / this.view.distance * 1100));
       this._ribbon(line, shape.colour, pixels * scale);
     }
+    // An array left enabled on a buffer that is deleted before the next drawing would forbid that.
+    for (const name of ["here", "there", "side"]) gl.disableVertexAttribArray(this.ribbon[name]);
   }
 
   _triangles(mesh, model, colour) {

@@ -6,6 +6,7 @@ The loop knows no truth but its own: `outcome` is its word, a `verdict` only phy
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -87,8 +88,13 @@ class _Seen:
 class Diagnosis:
     """Follows one run. Ask `outcome` at any time."""
 
-    def __init__(self, settings: ServoSettings) -> None:
-        self.settings = settings
+    def __init__(
+        self,
+        settings: ServoSettings,
+        jacobian: Callable[[np.ndarray], np.ndarray] | None = None,
+    ) -> None:
+        """`jacobian`: (6, n) of the arm at joints (n,); None: there is no arm."""
+        self.settings, self._jacobian = settings, jacobian
         self.reset()
 
     def reset(self) -> None:
@@ -96,7 +102,7 @@ class Diagnosis:
         self.outcome = Outcome()
         self._window: deque[_Seen] = deque()
         self._oscillation = Oscillation()
-        self._camera = CameraEvidence()
+        self._camera = CameraEvidence(self._jacobian)
         self._shape = ShapeEvidence()
         self._view = ViewEvidence()
         self._touched: tuple[str, ...] = ()

@@ -101,7 +101,7 @@ class Servo:
         if self.settings.start is not None:
             self._approach = Approach(arm.names, resolver.limits.velocity, self.settings)
         self._convergence = Convergence(self.settings.hold)
-        self.diagnosis = Diagnosis(self.settings)
+        self.diagnosis = Diagnosis(self.settings, arm.jacobian)
         self.reset()
 
     # -- what the loop is told -------------------------------------------------------------

@@ -60,7 +60,7 @@ def solve(arm: "Arm", world_T_camera: np.ndarray, q0: np.ndarray, tolerance: flo
     x, y, z = goal[:3, 3]
     raise UnreachableError(
         f"camera position ({x:.4f}, {y:.4f}, {z:.4f}) m with its attitude is out of the arm's "
-        f"reach: the nearest posture found is {distance * 1e3:.2f} mm and {np.degrees(turn):.2f} "
+        f"reach: the nearest posture found is {distance * 1e3:.3g} mm and {np.degrees(turn):.3g} "
         "degrees away",
         excess=distance,
     )

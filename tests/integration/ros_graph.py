@@ -251,10 +251,8 @@ class Launch:
         wait_for(lambda: self.process.poll() is not None, timeout, f"the end of {self.name}")
         return self.process.returncode
 
-    def stop(self) -> None:
-        """End it as Ctrl-C does; raises GraphError when a node had to be killed or stays behind."""
-        if self._output.closed:
-            return
+    def interrupt(self) -> None:
+        """End it as Ctrl-C does, and leave the parameters to what runs beside it."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
             try:
@@ -262,6 +260,12 @@ class Launch:
             except subprocess.TimeoutExpired:
                 self.process.kill()
                 self.process.wait()
+
+    def stop(self) -> None:
+        """End it as Ctrl-C does; raises GraphError when a node had to be killed or stays behind."""
+        if self._output.closed:
+            return
+        self.interrupt()
         self._output.close()
         try:
             end_leftovers(MARK + "_LAUNCH", self.id, self.name)

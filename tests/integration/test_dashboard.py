@@ -208,12 +208,11 @@ def test_the_arm_is_driven_by_hand_and_stands_when_let_go(viewer):
     assert viewer.told["joints"] == pytest.approx(first, abs=1e-3)
     assert viewer.phase() == "stopped"
     # Servoing begins where the arm was driven to, and does not jump back first.
-    moved, fastest = viewer.told["joints"][0], 0.0
+    moved, began = viewer.told["joints"][0], viewer.told["stamp"]
     assert viewer.ask("start")[0]
     viewer.wait("converged")
-    for row in viewer.samples[-200:]:
-        fastest = max(fastest, abs(row[4][0] - moved) if row[4] else 0.0)
-    assert fastest < 0.2
+    after = [row[4][0] for row in viewer.samples if row[0] > began and row[4]]
+    assert abs(after[0] - moved) < 0.02
 
 
 def test_keys_at_a_terminal_drive_the_camera(viewer, ros_master):
@@ -291,7 +290,7 @@ def test_another_camera(viewer):
     wait_for(lambda: viewer.told["factor"] is not None, 60.0, "joint states")
 
 
-def test_a_bag_is_recorded_and_reported_and_a_goal_taught(viewer, directory, port):
+def test_a_bag_is_recorded_and_a_goal_taught(viewer, directory):
     done, text = viewer.ask("record")
     assert done, text
     assert viewer.ask("report")[0] is False
@@ -301,11 +300,6 @@ def test_a_bag_is_recorded_and_reported_and_a_goal_taught(viewer, directory, por
     done, text = viewer.ask("stop_record")
     assert done, text
     assert list(directory.glob("bags/*.bag"))
-    done, text = viewer.ask("report", timeout=90.0)
-    assert done, text
-    report = wait_for(lambda: viewer.told["state"].get("report"), 20.0, "the report's link")
-    with urlopen(f"http://127.0.0.1:{port}/report/{report}?token={TOKEN}", timeout=20) as page:
-        assert b"<html" in page.read()[:2000].lower()
     done, text = viewer.ask("teach", name="mine", timeout=90.0)
     assert done, text
     wait_for(lambda: "mine" in viewer.told["choices"]["goals"], 20.0, "the taught goal")

@@ -189,7 +189,8 @@ def main() -> int:
     finally:
         server.close()
         dashboard.close()
-    return 0
+        sys.stdout.flush()
+        os._exit(0)  # a tool that still runs for the page would be waited for
 
 
 def _watch(dashboard: Dashboard) -> None:

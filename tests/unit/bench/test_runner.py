@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from aras_visual_servo_bench.assembly import check
 from aras_visual_servo_bench.cameras import Belief
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment import CameraPose, Experiment, Sampler, TargetSpec
@@ -207,6 +208,12 @@ def test_starts_in_every_form_are_one():
         ({"goal": "/dev/zero"}, "no ordinary file"),
         ({"goal": {"pose": [0, 0, 0.8, 0, 0, 0]}}, "behind|not see|not seen|look"),
         ({"start": {"height": [3.0, 4.0], "attempts": 3}}, "no start found in 3 attempts"),
+        ({"goal": [0.0] * 5}, "goal is .0.0, 0.0.*for each of gantry, J1"),
+        ({"goal": [9.0, 0, 0, 0, 0, 0]}, "goal puts gantry at 9.0000, outside its limits"),
+        ({"gain": -1.0}, "gain is -1.0, must be above 0"),
+        ({"gain": 1e9}, "gain is 1e.09 1/s, more than 1000"),
+        ({"robot": {"urdf": "/nowhere.urdf"}}, "there is no file /nowhere.urdf"),
+        ({"robot": "/nowhere.urdf"}, "robot is '/nowhere.urdf', must be keys with values"),
         ({"camera": "orignal"}, "camera 'orignal' is no preset: did you mean 'original'"),
         ({"camera": {"widht": 3}}, "widht"),
     ],
@@ -215,3 +222,9 @@ def test_what_cannot_be_run_is_refused(changes, complaint):
     with pytest.raises(ExperimentError, match=complaint) as caught:
         run(CHAIN.with_(**changes))
     assert "\n" not in str(caught.value)
+
+
+def test_a_study_is_told_of_a_goal_before_it_makes_a_world():
+    for goal in ([0.0] * 5, [9.0, 0, 0, 0, 0, 0]):
+        with pytest.raises(ExperimentError, match="goal"):
+            check(CHAIN.with_(goal=goal))

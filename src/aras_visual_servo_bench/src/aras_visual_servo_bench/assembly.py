@@ -146,6 +146,8 @@ class _Builder:
                 self._start(self.true_arm, np.eye(4))
             if isinstance(experiment.goal, str):
                 self._goal()
+            elif not isinstance(experiment.goal, CameraPose):
+                self._goal_joints()
             experiment.believed.camera(self.true_camera)
         except (ServoError, ViewError) as error:
             raise ExperimentError(str(error)) from error
@@ -159,10 +161,18 @@ class _Builder:
             return Goal.load(goal_file(self.experiment, self.loop_settings))
         if isinstance(goal, CameraPose):
             return self._teach(transform(goal.pose[:3], goal.pose[3:]), {})
-        joints = start_joints(goal, self.true_arm, self.loop_settings.package)
-        self._within(joints, "goal")
+        joints = self._goal_joints()
         by_name = dict(zip(self.true_arm.names, joints.tolist(), strict=True))
         return self._teach(self.true_arm.pose(joints), by_name)
+
+    def _goal_joints(self) -> np.ndarray:
+        """The joints (n,) that the goal is taught at, where it names joints."""
+        try:
+            joints = start_joints(self.experiment.goal, self.true_arm, self.loop_settings.package)
+        except ConfigurationError as error:  # it speaks of a start, which it mostly is
+            raise ExperimentError(str(error).replace("parameter ~start", "goal", 1)) from error
+        self._within(joints, "goal")
+        return joints
 
     def _taught(self, goal: Goal) -> Goal:
         """The goal, with what the scheme's features need of it, from its own pose."""

@@ -181,16 +181,19 @@ def main() -> int:
         rospy.logfatal("%s", error)
         return 1
     print(f"\n    {server.access.address}\n", flush=True)  # a line that a terminal makes a link of
+    status = 0
     try:
         _watch(dashboard)
     except ServoError as error:
         rospy.logfatal("%s", error)
-        return 1
-    finally:
-        server.close()
-        dashboard.close()
-        sys.stdout.flush()
-        os._exit(0)  # a tool that still runs for the page would be waited for
+        status = 1
+    server.close()
+    dashboard.close()
+    for thread in threading.enumerate():
+        if thread.name == "shutdown":  # it takes the node off the graph
+            thread.join(5.0)
+    sys.stdout.flush()
+    os._exit(status)  # a tool that still runs for the page would be waited for
 
 
 def _watch(dashboard: Dashboard) -> None:

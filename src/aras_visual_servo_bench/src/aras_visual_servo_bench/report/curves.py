@@ -228,8 +228,9 @@ def joint_positions(records: Sequence[Record]) -> Figure | None:
             if single:
                 place.plot(time, run.commanded[shown, i], color=COLOURS[1], lw=1.0, ls="--",
                            label="command")  # fmt: skip
-            speed.plot(time, run.measured_speed[shown, i], label="measured", **style)
-            if single:
+            speed.plot(time, run.measured_speed[shown, i],
+                       label="measured" if single else record.name, **style)  # fmt: skip
+            if single and is_paper():
                 speed.plot([], [], color=COLOURS[1], lw=1.0, ls="--", label="command")
         unit = dict(zip(names, records[0].joint_units, strict=False)).get(name, "rad")
         place.set_ylabel(f"{name} ({unit})")
@@ -238,9 +239,13 @@ def joint_positions(records: Sequence[Record]) -> Figure | None:
         _limits(place, *(bounds[j : j + 1] for bounds in records[0].limits))
         top = records[0].speed[j : j + 1]
         _limits(speed, -top, top)
-    heading(axes[0, 0], "Positions")
-    heading(axes[0, 1], "Speeds")
-    legend(axes[0, 1 if single else 0], 2 if single else 3, handlelength=1.2, columnspacing=0.8)
+    if single:
+        heading(axes[0, 0], "Positions  (dashed: commanded)")
+        heading(axes[0, 1], "Speeds")
+    else:  # beside a second title there is no room for the names of runs
+        heading(axes[0, 0], "Positions and speeds")
+    if is_paper() or not single:
+        legend(axes[0, 1], 2 if single else 3, handlelength=1.2, columnspacing=0.8)
     for column in (0, 1):
         _times(axes[:, column], records, "time (s)" if is_paper() else TIME)
     return figure

@@ -92,7 +92,7 @@ def _tiles(quantities: Sequence[Quantity]) -> list[Mapping[str, str]]:
 def _comparison(
     records: Sequence[Record], summaries: Sequence[Sequence[Quantity]]
 ) -> list[Mapping[str, object]]:
-    """A row a quantity that some run has, a column a run, the best marked."""
+    """A row a quantity that at least two runs have, a column a run, the best marked."""
     columns = {str(i): list(qs) for i, qs in enumerate(summaries)}
     keys = list(dict.fromkeys(q.key for qs in summaries for q in qs))
     rows = []
@@ -100,7 +100,7 @@ def _comparison(
         cells = {name: {q.key: q for q in qs}.get(key) for name, qs in columns.items()}
         first = next(q for q in cells.values() if q is not None)
         shown = {name: "–" if q is None else q.shown for name, q in cells.items()}
-        if set(shown.values()) <= {"–"}:
+        if sum(value != "–" for value in shown.values()) < 2:
             continue
         top = best(columns, key)
         rows.append({

@@ -116,7 +116,8 @@ def filmstrip(records: Sequence[Record]) -> Figure | None:
             axis.set_title(f"{stamp - record.began:.2f} s", fontweight="normal", loc="center",
                            fontsize=7 if is_paper() else 8.5, pad=2)  # fmt: skip
         if len(records) > 1:
-            row[0].text(0.0, -0.02, record.name, transform=row[0].transAxes, va="top", fontsize=8)
+            row[0].text(0.03, 0.95, record.name, transform=row[0].transAxes, va="top", fontsize=8,
+                        bbox={"facecolor": "white", "alpha": 0.7, "pad": 0.5, "lw": 0})  # fmt: skip
     return figure
 
 

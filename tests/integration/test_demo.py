@@ -62,7 +62,8 @@ def converged(out, *arguments):
 def test_converges_and_reports(tmp_path, scheme, start):
     out = tmp_path / "out"
     summary = converged(out, "--scheme", scheme, "--start", start)
-    assert summary["image_rate"] == pytest.approx(30.0, abs=0.05)
+    # Of some 200 pictures a loaded machine may lose three.
+    assert summary["image_rate"] == pytest.approx(30.0, rel=0.015)
     assert summary["final_distance"] < 0.002
     assert summary["final_angle"] < 0.035
     assert summary["notes"] == []  # the bag says all that a report wants to know
@@ -91,7 +92,8 @@ def test_converges_with_other_cameras(tmp_path, camera, start, moved):
     does it too: a lens of its own kind, and noise, another start and another mounting at once."""
     summary = converged(tmp_path / "out", "--camera", camera, "--start", start, *moved)
     assert summary["settings"]["camera"] == camera
-    assert summary["image_rate"] == pytest.approx(30.0, abs=0.05)
+    # Of some 200 pictures a loaded machine may lose three.
+    assert summary["image_rate"] == pytest.approx(30.0, rel=0.015)
     # Pose of the optical frame by tf, which knows of a moved camera by its description.
     assert summary["final_distance"] < 0.001
     assert summary["final_angle"] < 0.0175

@@ -69,6 +69,9 @@ class CompressedTopic:
     """Publishes frames compressed, from a thread of its own, behind which nobody ever waits."""
 
     BACKLOG = 4  # as many frames wait at most; of more, the newest
+    # A second of them for each listener: a recorder that is busy for a moment shall miss none. They
+    # are small, other than raw pictures.
+    QUEUE = 30
 
     def __init__(self, image_topic: str, peers: Peers) -> None:
         """Advertise `<image_topic>/compressed` and its settings; `peers` hears of subscribers."""
@@ -76,7 +79,7 @@ class CompressedTopic:
         self._topic = topic
         self._settings = ReconfigureServer(topic, COMPRESSED_FIELDS, _given(topic), _checked)
         self._publisher = rospy.Publisher(
-            topic, CompressedImage, latch=True, queue_size=2, subscriber_listener=peers,
+            topic, CompressedImage, latch=True, queue_size=self.QUEUE, subscriber_listener=peers,
             tcp_nodelay=True,
         )  # fmt: skip
         self._encoder = Encoder(self._send, self.BACKLOG, f"compress {topic}")

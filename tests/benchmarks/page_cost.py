@@ -148,7 +148,7 @@ def turn(
     time.sleep(2.0)
     pids = {"simulator_cpu": simulator, "camera_cpu": camera}
     if page:
-        pids["page_cpu"] = node_pid("nodes/dashboard")
+        pids["page_cpu"] = node_pid("aras_visual_servo_bench/dashboard")
     before, wall = {key: processor_time(pid) for key, pid in pids.items()}, time.monotonic()
     row: dict[str, float | bool] = {"page": page, "factor": round(factor.over(seconds), 4),
                                     "page_cpu": 0.0}  # fmt: skip

@@ -1,6 +1,7 @@
 """The protocols that ship: published figures to the iteration, starts where they say, tables."""
 
 import csv
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -62,6 +63,12 @@ def test_every_file_is_checked_before_its_first_run(path):
     assert protocol.source
     assert protocol.chosen
     assert next(iter(protocol.runs()))
+
+
+@pytest.mark.parametrize("name", ["visp_four_points", "canonical"])
+def test_blocks_go_to_other_processes_as_they_are(name):
+    for block in protocols.blocks(replace(Protocol.load(name), seeds=1)):
+        assert pickle.loads(pickle.dumps(block)) == block
 
 
 @pytest.mark.parametrize(

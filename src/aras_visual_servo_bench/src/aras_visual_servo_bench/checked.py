@@ -8,6 +8,7 @@ Mapping, other such classes, and unions of them, tried in the order written.
 from __future__ import annotations
 
 import contextlib
+import copyreg
 import dataclasses
 import difflib
 import functools
@@ -27,6 +28,14 @@ from .errors import ExperimentError
 T = TypeVar("T")
 LARGEST_FILE = 1_000_000  # bytes; a path such as /dev/zero must not be read to its end
 _WORDS = {float: "a finite number", int: "a whole number", bool: "true or false", str: "a text"}
+
+
+def _frozen(values: dict[str, Any]) -> types.MappingProxyType:
+    return types.MappingProxyType(values)
+
+
+# Python does not pickle read-only views by itself; an experiment goes to other processes.
+copyreg.pickle(types.MappingProxyType, lambda view: (_frozen, (dict(view),)))
 
 
 def nearest(name: str, known: typing.Iterable[str]) -> str:

@@ -85,6 +85,15 @@ def test_reload_takes_the_new_source(users_module):
     assert registry.find("mine/Mine", extra).version == 22
 
 
+def test_reload_takes_the_new_source_of_what_others_have_imported(users_module):
+    extra = {"mine/Mine": "users_controllers:Mine"}
+    assert Registry().find("mine/Mine", extra).version == 1
+    users_module.write_text(SOURCE.format(version=22))
+    another = Registry()
+    another.reload(extra)
+    assert another.find("mine/Mine", extra).version == 22
+
+
 @pytest.mark.parametrize(
     ("type_name", "text"),
     [

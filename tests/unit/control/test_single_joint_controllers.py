@@ -173,6 +173,8 @@ def test_effort_velocity_controller(make):
     state = states[-1]
     assert (state.set_point, state.process_value, state.process_value_dot) == (3.0, 1.0, 0.0)
     assert (state.error, state.command) == (2.0, 20.0)
+    rig.step(20)
+    assert len(states) == 4  # of updates 0, 10, 20 and 30
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ S = 1_000_000_000
         ("accelerations without velocities: line", (0, None, 3), (1, None, 3), 1.0,
          (0, 1, 0, 0, 0, 0)),
         ("no time: the end state", (0, 1, 2), (3, 4, 6), 0.0, (3, 4, 3, 0, 0, 0)),
+        ("no time, positions only: at rest there", (0,), (3,), 0.0, (3, 0, 0, 0, 0, 0)),
     ],
 )
 def test_coefficients(proves, start, end, duration, coefficients):

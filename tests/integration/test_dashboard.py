@@ -290,6 +290,12 @@ def test_another_camera(viewer):
     wait_for(lambda: viewer.told["factor"] is not None, 60.0, "joint states")
 
 
+def test_a_target_that_is_part_of_the_robot_is_not_doubled(viewer):
+    done, text = viewer.ask("target", name="l_shape")
+    assert not done
+    assert "part of the robot" in text and "target:=l_shape" in text
+
+
 def test_a_bag_is_recorded_and_a_goal_taught(viewer, directory):
     done, text = viewer.ask("record")
     assert done, text

@@ -225,11 +225,12 @@ class Actions:
         text = (gazebo / "targets" / f"{name}.urdf").read_text(encoding="utf-8")
         with self._lock:
             state = self._call("/gazebo/get_model_state", GetModelState, "", TARGET, "")
-            pose = state.pose if state.success else Pose()
-            if state.success:
-                self._call("/gazebo/delete_model", DeleteModel, "", TARGET)
+            if not state.success:  # the plates lie on the table, and nobody knows where else
+                raise RefusedError("the target is part of the robot here; launch the simulator "
+                                   f"with target:={name}, then others can take its place")
+            self._call("/gazebo/delete_model", DeleteModel, "", TARGET)
             answer = self._call("/gazebo/spawn_urdf_model", SpawnModel, "", TARGET, text, "",
-                                pose, "")  # fmt: skip
+                                state.pose, "")  # fmt: skip
             if not answer.success:
                 raise RefusedError(answer.status_message)
         self.chosen["target"] = name

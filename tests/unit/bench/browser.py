@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import base64
+import contextlib
 import itertools
 import json
+import os
 import shutil
+import signal
 import subprocess
 import tempfile
 import time
@@ -42,11 +45,13 @@ class Browser:
         if program is None:
             raise RuntimeError(HOW)
         self._profile = tempfile.TemporaryDirectory(prefix="browser", ignore_cleanup_errors=True)
+        self.profile = self._profile.name  # its folder, which the processes have in their words
         self._loop = asyncio.new_event_loop()
         self._process = subprocess.Popen(
             [program, *OPTIONS, f"--window-size={size[0]},{size[1]}",
              f"--user-data-dir={self._profile.name}", "about:blank"],
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            start_new_session=True,  # Debian's is a script, which a signal would end alone
         )  # fmt: skip
         self._size = size
         file = Path(self._profile.name) / "DevToolsActivePort"
@@ -71,13 +76,12 @@ class Browser:
         return tab
 
     def close(self) -> None:
-        """End it."""
-        self._process.terminate()
-        try:
-            self._process.wait(10.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        """End it, with all processes that it has begun."""
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self._process.pid, number)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(5.0)
         self._loop.close()
         self._profile.cleanup()
 

@@ -1,6 +1,9 @@
 """The live page in a real browser: drawn, alive, and asking for what is pressed."""
 
+import contextlib
 import os
+import time
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -173,3 +176,27 @@ def test_a_simulator_started_again_is_found_again(browser, host, server):
     finally:
         tab.close()
         third.close()
+
+
+def test_a_browser_leaves_no_process_behind(browser):
+    with Browser() as other:
+        mark = other.profile
+        assert of_profile(mark)
+    wait_until(lambda: not of_profile(mark))
+
+
+def of_profile(mark: str) -> list[str]:
+    """Processes that run, other than those that nobody has waited for, with this profile."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*/cmdline"):
+        with contextlib.suppress(OSError):
+            if mark.encode() in entry.read_bytes():
+                found.append(entry.parent.name)
+    return found
+
+
+def wait_until(done, seconds: float = 10.0) -> None:
+    end = time.monotonic() + seconds
+    while not done():
+        assert time.monotonic() < end
+        time.sleep(0.05)

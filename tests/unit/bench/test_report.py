@@ -285,6 +285,10 @@ def test_several_runs_are_compared_with_the_best_marked(moments, points, tmp_pat
     write_report([moments, replace(points, name="<points>")], tmp_path, ())
     page = (tmp_path / "report.html").read_text()
     assert 'id="comparison"' in page and 'class="number best"' in page
+    compared = page.partition('id="comparison"')[2].partition("</section>")[0]
+    assert "settled" in compared
+    # What one run alone has is no comparison.
+    assert "final_error_alpha" not in compared and "final_error_x0" not in compared
     assert "&lt;points&gt;" in page and "<points>" not in page
     assert [one["name"] for one in json.loads((tmp_path / "summary.json").read_text())] == [
         "moments", "<points>"]

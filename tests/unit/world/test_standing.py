@@ -250,6 +250,19 @@ def test_a_base_is_held_while_something_loose_lies_on_it_and_beside_it(world, ma
     assert beside.pose().xyz[2] == pytest.approx(0.05, abs=1e-3)
 
 
+def test_what_no_longer_lies_on_a_held_base_is_no_longer_felt(world, make):
+    world.spawn(cart(make, 200.0), "cart")
+    box = loose_box(make, world, "on", 1.0, (0.2, 0.1, 0.251))
+    steps(world, 500)
+    (one,) = world._bases.held
+    assert one._touch[5] == pytest.approx(-9.81, rel=0.05)
+    box.set_twist(Twist((0.0, 0.0, 3.0)))  # up and off
+    steps(world, 50)
+    assert world._bases.held == [one]
+    assert box.pose().xyz[2] > 0.3
+    assert not one._touch.any()
+
+
 @pytest.mark.parametrize("case", ["struck", "rubbed"])
 def test_what_strikes_or_rubs_a_held_base_moves_it_as_it_does_a_free_one(
         make, monkeypatch, case):

@@ -188,11 +188,8 @@ class Standing:
     def _feel(self) -> None:
         """Note what touched the model in Bullet's step; the ground does not touch what is bolted,
         but Bullet looks at links fixed to the root all the same."""
-        self._touch[:] = 0.0
         contacts = pybullet.getContactPoints(bodyA=self.model.body_id,
                                              physicsClientId=self.model.client)
-        if not contacts:
-            return
         root = self.model.pose()
         force = torque = (0.0, 0.0, 0.0)
         for contact in contacts:

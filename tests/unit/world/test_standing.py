@@ -173,6 +173,21 @@ def test_a_push_at_the_slide_is_the_arm_s(world, held):
     assert not held.fixed_base
 
 
+def test_a_push_at_the_slide_ends_with_its_step_where_bullet_steps_too(world, make):
+    model = world.spawn(cart(make, 200.0), "cart")
+    loose_box(make, world, "far", 1.0, (3.0, 0.0, 0.05))
+    steps(world, 300)
+    assert model.fixed_base and not model.joints.own
+    speeds = []
+    for n in range(20):
+        if n == 0:
+            model.apply_force("slide", (20.0, 0.0, 0.0), model.link_pose("slide").xyz)
+        world.step()
+        speeds.append(model.read_joints()[1][0])
+    assert speeds[0] == pytest.approx(0.01, rel=0.05)  # 20 N on 2 kg for 1 ms
+    assert max(speeds) <= speeds[0] + 1e-9
+
+
 def test_a_reset_starts_free_and_comes_to_the_same_again(world, held):
     first = (held.pose(), held.read_joints()[0])
     world.reset_simulation()

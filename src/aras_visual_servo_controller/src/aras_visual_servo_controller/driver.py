@@ -246,7 +246,8 @@ class Driver:
         return f"time stands still at {self._now:.3f} s (is the simulator paused, or gone?)"
 
     def _tick(self, t: float, sample: JointSample | None = None) -> Command:
-        self._time = t
+        # A joint state that was held up comes behind a tick by the clock, which did not go back.
+        t = self._time = t if self._time is None else max(t, self._time)
         command = self.servo.tick(t, sample)
         if command.positions is not None:
             self._commands.append(JointSample.of(t, command.names, command.positions))

@@ -125,6 +125,7 @@ class Campaign:
         tests = [str(f.relative_to(top)) for f in area.test_files(top)]
         self._tests = [test for test in tests if not (skip and re.search(skip, test))]
         self._graph_tests = [test for test in area.graph if (top / test).is_file()] if graph else []
+        self._sound: set[str] = set()  # tests seen to pass without a fault
         self._graph = Graph(top, folder / "graphs")
 
     def close(self) -> None:
@@ -196,10 +197,6 @@ class Campaign:
             raise CampaignError(
                 f"{test} fails without any fault ({answer['status']}):\n{worker.output()[-3000:]}"
             )
-        again = worker.ask({"order": list(answer["seconds"]), "stop": False, "cpu": 900,
-                            "wall": 1800})
-        if again.get("failed"):
-            raise CampaignError(f"passes under coverage only: {', '.join(again['failed'])}")
         self._keep(answer, file)
 
     def _keep(self, recording: dict, file: Path) -> None:
@@ -246,12 +243,27 @@ class Campaign:
                 self._say(f"{answer['status']}, again: {worker.output()[-1000:]}")
                 answer = worker.ask(task)
             outcome = _judged(fault, answer, self.digest)
+            if outcome.how == "test":
+                self._vouch(worker, outcome.by)
         for test in order[len(quick):] if not outcome.found else ():
             answer = self._graph.run(self._task(fault, [test], cover))
             outcome = _judged(fault, answer, self.digest, outcome)
             if outcome.found:
                 break
         return outcome
+
+    def _vouch(self, worker: Worker, test: str) -> None:
+        """Once for each test that found something: it passes without a fault, and without
+        coverage; raises CampaignError where it does not."""
+        if test in self._sound:
+            return
+        alone = worker.ask({"order": [test], "stop": True, "cpu": 900, "wall": 1800})
+        if alone["status"] != "ended" or alone.get("code") != 0:
+            raise CampaignError(
+                f"{test} passes under coverage only ({alone['status']}):\n"
+                f"{worker.output()[-3000:]}"
+            )
+        self._sound.add(test)
 
     def _task(self, fault: Fault, order: list[str], cover: CoverageMap) -> dict:
         limit = self._patience + 4.0 * cover.total(order)

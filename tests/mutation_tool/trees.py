@@ -53,10 +53,26 @@ def update(top: Path, copy: Path) -> None:
             name = str(path.relative_to(copy))
             if path.is_file() and name not in known and "__pycache__" not in path.parts:
                 path.unlink()
-    (copy / ".numba").mkdir(exist_ok=True)
+    _take_loops(top, copy)
     for name, target in ((".venv", top / ".venv"), ("../shared", top.parent / "shared")):
         if target.exists() and not (copy / name).is_symlink():
             (copy / name).symlink_to(target.resolve())
+
+
+def _take_loops(top: Path, copy: Path) -> None:
+    """What the checkout has compiled, so that the copy need not: it would take minutes.
+
+    numba keeps the loops of a folder in one that is named after the folder and its path's SHA-1;
+    those of a file with another time or size are never used.
+    """
+    for loop in sorted((top / "src").rglob("__pycache__/*.nb[ic]")):
+        folder = (copy / loop.parents[1].relative_to(top)).resolve()
+        place = f"{folder.name}_{hashlib.sha1(str(folder).encode()).hexdigest()}"
+        kept = copy / ".numba" / place / loop.name
+        if not kept.is_file():
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(loop, kept)
+    (copy / ".numba").mkdir(exist_ok=True)
 
 
 def digest(top: Path, names: list[str]) -> str:

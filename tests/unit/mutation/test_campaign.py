@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -218,3 +219,37 @@ def test_a_wrong_list_of_equivalents_is_refused(text: str, tmp_path: Path) -> No
 
 def test_the_kept_list_is_as_it_should_be() -> None:
     Equivalents.load()
+
+
+def test_a_test_that_passes_under_coverage_alone_finds_nothing(top: Path) -> None:
+    with (top / "tests" / "test_toy.py").open("a") as file:
+        file.write("\ndef test_traced():\n    import sys\n    assert sys.gettrace()\n"
+                   "    assert scaled(1.0) == 2.0\n")
+    run = campaign(top)
+    cover = run.record()
+    with pytest.raises(CampaignError, match="test_traced passes under coverage only"):
+        list(run.run(drawn("scaled"), cover))
+    run.close()
+
+
+def test_a_copy_takes_over_what_is_compiled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                            ) -> None:
+    top, copy = tmp_path / "work", tmp_path / "out" / "0"
+    module = top / "src" / "room" / "loops.py"
+    module.parent.mkdir(parents=True)
+    module.write_text("import numba\n\n@numba.njit('f8(f8)', cache=True)\ndef twice(a):\n"
+                      "    return 2.0 * a\n")
+    subprocess.run(["git", "init", "-q", str(top)], check=True)
+    script = ("import sys; sys.path.insert(0, sys.argv[1]); import loops;"
+              "print(sum(loops.twice.stats.cache_hits.values()))")
+
+    def hits(folder: Path) -> int:
+        done = subprocess.run([sys.executable, "-c", script, str(folder / "src" / "room")],
+                              check=True, capture_output=True, text=True)
+        return int(done.stdout)
+
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    assert (hits(top), hits(top)) == (0, 1)
+    trees.update(top, copy)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(copy / ".numba"))
+    assert hits(copy) == 1

@@ -269,7 +269,7 @@ class Campaign:
         limit = self._patience + 4.0 * cover.total(order)
         return {
             "file": fault.file, "text": fault.apply(self.sources[fault.file]).decode(),
-            "compiled": fault.compiled, "order": order, "stop": True,
+            "compiled": fault.compiled, "names": fault.names, "order": order, "stop": True,
             "cpu": int(limit), "wall": 3.0 * limit,
         }
 

@@ -17,7 +17,7 @@ import rosgraph
 import roslib.message
 import rospy
 import rosservice
-from ros_graph import GraphError, Launch, RosMaster
+from ros_graph import PATIENCE, GraphError, Launch, RosMaster
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, JointState
 from std_msgs.msg import Float64
@@ -29,8 +29,9 @@ JOINTS = ("gantry", "joint1", "joint2", "joint3", "joint5", "joint6")
 NODES = ("/gazebo", "/aras_visual_servo_camera", "/aras_visual_servo_controller")
 COMMANDS = tuple(f"/{ROBOT}/{joint}_position_controller/command" for joint in JOINTS)
 LISTENING = "0A"  # in /proc/net/tcp
-ANSWER = 10.0  # s of wall time: what has not answered by then hangs
-RECOVERY = 40.0  # s of wall time: what has not come back by then is lost
+ANSWER = 10.0 * PATIENCE  # s of wall time: what has not answered by then hangs
+RECOVERY = 40.0 * PATIENCE  # s of wall time: what has not come back by then is lost
+RECENT = 1.0 * PATIENCE  # s of wall time: what has not been heard of for longer has stopped
 DESCRIPTORS, THREADS, MEGABYTES = 12, 6, 80.0  # more than this and staying is a leak
 
 
@@ -94,7 +95,7 @@ class Bed:
         """Start a launch file of the robot's; returns when its nodes are there. stop() ends it."""
         launched = Launch(self.master, ("aras_visual_servo_gazebo", file), arguments)
         self.launches.append(launched)
-        launched.wait_for_nodes(nodes, 3.0 * RECOVERY)
+        launched.wait_for_nodes(nodes, 120.0)
         return launched
 
     def start_only(self, file: str) -> Launch:
@@ -142,7 +143,7 @@ class Bed:
             wrong.append(str(error))
         now = time.monotonic()
         for name in ("clock", "joints", "image"):
-            if now - self._seen.get(name, (-math.inf, None))[0] > 1.0:
+            if now - self._seen.get(name, (-math.inf, None))[0] > RECENT:
                 wrong.append(f"no {name} any more")
         joints = self._seen.get("joints")
         if joints and not all(

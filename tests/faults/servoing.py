@@ -13,11 +13,12 @@ from gazebo_msgs.srv import (
 )
 from ros_graph import GraphError, wait_for
 
-from .bed import ROBOT, Bed
+from .bed import ROBOT, Bed, UnansweredError
 from .outcome import Outcome
 from .traffic import judged
 
 EVERY = 3.0  # s of wall time between disturbances
+AGAIN = 20.0  # s of simulated time: what has not converged by then will not
 REPORT = f"/{ROBOT}/controller/diagnosis"
 ARM = ("J1", "J2", "J3", "J5", "J6")
 
@@ -28,49 +29,67 @@ def disturbed(bed: Bed, scale: float, seed: int) -> Outcome:
     reports: list[ServoReport] = []
     listener = rospy.Subscriber(REPORT, ServoReport, reports.append)
     with bed.group("servoing under disturbances") as outcome:
-        again = 0
+        again, slowest, clock = 0, 0.0, bed.simulated()
         end = time.monotonic() + max(3600.0 * scale, 12.0)
         while time.monotonic() < end:
             outcome.injected += 1
-            began = time.monotonic()
-            _disturb(bed, draw)
-            time.sleep(EVERY)
-            reports.clear()
+            began, disturbed_at = time.monotonic(), bed.simulated()
             try:
-                wait_for(
-                    lambda: any(r.phase == "converged" for r in list(reports)[-3:]), 20.0,
-                    "the arm to converge again",
-                )  # fmt: skip
-                again += 1
-            except GraphError as error:
-                last = reports[-1] if reports else None
-                outcome.lost.append(f"{error}: {last and (last.phase, last.outcome, last.reason)}")
+                how = _disturb(bed, draw)
+                time.sleep(EVERY)
+                reports.clear()
+                _converge(bed, reports, how)
+            except (GraphError, UnansweredError) as error:
+                outcome.lost.append(str(error))
                 continue
+            again += 1
+            slowest = max(slowest, bed.simulated() - disturbed_at)
             outcome.recovered = max(outcome.recovered, time.monotonic() - began)
         judged(bed, outcome, again, "after the disturbances")
-        outcome.note = f"converged again after {again} of {outcome.injected} disturbances"
+        outcome.note = (
+            f"converged again after {again} of {outcome.injected} disturbances, at the latest "
+            f"after {slowest:.1f} s; {bed.simulated() - clock:.0f} s of simulated time"
+        )
     listener.unregister()
     return outcome
 
 
-def _disturb(bed: Bed, draw: random.Random) -> None:
+def _converge(bed: Bed, reports: list[ServoReport], after: str) -> None:
+    """Wait until the arm has converged; GraphError when it has not within AGAIN."""
+    end = bed.simulated() + AGAIN
+
+    def ended() -> bool:
+        return bed.simulated() > end or any(r.phase == "converged" for r in list(reports)[-3:])
+
+    wait_for(ended, 10.0 * AGAIN, "the simulated time in which the arm converges again")
+    if bed.simulated() > end:
+        last = reports[-1] if reports else None
+        state = last and f"{last.phase}, {last.outcome}, {last.reason}"
+        raise GraphError(
+            f"{bed.simulated():.1f} s: not converged {AGAIN:g} s after {after}: {state}"
+        )
+
+
+def _disturb(bed: Bed, draw: random.Random) -> str:
+    """Do something to the robot; in words."""
     how = draw.randrange(3)
     if how == 0:
         push = ApplyBodyWrenchRequest(body_name=f"{ROBOT}::camera_link")
         push.wrench.force.x, push.wrench.force.y = draw.gauss(0, 40), draw.gauss(0, 40)
         push.duration.secs = 1
         bed.call("/gazebo/apply_body_wrench", push)
-    elif how == 1:
+        return f"a push of {push.wrench.force.x:.0f}, {push.wrench.force.y:.0f} N"
+    if how == 1:
+        jolt = [draw.uniform(-0.15, 0.15) for _ in ARM]
         bed.call(
             "/gazebo/set_model_configuration",
-            SetModelConfigurationRequest(
-                ROBOT, "robot_description", list(ARM), [draw.uniform(-0.15, 0.15) for _ in ARM]
-            ),
+            SetModelConfigurationRequest(ROBOT, "robot_description", list(ARM), jolt),
         )
-    else:
-        bed.call("/gazebo/pause_physics")
-        time.sleep(0.5)
-        bed.calm()
+        return f"a jolt to {', '.join(f'{q:.3f}' for q in jolt)}"
+    bed.call("/gazebo/pause_physics")
+    time.sleep(0.5)
+    bed.calm()
+    return "a pause"
 
 
 GROUPS = (disturbed,)

@@ -61,13 +61,13 @@ case "$system" in
         for_running=(ros-environment) # sets ROS_PACKAGE_PATH
         ;;
     ubuntu*)
-        unsupported="Ubuntu has no ROS 1 of its own, and ROS One's packages (/opt/ros/one) go by other names: install \
-ros-one-desktop, catkin and python3-venv, then build by hand as the README's section 'The ROS way' says; untested."
+        unsupported="Ubuntu has no ROS 1 of its own. Use the container in docker/, or ROS One by hand: \
+what is missing for that is in docs/installing.md, 'Other systems'."
         ;;
     *) unsupported="Use Debian 12 or 13, which ship ROS 1, or the container in docker/." ;;
 esac
 [[ -z ${CONDA_PREFIX-} ]] ||
-    conda="A conda shell is active; RoboStack's ROS is not used: its Python could not see Debian's rospy."
+    conda="A conda shell is active; RoboStack's ROS is not used (docs/installing.md, 'Other systems')."
 # -------------------------------------------------------------------------------------------------
 
 # What the workspace needs of Debian, without recommendations. To build: catkin, a compiler (CMake insists on
@@ -155,7 +155,7 @@ export PIP_USER=0
     "Move the workspace to a folder with a path of at most 200 letters."
 [[ -z ${unsupported-} ]] || fail "this is '$system'. $unsupported" ${conda:+"$conda"}
 [[ $(uname -m) == x86_64 ]] ||
-    fail "this machine is $(uname -m): PyPI has PyBullet and Pinocchio built for x86_64 alone. Use an x86_64 machine."
+    fail "this machine is $(uname -m), tried is x86_64 alone: PyPI has PyBullet built for no other. Use an x86_64 machine."
 if [[ -e /usr/bin/python3 ]]; then
     found=$(/usr/bin/python3 -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>&1 || true)
     [[ $found == "$python" ]] ||
@@ -275,18 +275,10 @@ fi
 mapfile -t loops < <(grep -rlE '^from .*compiled import' --include='*.py' src/*/src)
 if [[ ! -e devel/loops.stamp || -n $(find "${loops[@]}" -newer devel/loops.stamp -print -quit) ]]; then
     touch devel/loops.begun
-    modules=("${loops[@]#src/*/src/}")
-    modules=("${modules[@]%.py}")
     libraries=(src/*/src)
-    # the packages side by side, each in a process of its own
-    step "Compiling loops" env PYTHONPATH="$(IFS=:; echo "${libraries[*]}")" .venv/bin/python - "${modules[@]}" <<'PYTHON'
-import subprocess, sys
-packages = {}
-for path in sys.argv[1:]:
-    packages.setdefault(path.split("/")[0], []).append(path.replace("/", "."))
-code = "import importlib, sys; [importlib.import_module(name) for name in sys.argv[1:]]"
-processes = [subprocess.Popen([sys.executable, "-c", code, *names]) for names in packages.values()]
-sys.exit(max([process.wait() for process in processes]))
-PYTHON
+    packages=("${loops[@]#src/*/src/}")
+    mapfile -t packages < <(printf '%s\n' "${packages[@]%%/*}" | sort -u)
+    step "Compiling loops" env PYTHONPATH="$(IFS=:; echo "${libraries[*]}")" \
+        .venv/bin/python -m aras_visual_servo_ros.loops "${packages[@]}"
     mv devel/loops.begun devel/loops.stamp
 fi

@@ -43,7 +43,12 @@ def machine(tmp_path: Path):
             shutil.copy(ROOT / "setup.sh", workspace)
             shutil.copytree(ROOT / "requirements", workspace / "requirements")
             (workspace / "src").mkdir()
-        commands = [before.replace("WORKSPACE", f"'{workspace}'")]
+        printed = tmp_path / "printed"
+        printed.unlink(missing_ok=True)
+        words = {"WORKSPACE": f"'{workspace}'", "PRINTED": f"'{printed}'"}
+        for word, path in words.items():
+            before = before.replace(word, path)
+        commands = [before]
         given = {"/etc/os-release": DEBIAN, "/usr/bin/python3": PYTHON,
                  "/usr/bin/dpkg-query": NOTHING_INSTALLED, **(files or {})}  # fmt: skip
         for number, (place, text) in enumerate(given.items()):
@@ -55,10 +60,10 @@ def machine(tmp_path: Path):
         done = subprocess.run(
             [*OWN, "bash", "-ec", "\n".join(commands)],
             env={"PATH": os.environ["PATH"], "HOME": str(tmp_path), **environment},
-            stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-            timeout=30,
+            stdin=subprocess.DEVNULL, stdout=printed.open("a"), stderr=subprocess.STDOUT,
+            timeout=300,
         )  # fmt: skip
-        return done.returncode, done.stdout
+        return done.returncode, printed.read_text()
 
     return run
 
@@ -82,7 +87,10 @@ def test_a_machine_that_cannot_do_is_told_before_anything_begins(machine, files,
 
 def test_a_conda_shell_where_ros_cannot_come_from_debian(machine):
     ubuntu = {"/etc/os-release": 'ID=ubuntu\nVERSION_ID="24.04"\n'}
-    assert "A conda shell is active" in machine(ubuntu, CONDA_PREFIX="/opt/conda")[1]
+    text = machine(ubuntu, CONDA_PREFIX="/opt/conda")[1]
+    assert "A conda shell is active; RoboStack" in text
+    assert text.count("docs/installing.md, 'Other systems'") == 2  # of Ubuntu, of conda
+    assert "## Other systems\n" in (ROOT / "docs" / "installing.md").read_text()
 
 
 @pytest.mark.parametrize(
@@ -149,8 +157,11 @@ def test_a_folder_that_cannot_be_written(machine):
     assert status == 1 and "cannot write to" in text and "read-only" in text
 
 
-def test_a_second_set_up_waits_for_the_first_and_says_so(machine, tmp_path):
-    hold = "(exec 7<WORKSPACE/setup.sh; flock 7; sleep 1) & sleep 0.3"
+def test_a_second_set_up_waits_for_the_first_and_says_so(machine):
+    # the first one has the lock before the second begins, and until that has said that it waits
+    hold = """exec 7<WORKSPACE/setup.sh; flock 7
+        (for turn in {1..600}; do ! grep -q Another PRINTED || break; sleep 0.1; done
+        echo ended >>PRINTED) & exec 7<&-"""
     status, text = machine(before=hold)
     told, _, after = text.partition("Another set-up of this workspace is running; waiting")
-    assert told == "" and "Installing Debian packages" in after
+    assert told == "" and after.index("ended") < after.index("Installing Debian packages")

@@ -23,7 +23,8 @@ from aras_visual_servo_controller.state import HOLDING
 from ..errors import BenchError
 from .processes import Launch, free_port
 
-STARTUP_TIMEOUT = 90.0  # s of wall time until joint states and the recorder are there
+STARTUP_TIMEOUT = 300.0  # s of wall time for each step; nodes that die are told at once
+SLOW_START = 20.0  # s of wall time after which it is told what is waited for
 WALL_PER_SIMULATED = 6.0  # patience with a slow machine
 HOLDING_PATIENCE = 5.0  # s of wall time for a controller that holds before it has begun
 AFTERGLOW = 0.5  # s recorded beyond convergence
@@ -240,10 +241,14 @@ class Demo:
         return launch
 
     def _wait(self, condition, timeout: float, what: str) -> None:
-        deadline = time.monotonic() + timeout
+        began, told = time.monotonic(), False
         while not condition():
             self._check_running()
-            if time.monotonic() > deadline:
+            waited = time.monotonic() - began
+            if not told and waited > SLOW_START:
+                told = True
+                _say(f"still waiting for {what}; a first start may have to compile loops")
+            if waited > timeout:
                 reason = getattr(self.progress, "reason", "")
                 raise ServoError(
                     f"after {timeout:.0f} s still waiting for {what}"

@@ -1,0 +1,80 @@
+"""Compile packages' loops (Numba) now, which their first start would do otherwise.
+
+    python -m aras_visual_servo_ros.loops [--from FOLDER] PACKAGE...
+
+What set-up calls for the sources, and installing for the copies that it has made of them. There,
+`--from` names the folder with the packages' sources: what was compiled for those is taken over.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+HAS_LOOPS = re.compile(r"^from .*compiled import", re.MULTILINE)
+
+
+def sources(package: str) -> list[Path]:
+    """Files of a package that import the decorator of its loops; relative to its parent folder.
+
+    Raises:
+        ModuleNotFoundError: there is no such package.
+    """
+    parent = _folder(package)
+    files = sorted((parent / package).rglob("*.py"))
+    return [path.relative_to(parent) for path in files if HAS_LOOPS.search(path.read_text())]
+
+
+def _folder(package: str) -> Path:
+    found = importlib.util.find_spec(package)
+    if found is None or not found.submodule_search_locations:
+        raise ModuleNotFoundError(f"no package {package} on PYTHONPATH")
+    return Path(found.submodule_search_locations[0]).parent
+
+
+def take_over(package: str, folder: Path) -> None:
+    """Copy what was compiled for the package's sources in `folder`, where they are the same text.
+
+    Numba takes what it kept for a file of the same size and time, wherever that stands; copies
+    that `setup.py` makes have theirs cut to the second.
+    """
+    parent = _folder(package)
+    for path in sources(package):
+        source, copy = folder / path, parent / path
+        if source == copy or not source.exists() or source.read_bytes() != copy.read_bytes():
+            continue
+        time = source.stat()
+        os.utime(copy, ns=(time.st_atime_ns, time.st_mtime_ns))
+        for kept in sorted((source.parent / "__pycache__").glob(f"{source.stem}.*.nb[ic]")):
+            (copy.parent / "__pycache__").mkdir(exist_ok=True)
+            shutil.copy2(kept, copy.parent / "__pycache__")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Import every module with loops, several packages side by side; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="loops", description=__doc__.splitlines()[0])
+    parser.add_argument("packages", nargs="+", metavar="PACKAGE")
+    parser.add_argument("--from", dest="folder", type=Path, help="where the sources are")
+    given = parser.parse_args(argv)
+    if len(given.packages) > 1:
+        options = ["--from", str(given.folder)] if given.folder else []
+        command = [sys.executable, "-m", __spec__.name, *options]
+        processes = [subprocess.Popen([*command, package]) for package in given.packages]
+        return max([process.wait() for process in processes])
+    for package in given.packages:
+        if given.folder:
+            take_over(package, given.folder)
+        for path in sources(package):
+            importlib.import_module(".".join(path.with_suffix("").parts))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,74 @@
+"""Compiling loops before the first start: for sources, and for copies made of them."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+LIBRARY = Path(__file__).parents[3] / "src" / "aras_visual_servo_ros" / "src"
+COMPILED = """
+import numba
+def compiled(types):
+    return numba.njit(f"({types},)", cache=True)
+"""
+TWICE = """
+from .compiled import compiled
+@compiled("f8")
+def twice(x):
+    return 2 * x
+"""
+ASK = "from looping.part.twice import twice as t; s = t.stats; print(len(s.cache_hits), t(2.0))"
+
+
+@pytest.fixture
+def packages(tmp_path: Path):
+    """A package with a loop below tmp_path/source, and a copy as setup.py makes one, in /copy."""
+    for folder in ("source", "copy"):
+        package = tmp_path / folder / "looping"
+        (package / "part").mkdir(parents=True)
+        for name, text in (("__init__", ""), ("compiled", COMPILED), ("part/__init__", ""),
+                           ("part/twice", TWICE.replace(".comp", "..comp"))):  # fmt: skip
+            path = package / f"{name}.py"
+            path.write_text(text)
+            seconds = 1_700_000_000 if folder == "copy" else 1_700_000_000.25
+            os.utime(path, (seconds, seconds))
+    return tmp_path
+
+
+def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *arguments], env={**os.environ, "PYTHONPATH": f"{folder}:{LIBRARY}"},
+        cwd="/", capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+
+
+def kept(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.rglob("*.nb[ic]")}
+
+
+def test_what_was_compiled_for_the_sources_serves_their_copies(packages):
+    source, copy = packages / "source", packages / "copy"
+    assert run(source, "-m", "aras_visual_servo_ros.loops", "looping").returncode == 0
+    assert len(kept(source)) == 2
+    done = run(copy, "-m", "aras_visual_servo_ros.loops", "--from", str(source), "looping")
+    assert done.returncode == 0, done.stderr
+    assert kept(copy) == kept(source)  # nothing was compiled anew
+    assert run(copy, "-c", ASK).stdout == "1 4.0\n"
+
+
+def test_other_text_is_compiled_anew(packages):
+    source, copy = packages / "source", packages / "copy"
+    run(source, "-m", "aras_visual_servo_ros.loops", "looping")
+    path = copy / "looping" / "part" / "twice.py"
+    path.write_text(path.read_text().replace("2 * x", "3 * x"))
+    run(copy, "-m", "aras_visual_servo_ros.loops", "--from", str(source), "looping")
+    assert len(kept(copy)) == 2 and kept(copy) != kept(source)
+    assert run(copy, "-c", ASK).stdout == "1 6.0\n"
+
+
+def test_several_packages_are_compiled_and_one_that_is_not_there_is_told(packages):
+    done = run(packages / "source", "-m", "aras_visual_servo_ros.loops", "looping", "nothing")
+    assert done.returncode == 1 and "no package nothing on PYTHONPATH" in done.stderr
+    assert len(kept(packages / "source")) == 2

@@ -122,13 +122,15 @@ step() {
         return
     fi
     printf 'failed\n'
-    tail -n 20 "$log" >&2
     if grep -qE 'Temporary failure resolving|Could not resolve|Failed to establish a new connection|NameResolutionError|Network is unreachable|Unable to locate package' "$log"; then
         why="; there seems to be no network (or a proxy is to be set: http_proxy, https_proxy)"
     fi
+    # pip tidies up when it fails, so there may be room again by now
+    ! grep -q 'No space left on device' "$log" || why="; a disk was full: make room"
     for folder in "$root" /usr /var "${TMPDIR:-/tmp}"; do
-        (($(free "$folder") > 100)) || why="; the disk of $folder is full"
+        (($(free "$folder") > 100)) || why="; the disk of $folder is full: make room"
     done
+    [[ -n $why ]] || tail -n 20 "$log" >&2
     fail "this step failed: $text$why" "the whole output is in $log; start again when it is mended: what is done stays done"
 }
 

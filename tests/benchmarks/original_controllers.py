@@ -154,8 +154,9 @@ class Controller:
 
     def close(self) -> float:
         """End the flood; returns how many messages a second it sent."""
-        self._flood.stdin.close()
-        return float(self._flood.communicate(timeout=10.0)[0])
+        self._flood.stdin.close()  # which ends it
+        with self._flood.stdout as said:
+            return float(said.read())
 
 
 def settle(controller: Controller, q: tuple[float, ...], seconds: float) -> np.ndarray:

@@ -12,7 +12,7 @@ from ros_graph import wait_for
 from std_msgs.msg import Float64
 
 from .arbitrary import Arbitrary
-from .bed import COMMANDS, JOINTS, NODES, ROBOT, Bed
+from .bed import ANSWER, COMMANDS, JOINTS, NODES, ROBOT, Bed, UnansweredError
 from .outcome import Outcome
 
 BYTES = (b"", b"\0", b"GET / HTTP/1.1\r\n\r\n", b"\xff" * 4, b"\xff\xff\xff\x7f", b"\0\0\0\0",
@@ -78,20 +78,31 @@ def wrong_types(bed: Bed, scale: float, seed: int) -> Outcome:
 
 
 def bytes_on_ports(bed: Bed, scale: float, seed: int) -> Outcome:
-    """Connections that say nonsense, or nothing and stay, on every port of every node."""
+    """Connections that say nonsense, or nothing and stay, on every port of every node; meanwhile
+    every node answers others."""
     draw = random.Random(seed)
     with bed.group("bytes on every port") as outcome:
         silent = []
         for node in NODES:
             for port in bed.ports(node):
-                for _ in range(max(round(10 * scale), 2)):
+                for turn in range(max(round(10 * scale), 2)):
                     outcome.injected += 1
-                    connection = socket.create_connection(("127.0.0.1", port), timeout=5.0)
-                    connection.sendall(draw.choice(BYTES))
-                    if draw.random() < 0.5:
+                    try:
+                        connection = socket.create_connection(("127.0.0.1", port), ANSWER)
+                    except TimeoutError:
+                        outcome.hung.append(f"port {port} of {node} takes up no connection")
+                        break
+                    if turn % 2:
+                        connection.sendall(draw.choice(BYTES))
                         connection.close()
                     else:
+                        if turn:
+                            connection.sendall(draw.choice(BYTES))
                         silent.append(connection)
+            try:
+                bed.call(f"{node}/get_loggers")
+            except UnansweredError as error:
+                outcome.hung.append(f"while connections say nothing: {error}")
         judged(bed, outcome, outcome.injected, "while connections say nothing")
         for connection in silent:
             connection.close()

@@ -41,3 +41,26 @@ def test_a_signal_ends_a_waiting_main_thread_and_hooks_come_to_their_end(number)
         node.kill()
     assert output == "main ends\ndone\n"
     assert node.returncode == 0
+
+
+CALLBACK = """
+import rospy
+from aras_visual_servo_ros.shutdown import end_on_signals
+
+end_on_signals()
+CLOSED = "bad callback: %s"  # as rospy tells it
+rospy.logerr(CLOSED, "publish() to a closed topic")
+rospy.signal_shutdown("the node ends")
+rospy.logerr(CLOSED, "publish() to a closed topic")
+rospy.logerr(CLOSED, "another fault")
+"""
+
+
+def test_a_topic_closed_under_a_callback_is_a_fault_only_before_the_end():
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    ended = subprocess.run(
+        [sys.executable, "-c", CALLBACK], env=environment, capture_output=True, text=True,
+        timeout=60.0,
+    )  # fmt: skip
+    told = [line.partition("bad callback: ")[2] for line in ended.stderr.splitlines()]
+    assert [text for text in told if text] == ["publish() to a closed topic", "another fault"]

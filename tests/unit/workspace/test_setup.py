@@ -120,6 +120,21 @@ def test_without_network_it_says_so(machine, told):
     assert status == 1
     assert "there seems to be no network" in text and "start again when it is mended" in text
     assert "apt-get update ... done" in text
+    assert "E: " not in text  # where the reason is known, the log's end would only hide it
+
+
+def test_a_disk_that_was_full_is_named_though_there_is_room_again(machine):
+    apt = "#!/bin/sh\necho 'OSError: [Errno 28] No space left on device'; exit 1\n"
+    room = "#!/bin/sh\necho Avail; echo 100000\n"
+    status, text = machine({"/usr/bin/apt-get": apt, "/usr/bin/df": room})
+    assert status == 1 and "a disk was full: make room" in text and "Errno" not in text
+
+
+def test_a_step_that_fails_for_another_reason_shows_the_end_of_its_log(machine):
+    apt = "#!/bin/sh\nseq 90; echo 'E: dpkg is in a bad mood'; exit 100\n"
+    room = "#!/bin/sh\necho Avail; echo 100000\n"
+    status, text = machine({"/usr/bin/apt-get": apt, "/usr/bin/df": room})
+    assert status == 1 and "E: dpkg is in a bad mood" in text and "\n70\n" not in text
 
 
 def test_an_installation_that_was_cut_short_is_ended_first(machine, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
@@ -12,6 +13,15 @@ import rospy
 from .master_watch import MasterWatch
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM)
+CLOSED = "publish() to a closed topic"  # what rospy says of it
+
+
+class _OrderlyEnd(logging.Filter):
+    """Keeps back what rospy logs, with a traceback, of callbacks that publish while the node ends:
+    it closes topics under them."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        return not (rospy.is_shutdown() and CLOSED in record.getMessage())
 
 
 def end_on_signals() -> None:
@@ -22,6 +32,7 @@ def end_on_signals() -> None:
     hand a signal to any thread, so that a waiting main thread does not even wake for its handler.
     Here the kernel's own handler writes the number into a pipe, and a thread reads it.
     """
+    logging.getLogger("rosout").addFilter(_OrderlyEnd())
     hear, tell = os.pipe()
     os.set_blocking(tell, False)
     for number in NUMBERS:

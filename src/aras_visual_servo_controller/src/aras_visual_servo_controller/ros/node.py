@@ -7,6 +7,7 @@ import time
 import numpy as np
 import rospy
 
+from aras_visual_servo_ros.connections import open_wide
 from aras_visual_servo_ros.master_watch import MasterWatch
 from aras_visual_servo_ros.shutdown import end_on_signals, end_without_master
 
@@ -87,6 +88,7 @@ class ControllerNode:
 def main() -> int:
     """Run the node; returns its exit status."""
     rospy.init_node("aras_visual_servo_controller")
+    open_wide()
     end_on_signals()
     try:
         settings, given = given_settings()

@@ -1,5 +1,7 @@
 """Laws: rates, memory, what reset clears, and what their constructors refuse."""
 
+import inspect
+
 import numpy as np
 import pytest
 
@@ -104,6 +106,68 @@ def test_wrappers_reset_the_law_inside(wrapper):
     np.testing.assert_allclose(rate(law, dt=0.0), -2.0 * E)
 
 
+@pytest.mark.parametrize("wrapper", [ContinuousStart, Ramp])
+def test_wrappers_hand_the_law_inside_what_they_got(wrapper):
+    class Inside(Law):
+        def rate(self, *given):
+            self.given = given
+            return given[0]
+
+    inside = Inside()
+    wrapped = wrapper(inside, 1.0)
+    rate(wrapped, t=3.0, dt=0.25)
+    rate(wrapped, t=80.0, dt=0.25)  # late: what the start changed is forgotten
+    for got, wanted in zip(inside.given, (E, L, ROTATED, 80.0, 0.25), strict=True):
+        np.testing.assert_allclose(got, wanted)
+
+
+@pytest.mark.parametrize("wrapper", [ContinuousStart, Ramp])
+def test_a_start_is_not_before_itself(wrapper):
+    """A clock that was set back a little neither turns the motion round nor makes it larger."""
+    law = wrapper(Proportional(2.0))
+    rate(law, t=4.0)
+    np.testing.assert_allclose(rate(law, t=3.5), 0.0, atol=1e-12)
+
+
+def test_the_bound_of_the_integral_grows_with_the_error_and_never_shrinks():
+    law = ProportionalIntegral(2.0, 3.0, bound=0.5)
+    for error in (0.1 * E, E, 0.01 * E):
+        for _ in range(300):
+            last = rate(law, error, dt=0.1)
+    np.testing.assert_allclose(last, -2.0 * 0.01 * E - 0.5 * 2.0 * E)
+    other = np.ones(2)  # other features: it begins anew
+    np.testing.assert_allclose(law.rate(other, L[:2], ROTATED, 0.0, 0.0), -2.0 * other)
+
+
+@pytest.mark.parametrize(
+    ("law", "error", "wanted"),
+    [
+        (Proportional, E, -5.0 * E),
+        (Adaptive, E, -(3.0 * np.exp(-30.0 * np.abs(ROTATED).max() / 3.0) + 2.0) * E),
+        (ProportionalIntegral, E, -(4.0 + 2.0 * DT) * E),
+        (SlidingMode, E, -3.0 * E - 0.02 * np.sign(E)),
+        (SlidingMode, 0.02 * E, -(3.0 + 0.02 / 0.01) * 0.02 * E),  # within its layer
+    ],
+)
+def test_what_laws_do_where_no_gain_is_given(law, error, wanted):
+    """Users tune from there, and protocols name laws alone."""
+    np.testing.assert_allclose(rate(law(), error), wanted)
+
+
+@pytest.mark.parametrize(("wrapper", "time"), [(Ramp, 0.1), (ContinuousStart, 0.25)])
+def test_how_soon_a_start_is_over_where_its_time_is_not_given(wrapper, time):
+    law = wrapper(Proportional(2.0))
+    rate(law, t=1.0)
+    np.testing.assert_allclose(rate(law, t=1.0 + time), -2.0 * (1.0 - np.exp(-1.0)) * E)
+
+
+def test_the_integral_is_not_bounded_below_the_first_error():
+    law = ProportionalIntegral(4.0, 2.0)
+    for _ in range(300):
+        last = rate(law, dt=0.1)
+    np.testing.assert_allclose(last, -4.0 * E - 4.0 * E)  # bound 1: as much as the gain's part
+
+
 @pytest.mark.parametrize("name", LAWS)
 def test_every_law_is_made_by_name_and_answers_its_shape(name):
     gains = {"values": [1.0, 2.0, 3.0]} if name == "diagonal" else {}
@@ -121,6 +185,37 @@ def test_every_law_is_made_by_name_and_answers_its_shape(name):
 def test_gains_that_are_none(law, gain):
     with pytest.raises(ConfigurationError, match="gain is"):
         create_law(law, gain=gain)
+
+
+NUMBERS = [
+    (law, argument)
+    for law in (Proportional, Adaptive, ProportionalIntegral, SlidingMode, ContinuousStart, Ramp)
+    for argument in inspect.signature(law).parameters if argument != "law"
+]
+
+
+@pytest.mark.parametrize("value", [0.0, -2.0, np.nan, np.inf, True, "5"])
+@pytest.mark.parametrize(("law", "argument"), NUMBERS)
+def test_every_number_of_a_law_has_to_be_one_above_0(law, argument, value):
+    inside = (Proportional(),) if law in (ContinuousStart, Ramp) else ()
+    with pytest.raises(ConfigurationError, match=rf"{argument} is .*, it must be a number above 0"):
+        law(*inside, **{argument: value})
+
+
+@pytest.mark.parametrize("law", ["proportional", "pi", "adaptive", "diagonal"])
+def test_gains_up_to_a_thousand_are_taken(law):
+    name = {"adaptive": "zero"}.get(law, "gain")
+
+    def made(gain):
+        return create_law(law, **({"values": [gain]} if law == "diagonal" else {name: gain}))
+
+    made(1000)
+    made(np.float64(1000.0))
+    with pytest.raises(ConfigurationError, match="more than 1000: no camera is that fast"):
+        made(1001.0)
+    SlidingMode(gain=500.0, reach=5.0, width=0.01)
+    with pytest.raises(ConfigurationError, match=r"= 1010 1/s: widen"):
+        SlidingMode(gain=500.0, reach=5.1, width=0.01)
 
 
 @pytest.mark.parametrize(

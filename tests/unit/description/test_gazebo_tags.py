@@ -46,6 +46,9 @@ def test_what_a_camera_leaves_open():
     assert (made.near, made.far, made.update_rate) == (0.1, 100.0, 0.0)
     assert (made.noise, made.distortion, made.distortion_center) == (Noise(), None, (0.5, 0.5))
     assert made.pose == ((0, 0, 0), (0, 0, 0))
+    for size in (1, 16384):  # the smallest and the largest picture there are
+        image = f"<image><width>{size}</width><height>{size}</height></image>"
+        assert (camera(image).width, camera(image).height) == (size, size)
     assert camera("<noise/>").noise == Noise("gaussian", 0.0, 0.0)
     assert camera("<distortion/>").distortion == (0, 0, 0, 0, 0)
 
@@ -78,6 +81,8 @@ def test_a_lens():
 @pytest.mark.parametrize("inside, reason", [
     ("<image><width>0</width></image>", "image is 0 × 240 pixels; 1 … 16384 are possible"),
     ("<image><height>16385</height></image>", "320 × 16385"),
+    ("<image><height>0</height></image>", "320 × 0"),
+    ("<image><width>16385</width></image>", "16385 × 240"),
     ("<image><width>1.5</width></image>", "image width: 1.5 is not a whole number"),
     ("<clip><near>2</near><far>1</far></clip>", "clip near 2.0 and far 1.0 need 0 < near < far"),
     ("<clip><near>0</near></clip>", "clip near 0.0"),

@@ -186,6 +186,38 @@ def test_wall_time_without_an_answer_holds_the_arm_until_images_come():
     assert bench.states[-1].phase == "converged"
 
 
+def test_images_that_come_again_start_it_once_and_not_what_was_stopped_later():
+    bench = Bench(gain=1.0, wall_watchdog=5.0)
+    bench.step(60)
+    bench.wall += 5.1
+    bench.driver.watch()
+    bench.step(6)
+    assert bench.servo.phase == "servoing"
+    bench.driver.stop("enough")
+    bench.step(30)
+    assert bench.servo.phase == "stopped"
+    bench.driver.start()
+    bench.step(6)
+    assert bench.servo.phase == "servoing"
+    bench.wall += 5.1
+    bench.driver.watch()
+    bench.driver.change(lambda servo: setattr(servo, "asked_to_change", True))
+    assert bench.servo.asked_to_change
+
+
+def test_how_often_joint_states_began_to_come_is_counted():
+    """Whoever looks for another robot looks then."""
+    bench = Bench(gain=1.0)
+    assert bench.driver.beginnings == 0
+    bench.step(30)
+    assert bench.driver.beginnings == 1
+    bench.step(3, stamp=bench.t - 0.05)  # late ones are no beginning
+    assert bench.driver.beginnings == 1
+    bench.t = 1.0
+    bench.step(30)
+    assert bench.driver.beginnings == 2
+
+
 def test_only_the_clock_going_back_begins_anew():
     bench = Bench(gain=1.0)
     bench.step(60)

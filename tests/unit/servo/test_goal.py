@@ -158,6 +158,9 @@ def test_a_goal_for_a_camera_mounted_elsewhere():
     from aras_visual_servo_camera.moments import Moments
 
     np.testing.assert_allclose(moved.moments.m_array, Moments.from_polygon(exact, 6).m_array)
+    # what was taught is of the view it was taught from
+    taught = replace(goal, mounting=np.eye(4), features={"points": {}}).for_arm(arm)
+    assert taught.mounting is None and not taught.features
     with pytest.raises(ConfigurationError, match="camera elsewhere.*teach it anew"):
         replace(goal, target=None).for_arm(arm)
 

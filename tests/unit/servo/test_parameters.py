@@ -78,6 +78,27 @@ def test_wrong_parameters_are_named(given, words):
         of(**given)
 
 
+ABOVE_0 = {"gain", "gain_zero", "gain_infinity", "gain_slope", "hold", "approach_speed", "watchdog",
+           "wall_watchdog", "stop_time"}  # fmt: skip
+LEAST = dict.fromkeys(
+    ("continuous_start", "ramp", "duration", "hold_gain", "posture_gain", "lag",
+     "delay", "listeners"), 0.0) | {"image_timeout": 0.1, "joint_timeout": 0.1}  # fmt: skip
+
+
+def test_every_number_has_its_bound_and_takes_what_lies_at_it():
+    numbers = {f.name for f in fields(Settings) if isinstance(f.default, float)}
+    by_others = {"smoothing", "lead", "stiffness", "damping"}  # the scheme and the loop refuse them
+    assert numbers - by_others == ABOVE_0 | set(LEAST)
+    for name in ABOVE_0:
+        assert getattr(of(**{name: 1e-6}), name) == 1e-6
+        with pytest.raises(ConfigurationError, match=f"~{name} is 0.0, must be > 0"):
+            of(**{name: 0})
+    for name, bound in LEAST.items():
+        assert getattr(of(**{name: bound}), name) == bound
+        with pytest.raises(ConfigurationError, match=f"~{name} is .*, must be >= {bound:g}"):
+            of(**{name: bound - 1e-6})
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [

@@ -112,6 +112,28 @@ def test_starting_forgets_how_uneven_the_stream_was():
     assert follow(it, after, 60) == follow(fresh, after, 60)
 
 
+@pytest.mark.parametrize(("intervals", "lasting"), [
+    # A fifth of the way from 1/30 s to each interval; then 2.2 times a fifth of the change from one
+    # to the next, of which half the shorter interval counts at most.
+    ((20,), 100 / 3 - 0.2 * (100 / 3 - 20)),
+    ((20, 24), 0.8 * (100 / 3 - 0.2 * (100 / 3 - 20)) + 0.2 * 24 + 2.2 * 0.2 * 4),
+    ((24, 20), 0.8 * (100 / 3 - 0.2 * (100 / 3 - 24)) + 0.2 * 20 + 2.2 * 0.2 * 4),
+    ((10, 30), 0.8 * (100 / 3 - 0.2 * (100 / 3 - 10)) + 0.2 * 30 + 2.2 * 0.2 * 5),
+    ((30, 10), 0.8 * (100 / 3 - 0.2 * (100 / 3 - 30)) + 0.2 * 10 + 2.2 * 0.2 * 5),
+    ((30, 1000, 10), 0.8 * (100 / 3 - 0.2 * (100 / 3 - 30)) + 0.2 * 10 + 2.2 * 0.2 * 5),
+])  # fmt: skip
+def test_an_uneven_stream_s_line_lasts_longer_by_its_changes(intervals, lasting):
+    it, at = interpolation(), 1000
+    it.take(0.0, at * MS)
+    for interval in intervals[:-1]:
+        at += interval
+        it.take(0.0, at * MS)
+    it.take(0.1, (at + intervals[-1]) * MS)
+    values = follow(it, {}, 20)
+    # The corner's lag has died away after 15 ms: then it goes as fast as the line.
+    assert values[-1] - values[-2] == pytest.approx(0.1 / lasting, rel=0.01)
+
+
 def test_a_late_command_makes_the_line_rest_only_shortly():
     """Jitter of 1 ms at 100 commands a second: the speed stays within 25 % of the stream's."""
     it = interpolation()

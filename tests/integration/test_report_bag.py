@@ -272,7 +272,8 @@ def test_foxgloves_own_reader_reads_the_conversion(tmp_path, closed, capsys):
         assert decoded[f"{NAMESPACE}/controller/state"].phase == "converged"
         # By its index: a second of one topic.
         start = written[0][2] + 1_000_000_000
-        part = list(made.iter_messages([f"{NAMESPACE}/joint_states"], start, start + 10**9))
+        part = list(made.iter_messages([f"{NAMESPACE}/joint_states"], starting_at=start,
+                                       ending_before=start + 10**9))
         assert 29 <= len(part) <= 31 and all(start <= m.log_time for _, _, m in part)
 
 
@@ -292,6 +293,60 @@ def test_compressed_pictures_are_pictures(tmp_path):
     write_run(path, compressed=True)
     (_, picture), *_ = read_bag(path).images.pictures
     assert picture.shape == (2, 4, 3) and picture[0, 0, 0] > 200 and picture[0, 0, 2] < 50  # red
+
+
+def messages(path):
+    with rosbag.Bag(str(path)) as bag:
+        return list(bag.read_messages())
+
+
+def later(message, seconds):
+    """The same message, with all stamps moved."""
+    for part in (message, *getattr(message, "transforms", ())):
+        if hasattr(part, "header"):
+            part.header.stamp += rospy.Duration.from_sec(seconds)
+    return message
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_where_the_clock_was_put_back_the_run_after_it_is_told(tmp_path, closed):
+    once, path = tmp_path / "once.bag", tmp_path / "twice.bag"
+    write_run(once, described=True)
+    whole = messages(once)
+    with rosbag.Bag(str(path), "w", chunk_threshold=20_000) as bag:
+        for topic, message, time in whole[: 2 * len(whole) // 3]:
+            bag.write(topic, message, time)
+        for topic, message, time in whole:
+            if topic not in ("/tf_static", f"{NAMESPACE}/experiment"):  # both are latched
+                bag.write(topic, message, time)
+    record, single = read_bag(path if closed else cut_off(path, 1.0)), read_bag(once)
+    assert any("the clock was put back once" in note for note in record.notes)
+    np.testing.assert_array_equal(record.run.stamp, single.run.stamp)
+    np.testing.assert_array_equal(record.run.measured, single.run.measured)
+    np.testing.assert_array_equal(record.images.stamp, single.images.stamp)
+    assert [q.shown for q in summarise(record)] == [q.shown for q in summarise(single)]
+
+
+def test_of_several_runs_the_last_is_told(tmp_path):
+    once, path = tmp_path / "once.bag", tmp_path / "twice.bag"
+    write_run(once, described=True)
+    whole = messages(once)
+    with rosbag.Bag(str(path), "w") as bag:
+        for topic, message, time in whole:
+            bag.write(topic, message, time)
+        state = ServoState(phase="approaching")
+        state.header.stamp = rospy.Time.from_sec(8.0)
+        bag.write(f"{NAMESPACE}/controller/state", state, rospy.Time.from_sec(8.0))
+        for topic, message, time in whole:
+            after = time + rospy.Duration.from_sec(10.0)
+            bag.write(topic, later(message, 10.0), after)
+    record, single = read_bag(path), read_bag(once)
+    assert any("holds 2 runs" in note for note in record.notes)
+    assert not any("put back" in note for note in record.notes)
+    np.testing.assert_allclose(record.run.stamp, single.run.stamp + 10.0)
+    found, own = ({q.key: q.shown for q in summarise(one)} for one in (record, single))
+    for key in ("outcome", "settled", "error_settled", "final_error_xn", "path_ratio"):
+        assert found.get(key) == own.get(key), key
 
 
 def cut_off(bag, kept):

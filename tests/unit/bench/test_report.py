@@ -14,8 +14,9 @@ import pytest
 from aras_visual_servo_bench.commands import analyzing, main
 from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.experiment import Experiment
-from aras_visual_servo_bench.report import curves, style, summary, views
+from aras_visual_servo_bench.report import curves, machine, style, summary, views
 from aras_visual_servo_bench.report.record import Images, milestones, nearest
+from aras_visual_servo_bench.report.time_axes import broken
 from aras_visual_servo_bench.report.write import FIGURES, NAMES, tables, write_report
 from aras_visual_servo_bench.study import metrics
 from aras_visual_servo_bench.study.replay import _with_pictures, carried_out
@@ -99,8 +100,8 @@ def test_late_and_missing_images_are_counted():
 
 def test_condition_is_the_largest_over_the_smallest_singular_value_of_each_image():
     singular = np.array([[4.0, 2.0, np.nan], [9.0, 3.0, 1.0], [np.nan] * 3, [1.0, 0.0, np.nan]])
-    np.testing.assert_array_equal(curves.condition(singular), [2.0, 9.0, np.nan, np.inf])
-    assert np.isnan(curves.condition(np.zeros((3, 0)))).all()
+    np.testing.assert_array_equal(machine.condition(singular), [2.0, 9.0, np.nan, np.inf])
+    assert np.isnan(machine.condition(np.zeros((3, 0)))).all()
 
 
 def test_words_tell_a_failure_with_reason_and_mend(moments):
@@ -201,6 +202,25 @@ def test_features_share_an_axis_with_those_of_their_unit(moments, points):
         plt.close("all")
 
 
+def test_a_curve_is_open_where_nothing_was_measured():
+    time, values = np.r_[0.0:1.0:0.1, 4.0:4.5:0.1], np.arange(15.0)
+    at, shown = broken(time, values)
+    assert np.isnan(shown[10]) and 0.9 < at[10] < 4.0 and (np.diff(at) > 0).all()
+    np.testing.assert_array_equal(shown[np.isfinite(shown)], values)
+    for whole in (np.arange(5.0), np.r_[0.0:1.0:0.1, 1.2], np.zeros(1)):  # slow, one lost, one
+        np.testing.assert_array_equal(broken(whole, whole), (whole, whole))
+
+
+def test_powers_of_ten_are_plain_letters():
+    with style.look():
+        axis = style.canvas(1)[1][0, 0]
+        axis.semilogy([0.0, 1.0], [1e-4, 1.0])
+        style.logarithmic(axis)
+        label = axis.yaxis.get_major_formatter()
+        assert [label(value, 0) for value in (1e-4, 1.0, 1e12)] == ["10⁻⁴", "10⁰", "10¹²"]
+        plt.close("all")
+
+
 def test_curves_are_the_arrays(moments):
     with style.look():
         figure = curves.camera_twist([moments])
@@ -220,7 +240,7 @@ def test_limits_that_are_near_are_lines_and_others_words(moments):
     top = float(run.measured[:, 0].max())
     near = (np.full(6, -50.0), np.r_[top + 0.001, np.full(5, 50.0)])
     with style.look():
-        figure = curves.joint_positions([replace(moments, limits=near)])
+        figure = machine.joint_positions([replace(moments, limits=near)])
         first, other = figure.axes[0], figure.axes[2]
         assert any(np.allclose(line.get_ydata(), top + 0.001) for line in first.lines)
         assert first.get_ylim()[1] > top + 0.001

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -12,7 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 # Okabe and Ito's palette.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
@@ -68,6 +69,7 @@ PAPER = {
     "pdf.fonttype": 42,
     "ps.fonttype": 42,
 }
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 TIME = "time since servoing began (s)"
 
 
@@ -137,7 +139,14 @@ def logarithmic(axis: Axes) -> None:
         between = (1.0, 2.0, 5.0) if high < 50.0 * low else (1.0,)
         axis.yaxis.set_major_locator(LogLocator(subs=between))
         axis.yaxis.set_major_formatter("{x:g}")
+    else:
+        axis.yaxis.set_major_formatter(FuncFormatter(_power))
     axis.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _power(value: float, _position: int) -> str:
+    """10⁻³; in plain letters, for setting formulas takes a fifth of a report's time."""
+    return "10" + str(round(math.log10(value))).translate(RAISED) if value > 0.0 else ""
 
 
 def legend(axis: Axes, columns: int = 4, **options: object) -> None:

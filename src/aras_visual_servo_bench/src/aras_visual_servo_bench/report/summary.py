@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..study import metrics
-from .curves import condition
+from .machine import condition
 from .record import Images, Record, scaled
 
 SETTLED = 0.02  # part of the first error

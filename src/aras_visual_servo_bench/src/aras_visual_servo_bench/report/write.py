@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..errors import BenchError
-from . import curves, style, views
+from . import curves, machine, style, views
 from .page import Shown, page
 from .record import Record
 from .summary import Quantity, mapping, summarise
@@ -37,11 +37,11 @@ FIGURES: tuple[tuple[tuple[str, str, str, Drawing], ...], ...] = (
       views.image_trajectory),
      ("camera_path", "Path", "In the world's frame; frusta open along the optical axis.",
       views.camera_path)),
-    (("joint_positions", "Joints", "Red: limits of the description.", curves.joint_positions),),
+    (("joint_positions", "Joints", "Red: limits of the description.", machine.joint_positions),),
     (("conditioning", "Conditioning", "L in its modelled directions; L J is what the arm inverts.",
-      curves.conditioning),
+      machine.conditioning),
      ("timing", "Timing", "In simulated time; the real-time factor is what the simulator tells.",
-      curves.timing)),
+      machine.timing)),
 )  # fmt: skip
 RASTER = ("filmstrip",)  # pictures of pictures: on the page as PNG
 NAMES = tuple(name for row in FIGURES for name, *_ in row)
@@ -183,8 +183,8 @@ def tables(record: Record) -> dict[str, str]:
     for word, twist in (("asked", run.asked), ("achieved", run.achieved)):
         for i, axis in enumerate(("vx", "vy", "vz", "wx", "wy", "wz")):
             images[f"{axis} {word} [{'m/s' if i < 3 else 'rad/s'}]"] = twist[:, i]
-    images["condition of L"] = curves.condition(details.singular_L)
-    images["condition of L J"] = curves.condition(details.singular_LJ)
+    images["condition of L"] = machine.condition(details.singular_L)
+    images["condition of L J"] = machine.condition(details.singular_LJ)
     images["manipulability"], images["scale"] = details.manipulability, details.scale
     images["computing [s]"] = details.computing
     for i, axis in enumerate("xyz"):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import re
 import threading
 import time
 from collections.abc import Callable
@@ -33,6 +32,7 @@ from aras_visual_servo_controller.schemes.registry import SCHEMES
 from aras_visual_servo_controller.settings import Settings
 
 from ..live.requests import RefusedError
+from .keeping import LOGGED
 from .listener import Listener
 from .processes import Launch
 
@@ -40,7 +40,6 @@ CONTROLLER, CAMERA = "/aras_visual_servo_controller", "/aras_visual_servo_camera
 CAMERA_PARAMETERS = "/gazebo/cameras/labrob/camera"
 PATIENCE = 5.0  # s of wall time for a service to be there
 START = 60.0  # s of wall time for nodes to come up; their loops may have to be compiled first
-LOGGED = re.compile(r"^\[\w+\] \[[\d., ]+\]: ")  # what a log line begins with
 TARGET = "target"  # the name under which a target is spawned, as the launch files have it
 STRICT = 2
 

@@ -33,6 +33,7 @@ JOINTS, INFO, METRICS = (
     "sensor_msgs/JointState", "sensor_msgs/CameraInfo", "gazebo_msgs/PerformanceMetrics",
 )
 IMAGE, COMPRESSED = "sensor_msgs/Image", "sensor_msgs/CompressedImage"
+BACK = 500_000_000  # ns by which stamps may be out of order without a clock that was put back
 EXPERIMENT = "experiment"  # last part of the topic's name
 CAMERA = "/labrob/camera/"  # of the shipped robot, where a bag has several
 OPTICAL, LINK = "camera_optical_frame", "camera_link"
@@ -157,6 +158,7 @@ class Reader:
         self._transforms: dict[str, tuple[str, np.ndarray]] = {}
         self.info: Any = None
         self.described = ""
+        self.notes: list[str] = []
 
     # -- reading ---------------------------------------------------------------------------
 
@@ -170,19 +172,36 @@ class Reader:
             t.experiment: self._take_experiment, "/tf": self._take_tf, "/tf_static": self._take_tf,
         }  # fmt: skip
         takers.pop("", None)
+        always = (t.info, t.experiment, "/tf_static")  # told once, or never another
+        began = self._began()
         wanted = [topic for topic in (*takers, t.image) if topic in self._counts]
         total, done = sum(self._counts[topic] for topic in wanted) or 1, 0
         for topic, message, time in self._bag.read_messages(wanted, raw=True):
             done += 1
             if done % 500 == 0:
                 progress(done / total)
+            _, data, _, place, _ = message
+            if began is not None and place < began and topic not in always:
+                continue
             if topic == t.image:
-                _, data, *_ = message
-                # std_msgs/Header: seq, secs, nsecs, each four bytes
-                _, secs, nsecs = struct.unpack_from("<III", data)
-                self.stamps.append((secs + 1e-9 * nsecs, time.to_sec(), time))
+                self.stamps.append((1e-9 * _stamp(data), time.to_sec(), time))
                 continue
             takers[topic](unpacked(message))
+
+    def _began(self) -> tuple | None:
+        """Where in the file the clock was last put back, None: never. From there on is one run."""
+        topic, written = self._topics.joints or self._topics.state, []
+        for _, (_, data, _, place, _), _ in self._bag.read_messages([topic], raw=True):
+            written.append((place, _stamp(data)))
+        written = sorted(one for one in written if one[1] > 0)
+        back = [i for i in range(1, len(written)) if written[i][1] < written[i - 1][1] - BACK]
+        if not back:
+            return None
+        self.notes.append(
+            f"the clock was put back {'once' if len(back) == 1 else f'{len(back)} times'} while "
+            "this bag was recorded: what is here is what came after"
+        )
+        return written[back[-1]][0]
 
     def _take_report(self, message: Any) -> None:
         self.reports[message.header.stamp.to_nsec()] = message
@@ -244,6 +263,12 @@ def unpacked(raw: tuple) -> Any:
     message = kind()
     message.deserialize(data)
     return message
+
+
+def _stamp(data: bytes) -> int:
+    """ns, of a message that begins with a std_msgs/Header: seq, secs, nsecs, each four bytes."""
+    _, secs, nsecs = struct.unpack_from("<III", data)
+    return secs * 1_000_000_000 + nsecs
 
 
 def _matrix(transform: Any) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.state import APPROACHING
 
 from ..errors import BenchError
 from ..history import padded
@@ -37,17 +38,20 @@ class Messages:
 
     def record(self, name: str) -> Record:
         """The record; BenchError where nothing was servoed on."""
-        servoed = [m for m in self._read.states if m.phase in SERVOED]
-        first = next((i for i, m in enumerate(servoed) if len(m.error)), None)
-        if first is None:
+        runs = _runs(self._read.states)
+        if not runs:
             raise BenchError(
                 f"{self._read.path} holds no image that was servoed on: the controller was "
                 + (f"{self._read.states[-1].phase}: {self._read.states[-1].reason}".rstrip(": ")
                    if self._read.states else "never heard")
             )  # fmt: skip
-        servoed = servoed[first:]
+        servoed = runs[-1]
         told = Described.of(self._read.described)
         notes, arm, goal = told.notes, told.arm, told.goal
+        notes += self._read.notes
+        if len(runs) > 1:
+            notes.append(f"the bag holds {len(runs)} runs: the arm went to its start, or another "
+                         "scheme began, between them; this is the last")  # fmt: skip
         run, details = self._run(servoed, arm, goal, notes)
         scheme = servoed[0].scheme
         units, tolerances = told.features(scheme, len(run.names))
@@ -172,6 +176,19 @@ class Messages:
                 moments = Moments.from_arrays(message.m, message.mu, int(message.order))
                 found[i] = moments.xg, moments.yg
         return found
+
+
+def _runs(states: Sequence[Any]) -> list[list[Any]]:
+    """States that were servoed on, from each run's first error on; runs without one are none."""
+    runs: list[list[Any]] = [[]]
+    for state in states:
+        names = runs[-1] and runs[-1][0].feature_names
+        if state.phase == APPROACHING or (names and len(state.error) and
+                                          state.feature_names != names):  # fmt: skip
+            runs.append([])
+        if state.phase in SERVOED and (runs[-1] or len(state.error)):
+            runs[-1].append(state)
+    return [run for run in runs if run]
 
 
 def _verdict(goal: np.ndarray, poses: np.ndarray) -> Verdict:

@@ -134,6 +134,7 @@ class Dashboard:
             **self._actions.given(), "gains": self._actions.gains,
             "robot": listener.robots, "picture": self._pictures.note,
             "recording": str(keeping.recording or ""), "recorded": str(keeping.recorded or ""),
+            "trouble": keeping.trouble(),
             "report": keeping.report,
         }  # fmt: skip
 

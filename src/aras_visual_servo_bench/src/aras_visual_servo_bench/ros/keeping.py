@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import time
 from pathlib import Path
@@ -12,6 +13,8 @@ from .processes import Launch
 
 TEACHING, REPORTING, CLOSING = 90.0, 180.0, 15.0  # s of wall time
 REPORT = "report"
+ACTIVE = ".active"  # behind the name of a bag that is not closed
+LOGGED = re.compile(r"^\[ ?\w+\] \[[\d., ]+\]: ")  # what a log line begins with
 
 
 class Keeping:
@@ -19,7 +22,7 @@ class Keeping:
 
     Attributes:
         recording: bag that is being written, None while none is.
-        recorded: the last one that was.
+        recorded: the last one that was; unclosed where its recorder was killed.
         report: path of the last report's page within the reports, '' while there is none.
     """
 
@@ -46,7 +49,7 @@ class Keeping:
             ["aras_visual_servo_gazebo", "record.launch", f"bag:={bag}"],
             self._made("log") / "record.txt", dict(os.environ),
         )  # fmt: skip
-        active = bag.with_name(bag.name + ".active")
+        active = bag.with_name(bag.name + ACTIVE)
         end = time.monotonic() + CLOSING
         while not (active.exists() or bag.exists()):
             if self._recorder.death() or time.monotonic() > end:
@@ -61,12 +64,26 @@ class Keeping:
         """Close the bag."""
         if self.recording is None:
             raise RefusedError("nothing is being recorded")
+        trouble = self.trouble()
         self._recorder.stop()
         bag, self.recording = self.recording, None
         if not bag.exists():
+            bag = bag.with_name(bag.name + ACTIVE)  # its recorder was killed; a report reads it
+        if not bag.exists():
             raise RefusedError(f"the recorder left no bag: {self._recorder.last_lines(1).strip()}")
         self.recorded = bag
-        return f"recorded {bag} ({bag.stat().st_size / 1e6:.1f} MB)"
+        text = f"recorded {bag} ({bag.stat().st_size / 1e6:.1f} MB)"
+        if trouble:
+            raise RefusedError(f"{trouble}; what it had until then is kept: {text}")
+        return text
+
+    def trouble(self) -> str:
+        """Why the bag that is being recorded does not grow any more, as on a full disk; or ''."""
+        if self.recording is None:
+            return ""
+        if not self._recorder.death() and "Disabling recording" not in self._recorder.text():
+            return ""
+        return f"the recorder has stopped: {LOGGED.sub('', self._recorder.last_lines(1).strip())}"
 
     def make_report(self) -> str:
         """The report of the last bag, by `analyze`."""
@@ -76,7 +93,7 @@ class Keeping:
             raise RefusedError("nothing has been recorded yet")
         out = self._made(REPORT) / self.recorded.stem
         self._run(["rosrun", "aras_visual_servo_bench", "analyze", str(self.recorded), "--out",
-                   str(out)], REPORTING)  # fmt: skip
+                   str(out), "--formats", "svg"], REPORTING)  # the page's own, in half the time
         pages = sorted(out.rglob("*.html"))
         if not pages:
             raise RefusedError(f"analyze left no page in {out}")

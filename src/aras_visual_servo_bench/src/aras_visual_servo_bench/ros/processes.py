@@ -47,7 +47,7 @@ class Launch:
         """Whether roslaunch itself is still there."""
         return self._process.poll() is None
 
-    def _text(self) -> str:
+    def text(self) -> str:
         """The log without the terminal's colours."""
         return re.sub("\x1b\\[[0-9;]*m", "", self.log.read_text("utf-8", errors="replace"))
 
@@ -55,14 +55,14 @@ class Launch:
         """What roslaunch says of a node that died, '' while none has."""
         if not self.running:
             return f"roslaunch ({self.log.stem}) ended"
-        for line in self._text().splitlines():
+        for line in self.text().splitlines():
             if "process has died" in line:
                 return "node " + line.partition("[")[2].partition("]")[0] + " died"
         return ""
 
     def last_lines(self, count: int = 6) -> str:
         """The end of the log, for a message: errors if there are any, else the last lines."""
-        lines = [line for line in self._text().splitlines() if line.strip()]
+        lines = [line for line in self.text().splitlines() if line.strip()]
         errors = [line for line in lines if "ERROR" in line or "FATAL" in line]
         return "\n".join("    " + line for line in (errors or lines)[-count:])
 

@@ -74,11 +74,12 @@ class UnclosedBag:
         for chunk in self._chunks:
             if chunk.last < begin or chunk.first > end:
                 continue
-            for number, time, data in self._messages(chunk):
+            for count, (number, time, data) in enumerate(self._messages(chunk)):
                 topic, kind, md5, _ = self._connections[number]
                 if topic in topics and begin <= time <= end:
                     made = genpy.Time(*divmod(time, 1_000_000_000))
-                    yield topic, (kind, data, md5, None, self._class(number)), made
+                    place = (chunk.offset, count)
+                    yield topic, (kind, data, md5, place, self._class(number)), made
 
     # -- the file --------------------------------------------------------------------------
 

@@ -196,7 +196,8 @@ function values(given) {
   }
   gains(given.gains || {});
   robot(given.robot);
-  $("recording").textContent = given.recording ? `recording to ${given.recording}`
+  $("recording").classList.toggle("refused", Boolean(given.trouble));
+  $("recording").textContent = given.trouble ? given.trouble : given.recording ? `recording to ${given.recording}`
     : given.recorded ? `recorded: ${given.recorded}` : "";
   $("report-link").hidden = !given.report;
   if (given.report) $("report-link").href = `/report/${given.report}?token=${encodeURIComponent(token)}`;

@@ -188,6 +188,27 @@ def test_a_push_at_the_slide_ends_with_its_step_where_bullet_steps_too(world, ma
     assert max(speeds) <= speeds[0] + 1e-9
 
 
+def test_a_stop_pushes_back_no_longer_than_the_push_lasts_where_bullet_steps_too(world, make):
+    model = world.spawn(cart(make, 200.0, travel=0.1), "cart")
+    loose_box(make, world, "far", 1.0, (3.0, 0.0, 0.05))
+    steps(world, 300)
+    model.set_joint_positions({"rail": 0.1})
+    steps(world, 2)
+    model.apply_force("slide", (20.0, 0.0, 0.0), model.link_pose("slide").xyz)
+    steps(world, 20)
+    assert model.fixed_base and not model.joints.own
+    assert model.read_joints()[0][0] == pytest.approx(0.1, abs=1e-9)
+    assert model.read_joints()[1][0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_base_is_held_where_bullet_s_window_shows_it(world, make):
+    world._gui = True  # a window has no say in what is simulated
+    model = world.spawn(cart(make), "cart")
+    steps(world, 50, model, 3.0)
+    assert model.fixed_base and not model.joints.own
+    assert model.read_joints()[1][0] == pytest.approx(50e-3 * 3.0 / 2.0, rel=1e-3)
+
+
 def test_a_reset_starts_free_and_comes_to_the_same_again(world, held):
     first = (held.pose(), held.read_joints()[0])
     world.reset_simulation()
@@ -263,6 +284,19 @@ def test_a_base_is_held_while_something_loose_lies_on_it_and_beside_it(world, ma
     assert model.fixed_base and model.pose() == at
     assert on.pose().xyz == pytest.approx((0.2, 0.1, 0.25), abs=2e-3)
     assert beside.pose().xyz[2] == pytest.approx(0.05, abs=1e-3)
+
+
+def test_what_touches_a_base_adds_up_to_a_torque_and_a_force_in_its_axes():
+    rng = np.random.default_rng(7)
+    root = Pose.from_rpy((0.3, -0.2, 0.5), (0.4, -0.7, 1.1))
+    pushes = rng.normal(size=(5, 15))
+    touch = np.zeros(6)
+    standing._add_up(pushes, np.array(root.matrix())[:3], touch)
+    force = np.einsum("is,isk->ik", pushes[:, 3::4],
+                      np.stack([pushes[:, 4 + k:7 + k] for k in (0, 4, 8)], axis=1))
+    torque = np.cross(pushes[:, :3] - root.xyz, force)
+    turn = np.array(root.matrix())[:3, :3]
+    assert touch == pytest.approx(np.concatenate([torque.sum(0) @ turn, force.sum(0) @ turn]))
 
 
 def test_what_no_longer_lies_on_a_held_base_is_no_longer_felt(world, make):

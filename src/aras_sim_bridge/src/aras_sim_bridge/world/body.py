@@ -40,6 +40,7 @@ class Body:
         with tempfile.TemporaryDirectory(prefix="aras_sim_bridge_") as directory:
             window = pybullet.getConnectionInfo(self.client)["connectionMethod"] == pybullet.GUI
             path = bullet_file.write(bodies, self.fixed_base, window, directory)
+            self._draw(window, False)  # else a frame for each shape
             try:
                 self.body_id = pybullet.loadURDF(
                     path, pose.xyz, pose.quat, useFixedBase=self.fixed_base,
@@ -48,6 +49,8 @@ class Body:
                 raise WorldError(
                     f"model '{self.name}': Bullet cannot load it ({error}); check its mesh files"
                 ) from None
+            finally:
+                self._draw(window, True)
         self.inertial_poses = {
             link.name: IDENTITY if link.inertial is None
             else bullet_file.principal_inertial(link.inertial)[0]
@@ -59,6 +62,11 @@ class Body:
         }
         self._number(description)
         self._set_dynamics(bodies)
+
+    def _draw(self, window: bool, on: bool) -> None:
+        if window:
+            pybullet.configureDebugVisualizer(pybullet.COV_ENABLE_RENDERING, int(on),
+                                              physicsClientId=self.client)
 
     def remove(self) -> None:
         """Take the body out of Bullet."""

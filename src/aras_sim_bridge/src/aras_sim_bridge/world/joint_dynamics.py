@@ -21,10 +21,10 @@ Rows of the arrays, one per joint unless said otherwise:
         whether it slides; the joint that it mimics, or itself
     joints (n, 9): see the constants below
     state (3, n): position, velocity, effort (rad or m, per s, N m or N)
-    wrenches (n, 6): on each joint's body from outside, torque and force
+    wrenches (n, 6): on each joint's body from outside, torque and force, for one step
     gravity (3,): m/s²
     frames (n, 46), matrices (3, n, n): room to work in; matrices[0] ends up as the mass matrix
-    rows (8, n): bias; effort of damping and stops; new velocity; room to work in
+    rows (9, n): bias; effort of damping and stops; new velocity; that before; room to work in
     modes (n,): the set carried from step to step
 """
 
@@ -45,7 +45,7 @@ _GUESSES, _SWEEPS = 20, 4000  # of sets, before sweeps are made; of those
 _SMALL = 1e-12  # of the sizes at hand: what rounding leaves
 
 # rows of `rows`
-BIAS, PUSH, SPEED, _RIGHT, _BOTTOM, _TOP, _HOLD, _GOAL = range(8)
+BIAS, PUSH, SPEED, BEFORE, _RIGHT, _BOTTOM, _TOP, _HOLD, _GOAL = range(9)
 _TREE = "f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1]"
 _STEP = f"{_TREE}, f8[:,::1], i8[::1], f8"
 _SET = "i8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1]"
@@ -218,6 +218,15 @@ def _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows):
         for k in range(6):
             frames[j, 40 + k] -= wrenches[j, k]
     _gather(tree, frames, matrices[0], rows[BIAS])
+
+
+@compiled("f8[:,::1], f8[:,::1], f8[:,::1]")
+def _begin(state, wrenches, rows):
+    """The equations stand: note the speeds, and forget what pushes."""
+    for j in range(len(wrenches)):
+        rows[BEFORE, j] = state[1, j]
+        for k in range(6):
+            wrenches[j, k] = 0.0
 
 
 @compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,:,::1], f8[:,::1]")
@@ -417,6 +426,7 @@ def advance(
         -1, or the first joint whose speed or position is no number or beyond all sense.
     """
     _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
+    _begin(state, wrenches, rows)
     _solve(tree, joints, state, dt, matrices, rows, modes)
     n = len(tree)
     for j in range(n):
@@ -450,6 +460,7 @@ def react(
     """Efforts of damping and stops in the coming step of `dt` s into rows[PUSH]; friction is left
     to whoever makes the step."""
     _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
+    _begin(state, wrenches, rows)
     _solve(tree, joints, state, dt, matrices, rows, modes)
     n = len(tree)
     a, v = matrices[1], rows[SPEED]

@@ -17,7 +17,15 @@ from aras_sim_bridge.poses import (
 )
 from aras_sim_bridge.world import joint_dynamics
 from aras_sim_bridge.world.articulation import Articulation, joint_rows
-from aras_sim_bridge.world.joint_dynamics import BIAS, DAMPING, FASTEST, FORCE, PUSH, TARGET
+from aras_sim_bridge.world.joint_dynamics import (
+    BEFORE,
+    BIAS,
+    DAMPING,
+    FASTEST,
+    FORCE,
+    PUSH,
+    TARGET,
+)
 
 
 class JointSpace:
@@ -25,7 +33,8 @@ class JointSpace:
 
     Attributes:
         state (3, n): position, velocity, effort; rad or m, per s, N m or N. The caller's to set.
-        tree, frames: of joint_dynamics.py. gravity (3,): m/s², in the root's axes.
+        before (n,): velocities before the last step. gravity (3,): m/s², in the root's axes.
+        tree, frames: of joint_dynamics.py.
         moved_links: the links that a joint moves.
     """
 
@@ -38,10 +47,10 @@ class JointSpace:
         self._joints[:, DAMPING] = [description.joints[name].damping for name in names]
         self.state = np.zeros((3, count))
         self._wrenches = np.zeros((count, 6))
-        self._pushed = False
         self.gravity = np.zeros(3)
         self.tree, self.frames = tree.tree, np.zeros((count, 46))
-        self._rows = np.zeros((8, count))
+        self._rows = np.zeros((9, count))
+        self.before = self._rows[BEFORE]
         self._matrices = np.zeros((3, count, count))
         self._modes = np.zeros(count, dtype=np.int64)
         self._arrays = (tree.bodies, tree.tree, self.state, self._wrenches, self.gravity,
@@ -72,24 +81,15 @@ class JointSpace:
         pull = rotate(back, force)
         arm = rotate(back, subtract(position, self._root.xyz))
         self._wrenches[body] += (*add(cross(arm, pull), rotate(back, torque)), *pull)
-        self._pushed = True
 
     def advance(self, dt: float) -> int:
         """One step of `dt` s; -1, or the number of a joint that diverged."""
-        bad = joint_dynamics.advance(*self._step, dt)
-        self._forget_pushes()
-        return bad
+        return joint_dynamics.advance(*self._step, dt)
 
     def react(self, dt: float) -> list[float]:
         """Efforts of damping and of stops in the coming step, where somebody else makes it."""
         joint_dynamics.react(*self._step, dt)
-        self._forget_pushes()
         return self._rows[PUSH].tolist()
-
-    def _forget_pushes(self) -> None:
-        if self._pushed:
-            self._wrenches[:] = 0.0
-            self._pushed = False
 
     def bias_efforts(self) -> list[float]:
         """What gravity, Coriolis and centrifugal forces ask of each joint, N m or N."""

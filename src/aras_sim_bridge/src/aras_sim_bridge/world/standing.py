@@ -18,16 +18,7 @@ import numpy as np
 
 from aras_sim_bridge.compiled import compiled
 from aras_sim_bridge.description import Geometry, shapes
-from aras_sim_bridge.poses import (
-    Pose,
-    Twist,
-    add,
-    conjugate,
-    cross,
-    rotate,
-    scaled,
-    subtract,
-)
+from aras_sim_bridge.poses import Pose, Twist, rotate
 from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.model import Model
 
@@ -111,6 +102,26 @@ def _bears(tree, frames, state, before, gravity, ground, corners, touch, load, d
     return slide + twist * np.sqrt(farthest) / nearest <= _SHARE * friction * pressure
 
 
+@compiled("f8[:,::1], f8[:,::1], f8[::1]")
+def _add_up(pushes, root, touch):
+    """Torque and force (6,) of contacts, in the root's axes about its origin, added to `touch`.
+
+    pushes (m, 15): point, then three forces, each with its size and its direction, in the world.
+    root (3, 4): world_T_root.
+    """
+    for push in pushes:
+        fx = fy = fz = 0.0
+        for k in range(3, 15, 4):
+            fx += push[k] * push[k + 1]
+            fy += push[k] * push[k + 2]
+            fz += push[k] * push[k + 3]
+        x, y, z = push[0] - root[0, 3], push[1] - root[1, 3], push[2] - root[2, 3]
+        tx, ty, tz = y * fz - z * fy, z * fx - x * fz, x * fy - y * fx
+        for k in range(3):
+            touch[k] += root[0, k] * tx + root[1, k] * ty + root[2, k] * tz
+            touch[3 + k] += root[0, k] * fx + root[1, k] * fy + root[2, k] * fz
+
+
 class Standing:
     """A free model that stands, held as if bolted down. mass: of its base, kg."""
 
@@ -120,10 +131,9 @@ class Standing:
         self.mass = ground[0]
         self._grounds = grounds
         self._ground, self._corners = ground, corners
-        self._before = np.zeros(len(model.joint_names))
+        self._root = np.array(model.pose().matrix())[:3]
         self._touch, self._load = np.zeros(6), np.zeros(6)
         self._base = model.base_links()
-        self._speeds = self._before
         self._arrays: tuple[np.ndarray, ...] = ()
 
     @classmethod
@@ -170,13 +180,8 @@ class Standing:
         """Step the model as if bolted down from now on."""
         self.model.bolt(True)
         space = self.model.joints.space
-        self._speeds = space.state[1]
-        self._arrays = (space.tree, space.frames, space.state, self._before, space.gravity,
+        self._arrays = (space.tree, space.frames, space.state, space.before, space.gravity,
                         self._ground, self._corners, self._touch, self._load)
-
-    def before_step(self) -> None:
-        """Note what the joints' speeds are."""
-        self._before[:] = self._speeds
 
     def bears(self, dt: float) -> bool:
         """Whether the ground could bear the step of `dt` s that was just made."""
@@ -190,18 +195,11 @@ class Standing:
         but Bullet looks at links fixed to the root all the same."""
         contacts = pybullet.getContactPoints(bodyA=self.model.body_id,
                                              physicsClientId=self.model.client)
-        root = self.model.pose()
-        force = torque = (0.0, 0.0, 0.0)
-        for contact in contacts:
-            if contact[3] in self._base and contact[2] in self._grounds:
-                continue
-            push = scaled(contact[7], contact[9])
-            for size, way in (contact[10:12], contact[12:14]):  # of friction
-                push = add(push, scaled(way, size))
-            force = add(force, push)
-            torque = add(torque, cross(subtract(contact[5], root.xyz), push))
-        back = conjugate(root.quat)
-        self._touch[:] = *rotate(back, torque), *rotate(back, force)
+        pushes = [(*c[5], c[9], *c[7], c[10], *c[11], c[12], *c[13]) for c in contacts
+                  if c[3] not in self._base or c[2] not in self._grounds]
+        self._touch[:] = 0.0
+        if pushes:
+            _add_up(np.array(pushes), self._root, self._touch)
 
     def push(self) -> None:
         """Give the model, free again, what the ground could not bear."""

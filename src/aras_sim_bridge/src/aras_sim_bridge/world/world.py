@@ -69,18 +69,13 @@ class World:
         if self.client < 0:
             raise WorldError("Bullet does not start: no free client, or no display for gui:=true")
         self._gui = gui
-        if gui:
-            self._show(pybullet.COV_ENABLE_GUI, False)  # panels of sliders and empty previews
-            self._show(pybullet.COV_ENABLE_SHADOWS, False)  # half of what a picture costs
+        if gui:  # without panels of sliders and empty previews, and shadows: half a picture's cost
+            for part in (pybullet.COV_ENABLE_GUI, pybullet.COV_ENABLE_SHADOWS):
+                pybullet.configureDebugVisualizer(part, 0, physicsClientId=self.client)
         self._direct = False
         self._friction = ContactFriction(self.client)
         self._bases = FreeBases(self.models, self._models_changed)
         self._configure()
-
-    def _show(self, what: int, on: bool) -> None:
-        """Switch a part of PyBullet's window."""
-        if self._gui:
-            pybullet.configureDebugVisualizer(what, int(on), physicsClientId=self.client)
 
     def _configure(self) -> None:
         pybullet.setPhysicsEngineParameter(
@@ -172,7 +167,6 @@ class World:
         fixed = bullet_file.root_is_fixed(description) if fixed_base is None else fixed_base
         self._bases.release()
         bodies = pybullet.getNumBodies(physicsClientId=self.client)
-        self._show(pybullet.COV_ENABLE_RENDERING, False)  # else a frame for each shape
         try:
             model = Model(self.client, description, name, pose, start, fixed,
                           self._gravity, self._fixed_model_moved)
@@ -181,8 +175,6 @@ class World:
                 pybullet.removeBody(pybullet.getBodyUniqueId(i, physicsClientId=self.client),
                                     physicsClientId=self.client)
             raise
-        finally:
-            self._show(pybullet.COV_ENABLE_RENDERING, True)
         self.models[name] = model
         self._models_changed()
         logger.debug("spawned '%s': %d links, %d joints, %s base", name, len(model.link_names),
@@ -232,8 +224,7 @@ class World:
         self._friction.models_changed(self.models.values())
         self._choose_solver()
         self._models_moved()
-        if not self._gui:
-            self._bases.models_changed()
+        self._bases.models_changed()
 
     def _fixed_model_moved(self) -> None:
         self._bases.release()  # one may have stood on it
@@ -266,8 +257,6 @@ class World:
         for model in models:
             model.check_efforts()
         if self._apart:
-            for standing in held:
-                standing.before_step()
             for model in models:
                 model.advance(dt)
             if held:
@@ -275,8 +264,6 @@ class World:
             return
         for model in models:
             model.before_step(dt)
-        for standing in held:
-            standing.before_step()
         if self._friction.watched:
             self._friction.before_step()
         pybullet.stepSimulation(self.client)

@@ -230,6 +230,17 @@ def test_another_model_ends_it_and_one_out_of_reach_lets_it_begin_again(world, m
     assert held.fixed_base
 
 
+def test_a_base_is_held_while_what_it_does_not_stand_on_is_moved_about(world, make, held):
+    """As a target is that moves: put elsewhere in every step."""
+    shelf = make.robot('<link name="world">' + make.box("0.1 0.1 0.1") + "</link>")
+    target = world.spawn(parse_urdf(shelf), "target", Pose((2.0, 0.0, 3.0)))
+    steps(world, 50)
+    for k in range(100):
+        target.set_pose(Pose((2.0 + 0.01 * k, 0.0, 3.0)))
+        world.step()
+        assert held.fixed_base
+
+
 @pytest.mark.parametrize("what", ["a cart on a table", "a cart on wheels"])
 def test_what_stands_otherwise_is_left_to_bullet(world, make, what):
     if what == "a cart on a table":

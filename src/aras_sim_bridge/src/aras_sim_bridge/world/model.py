@@ -1,5 +1,7 @@
 """Model: one robot or object in the World: a body in Bullet, its joints, its link frames."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
@@ -24,8 +26,8 @@ class Model:
     def __init__(self, client: int, description: RobotDescription, name: str, pose: Pose,
                  joint_positions: Mapping[str, float], fixed_base: bool,
                  gravity: Vector3 = (0.0, 0.0, -9.8),
-                 on_moved: Callable[[], None] = lambda: None) -> None:
-        """`on_moved` is called when a model that is bolted down was put elsewhere."""
+                 on_moved: Callable[[Model], None] = lambda model: None) -> None:
+        """`on_moved` is called with a model that is bolted down and was put elsewhere."""
         self.client = client
         self.name = name
         self.description = description
@@ -213,7 +215,7 @@ class Model:
                                                  physicsClientId=self.client)
         if self.fixed_base:
             self.joints.place(pose)
-            self._on_moved()
+            self._on_moved(self)
 
     def set_twist(self, twist: Twist) -> None:
         """Give the model `twist` (of its root frame, world axes) as one rigid body.

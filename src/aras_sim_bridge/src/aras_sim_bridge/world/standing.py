@@ -123,13 +123,17 @@ def _add_up(pushes, root, touch):
 
 
 class Standing:
-    """A free model that stands, held as if bolted down. mass: of its base, kg."""
+    """A free model that stands, held as if bolted down.
+
+    Attributes:
+        mass: of its base, kg. grounds: Bullet's numbers of the bodies that it stands on.
+    """
 
     def __init__(self, model: Model, ground: np.ndarray, corners: np.ndarray,
                  grounds: frozenset[int]) -> None:
         self.model = model
         self.mass = ground[0]
-        self._grounds = grounds
+        self.grounds = grounds
         self._ground, self._corners = ground, corners
         self._root = np.array(model.pose().matrix())[:3]
         self._touch, self._load = np.zeros(6), np.zeros(6)
@@ -196,7 +200,7 @@ class Standing:
         contacts = pybullet.getContactPoints(bodyA=self.model.body_id,
                                              physicsClientId=self.model.client)
         pushes = [(*c[5], c[9], *c[7], c[10], *c[11], c[12], *c[13]) for c in contacts
-                  if c[3] not in self._base or c[2] not in self._grounds]
+                  if c[3] not in self._base or c[2] not in self.grounds]
         self._touch[:] = 0.0
         if pushes:
             _add_up(np.array(pushes), self._root, self._touch)
@@ -287,6 +291,11 @@ class FreeBases:
         self._countdown = PATIENCE
         for standing in held:
             standing.push()
+
+    def ground_moved(self, model: Model) -> None:
+        """A fixed model was put elsewhere: set all free where one stood on it."""
+        if any(model.body.body_id in standing.grounds for standing in self.held):
+            self.release()
 
     def release(self) -> None:
         """Set all free again."""

@@ -226,8 +226,8 @@ class World:
         self._models_moved()
         self._bases.models_changed()
 
-    def _fixed_model_moved(self) -> None:
-        self._bases.release()  # one may have stood on it
+    def _fixed_model_moved(self, model: Model) -> None:
+        self._bases.ground_moved(model)
         self._models_moved()
 
     def _models_moved(self) -> None:

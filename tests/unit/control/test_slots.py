@@ -114,7 +114,7 @@ def test_a_pid_s_listener_that_leaves_aborts_nothing(make_rig, make_joint):
         on_state = property(lambda self: next(looks, None), lambda self, value: None)
 
     fresh = Pid(10.0)
-    controller._loops[0].pid = fresh
+    controller.loops[0].pid = fresh
     rig.step(3)
     assert rig.manager.list()[0].state == "running", rig.log
 

@@ -210,6 +210,32 @@ class Simulation:
         for camera in due:
             camera.after_step(time_ns)
 
+    def stride(self, until_ns: int) -> None:
+        """Make steps up to `until_ns` in which nothing is measured, drawn or commanded, if the next
+        ones are such (see control/stride.py): as so many `step` would, in half the time."""
+        if len(self.robots) != 1:
+            return
+        (robot,) = self.robots.values()
+        if not self.world.moves_alone(robot.model):
+            return
+        for camera in self.cameras:
+            if camera.enabled:
+                until_ns = min(until_ns, camera.idle_until_ns)
+        began_ns, step_ns = self.time_ns, self.step_ns
+        cycles, calm_ns = robot.loop.begin_stride(began_ns + step_ns, step_ns)
+        if cycles is None:
+            return
+        count = int(min(until_ns, calm_ns) - began_ns) // step_ns
+        period = step_ns / 1e9
+        try:
+            self.world.stride(robot.model, lambda state: cycles.cycle(state, period), count)
+            self.time_ns = began_ns + cycles.made * step_ns
+        except WorldError:
+            self.time_ns = began_ns + (cycles.made - 1) * step_ns
+            raise
+        finally:
+            robot.loop.end_stride(began_ns + cycles.made * step_ns)
+
     def next_picture_ns(self) -> int | None:
         """When a camera next has something to do, ns; None: none has. The step that contains it
         ends later, by less than a step."""

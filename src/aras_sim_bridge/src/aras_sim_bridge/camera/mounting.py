@@ -61,6 +61,11 @@ class MountedCamera:
         mounting = self.sensor.link_T_optical
         return mounting if self._fixed is None else self._fixed @ mounting
 
+    @property
+    def idle_until_ns(self) -> int:
+        """Up to when, ns, steps may end without a look at the world."""
+        return 0 if self._fresh else self.sensor.due_ns - 1
+
     def before_step(self, time_ns: int, after_ns: int) -> None:
         """Remember the world where an exposure falls between two ticks."""
         if self._fresh:

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from aras_sim_bridge import angles
 from aras_sim_bridge.control.joints import JointHandle, Limits, Occurrence
-from aras_sim_bridge.control.limits import LimitRule
+from aras_sim_bridge.control.limits import EffortSaturation, LimitRule
 from aras_sim_bridge.control.pid import Pid
 
 _INF = float("inf")
@@ -129,6 +129,18 @@ class EffortDrive(Drive):
                 self._report(wanted, handle.effort_command, time_ns)
         self._good = effort = handle.effort_command
         self._apply_effort(handle.name, 0.0 if stopped else effort)
+
+    @property
+    def saturation(self) -> tuple[float, float, float, float] | None:
+        """Lower, upper, greatest speed and effort beyond which `write` would change a command;
+        None where that depends on more."""
+        if self._rule is None:
+            return -_INF, _INF, _INF, _INF
+        return self._rule.bounds if isinstance(self._rule, EffortSaturation) else None
+
+    def written(self) -> None:
+        """Be as after `write` of a command that it need not change."""
+        self._good = self.handle.effort_command
 
 
 class PositionDrive(Drive):

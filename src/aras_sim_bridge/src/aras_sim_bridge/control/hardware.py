@@ -53,7 +53,8 @@ class RobotHardware:
     `handles` holds every joint with a usable transmission, in the order of the transmissions;
     `interfaces` maps each of the four ros_control interfaces to the joints registered in it;
     `limits` is what holds after the parameters; `pids` are the pid_gains of position and velocity
-    joints by joint name (at <namespace>/gazebo_ros_control/pid_gains/<joint>).
+    joints by joint name (at <namespace>/gazebo_ros_control/pid_gains/<joint>); `drives` are in the
+    order of `handles`.
     `e_stop` may be set from any thread.
 
     Raises HardwareError if a transmission names an unknown interface or a joint that the model
@@ -78,7 +79,7 @@ class RobotHardware:
         self._namespace = namespace.rstrip("/")
         self._parameters = parameters or {}
         self._warn = warn
-        self._drives: list[Drive] = []
+        self.drives: list[Drive] = []
         unprefixed = [j for t in description.transmissions for j in self._add(t)]
         if unprefixed:
             warn(
@@ -139,7 +140,7 @@ class RobotHardware:
         self.limits[joint_name] = limits
         self.interfaces[short].add(joint_name)
         self.interfaces[STATE].add(joint_name)
-        self._drives.append(self._drive(handle, limits))
+        self.drives.append(self._drive(handle, limits))
         return [] if interface.startswith(_PREFIX) else [joint_name]
 
     def _drive(self, handle: JointHandle, limits: Limits | None) -> Drive:
@@ -173,19 +174,19 @@ class RobotHardware:
     def write(self, time_ns: int, period: float) -> None:
         """Limit the commands and apply them; `period` is the time since the last write, in s."""
         stopped = self.e_stop
-        for drive in self._drives:
+        for drive in self.drives:
             drive.write(time_ns, period, stopped)
 
     def start(self) -> None:
         """Be as new: the joints stay where they are until somebody commands them."""
         self.read(0, 0.0)
-        for drive in self._drives:
+        for drive in self.drives:
             drive.start()
 
     def stay(self, joints: Iterable[str]) -> None:
         """Take the place where these joints were put for their last command; names without a
         transmission are passed over."""
         self.read(0, 0.0)
-        for drive in self._drives:
+        for drive in self.drives:
             if drive.handle.name in joints:
                 drive.start()

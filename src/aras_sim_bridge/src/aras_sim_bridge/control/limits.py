@@ -49,6 +49,11 @@ class EffortSaturation(_Rule):
         self._velocity = limits.max_velocity
         self._effort = limits.max_effort
 
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Lower and upper position, speed, effort."""
+        return self._lower, self._upper, self._velocity, self._effort
+
     def enforce(self, handle: JointHandle, dt: float) -> None:
         """Rewrite handle.effort_command."""
         high = self._effort

@@ -1,7 +1,9 @@
 """gazebo_ros_control's part of a physics step: read, update controllers, write."""
 
+from aras_sim_bridge.control.controllers.base import Controller
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.manager import ControllerManager
+from aras_sim_bridge.control.stride import Stride, stride_of
 from aras_sim_bridge.errors import HardwareError
 
 _NS_PER_S = 1e9
@@ -14,7 +16,8 @@ class ControlLoop:
     written every physics step. The first period, also the first after reset(), is one step.
     """
 
-    __slots__ = ("hardware", "manager", "_step_ns", "_control_ns", "_updated_ns", "_written_ns")
+    __slots__ = ("hardware", "manager", "_step_ns", "_control_ns", "_updated_ns", "_written_ns",
+                 "_stride", "_controllers")
 
     def __init__(
         self, hardware: RobotHardware, manager: ControllerManager, step_ns: int,
@@ -32,6 +35,8 @@ class ControlLoop:
             )
         self._updated_ns: int | None = None
         self._written_ns: int | None = None
+        self._stride: Stride | None = None
+        self._controllers: tuple[Controller, ...] = ()
 
     def reset(self) -> None:
         """Start over with the periods: the next step reads, updates and writes."""
@@ -57,3 +62,27 @@ class ControlLoop:
         elapsed_ns = self._step_ns if written_ns is None else time_ns - written_ns
         self.hardware.write(time_ns, elapsed_ns / _NS_PER_S)
         self._written_ns = time_ns
+
+    def begin_stride(self, time_ns: int, step_ns: int) -> tuple[Stride | None, float]:
+        """Cycles in a row from `time_ns` on, with a physics step of `step_ns` each, and the time of
+        the last one, ns, that may belong to them; None where the next cycle may not."""
+        calm_ns = self.manager.calm_until(time_ns)
+        in_step = self._updated_ns == self._written_ns == time_ns - step_ns
+        if calm_ns < time_ns or not in_step or step_ns < self._control_ns:
+            return None, calm_ns
+        running = self.manager.running
+        if running != self._controllers:
+            self._controllers = running
+            self._stride = stride_of(running, self.hardware)
+        if self._stride is not None:
+            for controller in running:
+                controller.begin_stride(time_ns)
+            self._stride.begin()
+        return self._stride, calm_ns
+
+    def end_stride(self, time_ns: int) -> None:
+        """The cycles of the stride are over; the last one was at `time_ns`."""
+        self._stride.end()
+        for controller in self._controllers:
+            controller.end_stride(self._stride.made)
+        self._updated_ns = self._written_ns = time_ns

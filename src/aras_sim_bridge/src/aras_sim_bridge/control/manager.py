@@ -6,6 +6,7 @@ update(), so one asked for while the simulation is paused simply stays open: not
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from math import inf
 
 from aras_sim_bridge import parameters as params
 from aras_sim_bridge.control.controllers import Registry
@@ -207,6 +208,19 @@ class ControllerManager:
                     self._abort(entry, "update", error)
         if self._pending:
             self.carry_out(time_ns)
+
+    def calm_until(self, time_ns: int) -> float:
+        """Until when, ns, cycles from `time_ns` on run position loops alone (see stride.py); a time
+        before `time_ns`: the next one may do more."""
+        if self._pending or self.hardware.e_stop or self._was_stopped:
+            return -inf
+        return min((e.controller.calm_until(time_ns) for e in self._order if e.running),
+                   default=-inf)
+
+    @property
+    def running(self) -> tuple[Controller, ...]:
+        """The running controllers, in the order of their updates."""
+        return tuple(e.controller for e in self._order if e.running)
 
     def reset(self, anew: bool = False) -> None:
         """The clock or the robot was put back: controllers forget commands not yet acted on, and

@@ -119,6 +119,16 @@ class Pid:
         self.command = 0.0
 
     @property
+    def memory(self) -> tuple[float, float]:
+        """Last error and integral: what the next computation goes by."""
+        return self._last_error, self._integral
+
+    def remember(self, error: float, error_dot: float, integral: float, command: float) -> None:
+        """Be as after a computation that saw and gave these."""
+        self._last_error = self._error = error
+        self._error_dot, self._integral, self.command = error_dot, integral, command
+
+    @property
     def integral(self) -> float:
         """∫e dt in the error's unit times s, before the gain."""
         return self._integral

@@ -195,15 +195,24 @@ class ModelJoints:
         Raises:
             WorldError: the simulation diverged.
         """
-        efforts = self.pending_efforts
-        space = self.space
-        space.state[2] = efforts
-        bad = space.advance(dt)
-        self.applied, self.pending_efforts = efforts, [0.0] * len(efforts)
-        self._dirty = self._shown = False
+        self.space.state[2] = self.pending_efforts
+        self.pending_efforts = [0.0] * len(self.names)
+        self._dirty = False
+        self.stride(dt)
+
+    def stride(self, dt: float) -> None:
+        """The same with efforts that stand in space.state[2]; `calm` is true."""
+        bad = self.space.advance(dt)
+        self.applied = self.space.state[2].tolist()
+        self._shown = False
         self._cache = None
         if bad >= 0:
             raise self._diverged(bad)
+
+    @property
+    def calm(self) -> bool:
+        """Whether `own` is true and no effort waits."""
+        return self.own and not self._dirty
 
     def after_step(self) -> None:
         """Forget what was read before the step."""

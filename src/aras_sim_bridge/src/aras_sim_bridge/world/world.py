@@ -2,7 +2,9 @@
 
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+
+import numpy as np
 
 from aras_sim_bridge.description import mesh_files
 from aras_sim_bridge.description.gazebo_materials import COLOURS
@@ -273,6 +275,27 @@ class World:
             self._bases.check(dt)
         if self._bases.watched:
             self._bases.look()
+
+    def moves_alone(self, model: Model) -> bool:
+        """Whether nothing else moves, nothing can touch the model, and no effort waits."""
+        alone = self._apart and self._active == [model] and not self._bases.fresh
+        return alone and model.joints.calm
+
+    def stride(self, model: Model, cycle: Callable[[np.ndarray], bool], count: int) -> None:
+        """Up to `count` steps of a model that moves alone, each after a `cycle` that puts the
+        efforts of its joints into the last row of what it is given (see JointSpace.state) and says
+        that it did.
+
+        Raises:
+            WorldError: the simulation diverged.
+        """
+        joints, dt, held = model.joints, self._time_step, self._bases.held
+        state, revision = joints.space.state, self.revision
+        while count > 0 and self.revision == revision and cycle(state):
+            joints.stride(dt)
+            if held:
+                self._bases.check(dt)
+            count -= 1
 
     def reset_world(self) -> None:
         """Models back to their spawn poses, all velocities zero; joint angles stay (Gazebo)."""

@@ -121,13 +121,16 @@ class BulletArm(Plant):
 
     def advance(self, until_ns: int) -> list[Reading]:
         """Step until something was measured or `until_ns` is reached."""
-        simulation, step, readings = self._simulation, self._simulation.step, self._readings
+        simulation, readings = self._simulation, self._readings
+        step, stride = simulation.step, simulation.stride
         if self._peak is not None:
-            step = self._traced_step
+            step, stride = self._traced_step, _not
         if self._carried is not None:
-            step = partial(self._carrying_step, step)
+            step, stride = partial(self._carrying_step, step), _not
         while not readings and simulation.time_ns < until_ns:
-            step()
+            stride(until_ns)
+            if simulation.time_ns < until_ns:
+                step()
         self._readings = []
         return readings
 
@@ -187,6 +190,10 @@ class BulletArm(Plant):
         self._readings.append(
             CameraReading(frame.stamp_ns, frame.image, frame.encoding, frame.depth)
         )
+
+
+def _not(until_ns: int) -> None:
+    """Stand-in for strides where each step matters."""
 
 
 @lru_cache(maxsize=64)

@@ -31,7 +31,7 @@ A controller of your own derives from Controller, sets these attributes and is n
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, ClassVar
 
 from aras_sim_bridge.control.hardware import RobotHardware
@@ -139,6 +139,17 @@ class Controller:
 
     def update(self, time_ns: int, period: float) -> None:
         """One control cycle."""
+
+    def calm_until(self, time_ns: int) -> float:
+        """Until when, ns, updates from `time_ns` on do nothing, or nothing but take a command and
+        run their position loops (see stride.py); a time before `time_ns`: the next does more."""
+        return -inf
+
+    def begin_stride(self, time_ns: int) -> None:
+        """Take the command that waits, in the cycle at `time_ns`."""
+
+    def end_stride(self, cycles: int) -> None:
+        """So many such updates were left out; the position loops have run."""
 
     def reset(self) -> None:
         """The clock or the robot was put back: commands from before do not count any more."""

@@ -22,7 +22,7 @@ ROUNDING = 0.003
 # late: with arrivals up to 2 ms early or late at 100 a second J3's peak stays under 1.5 times the
 # commanded speed, 1.7 without. A steady stream is not delayed by it, from its second interval on.
 CHANGES = 2.2
-_ARRIVED = 1e-9  # rad or m
+ARRIVED = 1e-9  # rad or m
 
 
 class Interpolation:
@@ -89,9 +89,17 @@ class Interpolation:
             line = self._line = self._line + self._rate * period
         else:
             line = self._line = self._command
-            if -_ARRIVED < line - value < _ARRIVED:
+            if -ARRIVED < line - value < ARRIVED:
                 self.moves = False
                 self.value = line
                 return line
         self.value = value = value + (line - value) * period / (ROUNDING + period)
         return value
+
+    def on_the_way(self) -> tuple[float, ...]:
+        """Whether it moves, time left, line, value, command and rate: what `advance` goes by."""
+        return self.moves, self._left, self._line, self.value, self._command, self._rate
+
+    def go_on(self, moves: float, left: float, line: float, value: float) -> None:
+        """Be where so many calls of `advance` would have brought it."""
+        self.moves, self._left, self._line, self.value = moves != 0.0, left, line, value

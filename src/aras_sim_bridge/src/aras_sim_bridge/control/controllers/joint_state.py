@@ -1,6 +1,7 @@
 """joint_state_controller/JointStateController: reads all joints, commands none."""
 
 from collections.abc import Mapping
+from math import inf
 
 from aras_sim_bridge import parameters as params
 from aras_sim_bridge.control.controllers.base import (
@@ -62,12 +63,23 @@ class JointStateController(Controller):
         if self._start_ns is None:
             self._start_ns = time_ns - 1.001 * self._step_ns
 
+    @property
+    def _due_ns(self) -> float:
+        # Counting periods instead of adding them up keeps the rate exact for days.
+        return self._start_ns + (self._periods + 1) * self._step_ns
+
+    def calm_until(self, time_ns: int) -> float:
+        """Until the next sample is due."""
+        if self._rate <= 0.0:
+            return inf
+        due_ns = self._due_ns
+        return due_ns if due_ns - time_ns <= 2.0 * self._step_ns else -inf
+
     def update(self, time_ns: int, period: float) -> None:
         """Sample if due."""
         if self._rate <= 0.0:
             return
-        # Counting periods instead of adding them up keeps the rate exact for days.
-        due_ns = self._start_ns + (self._periods + 1) * self._step_ns
+        due_ns = self._due_ns
         if due_ns >= time_ns:
             if due_ns - time_ns <= 2.0 * self._step_ns:
                 return

@@ -1,6 +1,7 @@
 """PID controllers of single joints and of groups."""
 
 from collections.abc import Mapping
+from math import inf
 
 from aras_sim_bridge import parameters as params
 from aras_sim_bridge.control.controllers.base import STATE_EVERY, Context, JointControllerState
@@ -56,7 +57,7 @@ class PidPositionController(PidController):
         """Raises ControllerError for a missing joint, gain, or joint of that interface."""
         super().init(hardware, parameters, context)
         interpolate = bool(params.flag(parameters, "interpolate", context.where))
-        self._loops = [
+        self.loops = [
             PositionLoop(handle, pid, context.warn, context.name, interpolate)
             for handle, pid in zip(self.handles, self.pids.values(), strict=True)
         ]
@@ -64,20 +65,34 @@ class PidPositionController(PidController):
     def starting(self, time_ns: int) -> None:
         """Hold the present positions."""
         super().starting(time_ns)
-        for loop in self._loops:
+        for loop in self.loops:
             loop.start()
 
     def begin_anew(self, time_ns: int) -> None:
         """Start from where the joints are towards the last commands."""
-        for loop in self._loops:
+        for loop in self.loops:
             loop.begin_anew(time_ns)
+
+    def calm_until(self, time_ns: int) -> float:
+        """For good, while nobody listens."""
+        heard = self.on_state is not None or any(pid.on_state for pid in self.pids.values())
+        alone = type(self).update is PidPositionController.update  # and not a user's own
+        return inf if alone and not heard else -inf
+
+    def begin_stride(self, time_ns: int) -> None:
+        """Take the command that waits."""
+        if self.slot:
+            for loop, command in zip(self.loops, self.slot.pop(), strict=True):
+                loop.take(command, time_ns)
+
+    def end_stride(self, cycles: int) -> None:
+        """Keep the rhythm of the state topic."""
+        self._updates += cycles
 
     def update(self, time_ns: int, period: float) -> None:
         """Command each PID's output."""
-        if self.slot:
-            for loop, command in zip(self._loops, self.slot.pop(), strict=True):
-                loop.take(command, time_ns)
-        for loop in self._loops:
+        self.begin_stride(time_ns)
+        for loop in self.loops:
             setattr(loop.handle, self.target, loop.compute(period))
         if self._updates % STATE_EVERY == 0:
             self._tell(time_ns, period)
@@ -85,7 +100,7 @@ class PidPositionController(PidController):
 
     def state(self, time_ns: int, period: float) -> JointControllerState:
         """This cycle as the state topic shows it."""
-        return self._loops[0].state(time_ns, period)
+        return self.loops[0].state(time_ns, period)
 
 
 @register("effort_controllers/JointGroupPositionController", interface=EFFORT)

@@ -1,6 +1,6 @@
 """The position loop that PID controllers of one joint and of several share."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import inf
 
 from aras_sim_bridge import angles
@@ -8,6 +8,9 @@ from aras_sim_bridge.control.controllers.base import JointControllerState
 from aras_sim_bridge.control.controllers.interpolation import Interpolation
 from aras_sim_bridge.control.joints import JointHandle, Occurrence
 from aras_sim_bridge.control.pid import Pid
+
+PLAIN_DIFFERENCE = 3.14  # rad; within half a turn, and inside the limits, it is the short way
+_RESTS = (False, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class PositionLoop:
@@ -17,7 +20,7 @@ class PositionLoop:
     instead of stepping. The error goes the short way round where the joint and its limits allow.
     """
 
-    __slots__ = ("handle", "pid", "set_point", "error", "output", "_wraps", "_limited", "_lower",
+    __slots__ = ("handle", "pid", "set_point", "error", "output", "wraps", "_limited", "_lower",
                  "_upper", "_beyond", "_warn", "_label", "_interpolation", "_command")
 
     def __init__(
@@ -35,7 +38,7 @@ class PositionLoop:
         travel = handle.travel
         self._limited = travel is not None
         self._lower, self._upper = travel or (-inf, inf)
-        self._wraps = handle.kind in ("revolute", "continuous")
+        self.wraps = handle.kind in ("revolute", "continuous")
         self._beyond = Occurrence()
         self._interpolation = Interpolation(handle) if interpolate else None
         self.start()
@@ -78,8 +81,7 @@ class PositionLoop:
             self.set_point = interpolation.advance(period)
         position = self.handle.position
         error = self.set_point - position
-        # Within half a turn, and inside the limits, the plain difference is the short way.
-        if self._wraps and not (-3.14 < error < 3.14):
+        if self.wraps and not (-PLAIN_DIFFERENCE < error < PLAIN_DIFFERENCE):
             if self._limited:
                 error = angles.towards(position, self.set_point, self._lower, self._upper)
             else:
@@ -87,6 +89,26 @@ class PositionLoop:
         self.error = error
         self.output = output = self.pid.compute(error, period)
         return output
+
+    def begin_stride(self) -> tuple[float, ...]:
+        """What `compute` goes by (9): the set point's way, set point, the PID's last error and
+        integral."""
+        interpolation = self._interpolation
+        way = _RESTS if interpolation is None else interpolation.on_the_way()
+        return *way, self.set_point, *self.pid.memory
+
+    def end_stride(self, reached: Sequence[float]) -> None:
+        """Be as after so many cycles: the same numbers, then what the last of them measured (3),
+        its error, the error's derivative and its output."""
+        self.set_point, integral = reached[6], reached[8]
+        if self._interpolation is not None:
+            self._interpolation.go_on(*reached[:4])
+        handle = self.handle
+        handle.position, handle.velocity, handle.effort, self.error, error_dot, self.output = (
+            reached[9:]
+        )
+        self.pid.remember(self.error, error_dot, integral, self.output)
+        handle.effort_command = self.output
 
     def state(self, time_ns: int, period: float) -> JointControllerState:
         """This cycle as the state topic shows it."""

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from test_joint_dynamics import tree_xml
 
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.errors import WorldError
@@ -120,3 +121,28 @@ def test_a_force_off_the_centre_turns_the_body(make):
             assert twist.angular[0] == pytest.approx(torque[0] * 1e-3 / 0.4, rel=1e-3, abs=1e-9)
             # The frame's origin is 0.1 m behind the centre of mass.
             assert twist.linear[1] == pytest.approx(1e-3 / 2.0 - 0.1 * twist.angular[2], rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_bolted_model_s_own_link_frames_are_bullet_s(make, seed):
+    rng = np.random.default_rng(seed)
+    root = Pose.from_rpy(tuple(rng.uniform(-2, 2, 3)), tuple(rng.uniform(-3, 3, 3)))
+    with World() as world:
+        model = world.spawn(parse_urdf(tree_xml(make, seed)), "m", root, fixed_base=True)
+        names = tuple(n for n in model.link_names if n != model.description.root)
+        for moved in (root, Pose.from_rpy((0.4, 5.0, -1.0), (1.0, -0.2, 3.0))):
+            model.set_pose(moved)
+            model.set_joint_positions({j: rng.uniform(-2, 2) for j in model.joint_names})
+            assert model.joints.own
+            own = {name: model.link_pose(name) for name in model.link_names}
+            for name, *frame in zip(names, *model.frames(names), strict=True):
+                assert tuple(map(tuple, frame)) == own[name]
+            (place,), _ = model.frames(names[3:4])
+            assert tuple(place) == own[names[3]].xyz
+            model.joints.set_own(False)
+            for name, pose in own.items():
+                bullet_s = model.link_pose(name).matrix()
+                np.testing.assert_allclose(pose.matrix(), bullet_s, atol=1e-12)
+                assert np.linalg.norm(pose.quat) == pytest.approx(1.0, abs=1e-14)
+            assert model.pose() == moved
+            model.joints.set_own(True)

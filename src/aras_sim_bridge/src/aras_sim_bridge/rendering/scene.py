@@ -30,12 +30,12 @@ class Part:
 @dataclass(frozen=True)
 class _Rows:
     """Where the links of a model that have visuals stand in the pose table: the root, if it has
-    any, and behind it those of Bullet's numbers `links`."""
+    any, and behind it `links`."""
 
     model: Model
     first: int
     has_root: bool
-    links: list[int]
+    links: tuple[str, ...]
 
 
 class Scene:
@@ -129,7 +129,7 @@ class Scene:
             links.sort(key=lambda pair: pair[0])
             indices = [index for index, _ in links]
             models.append(_Rows(model, len(names), indices[0] == -1,
-                                [index for index in indices if index >= 0]))
+                                tuple(link.name for index, link in links if index >= 0)))
             for index, link in links:
                 names.append(f"{model.name}::{link.name}")
                 parts += self._parts(len(names) - 1, link, model.description.colours.get(link.name))

@@ -26,6 +26,7 @@ from aras_sim_bridge.world.joint_dynamics import (
     PUSH,
     TARGET,
 )
+from aras_sim_bridge.world.link_poses import LinkPoses
 
 
 class JointSpace:
@@ -57,11 +58,25 @@ class JointSpace:
                         self.frames, self._matrices, self._rows)
         self._step = (*self._arrays, self._joints, self._modes)
         self._root = IDENTITY
+        self._links = LinkPoses(description, names)
 
     def place(self, root: Pose, gravity: Vector3) -> None:
         """Say where the root stands (world_T_root) and what pulls, m/s² in the world's axes."""
         self._root = root
+        self._links.place(root)
         self.gravity[:] = rotate(conjugate(root.quat), gravity)
+
+    def link_pose(self, name: str) -> Pose:
+        """world_T_link of a link's frame."""
+        places, turns = self._links.at(self.state[0])
+        row = self._links.row[name]
+        return Pose(tuple(places[row].tolist()), tuple(turns[row].tolist()))
+
+    def link_frames(self, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (m, 3) and orientations (m, 4) of the frames of these links, world."""
+        places, turns = self._links.at(self.state[0])
+        rows = self._links.rows(names)
+        return places.take(rows, axis=0), turns.take(rows, axis=0)
 
     def set_motor(self, slot: int, velocity: float, force: float) -> None:
         """Hold a joint at `velocity` with at most `force`, as Coulomb friction does at 0."""

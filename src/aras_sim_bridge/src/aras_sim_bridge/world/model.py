@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
 from aras_sim_bridge.description.types import RobotDescription
@@ -73,6 +73,7 @@ class Model:
     def reload(self) -> None:
         """Load it into a Bullet that has none of it, as it was spawned."""
         self.body.load(self.description, self.spawn_pose)
+        self._root = self.spawn_pose
         self.joints.load(self.description, self._spawn_positions)
         self.joints.place(self.spawn_pose)
 
@@ -130,7 +131,8 @@ class Model:
 
     def pose(self) -> Pose:
         """world_T_root: the frame of the root link."""
-        return self.link_pose(self.description.root)
+        # What is bolted down stands where it was put.
+        return self._root if self.fixed_base else self.link_pose(self.description.root)
 
     def twist(self) -> Twist:
         """Twist of the root link's frame, in world axes."""
@@ -142,7 +144,10 @@ class Model:
         Raises:
             WorldError: unknown link.
         """
-        return self._com_pose(self.link_index(name)) @ self.body.inertial_poses[name].inverse()
+        index = self.link_index(name)
+        if self.joints.own:
+            return self.joints.space.link_pose(name)
+        return self._com_pose(index) @ self.body.inertial_poses[name].inverse()
 
     def link_twist(self, name: str) -> Twist:
         """Twist of the link's frame: velocity of its origin, in world axes (m/s, rad/s)."""
@@ -172,9 +177,12 @@ class Model:
         found[self.description.root] = self.link_state(self.description.root)
         return {n: found[n] for n in self.link_names}
 
-    def frames(self, indices: list[int]) -> tuple[list[Vector3], list[Quaternion]]:
-        """Positions and orientations of the frames of links by Bullet's numbers from 0 on, in one
-        call to Bullet; `pose` is that of the root."""
+    def frames(self, names: tuple[str, ...]) -> tuple[Sequence[Vector3], Sequence[Quaternion]]:
+        """Positions and orientations of the frames of links other than the root, in one go; `pose`
+        is the root's."""
+        if self.joints.own:
+            return self.joints.space.link_frames(names)
+        indices = [self.body.links[name] for name in names]
         states = pybullet.getLinkStates(self.body_id, indices, 0, 1, self.client)
         return [state[4] for state in states], [state[5] for state in states]
 
@@ -210,6 +218,7 @@ class Model:
     def set_pose(self, pose: Pose) -> None:
         """Move the whole model rigidly so that its root frame is at `pose`; joints keep angles."""
         self._release()
+        self._root = pose
         com = pose @ self.body.inertial_poses[self.description.root]
         pybullet.resetBasePositionAndOrientation(self.body_id, com.xyz, com.quat,
                                                  physicsClientId=self.client)

@@ -1,0 +1,106 @@
+"""Where the links of a bolted tree stand, from the positions of its joints; compiled."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from aras_sim_bridge.compiled import compiled
+from aras_sim_bridge.description.types import RobotDescription
+from aras_sim_bridge.poses import IDENTITY, Pose
+
+
+class LinkPoses:
+    """Forward kinematics of all links at once.
+
+    Attributes:
+        row: by link, where it stands in what `at` answers; the root comes first, and every link
+            after the one that it hangs on.
+    """
+
+    def __init__(self, description: RobotDescription, names: Sequence[str]) -> None:
+        """`names`: of the joints that move, in the order of their positions."""
+        number = {name: k for k, name in enumerate(names)}
+        children: dict[str, list] = {}
+        for joint in description.joints.values():
+            children.setdefault(joint.parent, []).append(joint)
+        self.row = {description.root: 0}
+        tree, offsets, axes = [(-1, -1, 0)], [IDENTITY], [(0.0, 0.0, 1.0)]
+        pending = [description.root]
+        while pending:
+            parent = pending.pop()
+            for joint in children.get(parent, ()):
+                self.row[joint.child] = len(tree)
+                mover = number.get(joint.name, -1)
+                tree.append((self.row[parent], mover, int(joint.kind == "prismatic")))
+                offsets.append(joint.pose)
+                axes.append(joint.axis if mover >= 0 else (0.0, 0.0, 1.0))
+                pending.append(joint.child)
+        self._tree = np.array(tree, np.int64)
+        self._offsets = np.array([(*pose.xyz, *pose.quat) for pose in offsets])
+        self._axes = np.array(axes, float)
+        self._asked: tuple[tuple[str, ...], np.ndarray] = ((), np.zeros(0, np.int64))
+
+    def place(self, root: Pose) -> None:
+        """Say where the root stands, world_T_root."""
+        self._offsets[0] = (*root.xyz, *root.quat)
+
+    def at(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (links, 3) and unit quaternions (links, 4), xyzw, of the links' frames in the
+        world with the joints at positions (n,), rad or m."""
+        return _chained(self._tree, self._offsets, self._axes, positions)
+
+    def rows(self, names: tuple[str, ...]) -> np.ndarray:
+        """The rows of these links; the same are asked for again and again."""
+        if names != self._asked[0]:
+            self._asked = names, np.array([self.row[name] for name in names], np.int64)
+        return self._asked[1]
+
+
+@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1]")
+def _chained(tree, offsets, axes, positions):
+    """See LinkPoses.at.
+
+    Args:
+        tree (links, 3): the row of the parent, or -1; the joint, or -1; whether it slides.
+        offsets (links, 7): of the joint's frame at 0 in the parent's; axes (links, 3).
+    """
+    places, turns = np.empty((len(tree), 3)), np.empty((len(tree), 4))
+    for n in range(len(tree)):
+        parent, joint = tree[n, 0], tree[n, 1]
+        x, y, z = offsets[n, 0], offsets[n, 1], offsets[n, 2]
+        a, b, c, d = offsets[n, 3], offsets[n, 4], offsets[n, 5], offsets[n, 6]
+        if joint >= 0:
+            q, u, v, w = positions[joint], axes[n, 0], axes[n, 1], axes[n, 2]
+            if tree[n, 2] == 1:
+                # The axis turned by the offset, times the way.
+                s, t, r = 2.0 * (b * w - c * v), 2.0 * (c * u - a * w), 2.0 * (a * v - b * u)
+                x += q * (u + d * s + b * r - c * t)
+                y += q * (v + d * t + c * s - a * r)
+                z += q * (w + d * r + a * t - b * s)
+            else:
+                sine, e = np.sin(0.5 * q), np.cos(0.5 * q)
+                u, v, w = sine * u, sine * v, sine * w
+                a, b, c, d = (
+                    d * u + a * e + b * w - c * v,
+                    d * v - a * w + b * e + c * u,
+                    d * w + a * v - b * u + c * e,
+                    d * e - a * u - b * v - c * w,
+                )
+        if parent >= 0:
+            i, j, k, h = turns[parent]
+            s, t, r = 2.0 * (j * z - k * y), 2.0 * (k * x - i * z), 2.0 * (i * y - j * x)
+            x, y, z = (
+                places[parent, 0] + x + h * s + j * r - k * t,
+                places[parent, 1] + y + h * t + k * s - i * r,
+                places[parent, 2] + z + h * r + i * t - j * s,
+            )
+            a, b, c, d = (
+                h * a + i * d + j * c - k * b,
+                h * b - i * c + j * d + k * a,
+                h * c + i * b - j * a + k * d,
+                h * d - i * a - j * b - k * c,
+            )
+        unit = 1.0 / np.sqrt(a * a + b * b + c * c + d * d)
+        places[n, 0], places[n, 1], places[n, 2] = x, y, z
+        turns[n, 0], turns[n, 1], turns[n, 2], turns[n, 3] = a * unit, b * unit, c * unit, d * unit
+    return places, turns

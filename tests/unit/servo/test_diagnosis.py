@@ -345,6 +345,29 @@ def test_what_dies_away_or_is_quiet_is_no_oscillation(error):
     assert all(oscillation.add(t, np.array([error(t)])) is None for t in np.arange(0, 4, 1 / 30))
 
 
+@pytest.mark.parametrize("way", ["at rest", "approaching", "following"])
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_that_is_louder_than_the_tolerances_is_no_oscillation(way, seed):
+    random, oscillation = np.random.default_rng(seed), Oscillation()
+    error = 0.0
+    for k, noise in enumerate(random.normal(0.0, 8.0, (400, 2))):
+        if way == "following":  # a loop that moves by what noise it saw
+            error = 0.9 * error + 0.3 * noise[0]
+        elif way == "approaching":
+            error = 60.0 * np.exp(-k / 60.0)
+        assert oscillation.add(k / 30.0, error + noise) is None
+
+
+@pytest.mark.parametrize("growth", [0.0, 2.0])
+def test_an_oscillation_is_told_in_noise_and_while_it_grows(growth):
+    random, oscillation = np.random.default_rng(1), Oscillation()
+    found = None
+    for t in np.arange(0.0, 2.5, 1 / 30):
+        wave = 12.0 * np.exp(growth * (t - 1.0)) * np.sin(2 * np.pi * 2.5 * t)
+        found = oscillation.add(t, np.array([wave + random.normal(0.0, 3.0)]))
+    assert found == pytest.approx(2.5, rel=0.1)
+
+
 def test_the_logarithm_of_a_small_motion():
     twist = np.array([0.02, -0.01, 0.03, 0.05, -0.08, 0.06])
     np.testing.assert_allclose(body_motion(exponential(twist)), twist, atol=1e-6)

@@ -21,11 +21,14 @@ from .observation import Observation
 from .recent import RecentErrors
 from .schemes.base import Decision
 
+_CHANCE = 1e-8  # that noise passes for a wave, at one of the frequencies that are tried
 DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
 
 
 class Oscillation:
-    """Reversals of the error that are larger than noise and do not die away."""
+    """Reversals of the error that are larger than tolerances explain and do not die away, at a
+    frequency that stands out: noise reverses as often, but at all frequencies alike.
+    """
 
     SPAN = 2.0  # s that are looked at
     LEAST = 6.0  # tolerances from peak to peak: noise has less
@@ -43,6 +46,41 @@ class Oscillation:
             return None
         frequency = _ringing(seen.stamps, seen.errors, self.LEAST, self.REVERSALS)
         return frequency if frequency > 0.0 else None
+
+
+@compiled(VECTOR, VECTOR, NUMBER)
+def _standing_out(stamps, error, about):
+    """The wave in an error (m,) beside a straight line: its frequency (Hz), near the one at which
+    the error reverses, and the part of the error's square that it leaves. Its height may grow or
+    fall in a straight line."""
+    count = len(error)
+    time = stamps - stamps.mean()
+    rest = error - error.mean()
+    rest -= (rest * time).sum() / (time * time).sum() * time
+    whole = (rest * rest).sum()
+    frequency, least = about, 1.0
+    basis = np.empty((6, count))
+    for step in range(41):
+        tried = (0.7 + 0.0125 * step) * about
+        phase = 2.0 * np.pi * tried * time
+        basis[0], basis[1] = 1.0, time
+        basis[2], basis[3] = np.cos(phase), np.sin(phase)
+        basis[4], basis[5] = time * basis[2], time * basis[3]
+        left = whole
+        for i in range(6):
+            length = (basis[i] * basis[i]).sum()
+            for k in range(i):
+                basis[i] -= (basis[i] * basis[k]).sum() * basis[k]
+            square = (basis[i] * basis[i]).sum()
+            if square > 1e-9 * length:
+                basis[i] /= np.sqrt(square)
+                if i > 1:
+                    left -= (rest * basis[i]).sum() ** 2
+            else:
+                basis[i] = 0.0
+        if left < least * whole:
+            frequency, least = tried, left / whole
+    return frequency, least
 
 
 @compiled(VECTOR, MATRIX, NUMBER, NUMBER)
@@ -71,7 +109,19 @@ def _ringing(stamps, errors, least, reversals):
     if len(heights) < reversals or heights[-3:].max() < 0.5 * heights[:-2].max():
         return 0.0
     first, last = stamps[peaks[1]], stamps[peaks[found - 1]]
-    return 0.5 * (found - 2) / (last - first) if last > first else 0.0
+    if last <= first:
+        return 0.0
+    about = 0.5 * (found - 2) / (last - first)
+    # Of a loop that swings from stop to stop only the last swings may be alike.
+    for begin in (0, count // 2):
+        free = count - begin - 6  # numbers less those of line and wave
+        if free < 6:
+            break
+        frequency, rest = _standing_out(stamps[begin:], error[begin:].copy(), about)
+        # At most half, and less than white noise leaves of itself at one frequency by chance.
+        if rest < min(0.5, _CHANCE ** (2.0 / free)):
+            return frequency
+    return 0.0
 
 
 class ShapeEvidence:

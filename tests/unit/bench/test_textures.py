@@ -12,7 +12,7 @@ from aras_visual_servo_bench.shapes import NAMES, shape_of, svg_outline
 from aras_visual_servo_bench.targets import PlacedTarget
 from aras_visual_servo_bench.textures import TexturedTarget
 from aras_visual_servo_camera.errors import VisionError
-from aras_visual_servo_camera.trackers import DotTracker, MarkerTracker
+from aras_visual_servo_camera.trackers import DotTracker, LineTracker, MarkerTracker
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm.poses import transform
 
@@ -20,7 +20,14 @@ CAMERA = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1))
 LENS = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1), (-0.2, 0.05, 0, 0))
 FACING = transform((0.0, 0.0, 0.0), (np.pi, 0.0, 0.0))  # the target's z towards the camera
 SIZE = (0.2, 0.2)
+FISHEYE = CameraModel(
+    320, 240, (200.0, 0, 159.5, 0, 200.0, 119.5, 0, 0, 1), (0.0,) * 4, "equidistant"
+)
 VIEW = transform((0.02, -0.015, -0.5), (0.08, -0.06, 0.4))
+NEAR = transform((0.0, 0.01, -0.3), (0.0, 0.05, 0.1))
+ASKEW = transform((0.2, -0.1, -0.45), (-0.2, -0.4, 0.0)) @ transform((0, 0, 0), (0, 0, 0.7))
+CLOSE = transform((0.0, 0.0, -0.15), (0.0, 0.0, 0.0))
+AWAY = transform((0.0, 0.0, -8.0), (0.0, 0.0, 0.0))
 
 
 def seen(name, camera=CAMERA, view=VIEW, occluder=None):
@@ -58,6 +65,28 @@ def test_a_line_grid_has_its_crossings_where_they_are_said():
         assert image[int(round(v)), int(round(u))] < 150
 
 
+@pytest.mark.parametrize("camera", [CAMERA, LENS, FISHEYE], ids=["pinhole", "lens", "fisheye"])
+@pytest.mark.parametrize("view", [VIEW, NEAR, ASKEW], ids=["view", "near", "askew"])
+def test_outermost_lines_cross_where_they_are_said(camera, view):
+    grey = seen("line_grid", camera, view)[0]
+    exact = shape_of("line_grid", SIZE).points(np.linalg.inv(FACING) @ view)
+    found = LineTracker().places(grey, camera)
+    away = np.linalg.norm(found[:, None] - exact[None], axis=2) * camera.K[0]
+    assert away.min(axis=0).max() < 0.12, away.min(axis=0)  # px
+    assert sorted(away.argmin(axis=0)) == [0, 1, 2, 3]
+    offset = found - found.mean(axis=0)
+    assert (np.diff(np.arctan2(offset[:, 1], offset[:, 0])) > 0.0).all()
+
+
+def test_lines_are_found_in_grain_and_below_a_slope_of_light():
+    grey, exact = seen("line_grid")
+    random = np.random.default_rng(3)
+    slope = np.linspace(0.75, 1.0, grey.shape[1])
+    noisy = np.clip(grey * slope + random.normal(0.0, 5.0, grey.shape), 0, 255).astype(np.uint8)
+    away = np.linalg.norm(LineTracker().find(noisy)[:, None] - exact[None], axis=2).min(axis=0)
+    assert away.max() < 0.25, away
+
+
 def test_a_picture_stands_upright_and_in_its_size(tmp_path):
     pixels = np.full((100, 200), 200, np.uint8)
     pixels[:50, :100] = 20  # first quarter: seen at the upper left
@@ -91,11 +120,19 @@ def test_an_occluder_hides_what_lies_under_it():
 
 
 @pytest.mark.parametrize(
-    ("tracker", "shape"), [(DotTracker(), "square"), (MarkerTracker(), "four_dots")]
+    ("tracker", "shape", "view", "told"),
+    [
+        (DotTracker(), "square", VIEW, "in view"),
+        (MarkerTracker(), "four_dots", VIEW, "in view"),
+        (LineTracker(), "square", VIEW, "is no line: use tracker 'outline'"),
+        (LineTracker(), "circle", VIEW, "is no line|not four"),
+        (LineTracker(), "line_grid", CLOSE, "touch the picture's border"),
+        (LineTracker(), "line_grid", AWAY, "no dark lines are in view"),
+    ],
 )
-def test_what_is_not_there_is_said(tracker, shape):
-    with pytest.raises(VisionError, match="in view"):
-        tracker.find(seen(shape)[0])
+def test_what_is_not_there_is_said(tracker, shape, view, told):
+    with pytest.raises(VisionError, match=told):
+        tracker.find(seen(shape, view=view)[0])
 
 
 # -- SVG -----------------------------------------------------------------------------------------
@@ -161,6 +198,7 @@ TURNED = [0.0, 0.0, 0.0, 3.141592653589793, 0.0, 0.0]
     [
         ("four_dots", "numbered_points", {"tracker": "dots"}, (0.2, 0.2)),
         ("marker", "pose", {"tracker": "marker"}, (0.2, 0.2)),
+        ("line_grid", "lines", {"tracker": "lines"}, (0.2, 0.2)),
         ("l_shape", "moments_six", {}, (0.2, 0.2)),
         ("l_shape", "lines", {}, (0.2, 0.2)),
         ("poster", "matches", {}, (0.8, 0.6)),

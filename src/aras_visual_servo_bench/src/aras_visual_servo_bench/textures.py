@@ -169,7 +169,7 @@ def marker(size: tuple[float, float]) -> TexturedTarget:
 
 
 def line_grid(size: tuple[float, float]) -> TexturedTarget:
-    """Black lines on white, five by five; their crossings are known."""
+    """Black lines on white, five by five; the crossings of the outermost four are known."""
     w, h = size
     pixels, per = _blank(size)
     wide = max(int(round(0.01 * w * per)), 1)
@@ -181,7 +181,8 @@ def line_grid(size: tuple[float, float]) -> TexturedTarget:
         pixels[first:last, low_u : low_u + wide] = 0
         first, last = (int(round(p * w * per)) for p in (0.1, 0.9))
         pixels[low_v : low_v + wide, first:last] = 0
-    crossings = np.array([(x * w, y * h) for y in across for x in across])
+    low, high = across[0], across[-1]
+    crossings = np.array([(low, low), (high, low), (high, high), (low, high)]) * size
     return TexturedTarget(pixels, size, crossings * FLIPPED)
 
 

@@ -1,7 +1,8 @@
-"""Points of special targets in a picture: centres of dots, corners of markers. By OpenCV.
+"""Points of special targets in a picture: dots, corners of markers, crossings of lines. By OpenCV.
 
-Each finds pixels; the lens is taken off by the camera model afterwards. `numbered` says whether
-a point is known by itself (a marker's corners) or by its place in the ring alone (dots).
+Points are found as pixels, and the lens is taken off afterwards; lines are bent by a lens, so it is
+taken off before they are fitted. `numbered` says whether a point is known by itself (a marker's
+corners) or by its place in the ring alone (dots, crossings).
 """
 
 from __future__ import annotations
@@ -14,11 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import VisionError
+from .undistortion import CameraModel
 
 MARKERS = ("DICT_4X4_50", "DICT_APRILTAG_36h11")
 SMALLEST_DOT = 6  # pixels: of less, no centre can be had
 ROUND = 0.8  # least area of a dot over that of its bounding ellipse
 RIM = 3  # pixels about a dot in which it fades
+SMALLEST_DRAWING = 400  # pixels of the rectangle about a drawing of lines
+THICKEST = 0.2  # of a line's width over the size of the drawing
+SOLID = "what bounds the dark drawing is no line: use tracker 'outline'"
+STATIONS, FEWEST = 48, 10  # profiles across a line, and of them those that must show it alone
 
 
 class Tracker(ABC):
@@ -33,6 +39,11 @@ class Tracker(ABC):
         Raises:
             VisionError: they are not to be seen.
         """
+
+    def places(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
+        """The same points (n, 2), normalised and without the lens; VisionError as `find`."""
+        x, y, _ = camera.normalise(*self.find(grey).T)
+        return np.column_stack([x, y])
 
 
 class DotTracker(Tracker):
@@ -64,9 +75,7 @@ class DotTracker(Tracker):
                 f"{len(dots)} of {self.count} dots are in view: are they dark, round and apart?"
             )
         dots.sort(reverse=True)
-        points = np.array([self._centre(grey, *dot[1:]) for dot in dots[: self.count]])
-        offset = points - points.mean(axis=0)
-        return points[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))]
+        return _ring(np.array([self._centre(grey, *dot[1:]) for dot in dots[: self.count]]))
 
     @staticmethod
     def _centre(grey: np.ndarray, left: int, top: int, width: int, height: int) -> tuple:
@@ -103,6 +112,107 @@ class MarkerTracker(Tracker):
         raise VisionError(f"no marker of {' or '.join(MARKERS)} is in view")
 
 
+class LineTracker(Tracker):
+    """The four outermost lines of a dark drawing (a grid, a frame), as the crossings of neighbours.
+
+    Each line is fitted to the middles of profiles across it, weighted by darkness, where no other
+    line crosses; to a few hundredths of a pixel, through any lens.
+    """
+
+    numbered = False
+
+    def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
+        """See Tracker.find; of a picture without a lens, or with the lens taken off."""
+        rows, columns = grey.shape
+        return self.places(grey, CameraModel(columns, rows, (1, 0, 0, 0, 1, 0, 0, 0, 1)))
+
+    def places(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
+        """See Tracker.places; in order of angle about their middle."""
+        scale = camera.pinhole.fx  # a pixel of the picture without a lens: 1 / fx
+        rough, width = self._rough(grey, camera, scale)
+        lines = []
+        for start, end in zip(rough, np.roll(rough, -1, axis=0), strict=True):
+            # The rough side is the drawing's rim, half a line's width outside of its middle.
+            for reach in (1.5 * width + 3.0, width + 2.0):
+                points, direction = self._fitted(grey, camera, scale, (start, end), reach)
+                along = (np.array([start, end]) - points) @ direction
+                start, end = points + along[:, None] * direction
+            lines.append(np.cross((*points, 1.0), (*(points + direction), 1.0)))
+        crossings = np.cross(np.roll(lines, 1, axis=0), lines)
+        return _ring(crossings[:, :2] / crossings[:, 2:]) / scale
+
+    @staticmethod
+    def _rough(grey: np.ndarray, camera: CameraModel, scale: float) -> tuple[np.ndarray, float]:
+        """Corners (4, 2) of the drawing's rim, and its lines' width, px without the lens."""
+        _, mask = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY_INV | cv2.THRESH_OTSU)
+        found, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
+        sizes = stats[1:, cv2.CC_STAT_WIDTH] * stats[1:, cv2.CC_STAT_HEIGHT]
+        if found < 2 or sizes.max() < SMALLEST_DRAWING:
+            raise VisionError("no dark lines are in view")
+        largest = 1 + int(np.argmax(sizes))
+        left, top, width, height = stats[largest, :4]
+        if left == 0 or top == 0 or left + width == grey.shape[1] or (
+            top + height == grey.shape[0]
+        ):  # fmt: skip
+            raise VisionError("the lines touch the picture's border: not all of them are in view")
+        drawn = np.where(labels == largest, mask, 0).astype(np.uint8)
+        rim = max(cv2.findContours(drawn, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0], key=len)
+        x, y, valid = camera.normalise(*rim.reshape(-1, 2).T.astype(float))
+        if not valid.all():
+            raise VisionError("the lines reach beyond the lens's model")
+        hull = cv2.convexHull((scale * np.column_stack([x, y])).astype(np.float32))
+        for part in (0.01, 0.02, 0.03, 0.05, 0.08):
+            corners = cv2.approxPolyDP(hull, part * cv2.arcLength(hull, True), True)
+            if len(corners) <= 4:
+                break
+        if len(corners) != 4:
+            raise VisionError(f"{len(corners)} lines, not four, bound what is dark in view")
+        thick = 2.0 * float(cv2.distanceTransform(drawn, cv2.DIST_L2, 3).max())
+        if thick > THICKEST * np.sqrt(cv2.contourArea(hull)):
+            raise VisionError(SOLID)
+        return corners.reshape(4, 2).astype(float), thick
+
+    @staticmethod
+    def _fitted(
+        grey: np.ndarray, camera: CameraModel, scale: float,
+        side: tuple[np.ndarray, np.ndarray], reach: float,
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """A point (2,) of the line and its direction (2,), from profiles `reach` px either side."""
+        start, end = side
+        way = (end - start) / np.linalg.norm(end - start)
+        across = np.arange(-reach, reach + 0.25, 0.5)
+        stations = start + np.linspace(0.06, 0.94, STATIONS)[:, None] * (end - start)
+        places = stations[:, None] + across[:, None] * np.array([-way[1], way[0]])
+        u, v = camera.project(*(places.reshape(-1, 2).T / scale))
+        shape = places.shape[:2]
+        values = cv2.remap(
+            grey, u.reshape(shape).astype(np.float32), v.reshape(shape).astype(np.float32),
+            cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE,
+        ).astype(float)  # fmt: skip
+        dark = np.clip(np.percentile(values, 95) - values, 0.0, None)
+        dark[dark < 0.1 * dark.max()] = 0.0
+        total = dark.sum(axis=1)
+        ends = np.maximum(dark[:, 0], dark[:, -1]) < 0.3 * dark.max()
+        good = ends & (total > 0.0)
+        if good.sum() >= FEWEST:  # a profile along a crossing line holds more than the others
+            usual = np.median(total[good])
+            good &= np.abs(total - usual) < 0.25 * usual
+        if good.sum() < FEWEST:
+            raise VisionError(SOLID)
+        middle = (dark[good] @ across) / total[good]
+        points = stations[good] + middle[:, None] * np.array([-way[1], way[0]])
+        dx, dy, x, y = cv2.fitLine(
+            points.astype(np.float32), cv2.DIST_HUBER, 0.0, 1e-4, 1e-4
+        ).ravel().astype(float)  # fmt: skip
+        return np.array([x, y]), np.array([dx, dy])
+
+
+def _ring(points: np.ndarray) -> np.ndarray:
+    """Points (n, 2) in order of angle about their middle."""
+    offset = points - points.mean(axis=0)
+    return points[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))]
+
+
 TRACKERS: dict[str, type[Tracker] | None] = {
-    "outline": None, "dots": DotTracker, "marker": MarkerTracker,
+    "outline": None, "dots": DotTracker, "marker": MarkerTracker, "lines": LineTracker,
 }  # fmt: skip

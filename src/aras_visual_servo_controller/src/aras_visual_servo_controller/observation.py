@@ -157,9 +157,8 @@ class Observer:
             valid, reason, seen = self._segmented(image, camera, needs)
         if valid and tracked:
             try:
-                points = self.tracker.find(image.grey)
-                x, y, _ = camera.normalise(points[:, 0], points[:, 1])
-                seen["corners"] = _frozen(np.column_stack([x, y]))
+                points = self.tracker.places(image.grey, camera)
+                seen["corners"] = _frozen(points)
                 seen["pixel_count"] = 0 if self.tracker.numbered else len(points)
             except VisionError as error:
                 valid, reason = False, str(error)

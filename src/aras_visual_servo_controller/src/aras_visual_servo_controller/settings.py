@@ -62,7 +62,7 @@ class Settings:
     scheme: str = parameter("moments", "", "feature, scheme, several joined by '+', or "
                             "'package.module:Class'")  # fmt: skip
     interaction: str = parameter("current", "", "L at the view: current, desired, mean, estimated")
-    tracker: str = parameter("outline", "", "of a target's points: outline, dots, marker")
+    tracker: str = parameter("outline", "", "of a target's points: outline, dots, marker, lines")
     weights: tuple = parameter((), "", "of stacked features, one each; empty: all alike")
     smoothing: float = parameter(0.0, "s", "time constant of a low-pass on the errors; 0: none")
     law: str = parameter("proportional", "", "proportional, adaptive, diagonal, pi, sliding_mode, "

@@ -39,6 +39,7 @@ from scenes import Bench, link_pose, looking, table_and_target  # noqa: E402
 from aras_sim_bridge.camera import CameraConfig, CameraSensor  # noqa: E402
 from aras_sim_bridge.camera.effects import EffectChain, Effects  # noqa: E402
 from aras_sim_bridge.description import Geometry, parse_urdf  # noqa: E402
+from aras_sim_bridge.poses import Pose  # noqa: E402
 from aras_sim_bridge.rendering import (  # noqa: E402
     SENSOR_R_OPTICAL,
     Renderer,
@@ -67,6 +68,8 @@ def robot_scene() -> tuple[Bench, np.ndarray]:
     bench.world.spawn_ground_plane()
     model = bench.world.spawn(robot, "robot", joint_positions={
         "gantry": 0.1, "J2": 0.1745, "J3": -0.0873, "J5": -0.0873})
+    target = parse_urdf((ROBOT / "targets/aras.urdf").read_text())
+    bench.world.spawn(target, "target", Pose((0.0, 0.0, 0.591)))
     T = np.array(model.link_pose("camera_link").matrix())
     T[:3, :3] = T[:3, :3] @ SENSOR_R_OPTICAL
     return bench, T

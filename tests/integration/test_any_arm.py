@@ -148,6 +148,7 @@ def test_another_arm_is_servoed(name, scheme, launch, ros_node, collect, tmp_pat
     robot = launch(
         "aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
         urdf=str(urdf), gains=str(gains), controllers=" ".join(controllers), robot=name,
+        target="none",  # its own plate is part of the description
     )  # fmt: skip
     try:
         wait_for(lambda: joints.messages, 40.0, "joint states")

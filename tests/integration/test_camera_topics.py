@@ -169,7 +169,7 @@ def test_depth_and_segmentation():
     text = wait_for_message("/lab/deep/segmentation/labels", String).data
     names = {number: name for number, name in yaml.safe_load(text).items()}
     seen = {names[n] for n in np.unique(pixels(labelled, np.int32)) if n >= 0}
-    assert {"aras_visual_servo::base_link", "aras_visual_servo::planar_object"} <= seen
+    assert {"aras_visual_servo::base_link", "target::planar_object"} <= seen
 
 
 def test_labels_come_without_the_picture():

@@ -251,7 +251,7 @@ def test_what_is_wrong_with_a_description_is_said_in_a_line(old, new, words):
     [
         ({"camera_frame": "camera_lnk"}, "no link camera_lnk; did you mean camera_link"),
         ({"base_frame": "lnk2"}, "does not hang on lnk2; did you mean link2"),
-        ({"target_frame": "planar_objct"}, "did you mean planar_object"),
+        ({"target_frame": "slidr"}, "did you mean slider"),
         ({"joints": ("gantry", "J4")}, "no joint J4 moves the camera"),
         ({"joints": ("J1", "J1")}, "named twice"),
         ({"joints": ()}, "no joint moves the camera"),

@@ -232,7 +232,6 @@ def test_the_robots_model_is_the_descriptions(robot, host):
     model = robot_model(robot.urdf, robot.packages.find)
     assert model["name"] == "aras_visual_servo"
     assert {j["name"] for j in model["joints"]} >= set(host.arm.names)
-    assert model["links"]["planar_object"][0]["colour"] == [0.0, 0.0, 0.0, 1.0]
     assert model["links"]["slider"][0]["colour"] == [0.792, 0.82, 0.933, 1.0]
     corners = np.frombuffer(base64.b64decode(model["links"]["base_link"][0]["corners"]), "<f4")
     corners = corners.reshape(-1, 3, 6)

@@ -1,14 +1,18 @@
 """What is drawn of a run: where, and when it begins anew."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from aras_visual_servo_bench.live.outlines import edges_of
 from aras_visual_servo_bench.live.shapes import (
     ARROW,
+    LINES,
     STRIP,
     WIDEST,
+    Shape,
     on_picture,
     picture_border,
     picture_depth,
@@ -17,6 +21,7 @@ from aras_visual_servo_bench.live.story import FRUSTUM, LONGEST, SECONDS, Story,
 from aras_visual_servo_bench.live.track import MOST, Pace, Track
 from aras_visual_servo_camera.undistortion import CameraModel
 
+GAZEBO = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
 STRAIGHT = np.array([0.1, 0.0, 0.3, -0.2, -0.1, 0.4])
 BENT = np.array([0.05, 0.1, 0.2, -0.2, -0.1, 0.2])
 SERVOING = Told(1.0, "moments", "servoing", "running", names=("xn", "yn"), error=(0.01, -0.02))
@@ -179,3 +184,18 @@ def test_pace_is_that_of_the_last_seconds():
     assert pace.factor == pytest.approx(0.5)
     pace.add(10.0, 0.0)  # the clock went back
     assert pace.factor is None
+
+
+def test_a_target_is_drawn_by_its_edges_where_it_lies(story):
+    urdf = (GAZEBO / "targets" / "aras.urdf").read_text()
+    edges = edges_of(urdf)
+    assert edges.shape == (2 * 2 * 12, 3)  # two boxes of twelve edges: no diagonal of a face
+    np.testing.assert_allclose(np.ptp(edges[:24], axis=0), (0.05, 0.05, 0.001), atol=1e-6)
+    np.testing.assert_allclose(edges[24:].mean(axis=0), (-0.005, -0.025, -0.0005), atol=1e-6)
+    way = np.diff(edges.reshape(-1, 2, 3), axis=1)[:, 0]
+    assert ((np.abs(way) > 1e-6).sum(axis=1) == 1).all()
+    flat = edges_of((GAZEBO / "targets" / "l_shape.urdf").read_text(), lambda name: str(GAZEBO))
+    assert len(flat) == 2 * 6
+    assert story.target is None
+    story.target = Shape("target", LINES, edges, (0.0, 0.0, 0.0, 1.0))
+    assert shape(story, "target").points is edges

@@ -1,6 +1,8 @@
 """Targets in the simulated world: what is drawn of them is what their geometry says."""
 
+import os
 import runpy
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,6 +25,7 @@ from aras_visual_servo_camera.trackers import DotTracker, MarkerTracker
 GAZEBO = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
 GOAL = (0.05, 0.0, -0.09, 0.045, 0.045, 0.0)
 START = [0.07, 0.0, -0.09, 0.045, 0.045, 0.3]
+SQUARE = [[-0.05, -0.05], [0.05, -0.05], [0.05, 0.05], [-0.05, 0.05]]
 PLACE = [0.01, -0.02, 0.591, 0.0, 0.0, 0.4]
 
 
@@ -110,7 +113,7 @@ def test_the_arm_servoes_on_a_target_that_was_put_there():
     ("changes", "told"),
     [
         ({"shape": "four_dots"}, "its top is at z = 0.59"),
-        ({"shape": "aras", "pose": PLACE}, "lies still where that has it"),
+        ({"shape": SQUARE, "motion": {"step": [0.01, 0, 0]}}, "lies still where that has it"),
         ({"shape": "square", "pose": PLACE, "size": [3, 1]}, "the table's"),
         ({"shape": "nowhere.png", "pose": PLACE}, "there is no file"),
     ],
@@ -169,6 +172,14 @@ def test_files_by_command(tmp_path, capsys):
 SCRIPT = runpy.run_path(str(GAZEBO / "scripts" / "target_description"))
 
 
+@pytest.fixture
+def outlines(monkeypatch):
+    """Files of outlines are made without a build, by the module that rosrun would start."""
+    command = (sys.executable, "-m", "aras_visual_servo_bench.target_files")
+    monkeypatch.setitem(SCRIPT["made"].__globals__, "MAKER", command)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+
+
 def test_a_picture_by_its_path_is_a_plane_of_that_size(tmp_path):
     picture = tmp_path / "mine.png"
     cv2.imwrite(str(picture), np.full((20, 30), 90, np.uint8))
@@ -179,14 +190,45 @@ def test_a_picture_by_its_path_is_a_plane_of_that_size(tmp_path):
     assert np.ptp(corners, axis=0) == pytest.approx([0.3, 0.2, 0.0])
 
 
+def test_an_outline_by_its_path_is_a_polygon_of_that_size(tmp_path, outlines):
+    outline = tmp_path / "mine.svg"
+    outline.write_text('<svg><polygon points="0,0 40,0 40,20 20,20 20,40 0,40"/></svg>')
+    text = SCRIPT["described"](str(outline), (0.3, 0.2), tmp_path / "made")
+    assert parse_urdf(text).static
+    lines = next((tmp_path / "made").rglob("*.obj")).read_text().split("\n")
+    corners = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
+    assert np.ptp(corners, axis=0) == pytest.approx([0.3, 0.2, 0.0])
+    assert sum(line.startswith("f ") for line in lines) == 4
+
+
+def test_an_outline_without_what_makes_it_is_told(tmp_path, monkeypatch):
+    (tmp_path / "mine.svg").write_text("<svg/>")
+    monkeypatch.setitem(SCRIPT["made"].__globals__, "MAKER", ("/no/such/program",))
+    with pytest.raises(ValueError, match="needs /no/such/program, which makes its mesh"):
+        SCRIPT["described"](str(tmp_path / "mine.svg"), (0.1, 0.1), tmp_path)
+
+
+def test_a_name_comes_as_it_ships_or_in_another_size(tmp_path, outlines):
+    shipped = (GAZEBO / "targets" / "poster.urdf").read_text()
+    assert SCRIPT["described"]("poster", None, tmp_path) == shipped
+    assert parse_urdf(SCRIPT["described"]("circle", (0.04, 0.06), tmp_path)).static
+    lines = next(tmp_path.rglob("*.obj")).read_text().split("\n")
+    corners = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
+    assert np.ptp(corners, axis=0) == pytest.approx([0.04, 0.06, 0.0])
+    with pytest.raises(ValueError, match="'aras' has one size"):
+        SCRIPT["described"]("aras", (0.1, 0.1), tmp_path)
+
+
 @pytest.mark.parametrize(
     ("given", "told"),
     [("four_dot", "did you mean 'four_dots'"), ("/none.png", "there is no file"),
-     ("{}/text.png", "neither PNG nor JPEG"), ("{}/a.svg", "target_files")],
+     ("{}/text.png", "neither PNG nor JPEG"), ("{}/a.svg", "holds no outline"),
+     ("{}/b.SVG", "is no SVG: ")],
 )  # fmt: skip
-def test_what_cannot_be_a_target_is_told(given, told, tmp_path):
+def test_what_cannot_be_a_target_is_told(given, told, tmp_path, outlines):
     (tmp_path / "text.png").write_text("no picture at all")
     (tmp_path / "a.svg").write_text("<svg/>")
+    (tmp_path / "b.SVG").write_text("no tree at all")
     with pytest.raises(ValueError, match=told):
         SCRIPT["described"](given.format(tmp_path), (0.1, 0.1), tmp_path)
 

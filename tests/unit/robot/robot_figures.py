@@ -39,8 +39,6 @@ JOINTS = {
     "camera_joint": (
         "fixed", "link6", "camera_link", (0, 0, 0.0334), (3.14, -1.57, 0), None, None, None,
     ),
-    "J01": ("fixed", "base_link", "planar_object", (0, 0, 0.59), SIDEWAYS, None, None, None),
-    "J02": ("fixed", "base_link", "planar_object_2", (0, 0, 0.59), SIDEWAYS, None, None, None),
 }  # fmt: skip
 
 # link: (mass, com, ixx iyy izz, ixy ixz iyz)
@@ -73,9 +71,13 @@ BOUNDS = {
 # link: (box size, centre)
 BOXES = {
     "camera_link": ((0.01, 0.09, 0.09), (0, 0, 0)),
-    "planar_object": ((0.05, 0.001, 0.05), (0, 0, 0)),
-    "planar_object_2": ((0.025, 0.0005, 0.025), (0.025, 0.0005, 0.005)),
 }
+
+# The target: sizes and centres of its plates, where the original has them in base_link.
+PLATES = (
+    ((0.05, 0.05, 0.001), (0, 0, 0.59)),
+    ((0.025, 0.025, 0.0005), (-0.005, -0.025, 0.5905)),
+)
 
 REDUCTIONS = {"gantry": 50, "J1": 100, "J2": 100, "J3": 10, "J5": 10, "J6": 10}
 

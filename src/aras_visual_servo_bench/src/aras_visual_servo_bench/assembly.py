@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,7 @@ from .errors import ExperimentError, ViewError
 from .experiment import FLYING, CameraPose, Experiment, Sampler
 from .loops import goal_file, named_scheme, settings_of
 from .plants import CameraReading, Plant
-from .plants.bullet_arm import BulletArm
+from .plants.bullet_arm import BulletArm, ShownTarget
 from .plants.free_body import FreeBody
 from .plants.kinematic import FreeCamera, KinematicChain, Sight
 from .robots import Robot
@@ -40,6 +39,9 @@ from .textures import TexturedTarget
 PATIENCE_NS = 1_000_000_000  # for the one picture that a goal is taught by
 # What is taught from a picture as the loop will see it: its own errors are then none of the goal.
 PICTURED = {Need.IMAGE, Need.CONTOUR, Need.CORNERS}
+# The demo's target as the launch files put it into the world: a model whose origin lies there.
+PLATES = "package://aras_visual_servo_gazebo/targets/aras.urdf"
+PLATES_AT = (0.0, 0.0, 0.591)
 
 
 @dataclass
@@ -85,9 +87,8 @@ class _Builder:
     def __init__(self, experiment: Experiment, scheme: Scheme | JointController | None) -> None:
         self.experiment = experiment
         self.robot = Robot(
-            experiment.robot, experiment.camera_xyz, experiment.camera_rpy, experiment.friction,
-            target=experiment.target.described,
-        )  # fmt: skip
+            experiment.robot, experiment.camera_xyz, experiment.camera_rpy, experiment.friction
+        )
         self.settings = cameras.preset(
             experiment.camera, self.robot.packages, experiment.robot.cameras
         )
@@ -285,13 +286,15 @@ class _Builder:
             drop=float(dict(self.settings.get("effects", {})).get("drop_probability", 0.0)),
         )
 
-    def _spawned(self, exactly: bool) -> tuple[PlacedTarget, Path] | None:
+    def _spawned(self, exactly: bool) -> ShownTarget | None:
         """The target that is put into the simulated world, None where the robot brings its own."""
         spec = self.experiment.target
-        if spec.described:
+        if spec.described or self.experiment.robot.target_frame:
             return None
+        if spec.shape == "aras":
+            return ShownTarget(self.target, self.robot.packages.file(PLATES), PLATES_AT)
         seed = self.experiment.seed if spec.perturbed and not exactly else None
-        return self.target, description_file(spec, seed)
+        return ShownTarget(self.target, description_file(spec, seed))
 
     def _plant(self, arm: Arm | FreeBody, start: np.ndarray, exactly: bool = False) -> Plant:
         experiment = self.experiment

@@ -68,7 +68,7 @@ class TargetSpec:
         of an SVG with an outline.
     size: of a named shape or a path, along x and y, m.
     pose: x, y, z (m), roll, pitch, yaw (rad) of its frame in the world; its z axis is its normal.
-    The plates of 'aras' are placed in the world's own frame. motion: see Motion.
+        The plates of 'aras' lie at (0, 0, 0.59) in that frame. motion: see Motion.
     occluder: low and high corner (x, y), m, of an opaque rectangle that lies on the target.
     perturbed: a target with a picture has another one in the run than when the goal was taught:
         brighter or darker, of other contrast, grained, with a patch erased, by the seed.
@@ -83,9 +83,9 @@ class TargetSpec:
 
     @property
     def described(self) -> bool:
-        """Whether it is part of the simulated robot's description: the shipped robot's plates, or
-        corners in the world's own frame, which a robot of one's own brings with it."""
-        return self.shape == "aras" or isinstance(self.shape, tuple) and not any(self.pose)
+        """Whether it is part of the simulated robot's description: corners in the world's own
+        frame, which a robot of one's own brings with it."""
+        return isinstance(self.shape, tuple) and not any(self.pose)
 
     def __post_init__(self) -> None:
         require(
@@ -212,16 +212,18 @@ class Experiment:
             own = not (self.target.motion.still and not any(self.target.pose))
             require(
                 not (self.target.described and own),
-                "a target in the Bullet arm's description lies still where that has it: name "
-                "another shape, with a pose, for one that moves or lies elsewhere",
+                "a target in the Bullet arm's description lies still where that has it: give its "
+                "shape a pose for one that moves",
             )
             require(
-                self.target.described or any(self.target.pose),
+                self.target.described or self.target.shape == "aras" or any(self.target.pose),
                 "target.pose says where on the Bullet arm's table the target lies: its top is at "
                 "z = 0.59, so [0, 0, 0.591, 0, 0, 0] is its middle",
             )
             require(
-                self.target.described or not self.robot.target_frame,
+                self.target.described
+                or self.target.shape == "aras"
+                or not self.robot.target_frame,
                 "a target that the arm moves is part of the robot's description: leave out "
                 "target.shape or robot.target_frame",
             )

@@ -67,14 +67,12 @@ class Robot:
         xyz: Sequence[float] = (0.0,) * 3,
         rpy: Sequence[float] = (0.0,) * 3,
         friction: bool = True,
-        target: bool = True,
     ) -> None:
         """Read the files.
 
         Args:
             xyz, rpy: the camera moved in its link, m and rad.
             friction: False takes the joints' dry friction out of the description.
-            target: False takes the plates on the shipped robot's table out of it.
 
         Raises:
             ExperimentError: a file that is missing or cannot be used.
@@ -85,8 +83,6 @@ class Robot:
         self._plain = self.packages.file(spec.urdf).read_text(encoding="utf-8")
         if not friction:
             self._plain = self._adapted("without_friction", self._plain)
-        if not target:
-            self._plain = self._adapted("without_target", self._plain)
         self._mount = transform(xyz, rpy)
         self.urdf = self._mounted(self._mount)
         tree = read_yaml(self.packages.file(spec.config))

@@ -1,6 +1,7 @@
 """Targets as descriptions that a simulated world can be given: URDF, mesh and picture.
 
-    python3 -m aras_visual_servo_bench.target_files four_dots --size 0.1 0.1 --out DIR
+    rosrun aras_visual_servo_bench target_files four_dots --size 0.1 0.1 --out DIR
+    (or python3 -m aras_visual_servo_bench.target_files)
 
 A target's frame has its face in z = 0, facing along z. The model stands still and touches nothing.
 """

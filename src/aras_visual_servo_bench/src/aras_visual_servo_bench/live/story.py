@@ -85,6 +85,7 @@ class Story:
         outline: (n, 2) of the target at the goal, normalised.
         told: by the controller.
         factor: real-time factor, None while it is not known.
+        target: in the arm's base; None where nothing is known of it.
     """
 
     def __init__(self, arm: Arm) -> None:
@@ -94,6 +95,7 @@ class Story:
         self.outline = np.zeros((0, 2))
         self.told = Told()
         self.factor: float | None = None
+        self.target: Shape | None = None
         self._pose: np.ndarray | None = None
         self._border: tuple[CameraModel, np.ndarray] | None = None
         self.clear()
@@ -178,6 +180,8 @@ class Story:
     def shapes(self) -> list[Shape]:
         """Everything, in the arm's base; what cannot be drawn now has no points."""
         shapes = [self._line("path", self.path, (*PATH, 1.0), 0.006)]
+        if self.target is not None:
+            shapes.append(self.target)
         ideal = self.ideal()
         shapes.append(Shape("ideal path", LINES, ideal, (*IDEAL, 0.9), 0.003))
         border = self._picture()

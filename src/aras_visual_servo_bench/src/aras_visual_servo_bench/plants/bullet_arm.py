@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.poses import Pose
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world.model import Model
-from aras_visual_servo_controller.arm.poses import inverse
+from aras_visual_servo_controller.arm.poses import inverse, transform
 
 from .. import cameras
 from ..errors import ExperimentError
@@ -25,6 +26,24 @@ from .base import CameraReading, JointReading, Plant, Reading
 
 MODEL, TARGET = "robot", "target"
 NS = 1_000_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class ShownTarget:
+    """A target that is a model of its own in the simulated world.
+
+    placed: where it lies. urdf: what is drawn of it.
+    lies_at: x, y, z (m) of the model's origin in the target's frame.
+    """
+
+    placed: PlacedTarget
+    urdf: Path
+    lies_at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def pose(self, time: float) -> Pose:
+        """The model's in the world at `time` (s)."""
+        world_T_target = self.placed.world_T_target(time)
+        return Pose.from_rpy(*to_xyz_rpy(world_T_target @ transform(self.lies_at, (0.0,) * 3)))
 
 
 class BulletArm(Plant):
@@ -38,7 +57,7 @@ class BulletArm(Plant):
         seed: int = 0,
         renderer: str = "auto",
         traced: bool = False,
-        target: tuple[PlacedTarget, Path] | None = None,
+        target: ShownTarget | None = None,
     ) -> None:
         """Spawn the robot at these joints, controllers and camera running.
 
@@ -46,7 +65,7 @@ class BulletArm(Plant):
             camera: settings laid over the description's camera.
             joints: positions by name, rad or m.
             traced: keep every step's joint velocities, for `peak_speed`.
-            target: that is put into the world, and its URDF; None: the robot's own.
+            target: that is put into the world; None: the robot brings its own.
 
         Raises:
             ExperimentError: what of it is impossible.
@@ -64,13 +83,13 @@ class BulletArm(Plant):
         self.outputs = frozenset((kind,))
         self._controllers = list(controllers.values())
         self._readings: list[Reading] = []
-        self._carried: tuple[PlacedTarget, Model] | None = None
+        self._carried: tuple[ShownTarget, Model] | None = None
         self._peak = np.zeros(len(self.joint_names)) if traced else None
         self._simulation = Simulation(SimulationConfig(renderer=renderer, seed=seed))
         try:
             self._spawn(robot, description, name, camera, joints)
             if target is not None:
-                self._place(*target)
+                self._place(target)
         except SimError as error:
             self.close()
             raise ExperimentError(str(error)) from error
@@ -106,12 +125,11 @@ class BulletArm(Plant):
         self._carrier = spec.target_frame
         self.camera = cameras.model_of_info(mounted.sensor.info)
 
-    def _place(self, target: PlacedTarget, urdf: Path) -> None:
+    def _place(self, target: ShownTarget) -> None:
         """Put a target into the world; one that moves is where it belongs at every step."""
-        model = self._simulation.spawn(
-            _target_description(urdf), TARGET, _pose(target.world_T_target(0.0))
-        )
-        if not target.motion.still:
+        described = _target_description(target.urdf)
+        model = self._simulation.spawn(described, TARGET, target.pose(0.0))
+        if not target.placed.motion.still:
             self._carried = target, model
 
     @property
@@ -178,7 +196,7 @@ class BulletArm(Plant):
         """A step that ends with the target where it belongs then."""
         (target, model), simulation = self._carried, self._simulation
         time = (simulation.time_ns + simulation.step_ns) / NS
-        model.set_pose(_pose(target.world_T_target(time)))
+        model.set_pose(target.pose(time))
         step()
 
     def _on_joints(self, state: Any) -> None:
@@ -199,10 +217,6 @@ def _not(until_ns: int) -> None:
 @lru_cache(maxsize=64)
 def _target_description(urdf: Path) -> RobotDescription:
     return parse_urdf(urdf.read_text(encoding="utf-8"))
-
-
-def _pose(matrix: np.ndarray) -> Pose:
-    return Pose.from_rpy(*to_xyz_rpy(matrix))
 
 
 def _name(camera: Any) -> str:

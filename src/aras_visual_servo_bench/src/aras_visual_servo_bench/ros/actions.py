@@ -35,12 +35,12 @@ from ..live.requests import RefusedError
 from .keeping import LOGGED
 from .listener import Listener
 from .processes import Launch
+from .target_watch import TARGET, TARGET_DESCRIPTION
 
 CONTROLLER, CAMERA = "/aras_visual_servo_controller", "/aras_visual_servo_camera"
 CAMERA_PARAMETERS = "/gazebo/cameras/labrob/camera"
 PATIENCE = 5.0  # s of wall time for a service to be there
 START = 60.0  # s of wall time for nodes to come up; their loops may have to be compiled first
-TARGET = "target"  # the name under which a target is spawned, as the launch files have it
 STRICT = 2
 
 
@@ -51,7 +51,7 @@ class Actions:
                  robot: str) -> None:  # fmt: skip
         """`directory`: where goals, bags, reports and logs go; `robot`: the model's name."""
         self._listener, self._settings, self.directory = listener, settings, directory
-        self._robot, self._space = robot, settings.namespace.rstrip("/")
+        self.robot, self._space = robot, settings.namespace.rstrip("/")
         self._lock = threading.Lock()  # one thing at a time
         self.gains: dict[str, float] = {}
         self.chosen: dict[str, str] = {}
@@ -203,8 +203,8 @@ class Actions:
             if rospy.has_param(CAMERA_PARAMETERS):
                 rospy.delete_param(CAMERA_PARAMETERS)
             rospy.set_param(CAMERA_PARAMETERS, settings or {})
-            self._call("/gazebo/delete_model", DeleteModel, "", self._robot)
-            spawned = self._call("/gazebo/spawn_urdf_model", SpawnModel, "", self._robot,
+            self._call("/gazebo/delete_model", DeleteModel, "", self.robot)
+            spawned = self._call("/gazebo/spawn_urdf_model", SpawnModel, "", self.robot,
                                  rospy.get_param(self._settings.description), "", Pose(), "")
             if not spawned.success:
                 raise RefusedError(f"the robot did not come back: {spawned.status_message}")
@@ -224,14 +224,15 @@ class Actions:
         text = (gazebo / "targets" / f"{name}.urdf").read_text(encoding="utf-8")
         with self._lock:
             state = self._call("/gazebo/get_model_state", GetModelState, "", TARGET, "")
-            if not state.success:  # the plates lie on the table, and nobody knows where else
-                raise RefusedError("the target is part of the robot here; launch the simulator "
-                                   f"with target:={name}, then others can take its place")
+            if not state.success:
+                raise RefusedError("there is no model named target whose place it could take; "
+                                   f"launch the simulator with target:={name}")
             self._call("/gazebo/delete_model", DeleteModel, "", TARGET)
             answer = self._call("/gazebo/spawn_urdf_model", SpawnModel, "", TARGET, text, "",
                                 state.pose, "")  # fmt: skip
             if not answer.success:
                 raise RefusedError(answer.status_message)
+            rospy.set_param(TARGET_DESCRIPTION, text)
         self.chosen["target"] = name
         return f"the target is {name}"
 

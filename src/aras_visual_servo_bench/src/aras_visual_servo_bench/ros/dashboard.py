@@ -38,11 +38,12 @@ class Dashboard:
         from .driving import Driving
         from .keeping import Keeping
         from .pictures import Pictures
+        from .target_watch import TargetWatch
 
         settings = listener.settings
         self.page, self._listener = Page(), listener
         self._actions = Actions(listener, settings, directory, given["robot"])
-        self._keeping = Keeping(directory)
+        self._keeping, self._target = Keeping(directory), TargetWatch()
         self._driving = Driving(listener, settings)
         self._pictures = Pictures(
             settings.namespace.rstrip("/"), settings.camera_namespace.rstrip("/")
@@ -125,6 +126,7 @@ class Dashboard:
         story = listener.look()
         if story is None or not self._viewers:
             return
+        self._target.tell(story, self._actions.robot)
         arm = story.arm
         limits = listener.settings.for_robot(listener.robot, ()).limits(arm)
         self.page.robot(arm.names, limits.lower, limits.upper, limits.velocity, arm.prismatic)

@@ -16,6 +16,7 @@ from aras_visual_servo_ros.shutdown import end_on_signals, end_without_master
 
 from ..live.shapes import ARROW, LINES, STRIP, TEXT, Shape
 from .listener import Listener, listener_settings
+from .target_watch import TargetWatch
 
 PERIOD = 0.1  # s of wall time; rviz draws 30 times a second, and interpolates nothing
 KINDS = {
@@ -74,10 +75,11 @@ def main() -> int:
 
 def _publish(listener: Listener, publisher: rospy.Publisher) -> None:
     """Draw, ten times a second, for whoever looks."""
-    master, drawn = MasterWatch(rospy.get_name()), set()
+    master, drawn, target = MasterWatch(rospy.get_name()), set(), TargetWatch()
     while not rospy.is_shutdown() and not end_without_master(master):
         story = listener.look()
         if story is not None and publisher.get_num_connections():
+            target.tell(story, listener.robot)
             with listener.lock:
                 shapes, frame = story.shapes(), story.arm.target_frame or story.arm.base_frame
             publisher.publish(markers(shapes, frame, drawn))

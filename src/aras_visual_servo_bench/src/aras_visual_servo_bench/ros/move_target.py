@@ -67,7 +67,7 @@ def _move(motion: Motion, model: str) -> int:
     except rospy.ROSException:
         raise ExperimentError(
             f"no simulation answers within {PATIENCE:g} s: start it first, roslaunch "
-            "aras_visual_servo_gazebo aras_visual_servo.launch target:=four_dots"
+            "aras_visual_servo_gazebo aras_visual_servo.launch"
         ) from None
     found = rospy.ServiceProxy("/gazebo/get_model_state", GetModelState)(model, "")
     if not found.success:

@@ -1,14 +1,19 @@
 """Processor time of every registered feature's measure, at 320 x 240 where it sees a picture.
 
-    python3 tests/benchmarks/features.py [--count 50]
+    python3 tests/benchmarks/features.py [--count 50] [--visp COMMAND]
 
-The last line is JSON: microseconds by name, the middle of `count` measures.
+COMMAND runs the program of visp_features.cpp, wherever ViSP is (a container, say), in a folder that
+holds what --pictures DIR wrote; its column stands beside ours. ViSP works out s, L and e of each
+feature; ours besides finds which corner is which and is checked for numbers that are not finite.
+The last line is JSON: microseconds by name, the middle of `count` measures, and ViSP's.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import shlex
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -31,6 +36,7 @@ from aras_visual_servo_controller.schemes import Composed
 
 CAMERA = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1))
 FACING = np.diag([1.0, -1.0, -1.0, 1.0])  # a poster's z is towards the camera
+NEAR = (0.02, -0.01, 0.05)  # m that the goal is away from there, of photometric features
 AWAY = {"kernel"}  # pixel counts of one camera: tests/benchmarks/moments.py
 
 
@@ -50,7 +56,7 @@ def microseconds(name: str, count: int) -> float:
     goal = Goal.teach(Composed(feature), seen(feature, GOAL, name))
     feature.check(goal)
     near = GOAL.copy()
-    near[:3, 3] += (0.02, -0.01, 0.05)
+    near[:3, 3] += NEAR
     observation = seen(feature, near if Need.IMAGE in feature.needs else VIEWS[0], name)
     feature.measure(observation, goal)
     taken = []
@@ -61,14 +67,41 @@ def microseconds(name: str, count: int) -> float:
     return float(np.median(taken)) / 1e3
 
 
+def write_pictures(folder: Path) -> None:
+    """What photometric features see here, as PGM files for the other program."""
+    near = GOAL.copy()
+    near[:3, 3] += NEAR
+    for name, place in (("goal", GOAL), ("near", near)):
+        image = POSTER.picture(CAMERA, FACING @ np.linalg.inv(place))
+        cv2.imwrite(str(folder / f"{name}.pgm"), image)
+
+
+def visp(command: str, count: int) -> dict[str, float]:
+    """ViSP's microseconds by name."""
+    words = [*shlex.split(command), "goal.pgm", "near.pgm", str(GOAL[2, 3]), str(count)]
+    done = subprocess.run(words, capture_output=True, text=True, check=True, timeout=300.0)
+    told = (line.rsplit(" ", 1) for line in done.stdout.splitlines())
+    return {name: round(float(value), 1) for name, value in told}
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=50)
+    parser.add_argument("--visp", help="command of ViSP's program, to stand beside ours")
+    parser.add_argument("--pictures", type=Path, help="write its pictures there, and end")
     options = parser.parse_args()
     cv2.setNumThreads(1)
     POSTER = poster((0.8, 0.6))
+    if options.pictures:
+        options.pictures.mkdir(parents=True, exist_ok=True)
+        write_pictures(options.pictures)
+        sys.exit()
+    theirs = visp(options.visp, options.count) if options.visp else {}
     found = {}
     for name in sorted(set(FEATURES) - AWAY):
         found[name] = round(microseconds(name, options.count), 1)
-        print(f"{name:28s} {found[name]:10.1f} us", flush=True)
-    print(json.dumps(found))
+        beside = f"   ViSP {theirs[name]:10.1f} us" if name in theirs else ""
+        print(f"{name:28s} {found[name]:10.1f} us{beside}", flush=True)
+    for name in sorted(set(theirs) - set(found)):
+        print(f"{name:28s} {'':13s}   ViSP {theirs[name]:10.1f} us")
+    print(json.dumps({"ours": found, "visp": theirs}))

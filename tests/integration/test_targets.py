@@ -42,7 +42,8 @@ def test_an_outline_on_the_launch_line_lies_on_the_table_and_can_be_moved(
     assert not any("planar_object" in name for name in robot.body_names)
 
     # f = 102.73 px, 0.191 m above it; the L covers 5/9 of its square
-    there = wait_for(lambda: seen if len(seen := dark()) > 100 else None, 20.0, "the target")
+    wait_for(lambda: len(dark()) > 100, 20.0, "the target")
+    there = dark()
     assert abs(len(there) / (5 / 9 * (SIZE * 102.73 / 0.191) ** 2) - 1.0) < 0.05
 
     moved = ModelState(model_name="target", reference_frame="world")
@@ -51,8 +52,9 @@ def test_an_outline_on_the_launch_line_lies_on_the_table_and_can_be_moved(
     moved.pose.position.x += 0.02
     assert asked("/gazebo/set_model_state", SetModelState, moved).success
     shift = 0.02 * 102.73 / 0.191
-    way = wait_for(
-        lambda: w if np.linalg.norm(w := dark().mean(axis=0) - there.mean(axis=0)) > 5 else None,
-        20.0, "the moved target",
-    )  # fmt: skip
-    assert abs(np.linalg.norm(way) - shift) < 0.3
+
+    def way():
+        return float(np.linalg.norm(dark().mean(axis=0) - there.mean(axis=0)))
+
+    wait_for(lambda: way() > 5.0, 20.0, "the moved target")
+    assert abs(way() - shift) < 0.3

@@ -216,6 +216,11 @@ class Experiment:
                 "shape a pose for one that moves",
             )
             require(
+                self.target.occluder is None
+                or not (self.target.described or self.target.shape == "aras"),
+                "an occluder on the Bullet arm's table is made for another target.shape, as square",
+            )
+            require(
                 self.target.described or self.target.shape == "aras" or any(self.target.pose),
                 "target.pose says where on the Bullet arm's table the target lies: its top is at "
                 "z = 0.59, so [0, 0, 0.591, 0, 0, 0] is its middle",

@@ -1,8 +1,9 @@
 """Targets in the simulated world: what is drawn of them is what their geometry says."""
 
-import os
+import contextlib
+import io
 import runpy
-import sys
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -174,10 +175,15 @@ SCRIPT = runpy.run_path(str(GAZEBO / "scripts" / "target_description"))
 
 @pytest.fixture
 def outlines(monkeypatch):
-    """Files of outlines are made without a build, by the module that rosrun would start."""
-    command = (sys.executable, "-m", "aras_visual_servo_bench.target_files")
-    monkeypatch.setitem(SCRIPT["made"].__globals__, "MAKER", command)
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+    """Files of outlines are made here, by the function that rosrun's program starts."""
+
+    def made(command, **_):
+        told = io.StringIO()
+        with contextlib.redirect_stderr(told), contextlib.redirect_stdout(told):
+            status = main(command[len(SCRIPT["MAKER"]) :])
+        return subprocess.CompletedProcess(command, status, "", told.getvalue())
+
+    monkeypatch.setattr(subprocess, "run", made)
 
 
 def test_a_picture_by_its_path_is_a_plane_of_that_size(tmp_path):

@@ -18,6 +18,7 @@ import csv
 import hashlib
 import json
 import sys
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field, replace
@@ -304,7 +305,9 @@ def _told(rows: Sequence[Mapping[str, Any]]) -> str:
     if len(rows) == 1:
         return " ".join(f"{k}={v}" for k, v in list(rows[0].items())[4:] if k != "reason")
     reached = sum(row.get("verdict") == "goal_reached" for row in rows)
-    return f"{reached} of {len(rows)} reached the goal"
+    outcomes = Counter(str(row.get("outcome")) for row in rows).most_common()
+    told = ", ".join(f"{word} {count}" for word, count in outcomes)
+    return f"{reached} of {len(rows)} at the goal; {told}"
 
 
 def _chosen(protocol: Protocol, changes: Mapping[str, Any]) -> Protocol:

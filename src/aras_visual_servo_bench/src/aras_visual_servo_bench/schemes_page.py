@@ -12,6 +12,7 @@ import argparse
 import collections
 import csv
 import inspect
+import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -207,12 +208,38 @@ def basin_part(path: Path) -> str:
     return "## The paper's own case\n\n" + _chosen(protocol) + details(read(path)) + "\n"
 
 
+def speed_part(path: Path) -> str:
+    """What a measure costs, from what tests/benchmarks/features.py printed.
+
+    Raises:
+        ExperimentError: its last line is not that program's.
+    """
+    try:
+        told = json.loads(path.read_text(encoding="utf-8").strip().rpartition("\n")[2])
+        ours, theirs = told["ours"], told["visp"]
+    except (ValueError, KeyError, TypeError):
+        raise ExperimentError(
+            f"{path} does not end with what tests/benchmarks/features.py prints: run it with --visp"
+        ) from None
+    page = (
+        "## What a measure costs\n\nProcessor time of s, L and e of one image, microseconds, the "
+        "middle of many; four corners, or 320 x 240 pixels. Made by `tests/benchmarks/features.py "
+        "--visp`, beside it ViSP 3.5 of Debian, C++, in the same minute on the same machine. Ours "
+        "besides finds which corner is which, and looks for what is not finite.\n\n"
+    )
+    lines = [[name, f"{ours[name]:.0f}", f"{theirs[name]:.1f}" if name in theirs else ""]
+             for name in ours]  # fmt: skip
+    lines += [[name, "", f"{theirs[name]:.1f}"] for name in theirs if name not in ours]
+    return page + markdown(["feature", "here", "ViSP"], lines) + "\n"
+
+
 def main(argv: list[str] | None = None) -> int:
     """Write the page; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--canonical", type=Path, required=True, help="table.csv of that protocol")
     parser.add_argument("--domain", type=Path, help="table.csv of convergence_domain")
     parser.add_argument("--basin", type=Path, help="table.csv of paper_basin")
+    parser.add_argument("--speed", type=Path, help="what tests/benchmarks/features.py printed")
     parser.add_argument("--out", type=Path, required=True, help="the page")
     parser.add_argument("--no-pictures", action="store_true")
     options = parser.parse_args(argv)
@@ -223,6 +250,8 @@ def main(argv: list[str] | None = None) -> int:
             page += domain_part(options.domain, images)
         if options.basin is not None:
             page += basin_part(options.basin)
+        if options.speed is not None:
+            page += speed_part(options.speed)
         page += "## What each is\n\n" + descriptions()
         options.out.write_text(page, encoding="utf-8")
     except (ExperimentError, OSError) as error:

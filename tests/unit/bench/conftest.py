@@ -1,5 +1,6 @@
 """What several tests of the bench share."""
 
+import os
 import sys
 from pathlib import Path
 
@@ -22,6 +23,24 @@ def robot():
 @pytest.fixture(scope="session")
 def arm(robot):
     return robot.arm()
+
+
+@pytest.fixture(scope="module")
+def host(robot, pinhole):
+    """Of a live page, without a graph."""
+    from page_host import StandIn
+
+    return StandIn(robot, pinhole)
+
+
+@pytest.fixture(scope="module")
+def server(host):
+    """That page, served."""
+    from aras_visual_servo_bench.live.server import serve
+
+    found = serve(host, "127.0.0.1", 18300 + os.getpid() % 1000, say=lambda _: None)
+    yield found
+    found.close()
 
 
 @pytest.fixture(scope="session")

@@ -9,7 +9,6 @@ import cv2
 import numpy as np
 import pytest
 from browser import HOW, Browser, chromium
-from page_host import StandIn
 
 from aras_visual_servo_bench.live.server import serve
 
@@ -30,18 +29,6 @@ def browser():
         pytest.skip(HOW)
     with Browser() as found:
         yield found
-
-
-@pytest.fixture(scope="module")
-def host(robot, pinhole):
-    return StandIn(robot, pinhole)
-
-
-@pytest.fixture(scope="module")
-def server(host):
-    found = serve(host, "127.0.0.1", 18300 + os.getpid() % 1000, say=lambda _: None)
-    yield found
-    found.close()
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 import asyncio
 import base64
 import json
-import os
 import socket
 import urllib.error
 import urllib.request
@@ -11,28 +10,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from page_host import StandIn
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
 from aras_visual_servo_bench.live.page import KEPT, Page
 from aras_visual_servo_bench.live.robot_model import robot_model
-from aras_visual_servo_bench.live.server import PortTakenError, bound, serve
+from aras_visual_servo_bench.live.server import PortTakenError, bound
 from aras_visual_servo_bench.live.story import Told
 
 SAMPLE = Told(1.0, "moments", "servoing", names=("xn", "yn"), error=(0.1, -0.2))
-
-
-@pytest.fixture(scope="module")
-def host(robot, pinhole):
-    return StandIn(robot, pinhole)
-
-
-@pytest.fixture(scope="module")
-def server(host):
-    found = serve(host, "127.0.0.1", 19400 + os.getpid() % 500, say=lambda _: None)
-    yield found
-    found.close()
 
 
 def get(server, path, **headers):

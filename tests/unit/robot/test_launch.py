@@ -235,6 +235,17 @@ def test_markers_come_with_rviz_or_when_asked_for(monkeypatch):
     assert nodes("dashboard:=true") == {"dashboard"}
 
 
+def test_a_replay_is_shown_as_a_run_is():
+    """The same window with the same drawing in it, or the same line where there is no display."""
+    trees = [root(f"{name}.launch") for name in ("aras_visual_servo_gazebo", "replay")]
+    for kind in ("markers", "show_rviz"):
+        run, replay = ([n.attrib for n in tree.iter("node") if n.get("type") == kind]
+                       for tree in trees)  # fmt: skip
+        assert run == replay and len(run) == 1
+    run, replay = (tree.find("arg[@name='markers']").get("default") for tree in trees)
+    assert run == replay == "$(arg show_rviz)"
+
+
 def test_roslaunch_resolves_every_file(monkeypatch):
     """Only this package's own includes: the bridge's files belong to its own tests."""
     roslaunch = pytest.importorskip("roslaunch")

@@ -86,7 +86,7 @@ export class Plot {
     const values = shown.length ? this.pick(shown[shown.length - 1]) : [];
     this.names.slice(0, MOST).forEach((name, i) => {
       const value = values[i];
-      const text = name + (value === null || value === undefined ? "" : ` ${value.toFixed(4)}`);
+      const text = name + (value === null || value === undefined ? "" : ` ${value.toFixed(4).replace(/^-(0\.0*)$/, "$1")}`);
       c.fillStyle = COLOURS[i % COLOURS.length];
       if (x + c.measureText(text).width > right) return;
       c.fillText(text, x, 8);

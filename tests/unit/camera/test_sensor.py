@@ -97,7 +97,7 @@ def test_a_reset_leaves_no_frame_of_the_time_before():
     sensor = camera(renderer, update_rate=10.0, latency=0.05, effects={"exposure_time": 0.02})
     assert frames(sensor, 120) == []
     sensor.reset(120 * MS)
-    assert frames(sensor, 100, start=120 * MS) == []  # half of the one at 200 ms was drawn
+    assert frames(sensor, 80, start=120 * MS) == []  # three fifths of the one at 200 ms were drawn
     sensor.reset(0)
     renderer.level = 50
     got = frames(sensor, 260)

@@ -1,5 +1,7 @@
 """joint_limits_interface's rules, each line computed by hand from its formula."""
 
+import random
+
 import pytest
 
 from aras_sim_bridge.control.joints import (
@@ -19,6 +21,7 @@ from aras_sim_bridge.control.limits import (
     VelocitySoft,
     rule_for,
 )
+from aras_sim_bridge.description.types import SoftLimits
 from aras_sim_bridge.errors import HardwareError
 
 LIMITS = Limits(-2.0, 2.0, 5.0, None, 100.0)
@@ -119,6 +122,52 @@ def test_position_soft_slows_down_towards_the_soft_limit(make_soft):
         given.append(joint.position_command)
     # vhi = -2 (x - 1.5): each step goes 0.2 of the way that is left to 1.5.
     assert given == pytest.approx([1.1, 1.18, 1.244])
+
+
+def test_position_soft_slows_down_towards_the_lower_soft_limit(make_soft):
+    joint = handle(make_soft(k_position=2.0), position=-1.0, interface=POSITION)
+    rule = PositionSoft(LIMITS, joint)
+    given = []
+    for _ in range(3):
+        joint.position_command = -9.0
+        rule.enforce(joint, DT)
+        given.append(joint.position_command)
+    assert given == pytest.approx([-1.1, -1.18, -1.244])
+
+
+RULES = {EffortSaturation: EFFORT, EffortSoft: EFFORT, PositionSaturation: POSITION,
+         PositionSoft: POSITION, VelocitySaturation: VELOCITY, VelocitySoft: VELOCITY}
+COMMANDS = {EFFORT: "effort_command", POSITION: "position_command", VELOCITY: "velocity_command"}
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_what_holds_upwards_holds_downwards(rule):
+    """A joint turned round, with its limits, its motion and its commands, is treated alike."""
+    draw, changed = random.Random(3), 0
+    for _ in range(200):
+        lower, upper = -draw.uniform(0.5, 2.0), draw.uniform(0.5, 2.0)
+        soft = SoftLimits(0.8 * lower, 0.7 * upper, draw.uniform(1.0, 4.0), draw.uniform(1.0, 9.0))
+        acceleration = draw.choice([None, draw.uniform(1.0, 9.0)])
+        rest = (draw.uniform(0.5, 3.0), acceleration, 10.0)
+        back = SoftLimits(-soft.upper, -soft.lower, soft.k_position, soft.k_velocity)
+        joint = handle(soft, interface=RULES[rule])
+        mirrored = handle(back, interface=RULES[rule])
+        one = rule(Limits(lower, upper, *rest), joint)
+        other = rule(Limits(-upper, -lower, *rest), mirrored)
+        field = COMMANDS[RULES[rule]]
+        for _ in range(6):
+            joint.position, joint.velocity = draw.uniform(-2.5, 2.5), draw.uniform(-4.0, 4.0)
+            mirrored.position, mirrored.velocity = -joint.position, -joint.velocity
+            command = draw.uniform(-20.0, 20.0)
+            setattr(joint, field, command)
+            setattr(mirrored, field, -command)
+            one.enforce(joint, DT)
+            other.enforce(mirrored, DT)
+            if joint.position > upper or joint.position < lower:
+                continue  # bounds that cross: the upper one wins, as in the original
+            assert getattr(mirrored, field) == pytest.approx(-getattr(joint, field), abs=1e-12)
+            changed += getattr(joint, field) != command
+    assert changed > 100
 
 
 @pytest.mark.parametrize(

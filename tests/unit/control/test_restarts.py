@@ -51,6 +51,17 @@ def test_each_emergency_stop_holds_where_it_found_the_joint(make_rig, make_joint
         rig.step(3)
 
 
+def test_an_emergency_stop_holds_the_joint_where_a_reset_has_put_it(make_rig, make_joint):
+    rig = make_rig([make_joint("a", interface="PositionJointInterface")], physics=False)
+    rig.model.stuck.add("a")
+    rig.hardware.e_stop = True
+    for place in (0.3, 0.1):
+        rig.model.q[0] = place
+        rig.loop.begin_anew()
+        rig.step(2)
+        assert rig.model.calls[-1] == ("position", "a", pytest.approx(place))
+
+
 @pytest.mark.parametrize("step_ns", [500_000, 1_000_000, 4_000_000])
 def test_the_first_write_lasts_one_step_of_the_physics(make_rig, make_joint, step_ns):
     """A position joint may move by its velocity limit, 5 rad/s, times the step."""

@@ -12,6 +12,7 @@ from aras_sim_bridge.description import (
     Transmission,
     parse_urdf,
 )
+from aras_sim_bridge.description.types import Joint
 from aras_sim_bridge.errors import DescriptionError
 
 LIMIT = "<limit lower='-1' upper='2' effort='3' velocity='4'/>"
@@ -49,7 +50,8 @@ def test_a_joint_s_numbers():
 
 def test_what_a_joint_leaves_open():
     joint = joined(LIMIT, "prismatic")
-    assert joint.axis == (1.0, 0.0, 0.0)
+    assert joint.axis == joined("<axis/>" + LIMIT, "prismatic").axis == (1.0, 0.0, 0.0)
+    assert Joint("j", "prismatic", "a", "b").axis == (1.0, 0.0, 0.0)
     assert (joint.origin_xyz, joint.origin_rpy) == ((0, 0, 0), (0, 0, 0))
     assert (joint.damping, joint.friction, joint.soft_limits) == (0.0, 0.0, None)
     half = joined("<limit effort='1' velocity='2'/>")

@@ -76,22 +76,41 @@ def test_the_next_drive_begins_where_the_joints_are():
     assert jog.tick(5.0, elsewhere) == pytest.approx(elsewhere)
 
 
-def test_a_limit_stops_a_joint_and_is_named():
+@pytest.mark.parametrize("joint", ["gantry", "J5"])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_limit_stops_a_joint_and_is_named(sign, joint):
     arm = the_arm()
-    jog = Jog(arm, the_limits())
+    jog, k = Jog(arm, the_limits()), arm.names.index(joint)
+    bound = arm.upper[k] if sign > 0.0 else arm.lower[k]
     near = START.copy()
-    near[0] = arm.upper[0] - 0.01
-    q, commands = drive(jog, lambda t: jog.joint("gantry", 1.0, t), 1.0, near)
-    assert commands[:, 0].max() == pytest.approx(arm.upper[0])
-    assert jog.reason == "gantry is at its limit"
-    q, _ = drive(jog, lambda t: jog.joint("gantry", -1.0, t), 0.5, q, t=1.0)
-    assert q[0] < arm.upper[0] - 0.05
+    near[k] = bound - 0.01 * sign
+    q, commands = drive(jog, lambda t: jog.joint(joint, sign, t), 1.0, near)
+    assert (sign * commands[:, k]).max() == pytest.approx(sign * bound)
+    assert jog.reason == f"{joint} is at its limit"
+    q, _ = drive(jog, lambda t: jog.joint(joint, -sign, t), 0.5, q, t=1.0)
+    assert sign * q[k] < sign * bound - 0.05
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_joint_outside_its_limits_may_come_back_and_go_no_further(sign):
+    arm = the_arm()
+    beyond = START.copy()
+    beyond[0] = (arm.upper[0] if sign > 0.0 else arm.lower[0]) + 0.05 * sign
+    jog = Jog(arm, the_limits())
+    q, _ = drive(jog, lambda t: jog.joint("gantry", sign, t), 0.5, beyond)
+    assert q[0] == pytest.approx(beyond[0])
+    q, commands = drive(jog, lambda t: jog.joint("gantry", -sign, t), 0.5, q, t=0.5)
+    assert np.abs(np.diff(commands[:, 0])).max() <= 2.0 * DT + 1e-9  # and not by a jump
+    assert sign * q[0] < sign * beyond[0] - 0.05
 
 
 def test_a_joint_that_is_blocked_has_no_command_that_runs_away():
-    jog = Jog(the_arm(), the_limits())
-    _, commands = drive(jog, lambda t: jog.joint("J3", 0.5, t), 3.0, follow=0.0)
-    assert np.abs(commands[:, 3] - START[3]).max() <= LEAD + 0.15 * 1.0 + 1e-9
+    for sign in (1.0, -1.0):
+        jog = Jog(the_arm(), the_limits())
+        _, commands = drive(jog, lambda t, s=sign, j=jog: j.joint("J3", 0.5 * s, t), 3.0,
+                            follow=0.0)  # fmt: skip
+        ahead = sign * (commands[:, 3] - START[3])
+        assert ahead.max() == pytest.approx(LEAD + 0.15 * 1.0)
 
 
 def test_speed_comes_and_goes_gradually():

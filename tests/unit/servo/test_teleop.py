@@ -36,12 +36,17 @@ def test_arrows_step_gantry_and_j2():
     np.testing.assert_allclose(command, [0.1, 0.0, 0.05, 0.0, 0.0, 0.0])
 
 
-def test_a_step_beyond_the_limit_is_not_taken():
+@pytest.mark.parametrize(("key", "place"), [("\x1b[C", "upper"), ("\x1b[D", "lower")])
+def test_a_step_beyond_the_limit_is_not_taken(key, place):
     command = np.zeros(6)
-    command[0] = 1.48
-    after, told = command_for("\x1b[C", command, the_limits(), JOINTS)
+    bound = getattr(the_limits(), place)[0]
+    command[0] = bound - np.sign(bound) * 0.02
+    after, told = command_for(key, command, the_limits(), JOINTS)
     np.testing.assert_array_equal(after, command)
     assert "gantry is at its limit" in told
+    command[0] = bound - np.sign(bound) * 0.051
+    after, told = command_for(key, command, the_limits(), JOINTS)
+    assert after[0] == pytest.approx(bound - np.sign(bound) * 0.001)
 
 
 class Asked(Jog):

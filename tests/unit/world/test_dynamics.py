@@ -318,3 +318,27 @@ def test_damping_of_a_free_body_is_chosen_anew_for_another_step(world, make):
         rates.append(model.read_joints()[1][0])
     assert rates[0] > 0.5
     assert all(0 <= b <= a for a, b in zip(rates, rates[1:], strict=False))
+
+
+def test_damping_of_a_free_body_is_chosen_anew_where_its_joints_are_put_elsewhere(world, make):
+    """Explicit damping, right with the weight half a metre out, would throw the arm about with the
+    weight at its axis."""
+    world.set_physics(gravity=(0, 0, 0))
+    small = (0.001, 0.001, 0.001, 0, 0, 0)
+    xml = make.robot(
+        make.link("hull", 5.0, "0 0 0", (1.0, 1.0, 1.0, 0, 0, 0)),
+        make.link("arm", 0.1, "0 0 0", small), make.link("weight", 0.5, "0 0 0", small),
+        make.joint("turn", "hull", "arm", "continuous", axis="0 0 1", damping=10.0),
+        make.joint("slide", "arm", "weight", "prismatic", axis="1 0 0"))
+    model = spawn(world, xml, joint_positions={"slide": 0.5})
+    turn = model.joint_names.index("turn")
+    steps(world, 5, model, turn=1.0)
+    assert model.read_joints()[1][turn] > 0.0
+    model.set_joint_positions({"slide": 0.0})
+    steps(world, 1, model, turn=1.0)
+    rates = [model.read_joints()[1][turn]]
+    for _ in range(20):
+        world.step()
+        rates.append(model.read_joints()[1][turn])
+    assert rates[0] > 0.0
+    assert all(0 <= b <= a for a, b in zip(rates, rates[1:], strict=False)), rates

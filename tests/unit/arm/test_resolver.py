@@ -1,5 +1,7 @@
 """The resolver: exact where the arm can, least squares where it cannot, never beyond a limit."""
 
+import itertools
+
 import numpy as np
 import pytest
 from arms import NAMES, make, urdf, within
@@ -407,6 +409,48 @@ def test_elbows_are_found_in_the_chain():
         find(make("aras"), {"J2": 1})
     with pytest.raises(ConfigurationError, match="use -1 or 1"):
         find(make("aras"), {"J3": 0})
+
+
+def planar(axes=("0 1 0",) * 3, bend=0.0, lengths=(0.3, 0.2), elbow="revolute", lower=-2.0,
+           upper=2.0):  # fmt: skip
+    """An arm of three joints one above the other, bent by so much at the middle one."""
+    places = ((0.0, 0.0), (lengths[0], bend), (lengths[1], 0.0))
+    links = "".join(f"<link name='{name}'/>" for name in ("base", "a", "b", "c"))
+    joints = "".join(
+        f"<joint name='j{i}' type='{elbow if i == 1 else 'revolute'}'><parent link='{parent}'/>"
+        f"<child link='{child}'/><origin xyz='0 0 {up}' rpy='0 {turn} 0'/><axis xyz='{axis}'/>"
+        f"<limit lower='{lower}' upper='{upper}' effort='1' velocity='1'/></joint>"
+        for i, (parent, child, axis, (up, turn)) in enumerate(
+            zip(("base", "a", "b"), ("a", "b", "c"), axes, places, strict=True)))
+    return Arm.from_urdf(f"<robot name='planar'>{links}{joints}</robot>", "c")
+
+
+@pytest.mark.parametrize("signs", list(itertools.product((1, -1), repeat=3)))
+@pytest.mark.parametrize("bend", [0.0, 0.4, -0.4])
+def test_an_elbow_is_one_whichever_way_its_axes_point(signs, bend):
+    arm = planar([f"0 {sign} 0" for sign in signs], bend)
+    (fold,) = find(arm)
+    assert fold.joint == 1 and fold.straight == pytest.approx(-signs[1] * bend)
+    q = np.array([0.3, fold.straight, 0.2])
+    assert np.linalg.norm(arm.pose(q)[:3, 3]) == pytest.approx(0.5)  # stretched
+    here = arm.pose(q)
+    off = [pose_difference(here, arm.pose(fold.bent(q, angle))) for angle in (0.01, 0.02)]
+    assert max(angle for _, angle in off) < 1e-7
+    assert 1e-7 < off[0][0] < 1e-4 and off[1][0] == pytest.approx(4.0 * off[0][0], rel=0.02)
+
+
+@pytest.mark.parametrize(("options", "found"), [
+    ({"axes": ("0 1 0", f"0 1 {np.tan(0.5e-4)}", "0 1 0")}, True),
+    ({"axes": ("0 1 0", f"0 1 {np.tan(2e-4)}", "0 1 0")}, False),
+    ({"axes": (f"0 1 {np.tan(2e-4)}", "0 1 0", "0 1 0")}, False),
+    ({"axes": ("0 1 0", "0 1 0", f"0 1 {np.tan(2e-4)}")}, False),
+    ({"lengths": (0.3, 0.0011)}, True), ({"lengths": (0.3, 0.0009)}, False),
+    ({"lengths": (0.0009, 0.3)}, False), ({"elbow": "prismatic"}, False),
+    ({"bend": 0.4, "lower": -0.41}, True), ({"bend": 0.4, "lower": -0.39}, False),
+    ({"bend": -0.4, "upper": 0.41}, True), ({"bend": -0.4, "upper": 0.39}, False),
+])  # fmt: skip
+def test_what_an_elbow_has_to_have(options, found):
+    assert len(find(planar(**options))) == found
 
 
 @pytest.mark.parametrize("name", ["aras", "ur5"])

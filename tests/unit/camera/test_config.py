@@ -101,6 +101,8 @@ def test_every_shipped_preset_is_valid(preset):
     ({"update_rate": 0.0}, "update_rate"),
     ({"near": 1.0, "far": 0.5}, "0 < near < far"),
     ({"camera_matrix": {"fx": -1, "fy": 1, "cx": 0, "cy": 0}}, "focal lengths above 0"),
+    ({"camera_matrix": {"fx": 1, "fy": 0, "cx": 0, "cy": 0}}, "focal lengths above 0"),
+    ({"camera_matrix": {"fx": 1, "fy": 1, "cx": 0, "cy": float("nan")}}, "give 4 finite numbers"),
     ({"camera_matrix": {"fx": 100, "fy": 100}}, "give fx, fy, cx, cy"),
     ({"witdh": 320}, "unknown setting 'witdh'; the nearest is 'width'"),
     ({"effects": {"noise": 5}}, "unknown key 'noise'"),

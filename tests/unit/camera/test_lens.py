@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from aras_sim_bridge.camera.intrinsics import CameraModel, camera_matrix
 from aras_sim_bridge.camera.lens import (
     RADIUS,
     REACH,
@@ -35,6 +36,54 @@ def test_brown_projection_is_opencvs(D):
 def test_brown_unprojection_inverts_projection(D):
     lens = BrownLens(D)
     back = lens.unproject(lens.project(rays()))
+    np.testing.assert_allclose(back[:, :2] / back[:, 2:], rays()[:, :2], atol=1e-9)
+
+
+def test_a_ray_from_beside_or_behind_is_nowhere_in_the_picture():
+    seen = BrownLens(BROWN[0]).project(np.array([[0.1, 0.2, 1.0], [0.1, 0.2, 0.0],
+                                                 [0.1, 0.2, -1.0], [0.0, 0.0, 0.0]]))
+    assert np.isfinite(seen[0]).all() and np.isnan(seen[1:]).all()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_brown_s_slopes_are_those_of_its_projection(seed):
+    """Newton's steps would end somewhere with others too, later or elsewhere."""
+    random = np.random.default_rng(seed)
+    lens = BrownLens(tuple(random.uniform(-0.2, 0.2, 8) * [1, 1, 0.2, 0.2, 1, 1, 1, 1]))
+    points, step = random.uniform(-0.8, 0.8, (50, 2)), 1e-6
+    _, a, b, d = lens._distort(points)
+    for axis, wanted in ((0, (a, b)), (1, (b, d))):
+        off = step * np.eye(2)[axis]
+        slope = (lens._distort(points + off)[0] - lens._distort(points - off)[0]) / (2.0 * step)
+        np.testing.assert_allclose(slope, np.stack(wanted, axis=1), atol=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_fold_is_where_the_radius_stops_growing(seed):
+    random = np.random.default_rng(seed)
+    k = random.uniform(-0.15, 0.15, 6)
+    lens = BrownLens((k[0], k[1], 0.0, 0.0, k[2], k[3], k[4], k[5]))
+    fold = lens.fold_radius()
+    r = np.linspace(1e-3, min(fold, 4.0), 4000)
+    out = lens.project(np.stack([r, 0.0 * r, 0.0 * r + 1.0], axis=1))[:, 0]
+    assert (np.diff(out[:-1]) > 0.0).all(), "it grows up to there"
+    if fold < 4.0:
+        beyond = fold * np.array([0.999, 1.0, 1.001])
+        with np.errstate(all="ignore"):  # at a pole
+            near = lens.project(np.stack([beyond, 0.0 * beyond, 0.0 * beyond + 1.0], axis=1))[:, 0]
+        turned = near[1] > near[0] and near[1] > near[2]
+        pole = near[0] * near[2] < 0.0 or abs(near[1]) > 100.0
+        assert turned or pole
+
+
+@pytest.mark.parametrize("lens", [BrownLens(BROWN[1]), FisheyeLens((0.1, -0.02, 0.003, 0.0), 1.9)])
+def test_pixels_are_as_wide_and_as_high_as_the_camera_matrix_says(lens):
+    model = CameraModel(camera_matrix(200.0, 230.0, 160.0, 95.0), lens)
+    flat = lens.project(rays())
+    pixels = model.project(rays())
+    np.testing.assert_allclose(pixels[:, 0], 200.0 * flat[:, 0] + 160.0)
+    np.testing.assert_allclose(pixels[:, 1], 230.0 * flat[:, 1] + 95.0)
+    back = model.unproject(pixels)
     np.testing.assert_allclose(back[:, :2] / back[:, 2:], rays()[:, :2], atol=1e-9)
 
 

@@ -64,9 +64,9 @@ def test_the_fold_is_where_the_radius_stops_growing(seed):
     k = random.uniform(-0.15, 0.15, 6)
     lens = BrownLens((k[0], k[1], 0.0, 0.0, k[2], k[3], k[4], k[5]))
     fold = lens.fold_radius()
-    r = np.linspace(1e-3, min(fold, 4.0), 4000)
+    r = np.linspace(1e-3, 0.9999 * min(fold, 4.0), 4000)
     out = lens.project(np.stack([r, 0.0 * r, 0.0 * r + 1.0], axis=1))[:, 0]
-    assert (np.diff(out[:-1]) > 0.0).all(), "it grows up to there"
+    assert (np.diff(out) > 0.0).all(), "it grows up to there"
     if fold < 4.0:
         beyond = fold * np.array([0.999, 1.0, 1.001])
         with np.errstate(all="ignore"):  # at a pole

@@ -138,8 +138,8 @@ class Controller:
         self._wait(lambda: self.now >= end, math.inf, str)
 
     def begin(self) -> None:
-        """Wait for the first joint states; simulated time is known then."""
-        self._wait(lambda: self.joints is not None, math.inf, str)
+        """Wait for the first joint states, which tell simulated time, and camera message."""
+        self._wait(lambda: not (self.joints is None or self.features is None), math.inf, str)
 
     def _wait(self, come: Callable[[], bool], end: float, trouble: Callable[[], str]) -> None:
         heard, told = time.monotonic(), self.now

@@ -17,6 +17,7 @@ import rosgraph
 import roslib.message
 import rospy
 import rosservice
+from actionlib_msgs.msg import GoalStatusArray
 from ros_graph import PATIENCE, GraphError, Launch, RosMaster
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, JointState
@@ -28,6 +29,7 @@ ROBOT = "aras_visual_servo"
 JOINTS = ("gantry", "joint1", "joint2", "joint3", "joint5", "joint6")
 NODES = ("/gazebo", "/aras_visual_servo_camera", "/aras_visual_servo_controller")
 COMMANDS = tuple(f"/{ROBOT}/{joint}_position_controller/command" for joint in JOINTS)
+STATUS = f"/{ROBOT}/servo_to_target/status"
 LISTENING = "0A"  # in /proc/net/tcp
 ANSWER = 10.0 * PATIENCE  # s of wall time: what has not answered by then hangs
 RECOVERY = 40.0 * PATIENCE  # s of wall time: what has not come back by then is lost
@@ -64,6 +66,7 @@ class Bed:
             rospy.Subscriber(f"/{ROBOT}/joint_states", JointState, self._keep, "joints"),
             rospy.Subscriber("/labrob/camera/image_raw", Image, self._keep, "image"),
             *(rospy.Subscriber(topic, Float64, self._command) for topic in COMMANDS),
+            rospy.Subscriber(STATUS, GoalStatusArray, self._keep, "status of the action"),
         ]
 
     def _keep(self, message: Any, name: str) -> None:
@@ -142,7 +145,8 @@ class Bed:
         except UnansweredError as error:
             wrong.append(str(error))
         now = time.monotonic()
-        for name in ("clock", "joints", "image"):
+        nodes = ("status of the action",) if self._nodes else ()
+        for name in ("clock", "joints", "image", *nodes):
             if now - self._seen.get(name, (-math.inf, None))[0] > RECENT:
                 wrong.append(f"no {name} any more")
         joints = self._seen.get("joints")

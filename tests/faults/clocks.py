@@ -17,8 +17,10 @@ def games(bed: Bed, scale: float, seed: int) -> Outcome:
     draw = random.Random(seed)
     with bed.group("games with the clock") as outcome:
         physics = bed.call("/gazebo/get_physics_properties")
-        for _ in range(max(round(30 * scale), 3)):
+        for turn in range(max(round(30 * scale), 3)):
             outcome.injected += 1
+            if turn == 0:
+                _play(bed, draw, physics, "reset_simulation")  # the one that sets time back
             for _ in range(draw.randint(1, 4)):
                 _play(bed, draw, physics)
                 time.sleep(draw.choice((0.0, 0.05, 0.3)))

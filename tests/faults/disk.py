@@ -38,7 +38,7 @@ def full(bed: Bed, scale: float, seed: int) -> Outcome:
             judged(bed, outcome, 1, "while the recorder's disk is full")
             bed.launches.remove(recorder)
             try:
-                recorder.stop()
+                recorder.stop(clean=False)
             except GraphError as error:
                 outcome.hung.append(str(error))
         finally:

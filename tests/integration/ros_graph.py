@@ -266,8 +266,11 @@ class Launch:
                 self.process.kill()
                 self.process.wait()
 
-    def stop(self) -> None:
-        """End it as Ctrl-C does; raises GraphError when a node had to be killed or stays behind."""
+    def stop(self, clean: bool = True) -> None:
+        """End it as Ctrl-C does; raises GraphError when a node had to be killed or stays behind.
+
+        `clean`: forget all parameters; what still runs beside it may want them.
+        """
         if self._output.closed:
             return
         self.interrupt()
@@ -285,7 +288,8 @@ class Launch:
                     f"threads; the first:\n{output[begin : begin + 2000]}"
                 )
         finally:
-            self.master.clean()
+            if clean:
+                self.master.clean()
 
     def _tail(self) -> str:
         return "\n".join(self.output().splitlines()[-40:])

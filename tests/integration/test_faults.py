@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 CAMPAIGN = Path(__file__).parents[1] / "faults" / "campaign.py"
-CHOICE = "garbage|bytes|fuzzed|hostile"
+CHOICE = "garbage|bytes|fuzzed|hostile|games"
 
 
 def test_nothing_is_lost_hung_or_leaked():

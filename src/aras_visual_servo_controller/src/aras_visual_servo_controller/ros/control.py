@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import threading
 import time
 from collections.abc import Callable
 from typing import Protocol
@@ -16,6 +18,7 @@ from ..state import CONVERGED, STOPPED, ServoState
 from .face import RosFace
 
 FEEDBACK_PERIOD = 0.05  # s of wall time
+STATUS_PERIOD = 0.2  # s of wall time, actionlib's own
 
 
 class Owner(Protocol):
@@ -39,6 +42,15 @@ class Control:
             f"{space}/servo_to_target", ServoToTargetAction, self._execute, auto_start=False
         )
         self._action.start()
+        # actionlib's timer goes by simulated time: it stands while that does, and dies of a reset.
+        self._action.action_server.status_timer.shutdown()
+        threading.Thread(target=self._tell_status, name="status", daemon=True).start()
+
+    def _tell_status(self) -> None:
+        while not rospy.is_shutdown():
+            with contextlib.suppress(rospy.ROSException):  # the topic is closed: the node ends
+                self._action.action_server.publish_status_async()
+            time.sleep(STATUS_PERIOD)
 
     def _serve(self, name: str) -> Callable[[TriggerRequest], TriggerResponse]:
         def serve(_: TriggerRequest) -> TriggerResponse:

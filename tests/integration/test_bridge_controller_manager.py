@@ -17,7 +17,7 @@ from controller_manager_msgs.srv import (
 )
 from controller_rig import BEST_EFFORT, USER_CLASS, call
 from gazebo_msgs.srv import DeleteModel
-from ros_graph import wait_for
+from ros_graph import PATIENCE, wait_for
 from std_msgs.msg import Bool
 from std_srvs.srv import Empty
 
@@ -129,7 +129,7 @@ class Tool:
 
     def end(self) -> str:
         """Wait for its end; returns what it printed."""
-        return self._process.communicate(timeout=20.0)[0]
+        return self._process.communicate(timeout=20.0 * PATIENCE)[0]
 
 
 def test_spawners_files_waits_and_ends(rig, ros_master, tmp_path):

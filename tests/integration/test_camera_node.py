@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import rospy
 from aras_visual_servo_camera.msg import ImageMoments, KernelFeatures
-from ros_graph import RosMaster, wait_for
+from ros_graph import PATIENCE, RosMaster, wait_for
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float64MultiArray
 
@@ -106,7 +106,7 @@ def start(ros_master):
     for process, log in running:
         if process.poll() is None:
             os.killpg(process.pid, 2)
-            process.wait(20.0)
+            process.wait(20.0 * PATIENCE)
         log.close()
     for name in ("aras_visual_servo_camera",):
         if ros_master.api.hasParam("/" + name):
@@ -234,7 +234,7 @@ def test_waits_for_images_and_says_so(ros_node, start) -> None:
 )
 def test_wrong_parameters_end_it_with_one_line(ros_node, start, parameters, text: str) -> None:
     node = start(**parameters)
-    assert node.wait(20.0) == 1
+    assert node.wait(20.0 * PATIENCE) == 1
     assert text in node.output() and "Traceback" not in node.output()
 
 
@@ -278,7 +278,7 @@ def test_master_gone_ends_the_node(tmp_path):
         time.sleep(2.5)  # it has asked the living master at least once
         master._process.terminate()
         master._process.wait()
-        output, _ = node.communicate(timeout=20.0)
+        output, _ = node.communicate(timeout=20.0 * PATIENCE)
     finally:
         if node is not None and node.poll() is None:
             node.kill()

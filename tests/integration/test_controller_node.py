@@ -27,7 +27,7 @@ from aras_visual_servo_controller.msg import (
 )
 from dynamic_reconfigure.client import Client
 from geometry_msgs.msg import TwistStamped
-from ros_graph import RosMaster, wait_for
+from ros_graph import PATIENCE, RosMaster, wait_for
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
@@ -184,7 +184,7 @@ class Node:
     def stop(self) -> int:
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
-        status = self.process.wait(10.0)
+        status = self.process.wait(10.0 * PATIENCE)
         self._output.close()
         if self._master.api.is_online():
             self._master.clean()
@@ -448,12 +448,12 @@ def test_the_action_servoes_to_the_target_and_can_be_preempted(plant, start, sta
     client.send_goal(ServoToTargetGoal(), feedback_cb=seen.append)
     wait_for(lambda: [f for f in seen if f.phase == "servoing"], 10.0, "feedback")
     client.cancel_goal()
-    wait_for(lambda: client.get_state() == GoalStatus.PREEMPTED, 10.0, "the preemption")
-    assert client.get_result().outcome == "stopped"
+    assert wait_for(client.get_result, 10.0, "the preemption").outcome == "stopped"
+    assert client.get_state() == GoalStatus.PREEMPTED
     wait_for(phase_is(states, "stopped"), 5.0, "standing")
     client.send_goal(ServoToTargetGoal(timeout=20.0), feedback_cb=seen.append)
-    wait_for(lambda: client.get_state() == GoalStatus.SUCCEEDED, 30.0, "success")
-    result = client.get_result()
+    result = wait_for(client.get_result, 30.0, "success")
+    assert client.get_state() == GoalStatus.SUCCEEDED
     assert result.outcome.startswith("converged")
     assert (np.abs(result.error) < (0.001, 0.003, 0.005, 0.01)).all()
     last = [f for f in seen if f.margins][-1]
@@ -507,7 +507,7 @@ def test_a_dry_run_over_a_recorded_bag_answers_its_images_and_sends_nothing(
         )
     finally:
         play.terminate()
-        play.wait(10.0)
+        play.wait(10.0 * PATIENCE)
         for name in ("/robot_description", "/use_sim_time"):
             rospy.delete_param(name)
     assert all(np.abs(m.joint_velocities).max() > 0.01 for m in answered)
@@ -540,7 +540,7 @@ def test_velocity_output_ends_with_zero(plant, start, states, collect):
 )
 def test_wrong_parameters_end_the_node_in_one_line(ros_node, start, argument, words):
     node = start(argument)
-    assert node.process.wait(20.0) == 1
+    assert node.process.wait(20.0 * PATIENCE) == 1
     lines = [line for line in node.output().splitlines() if line.strip()]
     assert len(lines) == 1
     assert words in lines[0]
@@ -548,7 +548,7 @@ def test_wrong_parameters_end_the_node_in_one_line(ros_node, start, argument, wo
 
 def test_what_does_not_fit_the_robot_ends_the_node_in_one_line(plant, start):
     node = start("_camera_frame:=camera_lnk")
-    assert node.process.wait(20.0) == 1
+    assert node.process.wait(20.0 * PATIENCE) == 1
     lines = [line for line in node.output().splitlines() if line.strip()]
     assert len(lines) == 1 and "no link camera_lnk; did you mean camera_link" in lines[0]
 
@@ -562,7 +562,7 @@ def test_master_gone_ends_the_node(start, tmp_path):
     finally:
         master._process.terminate()
         master._process.wait()
-    assert node.process.wait(20.0) == 0
+    assert node.process.wait(20.0 * PATIENCE) == 0
     assert "the ROS master does not answer any more: ending" in node.output()
     assert "Traceback" not in node.output()
     master._output.close()

@@ -49,7 +49,7 @@ class Control:
     def _tell_status(self) -> None:
         while not rospy.is_shutdown():
             with contextlib.suppress(rospy.ROSException):  # the topic is closed: the node ends
-                self._action.action_server.publish_status_async()
+                self._action.action_server.publish_status()
             time.sleep(STATUS_PERIOD)
 
     def _serve(self, name: str) -> Callable[[TriggerRequest], TriggerResponse]:

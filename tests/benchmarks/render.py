@@ -8,7 +8,9 @@ triangles around that, through lenses from a pinhole to 220 degrees; processor t
 (the median of the poses), and how far centroid, area and angle of the target (50 px and more wide,
 second moments 1.44 : 1) are from exact projection, RMS over the poses. Then the demo's views,
 beside the commit `--before` (in a worktree made for that, with its own tests/benchmarks/render.py),
-in turns, each in a process of its own. `--others` adds PyBullet's own renderers and, where it is
+in turns, each in a process of its own. A cell of the table stops after `--patience` seconds with
+the poses that it has, and a renderer that answers no more in so long is left out, and named.
+`--others` adds PyBullet's own renderers and, where it is
 installed, MuJoCo, on the same triangles. The last line is JSON.
 """
 
@@ -19,6 +21,7 @@ import importlib.util
 import itertools
 import json
 import os
+import select
 import subprocess
 import sys
 import tempfile
@@ -224,10 +227,16 @@ for line in sys.stdin:
 """
 
 
+def answer(process: subprocess.Popen, patience: float) -> str:
+    """The next line of a renderer's process; '' when it ends or takes longer than that, s."""
+    ready, _, _ = select.select([process.stdout], [], [], patience)
+    return process.stdout.readline().strip() if ready else ""
+
+
 def side_by_side(case: str, checkouts: dict[str, tuple[Path, str]], folder: Path, rounds: int,
-                 pictures: int) -> dict[str, float]:
+                 pictures: int, patience: float) -> dict[str, float]:
     """Processor milliseconds a picture, of all threads: the median over the rounds, in turns, of
-    what a quarter of a round's pictures took less than.
+    what a quarter of a round's pictures took less than. Without those that take too long.
 
     checkouts: the folder of a commit and what it is to draw with, by name.
     """
@@ -236,17 +245,25 @@ def side_by_side(case: str, checkouts: dict[str, tuple[Path, str]], folder: Path
         running[name] = subprocess.Popen(
             [sys.executable, "-c", DRIVER, case, what, str(folder)], cwd=checkout, text=True,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
-        if running[name].stdout.readline().strip() != "ready":
-            sys.exit(f"{name} does not draw {case}")
     times: dict[str, list[float]] = {name: [] for name in running}
-    for _ in range(rounds):
-        for name, process in running.items():
-            process.stdin.write(f"{pictures}\n")
-            process.stdin.flush()
-            times[name].append(float(process.stdout.readline()))
-    for process in running.values():
-        process.stdin.close()
-        process.wait()
+    try:
+        for turn in range(rounds + 1):
+            for name in list(times):
+                process = running[name]
+                if turn:
+                    process.stdin.write(f"{pictures}\n")
+                    process.stdin.flush()
+                # A new checkout compiles first.
+                said = answer(process, patience if turn else 10 * patience)
+                if not said:
+                    print(f"{name} does not draw {case} in time: left out", flush=True)
+                    del times[name]
+                elif turn:
+                    times[name].append(float(said))
+    finally:
+        for process in running.values():
+            process.kill()
+            process.communicate()
     return {name: round(float(np.median(values)), 3) for name, values in times.items()}
 
 
@@ -303,9 +320,10 @@ def picture_moments(image: np.ndarray, outline: np.ndarray) -> np.ndarray:
     return np.array([area, cx, cy, 0.5 * np.arctan2(2 * xy, xx - yy)])
 
 
-def cell(renderer: Renderer, size: tuple[int, int], settings: dict, poses: int
+def cell(renderer: Renderer, size: tuple[int, int], settings: dict, poses: int, patience: float
          ) -> dict[str, float]:
-    """Time and errors of pictures of one size through one lens."""
+    """Time and errors of pictures of one size through one lens, from as many poses as it takes
+    `patience` s to draw, and one."""
     config = CameraConfig.from_mapping({"near": 0.01, "far": 20.0, "width": size[0],
                                         "height": size[1], **settings})
     sensor = CameraSensor(config, renderer)
@@ -319,7 +337,8 @@ def cell(renderer: Renderer, size: tuple[int, int], settings: dict, poses: int
     errors, times = [], []
     # As far away as makes the target some 55 px wide.
     away = 2 * HALF[0] * config.K[0, 0] / max(55.0, size[0] / 8)
-    while len(errors) < poses:
+    end = time.monotonic() + patience
+    while len(errors) < poses and not (errors and time.monotonic() > end):
         turn = rng.uniform(0, 2 * np.pi)
         eye = [*rng.uniform(-0.15, 0.15, 2) * away, 0.59 + away * rng.uniform(0.8, 1.0)]
         T = looking(eye, [*rng.uniform(-0.1, 0.1, 2) * away, 0.59],
@@ -345,9 +364,12 @@ def cell(renderer: Renderer, size: tuple[int, int], settings: dict, poses: int
 
 @contextmanager
 def checkout_of(commit: str) -> Iterator[Path | None]:
-    """A worktree of a commit for as long as it is wanted; None for no commit."""
+    """A worktree of a commit for as long as it is wanted; a folder as it is; None for neither."""
     if not commit:
         yield None
+        return
+    if Path(commit).is_dir():
+        yield Path(commit).resolve()
         return
     git = ["git", "-C", str(REPOSITORY), "worktree"]
     with tempfile.TemporaryDirectory() as name:
@@ -360,12 +382,16 @@ def checkout_of(commit: str) -> Iterator[Path | None]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--before", default=BEFORE, help="the commit to compare with; '' for none")
+    parser.add_argument("--before", default=BEFORE,
+                        help="the commit, or a folder that has it, to compare with; '' for none")
     parser.add_argument("--others", action="store_true", help="PyBullet's renderers and MuJoCo too")
     parser.add_argument("--poses", type=int, default=12,
                         help="of each cell of the table, fewer in large pictures")
     parser.add_argument("--rounds", type=int, default=4)
     parser.add_argument("--pictures", type=int, default=12, help="a round, of each renderer")
+    parser.add_argument("--patience", type=float, default=30.0,
+                        help="s of wall time for a cell of the table, and for a renderer's answer")
+    parser.add_argument("--no-table", action="store_true", help="only what is side by side")
     arguments = parser.parse_args()
     result: dict[str, object] = {}
     with tempfile.TemporaryDirectory() as name, checkout_of(arguments.before) as before:
@@ -373,22 +399,23 @@ def main() -> None:
         cells = {}
         print(f"{'picture':>11} {'lens, deg':>13} {'triangles':>9} {'ms':>7} {'centroid px':>11} "
               f"{'area %':>7} {'angle mrad':>10}")
-        for triangles in (0, 40_000):
+        for triangles in () if arguments.no_table else (0, 40_000):
             bench = target_scene(triangles, folder)
             renderer = create_renderer("exact", bench.world)
             for lens, settings in ANGLES.items():
                 for size in SIZES:
                     one = cell(renderer, size, settings,
-                               max(arguments.poses * SIZES[0][0] // size[0], 3))
+                               max(arguments.poses * SIZES[0][0] // size[0], 3),
+                               arguments.patience)
                     cells[f"{size[0]}x{size[1]} {lens} {triangles}"] = one
                     print(f"{size[0]:>6}x{size[1]:<4} {lens:>13} {triangles:>9} {one['ms']:>7} "
                           f"{one['centroid_rms_px']:>11} {one['area_rms_percent']:>7} "
                           f"{one['angle_mrad']:>10}", flush=True)
             renderer.close()
             bench.close()
-        result["worst_centroid_rms_px"] = max(c["centroid_rms_px"] for c in cells.values())
-        result["worst_angle_mrad"] = max(c["angle_mrad"] for c in cells.values())
-        result["worst_area_rms_percent"] = max(c["area_rms_percent"] for c in cells.values())
+        for what in ("centroid_rms_px", "angle_mrad", "area_rms_percent") if cells else ():
+            result[f"worst_{what}"] = max(one[what] for one in cells.values())
+        side = arguments.rounds, arguments.pictures, arguments.patience
         checkouts = {"now": (REPOSITORY, "exact")}
         if before:
             checkouts["before"] = (before, "opengl")
@@ -399,17 +426,17 @@ def main() -> None:
                 if importlib.util.find_spec(module):
                     checkouts[other] = (REPOSITORY, other)
         for case in ("servo", "servo_640x480", "room", "triangles_40000"):
-            times = side_by_side(case, checkouts, folder, arguments.rounds, arguments.pictures)
+            times = side_by_side(case, checkouts, folder, *side)
             result[case] = {"ms": times, "now_to": {
                 other: round(times["now"] / value, 3) for other, value in times.items()
-                if other != "now"}}
+                if other != "now" and "now" in times}}
             print(case, result[case])
         for lens in LENSES:
             if lens.startswith("pinhole"):
                 continue
             own = {name: (path, lens) for name, (path, _) in checkouts.items()
                    if name in ("now", "before")}
-            times = side_by_side("servo", own, folder, arguments.rounds, arguments.pictures)
+            times = side_by_side("servo", own, folder, *side)
             result[f"servo_{lens}"] = times
             print("servo through", lens, times)
     print(json.dumps(result))

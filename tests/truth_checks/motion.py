@@ -37,6 +37,12 @@ def _speed(model: Model) -> float:
     return math.hypot(*model.twist().linear)
 
 
+def _way(model: Model) -> float:
+    """Of its speed over the ground, degrees from x."""
+    x, y, _ = model.twist().linear
+    return math.degrees(math.atan2(y, x))
+
+
 @check("elliptic integral (SciPy)", quick=True)
 def pendulum() -> Iterator[Row]:
     """Period of a compound pendulum of 0.5 m."""
@@ -137,7 +143,8 @@ def slope() -> Iterator[Row]:
 @check("closed form", quick=True)
 def contact_friction() -> Iterator[Row]:
     """A box pushed off at 2 m/s slows down at the smaller coefficient times g."""
-    for size, name in (((0.2, 0.2, 0.2), "cube"), ((0.4, 0.2, 0.1), "long box")):
+    for size, name in (((0.2, 0.2, 0.2), "cube"), ((0.4, 0.2, 0.1), "long box"),
+                       ((0.6, 0.1, 0.1), "beam")):
         for degrees in (0.0, 30.0):
             with World() as world:
                 world.spawn_ground_plane()
@@ -149,9 +156,9 @@ def contact_friction() -> Iterator[Row]:
                 for _ in range(200):
                     world.step()
                 found = (2.0 - _speed(box)) / 0.2 / G
-            # Bullet's cone of friction is a disc scaled by what each direction weighs.
-            bound = 0.01 if degrees == 0.0 or name == "cube" else 0.07
-            yield Row(f"{name}, {degrees:g}° to its edges", "0.5 g", abs(found / 0.5 - 1.0), bound)
+                way = _way(box) - degrees
+            yield Row(f"{name}, {degrees:g}° to its edges", "0.5 g", abs(found / 0.5 - 1.0), 0.01)
+            yield Row(f"{name}, {degrees:g}° to its edges, way", "straight", abs(way), 0.5, "°")
 
 
 @check("closed form", quick=True)

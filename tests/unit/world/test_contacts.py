@@ -1,5 +1,8 @@
 """Friction where bodies touch, and the inertia of each link, against closed forms."""
 
+import math
+
+import numpy as np
 import pytest
 
 from aras_sim_bridge.description import parse_urdf
@@ -137,6 +140,75 @@ def test_the_smaller_coefficient_counts_on_a_stack_too(world, make):
         world.step()
     assert above.twist().linear[0] / 0.1 == pytest.approx((60 - 0.4 * 98) / 10, rel=0.03)
     assert abs(below.twist().linear[0]) < 1e-3
+
+
+def beam(make, mass=6.0, mu=0.5, size=(0.6, 0.1, 0.1)):
+    """Long and thin: what stops it is far from its middle along one axis alone."""
+    x, y, z = size
+    inertia = [mass * (a * a + b * b) / 12 for a, b in ((y, z), (x, z), (x, y))]
+    return parse_urdf(make.robot(
+        make.link("beam", mass, "0 0 0", (*inertia, 0, 0, 0), make.box(f"{x} {y} {z}")),
+        f'<gazebo reference="beam"><mu1>{mu}</mu1></gazebo>'))
+
+
+def pushed(world, model, aslant, turn=0.0, count=200):
+    """Share of 0.5 g that slows a body down, and how far it bends off its way, degrees."""
+    for _ in range(200):
+        world.step()
+    model.set_twist(Twist((2 * math.cos(aslant), 2 * math.sin(aslant), 0), (0, 0, turn)))
+    for _ in range(count):
+        world.step()
+    x, y, _ = model.twist().linear
+    slower = (2.0 - math.hypot(x, y)) / (count * DT) / (0.5 * G)
+    return slower, math.degrees(math.atan2(y, x) - aslant)
+
+
+@pytest.mark.parametrize("aslant", [0.4, 0.8, -1.1, 2.0])
+def test_a_beam_slides_straight_on_aslant_to_its_edges(world, make, aslant):
+    """Bullet alone slows it down by a fifth too little and bends it by 20 degrees."""
+    slower, bent = pushed(world, world.spawn(beam(make), "m", Pose((0, 0, 0.05))), aslant)
+    assert slower == pytest.approx(1.0, abs=0.01)
+    assert abs(bent) < 0.3
+
+
+def test_a_beam_that_slides_comes_to_rest_and_stays(world, make):
+    model = world.spawn(beam(make), "m", Pose((0, 0, 0.05)))
+    pushed(world, model, 0.8, count=500)
+    at = model.pose().xyz
+    assert math.hypot(*at[:2]) == pytest.approx(2.0**2 / (2 * 0.5 * G), rel=0.01)
+    for _ in range(500):
+        world.step()
+    assert math.dist(model.pose().xyz, at) < 1e-5
+
+
+def test_a_ball_rolls_down_a_slope_as_if_it_did_not_slide(world, make):
+    """What holds it where it touches, at no speed, is less than sliding friction."""
+    ball = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
+    text = make.robot(make.link("ball", 1.0, "0 0 0", (0.004,) * 3 + (0, 0, 0), ball))
+    rolling = world.spawn(parse_urdf(text), "ball", Pose((0.0, 0.0, 0.1)))
+    world.set_physics(gravity=(1.0, 0.0, -9.75))
+    for _ in range(400):
+        world.step()
+    assert rolling.twist().linear[0] == pytest.approx(5 / 7 * 0.4, rel=0.01)
+
+
+def test_what_slides_on_a_loose_body_gives_it_what_it_loses(world, make):
+    """Both on ice, turned against each other: momentum stays, and both end with one speed."""
+    ice = 0.0
+    world.spawn(floor(make, ice), "floor")
+    below = world.spawn(beam(make, 6.0, 1.0, (1.6, 1.2, 0.1)), "below", Pose((0, 0, 1.05)))
+    above = world.spawn(beam(make, 3.0), "above", Pose((0, 0, 1.15)))
+    for _ in range(200):
+        world.step()
+    above.set_twist(Twist((0.8, 0.6, 0.0)))
+    for k in range(300):
+        world.step()
+        if k == 60:  # as they slide: 0.5 g slows the upper one down, along its way
+            lost = np.subtract((0.8, 0.6, 0.0), above.twist().linear)
+            assert lost[:2] == pytest.approx(0.5 * G * 0.061 * np.array((0.8, 0.6)), rel=0.04)
+        both = 6.0 * np.array(below.twist().linear) + 3.0 * np.array(above.twist().linear)
+        assert both[:2] == pytest.approx((2.4, 1.8), abs=0.02), k
+    assert below.twist().linear[:2] == pytest.approx(above.twist().linear[:2], abs=0.01)
 
 
 def test_a_changed_coefficient_and_a_reset_begin_with_the_files_numbers(world, make):

@@ -323,6 +323,20 @@ def test_what_no_longer_lies_on_a_held_base_is_no_longer_felt(world, make):
     assert not one._touch.any()
 
 
+@pytest.mark.parametrize("first", ["base", "box"])
+def test_what_rubs_along_a_held_base_is_felt_along_its_way(world, make, first):
+    spawn = {"base": lambda: world.spawn(cart(make, 200.0), "cart"),
+             "box": lambda: loose_box(make, world, "on", 1.0, (-0.1, 0.0, 0.25))}
+    for name in sorted(spawn, key=lambda name: name != first):
+        spawn[name]()
+    steps(world, 100)
+    world.model("on").set_twist(Twist((0.8, 0.6, 0.0)))
+    steps(world, 20)
+    (one,) = world._bases.held
+    assert one._touch[3:5] == pytest.approx(0.5 * 9.8 * np.array((0.8, 0.6)), rel=0.1)
+    assert one._touch[5] == pytest.approx(-9.8, rel=0.1)
+
+
 @pytest.mark.parametrize("case", ["struck", "rubbed"])
 def test_what_strikes_or_rubs_a_held_base_moves_it_as_it_does_a_free_one(
         make, monkeypatch, case):

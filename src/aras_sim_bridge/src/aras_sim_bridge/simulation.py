@@ -351,7 +351,7 @@ class Simulation:
             self._renderer = create_renderer(
                 self.config.renderer, self.world, self._sunlight()
             )
-            log.info("cameras are drawn by %s", self._renderer.name)
+            log.info("pictures are drawn by the renderer '%s'", self._renderer.name)
         sensor = CameraSensor(config, self._renderer)
         sensor.check_time_step(self.step_ns)
         sensor.reset(self.time_ns)

@@ -38,4 +38,25 @@ if "pybullet" not in sys.modules:
 else:
     import pybullet
 
-__all__ = ["pybullet", "quiet"]
+__all__ = ["contacts_of", "pybullet", "quiet"]
+
+
+def contacts_of(body: int, client: int) -> list[tuple[int, int, int, tuple[float, ...]]]:
+    """What touches a body: its link, the other body, that one's link, and fifteen numbers: the
+    point (m, world), and three forces on the body (normal, two of friction), each as its size (N)
+    and a direction.
+
+    Asked for one body's contacts, PyBullet turns their normals round to suit but not their
+    friction; so all are asked for here, and turned as they should be.
+    """
+    found = []
+    for c in pybullet.getContactPoints(physicsClientId=client):
+        if c[1] == c[2]:
+            continue
+        if c[1] == body:
+            numbers = (*c[5], c[9], *c[7], c[10], *c[11], c[12], *c[13])
+            found.append((c[3], c[2], c[4], numbers))
+        elif c[2] == body:
+            numbers = (*c[6], -c[9], *c[7], -c[10], *c[11], -c[12], *c[13])
+            found.append((c[4], c[1], c[3], numbers))
+    return found

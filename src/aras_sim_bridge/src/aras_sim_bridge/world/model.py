@@ -68,6 +68,11 @@ class Model:
         """All links in file order, root first or not."""
         return tuple(self.description.links)
 
+    @property
+    def mass(self) -> float:
+        """Of all links, kg."""
+        return sum(one.inertial.mass for one in self.description.links.values() if one.inertial)
+
     # ------------------------------------------------------------------ loading and stepping
 
     def reload(self) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from aras_sim_bridge.compiled import compiled
 from aras_sim_bridge.description import Geometry, shapes
 from aras_sim_bridge.poses import Pose, Twist, rotate
-from aras_sim_bridge.world.bullet import pybullet
+from aras_sim_bridge.world.bullet import contacts_of, pybullet
 from aras_sim_bridge.world.model import Model
 
 LOOK_EVERY = 50  # steps
@@ -197,10 +197,9 @@ class Standing:
     def _feel(self) -> None:
         """Note what touched the model in Bullet's step; the ground does not touch what is bolted,
         but Bullet looks at links fixed to the root all the same."""
-        contacts = pybullet.getContactPoints(bodyA=self.model.body_id,
-                                             physicsClientId=self.model.client)
-        pushes = [(*c[5], c[9], *c[7], c[10], *c[11], c[12], *c[13]) for c in contacts
-                  if c[3] not in self._base or c[2] not in self.grounds]
+        contacts = contacts_of(self.model.body_id, self.model.client)
+        pushes = [numbers for link, other, _, numbers in contacts
+                  if link not in self._base or other not in self.grounds]
         self._touch[:] = 0.0
         if pushes:
             _add_up(np.array(pushes), self._root, self._touch)
@@ -266,7 +265,7 @@ class FreeBases:
         others = {model.body_id: model for model in self._models.values()}
         found = [one for one in (Standing.found(model, others) for model in free) if one]
         standing = [one.model for one in found]
-        heaviest = max((_mass(model) for model in others.values()
+        heaviest = max((model.mass for model in others.values()
                         if not model.fixed_base and model not in standing), default=0.0)
         found = [one for one in found if one.mass >= _HEAVIER * heaviest]
         if not found:
@@ -312,10 +311,6 @@ class FreeBases:
 def _still(before: Pose, now: Pose) -> bool:
     turned = sum((a - b) ** 2 for a, b in zip(before.quat, now.quat, strict=True))
     return math.dist(before.xyz, now.xyz) < _STILL and 2.0 * math.sqrt(turned) < _STILL
-
-
-def _mass(model: Model) -> float:
-    return sum(link.inertial.mass for link in model.description.links.values() if link.inertial)
 
 
 def _mass_of_base(model: Model, root: Pose) -> tuple[float, np.ndarray]:

@@ -23,6 +23,7 @@ from aras_sim_bridge.world.checks import check_simulable
 from aras_sim_bridge.world.friction import ContactFriction
 from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.reach import leave_out_pairs, out_of_touch
+from aras_sim_bridge.world.sliding import SlidingFriction
 from aras_sim_bridge.world.standing import FreeBases
 
 logger = logging.getLogger(__name__)
@@ -76,6 +77,7 @@ class World:
                 pybullet.configureDebugVisualizer(part, 0, physicsClientId=self.client)
         self._direct = False
         self._friction = ContactFriction(self.client)
+        self._sliding = SlidingFriction(self.client)
         self._bases = FreeBases(self.models, self._models_changed)
         self._configure()
 
@@ -224,6 +226,7 @@ class World:
         """Models came, went or were loaded anew: note what a step has to do for them."""
         self.revision += 1
         self._friction.models_changed(self.models.values())
+        self._sliding.models_changed(self.models.values())
         self._choose_solver()
         self._models_moved()
         self._bases.models_changed()
@@ -268,6 +271,8 @@ class World:
             model.before_step(dt)
         if self._friction.watched:
             self._friction.before_step()
+        if self._sliding.loose:
+            self._sliding.before_step(dt)
         pybullet.stepSimulation(self.client)
         for model in models:
             model.after_step()

@@ -15,7 +15,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm.poses import pose_difference
 from aras_visual_servo_controller.driver import Driver
 from aras_visual_servo_controller.goal import Goal
-from aras_visual_servo_controller.joint_history import JointHistory
+from aras_visual_servo_controller.joint_history import FARTHEST, JointHistory
 from aras_visual_servo_controller.joint_sample import JointSample
 from aras_visual_servo_controller.pairing import ByStamp
 from aras_visual_servo_controller.settings import Settings
@@ -317,6 +317,29 @@ def test_joints_between_and_after_their_samples():
     assert history.at(1.05, earlier_only=True) is None  # the oldest gave way
     history.clear()
     assert history.newest is None
+
+
+def test_joints_that_tell_no_speed_have_that_of_their_way():
+    history = JointHistory()
+    first = sample(1.0, 0.5)
+    assert history.with_speed(first) is first  # nothing to compare with
+    history.add(first)
+    second = history.with_speed(sample(1.1, 0.7))
+    assert second.velocities == pytest.approx(2.0 * np.ones(len(second.names)))
+    assert second.stamp == 1.1 and second.positions[0] == 0.7
+    assert not history.with_speed(sample(1.0, 0.9)).velocities.any()  # of the same instant
+    assert not history.with_speed(sample(1.01 + FARTHEST, 0.9)).velocities.any()  # long ago
+
+
+def test_the_driver_takes_speeds_from_positions_where_none_are_told():
+    told, untold = Bench(start="none"), Bench(start="none")
+    heard = untold.driver.joints
+    untold.driver.joints = lambda names, q, speed, stamp: heard(names, q, (), stamp)
+    for bench in (told, untold):
+        bench.step(40)
+    speeds = [bench.driver.history.newest.velocities for bench in (told, untold)]
+    assert np.abs(speeds[0]).max() > 0.01
+    np.testing.assert_allclose(speeds[1], speeds[0], rtol=1e-6, atol=1e-9)
 
 
 def test_an_image_waits_for_the_sample_of_its_own_stamp_however_that_is_rounded():

@@ -105,6 +105,9 @@ def _union(value: Any, hints: tuple, where: str) -> Any:
         classes = [hint for hint in hints if dataclasses.is_dataclass(hint)]
         if classes:
             return build(max(classes, key=lambda hint: _likeness(value, hint)), value, where)
+    lists = [hint for hint in hints if typing.get_origin(hint) is tuple]
+    if isinstance(value, list | tuple) and len(lists) == 1:  # as is the one list's
+        return convert(value, lists[0], where)
     for hint in hints:
         with contextlib.suppress(ExperimentError):
             return convert(value, hint, where)

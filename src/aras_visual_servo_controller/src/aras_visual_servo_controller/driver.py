@@ -120,6 +120,8 @@ class Driver:
             except (MeasurementError, TypeError, ValueError) as error:
                 self._blind(stamp, str(error))
                 return
+            if not len(velocities):
+                sample = self.history.with_speed(sample)
             self.history.add(sample)
             command = self._tick(stamp, sample)
             if not self.settings.lockstep:

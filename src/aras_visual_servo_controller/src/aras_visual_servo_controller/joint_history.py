@@ -33,6 +33,17 @@ class JointHistory:
         self._samples.append(sample)
         return True
 
+    def with_speed(self, sample: JointSample) -> JointSample:
+        """A sample of which positions alone are known, with the velocities at which the joints
+        came from the newest one here; at rest where that is too old, or none."""
+        newest = self.newest
+        if newest is None or not 0.0 < sample.stamp - newest.stamp <= FARTHEST + ROUNDING:
+            return sample
+        way = sample.positions - newest.positions
+        return JointSample.of(
+            sample.stamp, sample.names, sample.positions, way / (sample.stamp - newest.stamp)
+        )
+
     def clear(self) -> None:
         """Forget all, as after a reset of the clock."""
         self._samples.clear()

@@ -287,6 +287,35 @@ def test_shot_noise_grows_with_the_light():
     assert (chain.apply(np.zeros(shape, np.uint8), 0) == 0).all()
 
 
+@pytest.mark.parametrize("mean", [-6.0, 0.0, 7.0])
+@pytest.mark.parametrize(("level", "exposure", "gain", "shot", "stddev"), [
+    (40, 1.25, 2.0, 0.25, 3.0), (40, 1.25, 2.0, 0.25, 0.0), (120, 0.5, 0.5, 0.5, 4.0),
+    (200, 2.0, 0.4, 0.25, 2.0),  # full wells
+    (40, 1.25, 2.0, 0.0, 3.0), (120, 0.5, 0.5, 0.0, 4.0),
+])  # fmt: skip
+def test_gain_amplifies_light_and_its_noise_and_not_the_reading_s(
+    level, exposure, gain, shot, stddev, mean
+):
+    effects = Effects(shot_noise=shot, exposure=exposure, gain=gain, noise_stddev=stddev,
+                      noise_mean=mean)  # fmt: skip
+    grey = np.full((240, 320, 3), level, np.uint8)
+    light = min(level * exposure, 255.0)
+    out = EffectChain(effects, grey.shape, 3).apply(grey, 5)
+    assert out.mean() == pytest.approx(gain * light + mean, abs=0.15)
+    rounding = 1 / 12 if shot else 0.0  # what is added without shot noise is less by it
+    assert out.var() == pytest.approx(gain**2 * shot * light + stddev**2 + rounding, rel=0.02)
+
+
+@pytest.mark.parametrize("shot", [0.0, 0.25])
+def test_a_corner_gets_less_light_also_where_light_is_noisy(shot):
+    grey = np.full((240, 320, 3), 100, np.uint8)
+    effects = Effects(shot_noise=shot, vignetting=0.4, exposure=1.2, gain=1.5)
+    chain = EffectChain(effects, grey.shape, 3)
+    out = np.mean([chain.apply(grey, stamp) for stamp in range(20)], axis=0)
+    assert out[110:130, 150:170].mean() == pytest.approx(180.0, rel=0.01)
+    assert out[:4, :4].mean() == pytest.approx(0.6 * 180.0, rel=0.03)
+
+
 def test_exposure_gain_and_vignetting():
     grey = np.full((240, 320, 3), 100, np.uint8)
 

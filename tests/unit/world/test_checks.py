@@ -106,6 +106,13 @@ def test_a_joint_a_world_away_is_refused(world, make):
         world.spawn(parse_urdf(xml), "m")
 
 
+@pytest.mark.parametrize("far", [1e300, -1.1e9])
+def test_a_place_beyond_all_sense_is_refused(world, make, far):
+    with pytest.raises(WorldError, match="model 'm': position .* is beyond 1e\\+09 m"):
+        world.spawn(parse_urdf(make.robot(make.link("a"))), "m", Pose((0.0, far, 0.0)))
+    assert "m" not in world.models
+
+
 @pytest.mark.parametrize("quat", [(1e300, 0, 0, 1e300), (1e-9, 0, 0, 0), (1e7, 0, 0, 0)])
 def test_an_orientation_that_is_none_is_refused(world, make, quat):
     with pytest.raises(WorldError, match="model 'm': orientation .* is no unit quaternion"):

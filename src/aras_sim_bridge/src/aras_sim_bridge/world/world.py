@@ -19,7 +19,7 @@ from aras_sim_bridge.errors import UnknownJointError, UnknownModelError, WorldEr
 from aras_sim_bridge.poses import IDENTITY, Pose, Twist, checked_pose, checked_vector
 from aras_sim_bridge.world import bullet_file
 from aras_sim_bridge.world.bullet import pybullet, quiet
-from aras_sim_bridge.world.checks import check_simulable
+from aras_sim_bridge.world.checks import LARGEST, check_simulable
 from aras_sim_bridge.world.friction import ContactFriction
 from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.reach import leave_out_pairs, out_of_touch
@@ -167,6 +167,8 @@ class World:
         check_simulable(description, name)
         mesh_files.read_all(description, name)
         pose = checked_pose(pose, f"model '{name}'", zero_is_identity=True)
+        if math.hypot(*pose.xyz) > LARGEST:
+            raise WorldError(f"model '{name}': position {pose.xyz} is beyond {LARGEST:.0e} m")
         start = _start_positions(description, name, joint_positions or {})
         fixed = bullet_file.root_is_fixed(description) if fixed_base is None else fixed_base
         self._bases.release()

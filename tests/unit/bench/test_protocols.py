@@ -1,6 +1,7 @@
 """The protocols that ship: published figures to the iteration, starts where they say, tables."""
 
 import csv
+import json
 import pickle
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +19,7 @@ from aras_visual_servo_bench.protocol import Protocol, main, met
 from aras_visual_servo_bench.protocol_starts import Placing, placed
 from aras_visual_servo_bench.runner import run
 from aras_visual_servo_bench.schemes_page import main as page
-from aras_visual_servo_bench.schemes_page import succeeded
+from aras_visual_servo_bench.schemes_page import speed_part, succeeded
 from aras_visual_servo_controller.arm.poses import pose_difference, transform
 
 PROTOCOLS = Path(__file__).parents[3] / "src" / "aras_visual_servo_bench" / "protocols"
@@ -409,3 +410,14 @@ def test_its_pictures_are_drawn(tmp_path, mine):
         drawn = cv2.imread(str(tmp_path / name))
         assert min(drawn.shape[:2]) > 100
         assert drawn.std() > 10.0
+
+
+def test_what_a_measure_costs_stands_beside_visps(tmp_path):
+    told = {"ours": {"lines": 91.4, "alpha": 52.9}, "visp": {"lines": 0.94, "moments_all": 111.9}}
+    file = tmp_path / "speed.txt"
+    file.write_text("lines   91.4 us\n" + json.dumps(told) + "\n")
+    table = [line for line in speed_part(file).splitlines() if line.startswith("|")]
+    assert table[2:] == ["| lines | 91 | 0.9 |", "| alpha | 53 |  |", "| moments_all |  | 111.9 |"]
+    file.write_text("not that program\n")
+    with pytest.raises(ExperimentError, match="run it with --visp"):
+        speed_part(file)

@@ -1,0 +1,99 @@
+"""The pose that a network reads out of a picture: its weights, its rate, where it comes to."""
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_bench import learned_pictures
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.learned_pictures import LearnedPose, PoseNetwork, inputs
+from aras_visual_servo_bench.protocol import Protocol
+from aras_visual_servo_bench.rigid import exponential, logarithm
+from aras_visual_servo_bench.runner import run
+from aras_visual_servo_controller.arm.poses import inverse
+from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.observation import Observation
+from aras_visual_servo_controller.schemes import Composed
+
+
+def planned(seeds):
+    """Runs of the protocol's learned case, clean."""
+    for row, experiment, _ in Protocol.load("convergence_domain").runs():
+        if (row["case"], row["condition"]) == ("learned pose", "clean") and row["seed"] in seeds:
+            yield experiment
+
+
+def test_without_weights_one_line_says_how_to_make_them(monkeypatch, tmp_path):
+    monkeypatch.setenv(learned_pictures.VARIABLE, str(tmp_path / "none.npz"))
+    with pytest.raises(ExperimentError, match="has no weights at .*none.npz: make it: python3 -m"):
+        run(next(planned({0})))
+    (tmp_path / "bad.npz").write_text("no numbers")
+    with pytest.raises(ConfigurationError, match="holds no network"):
+        PoseNetwork.load(tmp_path / "bad.npz")
+
+
+def test_brightness_and_contrast_are_no_matter():
+    grey = np.random.default_rng(0).integers(0, 120, (48, 64)).astype(np.uint8)
+    plain = inputs(grey)
+    assert plain.shape == (learned_pictures.ROWS * learned_pictures.COLUMNS,)
+    assert plain.mean() == pytest.approx(0.0, abs=1e-12)
+    assert plain.std() == pytest.approx(1.0)
+    assert np.abs(inputs((grey * 2 + 10).astype(np.uint8)) - plain).max() < 0.06
+    assert not inputs(np.full((48, 64), 90, np.uint8)).any()
+
+
+class Told:
+    """A network that says what it is told, whatever the picture."""
+
+    def __init__(self, motion):
+        self.motion = np.asarray(motion, float)
+
+    def __call__(self, x):
+        return self.motion
+
+
+@pytest.fixture
+def feature(monkeypatch):
+    """One whose network is told what to say."""
+    monkeypatch.setattr(PoseNetwork, "load", classmethod(lambda cls, path: Told(np.zeros(6))))
+    return LearnedPose()
+
+
+def seen_at(feature, motion, pinhole):
+    feature._network = Told(motion)
+    image = np.zeros((pinhole.height, pinhole.width), np.uint8)
+    return Observation(0.0, 0.0, True, "", pinhole, None, np.eye(4), image=image)
+
+
+def test_s_and_its_rate_are_those_of_the_poses_that_it_tells(feature, pinhole):
+    at_goal, now = np.array([0.02, -0.01, 0.0, 0.1, 0.05, -0.1]), [0.3, -0.2, 0.1, 0.4, -0.3, 0.7]
+    goal = Goal.teach(Composed(feature), seen_at(feature, at_goal, pinhole), depth=0.6)
+    feature.check(goal)
+    assert feature.measure(seen_at(feature, at_goal, pinhole), goal).s == pytest.approx(np.zeros(6))
+
+    def at(pose):
+        return feature.measure(seen_at(feature, logarithm(pose), pinhole), goal)
+
+    found = at(exponential(now))
+    g_T_c = inverse(exponential(at_goal)) @ exponential(now)
+    assert found.s[:3] == pytest.approx(g_T_c[:3, 3])
+    assert exponential((0, 0, 0, *found.s[3:]))[:3, :3] == pytest.approx(g_T_c[:3, :3])
+    assert found.error == pytest.approx(found.s)
+    step = 1e-6
+    rows = np.array([
+        (at(exponential(now) @ exponential(step * v)).s
+         - at(exponential(now) @ exponential(-step * v)).s) / (2 * step)
+        for v in np.eye(6)
+    ]).T  # fmt: skip
+    assert pytest.approx(rows, abs=1e-7) == found.L
+
+
+def test_a_goal_that_was_taught_for_others_is_refused(feature, pinhole):
+    goal = Goal.teach(None, seen_at(feature, np.zeros(6), pinhole), depth=0.6)
+    with pytest.raises(ConfigurationError, match="holds no learned_pose: teach it anew"):
+        feature.check(goal)
+
+
+def test_unseen_starts_converge():
+    outcomes = [run(experiment).outcome for experiment in planned({0, 1, 2, 3})]
+    assert outcomes.count("converged") >= 3, outcomes

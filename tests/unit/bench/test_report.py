@@ -221,6 +221,17 @@ def test_powers_of_ten_are_plain_letters():
         plt.close("all")
 
 
+@pytest.mark.parametrize("paper", [False, True])
+@pytest.mark.filterwarnings("error:Glyph")
+def test_both_looks_have_the_letters_of_a_logarithmic_axis(paper, tmp_path):
+    with style.look(paper):
+        figure, axes = style.canvas(1)
+        axes[0, 0].semilogy([0.0, 1.0], [1e-4, 1.0])
+        style.logarithmic(axes[0, 0])
+        figure.savefig(tmp_path / "x.pdf")
+        plt.close("all")
+
+
 def test_curves_are_the_arrays(moments):
     with style.look():
         figure = curves.camera_twist([moments])

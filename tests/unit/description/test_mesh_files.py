@@ -107,7 +107,7 @@ DAMAGED = [
     ("inf.obj", obj("v inf 0 0"), "line 9: a vertex needs three finite numbers"),
     ("short.obj", obj("v 0 0"), "a vertex needs three finite numbers"),
     ("pair.obj", b"v 0 0 0\nv 1 0 0\nf 1 2\n", "it has no faces"),
-    ("a.dae", b"<a/>", "its root element is <a>, not <COLLADA>"),
+    ("a.dae", b"<a/>", "its root element is not <COLLADA>"),
     ("empty.dae", b"", "COLLADA: the description is empty"),
     ("cut.dae", dae()[:400], "COLLADA: line"),
     ("zip.dae", b"PK\3\4" + bytes(99), "COLLADA: line 1"),
@@ -301,6 +301,19 @@ def test_pipes_devices_and_folders_are_refused_and_do_not_hang(tmp_path):
         with pytest.raises(DescriptionError, match=reason) as refused:
             read(str(tmp_path / name))
         assert refused.value.path == str(tmp_path / name) and name in str(refused.value)
+
+
+@pytest.mark.parametrize("name, text", [
+    ("a.stl", "root:SECRET:0"), ("a.stl", "solid SECRET\nvertex SECRET 1 1\n"),
+    ("a.obj", "root:SECRET:0"), ("a.obj", "v SECRET 1 1\n"), ("a.obj", "f SECRET 2 3\n"),
+    ("a.dae", "root:SECRET:0"), ("a.dae", "<SECRET/>"), ("a.xyz", "SECRET"),
+])  # fmt: skip
+def test_what_is_no_mesh_is_refused_without_a_word_of_what_it_holds(tmp_path, name, text):
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(DescriptionError) as refused:
+        read(str(path))
+    assert str(path) in str(refused.value) and "SECRET" not in str(refused.value)
 
 
 def test_what_is_too_much_is_refused_before_it_is_read(tmp_path, monkeypatch):

@@ -81,8 +81,7 @@ def _checked(data: bytes) -> Element:
         raise DescriptionError("it is not UTF-8 text") from None
     root = safe_xml.parse(text, "COLLADA", largest=len(data))
     if root.tag != "COLLADA":
-        tag = safe_xml.shorten(root.tag)
-        raise DescriptionError(f"its root element is <{tag}>, not <COLLADA>")
+        raise DescriptionError("its root element is not <COLLADA>")
     unit = root.find("asset/unit")
     if unit is not None and safe_xml.number(unit.get("meter"), "<unit>: meter", 1.0) <= 0.0:
         raise DescriptionError(f"<unit>: meter {unit.get('meter')} must be positive")

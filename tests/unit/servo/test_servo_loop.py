@@ -1,5 +1,7 @@
 """The loop closed over an exact camera and lagging joints: arrives, judges, begins anew."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from loop_rig import (
@@ -198,6 +200,47 @@ def test_convergence_has_hysteresis(sign):
     # and once away, it has to come all the way back
     assert not any(feed(convergence, [sign * 1.4] * 5, 1.1))
     assert feed(convergence, [sign * 0.9] * 4, 1.6)[-1]
+
+
+def of_camera(errors, L, modelled=(True,) * 6):
+    """A Convergence that was shown errors (m, k) of tolerance 1, with L (k, 6)."""
+    convergence, L = Convergence(0.3), np.asarray(L, float)
+    task = SimpleNamespace(modelled=np.array(modelled))
+    for i, error in enumerate(errors):
+        decision = SimpleNamespace(L=L, task=task, error=error)
+        convergence.add(0.1 * i, np.asarray(error, float), np.ones(len(error)), decision)
+    return convergence
+
+
+# A feature changes by 1 for 0.1 mm and 0.1 degrees of the camera, but for 5 mm along y.
+WEAK = np.diag([1e4, 200.0, 1e4, 573.0, 573.0, 573.0])
+
+
+@pytest.mark.parametrize("error", [(0, 0.5, 0, 0, 0, 0), (0, -0.5, 0, 0, 0, 0)])
+def test_convergence_asks_how_far_the_camera_is(error):
+    short = of_camera([error] * 6, WEAK)
+    assert not short.reached and "2.50 mm and 0.00 degrees off" in short.short
+    near = of_camera([0.1 * np.array(error)] * 6, WEAK)
+    assert near.reached and not near.short
+    # not of a direction that the task does not speak of, nor of one that no feature sees
+    assert of_camera([error] * 6, WEAK, (True, False, True, True, True, True)).reached
+    assert of_camera([error] * 6, np.diag([1e4, 0.0, 1e4, 573.0, 573.0, 573.0])).reached
+    # and once it is there, by the features alone
+    stays = of_camera([*[0.1 * np.array(error)] * 6, *[error] * 6], WEAK)
+    assert stays.reached and not stays.short
+
+
+def test_convergence_asks_how_far_the_camera_is_turned():
+    L = np.diag([1e4, 1e4, 1e4, 573.0, 10.0, 573.0])
+    assert "0.00 mm and 2.86 degrees off" in of_camera([(0, 0, 0, 0, 0.5, 0)] * 6, L).short
+    assert of_camera([(0, 0, 0, 0, 0.05, 0)] * 6, L).reached
+
+
+def test_noise_that_hides_where_the_camera_is_keeps_no_one_waiting():
+    random = np.random.default_rng(0)
+    errors = random.normal(0.0, 0.3, (40, 6))
+    assert of_camera(errors, WEAK).reached
+    assert not of_camera(errors + [0, 0.7, 0, 0, 0, 0], WEAK).reached
 
 
 def test_an_interruption_begins_the_hold_anew():

@@ -136,8 +136,9 @@ class Flight:
             reason, faulty = str(error), True
         if decision is not None:
             tolerances = np.asarray(self.scheme.tolerances)
-            if self._convergence.add(self.time, decision.error, tolerances):
+            if self._convergence.add(self.time, decision.error, tolerances, decision):
                 phase = CONVERGED
+            reason = self._convergence.short
         else:
             self._convergence.clear()
         state = ServoState.of(self.time, phase, reason, decision, None, None, None)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from aras_visual_servo_camera.compiled import MATRIX, VECTOR, compiled
 
 from .recent import RecentErrors
+
+if TYPE_CHECKING:
+    from .schemes.base import Decision
 
 # A converged loop forgives half a tolerance more before it counts as away again.
 FORGIVEN = 1.5
@@ -14,10 +19,19 @@ FORGIVEN = 1.5
 # is a motion.
 SCATTER = 3.0
 ROUNDING = 1e-9  # s
+# How far the camera may be from where the mean error vanishes, by L, m and rad, to count as there;
+# beyond what the errors' scatter leaves open. In a direction that changes the features little,
+# their tolerances alone may be 6 mm (four points before a plane that was turned by 40 degrees).
+WITHIN, DEVIATIONS = (3e-4, 5.2e-3), 2.0
 
 
 class Convergence:
-    """Judges the mean of the measured error over `hold` seconds; with hysteresis."""
+    """Judges the mean of the measured error over `hold` seconds; with hysteresis.
+
+    Attributes:
+        reached: the goal, as of the last image.
+        short: why it is not, in words, where every feature alone would do; else empty.
+    """
 
     def __init__(self, hold: float) -> None:
         """`hold`: s; 0: every image is judged by itself."""
@@ -28,11 +42,18 @@ class Convergence:
     def clear(self) -> None:
         """Forget what was seen: the loop was interrupted."""
         self._seen.clear()
-        self.reached = False
+        self.reached, self.short = False, ""
 
-    def add(self, stamp: float, error: np.ndarray, tolerances: np.ndarray) -> bool:
-        """Whether the goal counts as reached, with this image's error (k,) and tolerances (k,)."""
-        seen = self._seen
+    def add(
+        self,
+        stamp: float,
+        error: np.ndarray,
+        tolerances: np.ndarray,
+        decision: Decision | None = None,
+    ) -> bool:
+        """Whether the goal counts as reached, with this image's error (k,) and tolerances (k,);
+        `decision`: whose L tells how far that is for the camera, where it has one."""
+        seen, self.short = self._seen, ""
         if len(seen) and seen.errors.shape[1] != len(error):
             self.clear()
         seen.add(stamp, error)
@@ -42,8 +63,35 @@ class Convergence:
         if stamp - seen.stamps[0] < self.hold - ROUNDING:
             return False
         limit = np.asarray(tolerances, float) * (FORGIVEN if self.reached else 1.0)
-        self.reached = _settled(seen.errors, limit)
+        settled = _settled(seen.errors, limit)
+        if settled and not self.reached and decision is not None:
+            self.short = _short(seen.errors, decision)
+        self.reached = settled and not self.short
         return self.reached
+
+
+def _short(errors: np.ndarray, decision: Decision) -> str:
+    """How far the camera still is from the goal, in words; empty where it is there, or where the
+    decision cannot tell. errors (m, k)."""
+    L, task = decision.L, decision.task
+    if L is None or task is None or np.shape(L) != (errors.shape[1], 6):
+        return ""
+    L = np.where(task.modelled, L, 0.0)
+    if not np.isfinite(L).all():
+        return ""
+    answer = np.linalg.pinv(L, rcond=1e-6)
+    motion = answer @ errors.mean(axis=0)
+    unsure = DEVIATIONS * np.sqrt(answer**2 @ errors.var(axis=0) / len(errors))
+    way, turn = (float(np.linalg.norm(motion[part])) for part in (slice(3), slice(3, 6)))
+    if (
+        way <= WITHIN[0] + np.linalg.norm(unsure[:3])
+        and turn <= WITHIN[1] + np.linalg.norm(unsure[3:])
+    ):
+        return ""
+    return (
+        f"the features are within their tolerances, but by L the camera is {1e3 * way:.2f} mm and "
+        f"{np.degrees(turn):.2f} degrees off"
+    )
 
 
 @compiled(MATRIX, VECTOR)

@@ -235,10 +235,11 @@ class Servo:
         self._paused, self._fault = False, ""
         self._fresh = True
         self._pursuit.ask(decision.task, resolution, stamp, self._now)
-        reached = self._convergence.add(stamp, decision.error, np.asarray(self.scheme.tolerances))
+        tolerances = np.asarray(self.scheme.tolerances)
+        reached = self._convergence.add(stamp, decision.error, tolerances, decision)
         self.phase = CONVERGED if reached else SERVOING
         reasons = [] if resolution is None else list(resolution.reasons)
-        reasons += [text for text in (*decision.notes, self._late) if text]
+        reasons += [t for t in (*decision.notes, self._late, self._convergence.short) if t]
         if seconds > self._period > 0.0:
             reasons.append(
                 f"scheme {self.name} took {seconds:.3f} s, longer than the image period of "

@@ -307,12 +307,16 @@ def near_trouble(arm, random, kind):
         q[joint] = random.choice([arm.lower[joint] + gap, arm.upper[joint] - gap])
     elif arm.names[0] == "gantry":
         q[3] = random.uniform(-1, 1) * np.radians(5.0)
+    elif len(q) == 7:  # the elbow's limit is 4 degrees before it is straight
+        q[1] = random.uniform(-1, 1) * np.radians(5.0)
+        q[random.choice([3, 5])] = 0.0
+        q = np.clip(q, arm.lower, arm.upper)
     else:
         q[random.choice([2, 4])] = random.uniform(-1, 1) * np.radians(5.0)
     return q
 
 
-@pytest.mark.parametrize("name", ["aras", "ur5"])
+@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("kind", ["limit", "singularity"])
 def test_no_bound_is_ever_passed(name, kind):
     """100 starts for each arm and kind of trouble, tasks that run into it."""

@@ -222,6 +222,16 @@ def test_a_reset_starts_free_and_comes_to_the_same_again(world, held):
     assert second[0].xyz == pytest.approx(first[0].xyz, abs=1e-9)
 
 
+def test_a_reset_of_poses_alone_finds_it_standing_at_the_next_step(world, held):
+    at = held.spawn_pose
+    held.set_pose(Pose((1.0, 0.0, 0.0)))
+    world.step()
+    assert not held.fixed_base
+    world.reset_world()
+    steps(world, 3)
+    assert held.fixed_base and held.pose() == at
+
+
 def test_another_model_ends_it_and_one_out_of_reach_lets_it_begin_again(world, make, held):
     shelf = make.robot('<link name="world">' + make.box("0.1 0.1 0.1", "0 0 8") + "</link>")
     world.spawn(parse_urdf(shelf), "shelf", Pose((0.0, 5.0, 0.0)))

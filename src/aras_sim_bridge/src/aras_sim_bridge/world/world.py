@@ -309,6 +309,7 @@ class World:
         for model in self.models.values():
             model.set_pose(model.spawn_pose)
             model.set_twist(Twist())
+        self._bases.models_changed()
 
     def reset_simulation(self) -> None:
         """A fresh Bullet with the same models at their spawn poses and configurations.

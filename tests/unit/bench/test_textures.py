@@ -231,3 +231,10 @@ def test_an_unknown_tracker_names_those_there_are():
     spec = {**RUN, "target": {"shape": "square", "pose": TURNED}, "scheme": "numbered_points"}
     with pytest.raises(ExperimentError, match="did you mean 'dots'"):
         run(Experiment.from_mapping({**spec, "options": {"tracker": "dot"}}))
+
+
+def test_a_camera_in_the_targets_plane_sees_nothing_and_the_run_has_an_outcome():
+    there = {"shape": "poster", "size": [0.8, 0.6], "pose": TURNED}
+    spec = {**RUN, "target": there, "scheme": "luminance", "start": {"pose": [0.7, 0, 0, 0, -1, 0]}}
+    result = run(Experiment.from_mapping(spec))
+    assert not result.converged and not result.verdict.reached

@@ -154,7 +154,10 @@ class Flight:
     def _observed(self) -> Observation:
         experiment, parts = self.experiment, self.parts
         if experiment.pictures:
-            reading = self._sight.look(self.pose, round(self.time * NS), self._random)
+            try:
+                reading = self._sight.look(self.pose, round(self.time * NS), self._random)
+            except ViewError:  # the camera has flown into the target's plane: nothing is seen
+                return parts.observer.of_exact(self.time, parts.camera, world_T_camera=self.pose)
             return parts.observer.of_image(
                 self.time, reading.picture, parts.camera, depth=reading.depth,
                 plane=self._plane(), world_T_camera=self.pose,

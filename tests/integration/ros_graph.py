@@ -185,10 +185,10 @@ class RosMaster:
             )
         return done
 
-    def clean(self) -> None:
-        """Forget parameters and dead nodes, so that the next launch finds an empty graph."""
+    def clean(self, parameters: bool = True) -> None:
+        """Forget dead nodes and `parameters`, so that the next launch finds an empty graph."""
         for name in {name.split("/")[1] for name in self.api.getParamNames()}:
-            if name not in OWN_PARAMETERS:
+            if parameters and name not in OWN_PARAMETERS:
                 self.api.deleteParam("/" + name)
         os.environ["ROS_MASTER_URI"], before = self.uri, os.environ.get("ROS_MASTER_URI")
         try:
@@ -288,8 +288,7 @@ class Launch:
                     f"threads; the first:\n{output[begin : begin + 2000]}"
                 )
         finally:
-            if clean:
-                self.master.clean()
+            self.master.clean(parameters=clean)
 
     def _tail(self) -> str:
         return "\n".join(self.output().splitlines()[-40:])
@@ -337,7 +336,7 @@ def _argument(name: str, value: Any) -> str:
 def _answers(api: rosgraph.Master, node: str) -> bool:
     try:
         host, port = rosgraph.network.parse_http_host_and_port(api.lookupNode(node))
-        with socket.create_connection((host, port), timeout=2.0):
+        with socket.create_connection((host, port), timeout=2.0 * PATIENCE):
             return True
     except (OSError, rosgraph.MasterException):
         return False

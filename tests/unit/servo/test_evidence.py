@@ -180,10 +180,18 @@ def rings(samples, beside=lambda t: 0.0):
 
 @pytest.mark.parametrize("half", [0.2, 0.3])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_frequency_is_that_between_the_first_peak_and_the_last(half, sign):
+def test_the_frequency_of_five_swings_is_told(half, sign):
+    """To a twentieth: the wave that is laid through them may begin and end anywhere."""
     assert rings(zigzag(*sign * np.array([0, 9, 0, 9, 0, 9.0]), half=half)) == pytest.approx(
-        0.5 / half, rel=0.02
+        0.5 / half, rel=0.055
     )
+
+
+@pytest.mark.parametrize("frequency", [2.0, 3.7, 6.3])
+def test_the_frequency_of_a_lasting_wave_is_told_to_a_hundredth(frequency):
+    times = np.arange(0.0, 3.0, 1.0 / 30.0)
+    wave = list(zip(times, 9.0 * np.sin(2.0 * np.pi * frequency * times), strict=True))
+    assert rings(wave) == pytest.approx(frequency, rel=0.01)
 
 
 def test_five_reversals_are_needed():

@@ -451,3 +451,40 @@ def test_a_base_is_held_up_to_what_the_ground_can_bear_and_no_further():
         if 0.0 < most < 1000.0:
             shares.append(low / most)
     assert np.median(shares) > 0.25
+
+
+def test_a_push_along_the_ground_is_borne_up_to_nine_tenths_of_its_friction():
+    """Through the centre of pressure, on ground of any slant, where all is known exactly."""
+    rng = np.random.default_rng(8)
+    for _ in range(40):
+        normal = rng.normal(size=3)
+        normal /= np.linalg.norm(normal)
+        aside = np.cross(normal, rng.normal(size=3))
+        aside /= np.linalg.norm(aside)
+        across = np.cross(normal, aside)
+        square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) @ np.stack([aside, across])
+        corners = standing._polygon(square, normal)
+        point, mass, friction = rng.normal(size=3), 10.0, 0.6
+        turn = rng.uniform(0, 2 * math.pi)
+        push = math.cos(turn) * aside + math.sin(turn) * across
+        load = np.concatenate([np.cross(point, push), push])
+        ground = np.array([mass, *point + 0.4 * normal, *normal, *point, friction])
+        for share, borne in ((0.899, True), (0.901, False)):
+            touch = -share * friction * mass * G * load
+            assert borne == standing._bears(
+                np.array([[0, -1, 0, 0]]), np.zeros((1, 46)), np.zeros((3, 1)), np.zeros(1),
+                -G * normal, ground, corners, touch, np.zeros(6), 1e-3,
+            )  # fmt: skip
+
+
+def test_the_base_s_mass_is_that_of_all_that_is_fixed_to_it(world, make):
+    inertia = (0.1, 0.1, 0.1, 0, 0, 0)
+    model = world.spawn(parse_urdf(make.robot(
+        make.link("base", 6.0, "0.1 0 0.2", inertia), make.link("post", 3.0, "0 0.3 0", inertia),
+        make.link("slide", 2.0, "0 0 0", inertia),
+        make.joint("foot", "base", "post", "fixed", "0.5 0.1 0.4", "1 0 0", 0, 0),
+        make.joint("rail", "post", "slide", "prismatic", "0 0 0", "1 0 0", -1, 1))),
+        "cart", Pose.from_rpy((1.0, 2.0, 0.5), (0.1, 0.0, 0.7)))  # fmt: skip
+    mass, centre = standing._mass_of_base(model, model.pose())
+    assert mass == 9.0
+    assert centre == pytest.approx([(6 * 0.1 + 3 * 0.5) / 9, 3 * 0.4 / 9, (6 * 0.2 + 3 * 0.4) / 9])

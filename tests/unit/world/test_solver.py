@@ -1,6 +1,7 @@
 """What a step works out: contacts only where links can get, joints to the last digit."""
 
 import math
+import os
 
 import pytest
 from aras_robot import ArasRobot
@@ -8,7 +9,7 @@ from aras_robot import ArasRobot
 import aras_sim_bridge.world.world as world_module
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
-from aras_sim_bridge.world import Pose, World, reach
+from aras_sim_bridge.world import Pose, World, bullet, reach
 from aras_sim_bridge.world.bullet import pybullet
 
 POSE = (0.1, 0.0, 0.17, -0.09, -0.09, 0.0)
@@ -230,3 +231,11 @@ def test_bullet_s_remarks_stay_off_the_standard_output(robot, make, capfd):
     print("after")
     captured = capfd.readouterr()
     assert (captured.out, captured.err) == ("after\n", "")
+
+
+def test_keeping_bullet_quiet_leaves_no_descriptor_open():
+    before = os.listdir("/proc/self/fd")
+    for _ in range(3):
+        with bullet.quiet():
+            pass
+    assert os.listdir("/proc/self/fd") == before

@@ -3,6 +3,7 @@
 import json
 import re
 import socket
+import struct
 import threading
 import time
 from urllib.error import HTTPError, URLError
@@ -246,6 +247,48 @@ def test_keys_at_a_terminal_drive_the_camera(viewer, ros_master):
     viewer.wait("converged")
 
 
+def test_a_gamepad_drives_the_camera_while_a_shoulder_button_is_held(viewer, ros_master, tmp_path):
+    """A pad as the kernel tells of it, by way of a pipe."""
+    import os
+    import pty
+    import subprocess
+
+    pipe, event = tmp_path / "js0", struct.Struct("IhBB")  # time (ms), value, kind, number
+    os.mkfifo(pipe)
+    pad = os.open(pipe, os.O_RDWR)  # both ends, for a pad is there before who reads it
+    terminal, other = pty.openpty()
+    teleop = subprocess.Popen(
+        ["rosrun", "aras_visual_servo_controller", "aras_teleop", f"_joystick:={pipe}"],
+        env=ros_master.environment, stdin=other, stdout=other, stderr=other,
+    )  # fmt: skip
+    os.close(other)
+    try:
+        said = b""
+        while b"cross         tilt" not in said:
+            said += os.read(terminal, 4096)
+        before = viewer.told["joints"][0]
+        os.write(pad, event.pack(0, 32767, 0x82, 0) + event.pack(0, -12000, 2, 0))  # left stick
+        time.sleep(1.0)
+        assert viewer.told["joints"][0] == pytest.approx(before, abs=1e-3)  # no button, no motion
+        os.write(pad, event.pack(0, 1, 1, 4))
+        wait_for(lambda: abs(viewer.told["joints"][0] - before) > 0.02, 60.0, "the gamepad")
+        assert viewer.told["joints"][0] < before  # the stick is held to the left
+        viewer.wait("stopped")
+        os.write(pad, event.pack(0, 0, 1, 4))
+        time.sleep(1.5)
+        at = viewer.told["joints"][0]
+        time.sleep(0.5)
+        assert viewer.told["joints"][0] == pytest.approx(at, abs=1e-3)
+        os.write(terminal, b"q")
+        assert teleop.wait(20.0) == 0
+    finally:
+        teleop.kill()
+        for opened in (terminal, pad):
+            os.close(opened)
+    assert viewer.ask("start")[0]
+    viewer.wait("converged")
+
+
 def test_time_stands_still_steps_and_begins_anew(viewer):
     assert viewer.ask("pause")[0]
     time.sleep(0.5)
@@ -302,7 +345,7 @@ def test_another_target_is_put_there_and_drawn(viewer):
     assert done, text
 
 
-def test_a_bag_is_recorded_and_a_goal_taught(viewer, directory):
+def test_a_bag_is_recorded_and_reported_on_and_a_goal_taught(viewer, directory, port):
     done, text = viewer.ask("record")
     assert done, text
     assert viewer.ask("report")[0] is False
@@ -312,6 +355,14 @@ def test_a_bag_is_recorded_and_a_goal_taught(viewer, directory):
     done, text = viewer.ask("stop_record")
     assert done, text
     assert list(directory.glob("bags/*.bag"))
+    done, text = viewer.ask("report", timeout=200.0)
+    assert done, text
+    wait_for(lambda: viewer.told["state"].get("report"), 20.0, "the report's address")
+    address = f"http://127.0.0.1:{port}/report/{viewer.told['state']['report']}"
+    with urlopen(f"{address}?token={TOKEN}", timeout=20) as page:
+        assert b"aras_visual_servo_bench analyze" in page.read()
+    with pytest.raises(HTTPError):
+        urlopen(address, timeout=20)
     done, text = viewer.ask("teach", name="mine", timeout=90.0)
     assert done, text
     wait_for(lambda: "mine" in viewer.told["choices"]["goals"], 20.0, "the taught goal")

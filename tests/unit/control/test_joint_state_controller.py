@@ -121,3 +121,10 @@ def test_it_claims_nothing(make):
 def test_bad_parameters_are_named(make, change, text):
     with pytest.raises(ControllerError, match=text):
         make(**change).manager.load("jsc")
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_true_stamps_are_what_the_parameter_says(make, wanted):
+    rig = make(true_stamps=wanted)
+    assert rig.manager.load("jsc").true_stamps is wanted
+    assert make().manager.load("jsc").true_stamps is False

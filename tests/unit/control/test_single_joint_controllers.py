@@ -173,8 +173,11 @@ def test_effort_velocity_controller(make):
     state = states[-1]
     assert (state.set_point, state.process_value, state.process_value_dot) == (3.0, 1.0, 0.0)
     assert (state.error, state.command) == (2.0, 20.0)
+    assert (state.stamp_ns, state.time_step) == (12_000_000, 1e-3)
     rig.step(20)
     assert len(states) == 4  # of updates 0, 10, 20 and 30
+    rig.step(4)
+    assert len(states) == 4
 
 
 @pytest.mark.parametrize(

@@ -487,3 +487,11 @@ class TestOutputsAndState:
     def test_bad_parameters_are_named(self, make, kind, change, text):
         with pytest.raises(ControllerError, match=text):
             make(kind, **change).manager.load("c")
+
+
+def test_error_codes_are_those_of_control_msgs():
+    """FollowJointTrajectoryResult.msg."""
+    assert {code.name: code.value for code in ErrorCode} == {
+        "SUCCESSFUL": 0, "INVALID_GOAL": -1, "INVALID_JOINTS": -2, "OLD_HEADER_TIMESTAMP": -3,
+        "PATH_TOLERANCE_VIOLATED": -4, "GOAL_TOLERANCE_VIOLATED": -5,
+    }  # fmt: skip

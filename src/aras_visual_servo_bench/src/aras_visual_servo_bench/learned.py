@@ -29,6 +29,7 @@ from aras_visual_servo_controller.schemes import Decision, Scheme
 from aras_visual_servo_controller.task import Task
 
 from .errors import ExperimentError, ViewError
+from .regressor import Regressor, fitted
 
 WEIGHTS = Path(__file__).resolve().parents[2] / "config" / "learned.npz"
 VARIABLE = "ARAS_LEARNED_WEIGHTS"  # of the environment: another file
@@ -48,38 +49,15 @@ def inputs(moments: Moments) -> np.ndarray:
     return np.array([moments.xg, moments.yg, np.log(size), *second, *third])
 
 
-class Network:
-    """Layers of tanh, the last one linear; between scaled inputs and outputs."""
+class Network(Regressor):
+    """Layers of tanh; see Regressor for its arrays."""
 
-    def __init__(self, arrays: dict[str, np.ndarray]) -> None:
-        """`arrays`: mean, scale, low, span, and w0, b0, w1, ... of the layers."""
-        self._mean, self._scale = arrays["mean"], arrays["scale"]
-        self._out_mean, self._out_scale = arrays["out_mean"], arrays["out_scale"]
-        count = sum(name.startswith("w") for name in arrays)
-        self._layers = [(arrays[f"w{i}"], arrays[f"b{i}"]) for i in range(count)]
-
-    @classmethod
-    def load(cls, path: Path) -> Network:
-        """From a file.
-
-        Raises:
-            ConfigurationError: there is none, or it is no network.
-        """
-        if not path.is_file():
-            raise ConfigurationError(f"the learned scheme has no weights at {path}: {MAKE}")
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                return cls(dict(file))
-        except (OSError, ValueError, KeyError) as error:
-            raise ConfigurationError(f"{path} holds no network ({error}): {MAKE}") from None
+    what, make = "the learned scheme", MAKE
+    activation = np.tanh
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Place of the goal in the camera's frame (3), m, and its turn, rad: (4,)."""
-        values = (x - self._mean) / self._scale
-        for w, b in self._layers[:-1]:
-            values = np.tanh(values @ w + b)
-        w, b = self._layers[-1]
-        tx, ty, tz, c, s = (values @ w + b) * self._out_scale + self._out_mean
+        tx, ty, tz, c, s = self.answer(x)
         return np.array([tx, ty, tz, np.arctan2(s, c)])
 
 
@@ -152,23 +130,10 @@ def pictures(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
     """Arrays of a Network that answers y (n, 5) to x (n, 10); ExperimentError: no scikit-learn."""
-    try:
-        from sklearn.neural_network import MLPRegressor
-    except ImportError:
-        raise ExperimentError(
-            "training needs scikit-learn: pip install -r requirements/bench.txt"
-        ) from None
-    mean, scale = x.mean(axis=0), x.std(axis=0)
-    out_mean, out_scale = y.mean(axis=0), y.std(axis=0)
-    network = MLPRegressor(
-        hidden_layer_sizes=HIDDEN, activation="tanh", solver="lbfgs", max_iter=800,
-        max_fun=1200, alpha=1e-6, random_state=seed, tol=1e-9,
+    return fitted(
+        x, y, 0.0, np.float32, hidden_layer_sizes=HIDDEN, activation="tanh", solver="lbfgs",
+        max_iter=800, max_fun=1200, alpha=1e-6, random_state=seed, tol=1e-9,
     )  # fmt: skip
-    network.fit((x - mean) / scale, (y - out_mean) / out_scale)
-    arrays = {"mean": mean, "scale": scale, "out_mean": out_mean, "out_scale": out_scale}
-    for i, (w, b) in enumerate(zip(network.coefs_, network.intercepts_, strict=True)):
-        arrays[f"w{i}"], arrays[f"b{i}"] = w.astype(np.float32), b.astype(np.float32)
-    return arrays
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -32,6 +32,7 @@ from aras_visual_servo_controller.goal import Goal
 from aras_visual_servo_controller.observation import Need, Observation
 
 from .errors import ExperimentError
+from .regressor import Regressor, fitted
 from .rigid import exponential, logarithm
 
 WEIGHTS = Path(__file__).resolve().parents[2] / "config" / "learned_pictures.npz"
@@ -50,39 +51,19 @@ def inputs(grey: np.ndarray) -> np.ndarray:
     return (small - small.mean()) / max(float(small.std()), 1.0)
 
 
-class PoseNetwork:
-    """Rectified layers, the last one linear, between scaled inputs and outputs."""
+def _rectified(values: np.ndarray) -> np.ndarray:
+    return np.maximum(values, 0.0)
 
-    def __init__(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """`arrays`: mean, scale, out_mean, out_scale, and w0, b0, w1, ... of the layers."""
-        wide = {name: np.asarray(array, float) for name, array in arrays.items()}
-        self._mean, self._scale = wide["mean"], wide["scale"]
-        self._out_mean, self._out_scale = wide["out_mean"], wide["out_scale"]
-        count = sum(name.startswith("w") for name in wide)
-        self._layers = [(wide[f"w{i}"], wide[f"b{i}"]) for i in range(count)]
 
-    @classmethod
-    def load(cls, path: Path) -> PoseNetwork:
-        """From a file.
+class PoseNetwork(Regressor):
+    """Rectified layers; see Regressor for its arrays."""
 
-        Raises:
-            ConfigurationError: there is none, or it is no network.
-        """
-        if not path.is_file():
-            raise ConfigurationError(f"the learned feature has no weights at {path}: {MAKE}")
-        try:
-            with np.load(path, allow_pickle=False) as file:
-                return cls(dict(file))
-        except (OSError, ValueError, KeyError) as error:
-            raise ConfigurationError(f"{path} holds no network ({error}): {MAKE}") from None
+    what, make = "the learned feature", MAKE
+    activation = staticmethod(_rectified)
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Logarithm (6,) of the pose that an input shows: m and rad, see `pictures`."""
-        values = (x - self._mean) / self._scale
-        for w, b in self._layers[:-1]:
-            values = np.maximum(values @ w + b, 0.0)
-        w, b = self._layers[-1]
-        return (values @ w + b) * self._out_scale + self._out_mean
+        return self.answer(x)
 
 
 class LearnedPose(Feature):
@@ -160,24 +141,11 @@ def pictures(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
     """Arrays of a PoseNetwork that answers y (n, 6) to x (n, k); ExperimentError: no library."""
-    try:
-        from sklearn.neural_network import MLPRegressor
-    except ImportError:
-        raise ExperimentError(
-            "training needs scikit-learn: pip install -r requirements/bench.txt"
-        ) from None
-    mean, scale = x.mean(axis=0), np.maximum(x.std(axis=0), 1e-6)
-    out_mean, out_scale = y.mean(axis=0), y.std(axis=0)
-    network = MLPRegressor(
-        hidden_layer_sizes=HIDDEN, activation="relu", solver="adam", alpha=1e-4, batch_size=100,
-        learning_rate_init=1e-3, max_iter=EPOCHS, tol=0.0, n_iter_no_change=EPOCHS,
-        random_state=seed,
+    return fitted(
+        x, y, 1e-6, np.float16, hidden_layer_sizes=HIDDEN, activation="relu", solver="adam",
+        alpha=1e-4, batch_size=100, learning_rate_init=1e-3, max_iter=EPOCHS, tol=0.0,
+        n_iter_no_change=EPOCHS, random_state=seed,
     )  # fmt: skip
-    network.fit((x - mean) / scale, (y - out_mean) / out_scale)
-    arrays = {"mean": mean, "scale": scale, "out_mean": out_mean, "out_scale": out_scale}
-    for i, (w, b) in enumerate(zip(network.coefs_, network.intercepts_, strict=True)):
-        arrays[f"w{i}"], arrays[f"b{i}"] = w.astype(np.float16), b.astype(np.float32)
-    return arrays
 
 
 def _smaller(camera: CameraModel) -> CameraModel:

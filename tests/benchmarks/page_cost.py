@@ -78,6 +78,7 @@ def watch(stop: threading.Event, told: list[int]) -> None:
             message = await viewer.read_message()
             if message is None:
                 raise SystemExit("the page has gone")
+            await viewer.write_message("seen")
             told[0], told[1] = told[0] + 1, told[1] + len(message)
         viewer.close()
 

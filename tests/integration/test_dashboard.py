@@ -46,11 +46,13 @@ class Viewer:
         while (message := await self._socket.read_message()) is not None:
             if isinstance(message, bytes):
                 self.pictures.append(message)
+                await self._socket.write_message("seen")
                 continue
             data = json.loads(message)
             if data["kind"] == "answer":
                 self.answers.append(data)
                 continue
+            await self._socket.write_message("seen")
             self.news += 1
             self.samples += [row for row in data.pop("samples", []) if row[0] != "clear"]
             self.shapes |= data.pop("shapes", {})
@@ -146,7 +148,8 @@ def test_a_run_is_seen_from_its_start(viewer, graph, launch):
     assert told["limits"]["names"] == ["gantry", "J1", "J2", "J3", "J5", "J6"]
     assert told["names"] == ["xn", "yn", "an", "alpha"]
     assert told["state"]["gains"] == {"gain": 5.0}
-    assert told["state"]["scheme"] == "moments"
+    given = told["state"]
+    assert (given["scheme"], given["start"], given["camera"]) == ("moments", "2016", "original")
     assert 0.0 < told["factor"] < 2.0
     assert len(viewer.samples) > 30
     errors = [row[1] for row in viewer.samples if row[1]]
@@ -328,6 +331,7 @@ def test_another_scheme_and_a_moved_goal(viewer):
 def test_another_camera(viewer):
     done, text = viewer.ask("camera", preset="wide", timeout=90.0)
     assert done, text
+    wait_for(lambda: viewer.told["state"]["camera"] == "wide", 20.0, "the camera's name")
     count = len(viewer.pictures)
     wait_for(lambda: len(viewer.pictures) > count + 3, 60.0, "pictures of the new camera")
     wait_for(lambda: viewer.told["factor"] is not None, 60.0, "joint states")

@@ -96,6 +96,57 @@ def test_what_is_pressed_is_asked_for_and_answered(page, host):
     assert host.asked[1].given == {"name": "gain", "value": pytest.approx(2.0, rel=0.05)}
 
 
+def test_what_may_be_chosen_shows_what_runs_until_another_is_chosen(page, host):
+    def shown(what: str) -> str:
+        return page.js(f"document.getElementById('choose-{what}').value")
+
+    assert (shown("scheme"), shown("start"), shown("camera")) == ("moments", "2016", "original")
+    page.js("""(() => { const s = document.getElementById("choose-scheme"); s.value = "points";
+        s.dispatchEvent(new Event("change")); })()""")
+    host.page.choices = {**host.page.choices, "goals": ["auto", "2016", "mine"]}
+    page.wait("document.getElementById('choose-goal').length === 3")
+    assert (shown("scheme"), shown("start")) == ("points", "2016")
+    # Somebody else, or the button, has begun another: that is shown.
+    host.page.state = {**host.page.state, "scheme": "points", "start": "2015"}
+    page.wait("document.getElementById('choose-start').value === '2015'")
+    host.page.state = {**host.page.state, "scheme": "moments"}
+    page.wait("document.getElementById('choose-scheme').value === 'moments'")
+
+
+def test_no_drawing_begins_before_the_last_is_there_and_none_without_a_change(page, host):
+    page.js("""window.draws = 0; window.go = null; (() => { const scene = arasPage.scene;
+        scene.draw = () => { window.draws += 1; };
+        scene._drawn = () => new Promise((go) => { window.go = go; }); })()""")
+    host.move()
+    page.wait("window.go !== null")
+    page.js("for (let i = 0; i < 50; i++) arasPage.scene.ask()")
+    page.js("new Promise((go) => setTimeout(go, 300))")
+    assert page.js("window.draws") == 1
+    page.js("window.go()")
+    page.wait("window.draws === 2")  # one for all that was asked for
+    page.js("delete arasPage.scene.draw; delete arasPage.scene._drawn; window.go()")
+    page.wait("!arasPage.scene.drawing")
+    assert page.js("""(() => { const scene = arasPage.scene; let asked = 0;
+        scene.ask = () => { asked += 1; };
+        scene.setJoints({...scene.drawn}); const still = asked;
+        scene.setJoints(Object.fromEntries(Object.entries(scene.drawn).map(([n, q]) =>
+            [n, q + 0.001]))); delete scene.ask; return [still, asked]; })()""") == [0, 1]
+
+
+def test_every_curve_has_its_name_however_small_the_plot(page):
+    """What is written into a narrow plot: all names, if need be without their values."""
+    written = page.js("""import('/plots.js').then((m) => {
+        const c = document.createElement("canvas");
+        c.style = "width: 250px; height: 120px"; document.body.append(c);
+        const plot = new m.Plot(c, (s) => s[1]); plot.names = ["xn", "yn", "an", "alpha"];
+        const context = c.getContext("2d"), texts = [], plain = context.fillText;
+        context.fillText = (text, x, y) => { if (y === 8) texts.push([text, x]); };
+        plot.draw([[0, [0.1, -0.2, 0.3, -1.5]], [1, [0.1, -0.2, 0.3, -1.5]]]);
+        c.remove(); return texts; })""")
+    assert [text.split()[0] for text, _ in written] == ["xn", "yn", "an", "alpha"]
+    assert all(52 <= x < 244 for _, x in written)
+
+
 def test_a_key_drives_the_camera_as_long_as_it_is_held(page, host):
     host.asked.clear()
     page.js("""document.getElementById("scene").dispatchEvent(

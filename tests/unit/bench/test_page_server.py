@@ -2,6 +2,7 @@
 
 import asyncio
 import base64
+import contextlib
 import json
 import socket
 import urllib.error
@@ -13,6 +14,7 @@ import pytest
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
+from aras_visual_servo_bench.live.outbox import AHEAD
 from aras_visual_servo_bench.live.page import KEPT, Page
 from aras_visual_servo_bench.live.robot_model import robot_model
 from aras_visual_servo_bench.live.server import PortTakenError, bound
@@ -144,6 +146,36 @@ def test_viewers_are_counted_and_nothing_is_worked_out_without_them(server, host
             break
         socket.create_connection(("127.0.0.1", server.access.port)).close()
     assert host.viewers == [1, 0]
+
+
+def test_who_has_not_seen_the_last_is_told_no_more_and_then_all_of_it(server, host):
+    async def run():
+        access = server.access
+        viewer = await websocket_connect(
+            f"ws://127.0.0.1:{access.port}/live?token={access.token}")
+        heard = []
+        with contextlib.suppress(asyncio.TimeoutError):
+            while True:
+                heard.append(await asyncio.wait_for(viewer.read_message(), 2.0))
+        count = len(host.page.whole()["samples"])
+        for _ in range(5):
+            host.move()
+        await asyncio.sleep(0.5)
+        for _ in range(AHEAD):
+            await viewer.write_message("seen")
+        last = json.loads(await asyncio.wait_for(viewer.read_message(), 20))
+        picture = await asyncio.wait_for(viewer.read_message(), 20)
+        # Asking is answered however much is unseen.
+        await viewer.write_message('{"do": "start"}')
+        while not isinstance(answer := await viewer.read_message(), str) or "answer" not in answer:
+            pass
+        viewer.close()
+        return heard, count, last, picture
+
+    heard, count, last, picture = asyncio.run(run())
+    assert len(heard) == AHEAD and count
+    assert len(last["samples"]) == 5 and "camera picture" in last["shapes"]
+    assert picture.startswith(b"\xff\xd8")
 
 
 def test_a_taken_port_is_said_and_the_next_one_is_taken():

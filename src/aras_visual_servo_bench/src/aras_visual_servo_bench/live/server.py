@@ -25,6 +25,7 @@ import tornado.websocket
 
 from ..errors import BenchError
 from .access import Access
+from .outbox import SEEN, Outbox, text_of
 from .page import Page
 from .requests import LARGEST, RefusedError, Request, read_request
 
@@ -34,7 +35,7 @@ PICTURE_RATE = 10.0
 PORTS = 20  # tried one after the other, where the first is taken
 VIEWERS = 8  # at most; each costs its part of a core
 ASKED = 8  # requests of one viewer at a time
-UNREAD = 2_000_000  # bytes that a viewer may lag behind before it is left out of a round
+UNREAD = 2_000_000  # bytes of answers that a viewer may leave unread before it hears no more
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
     "img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
@@ -177,18 +178,17 @@ class Server:
 
     def tick(self) -> None:
         """Tell all viewers what is new."""
-        text = json.dumps(self.host.news(), separators=(",", ":"))
-        self._send(text)
+        news = self.host.news()
+        text = text_of(news)
+        for viewer in list(self.viewers):
+            viewer.outbox.news(news, text)
 
     def show(self) -> None:
         """Show all viewers the new picture."""
         picture = self.host.picture()
         if picture is not None:
-            self._send(picture)
-
-    def _send(self, message: str | bytes) -> None:
-        for viewer in list(self.viewers):
-            viewer.tell(message)
+            for viewer in list(self.viewers):
+                viewer.outbox.picture(picture)
 
 
 class Guarded(tornado.web.RequestHandler):
@@ -288,6 +288,7 @@ class Viewer(tornado.websocket.WebSocketHandler):
 
     def initialize(self, server: Server) -> None:
         self.server = server
+        self.outbox = Outbox(self.tell)
         self._busy = 0
 
     def check_origin(self, origin: str) -> bool:
@@ -309,13 +310,13 @@ class Viewer(tornado.websocket.WebSocketHandler):
     def open(self, *_: str) -> None:
         self.set_nodelay(True)
         self.server.came(self)
-        self.tell(json.dumps(self.server.host.page.whole()))
+        self.outbox.news(self.server.host.page.whole())
 
     def on_close(self) -> None:
         self.server.went(self)
 
     def tell(self, message: str | bytes) -> None:
-        """Send; a viewer that does not read is left out until it does."""
+        """Send; a viewer that asks and never reads is left out until it does."""
         stream = self.ws_connection.stream if self.ws_connection else None
         if stream is None or len(stream._write_buffer) > UNREAD:
             return
@@ -326,6 +327,9 @@ class Viewer(tornado.websocket.WebSocketHandler):
 
     def on_message(self, message: str | bytes) -> None:
         """Have a request carried out; meanwhile the socket goes on being read, pongs included."""
+        if message == SEEN:
+            self.outbox.seen()
+            return
         if self._busy >= ASKED:
             text = f"{ASKED} requests are being carried out: wait for them"
             self.tell(json.dumps({"kind": "answer", "do": None, "done": False, "text": text}))

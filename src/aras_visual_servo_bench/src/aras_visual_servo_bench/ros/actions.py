@@ -32,6 +32,7 @@ from aras_visual_servo_controller.schemes.registry import SCHEMES
 from aras_visual_servo_controller.settings import Settings
 
 from ..live.requests import RefusedError
+from .described import preset_of
 from .keeping import LOGGED
 from .listener import Listener
 from .processes import Launch
@@ -42,6 +43,7 @@ CAMERA_PARAMETERS = "/gazebo/cameras/labrob/camera"
 PATIENCE = 5.0  # s of wall time for a service to be there
 START = 60.0  # s of wall time for nodes to come up; their loops may have to be compiled first
 STRICT = 2
+BEGIN = {"scheme": "moments", "law": "proportional", "start": "2016", "goal": "auto"}
 
 
 class Actions:
@@ -57,7 +59,7 @@ class Actions:
         self.chosen: dict[str, str] = {}
         self._nodes: Launch | None = None
         self._packages = rospkg.RosPack()
-        self._descriptions: set[str] = set()
+        self._camera: tuple[dict[str, Any] | None, str] = None, ""  # its settings, and their name
         rospy.Subscriber(f"{CONTROLLER}/gains/parameter_updates", Config, self._on_gains)
 
     def choices(self) -> dict[str, list[str]]:
@@ -81,16 +83,24 @@ class Actions:
         }
 
     def given(self) -> dict[str, str]:
-        """What the controller node runs with, as far as it is to be chosen."""
+        """What runs now, as far as it is to be chosen; where no nodes run, what they begin with."""
         names = {"scheme": "scheme", "law": "law", "start": "start", "desired": "goal"}
         try:
             parameters = rospy.get_param(CONTROLLER, {})
+            camera = self._camera_name(rospy.get_param(CAMERA_PARAMETERS, {}))
         except OSError:
             return {}
-        found = {"law": "proportional", **self.chosen}
+        found = {**BEGIN, "camera": camera, **self.chosen}
         if isinstance(parameters, dict):
             found |= {names[k]: str(v) for k, v in parameters.items() if k in names}
         return found
+
+    def _camera_name(self, settings: dict[str, Any]) -> str:
+        """Of the shipped preset that the robot's camera has; '' where it is another."""
+        if self._camera[0] != settings:
+            preset = preset_of(settings)
+            self._camera = settings, preset if isinstance(preset, str) else ""
+        return self._camera[1]
 
     # -- the simulator and the loop ----------------------------------------------------------
 

@@ -50,9 +50,14 @@ function connect() {
   let opened = false;
   socket.onopen = () => { opened = true; link("connected", true); };
   socket.onmessage = (event) => {
-    if (window.arasPage.still) return;
-    if (typeof event.data === "string") hear(JSON.parse(event.data));
-    else picture(event.data);
+    const message = typeof event.data === "string" ? JSON.parse(event.data) : null;
+    try {
+      if (window.arasPage.still) return;
+      if (message === null) picture(event.data);
+      else hear(message);
+    } finally {
+      if (message === null || message.kind !== "answer") event.target.send("seen");  // the next
+    }
   };
   socket.onclose = async () => {
     link("no connection", false);
@@ -171,28 +176,35 @@ async function picture(bytes) {
 
 // -- what may be chosen ------------------------------------------------------------------
 
+const CHOSEN = ["scheme", "law", "start", "goal", "camera", "target"];
+for (const id of CHOSEN) {
+  const select = $(`choose-${id}`);
+  select.addEventListener("change", () => { select.dataset.own = select.value; });
+}
+
 function choices(given) {
   state.choices = given;
   for (const [id, kind, current] of [
     ["scheme", "schemes", "scheme"], ["law", "laws", "law"], ["start", "starts", "start"],
     ["goal", "goals", "goal"], ["camera", "cameras", "camera"], ["target", "targets", "target"],
   ]) {
-    const select = $(`choose-${id}`), before = select.value;
+    const select = $(`choose-${id}`), own = select.dataset.own;
     select.textContent = "";
     for (const name of given[kind] || []) select.add(new Option(name, name));
-    const wanted = (given[kind] || []).includes(before) ? before : state.values[current];
+    const wanted = (given[kind] || []).includes(own) ? own : state.values[current];
     if (wanted) select.value = wanted;
   }
   $("target").disabled = !(given.targets || []).length;
 }
 
 function values(given) {
-  const first = !Object.keys(state.values).length;
+  const before = state.values;
   state.values = given;
-  if (first) {
-    for (const id of ["scheme", "law", "start", "goal", "camera", "target"]) {
-      if (given[id]) $(`choose-${id}`).value = given[id];
-    }
+  for (const id of CHOSEN) {  // what runs now is shown, until another is chosen here
+    const select = $(`choose-${id}`);
+    if (!given[id] || given[id] === before[id]) continue;
+    delete select.dataset.own;
+    select.value = given[id];
   }
   gains(given.gains || {});
   robot(given.robot);

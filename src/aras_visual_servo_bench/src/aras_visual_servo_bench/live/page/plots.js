@@ -3,6 +3,13 @@
 export const COLOURS = ["#56b4e9", "#e69f00", "#00bf8c", "#cc79a7", "#f0e342", "#ff7b5a", "#b4a7ff", "#c8d0dc"];
 const SPAN = 20, LEAST = 4;  // s that are shown, at most and at least
 const MOST = 8;   // curves with a name; the others are thin
+const GAP = 12;   // pixels between two names
+
+/** A value behind its name; nothing where there is none. */
+function said(value, digits) {
+  if (value === null || value === undefined) return "";
+  return ` ${value.toFixed(digits).replace(/^-(0\.0*)$/, "$1")}`;
+}
 
 /** Ticks between two bounds: round numbers, about `count` of them. */
 export function ticks(low, high, count) {
@@ -47,7 +54,7 @@ export class Plot {
     const X = (t) => left + (t - first) / (last - first) * (right - left);
     const Y = (v) => bottom - (v - low) / (high - low) * (bottom - top);
     c.textBaseline = "middle";
-    const marks = ticks(low, high, 4);
+    const marks = ticks(low, high, Math.max(2, (bottom - top) / 20));
     for (const v of marks.found) {
       c.strokeStyle = Math.abs(v) < 1e-12 ? "#56627a" : "#28303c";
       c.beginPath(); c.moveTo(left, Y(v)); c.lineTo(right, Y(v)); c.stroke();
@@ -81,16 +88,21 @@ export class Plot {
     if (this.dashed) curves(this.dashed, [4, 3], 0.75);
     curves(this.pick, [], 1);
     c.restore();
-    let x = left;
     c.textAlign = "left";
     const values = shown.length ? this.pick(shown[shown.length - 1]) : [];
-    this.names.slice(0, MOST).forEach((name, i) => {
-      const value = values[i];
-      const text = name + (value === null || value === undefined ? "" : ` ${value.toFixed(4).replace(/^-(0\.0*)$/, "$1")}`);
+    const named = this.names.slice(0, MOST), across = right - left + GAP;
+    // With as many digits as there is room for, rather none than a name left out.
+    const widths = (texts) => texts.reduce((sum, text) => sum + c.measureText(text).width + GAP, 0);
+    let texts = named;
+    for (const digits of [4, 3, 2, 1]) {
+      const longer = named.map((name, i) => name + said(values[i], digits));
+      if (widths(longer) <= across) { texts = longer; break; }
+    }
+    let x = left;
+    texts.forEach((text, i) => {
       c.fillStyle = COLOURS[i % COLOURS.length];
-      if (x + c.measureText(text).width > right) return;
       c.fillText(text, x, 8);
-      x += c.measureText(text).width + 12;
+      x += c.measureText(text).width + GAP;
     });
   }
 }

@@ -24,7 +24,10 @@ void main() {
   gl_Position = a + vec4(across * side * width / size * a.w, -0.0005 * a.w, 0.0);
   tone = colour;
 }`;
-const SLOW = 120;  // ms from asking for a drawing to drawing
+const LATE = 40, SLOW = 120;  // ms a drawing takes where it is rested from, and where it is coarser
+const REST = 3, LONGEST = 1000;  // parts of a drawing's time without one after it; ms, at most
+const STILL = 1e-4;  // rad or m by which joints move without being drawn anew
+const sleep = (time) => new Promise((go) => setTimeout(go, time));
 const FRAGMENT = "precision mediump float; varying vec4 tone; void main() { gl_FragColor = tone; }";
 
 const multiply = (a, b) => {  // 4 x 4, row by row
@@ -73,14 +76,17 @@ export function linkPoses(robot, positions) {
 export class Scene {
   constructor(canvas) {
     this.canvas = canvas;
-    this.robot = null; this.meshes = []; this.poses = {}; this.shapes = {}; this.lines = {};
+    this.robot = null; this.meshes = []; this.poses = {}; this.drawn = {};
+    this.shapes = {}; this.lines = {};
     this.views = {
       all: { middle: [0, 0, 0.9], distance: 4.3, yaw: 0.75, pitch: 0.38 },
       run: { middle: [0, 0, 0.78], distance: 1.25, yaw: 0.95, pitch: 0.36 },
     };
     this.view = { ...this.views.run };
     this.finest = 2; this.slow = 0;  // most pixels for one of the page's, and slow drawings in a row
-    const gl = canvas.getContext("webgl", { antialias: true, preserveDrawingBuffer: true });
+    this.wanted = this.drawing = false;
+    const given = { antialias: true, preserveDrawingBuffer: true };
+    const gl = canvas.getContext("webgl2", given) || canvas.getContext("webgl", given);
     if (!gl) throw new Error("this browser has no WebGL: the scene is not drawn, all else works");
     this.gl = gl;
     gl.getExtension("OES_element_index_uint");
@@ -99,7 +105,7 @@ export class Scene {
   setRobot(robot) {
     const gl = this.gl;
     for (const mesh of this.meshes) gl.deleteBuffer(mesh.buffer);
-    this.robot = robot; this.meshes = [];
+    this.robot = robot; this.meshes = []; this.poses = {}; this.drawn = {};
     for (const [link, parts] of Object.entries(robot.links)) {
       for (const part of parts) {
         const bytes = Uint8Array.from(atob(part.corners), (c) => c.charCodeAt(0));
@@ -113,7 +119,11 @@ export class Scene {
   }
 
   setJoints(positions) {
-    if (this.robot) this.poses = linkPoses(this.robot, positions);
+    if (!this.robot) return;
+    const moved = Object.entries(positions).some(([name, q]) => !(Math.abs(q - this.drawn[name]) < STILL));
+    if (!moved && Object.keys(this.poses).length) return;
+    this.drawn = positions;
+    this.poses = linkPoses(this.robot, positions);
     this.ask();
   }
 
@@ -197,15 +207,39 @@ export class Scene {
 
   /** Draw when the browser next does; not at all while nobody sees it. */
   ask() {
-    if (this.asked) return;
-    this.asked = performance.now();
-    requestAnimationFrame(() => {
-      // Where no graphics card draws, fewer pixels keep the page alive.
-      this.slow = performance.now() - this.asked > SLOW ? this.slow + 1 : 0;
-      if (this.slow > 8 && this.finest > 0.5) { this.finest *= 0.75; this.slow = 0; }
-      this.asked = 0;
-      if (!this.lost) this.draw();
-    });
+    this.wanted = true;
+    if (!this.drawing) this._drawing();
+  }
+
+  /** One drawing after the other: none begins before the last is there, else they would queue up. */
+  async _drawing() {
+    this.drawing = true;
+    try {
+      while (this.wanted && !this.lost) {
+        await new Promise(requestAnimationFrame);
+        this.wanted = false;
+        const begin = performance.now();
+        this.draw();
+        await this._drawn(begin);
+        const took = performance.now() - begin;
+        // Where no graphics card draws, fewer pixels keep the page alive, and pauses leave the
+        // processor to the simulator.
+        this.slow = took > SLOW ? this.slow + 1 : 0;
+        if (this.slow > 8 && this.finest > 0.5) { this.finest *= 0.75; this.slow = 0; }
+        if (took > LATE) await sleep(Math.min(REST * took, LONGEST));
+      }
+    } finally { this.drawing = false; }
+  }
+
+  /** Until the graphics card, or who stands in for it, has drawn all that it was told. */
+  async _drawn(begin) {
+    const gl = this.gl;
+    if (!gl.fenceSync) return;  // WebGL 1
+    const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+    while (fence && !gl.isContextLost() && performance.now() - begin < 10 * LONGEST
+      && gl.getSyncParameter(fence, gl.SYNC_STATUS) !== gl.SIGNALED) await sleep(4);
+    gl.deleteSync(fence);
   }
 
   _eye() {

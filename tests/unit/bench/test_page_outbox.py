@@ -1,0 +1,87 @@
+"""A viewer that is slow: what it is told comes late, in one piece, and nothing of it is lost."""
+
+import json
+
+import pytest
+
+from aras_visual_servo_bench.live.outbox import AHEAD, Outbox, merged
+from aras_visual_servo_bench.live.page import KEPT
+
+
+def news(stamp, **more):
+    return {"kind": "news", "stamp": stamp, **more}
+
+
+@pytest.fixture
+def sent():
+    return []
+
+
+@pytest.fixture
+def outbox(sent):
+    return Outbox(lambda m: sent.append(m if isinstance(m, bytes) else json.loads(m)))
+
+
+def test_who_keeps_up_is_told_everything_at_once(outbox, sent):
+    for i in range(20):
+        outbox.news(news(i))
+        outbox.picture(bytes([i]))
+        assert sent == [news(i), bytes([i])]
+        sent.clear()
+        outbox.seen()
+        outbox.seen()
+
+
+def test_the_text_that_is_there_already_is_not_made_again(sent):
+    Outbox(sent.append).news(news(1.0), "as it is")
+    assert sent == ["as it is"]
+
+
+def test_who_is_slow_gets_the_last_of_everything_in_one(outbox, sent):
+    for i in range(AHEAD):
+        outbox.news(news(i))
+    outbox.news(news(10, told={"phase": "holding"}, samples=[[1.0]], names=["xn"]))
+    outbox.news(news(11, shapes={"path": 1, "goal": 1}))
+    outbox.news(news(12, shapes={"path": None}, samples=[[2.0]], names=["xn"]))
+    outbox.picture(b"first")
+    outbox.picture(b"last")
+    assert sent == [news(i) for i in range(AHEAD)]
+    sent.clear()
+    outbox.seen()
+    assert sent == [news(12, told={"phase": "holding"}, samples=[[1.0], [2.0]], names=["xn"],
+                         shapes={"path": None, "goal": 1})]  # fmt: skip
+    outbox.seen()
+    assert sent[1:] == [b"last"]
+    outbox.seen()
+    assert len(sent) == 2
+    outbox.news(news(13))
+    assert sent[2:] == [news(13)]
+
+
+def test_seen_more_often_than_sent_allows_no_more(outbox, sent):
+    for _ in range(10):
+        outbox.seen()
+    for i in range(10):
+        outbox.news(news(i))
+    assert len(sent) == AHEAD
+
+
+def test_plots_that_begin_anew_forget_what_was_before(outbox, sent):
+    both = merged(news(1, samples=[[5.0], [6.0]]), news(2, samples=[["clear"], [0.1]]))
+    assert both["samples"] == [["clear"], [0.1]]
+    assert merged(both, news(3, samples=[[0.2]]))["samples"] == [["clear"], [0.1], [0.2]]
+
+
+def test_everything_and_then_some_is_everything():
+    whole = {"kind": "whole", "stamp": 1.0, "samples": [], "shapes": {"path": 1}}
+    assert merged(whole, news(2.0, samples=[[1.0]])) == {
+        "kind": "whole", "stamp": 2.0, "samples": [[1.0]], "shapes": {"path": 1}}
+
+
+def test_who_never_looks_fills_no_memory(outbox, sent):
+    for i in range(3 * KEPT):
+        outbox.news(news(i, samples=[[float(i)]]))
+    outbox.seen()
+    rows = sent[-1]["samples"]
+    assert rows[0] == ["clear"] and len(rows) == KEPT + 1
+    assert rows[-1] == [3.0 * KEPT - 1.0]

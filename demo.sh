@@ -58,7 +58,6 @@ name='[A-Za-z_][A-Za-z0-9_]*'
 [[ -z $gain || $gain =~ ^$number$ ]] || fail "--gain is a number above 0, not $gain"
 presets=$root/src/aras_visual_servo_gazebo/config/cameras
 [[ -f $presets/$camera.yaml ]] || fail "--camera: there is no preset $presets/$camera.yaml"
-[[ ${#rviz[@]} == 0 || -n ${DISPLAY-} ]] || fail "--rviz needs a display, and DISPLAY is not set"
 # Made here, not after a minute of work: a folder that cannot be written is told at once.
 mkdir -p -- "$out" && out=$(cd -- "$out" && pwd) && [[ -w $out ]] || fail "--out: cannot write to $out"
 

@@ -42,7 +42,6 @@ def test_help_names_every_option(script: str) -> None:
         (["--scheme"], "--scheme needs a value"),
         (["--camera=pinhole"], "--camera: there is no preset"),
         (["--fast"], "unknown argument --fast"),
-        (["--rviz"], "--rviz needs a display"),
         (["--out", "/dev/null/x"], "--out: cannot write to /dev/null/x"),
     ],
 )

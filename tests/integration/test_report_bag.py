@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import cv2
+import genpy.dynamic
 import numpy as np
 import pytest
 import rosbag
@@ -372,6 +374,41 @@ def test_of_a_bag_that_was_cut_off_is_told_what_is_there(tmp_path, kept):
     assert 0.5 * kept * there < len(record.run.stamp) <= there
     assert cut.read_bytes() == before  # nothing is done to the file
     assert write_report([record], tmp_path / "out", ())[0].is_file()
+
+
+def of_another_version(source, target, topic, without):
+    """A copy of a bag in which the messages of a topic were defined without a field."""
+    definition, older = "", None
+    with rosbag.Bag(str(source)) as there, rosbag.Bag(str(target), "w") as copy:
+        for name, message, time in there:
+            if name == topic:
+                if older is None:
+                    definition = re.sub(rf"^\S+ +{without}\b.*\n", "", message._full_text,
+                                        flags=re.MULTILINE)  # fmt: skip
+                    assert definition != message._full_text
+                    older = genpy.dynamic.generate_dynamic(message._type, definition)[message._type]
+                message = older(*(getattr(message, field) for field in older.__slots__))
+            copy.write(name, message, time)
+    return target
+
+
+def test_a_bag_of_another_version_is_named_or_told_without_what_it_lacks(tmp_path):
+    whole = tmp_path / "whole.bag"
+    write_run(whole)
+    state, report = f"{NAMESPACE}/controller/state", f"{NAMESPACE}/controller/diagnosis"
+    without = of_another_version(whole, tmp_path / "a.bag", state, "desired_features")
+    with pytest.raises(BenchError, match=f"{state} is of another version .* without desired_f"):
+        read_bag(without)
+    without = of_another_version(whole, tmp_path / "b.bag", report, "manipulability")
+    record = read_bag(without)
+    assert f"{report} is of another version" in "".join(record.notes)
+    assert not np.isfinite(record.details.manipulability).any()
+    assert record.run.stamp == pytest.approx(read_bag(whole).run.stamp)
+    # What was added later and is not needed is not missed.
+    without = of_another_version(whole, tmp_path / "c.bag", report, "filtered_error")
+    record = read_bag(without)
+    assert not any("another version of" in note for note in record.notes)
+    assert np.isfinite(record.details.manipulability).any()
 
 
 def test_bags_that_cannot_be_reported_on_are_named(tmp_path):

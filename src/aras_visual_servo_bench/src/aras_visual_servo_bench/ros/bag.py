@@ -32,6 +32,15 @@ STATE, REPORT, MOMENTS = (
 JOINTS, INFO, METRICS = (
     "sensor_msgs/JointState", "sensor_msgs/CameraInfo", "gazebo_msgs/PerformanceMetrics",
 )
+# What a report is made of; other versions of the messages may lack it.
+USED = {
+    STATE: ("header", "scheme", "phase", "reason", "feature_names", "features", "desired_features",
+            "error", "camera_twist", "joint_names", "joint_commands", "singular_values"),
+    REPORT: ("header", "outcome", "reason", "mend", "achieved", "rank", "singular_values_l",
+             "manipulability", "scale", "computing"),
+    MOMENTS: ("header", "valid", "order", "m", "mu"),
+    METRICS: ("header", "real_time_factor"),
+}  # fmt: skip
 IMAGE, COMPRESSED = "sensor_msgs/Image", "sensor_msgs/CompressedImage"
 BACK = 500_000_000  # ns by which stamps may be out of order without a clock that was put back
 EXPERIMENT = "experiment"  # last part of the topic's name
@@ -176,6 +185,7 @@ class Reader:
         began = self._began()
         wanted = [topic for topic in (*takers, t.image) if topic in self._counts]
         total, done = sum(self._counts[topic] for topic in wanted) or 1, 0
+        asked: dict[str, bool] = {}
         for topic, message, time in self._bag.read_messages(wanted, raw=True):
             done += 1
             if done % 500 == 0:
@@ -186,7 +196,27 @@ class Reader:
             if topic == t.image:
                 self.stamps.append((1e-9 * _stamp(data), time.to_sec(), time))
                 continue
-            takers[topic](unpacked(message))
+            if topic not in asked:
+                asked[topic] = self._is_of_this_version(topic, message)
+            if asked[topic]:
+                takers[topic](unpacked(message))
+
+    def _is_of_this_version(self, topic: str, raw: tuple) -> bool:
+        """Whether messages, which are read as the bag defines them, have what is made use of.
+
+        Raises:
+            BenchError: the controller's states do not.
+        """
+        name, _, _, _, kind = raw
+        missing = [field for field in USED.get(name, ()) if field not in kind.__slots__]
+        if not missing:
+            return True
+        without = f"{topic} is of another version of {name}, without {', '.join(missing)}"
+        if name == STATE:
+            raise BenchError(f"{self.path}: {without}; report on it with the version of this "
+                             "software that recorded it")  # fmt: skip
+        self.notes.append(f"{without}: it is left out")
+        return False
 
     def _began(self) -> tuple | None:
         """Where in the file the clock was last put back, None: never. From there on is one run."""

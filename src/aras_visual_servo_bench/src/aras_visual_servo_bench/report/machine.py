@@ -21,7 +21,7 @@ def joint_positions(records: Sequence[Record]) -> Figure | None:
     if not records:
         return None
     names, single = records[0].run.joint_names, len(records) == 1
-    figure, axes = canvas(len(names), 2, each=1.25)
+    figure, axes = canvas(len(names), 2, each=1.25, wide=True)
     for j, name in enumerate(names):
         place, speed = axes[j]
         for record, colour in zip(records, colours(records), strict=True):

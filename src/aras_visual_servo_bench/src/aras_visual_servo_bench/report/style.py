@@ -19,7 +19,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 START, GOAL, LIMIT, INK, FAINT = "#d55e00", "#009e73", "#b3261e", "#333333", "#9aa0a6"
 STYLE = {
-    "figure.figsize": (7.2, 4.5),
+    "figure.figsize": (7.2, 4.5),  # inches; what is wide takes the page's whole width
     "figure.dpi": 110,
     "savefig.dpi": 150,
     "figure.facecolor": "white",
@@ -69,6 +69,7 @@ PAPER = {
     "pdf.fonttype": 42,
     "ps.fonttype": 42,
 }
+WIDE = 12.0  # inches, of figures over the page's whole width: letters as large as elsewhere
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 TIME = "time since servoing began (s)"
 
@@ -85,16 +86,23 @@ def is_paper() -> bool:
     return plt.rcParams["font.family"] == ["serif"]
 
 
-def canvas(rows: int, columns: int = 1, each: float = 1.5) -> tuple[Figure, np.ndarray]:
+def figure_width(wide: bool = False) -> float:
+    """Inches; a paper's column knows no wide figures."""
+    return WIDE if wide and not is_paper() else plt.rcParams["figure.figsize"][0]
+
+
+def canvas(
+    rows: int, columns: int = 1, each: float = 1.5, wide: bool = False
+) -> tuple[Figure, np.ndarray]:
     """Figure of the look's width and its axes (rows, columns) over a common time.
 
     Margins are fixed, in inches: a layout that is worked out from every tick's text takes as long
     as drawing the figure, and moves the axes from one report to the next.
 
     Args:
-        each: height of a row, inches.
+        each: height of a row, inches. wide: over the page's whole width.
     """
-    width, part = plt.rcParams["figure.figsize"][0], 0.66 if is_paper() else 1.0
+    width, part = figure_width(wide), 0.66 if is_paper() else 1.0
     left, right, top, bottom, gap, between = part * np.array([0.92, 0.12, 0.36, 0.52, 0.3, 1.0])
     each = part * each
     height = top + bottom + rows * each + (rows - 1) * gap
@@ -111,10 +119,10 @@ def canvas(rows: int, columns: int = 1, each: float = 1.5) -> tuple[Figure, np.n
     return figure, axes
 
 
-def sheet(height: float, **margins: float) -> tuple[Figure, float]:
+def sheet(height: float, wide: bool = False, **margins: float) -> tuple[Figure, float]:
     """Figure of the look's width and so many inches, and that width; margins as in subplots_adjust,
     in inches."""
-    width = plt.rcParams["figure.figsize"][0]
+    width = figure_width(wide)
     figure = plt.figure(figsize=(width, height))
     part = 0.66 if is_paper() else 1.0
     figure.subplots_adjust(

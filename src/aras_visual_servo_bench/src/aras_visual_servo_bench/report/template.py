@@ -91,7 +91,7 @@ footer { color: var(--soft); font-size: 12.5px; padding: 0 0 30px; }
 {% for row in figures %}
 <div{% if row|length > 1 %} class="pair"{% endif %}>{% for f in row %}
 <section id="{{ f.name }}"><h2>{{ f.title }}</h2>
-<figure{{ ' class=full' if f.name == 'filmstrip' }}>
+<figure{{ ' class=full' if row|length == 1 }}>
 <img alt="{{ f.title }}" src="{{ f.data }}"><figcaption>{{ f.text }}</figcaption></figure></section>
 {% endfor %}</div>
 {% endfor %}

@@ -15,11 +15,23 @@ from aras_visual_servo_controller.arm.poses import rotation_vector
 
 from ..rigid import exponential
 from .record import Record, Tracks, milestones
-from .style import COLOURS, FAINT, GOAL, INK, START, heading, is_paper, sheet
+from .style import (
+    COLOURS,
+    FAINT,
+    GOAL,
+    INK,
+    START,
+    figure_width,
+    heading,
+    is_paper,
+    sheet,
+)
 
 FADED = 0.35  # of a picture's contrast behind curves
 FLATTEST = 0.35  # least extent of an axis, part of the largest
 FRUSTUM = 0.12  # length of a drawn camera, part of the scene
+AROUND = 1.5  # size of the goal's, that the one at the end does not hide it
+EDGE, TITLE = 0.03, 0.3  # inches round a strip of pictures, and above each row
 
 
 def image_trajectory(records: Sequence[Record]) -> Figure | None:
@@ -93,13 +105,15 @@ def filmstrip(records: Sequence[Record]) -> Figure | None:
         return None
     strips = [(r, milestones(r.run) or [r.images.pictures[0][0]]) for r in records]
     columns = max(len(stamps) for _, stamps in strips)
-    width = plt.rcParams["figure.figsize"][0]
-    each = width / columns
     shape = records[0].images.pictures[0][1].shape
+    part = 0.66 if is_paper() else 1.0
+    side, above, gap = part * EDGE, part * TITLE, part * 0.07
+    each = (figure_width(wide=True) - 2.0 * side - (columns - 1) * gap) / columns
     tall = each * shape[0] / shape[1]
-    figure, _ = sheet(len(records) * (tall + 0.36), left=0.03, right=0.03, top=0.3, bottom=0.06)
+    figure, _ = sheet(len(records) * (tall + above) + side, wide=True, left=EDGE, right=EDGE,
+                      top=TITLE, bottom=EDGE)  # fmt: skip
     axes = figure.subplots(len(records), columns, squeeze=False,
-                           gridspec_kw={"wspace": 0.04, "hspace": 0.36 / tall})  # fmt: skip
+                           gridspec_kw={"wspace": gap / each, "hspace": above / tall})  # fmt: skip
     for row, (record, stamps) in zip(axes, strips, strict=True):
         for axis in row[len(stamps) :]:
             axis.set_visible(False)
@@ -114,9 +128,10 @@ def filmstrip(records: Sequence[Record]) -> Figure | None:
                 axis.plot(*np.vstack([wanted, wanted[:1]]).T, color=GOAL, lw=1.1)
             axis.set(xlim=(-0.5, shape[1] - 0.5), ylim=(shape[0] - 0.5, -0.5))
             axis.set_title(f"{stamp - record.began:.2f} s", fontweight="normal", loc="center",
-                           fontsize=7 if is_paper() else 8.5, pad=2)  # fmt: skip
+                           fontsize=7 if is_paper() else 10, pad=3)  # fmt: skip
         if len(records) > 1:
-            row[0].text(0.03, 0.95, record.name, transform=row[0].transAxes, va="top", fontsize=8,
+            row[0].text(0.03, 0.95, record.name, transform=row[0].transAxes, va="top",
+                        fontsize=7 if is_paper() else 10,
                         bbox={"facecolor": "white", "alpha": 0.7, "pad": 0.5, "lw": 0})  # fmt: skip
     return figure
 
@@ -153,8 +168,8 @@ def camera_path(records: Sequence[Record]) -> Figure | None:
         _camera(axis, poses[0], FRUSTUM * size, START if single else colour, "start" if single
                 else None)  # fmt: skip
         if np.isfinite(record.run.goal_pose).all():
-            _camera(axis, record.run.goal_pose, FRUSTUM * size, GOAL, "goal" if number == 0
-                    else None)  # fmt: skip
+            _camera(axis, record.run.goal_pose, AROUND * FRUSTUM * size, GOAL if single else INK,
+                    "goal" if number == 0 else None, "--")  # fmt: skip
         _camera(axis, poses[-1], FRUSTUM * size, colour, "end" if single else None)
     room = 0.5 * FRUSTUM * size
     # A path in a plane is not drawn as a line seen from its edge.
@@ -202,11 +217,12 @@ def _target(axis: Axes, record: Record) -> np.ndarray | None:
     return corners
 
 
-def _camera(axis: Axes, pose: np.ndarray, size: float, colour: str, label: str | None) -> None:
+def _camera(axis: Axes, pose: np.ndarray, size: float, colour: str, label: str | None,
+            line: str = "-") -> None:  # fmt: skip
     """A frustum: its tip where the camera is, opening along its optical axis."""
     rim = size * np.array([[-0.4, -0.3, 1.0], [0.4, -0.3, 1.0], [0.4, 0.3, 1.0], [-0.4, 0.3, 1.0]])
     rim = rim * [1.0, 1.0, 0.7] @ pose[:3, :3].T + pose[:3, 3]
     tip = pose[:3, 3]
-    axis.plot(*np.vstack([rim, rim[:1]]).T, color=colour, lw=1.0, zorder=6, label=label)
+    axis.plot(*np.vstack([rim, rim[:1]]).T, color=colour, lw=1.0, ls=line, zorder=6, label=label)
     for corner in rim:
-        axis.plot(*np.array([tip, corner]).T, color=colour, lw=0.8, zorder=6)
+        axis.plot(*np.array([tip, corner]).T, color=colour, lw=0.8, ls=line, zorder=6)

@@ -148,4 +148,8 @@ class Tab:
         """Close the tab."""
         message = json.dumps({"id": 0, "method": "Page.close"})
         self._run(lambda: self._socket.write_message(message))
-        self._socket.close()
+
+        async def end() -> None:  # in its loop, which the socket asks for
+            self._socket.close()
+
+        self._run(end)

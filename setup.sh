@@ -11,7 +11,7 @@ Prepares a Debian 12 or 13 machine for this workspace, in four steps, each left 
   1. installs the Debian packages it needs (as root or through sudo),
   2. makes the virtual environment .venv from /usr/bin/python3 with the versions in requirements/,
   3. builds the workspace with catkin_make and that interpreter,
-  4. compiles loops (Numba), which the first start would wait for otherwise.
+  4. compiles loops (Numba), which the first start would wait for otherwise; the last two side by side.
 
   --for TIER         how much is installed: `running` is the simulator with its nodes, `demo` also what ./demo.sh
                      draws its plots with, `bench` (default) also experiments without ROS and studies,
@@ -134,6 +134,29 @@ step() {
     fail "this step failed: $text$why" "the whole output is in $log; start again when it is mended: what is done stays done"
 }
 
+# together FUNCTION...: run them side by side, for none of them fills a machine's cores by itself. Each prints in one
+# piece, those that failed last; when this script ends before them they end too.
+together() {
+    local -A groups=()
+    local name failed=()
+    set -m # each is a process group of its own
+    trap 'kill -- "${groups[@]/#/-}" 2>/dev/null || true' EXIT
+    for name in "$@"; do
+        "$name" </dev/null >"build/setup.$name.log" 2>&1 &
+        groups[$name]=$!
+    done
+    set +m
+    for name in "$@"; do
+        wait "${groups[$name]}" && cat "build/setup.$name.log" || failed+=("$name")
+        unset "groups[$name]"
+    done
+    trap - EXIT
+    for name in "${failed[@]}"; do
+        cat "build/setup.$name.log"
+    done
+    ((${#failed[@]} == 0))
+}
+
 cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")"
 root=$PWD
 log=$root/build/setup.log
@@ -247,7 +270,9 @@ fi
 from_it_on=" ${tiers[*]} " # the tiers that hold this one, itself the first
 from_it_on=" $tier ${from_it_on#* "$tier" }"
 if [[ $from_it_on != *" ${having:-none} "* ]]; then
-    step "Installing the Python packages for $tier (requirements/$tier.txt)" pip install -r "requirements/$tier.txt"
+    touch .venv/bytecode.due
+    step "Installing the Python packages for $tier (requirements/$tier.txt)" \
+        pip install --no-compile -r "requirements/$tier.txt"
     printf '%s %s\n' "$base" "$tier" >.venv/setup.stamp
 fi
 
@@ -260,27 +285,47 @@ others=$(ls -d /usr/share/{control_msgs,controller_manager_msgs,gazebo_msgs}/cma
 # Older catkin asks for the one name of the interpreter, CMake's own module for the other.
 arguments=(-DPYTHON_EXECUTABLE="$root/.venv/bin/python" -DPython_EXECUTABLE="$root/.venv/bin/python")
 stamp=$(printf '%s\n' "${arguments[@]}" "$others" | digest "${sources[@]}")
+due=() telling=()
 if [[ $(cat devel/setup.stamp 2>/dev/null) != "$stamp" ]]; then
+    due+=(build)
+    telling+=("building the workspace")
+fi
+build() {
     # CMake refuses a build folder that was configured elsewhere.
     if [[ -e build/CMakeCache.txt ]] && ! grep -qxF "CMAKE_HOME_DIRECTORY:INTERNAL=$root/src" build/CMakeCache.txt; then
-        rm -rf build devel
+        find build -mindepth 1 -maxdepth 1 ! -name 'setup*.log' -exec rm -rf {} + && rm -rf devel
     fi
-    rm -f devel/setup.stamp src/upstream_msgs/*/CATKIN_IGNORE
     # Without --force-cmake a package that has come or gone in /usr would not be noticed.
     # Python and C++ messages are enough; the Lisp ones would take a third of the build.
-    step "Building the workspace" env ROS_LANG_DISABLE=genlisp \
-        catkin_make --force-cmake "${arguments[@]}"
-    printf '%s\n' "$stamp" >devel/setup.stamp
-fi
+    rm -f devel/setup.stamp src/upstream_msgs/*/CATKIN_IGNORE &&
+        ROS_LANG_DISABLE=genlisp catkin_make --force-cmake "${arguments[@]}" &&
+        printf '%s\n' "$stamp" >devel/setup.stamp
+}
 
 # 4. loops; kept beside their sources, and compiled anew when those are newer
 mapfile -t loops < <(grep -rlE '^from .*compiled import' --include='*.py' src/*/src)
-if [[ ! -e devel/loops.stamp || -n $(find "${loops[@]}" -newer devel/loops.stamp -print -quit) ]]; then
-    touch devel/loops.begun
-    libraries=(src/*/src)
-    packages=("${loops[@]#src/*/src/}")
+if [[ ! -e .venv/loops.stamp || -n $(find "${loops[@]}" -newer .venv/loops.stamp -print -quit) ]]; then
+    due+=(compile_loops)
+    telling+=("compiling loops")
+fi
+compile_loops() {
+    local libraries=(src/*/src) packages=("${loops[@]#src/*/src/}")
     mapfile -t packages < <(printf '%s\n' "${packages[@]%%/*}" | sort -u)
-    step "Compiling loops" env PYTHONPATH="$(IFS=:; echo "${libraries[*]}")" \
-        .venv/bin/python -m aras_visual_servo_ros.loops "${packages[@]}"
-    mv devel/loops.begun devel/loops.stamp
+    touch .venv/loops.begun &&
+        PYTHONPATH=$(IFS=:; echo "${libraries[*]}") \
+            .venv/bin/python -m aras_visual_servo_ros.loops "${packages[@]}" &&
+        mv .venv/loops.begun .venv/loops.stamp
+}
+
+# What pip has installed is turned into bytecode by all cores; pip itself would take one.
+[[ ! -e .venv/bytecode.due ]] || due+=(bytecode)
+bytecode() {
+    .venv/bin/python -m compileall -q -q -j 0 .venv/lib || true # some packages carry templates that are no Python
+    rm .venv/bytecode.due
+}
+
+if ((${#due[@]})); then
+    text=$(IFS=,; echo "${telling[*]:-byte-compiling the Python packages}")
+    text=${text//,/, }
+    step "${text^}" together "${due[@]}"
 fi

@@ -180,3 +180,72 @@ def test_a_second_set_up_waits_for_the_first_and_says_so(machine):
     status, text = machine(before=hold)
     told, _, after = text.partition("Another set-up of this workspace is running; waiting")
     assert told == "" and after.index("ended") < after.index("Installing Debian packages")
+
+
+# Set-up's own steps on a machine that has all Debian packages, played: an interpreter that makes
+# itself the virtual environment's, and tells what it is asked for.
+PLAYED = r"""#!/bin/bash
+case "$*" in
+  *version_info*) echo 3.11 ;;
+  -V) echo Python 3.11.2 ;;
+  *"-m venv"*) mkdir -p .venv/bin .venv/lib; cp "$0" .venv/bin/python ;;
+  *) echo "$@" >>asked ;;
+esac
+"""
+ALL_INSTALLED = '#!/bin/bash\nprintf "installed %s\\n" "${@:3}"\n'
+ROOM = "#!/bin/sh\necho Avail; echo 100000\n"
+
+
+def played(tmp_path: Path, loops: str = "", build: str = "") -> dict[str, str]:
+    """Files of such a machine; commands of its compiling and of its catkin_make."""
+    package = tmp_path / "workspace" / "src" / "ours" / "src" / "ours"
+    if not package.exists():
+        shutil.copytree(ROOT / "requirements", tmp_path / "workspace" / "requirements")
+        shutil.copy(ROOT / "setup.sh", tmp_path / "workspace")
+        package.mkdir(parents=True)
+        (package / "loops.py").write_text("from .compiled import compiled\n")
+    compiles = f"  *loops*) {{ {loops or 'true'}; }} && echo loops >>asked ;;\n"
+    builds = f"mkdir -p devel; {{ {build or 'true'}; }} && echo build >>asked\n"
+    return {
+        "/usr/bin/python3": PLAYED.replace("  *)", f"{compiles}  *)"),
+        "/usr/bin/dpkg-query": ALL_INSTALLED, "/usr/bin/df": ROOM,
+        "/usr/bin/catkin_make": f"#!/bin/bash\n{builds}",
+    }  # fmt: skip
+
+
+def meets(own: str, other: str) -> str:
+    """A command that ends well where the other one runs at the same time."""
+    return (f"touch {own}; for t in {{1..200}}; do [[ ! -e {other} ]] || break; sleep 0.1; done; "
+            f"[[ -e {other} ]]")  # fmt: skip
+
+
+def test_workspace_and_loops_are_made_side_by_side_and_only_once(machine, tmp_path):
+    files = played(tmp_path, loops=meets("one", "two"), build=meets("two", "one"))
+    status, text = machine(files)
+    assert status == 0, text
+    assert "Building the workspace, compiling loops ... done" in text
+    asked = (tmp_path / "workspace" / "asked").read_text().splitlines()
+    assert asked.count("loops") == asked.count("build") == 1
+    assert sum("pip" in line and "--no-compile" in line for line in asked) == 1
+    assert sum("compileall" in line for line in asked) == 1
+    assert machine(files) == (0, "")
+    assert (tmp_path / "workspace" / "asked").read_text().splitlines() == asked
+
+
+def test_of_two_steps_side_by_side_the_one_that_failed_is_shown_and_made_again(machine, tmp_path):
+    broken = played(tmp_path, build="seq 50; echo 'a header is missing'; false")
+    status, text = machine(broken)
+    assert status == 1 and "this step failed: Building the workspace, compiling loops" in text
+    assert text.index("a header is missing") < text.index("this step failed")
+    status, text = machine(played(tmp_path))
+    assert status == 0 and "Building the workspace ... done" in text and "loops" not in text
+
+
+def test_an_interrupted_set_up_takes_its_steps_with_it(machine, tmp_path):
+    stopped = "kill -INT $(cat setup.pid); sleep 60; touch late"
+    files = played(tmp_path, build=stopped)
+    status, text = machine(files, before=f"echo $$ >'{tmp_path}/workspace/setup.pid'")
+    assert status != 0 and "done" not in text.rpartition("loops ...")[2]
+    status, text = machine(played(tmp_path))  # it would wait for what the first one left
+    assert status == 0 and "Another set-up" not in text
+    assert not (tmp_path / "workspace" / "late").exists()

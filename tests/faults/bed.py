@@ -119,6 +119,19 @@ class Bed:
             launched.stop()
         self.launches.clear()
 
+    def start_anew(self) -> None:
+        """End what is left, however it ends, and bring everything up again on a master that knows
+        nothing of it."""
+        for launched in reversed(self.launches):
+            with suppress(GraphError):
+                launched.stop()
+        self.launches.clear()
+        with suppress(GraphError):
+            self.master.stop()
+        self.master.start()
+        self.connect()
+        self.start()
+
     # --- what has to be as before ----------------------------------------------------------------
 
     def trouble(self, within: float = RECOVERY) -> list[str]:

@@ -18,8 +18,10 @@ from pathlib import Path
 TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS), str(TESTS / "integration")]
 
+from ros_graph import GraphError  # noqa: E402
+
 from faults import clocks, disk, models, processes, services, servoing, traffic  # noqa: E402
-from faults.bed import Bed, Group  # noqa: E402
+from faults.bed import Bed, Group, UnansweredError  # noqa: E402
 from faults.outcome import Outcome, summary, table  # noqa: E402
 
 GROUPS: tuple[Group, ...] = (
@@ -29,7 +31,8 @@ GROUPS: tuple[Group, ...] = (
 
 
 def run(directory: Path, groups: tuple[Group, ...], scale: float, seed: int) -> list[Outcome]:
-    """Inject the groups, one after another, into a graph of its own."""
+    """Inject the groups, one after another, into a graph of its own; where one of them cannot go
+    on, that is its result, and the next one gets a new graph."""
     outcomes = []
     bed = Bed(directory)
     try:
@@ -37,7 +40,11 @@ def run(directory: Path, groups: tuple[Group, ...], scale: float, seed: int) -> 
         for group in groups:
             began = time.monotonic()
             print(f"{group.__name__} ...", end=" ", flush=True)
-            outcomes.append(group(bed, scale, seed))
+            try:
+                outcomes.append(group(bed, scale, seed))
+            except (GraphError, UnansweredError, OSError) as error:
+                outcomes.append(Outcome(group.__name__, 1, hung=[f"could not go on: {error}"]))
+                bed.start_anew()
             print(f"{outcomes[-1].survived}/{outcomes[-1].injected} in "
                   f"{time.monotonic() - began:.0f} s", flush=True)  # fmt: skip
     finally:
@@ -51,6 +58,7 @@ def main() -> int:
     parser.add_argument("--only", default="", metavar="REGEX", help="groups whose name matches")
     parser.add_argument("--scale", type=float, default=1.0, help="part of the faults (default 1)")
     parser.add_argument("--seed", type=int, default=0, help="of all that is drawn (default 0)")
+    parser.add_argument("--logs", type=Path, metavar="DIR", help="keep there what the nodes print")
     parser.add_argument("--list", action="store_true", help="print the groups and what they do")
     given = parser.parse_args()
     if not 0.0 < given.scale <= 100.0:
@@ -63,7 +71,10 @@ def main() -> int:
             print(f"{group.__name__:18} {' '.join(group.__doc__.split())}")
         return 0
     with tempfile.TemporaryDirectory() as directory:
-        outcomes = run(Path(directory), chosen, given.scale, given.seed)
+        if given.logs:
+            given.logs.mkdir(parents=True, exist_ok=True)
+        logs = given.logs.resolve() if given.logs else Path(directory)
+        outcomes = run(logs, chosen, given.scale, given.seed)
     print(f"\n{table(outcomes)}\n{summary(outcomes)}")
     return 0 if all(outcome.clean for outcome in outcomes) else 1
 

@@ -24,7 +24,10 @@ def nodes_killed(bed: Bed, scale: float, seed: int) -> Outcome:
                 outcome.injected += 1
                 nodes = bed.launches.pop()
                 _killed(bed, node)
-                nodes.stop(clean=False)
+                try:
+                    nodes.stop(clean=False)
+                except GraphError as error:  # the other one did not end
+                    outcome.hung.append(f"after kill -9 of {node}: {error}")
                 bed.launch("aras_visual_servo_nodes.launch", NODES[1:])
                 _judged(bed, outcome, f"after kill -9 of {node}")
     outcome.leaked = [what for what in outcome.leaked if "MB" in what]  # other processes by now

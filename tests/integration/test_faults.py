@@ -4,15 +4,44 @@ import subprocess
 import sys
 from pathlib import Path
 
-CAMPAIGN = Path(__file__).parents[1] / "faults" / "campaign.py"
+from ros_graph import GraphError
+
+TESTS = Path(__file__).parents[1]
+sys.path.insert(0, str(TESTS))
+from faults import campaign  # noqa: E402
+from faults.outcome import Outcome  # noqa: E402
+
 CHOICE = "garbage|bytes|fuzzed|hostile|games"
 
 
 def test_nothing_is_lost_hung_or_leaked():
     ended = subprocess.run(
-        [sys.executable, CAMPAIGN, "--scale", "0.02", "--only", CHOICE],
+        [sys.executable, campaign.__file__, "--scale", "0.02", "--only", CHOICE],
         capture_output=True,
         text=True,
         timeout=400,
     )
     assert ended.returncode == 0, f"{ended.stdout}\n{ended.stderr[-3000:]}"
+
+
+def test_a_group_that_cannot_go_on_is_told_and_the_next_one_has_a_new_graph(monkeypatch, tmp_path):
+    done = []
+
+    class PlayedBed:
+        def __init__(self, directory):
+            assert directory == tmp_path
+
+        def __getattr__(self, name):
+            return lambda: done.append(name)
+
+    def stuck(bed, scale, seed):
+        raise GraphError("the camera did not end at Ctrl-C")
+
+    def quiet(bed, scale, seed):
+        done.append((scale, seed))
+        return Outcome("quiet", 3, 3)
+
+    monkeypatch.setattr(campaign, "Bed", PlayedBed)
+    first, second = campaign.run(tmp_path, (stuck, quiet), 0.5, 7)
+    assert not first.clean and "did not end at Ctrl-C" in first.hung[0]
+    assert second.clean and done == ["start", "start_anew", (0.5, 7), "close"]

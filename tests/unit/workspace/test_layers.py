@@ -178,3 +178,12 @@ def test_any_module_may_be_imported_first(package: str) -> None:
 
     for name in sorted(modules):
         visit(name, ())
+
+
+def test_no_node_waits_for_scipys_optimisers_at_its_start() -> None:
+    """They take a third of a second to load, of two; who needs them loads them."""
+    for package in ("aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller"):
+        for file in LIBRARIES[package].rglob("*.py"):
+            if file.name != "inverse.py":  # which is itself loaded where a pose is to be solved for
+                found = [name for name in imported_at_once(file) if "scipy.optimize" in name]
+                assert not found, file

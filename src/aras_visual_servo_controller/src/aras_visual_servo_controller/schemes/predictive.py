@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from scipy.optimize import minimize
 
 from ..errors import MeasurementError
 from ..goal import Goal
@@ -38,6 +37,10 @@ class Predictive(OfPoints):
 
     def __init__(self, law: Law | None = None) -> None:
         super().__init__(law)
+        # here, because it is loaded for a third of a second: nobody else's start waits for it
+        from scipy.optimize import minimize
+
+        self._minimize = minimize
         self._last = np.zeros(6)
 
     def reset(self) -> None:
@@ -69,7 +72,7 @@ class Predictive(OfPoints):
         g = -rows.T @ wanted
         low, high = self._borders(observation, s)
         ahead = self.horizon * L
-        found = minimize(
+        found = self._minimize(
             lambda v: 0.5 * v @ H @ v + g @ v, self._last, jac=lambda v: H @ v + g,
             method="SLSQP", bounds=[(-most, most) for most in self.speed],
             constraints=[

@@ -24,7 +24,7 @@ def test_without_weights_one_line_says_how_to_make_them(monkeypatch, tmp_path):
 
 def test_a_network_learns_what_is_linear(tmp_path):
     random = np.random.default_rng(0)
-    x = random.normal(size=(300, 10))
+    x = random.normal(size=(60, 10))
     turn = 0.4 * x[:, 3]
     y = np.column_stack([0.1 * x[:, 0], x[:, 1] - x[:, 2], x[:, 2], np.cos(turn), np.sin(turn)])
     np.savez(tmp_path / "w.npz", **learned.train(x, y))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from browser import HOW, Browser, chromium
 
+from aras_visual_servo_bench.live import server as server_module
 from aras_visual_servo_bench.live.server import serve
 
 COLOURS = """(() => {{ const c = document.getElementById("{0}");
@@ -178,6 +179,38 @@ def test_a_second_browser_a_reload_and_a_closed_tab(browser, page, server, host)
             break
         page.js("new Promise((go) => setTimeout(go, 50))")
     assert len(server.viewers) == 1
+
+
+def test_a_page_that_is_there_before_the_robot_waits_for_it_without_a_word(browser, host, server):
+    before = host.page.state
+    host.page.state = {}
+    host.robot, plain = (lambda: None), host.robot
+    try:
+        tab = browser.open(server.access.address)
+        tab.wait("window.arasPage && document.getElementById('link').textContent === 'connected'")
+        host.move()
+        tab.wait("document.getElementById('time').textContent !== '–'")
+        hidden = "document.getElementById('trouble').hidden"
+        assert tab.js(hidden) and not tab.js("arasPage.scene.meshes.length")
+    finally:
+        del host.robot
+        host.page.state = before
+    assert host.robot == plain
+    tab.wait("arasPage.scene.meshes.length > 5")
+    assert tab.js(hidden)
+    tab.close()
+
+
+def test_a_page_too_many_says_why_and_comes_in_when_one_is_closed(browser, server, monkeypatch):
+    monkeypatch.setattr(server_module, "VIEWERS", 0)
+    tab = browser.open(server.access.address)
+    tab.wait("window.arasPage && document.getElementById('trouble').textContent.includes("
+             "'no more pages')")
+    assert not tab.js("document.getElementById('trouble').hidden")
+    monkeypatch.undo()
+    tab.wait("document.getElementById('link').textContent === 'connected'")
+    assert tab.js("document.getElementById('trouble').hidden")
+    tab.close()
 
 
 def test_a_wrong_token_is_said_on_the_page(browser, server):

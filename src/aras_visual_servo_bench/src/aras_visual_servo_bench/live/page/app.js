@@ -9,11 +9,13 @@ const KEPT = 900;       // samples, as the server's
 const JOG_PERIOD = 100; // ms; the robot stops when nothing comes for three of them
 const state = { limits: {}, choices: {}, values: {}, names: [], samples: [], told: {}, factor: null };
 let socket = null, scene = null, robotOf = null, dirty = true, positions = {};
+let sceneless = "", refused = 0;  // why there is no scene; connections refused one after the other
 
 try {
   scene = new Scene($("scene"));
 } catch (error) {
-  trouble(String(error.message || error));
+  sceneless = String(error.message || error);
+  trouble(sceneless);
 }
 const plots = [
   new Plot($("plot-error"), (s) => s[1]),
@@ -48,7 +50,7 @@ function connect() {
   socket = new WebSocket(`ws://${location.host}/live?token=${encodeURIComponent(token)}`);
   socket.binaryType = "arraybuffer";
   let opened = false;
-  socket.onopen = () => { opened = true; link("connected", true); };
+  socket.onopen = () => { opened = true; refused = 0; link("connected", true); trouble(sceneless); };
   socket.onmessage = (event) => {
     const message = typeof event.data === "string" ? JSON.parse(event.data) : null;
     try {
@@ -65,7 +67,9 @@ function connect() {
       try {  // a refusal is said in words, a simulator that is gone says nothing
         const reply = await fetch(`/robot?token=${encodeURIComponent(token)}`);
         if (reply.status === 403) { trouble(await reply.text()); return; }
-      } catch { /* not there (yet) */ }
+        refused += 1;
+        if (refused > 2) trouble("The simulator is there and takes no more pages: close one that is open.");
+      } catch { refused = 0; /* not there (yet) */ }
     }
     setTimeout(connect, 1000);
   };
@@ -115,11 +119,11 @@ function told(words) {
 }
 
 async function robot(of) {
-  if (robotOf === of || !scene) return;
+  if (!of || robotOf === of || !scene) return;  // there is none yet
   robotOf = of;
   const reply = await fetch(`/robot?token=${encodeURIComponent(token)}`);
   if (reply.ok) { scene.setRobot(await reply.json()); scene.setJoints(positions); }
-  else { robotOf = null; trouble(await reply.text()); }
+  else robotOf = null;  // gone meanwhile; another will be told
 }
 
 function limits(given) {

@@ -2,35 +2,52 @@
 
 Signatures are explicit, so everything is compiled when its module is imported and nothing in the
 middle of a run. What was compiled is kept in __pycache__ beside the source, or where
-NUMBA_CACHE_DIR says, until the source changes. Numba watches each file alone: compiled functions
-call none of other modules.
+NUMBA_CACHE_DIR says, until the source changes. Numba watches each file alone: a compiled function
+that calls some of other modules names them.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
+from pathlib import Path
 
 import numba
 
 _log = logging.getLogger(__name__)
 
 
-def compiled(signature: str) -> Callable[[Callable], Callable]:
-    """Decorator for a function of these argument types, e.g. 'f8[:,::1], i8'."""
-    types, options = f"({signature},)", {"nogil": True, "error_model": "numpy"}
+def compiled(signature: str, calls: Sequence[Callable] = ()) -> Callable[[Callable], Callable]:
+    """Decorator for a function of these argument types, e.g. 'f8[:,::1], i8'.
+
+    calls: compiled functions of other modules that it calls; it is compiled anew when their
+    sources change too.
+    """
 
     def compile_function(function: Callable) -> Callable:
+        made = numba.njit(nogil=True, error_model="numpy")(function)
         try:
-            return numba.njit(types, cache=True, **options)(function)
+            made.enable_caching()
+            if calls:
+                _watch(made, calls)
         except RuntimeError as error:  # neither its folder nor the user's cache can be written
             if "cannot cache" not in str(error):
                 raise
             _tell_once()
-            return numba.njit(types, **options)(function)
+        made.compile(f"({signature},)")
+        made.disable_compile()
+        return made
 
     return compile_function
+
+
+def _watch(made: Callable, calls: Sequence[Callable]) -> None:
+    """Let what is kept of `made` count only for the sources of `calls` as they are now."""
+    kept = made._cache._cache_file  # Numba knows of no other way to say it
+    sources = sorted({call.py_func.__code__.co_filename for call in calls})
+    stamps = [Path(source).stat() for source in sources]
+    kept._source_stamp = (kept._source_stamp, *((s.st_mtime_ns, s.st_size) for s in stamps))
 
 
 def inlined(function: Callable) -> Callable:

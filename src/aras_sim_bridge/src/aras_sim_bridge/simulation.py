@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
@@ -24,6 +25,7 @@ from aras_sim_bridge.errors import (
 )
 from aras_sim_bridge.poses import IDENTITY
 from aras_sim_bridge.rendering import Renderer, Sun, create_renderer
+from aras_sim_bridge.strides import make_steps
 from aras_sim_bridge.world import Model, Pose, World
 
 log = logging.getLogger(__name__)
@@ -226,9 +228,8 @@ class Simulation:
         if cycles is None:
             return
         count = int(min(until_ns, calm_ns) - began_ns) // step_ns
-        period = step_ns / 1e9
         try:
-            self.world.stride(robot.model, lambda state: cycles.cycle(state, period), count)
+            self.world.stride(robot.model, partial(make_steps, cycles, count, step_ns / 1e9))
             self.time_ns = began_ns + cycles.made * step_ns
         except WorldError:
             self.time_ns = began_ns + (cycles.made - 1) * step_ns

@@ -35,7 +35,7 @@ _COLUMNS = 42
 
 
 @compiled("f8[:,::1], f8[:,::1], f8, f8, f8, f8")
-def _cycle(state, rows, dt, arrived, rounding, plain):
+def cycle(state, rows, dt, arrived, rounding, plain):
     """One cycle of `dt` s: efforts of the joints into state[2].
 
     arrived, rounding, plain: the constants of interpolation.py and pid_loops.py, which numba would
@@ -112,7 +112,8 @@ class Stride:
     """Cycles in a row of these loops, which together command all drives of a robot.
 
     Attributes:
-        made: cycles since `begin`.
+        rows (m, 42): what `cycle` goes by and changes, a row a joint.
+        made: cycles since `begin`, to be counted by whoever makes them.
     """
 
     def __init__(self, loops: Sequence[PositionLoop], drives: Sequence[EffortDrive],
@@ -121,9 +122,9 @@ class Stride:
         """
         self.loops, self.drives = tuple(loops), tuple(drives)
         self.made = 0
-        self._rows = np.zeros((len(self.loops), _COLUMNS))
+        self.rows = np.zeros((len(self.loops), _COLUMNS))
         self._gains: list[Gains | None] = [None] * len(self.loops)
-        for row, loop, drive in zip(self._rows, self.loops, self.drives, strict=True):
+        for row, loop, drive in zip(self.rows, self.loops, self.drives, strict=True):
             row[_WRAPS:] = (loop.wraps, *drive.saturation, slots[loop.handle.name])
 
     def begin(self) -> None:
@@ -133,20 +134,13 @@ class Stride:
             gains = loop.pid.gains
             if gains is not self._gains[k]:
                 self._gains[k] = gains
-                self._rows[k, _P : _ANTIWINDUP + 1] = gains
-        self._rows[:, :_BEGUN] = [loop.begin_stride() for loop in self.loops]
-
-    def cycle(self, state: np.ndarray, dt: float) -> bool:
-        """One cycle of `dt` s: efforts into state[2]; whether it was made (nothing is changed
-        where not). state (3, n): position, velocity, effort of the model's joints."""
-        made = _cycle(state, self._rows, dt, ARRIVED, ROUNDING, PLAIN_DIFFERENCE)
-        self.made += made
-        return made
+                self.rows[k, _P : _ANTIWINDUP + 1] = gains
+        self.rows[:, :_BEGUN] = [loop.begin_stride() for loop in self.loops]
 
     def end(self) -> None:
         """Give back what the cycles have come to."""
         if self.made:
-            rows = self._rows[:, :_REACHED].tolist()
+            rows = self.rows[:, :_REACHED].tolist()
             for loop, drive, row in zip(self.loops, self.drives, rows, strict=True):
                 loop.end_stride(row)
                 drive.written()

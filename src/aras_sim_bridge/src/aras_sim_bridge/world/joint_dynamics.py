@@ -47,7 +47,7 @@ _SMALL = 1e-12  # of the sizes at hand: what rounding leaves
 # rows of `rows`
 BIAS, PUSH, SPEED, BEFORE, _RIGHT, _BOTTOM, _TOP, _HOLD, _GOAL = range(9)
 _TREE = "f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1]"
-_STEP = f"{_TREE}, f8[:,::1], i8[::1], f8"
+STEP = f"{_TREE}, f8[:,::1], i8[::1], f8"
 _SET = "i8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1]"
 
 
@@ -416,7 +416,7 @@ def dynamics(bodies, tree, state, wrenches, gravity, frames, matrices, rows):
     _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
 
 
-@compiled(_STEP)
+@compiled(STEP)
 def advance(
     bodies, tree, state, wrenches, gravity, frames, matrices, rows, joints, modes, dt
 ):
@@ -453,7 +453,7 @@ def advance(
     return -1
 
 
-@compiled(_STEP)
+@compiled(STEP)
 def react(
     bodies, tree, state, wrenches, gravity, frames, matrices, rows, joints, modes, dt
 ):

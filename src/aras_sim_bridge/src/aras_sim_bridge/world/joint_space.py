@@ -35,7 +35,7 @@ class JointSpace:
     Attributes:
         state (3, n): position, velocity, effort; rad or m, per s, N m or N. The caller's to set.
         before (n,): velocities before the last step. gravity (3,): m/s², in the root's axes.
-        tree, frames: of joint_dynamics.py.
+        tree, frames: of joint_dynamics.py. arrays: what its `advance` takes before dt.
         moved_links: the links that a joint moves.
     """
 
@@ -56,7 +56,7 @@ class JointSpace:
         self._modes = np.zeros(count, dtype=np.int64)
         self._arrays = (tree.bodies, tree.tree, self.state, self._wrenches, self.gravity,
                         self.frames, self._matrices, self._rows)
-        self._step = (*self._arrays, self._joints, self._modes)
+        self.arrays = (*self._arrays, self._joints, self._modes)
         self._root = IDENTITY
         self._links = LinkPoses(description, names)
 
@@ -99,11 +99,11 @@ class JointSpace:
 
     def advance(self, dt: float) -> int:
         """One step of `dt` s; -1, or the number of a joint that diverged."""
-        return joint_dynamics.advance(*self._step, dt)
+        return joint_dynamics.advance(*self.arrays, dt)
 
     def react(self, dt: float) -> list[float]:
         """Efforts of damping and of stops in the coming step, where somebody else makes it."""
-        joint_dynamics.react(*self._step, dt)
+        joint_dynamics.react(*self.arrays, dt)
         return self._rows[PUSH].tolist()
 
     def bias_efforts(self) -> list[float]:

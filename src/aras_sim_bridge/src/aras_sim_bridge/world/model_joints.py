@@ -198,11 +198,17 @@ class ModelJoints:
         self.space.state[2] = self.pending_efforts
         self.pending_efforts = [0.0] * len(self.names)
         self._dirty = False
-        self.stride(dt)
+        self.advanced(self.space.advance(dt))
 
-    def stride(self, dt: float) -> None:
-        """The same with efforts that stand in space.state[2]; `calm` is true."""
-        bad = self.space.advance(dt)
+    def advanced(self, bad: int) -> None:
+        """Be as after steps of `space` with the efforts in space.state[2].
+
+        Args:
+            bad: what the last of them said (see joint_dynamics.advance).
+
+        Raises:
+            WorldError: the simulation diverged.
+        """
         self.applied = self.space.state[2].tolist()
         self._shown = False
         self._cache = None

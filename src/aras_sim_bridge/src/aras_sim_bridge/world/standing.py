@@ -34,7 +34,7 @@ _HEAVIER = 100.0
 
 @compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1], "
           "f8[::1], f8")
-def _bears(tree, frames, state, before, gravity, ground, corners, touch, load, dt):
+def bears(tree, frames, state, before, gravity, ground, corners, touch, load, dt):
     """Whether the ground can bear a bolted tree's base over the step that was just made.
 
     tree, frames, state: of joint_dynamics.py, after the step. before (n,): speeds before it.
@@ -127,6 +127,7 @@ class Standing:
 
     Attributes:
         mass: of its base, kg. grounds: Bullet's numbers of the bodies that it stands on.
+        arrays: what `bears` takes before dt, once it is held.
     """
 
     def __init__(self, model: Model, ground: np.ndarray, corners: np.ndarray,
@@ -138,7 +139,7 @@ class Standing:
         self._root = np.array(model.pose().matrix())[:3]
         self._touch, self._load = np.zeros(6), np.zeros(6)
         self._base = model.base_links()
-        self._arrays: tuple[np.ndarray, ...] = ()
+        self.arrays: tuple[np.ndarray, ...] = ()
 
     @classmethod
     def found(cls, model: Model, others: Mapping[int, Model]) -> Standing | None:
@@ -184,7 +185,7 @@ class Standing:
         """Step the model as if bolted down from now on."""
         self.model.bolt(True)
         space = self.model.joints.space
-        self._arrays = (space.tree, space.frames, space.state, space.before, space.gravity,
+        self.arrays = (space.tree, space.frames, space.state, space.before, space.gravity,
                         self._ground, self._corners, self._touch, self._load)
 
     def bears(self, dt: float) -> bool:
@@ -192,7 +193,7 @@ class Standing:
         if not self.model.joints.own:
             self.model.joints.take_note()
             self._feel()
-        return _bears(*self._arrays, dt)
+        return bears(*self.arrays, dt)
 
     def _feel(self) -> None:
         """Note what touched the model in Bullet's step; the ground does not touch what is bolted,
@@ -282,9 +283,11 @@ class FreeBases:
         """After a step of `dt` s: set all free where the ground cannot bear one."""
         for standing in self.held:
             if not standing.bears(dt):
-                break
-        else:
-            return
+                self.let_go()
+                return
+
+    def let_go(self) -> None:
+        """Set all free: the ground could not bear one in the step that was just made."""
         held = self.held
         self.release()
         self._countdown = PATIENCE

@@ -26,6 +26,12 @@ from aras_sim_bridge.world.reach import leave_out_pairs, out_of_touch
 from aras_sim_bridge.world.sliding import SlidingFriction
 from aras_sim_bridge.world.standing import FreeBases
 
+# Steps of one model by JointSpace.arrays, Standing.arrays (None: it is bolted down) and the time
+# step, s; returns what the last joint_dynamics.advance said and whether the ground bore it.
+StepsInARow = Callable[
+    [tuple[np.ndarray, ...], tuple[np.ndarray, ...] | None, float], tuple[int, bool]
+]
+
 logger = logging.getLogger(__name__)
 
 SMALLEST_STEP = 1e-6  # s; simulated time is counted in nanoseconds
@@ -288,21 +294,19 @@ class World:
         alone = self._apart and self._active == [model] and not self._bases.fresh
         return alone and model.joints.calm
 
-    def stride(self, model: Model, cycle: Callable[[np.ndarray], bool], count: int) -> None:
-        """Up to `count` steps of a model that moves alone, each after a `cycle` that puts the
-        efforts of its joints into the last row of what it is given (see JointSpace.state) and says
-        that it did.
+    def stride(self, model: Model, steps: StepsInARow) -> None:
+        """Several steps of a model that moves alone, made by `steps` in one go.
 
         Raises:
             WorldError: the simulation diverged.
         """
-        joints, dt, held = model.joints, self._time_step, self._bases.held
-        state, revision = joints.space.state, self.revision
-        while count > 0 and self.revision == revision and cycle(state):
-            joints.stride(dt)
-            if held:
-                self._bases.check(dt)
-            count -= 1
+        held = self._bases.held
+        bad, borne = steps(
+            model.joints.space.arrays, held[0].arrays if held else None, self._time_step
+        )
+        model.joints.advanced(bad)
+        if not borne:
+            self._bases.let_go()
 
     def reset_world(self) -> None:
         """Models back to their spawn poses, all velocities zero; joint angles stay (Gazebo)."""

@@ -15,16 +15,9 @@ from .moments import Moments
 DEFAULT_TOLERANCE = 1e-9
 
 
-def _second(moments: Moments) -> tuple[float, float, float]:
-    """mu20, mu11, mu02; MomentsError where they are not known."""
-    mu02 = moments.mu(0, 2)
-    table = moments.centred
-    return float(table[2, 0]), float(table[1, 1]), mu02
-
-
 def gyration_radius(moments: Moments) -> float:
     """sqrt((mu20 + mu02) / m00), in normalised units."""
-    mu20, _, mu02 = _second(moments)
+    mu20, _, mu02 = moments.second
     return sqrt(max(mu20 + mu02, 0.0) / moments.m00)
 
 
@@ -41,7 +34,7 @@ def asymmetry(moments: Moments, n: int = 3) -> float:
 
 def anisotropy(moments: Moments) -> float:
     """sqrt((mu20 - mu02)^2 + 4 mu11^2) / (mu20 + mu02): 0 for a square or disc, 1 for a line."""
-    mu20, mu11, mu02 = _second(moments)
+    mu20, mu11, mu02 = moments.second
     c, s, total = mu20 - mu02, 2.0 * mu11, mu20 + mu02
     return sqrt(c * c + s * s) / total if total > 0.0 else 0.0
 

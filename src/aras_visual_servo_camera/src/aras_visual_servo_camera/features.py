@@ -266,18 +266,17 @@ def compute(
 
 def _leaf_rows(moments: Moments, plane: Plane, plan: _Plan) -> Array:
     """(leaves, 6) interaction rows of the leaves, in the order of plan.leaves."""
-    centred = centred_rows(moments, plane, plan.centred_order)
-    area = centred.area
+    centre, mu = centred_rows(moments, plane, plan.centred_order)
+    area = mu.rows[:1]
     if moments.kind != DENSE and "a" in plan.leaves:
-        area = centred.mu.row(2, 0) + centred.mu.row(0, 2)
-    head = np.array([area, centred.xg, centred.yg, _NO_ROW])
-    stack = [head, centred.mu.rows]
+        area = mu.rows[3:4] + mu.rows[5:6]
+    stack = [area, centre, _NO_ROW, mu.rows]
     if plan.raw_order > 0:
         stack.append(raw_rows(moments, plane, plan.raw_order).rows)
     return np.concatenate(stack)[plan.gather]
 
 
-_NO_ROW = np.zeros(6)
+_NO_ROW = np.zeros((1, 6))
 
 
 class _View:

@@ -65,15 +65,15 @@ class Plane(NamedTuple):
         return self.A * x + self.B * y + self.C
 
 
-def image_velocity(plane: Plane, x0: float, y0: float) -> Array:
-    """Velocity field of the plane's image about (x0, y0), a = x - x0, b = y - y0.
+@compiled(NUMBER, NUMBER, NUMBER, NUMBER, NUMBER)
+def image_velocity(A, B, C, x0, y0):
+    """Velocity field of the image of the plane (A, B, C) about (x0, y0), a = x - x0, b = y - y0.
 
     Returns:
         (6, 15): a row per twist component; columns 0-5 the coefficients of 1, a, b, a^2, ab, b^2
         in x', 6-11 the same of y', 12-14 those of 1, a, b in the divergence.
     """
-    A, B, _ = plane
-    C = plane.inverse_depth(x0, y0)
+    C = A * x0 + B * y0 + C
     Ax, Ay, Bx, By, xy = A * x0, A * y0, B * x0, B * y0, x0 * y0
     # fmt: off
     return np.array([
@@ -105,34 +105,23 @@ class MomentRows(NamedTuple):
         return self.rows[n * (n + 1) // 2 + j]
 
 
-class CentredRows(NamedTuple):
-    """Interaction matrices of m00, the centre of gravity and the centred moments."""
-
-    area: Array
-    xg: Array
-    yg: Array
-    mu: MomentRows
-
-
 def raw_rows(moments: Moments, plane: Plane, order: int | None = None) -> MomentRows:
     """L of every m_ij with i + j <= order (default and at most moments.order - 1)."""
     order = _row_order(moments, order)
-    rows = _rows(moments.raw, image_velocity(plane, 0.0, 0.0), order, _divergence(moments))
+    rows = _rows(moments.raw, image_velocity(*plane, 0.0, 0.0), order, _divergence(moments))
     return MomentRows(rows, order)
 
 
-def centred_rows(moments: Moments, plane: Plane, order: int | None = None) -> CentredRows:
-    """L of m00, xg, yg and every mu_ij, i + j <= order (default and at most moments.order - 1)."""
+def centred_rows(
+    moments: Moments, plane: Plane, order: int | None = None
+) -> tuple[Array, MomentRows]:
+    """L of the centre of gravity, (2, 6) of xg and yg, and of every mu_ij, i + j <= order (default
+    and at most moments.order - 1)."""
     order = _row_order(moments, order)
-    velocity, divergence = image_velocity(plane, moments.xg, moments.yg), _divergence(moments)
-    # About the centre of gravity mu10 = mu01 = 0, so L_xg = L_m10 / m00 without a quotient rule.
-    centre = _rows(moments.centred, velocity, 1, divergence)[1:3] / moments.m00
-    # Its velocity is taken off the constant terms of x' and y'.
-    velocity[:, 0] -= centre[0]
-    velocity[:, 6] -= centre[1]
-    rows = _rows(moments.centred, velocity, order, divergence)
-    rows[1:3] = 0.0
-    return CentredRows(rows[0], centre[0], centre[1], MomentRows(rows, order))
+    centre, rows = _about_centre(
+        moments.centred, *plane, moments.xg, moments.yg, order, _divergence(moments)
+    )
+    return centre, MomentRows(rows, order)
 
 
 def _row_order(moments: Moments, order: int | None) -> int:
@@ -171,3 +160,17 @@ def _rows(table, velocity, order, delta):
                         rows[row, twist] += spread * velocity[twist, 12 + k]
             row += 1
     return rows
+
+
+@compiled(MATRIX, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, INTEGER, NUMBER)
+def _about_centre(centred, A, B, C, xg, yg, order, delta):
+    """(2, 6) d(xg)/dt and d(yg)/dt, and the rows of `_rows` of the centred moments (n, n)."""
+    velocity = image_velocity(A, B, C, xg, yg)
+    # About the centre of gravity mu10 = mu01 = 0, so L_xg = L_m10 / m00 without a quotient rule.
+    centre = _rows(centred, velocity, 1, delta)[1:3] / centred[0, 0]
+    # Its velocity is taken off the constant terms of x' and y'.
+    velocity[:, 0] -= centre[0]
+    velocity[:, 6] -= centre[1]
+    rows = _rows(centred, velocity, order, delta)
+    rows[1:3] = 0.0
+    return centre, rows

@@ -113,6 +113,13 @@ class Moments:
         table = translate(self.centred, self.xg, self.yg)
         return _frozen(_triangle(table, self.order))
 
+    @cached_property
+    def second(self) -> tuple[float, float, float]:
+        """mu20, mu11, mu02. Raises MomentsError where they are not known."""
+        self._check(2, 0)
+        (_, _, mu02), (_, mu11, _), (mu20, _, _) = self.centred[:3, :3].tolist()
+        return mu20, mu11, mu02
+
     def m(self, i: int, j: int) -> float:
         """Raw moment m_ij. Raises MomentsError beyond `order`."""
         self._check(i, j)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .compiled import MATRIX, NUMBER, VECTOR, compiled
+from .compiled import MATRIX, NUMBER, compiled
 from .interaction import Plane
 from .moments import DENSE, Array, Moments, translate
 
@@ -103,19 +103,39 @@ def upright(moments: Moments, plane: Plane) -> Array:
     Returns:
         (4, 4), up to a common factor per order: mu_ij at [i, j].
     """
-    inverse_depth = plane.inverse_depth(moments.xg, moments.yg)
-    ex, ey = plane.A / inverse_depth, plane.B / inverse_depth
-    gx, gy = _in_plane(plane, moments.xg, moments.yg, ex, ey)
     shrinking = 3.0 if moments.kind == DENSE else 0.0
-    table = _in_plane_moments(moments.centred, ex, ey, gx, gy, shrinking)
-    m00 = table[0, 0]
-    return translate(table, -table[1, 0] / m00, -table[0, 1] / m00)
+    table = _in_plane_moments(moments.centred, *plane, moments.xg, moments.yg, shrinking)
+    m00 = float(table[0, 0])
+    return translate(table, -float(table[1, 0]) / m00, -float(table[0, 1]) / m00)
 
 
-@compiled(MATRIX, NUMBER, NUMBER, VECTOR, VECTOR, NUMBER)
-def _in_plane_moments(centred, ex, ey, gx, gy, shrinking):
-    """(4, 4) moments about the point of the plane at (0, 0): of (G d)^(i, j) / (1 + e.d)^k, with
-    k = i + j + shrinking; gx, gy are the rows (2,) of G."""
+@compiled(NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER)
+def _in_plane(A, B, C, xg, yg, ex, ey):
+    """G (2, 2): image offset to offset along two axes of the plane, the shortest turn away from
+    the image's axes."""
+    size = np.sqrt(A**2 + B**2 + C**2)
+    if C < 0.0:
+        size = -size
+    a, b, c = A / size, B / size, C / size
+    turn = np.array([[1.0 - a * a / (1.0 + c), -a * b / (1.0 + c), -a],
+                     [-a * b / (1.0 + c), 1.0 - b * b / (1.0 + c), -b]])
+    offset = np.array([[1.0 - xg * ex, -xg * ey], [-yg * ex, 1.0 - yg * ey], [-ex, -ey]])
+    G = np.zeros((2, 2))
+    for i in range(2):
+        for j in range(2):
+            for k in range(3):
+                G[i, j] += turn[i, k] * offset[k, j]
+    return G
+
+
+@compiled(MATRIX, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER)
+def _in_plane_moments(centred, A, B, C, xg, yg, shrinking):
+    """(4, 4) moments about the point of the plane (A, B, C) at (0, 0): of
+    (G d)^(i, j) / (1 + e.d)^k, with k = i + j + shrinking."""
+    inverse_depth = A * xg + B * yg + C
+    ex, ey = A / inverse_depth, B / inverse_depth
+    G = _in_plane(A, B, C, xg, yg, ex, ey)
+    gx, gy = G[0], G[1]
     known, result = centred.shape[0] - 1, np.zeros((4, 4))
     of_x_tilt, of_y_tilt = np.ones(known + 1), np.ones(known + 1)
     for r in range(known):
@@ -144,20 +164,6 @@ def _in_plane_moments(centred, ex, ey, gx, gy, shrinking):
                 form[0] *= g[0]
             result[of_x, order - of_x] = (form * seen).sum()
     return result
-
-
-def _in_plane(plane: Plane, xg: float, yg: float, ex: float, ey: float) -> tuple[Array, Array]:
-    """Rows (2,) of G: image offset to offset along two axes of the plane, the shortest turn away
-    from the image's axes."""
-    size = sqrt(plane.A**2 + plane.B**2 + plane.C**2)
-    a, b, c = (part / (-size if plane.C < 0.0 else size) for part in plane)
-    turn = np.array(
-        [[1.0 - a * a / (1.0 + c), -a * b / (1.0 + c), -a],
-         [-a * b / (1.0 + c), 1.0 - b * b / (1.0 + c), -b]]
-    )  # fmt: skip
-    offset = np.array([[1.0 - xg * ex, -xg * ey], [-yg * ex, 1.0 - yg * ey], [-ex, -ey]])
-    G = turn @ offset
-    return G[0], G[1]
 
 
 def _main_axis(mu: Array) -> float | None:

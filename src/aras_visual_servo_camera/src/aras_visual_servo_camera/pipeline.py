@@ -182,7 +182,7 @@ def _unfit(target: Target, moments: Moments) -> str:
             f"the target touches the {' and '.join(target.borders)} border of the image "
             f"({target.taken()})"
         )
-    mu = moments.mu
-    if mu(2, 0) * mu(0, 2) - mu(1, 1) ** 2 <= 1e-9 * moments.m00**2 * gyration_radius(moments) ** 4:
+    mu20, mu11, mu02 = moments.second
+    if mu20 * mu02 - mu11**2 <= 1e-9 * moments.m00**2 * gyration_radius(moments) ** 4:
         return "the target is a line without width"
     return ""

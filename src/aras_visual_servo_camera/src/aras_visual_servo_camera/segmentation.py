@@ -7,6 +7,7 @@ Columns and rows count from the first pixel's centre (0, 0); boxes are (column, 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import cv2
 import numpy as np
@@ -287,13 +288,19 @@ def coverage(
     bottom = min(row + height + margin, grey.shape[0])
     inside = target.mask[top:bottom, left:right] & 1
     image = grey[top:bottom, left:right]
-    element = cv2.getStructuringElement(cv2.MORPH_RECT, (2 * band + 1, 2 * band + 1))
+    element = _square(band)
     around = cv2.dilate(inside, element)
     core = cv2.erode(inside, element, borderType=cv2.BORDER_REPLICATE)
     bg, fg = _levels(image, around, core)
     if abs(bg - fg) < 1.0:
         raise SegmentationError("the target has no contrast to its surroundings")
     return _weights(image, around, core, bg, fg), (left, top), bg, fg
+
+
+@cache
+def _square(band: int) -> Mask:
+    """All within `band` pixels, diagonally too."""
+    return cv2.getStructuringElement(cv2.MORPH_RECT, (2 * band + 1, 2 * band + 1))
 
 
 @compiled(PIXELS, PIXELS, PIXELS)

@@ -50,14 +50,14 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """What one servoed image leaves behind; sizes in tolerances."""
+    """What one servoed image leaves behind; size and error (k,) in tolerances (k,)."""
 
     stamp: float
     size: float
     state: ServoState
     full_rank: int
-    L: np.ndarray | None
     error: np.ndarray
+    tolerances: np.ndarray
 
     @property
     def resolution(self) -> Resolution | None:
@@ -76,13 +76,13 @@ class _Seen:
         return float(np.linalg.norm(twist[:3]) + 0.1 * np.linalg.norm(twist[3:]))
 
     def reached(self) -> float:
-        """Part of the error (k,) that some twist could take away, by L (k, 6); both in
-        tolerances."""
-        norm = float(np.linalg.norm(self.error))
-        if self.L is None or len(self.L) != len(self.error) or norm == 0.0:
+        """Part of the error that some twist could take away, by L (k, 6) in tolerances."""
+        L, norm = self.state.decision.L, float(np.linalg.norm(self.error))
+        if L is None or len(L) != len(self.error) or norm == 0.0:
             return 1.0
-        answer = np.linalg.lstsq(self.L, self.error, rcond=1e-6)[0]
-        return float(np.linalg.norm(self.L @ answer)) / norm
+        L = L / self.tolerances[:, None]
+        answer = np.linalg.lstsq(L, self.error, rcond=1e-6)[0]
+        return float(np.linalg.norm(L @ answer)) / norm
 
 
 class Diagnosis:
@@ -236,14 +236,8 @@ class Diagnosis:
         error = decision.error / tolerances
         size = max(map(abs, error.tolist()))
         modelled = 6 if decision.task is None else int(decision.task.modelled.sum())
-        L = decision.L
-        if L is not None and len(L) == len(tolerances):
-            L = L / tolerances[:, None]
         self._window.append(
-            _Seen(
-                state.stamp, size, state,
-                min(modelled, len(error)), L, error,
-            )  # fmt: skip
+            _Seen(state.stamp, size, state, min(modelled, len(error)), error, tolerances)
         )
         while self._window[0].stamp < state.stamp - WINDOW:
             self._window.popleft()

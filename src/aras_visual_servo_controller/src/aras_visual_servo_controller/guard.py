@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from .errors import ConfigurationError, MeasurementError, SchemeError
+from .inversion import finite, task_finite
 from .naming import words
 from .schemes.base import Decision, JointController, Scheme
 from .task import Task
@@ -69,11 +70,13 @@ def checked_decision(name: str, decision: object, scheme: Scheme | JointControll
         if array is None or array.shape != (count,):
             shape = "no numbers" if array is None else f"shape {array.shape}"
             raise fault(f"answered {field} of {shape} for {count} names")
-        if not np.isfinite(array).all():
-            raise fault(f"answered {field} that are not finite: {array.tolist()}")
         arrays[field] = array
+    if not finite(*arrays.values()):
+        for field, array in arrays.items():
+            if not np.isfinite(array).all():
+                raise fault(f"answered {field} that are not finite: {array.tolist()}")
     tolerances = _array(getattr(scheme, "tolerances", None))
-    if tolerances is None or tolerances.shape != (count,) or not (tolerances > 0.0).all():
+    if tolerances is None or tolerances.shape != (count,) or not min(tolerances.tolist(), default=1.0) > 0.0:
         raise fault(
             f"has tolerances {getattr(scheme, 'tolerances', None)}: {count} numbers above 0 are "
             "needed, one for each name"
@@ -96,7 +99,7 @@ def checked_decision(name: str, decision: object, scheme: Scheme | JointControll
             f"answered a task with L {np.shape(task.L)}, rate {np.shape(task.rate)} and modelled "
             f"{np.shape(task.modelled)}: (k, 6), (k,) and (6,) are needed"
         )
-    if not (np.isfinite(L).all() and np.isfinite(rate).all()):
+    if not task_finite(L, rate):
         raise fault("answered a task that is not finite")
     if len(L) > 6 or not (L is task.L and rate is task.rate and modelled is task.modelled):
         task = Task.of(L, rate, modelled)

@@ -373,10 +373,16 @@ def _joint_by_joint(scaled, bent, basis, wanted, weights, wish, low, high, folds
     return solution, spare, free, stopped[:stops], straight
 
 
-@compiled(VECTOR, MATRIX, VECTOR)
-def finite(q, L, rate):
-    """Whether joints (n,), L (k, 6) and rate (k,) are all finite: 0 times what is not is NaN."""
-    return (0.0 * q).sum() + (0.0 * L).sum() + (0.0 * rate).sum() == 0.0
+@compiled(VECTOR, VECTOR, VECTOR)
+def finite(a, b, c):
+    """Whether three arrays (k,) are all finite: 0 times what is not is NaN."""
+    return (0.0 * a).sum() + (0.0 * b).sum() + (0.0 * c).sum() == 0.0
+
+
+@compiled(MATRIX, VECTOR)
+def task_finite(L, rate):
+    """Whether L (k, 6) and rate (k,) are finite."""
+    return (0.0 * L).sum() + (0.0 * rate).sum() == 0.0
 
 
 @compiled(VECTOR, MATRIX, MATRIX, MATRIX, VECTOR, MATRIX, VECTOR, MATRIX, VECTOR, MATRIX, MATRIX,

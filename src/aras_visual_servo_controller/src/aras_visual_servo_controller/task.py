@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .errors import TaskError
-from .inversion import least_squares, svd
+from .inversion import least_squares, svd, task_finite
 
 ALL_DIRECTIONS = (True,) * 6
 DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
@@ -67,8 +67,7 @@ class Task:
                     f"weights of shape {weights.shape} for {len(rate)} features; they must be >= 0"
                 )
             L, rate = weights[:, None] * L, weights * rate
-        # NaN and inf survive a sum; one pass over each array.
-        if not (np.isfinite(L.sum()) and np.isfinite(rate.sum())):
+        if not task_finite(L, rate):
             raise TaskError("the interaction matrix or the wanted rate is not finite")
         if len(L) > 6:
             L, rate = _reduced(L, rate)

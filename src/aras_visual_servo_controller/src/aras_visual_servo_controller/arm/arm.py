@@ -72,6 +72,8 @@ class Arm:
         self._straight = bool((self._order == np.arange(len(self.names))).all())
         self._data = self._model.createData()
         self._lock = threading.Lock()  # Pinocchio's data are one workspace
+        self._viewed: bytes = b""  # the posture that `view` answered last, and its answer
+        self._view: tuple[np.ndarray, np.ndarray] | None = None
 
     @classmethod
     def from_urdf(
@@ -115,12 +117,7 @@ class Arm:
     def pose(self, q: np.ndarray) -> np.ndarray:
         """`world_T_camera` (4, 4) for joints q (n,), in the frame in which the target stands still:
         the base's, or the target's own where the arm moves it; read-only."""
-        if self._target is not None:
-            return _read_only(self.view(q)[0])
-        with self._lock:
-            pinocchio.forwardKinematics(self._model, self._data, self._inner(q))
-            pose = pinocchio.updateFramePlacement(self._model, self._data, self._camera)
-            return _read_only(pose.homogeneous)
+        return self.view(q)[0]
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
         """Geometric Jacobian (6, n) of the camera, expressed in the optical frame.
@@ -131,9 +128,13 @@ class Arm:
         return self.view(q)[1]
 
     def view(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`target_T_camera` (4, 4) and `jacobian` (6, n) of one posture, computed together."""
+        """`target_T_camera` (4, 4) and `jacobian` (6, n) of one posture, computed together; both
+        read-only."""
         model, data, inner = self._model, self._data, self._inner(q)
+        asked = inner.tobytes()
         with self._lock:
+            if asked == self._viewed:  # an image's observation, scheme and resolver ask alike
+                return self._view
             pinocchio.computeJointJacobians(model, data, inner)
             jacobian = pinocchio.getFrameJacobian(model, data, self._camera, pinocchio.LOCAL)
             pose = pinocchio.updateFramePlacement(model, data, self._camera)
@@ -144,8 +145,11 @@ class Arm:
                 camera_T_target = pose.actInv(target)
                 jacobian = jacobian - camera_T_target.toActionMatrix() @ moved
                 pose = target.actInv(pose)
-            pose = pose.homogeneous
-        return pose, jacobian if self._straight else jacobian[:, self._order]
+            if not self._straight:
+                jacobian = jacobian[:, self._order]
+            self._view = _read_only(pose.homogeneous), _read_only(jacobian)
+            self._viewed = asked
+            return self._view
 
     def joint_frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places (n, 3) and unit axes (n, 3) of the joints in the base's frame."""

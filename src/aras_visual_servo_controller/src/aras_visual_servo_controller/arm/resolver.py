@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..inversion import LASTING, finite, resolved
+from ..inversion import LASTING, finite, resolved, task_finite
 from .arm import Arm
 from .fold import Fold, find
 from .held import held_at
@@ -135,7 +135,7 @@ class Resolver:
         """
         q, dt = np.asarray(q, float), float(dt)
         L, rate = task.L, task.rate
-        if not (finite(q, L, rate) and math.isfinite(dt)):
+        if not (finite(q, q, rate) and task_finite(L, rate) and math.isfinite(dt)):
             raise ValueError(f"resolver: not finite: joints {q}, rate {rate}, L {L}, dt {dt}")
         view, jacobian = self.arm.view(q)
         held = self._held(view, task.modelled)

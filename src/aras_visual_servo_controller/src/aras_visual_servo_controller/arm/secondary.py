@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from aras_visual_servo_camera.compiled import NUMBER, VECTOR, compiled
+
 from ..errors import ConfigurationError
 from .arm import Arm
 from .chain import nearest
@@ -58,7 +60,13 @@ class JointLimitAvoidance(SecondaryTask):
         self.gain = gain
 
     def velocity(self, q: np.ndarray) -> np.ndarray:
-        return self.gain * (np.minimum(np.maximum(q, self._from), self._to) - q)
+        return _back(np.asarray(q, float), self._from, self._to, self.gain)
+
+
+@compiled(VECTOR, VECTOR, VECTOR, NUMBER)
+def _back(q, low, high, gain):
+    """(n,) towards the range from low to high, gain times the way."""
+    return gain * (np.minimum(np.maximum(q, low), high) - q)
 
 
 class SingularityAvoidance(SecondaryTask):

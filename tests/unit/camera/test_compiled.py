@@ -1,22 +1,20 @@
 """Compiled loops work where they cannot be kept, and say so."""
 
+import importlib
 import logging
+import sys
 
-import numba
 import numpy as np
+from numba.core.dispatcher import Dispatcher
 
 from aras_sim_bridge import compiled
 
 
 def test_without_a_place_to_keep_them_loops_work_all_the_same(monkeypatch, caplog):
-    njit = numba.njit
+    def no_place(dispatcher):
+        raise RuntimeError("cannot cache function 'total': no locator available for file 'x'")
 
-    def no_place(types, cache=False, **options):
-        if cache:
-            raise RuntimeError("cannot cache function 'total': no locator available for file 'x'")
-        return njit(types, **options)
-
-    monkeypatch.setattr(numba, "njit", no_place)
+    monkeypatch.setattr(Dispatcher, "enable_caching", no_place)
     compiled._tell_once.cache_clear()
     with caplog.at_level(logging.WARNING):
         for _ in range(2):
@@ -34,3 +32,26 @@ def test_other_types_are_refused_instead_of_compiled_in_the_middle_of_a_run():
         except TypeError:
             continue
         raise AssertionError(f"{other.dtype} {other.shape} was taken")
+
+
+def test_a_changed_callee_of_another_module_counts(tmp_path, monkeypatch) -> None:
+    """What was kept of a caller must not go on with what its callee was."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "calling_loop.py").write_text(
+        "from called_loop import add\nfrom aras_sim_bridge.compiled import compiled\n"
+        "@compiled('f8', calls=(add,))\ndef twice(x):\n    return 2.0 * add(x)\n"
+    )
+
+    def answer(constant: float) -> float:
+        (tmp_path / "called_loop.py").write_text(
+            "from aras_sim_bridge.compiled import compiled\n"
+            f"@compiled('f8')\ndef add(x):\n    return x + {constant}\n"
+        )
+        for name in ("calling_loop", "called_loop"):
+            sys.modules.pop(name, None)
+        importlib.invalidate_caches()
+        return importlib.import_module("calling_loop").twice(1.0)
+
+    assert answer(1.0) == 4.0
+    assert answer(25.0) == 52.0
+    assert list((tmp_path / "__pycache__").glob("calling_loop.twice*.nbi"))  # it was kept

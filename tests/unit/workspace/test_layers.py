@@ -32,7 +32,7 @@ FLOORS = (
     {"blending"},
     {"description"},
     {"control", "world"},
-    {"rendering"},
+    {"rendering", "strides"},
     {"camera"},
     {"simulation"},
     {"ros"},

@@ -19,6 +19,7 @@ from typing import Protocol
 import numpy as np
 
 from .errors import MeasurementError
+from .inversion import finite
 from .joint_history import FARTHEST, JointHistory
 from .joint_sample import JointSample
 from .observation import Observation, Observer
@@ -266,15 +267,14 @@ class Driver:
 
     def _send(self, command: Command, repeat: bool = False) -> None:
         """Send; positions only when they are new, for their controllers keep them."""
-        values = next(
-            (v for v in (command.positions, command.velocities, command.efforts) if v is not None),
-            None,
-        )
-        if values is None or not np.isfinite(values).all():
+        values = command.positions
+        if values is None:
+            values = command.velocities if command.velocities is not None else command.efforts
+        if values is None or not finite(values, values, values):
             return
         if self._sent is None and self.servo.phase == STOPPED:
             return  # standing by: whoever commands the joints now goes on doing so
-        same = self._sent is not None and np.array_equal(values, self._sent)
+        same = self._sent is not None and values.tolist() == self._sent.tolist()
         if same and command.positions is not None and not repeat:
             return
         self._sent = values

@@ -76,7 +76,9 @@ def checked_decision(name: str, decision: object, scheme: Scheme | JointControll
             if not np.isfinite(array).all():
                 raise fault(f"answered {field} that are not finite: {array.tolist()}")
     tolerances = _array(getattr(scheme, "tolerances", None))
-    if tolerances is None or tolerances.shape != (count,) or not min(tolerances.tolist(), default=1.0) > 0.0:
+    if tolerances is None or tolerances.shape != (count,) or not all(
+        tolerance > 0.0 for tolerance in tolerances.tolist()
+    ):
         raise fault(
             f"has tolerances {getattr(scheme, 'tolerances', None)}: {count} numbers above 0 are "
             "needed, one for each name"

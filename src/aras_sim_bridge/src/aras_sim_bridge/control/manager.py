@@ -214,7 +214,7 @@ class ControllerManager:
         before `time_ns`: the next one may do more."""
         if self._pending or self.hardware.e_stop or self._was_stopped:
             return -inf
-        return min((e.controller.calm_until(time_ns) for e in self._order if e.running),
+        return min([e.controller.calm_until(time_ns) for e in self._order if e.running],
                    default=-inf)
 
     @property

@@ -14,9 +14,8 @@ import numpy as np
 
 from aras_sim_bridge.compiled import compiled
 from aras_sim_bridge.control.controllers.base import Controller
-from aras_sim_bridge.control.controllers.interpolation import ARRIVED, ROUNDING
 from aras_sim_bridge.control.controllers.pid_controllers import PidPositionController
-from aras_sim_bridge.control.controllers.pid_loops import PLAIN_DIFFERENCE, PositionLoop
+from aras_sim_bridge.control.controllers.pid_loops import PositionLoop
 from aras_sim_bridge.control.drives import EffortDrive
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.joints import EFFORT

@@ -55,7 +55,7 @@ class Arm:
         self._least = np.nan_to_num(self.lower - span, nan=-UNLIMITED_SPAN)
         self._most = np.nan_to_num(self.upper + span, nan=UNLIMITED_SPAN)
         self._fastest = IMPLAUSIBLE_SPEED * np.clip(self.velocity, 1.0, UNLIMITED_SPAN)
-        self._still = np.zeros(len(moving))
+        self._still = _read_only(np.zeros(len(moving)))
         self._told: tuple[tuple[str, ...], list[int]] = ((), [])  # names of a message, our rows
         self.names = tuple(joint.name for joint in moving)
         self.prismatic = np.array([joint.kind == "prismatic" for joint in moving])
@@ -184,7 +184,7 @@ class Arm:
         if len(velocities):
             speed = np.array([velocities[i] for i in rows], float)
         self.check(q, speed)
-        return JointSample.of(stamp, self.names, q, speed)
+        return JointSample(float(stamp), self.names, _read_only(q), _read_only(speed))
 
     def _rows(self, names: Sequence[str]) -> list[int]:
         """Where our joints stand among these names; the same come again and again."""
@@ -205,15 +205,14 @@ class Arm:
         Raises:
             MeasurementError: one is not finite, or implausibly large, or there are too many or few.
         """
-        speeds = self._still if velocities is None else velocities
-        if not np.shape(q) == np.shape(speeds) == self.lower.shape:
+        q = np.asarray(q, float)
+        speeds = self._still if velocities is None else np.asarray(velocities, float)
+        if not q.shape == speeds.shape == self.lower.shape:
             raise MeasurementError(
-                f"joint positions {np.shape(q)} and velocities {np.shape(speeds)} for an arm of "
+                f"joint positions {q.shape} and velocities {speeds.shape} for an arm of "
                 f"{len(self.names)} joints"
             )
-        joint, speeding = _implausible(
-            np.asarray(q, float), np.asarray(speeds, float), self._least, self._most, self._fastest
-        )
+        joint, speeding = _implausible(q, speeds, self._least, self._most, self._fastest)
         if joint >= 0 and not speeding:
             raise MeasurementError(
                 f"{self.names[joint]} measured at {q[joint]:g}: no position that it can have "

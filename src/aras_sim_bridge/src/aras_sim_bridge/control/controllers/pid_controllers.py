@@ -75,9 +75,12 @@ class PidPositionController(PidController):
 
     def calm_until(self, time_ns: int) -> float:
         """For good, while nobody listens."""
-        heard = self.on_state is not None or any(pid.on_state for pid in self.pids.values())
-        alone = type(self).update is PidPositionController.update  # and not a user's own
-        return inf if alone and not heard else -inf
+        if self.on_state is not None or type(self).update is not PidPositionController.update:
+            return -inf  # somebody listens, or it is a user's own
+        for pid in self.pids.values():
+            if pid.on_state:
+                return -inf
+        return inf
 
     def begin_stride(self, time_ns: int) -> None:
         """Take the command that waits."""

@@ -169,6 +169,15 @@ def test_a_stride_ends_before_a_sample_of_the_joints_and_before_a_picture():
     simulation.close()
 
 
+def test_a_bolted_robot_goes_as_far_in_one_stride():
+    simulation = arrived(turner())
+    simulation.step()
+    began = simulation.time_ns
+    simulation.stride(10_000 * MS)
+    assert simulation.time_ns >= began + 10 * MS  # of 16 between two samples
+    simulation.close()
+
+
 class Shy(PidPositionController):
     """A user's own."""
 
@@ -272,3 +281,48 @@ def test_a_world_that_diverges_in_a_stride_ends_as_in_a_step():
         ends.append((simulation.time_ns, robot_of(simulation).loop._updated_ns))
         simulation.close()
     assert ends[0] == ends[1]
+
+
+CART = """<robot name="cart"><link name="base"><inertial><mass value="10"/><origin xyz="0 0 0.1"/>
+<inertia ixx="0.3" iyy="0.3" izz="0.6" ixy="0" ixz="0" iyz="0"/></inertial><collision>
+<origin xyz="0 0 0.1"/><geometry><box size="0.6 0.6 0.2"/></geometry></collision></link>
+<link name="slide"><inertial><mass value="2"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0"
+ixz="0" iyz="0"/></inertial></link>
+<joint name="rail" type="prismatic"><parent link="base"/><child link="slide"/><axis xyz="1 0 0"/>
+<origin xyz="0 0 0.1"/><limit lower="-20" upper="20" effort="1000" velocity="50"/></joint>
+<transmission name="t"><type>transmission_interface/SimpleTransmission</type><joint name="rail">
+<hardwareInterface>hardware_interface/EffortJointInterface</hardwareInterface></joint>
+<actuator name="m"/></transmission>
+<gazebo reference="base"><mu1>0.5</mu1></gazebo>
+<gazebo><plugin name="p" filename="libgazebo_ros_control.so"/></gazebo></robot>"""
+
+
+def test_a_base_is_let_go_in_the_step_in_which_the_ground_cannot_bear_it():
+    """12 kg with 0.5 hold 58.8 N: 8 N for 0.02 m are borne, 400 N for 1 m are not."""
+    ends = {}
+    for in_strides in (False, True):
+        simulation = Simulation(SimulationConfig())
+        simulation.spawn(parse_urdf(CART), "cart", namespace="/c", parameters={
+            "rail": {"type": "effort_controllers/JointPositionController", "joint": "rail",
+                     "interpolate": True, "pid": {"p": 400.0}},
+        })  # fmt: skip
+        robot = simulation.robots["cart"]
+        robot.start(["rail"])
+        for _ in range(300):
+            simulation.step()
+        ends[in_strides], freed = [], None
+        for until_ns, command in ((600 * MS, 0.02), (900 * MS, 1.0)):
+            robot.command("rail", command)
+            while simulation.time_ns < until_ns:
+                began = simulation.time_ns
+                if in_strides:
+                    simulation.stride(until_ns)
+                    assert command == 1.0 or simulation.time_ns > began
+                if simulation.time_ns == began:
+                    simulation.step()
+                if freed is None and not robot.model.fixed_base:
+                    freed = simulation.time_ns
+            assert (freed is None) == (command == 0.02)
+            ends[in_strides].append((freed, told(simulation), robot.model.twist()))
+        simulation.close()
+    assert ends[True] == ends[False]

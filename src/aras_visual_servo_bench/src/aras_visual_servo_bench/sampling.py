@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio
 
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.poses import inverse, rotation_rpy
+from aras_visual_servo_controller.arm.poses import rotation_rpy
 from aras_visual_servo_controller.errors import ServoError, UnreachableError
+from aras_visual_servo_controller.inversion import least_squares
 
 from . import rigid
 from .cameras import in_view
@@ -21,7 +23,7 @@ NEWTON_STEPS, BEGINNINGS, BEND = 12, 4, 0.5  # the last in rad or m
 # (m, rad): what is still away is out of reach, as most poses drawn are.
 SIX, NEAR = 6, 0.1
 FOUND = 1e-6  # m and rad: what the arm has not (a roll) is asked for up to its rounding
-DAMPED = 1e-6 * np.eye(6)
+DAMPED = 1e-3  # m or rad of the camera per unit of joint
 
 
 def draw_start(
@@ -78,23 +80,25 @@ def _joints_at(
     Raises:
         UnreachableError: they are not found, or beyond a limit.
     """
+    goal, count = pinocchio.SE3(pose), len(near)
+    # Least squares of these rows are damped: the elbow may come near to stretched.
+    rows, error = np.vstack([np.zeros((6, count)), DAMPED * np.eye(count)]), np.zeros(6 + count)
     for _ in range(BEGINNINGS):
         # From a stretched elbow the method finds no way: hence the bends.
         q = near + random.uniform(-BEND, BEND, len(near)) * (arm.upper - arm.lower < np.inf)
         q[-1] = near[-1]
         for step in range(NEWTON_STEPS):
-            now, jacobian = arm.view(q)
-            error = rigid.logarithm(inverse(now) @ pose)
-            left = np.abs(error).max()
+            now, rows[:6] = arm.view(q)
+            error[:6] = pinocchio.log6(pinocchio.SE3(now).actInv(goal)).vector
+            left = max(map(abs, error.tolist()))
             if step >= SIX and left > NEAR:
                 break
             if left < FOUND:
                 if ((q < arm.lower) | (q > arm.upper)).any():
                     break
                 return q
-            # Damped, for the elbow may come near to stretched.
-            moved = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + DAMPED, error)
-            q = q + np.clip(moved, -0.5, 0.5)
+            moved = least_squares(rows, error, 0.0)
+            q = q + np.minimum(np.maximum(moved, -0.5), 0.5)
     raise UnreachableError("no joints of the arm give this pose", float("nan"))
 
 

@@ -46,6 +46,29 @@ def test_the_laboratory_s_robot_brings_its_own_parameters(arm):
     assert of().for_robot("../starts") == of()
 
 
+def test_corners_of_a_shipped_goal_are_those_of_its_target(arm):
+    """Its file holds moments alone; `./demo.sh --scheme points` is told on the first page."""
+    goal = of(scheme="points", desired="2016").build(arm).goal
+    found = np.array(goal.features["points"]["points"])
+    exact = goal.target.outline(goal.world_T_camera)
+    nearest = np.linalg.norm(found[:, None] - exact[None], axis=2).min(axis=1)
+    assert len(found) == 8  # a square with a patch at a side
+    assert nearest.max() < 2e-3  # edges of plates that are seen are no corners, as in pictures
+    held = of(scheme="moments", desired="2016").build(arm).goal
+    assert not held.features and goal.moments.m00 == held.moments.m00
+    for scheme in ("segments", "polar_points", "pose", "partitioned"):
+        assert of(scheme=scheme, desired="2016").build(arm).goal.features
+
+
+@pytest.mark.parametrize(("given", "why"), [
+    ({"scheme": "luminance"}, "holds no picture of luminance"),
+    ({"scheme": "numbered_points", "tracker": "dots"}, "holds no points of the feature"),
+])  # fmt: skip
+def test_what_an_outline_does_not_tell_is_still_to_be_taught(arm, given, why):
+    with pytest.raises(ConfigurationError, match=f"goal_2016.yaml {why}.*teach"):
+        of(desired="2016", **given).build(arm)
+
+
 def test_the_goal_follows_the_start():
     assert of(start="2015").goal_path().name == "goal_2015.yaml"
     assert of(start=2016).goal_path().name == "goal_2016.yaml"

@@ -34,6 +34,7 @@ from .servo import Servo
 from .setting_kinds import checked, parameter, suggestion, yaml_mapping
 from .starts import start_joints
 from .state import ServoSettings
+from .teaching import by_geometry
 
 # Parameters that laws take by these names.
 LAW_GAINS = {
@@ -46,6 +47,7 @@ SERVO = (
     "hold", "lead", "lag", "delay", "watchdog", "stop_time", "output", "stiffness", "damping",
     "approach_speed",
 )  # fmt: skip
+OUTLINE = "outline"  # the tracker that takes the corners of what was segmented
 LOOP = ServoSettings  # its defaults are those of the parameters
 # Names of former versions.
 ALIASES = {"pitch_gain": "hold_gain"}
@@ -62,7 +64,7 @@ class Settings:
     scheme: str = parameter("moments", "", "feature, scheme, several joined by '+', or "
                             "'package.module:Class'")  # fmt: skip
     interaction: str = parameter("current", "", "L at the view: current, desired, mean, estimated")
-    tracker: str = parameter("outline", "", "of a target's points: outline, dots, marker, lines")
+    tracker: str = parameter(OUTLINE, "", "of a target's points: outline, dots, marker, lines")
     weights: tuple = parameter((), "", "of stacked features, one each; empty: all alike")
     smoothing: float = parameter(0.0, "s", "time constant of a low-pass on the errors; 0: none")
     law: str = parameter("proportional", "", "proportional, adaptive, diagonal, pi, sliding_mode, "
@@ -256,10 +258,15 @@ class Settings:
             duration=self.duration or np.inf,
             **values,
         )
+        scheme = scheme if scheme is not None else self.make_scheme()
+        if goal is None:
+            goal = Goal.load(self.goal_path()).for_arm(arm)
+            if self.tracker == OUTLINE:  # other points than its corners are for trackers to teach
+                goal = by_geometry(goal, scheme)
         return Servo(
-            scheme if scheme is not None else self.make_scheme(),
+            scheme,
             arm,
-            goal if goal is not None else Goal.load(self.goal_path()),
+            goal,
             self.resolver(arm, limits),
             settings,
             clock,

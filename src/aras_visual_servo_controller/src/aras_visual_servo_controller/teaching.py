@@ -8,16 +8,20 @@ from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_camera.contour import corners_of
+from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.moments import Moments
 
 from .approach import Approach
 from .arm import Arm
-from .errors import ConfigurationError, MeasurementError
+from .errors import ConfigurationError, MeasurementError, ServoError
 from .goal import Goal
 from .joint_sample import JointSample
 from .observation import Observation, Observer
 from .schemes import JointController, Scheme
 from .state import ServoSettings, Source
+
+AROUND = 400  # points of an outline that is worked out, about as many as a picture's has
 
 
 class Teacher:
@@ -126,6 +130,42 @@ def goal_of(
         first, joints=joints, world_T_camera=pose, moments=moments, kernel=kernel,
         features={key: mean_of([g.features[key] for g in goals]) for key in first.features},
     )  # fmt: skip
+
+
+def by_geometry(goal: Goal, scheme: Scheme | JointController) -> Goal:
+    """A goal with what the scheme keeps of it, as an exact camera there sees the target's outline.
+
+    As it is where it holds that already, where nobody knows the target's geometry, and where an
+    outline tells the features nothing: what is missing then, the check of the goal says.
+
+    Args:
+        goal: as an arm sees it.
+    """
+    try:
+        scheme.check(goal)
+    except ConfigurationError:
+        if goal.target is None or goal.world_T_camera is None:
+            return goal
+        try:
+            outline = _along(goal.target.outline(goal.world_T_camera))
+            view = Observer(None, scheme.needs).of_exact(
+                0.0, goal.camera, world_T_camera=goal.world_T_camera, plane=goal.plane,
+                contour=outline, points=corners_of(outline),  # as they are found in pictures
+            )  # fmt: skip
+            taught = {key: dict(entry) for key, entry in scheme.teach(view).items()}
+        except (ServoError, VisionError):
+            return goal
+        return replace(goal, features={**taught, **goal.features})
+    return goal
+
+
+def _along(corners: np.ndarray) -> np.ndarray:
+    """Points (m, 2) along a polygon's sides, as many to a side as it is long."""
+    sides = np.roll(corners, -1, axis=0) - corners
+    lengths = np.linalg.norm(sides, axis=1)
+    counts = np.maximum(1, np.round(AROUND * lengths / lengths.sum())).astype(int)
+    return np.vstack([corner + np.arange(count)[:, None] / count * side
+                      for corner, side, count in zip(corners, sides, counts, strict=True)])
 
 
 def mean_of(entries: Sequence[Any]) -> Any:

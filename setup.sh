@@ -320,7 +320,8 @@ compile_loops() {
 # What pip has installed is turned into bytecode by all cores; pip itself would take one.
 [[ ! -e .venv/bytecode.due ]] || due+=(bytecode)
 bytecode() {
-    .venv/bin/python -m compileall -q -q -j 0 .venv/lib || true # some packages carry templates that are no Python
+    # Side by side needs semaphores, which some containers do not have; some packages carry templates that are no Python.
+    .venv/bin/python -m compileall -q -q -j 0 .venv/lib || .venv/bin/python -m compileall -q -q .venv/lib || true
     rm .venv/bytecode.due
 }
 

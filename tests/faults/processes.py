@@ -90,7 +90,7 @@ def _wait_until_started(robot: Launch) -> None:
 def starts_and_stops(bed: Bed, scale: float, seed: int) -> Outcome:
     """The graph ended at different moments of its first seconds: quickly, without a traceback."""
     outcome = Outcome("starts and stops")
-    count = max(round(20 * scale), 2)
+    count, unborn = max(round(20 * scale), 2), 0
     bed.stop()
     for k in range(count):
         outcome.injected += 1
@@ -106,14 +106,29 @@ def starts_and_stops(bed: Bed, scale: float, seed: int) -> Outcome:
             outcome.lost.append(f"ended {ended - began:.1f} s after the start: {error}")
             continue
         outcome.recovered = max(outcome.recovered, time.monotonic() - ended)
-        _, trace, text = robot.output().partition("Traceback")
-        if trace:
-            last = next((line for line in text.splitlines()[1:] if not line.startswith(" ")), "")
-            outcome.lost.append(f"ended {ended - began:.1f} s after the start: traceback, {last}")
-        else:
-            outcome.survived += 1
+        found, before = tracebacks(robot.output())
+        unborn += before
+        outcome.lost += [f"ended {ended - began:.1f} s after the start: {what}" for what in found]
+        outcome.survived += not found
+    if unborn:
+        outcome.note = f"{unborn} processes ended while Python itself began, and said so"
     bed.start()
     return outcome
+
+
+def tracebacks(text: str) -> tuple[list[str], int]:
+    """Tracebacks in what processes printed, by their first frame and last line; and how many more
+    there are of Python's own beginning, when no line of a program has run that could keep quiet."""
+    found, unborn = [], 0
+    for piece in text.split("Traceback (most recent call last):")[1:]:
+        lines = piece.splitlines()
+        frame = next((line.strip() for line in lines if line.lstrip().startswith("File ")), "")
+        last = next((line for line in lines[1:] if line and not line.startswith(" ")), "")
+        if frame.startswith('File "<frozen site>"'):
+            unborn += 1
+        else:
+            found.append(f"traceback, {frame}: {last}")
+    return found, unborn
 
 
 GROUPS = (nodes_killed, master_gone, starts_and_stops)

@@ -10,6 +10,7 @@ TESTS = Path(__file__).parents[1]
 sys.path.insert(0, str(TESTS))
 from faults import campaign  # noqa: E402
 from faults.outcome import Outcome  # noqa: E402
+from faults.processes import tracebacks  # noqa: E402
 
 CHOICE = "garbage|bytes|fuzzed|hostile|games"
 
@@ -45,3 +46,19 @@ def test_a_group_that_cannot_go_on_is_told_and_the_next_one_has_a_new_graph(monk
     first, second = campaign.run(tmp_path, (stuck, quiet), 0.5, 7)
     assert not first.clean and "did not end at Ctrl-C" in first.hung[0]
     assert second.clean and done == ["start", "start_anew", (0.5, 7), "close"]
+
+
+def test_a_traceback_of_pythons_own_beginning_is_told_from_those_of_programs():
+    python = (
+        "Fatal Python error: init_import_site: Failed to import the site module\n"
+        'Traceback (most recent call last):\n  File "<frozen site>", line 638, in <module>\n'
+        "KeyboardInterrupt\n"
+    )
+    ours = (
+        'Traceback (most recent call last):\n  File "/ws/devel/lib/gazebo", line 15, in <module>\n'
+        '    exec(x)\n  File "<frozen site>", line 3, in main\nKeyboardInterrupt\n'
+    )
+    found, unborn = tracebacks(f"[INFO] up\n{python}words\n{ours}{python}")
+    assert unborn == 2 and len(found) == 1
+    assert "/ws/devel/lib/gazebo" in found[0] and found[0].endswith("KeyboardInterrupt")
+    assert tracebacks("all is well") == ([], 0)

@@ -64,3 +64,36 @@ def test_a_topic_closed_under_a_callback_is_a_fault_only_before_the_end():
     )  # fmt: skip
     told = [line.partition("bad callback: ")[2] for line in ended.stderr.splitlines()]
     assert [text for text in told if text] == ["publish() to a closed topic", "another fault"]
+
+
+BEGINS = """
+import sys
+from types import SimpleNamespace
+import rospy, rospy.impl.init
+from aras_visual_servo_ros.shutdown import begin_node
+
+def start_node(*_, **__):
+    if "interrupted" in sys.argv:
+        rospy.signal_shutdown("as rospy's handler of Ctrl-C does")
+        return SimpleNamespace(uri="", shutdown=lambda reason: None)
+    raise rospy.ROSInitException("another fault")
+
+rospy.impl.init.start_node = start_node
+begin_node("begins")
+print("up")
+"""
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "told"), [(["interrupted"], 130, ""), ([], 1, "another fault")]
+)
+def test_a_node_that_is_interrupted_while_it_begins_ends_without_a_traceback(
+    words, status, told, tmp_path
+):
+    path = os.pathsep.join(filter(None, sys.path))
+    ended = subprocess.run(
+        [sys.executable, "-c", BEGINS, *words], capture_output=True, text=True, timeout=60.0,
+        env={**os.environ, "PYTHONPATH": path, "ROS_LOG_DIR": str(tmp_path)},
+    )  # fmt: skip
+    assert (ended.returncode, ended.stdout) == (status, "")
+    assert told in ended.stderr and ("Traceback" in ended.stderr) == bool(told)

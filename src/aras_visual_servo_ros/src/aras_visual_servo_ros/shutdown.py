@@ -1,4 +1,5 @@
-"""What ends a node: signals, from a thread of their own; and a master that has gone."""
+"""What ends a node: signals, from a thread of their own, or while it begins; and a master that has
+gone."""
 
 from __future__ import annotations
 
@@ -24,8 +25,22 @@ class _OrderlyEnd(logging.Filter):
         return not (rospy.is_shutdown() and CLOSED in record.getMessage())
 
 
+def begin_node(name: str, **options: bool) -> None:
+    """rospy.init_node(name, **options) that may be interrupted at any moment.
+
+    A Ctrl-C in the middle of it has rospy raise what no program awaits there; here it ends the
+    program as one just before or after does, without a traceback.
+    """
+    try:
+        rospy.init_node(name, **options)
+    except (rospy.ROSException, rospy.ServiceException):
+        if not rospy.is_shutdown():
+            raise
+        sys.exit(128 + signal.SIGINT)
+
+
 def end_on_signals() -> None:
-    """Take Ctrl-C and SIGTERM over from rospy; call it after init_node, in the main thread.
+    """Take Ctrl-C and SIGTERM over from rospy; call it after begin_node, in the main thread.
 
     rospy ends the node inside the signal handler, which Python runs in the main thread, wherever
     that is: in the middle of a log line it waits for locks that this line holds. And the kernel may

@@ -15,7 +15,7 @@ from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_ros.connections import open_wide
 from aras_visual_servo_ros.master_watch import MasterWatch
-from aras_visual_servo_ros.shutdown import end_on_signals, end_without_master
+from aras_visual_servo_ros.shutdown import begin_node, end_on_signals, end_without_master
 
 from ..errors import BenchError
 from ..live.page import Page
@@ -167,7 +167,7 @@ def own_parameters(given: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any
 
 def main() -> int:
     """Run the node; returns its exit status."""
-    rospy.init_node("aras_visual_servo_dashboard", disable_rostime=True)
+    begin_node("aras_visual_servo_dashboard", disable_rostime=True)
     open_wide()
     end_on_signals()
     try:

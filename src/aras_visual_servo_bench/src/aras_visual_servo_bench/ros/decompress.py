@@ -7,6 +7,8 @@ import numpy as np
 import rospy
 from sensor_msgs.msg import CompressedImage, Image
 
+from aras_visual_servo_ros.shutdown import begin_node
+
 
 def decompressed(message: CompressedImage) -> Image | None:
     """The picture with its stamp and frame, rgb8 or mono8; None where it cannot be read."""
@@ -25,7 +27,7 @@ def decompressed(message: CompressedImage) -> Image | None:
 
 def main() -> int:
     """The node `decompress`: from ~camera/image_raw/compressed to ~camera/image_raw."""
-    rospy.init_node("decompress")
+    begin_node("decompress")
     topic = rospy.get_param("~camera", "/labrob/camera").rstrip("/") + "/image_raw"
     publisher = rospy.Publisher(topic, Image, queue_size=2)
 

@@ -84,9 +84,9 @@ def main() -> int:
     import rospy
     from std_msgs.msg import String
 
-    from aras_visual_servo_ros.shutdown import end_on_signals
+    from aras_visual_servo_ros.shutdown import begin_node, end_on_signals
 
-    rospy.init_node("describe", disable_rostime=True)
+    begin_node("describe", disable_rostime=True)
     end_on_signals()
     controller = rospy.get_param("~controller", CONTROLLER)
     publisher = rospy.Publisher(TOPIC, String, queue_size=1, latch=True)

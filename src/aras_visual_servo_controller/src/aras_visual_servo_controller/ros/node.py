@@ -9,7 +9,7 @@ import rospy
 
 from aras_visual_servo_ros.connections import open_wide
 from aras_visual_servo_ros.master_watch import MasterWatch
-from aras_visual_servo_ros.shutdown import end_on_signals, end_without_master
+from aras_visual_servo_ros.shutdown import begin_node, end_on_signals, end_without_master
 
 from ..driver import Driver
 from ..errors import ConfigurationError
@@ -87,7 +87,7 @@ class ControllerNode:
 
 def main() -> int:
     """Run the node; returns its exit status."""
-    rospy.init_node("aras_visual_servo_controller")
+    begin_node("aras_visual_servo_controller")
     open_wide()
     end_on_signals()
     try:

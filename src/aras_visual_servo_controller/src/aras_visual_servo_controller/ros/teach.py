@@ -9,6 +9,8 @@ from pathlib import Path
 import rospkg
 import rospy
 
+from aras_visual_servo_ros.shutdown import begin_node
+
 from ..errors import ServoError
 from ..goal import Goal
 from ..observation import Need
@@ -26,7 +28,7 @@ def live(arguments: argparse.Namespace) -> Goal:
     Raises:
         ServoError: nothing usable is seen in time, with the reason.
     """
-    rospy.init_node("teach", anonymous=True)
+    begin_node("teach", anonymous=True)
     package = Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
     given = {"scheme": arguments.scheme}
     settings = Settings.from_mapping(given, package)

@@ -9,6 +9,7 @@ import rospy
 from controller_manager_msgs.srv import ListControllers, SwitchController
 
 from aras_sim_bridge.ros.cli.controller_manager import STRICT, load, start
+from aras_visual_servo_ros.shutdown import begin_node
 
 WAIT = 5.0  # seconds of wall time for the controller manager
 
@@ -61,7 +62,7 @@ def main() -> int:
     for name in ("spawn", "switch"):
         commands.add_parser(name).add_argument("group", help="name of the group")
     args = parser.parse_args(rospy.myargv(sys.argv)[1:])
-    rospy.init_node("controller_group", anonymous=True)
+    begin_node("controller_group", anonymous=True)
     groups = read_groups()
     if args.command == "list":
         return 0 if list_groups(groups) else 1

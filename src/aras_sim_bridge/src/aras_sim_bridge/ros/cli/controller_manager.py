@@ -15,6 +15,8 @@ from controller_manager_msgs.srv import (
     UnloadController,
 )
 
+from aras_visual_servo_ros.shutdown import begin_node
+
 STRICT = 2
 ALIASES = {"sp": "spawn", "kl": "kill", "lc": "list", "lt": "list-types", "rl": "reload-libraries"}
 COMMANDS = ["load", "unload", "start", "stop", "spawn", "kill", "list", "list-types"]
@@ -107,7 +109,7 @@ def main() -> int:
     parser.add_argument("names", nargs="*", help="controller names")
     parser.add_argument("--restore", action="store_true", help="load them again after a reload")
     args = parser.parse_args(rospy.myargv(sys.argv)[1:])
-    rospy.init_node("controller_manager", anonymous=True)
+    begin_node("controller_manager", anonymous=True)
     try:
         ok = run(ALIASES.get(args.command, args.command), args.names, args.restore)
     except rospy.ROSInterruptException:

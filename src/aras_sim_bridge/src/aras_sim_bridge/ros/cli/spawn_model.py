@@ -13,6 +13,7 @@ from std_srvs.srv import Empty
 
 from aras_sim_bridge.poses import Pose
 from aras_sim_bridge.ros.conversions import to_pose
+from aras_visual_servo_ros.shutdown import begin_node
 
 
 class UsageError(Exception):
@@ -146,7 +147,7 @@ def delete(args: argparse.Namespace) -> None:
 def main() -> int:
     """Entry point; returns the exit status."""
     args = parse(rospy.myargv(sys.argv)[1:])
-    rospy.init_node("spawn_model", anonymous=True)
+    begin_node("spawn_model", anonymous=True)
     try:
         spawn(args)
     except UsageError as error:

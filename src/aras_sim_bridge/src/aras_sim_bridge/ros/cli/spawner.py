@@ -12,6 +12,8 @@ from controller_manager_msgs.srv import LoadController, SwitchController, Unload
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Bool
 
+from aras_visual_servo_ros.shutdown import begin_node
+
 STRICT = 2
 SERVICES = (
     ("load_controller", LoadController),
@@ -137,7 +139,7 @@ class Spawner:
 def main() -> int:
     """Entry point; returns the exit status."""
     args = parse(rospy.myargv(sys.argv)[1:])
-    rospy.init_node("spawner", anonymous=True)
+    begin_node("spawner", anonymous=True)
     namespace = args.namespace or ""
     if namespace and not namespace.endswith("/"):
         namespace += "/"

@@ -12,6 +12,8 @@ from controller_manager_msgs.srv import (
     SwitchControllerRequest,
 )
 
+from aras_visual_servo_ros.shutdown import begin_node
+
 BEST_EFFORT = 1
 PERIOD = 3.0  # seconds of wall time between two looks
 
@@ -21,7 +23,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="unspawner", description=__doc__)
     parser.add_argument("controllers", nargs="+", help="controller names")
     names = parser.parse_args(rospy.myargv(sys.argv)[1:]).controllers
-    rospy.init_node("unspawner", anonymous=True)
+    begin_node("unspawner", anonymous=True)
     try:
         for service in ("switch_controller", "list_controllers"):
             rospy.wait_for_service(f"controller_manager/{service}")

@@ -28,7 +28,7 @@ from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_ros.connections import open_wide
 from aras_visual_servo_ros.master_watch import MasterWatch
 from aras_visual_servo_ros.parameters import InvalidParameterError, namespace_of
-from aras_visual_servo_ros.shutdown import end_on_signals
+from aras_visual_servo_ros.shutdown import begin_node, end_on_signals
 
 log = logging.getLogger(__name__)
 
@@ -190,7 +190,7 @@ def main(given: Mapping[str, object] = MappingProxyType({})) -> int:
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
     # Without rospy's own subscription to /clock: this node makes the time that others wait for.
-    rospy.init_node("gazebo", disable_rostime=True)
+    begin_node("gazebo", disable_rostime=True)
     open_wide()
     ending = _Ending()
     try:

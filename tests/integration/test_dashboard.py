@@ -316,6 +316,7 @@ def test_another_scheme_and_a_moved_goal(viewer):
                            goal="2016", timeout=90.0)  # fmt: skip
     assert not done
     assert why.startswith("no controller runs now: goal_2016.yaml holds no picture"), why
+    wait_for(lambda: not viewer.phase(), 20.0, "the page to know that no controller is there")
     # Corners, which the goal's file does not hold, are those of the target's geometry.
     done, text = viewer.ask("servo", scheme="points", law="proportional", start="2015",
                             goal="2016", timeout=90.0)  # fmt: skip

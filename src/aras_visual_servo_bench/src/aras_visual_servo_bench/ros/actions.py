@@ -188,6 +188,13 @@ class Actions:
         except (rosservice.ROSServiceException, OSError):
             return False
 
+    def controller_is_there(self) -> bool:
+        """Whether any controller serves; where nobody can be asked, it is believed to."""
+        try:
+            return rosservice.get_service_uri(f"{self._space}/controller/start") is not None
+        except (rosservice.ROSServiceException, OSError):
+            return True
+
     def _end_nodes(self) -> None:
         if self._nodes is not None:
             self._nodes.stop()

@@ -126,6 +126,8 @@ class Dashboard:
         story = listener.look()
         if story is None or not self._viewers:
             return
+        if story.told.phase and not self._actions.controller_is_there():
+            listener.forget()
         self._target.tell(story, self._actions.robot)
         arm = story.arm
         limits = listener.settings.for_robot(listener.robot, ()).limits(arm)

@@ -94,6 +94,13 @@ class Listener:
             story.factor = None if silent else self._pace.factor
         return story
 
+    def forget(self) -> None:
+        """No controller is there any more: what it told last holds no longer."""
+        with self.lock:
+            self.report = None
+            if self.story is not None:
+                self.story.told = Told()
+
     def _read_joints(self, story: Story) -> None:
         content, self._joints = self._joints, b""
         if not content:

@@ -113,7 +113,8 @@ function told(words) {
   $("phase").className = `badge ${words.phase || "waiting"}`;
   $("scheme").textContent = words.scheme;
   const outcome = words.outcome && !["running", words.phase].includes(words.outcome) ? words.outcome.replace(/_/g, " ") : "";
-  const text = [outcome, words.reason].filter(Boolean).join(": ");
+  const text = words.phase ? [outcome, words.reason].filter(Boolean).join(": ")
+    : "no controller runs: start the nodes with a scheme";
   $("words").textContent = words.mend && outcome ? `${text} — ${words.mend}` : text;
   $("words").title = $("words").textContent;
 }

@@ -161,6 +161,7 @@ def roslaunch(words: Words, folder: Path) -> None:
     for word in rest:
         key, given, value = word.partition(":=")
         assert given, f"roslaunch's arguments are name:=value, not {word}"
+        assert "\n" not in word, f"roslaunch leaves out, without a word, what has two lines: {word}"
         assert key in known, f"{name} has no argument {key}"
         if key == "scheme":
             scheme(value)

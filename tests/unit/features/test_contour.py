@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from feature_cases import L_SHAPE, SQUARE, TARGET, View, grey_image, rotation
 
-from aras_visual_servo_camera.contour import corners_of, outline_of
+from aras_visual_servo_camera.contour import corners_like, corners_of, outline_of
 from aras_visual_servo_camera.errors import SegmentationError
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.segmentation import Segmentation, segment
@@ -74,3 +74,25 @@ def test_a_disc_is_no_polygon_and_a_speck_has_no_outline():
     grey[100:102, 100:102] = 0
     with pytest.raises(SegmentationError, match="outline"):
         outline_of(grey, segment(grey, Segmentation(min_pixels=1)), CAMERA)
+
+
+@pytest.mark.parametrize("turn", [0.0, 31.0, 133.0, 250.0])
+@pytest.mark.parametrize("depth", [1.0, 2.0, 2.6])
+def test_a_small_targets_corners_are_those_of_its_model(turn, depth):
+    """Fifteen pixels across, the plates show from 7 to 11 corners of their eight."""
+    model, _ = picture(SCALES["target"], (0.0, 0.0), 0.0)
+    drawn, grey = picture(SCALES["target"], (12.0, -8.0), turn, depth)
+    outline = outline_of(grey, segment(grey, Segmentation()), CAMERA)
+    for known, wanted in (
+        (model, drawn), (model[::-1], drawn[::-1]), (np.roll(model, 3, 0), np.roll(drawn, 3, 0))
+    ):  # fmt: skip
+        corners = corners_like(outline, known)
+        assert np.linalg.norm(corners - wanted, axis=1).max() < 1.2 / 200.0
+
+
+def test_another_polygon_is_not_taken_for_the_model():
+    model, _ = picture(SCALES["target"], (0.0, 0.0), 0.0)
+    _, grey = picture(SCALES["L"], (0.0, 0.0), 10.0)
+    outline = outline_of(grey, segment(grey, Segmentation()), CAMERA)
+    with pytest.raises(SegmentationError, match="has not the goal's 8 corners"):
+        corners_like(outline, model)

@@ -13,7 +13,7 @@ from aras_visual_servo_controller.arm.poses import body_motion, transform
 from aras_visual_servo_controller.diagnosis import KINDS
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.evidence import DIRECTIONS, CameraEvidence, Oscillation
-from aras_visual_servo_controller.features import Feature, Measured
+from aras_visual_servo_controller.features import Feature, Measured, Stack
 from aras_visual_servo_controller.joint_sample import JointSample
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.schemes import Composed
@@ -280,6 +280,7 @@ class Torn(Feature):
     """Two numbers that want opposite motions: their sum is at its least, not at zero."""
 
     names, tolerances = ("right", "left"), (1e-3, 1e-3)
+    geometric = False  # its L is no view's
     directions = (True, False, False, False, False, False)
 
     def measure(self, observation, goal):
@@ -416,6 +417,49 @@ def test_the_direction_that_is_off_is_named(direction, factor):
             assert words.startswith(f"along {DIRECTIONS[direction]} ")
             found = float(words.split(" move ")[1].split(" times")[0])
             assert found == pytest.approx(factor, abs=0.03)
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+def test_two_translations_are_compared_however_little_one_of_them_is(factor):
+    """The camera came down by a centimetre and went far aside: one depth for all lay by the
+    sideways way, and a focal length of 0.9 times the true one passed."""
+    evidence, tolerances = CameraEvidence(), np.full(3, 1e-3)
+    L = np.eye(6)[:3]
+    position, pose = np.zeros(3), np.eye(4)
+    for _ in range(30):
+        decision = SimpleNamespace(L=L, error=position * [1.0, 1.0, factor])
+        evidence.add(decision, SimpleNamespace(previous_T_camera=pose, joints=None), tolerances)
+        way = 1e-3 * np.array([8.0, 5.0, 1.0, 0.0, 0.0, 0.0])
+        position, pose = position + way[:3], exponential(way)
+    assert evidence.fault().startswith(f"along vz the features move {factor:.2f} times")
+    assert evidence.fault().endswith("along vx 1.00 times")
+
+
+def slowly(step, images, factor=0.8):
+    """Evidence of a camera that goes by `step` tolerances an image, along x and z in turn."""
+    evidence, tolerances = CameraEvidence(), np.full(3, 1e-3)
+    position, pose = np.zeros(3), np.eye(4)
+    for k in range(images):
+        decision = SimpleNamespace(L=np.eye(6)[:3], error=position * [1.0, 1.0, factor])
+        evidence.add(decision, SimpleNamespace(previous_T_camera=pose, joints=None), tolerances)
+        way = 1e-3 * step * np.eye(6)[2 * (k // 8 % 2)]
+        position, pose = position + way[:3], exponential(way)
+    return evidence.fault()
+
+
+def test_slow_motion_is_added_up_over_four_images_and_no_more():
+    assert slowly(4.0, 60) and slowly(1.6, 160) and slowly(0.8, 320)
+    assert not slowly(0.7, 320)
+
+
+def test_what_a_network_tells_says_nothing_of_the_camera():
+    class Told(Twice):
+        geometric = False
+
+    assert Composed(Twice(), Proportional(3.0)).judges_camera
+    assert not Composed(Told(), Proportional(3.0)).judges_camera
+    assert not Composed(Stack([Twice(), Told()]), Proportional(3.0)).judges_camera
+    assert not Composed(Twice(), Proportional(3.0), interaction="mean").judges_camera
 
 
 def test_a_little_off_is_within_what_can_be_measured():

@@ -27,18 +27,30 @@ class Rows:
 
     def __init__(self):
         self.rows, self.values, self.path = [np.empty((0, 6))], [np.empty(0)], 0.0
+        self.begin()
+
+    def begin(self):
+        """A row is what happened from here on."""
+        self.parts, self.moved, self.shaken, self.images = 0.0, 0.0, 0.0, 0
 
     def add(self, before, now, twist, tolerances, shaken):
         (error_before, L_before), (error, L) = before, now
-        parts = 0.5 * (L_before + L) * twist / tolerances[:, None]
         moved = (error - error_before) / tolerances
-        predicted = np.abs(parts.sum(axis=1)).max()
-        if predicted < CameraEvidence.LEAST or np.abs(moved).max() > 1.0 / tolerances.max():
+        if np.abs(moved).max() > 1.0 / tolerances.max():
+            self.begin()
             return
-        weight = 1.0 / (1.0 + CameraEvidence.TYPICAL * shaken)
-        self.rows.append(weight * parts)
-        self.values.append(weight * moved)
-        self.path += weight * predicted
+        self.parts = self.parts + 0.5 * (L_before + L) * twist / tolerances[:, None]
+        self.moved, self.shaken = self.moved + moved, max(self.shaken, shaken)
+        self.images += 1
+        predicted = np.abs(self.parts.sum(axis=1)).max()
+        if predicted >= CameraEvidence.LEAST:
+            weight = 1.0 / (1.0 + CameraEvidence.TYPICAL * self.shaken)
+            self.rows.append(weight * self.parts)
+            self.values.append(weight * self.moved)
+            self.path += weight * predicted
+            self.begin()
+        elif self.images == CameraEvidence.TOGETHER:
+            self.begin()
 
     def fault(self):
         A, b = np.vstack(self.rows), np.concatenate(self.values)
@@ -57,22 +69,36 @@ class Rows:
         if misfit > CameraEvidence.MISFIT and np.sqrt(off @ off / len(b)) > CameraEvidence.LOUD:
             return ("the features move otherwise than L and the arm's motion say: "
                     f"{100.0 * misfit:.0f} % of the motion is not explained")
-        # One row more a direction, of weight 1: where nothing was seen, it is as expected.
-        known = np.vstack([A, np.eye(6)])
-        scale = np.linalg.lstsq(known, np.concatenate([b, expected]), rcond=None)[0]
+        # One row more a direction, of little weight: where nothing was seen, it is as expected.
+        weak = np.sqrt(0.1) * np.eye(6)
+        known = np.vstack([A, weak])
+        scale = np.linalg.lstsq(known, np.concatenate([b, weak @ expected]), rcond=None)[0]
         left = b - A @ scale
-        variance = np.diag(np.linalg.inv(known.T @ known))
-        doubt = np.maximum(
-            CameraEvidence.OFF,
-            CameraEvidence.DEVIATIONS * np.sqrt(left @ left / len(b)) * np.sqrt(variance),
-        )
-        over = np.abs(scale - expected) - left @ left * variance - doubt
-        over[np.sqrt(variance) > 1.0 / CameraEvidence.KNOWN] = -1.0
-        worst = int(over.argmax())
-        if over[worst] <= 0.0:
+        noise = max(np.sqrt(left @ left / max(len(b) - 6, 1)), CameraEvidence.QUIET)
+        spread = np.linalg.inv(known.T @ known)
+        found = []
+        for one, other in [(1, 0), (2, 0), (2, 1), (3, 3), (4, 4), (5, 5)]:
+            compared = np.zeros(6)
+            compared[one], unit, least = 1.0, 1.0, CameraEvidence.TURNED
+            away = scale[one] - 1.0
+            if one != other:
+                compared[other], unit, least = -1.0, depth, CameraEvidence.KNOWN
+                away = scale[one] - scale[other]
+            unknown = np.sqrt(compared @ spread @ compared)
+            doubt = CameraEvidence.DEVIATIONS * noise * unknown / unit
+            if unknown <= 1.0 / least:
+                lowered = left @ left * unknown**2
+                found.append((abs(away) / unit - CameraEvidence.OFF - lowered - doubt, one, other))
+        over, one, other = max(found, default=(0.0, 0, 0))
+        if over <= 0.0:
             return ""
-        return (f"along {DIRECTIONS[worst]} the features move {scale[worst]:.2f} times as far as L "
-                f"and the arm's motion say, elsewhere {expected[worst]:.2f} times")
+        if one != other and abs(scale[one] - 1.0) < abs(scale[other] - 1.0):
+            one, other = other, one
+        beside = f"along {DIRECTIONS[other]} {scale[other]:.2f}"
+        if one == other:
+            beside = "elsewhere 1.00"
+        return (f"along {DIRECTIONS[one]} the features move {scale[one]:.2f} times as far as L "
+                f"and the arm's motion say, {beside} times")
 
 
 def judged(seed, jacobian=None):

@@ -192,14 +192,25 @@ def test_convergence_judges_the_mean_and_refuses_a_swing():
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_convergence_has_hysteresis(sign):
-    convergence = Convergence(0.2)
-    assert feed(convergence, [sign * 0.9] * 4)[-1]
+    convergence = Convergence(0.4)
+    assert feed(convergence, [sign * 0.9] * 6)[-1]
     # what would not have been near enough to arrive is near enough to stay
-    assert feed(convergence, [sign * 1.4] * 4, 0.4) == [True] * 4
-    assert feed(convergence, [sign * 1.6] * 3, 0.8) == [True, False, False]  # means of three
+    assert feed(convergence, [sign * 1.4] * 5, 0.6) == [True] * 5
+    assert feed(convergence, [sign * 1.6] * 3, 1.1) == [True, True, False]  # means of five
     # and once away, it has to come all the way back
-    assert not any(feed(convergence, [sign * 1.4] * 5, 1.1))
-    assert feed(convergence, [sign * 0.9] * 4, 1.6)[-1]
+    assert not any(feed(convergence, [sign * 1.4] * 6, 1.4))
+    assert feed(convergence, [sign * 0.9] * 6, 2.0)[-1]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_images_that_come_seldom_have_no_mean(sign):
+    """A way past the goal, an image in 0.8 s, was taken for noise about it."""
+    passing = sign * np.array([-3.3, 0.6, -0.1, 0.1, 0.1])
+    assert feed(Convergence(2.0), passing, dt=0.8) == [False] * 4 + [True]
+    # however long the gap, two images show no rest; four that are near do, also of a fast camera
+    assert feed(Convergence(0.5), [sign * 0.9] * 3, dt=1.5) == [False, False, True]
+    assert feed(Convergence(0.3), sign * np.array([0.5, -1.1, 0.5, 0.5])) == [False] * 4
+    assert feed(Convergence(0.4), sign * np.array([0.5, -1.1, 0.5, 0.5, 0.5]))[-1]
 
 
 def of_camera(errors, L, modelled=(True,) * 6):

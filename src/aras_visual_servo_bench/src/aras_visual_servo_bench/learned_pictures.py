@@ -72,7 +72,7 @@ class LearnedPose(Feature):
     L = diag(g_R_c, J), as of position-based servoing.
     """
 
-    name = "learned_pose"
+    name, geometric = "learned_pose", False
     needs = frozenset((Need.IMAGE,))
     names = ("tx", "ty", "tz", "ux", "uy", "uz")
     tolerances, units = (0.002,) * 3 + (0.005,) * 3, ("m",) * 3 + ("rad",) * 3

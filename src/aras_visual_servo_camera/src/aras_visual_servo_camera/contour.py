@@ -19,6 +19,9 @@ from .undistortion import CameraModel
 # Of the outline's length: how far a side may bend before it counts as two.
 BEND = 0.012
 MAX_CORNERS = 32
+FITS = 2  # of the sides' lines: between rough corners, and between those so found
+PARTS = 128  # of the way round, at which an outline is compared with a model
+UNLIKE = 0.1  # of its radius that a corner may be off its model's, and a pixel
 
 
 def outline_of(grey: NDArray[np.uint8], target: Target, camera: CameraModel) -> Array:
@@ -81,7 +84,7 @@ def corners_of(outline: Array, bend: float = BEND) -> Array:
     """Corners (n, 2) of a polygon's outline (m, 2), in its order, with positive turn.
 
     Sides are found by Douglas and Peucker's rule, fitted by total least squares without the
-    points next to their ends, and met.
+    points next to their ends, and met; then again between the corners so found.
 
     Args:
         outline: closed, as outline_of() gives it.
@@ -90,34 +93,110 @@ def corners_of(outline: Array, bend: float = BEND) -> Array:
     Raises:
         SegmentationError: fewer than three sides, or more than 32: no polygon.
     """
-    points = np.asarray(outline, dtype=float)
-    x, y = points.T
-    if np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)) < 0.0:
-        points = points[::-1]
+    points, middle = _turned(outline)
     length = float(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).sum())
     # approxPolyDP takes float32: numbers about the middle keep their digits.
+    rough = cv2.approxPolyDP(points.astype(np.float32)[:, None], bend * length, True)
+    return _fitted(points, rough[:, 0].astype(float)) + middle
+
+
+def corners_like(outline: Array, model: Array) -> Array:
+    """Corners (n, 2) of a polygon's outline (m, 2), as many as the model (n, 2) has, and in its
+    order: where the outline is a few pixels long, its sides cannot be told without knowing them.
+
+    The model is laid over the outline by the similarity that fits best, points at equal parts of
+    the way round compared; its corners then say where sides begin.
+
+    Args:
+        outline: closed, as outline_of() gives it.
+        model: corners of the same target from another view of the same side.
+
+    Raises:
+        SegmentationError: two corners come to lie on one point of the outline; or the outline is
+            no view of the model.
+    """
+    points, middle = _turned(outline)
+    wanted, _ = _turned(model)
+    seen, known = _spaced(points), _spaced(wanted)
+    origin = known.mean()
+    known = known - origin
+    # Of the model begun k parts later, by the correlation theorem.
+    fits = np.fft.ifft(np.fft.fft(seen) * np.conj(np.fft.fft(known)))
+    turned = fits[int(np.abs(fits).argmax())] / np.vdot(known, known).real
+    laid = (wanted[:, 0] + 1j * wanted[:, 1] - origin) * turned + seen.mean()
+    corners = _fitted(points, np.stack([laid.real, laid.imag], axis=1))
+    if len(corners) != len(wanted):
+        raise SegmentationError(
+            f"the target is too small to tell its {len(wanted)} corners from each other"
+        )
+    # A plane seen from elsewhere is about an affine map of it.
+    flat = np.column_stack([wanted, np.ones(len(wanted))])
+    off = corners - flat @ np.linalg.lstsq(flat, corners, rcond=None)[0]
+    pixel = float(np.median(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    radius = float(np.sqrt(points.var(axis=0).sum()))
+    if np.linalg.norm(off, axis=1).max() > pixel + UNLIKE * radius:
+        raise SegmentationError(f"what is seen has not the goal's {len(wanted)} corners")
+    return (corners[::-1] if _area(np.asarray(model, float)) < 0.0 else corners) + middle
+
+
+def _turned(polygon: Array) -> tuple[Array, Array]:
+    """Points (n, 2) about their middle, with positive turn; and that middle (2,)."""
+    points = np.asarray(polygon, dtype=float)
     middle = points.mean(axis=0)
-    rough = cv2.approxPolyDP((points - middle).astype(np.float32)[:, None], bend * length, True)
-    breaks = _places(points - middle, rough[:, 0].astype(float))
-    if not 3 <= len(breaks) <= MAX_CORNERS:
-        raise SegmentationError(f"the target's outline has {len(breaks)} sides: no polygon")
-    lines = [_line(points - middle, a, b) for a, b in zip(breaks, np.roll(breaks, -1), strict=True)]
+    points = points - middle
+    return (points[::-1] if _area(points) < 0.0 else points), middle
+
+
+def _area(points: Array) -> float:
+    """Twice the area of a polygon (n, 2), negative where it turns the other way."""
+    x, y = points.T
+    return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
+
+
+def _spaced(polygon: Array) -> Array:
+    """Complex points (PARTS,) at equal parts of the way round a polygon (n, 2)."""
+    closed = np.vstack([polygon, polygon[:1]])
+    way = np.concatenate([[0.0], np.linalg.norm(np.diff(closed, axis=0), axis=1).cumsum()])
+    at = way[-1] * np.arange(PARTS) / PARTS
+    return np.interp(at, way, closed[:, 0]) + 1j * np.interp(at, way, closed[:, 1])
+
+
+def _fitted(points: Array, corners: Array) -> Array:
+    """Corners (n, 2) where lines through the outline's sides meet, from rough ones (k, 2).
+
+    Raises:
+        SegmentationError: as corners_of().
+    """
+    for _ in range(FITS):
+        breaks = _places(points, corners)
+        if not 3 <= len(breaks) <= MAX_CORNERS:
+            raise SegmentationError(f"the target's outline has {len(breaks)} sides: no polygon")
+        corners = _met(points, breaks)
+    return corners
+
+
+def _places(points: Array, corners: Array) -> NDArray[np.intp]:
+    """Indices in the outline of its points nearest to the corners, rising from the first."""
+    distance = np.linalg.norm(points[None, :, :] - corners[:, None, :], axis=2)
+    places = distance.argmin(axis=1)
+    order = np.argsort((places - places[0]) % len(points), kind="stable")
+    places = places[order]
+    return places[np.concatenate([[True], np.diff(places) != 0])]
+
+
+def _met(points: Array, breaks: NDArray[np.intp]) -> Array:
+    """Corners (n, 2) where the lines of the sides between the breaks of the outline meet."""
+    ends = np.roll(breaks, -1)
+    lines = [_line(points, a, b) for a, b in zip(breaks, ends, strict=True)]
     corners = []
-    for before, after, place in zip(np.roll(np.arange(len(lines)), 1), range(len(lines)), breaks,
-                                    strict=True):  # fmt: skip
-        (n0, d0), (n1, d1) = lines[before], lines[after]
+    for before, line, place in zip(lines[-1:] + lines[:-1], lines, breaks, strict=True):
+        (n0, d0), (n1, d1) = before, line
         cross = n0[0] * n1[1] - n0[1] * n1[0]
         if abs(cross) < 0.05:  # nearly parallel: no corner to meet at
-            corners.append(points[place] - middle)
+            corners.append(points[place])
             continue
         corners.append([(d0 * n1[1] - d1 * n0[1]) / cross, (n0[0] * d1 - n1[0] * d0) / cross])
-    return np.array(corners) + middle
-
-
-def _places(points: Array, vertices: Array) -> NDArray[np.intp]:
-    """Indices in the outline of the vertices that approxPolyDP chose from it, rising."""
-    distance = np.linalg.norm(points[None, :, :] - vertices[:, None, :], axis=2)
-    return np.unique(distance.argmin(axis=1))
+    return np.array(corners)
 
 
 def _line(points: Array, first: int, last: int) -> tuple[Array, float]:

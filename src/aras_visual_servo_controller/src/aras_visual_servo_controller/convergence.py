@@ -18,6 +18,9 @@ FORGIVEN = 1.5
 # Errors may scatter about their mean by so many tolerances (noise of the picture), in rms: more
 # is a motion.
 SCATTER = 3.0
+# Fewer images than this have no mean to be judged by: each of them has to be within its limits,
+# and there have to be LEAST. Images that come seldom would else make a mean of a motion.
+FEW, LEAST = 5, 3
 ROUNDING = 1e-9  # s
 # How far the camera may be from where the mean error vanishes, by L, m and rad, to count as there;
 # beyond what the errors' scatter leaves open. In a direction that changes the features little,
@@ -59,11 +62,14 @@ class Convergence:
         seen.add(stamp, error)
         # One image at or before the window's beginning stays, to know that it is full.
         before = int(np.searchsorted(seen.stamps, stamp - self.hold + ROUNDING, "right"))
-        seen.drop(max(before - 1, 0))
-        if stamp - seen.stamps[0] < self.hold - ROUNDING:
+        least = LEAST if self.hold > 0.0 else 1
+        seen.drop(max(min(before - 1, len(seen) - least), 0))
+        if len(seen) < least or stamp - seen.stamps[0] < self.hold - ROUNDING:
             return False
         limit = np.asarray(tolerances, float) * (FORGIVEN if self.reached else 1.0)
         settled = _settled(seen.errors, limit)
+        if settled and len(seen) < FEW:
+            settled = bool((np.abs(seen.errors) < limit).all())
         if settled and not self.reached and decision is not None:
             self.short = _short(seen.errors, decision)
         self.reached = settled and not self.short

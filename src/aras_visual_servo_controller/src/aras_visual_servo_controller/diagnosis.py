@@ -189,8 +189,7 @@ class Diagnosis:
                 "let the segmentation choose the target: component 'nearest' or 'mask'",
             )  # fmt: skip
         tolerances = np.asarray(scheme.tolerances, float)
-        # An L that is not of this view (desired, mean, estimated) says nothing of the camera.
-        if getattr(scheme, "interaction", "current") == "current":
+        if getattr(scheme, "judges_camera", True):
             self._camera.add(state.decision, observation, tolerances)
         self._add(state, tolerances)
         if fault := self._camera.fault():

@@ -192,27 +192,32 @@ class CameraEvidence:
     A wrong depth makes all translations count too much or too little by one factor, and does no
     harm; a wrong focal length, mounting or distortion is no such factor. So each direction of the
     camera gets a scale, fitted over the whole run: with a camera as believed, those of the
-    translations are alike and those of the rotations are 1.
+    translations are alike and those of the rotations are 1. Translations are compared with each
+    other, two and two. What moves slowly is added up over some images.
 
     Measured on the simulated arm: healthy runs leave 0.06 % of the motion unexplained with moments
-    and 1.6 % with points, their scales are at most 0.04 and 2 deviations off; a loaded machine's
-    leave 2.7 %, 0.4 tolerances an image. A focal length of 0.85 times the true one has scales 0.11
-    off at 20 deviations where the camera comes down and moves aside; where it does one of the two
-    alone, that cannot be told from another depth.
+    and 1.6 % with points, and no two of their scales differ by more than 0.04 and 2.4 deviations at
+    once; a loaded machine's leave 2.7 %, 0.4 tolerances an image. A focal length of 0.9 times the
+    true one has scales 0.10 apart at 11 deviations where the camera comes down by a centimetre and
+    moves aside; where it does one of the two alone, that cannot be told from another depth.
 
     How the arm moved is known as well as its joints are at the exposures. Where their speeds at
     both ends do not explain their way (a loaded machine's late commands shake the arm between two
     joint states), the image weighs less, by how far the features may be off for it.
     """
 
-    # Tolerances in one image: of slower motion noise and the joints' friction would be judged.
+    # Tolerances from one row to the next: of less, noise and the joints' friction would be judged.
     LEAST = 3.0
+    TOGETHER = 4  # images that are one row at most: what is slower may be the target's own motion
     PATH = 40.0  # tolerances of predicted way before anything is judged
     # Part of the motion's square that one depth does not explain, and in tolerances of an image.
     MISFIT, LOUD = 0.04, 1.5
-    # A scale counts as wrong when it is off by so much, and by so many standard deviations.
-    OFF, DEVIATIONS = 0.06, 8.0
-    KNOWN = 8.0  # tolerances that a direction alone moved the features, for its scale to be judged
+    # A scale counts as wrong when it is off by so much, and so many standard deviations more.
+    OFF, DEVIATIONS = 0.04, 4.0
+    # Tolerances that a direction alone moved the features, for its scale to be judged: of a
+    # translation beside another, of a rotation (joints that shake tilt the camera unseen).
+    KNOWN, TURNED = 3.0, 8.0
+    QUIET = 0.05  # tolerances of noise that there are at least
     TYPICAL = 0.3  # part of the most that shaken features are off, in a recorded run, in rms
     LATE = 0.25  # part of an image period for which joints went on at a speed that had changed
 
@@ -241,16 +246,33 @@ class CameraEvidence:
         L = np.asarray(L, float)
         self._before = (error, L)
         if before is None or moved is None or len(before[0]) != len(error):
+            self._begin(error)
             return
-        parts, predicted, measured, wrapped = _compared(
-            *before, error, L, body_motion(moved), tolerances
+        self._parts, predicted, wrapped = _advanced(
+            *before, error, L, body_motion(moved), tolerances, self._parts
         )
-        if wrapped or predicted < self.LEAST:
+        if wrapped:
+            self._begin(error)
             return
-        shaken = self._shaken(joints, observation.joints, L, tolerances)
-        weight = 1.0 / (1.0 + self.TYPICAL * shaken)
-        self._normal += weight**2 * (parts.T @ parts)
-        self._right += weight**2 * (parts.T @ measured)
+        self._images += 1
+        self._shaking = max(
+            self._shaking, self._shaken(joints, observation.joints, L, tolerances)
+        )
+        if predicted >= self.LEAST:
+            self._row(predicted, (error - self._from) / tolerances)
+        if predicted >= self.LEAST or self._images >= self.TOGETHER:
+            self._begin(error)
+
+    def _begin(self, error: np.ndarray) -> None:
+        """A row from this image on, where the error is (k,)."""
+        self._from, self._parts = error, np.zeros((len(error), 6))
+        self._images, self._shaking = 0, 0.0
+
+    def _row(self, predicted: float, measured: np.ndarray) -> None:
+        """Take in how far the features moved (k,), and had to at most, in tolerances."""
+        weight = 1.0 / (1.0 + self.TYPICAL * self._shaking)
+        self._normal += weight**2 * (self._parts.T @ self._parts)
+        self._right += weight**2 * (self._parts.T @ measured)
         self._square += weight**2 * float(measured @ measured)
         self._path += weight * predicted
         self._rows += len(measured)
@@ -279,25 +301,21 @@ class CameraEvidence:
         return self._found
 
     def _judged(self) -> str:
-        depth, misfit, noise, worst, scale, expected = _scales(
+        depth, misfit, rest, one, other, scale, beside = _scales(
             self._normal, self._right, self._square, self._rows,
-            self.KNOWN, self.OFF, self.DEVIATIONS,
+            self.KNOWN, self.TURNED, self.OFF, self.DEVIATIONS, self.QUIET,
         )  # fmt: skip
+        words = "the features move otherwise than L and the arm's motion say"
         if depth <= 0.0:
-            return (
-                "the features move otherwise than L and the arm's motion say: against the "
-                "camera's translation"
-            )
-        if misfit > self.MISFIT and noise > self.LOUD:
-            return (
-                f"the features move otherwise than L and the arm's motion say: "
-                f"{100.0 * misfit:.0f} % of the motion is not explained"
-            )
-        if worst < 0:
+            return f"{words}: against the camera's translation"
+        if misfit > self.MISFIT and rest > self.LOUD:
+            return f"{words}: {100.0 * misfit:.0f} % of the motion is not explained"
+        if one < 0:
             return ""
+        elsewhere = "elsewhere" if one == other else f"along {DIRECTIONS[other]}"
         return (
-            f"along {DIRECTIONS[worst]} the features move {scale:.2f} times as far as L and "
-            f"the arm's motion say, elsewhere {expected:.2f} times"
+            f"along {DIRECTIONS[one]} the features move {scale:.2f} times as far as L and "
+            f"the arm's motion say, {elsewhere} {beside:.2f} times"
         )
 
 
@@ -315,68 +333,82 @@ def _inverse(matrix):
     return right
 
 
-@compiled(MATRIX, VECTOR, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER)
-def _scales(normal, right, square, rows, known, off, deviations):
+@compiled(MATRIX, VECTOR, *[NUMBER] * 7)
+def _scales(normal, right, square, rows, known, turned, off, deviations, quiet):
     """How far the features moved in each direction of the camera, beside what was expected.
+
+    Two translations are compared with each other, a rotation with 1.
 
     Args:
         normal, right, square: (6, 6), (6,) of the normal equations, and the motion's square.
         rows: how many numbers went into them.
-        known, off, deviations: KNOWN, OFF and DEVIATIONS of CameraEvidence.
+        known, turned, off, deviations, quiet: as CameraEvidence has them.
 
     Returns:
         The factor of the translations, with rotations as they are expected; what it leaves
         unexplained, as a part of the motion's square and in tolerances, rms; the direction whose
-        scale is wrong, -1 where none is; its scale; what that should be.
+        scale is wrong, and the one beside it, itself for a rotation, -1 where none is; its scale;
+        the other's, 1 for a rotation.
     """
     moved = normal[:3, :3].sum()
     depth = (right[:3].sum() - normal[:3, 3:].sum()) / moved if moved > known**2 else 1.0
     expected = np.ones(6)
     expected[:3] = depth
-    spread = _inverse(normal + np.eye(6))
+    # Where nothing was seen, it is as expected.
+    spread = _inverse(normal + 0.1 * np.eye(6))
     scale, left, misfit = np.zeros(6), square, square
     for i in range(6):
         for j in range(6):
-            scale[i] += spread[i, j] * (right[j] + expected[j])
+            scale[i] += spread[i, j] * (right[j] + 0.1 * expected[j])
     for i in range(6):
         left -= 2.0 * right[i] * scale[i]
         misfit -= 2.0 * right[i] * expected[i]
         for j in range(6):
             left += scale[i] * normal[i, j] * scale[j]
             misfit += expected[i] * normal[i, j] * expected[j]
-    noise, worst, most = np.sqrt(max(left, 0.0) / rows), -1, 0.0
+    noise = max(np.sqrt(max(left, 0.0) / max(rows - 6.0, 1.0)), quiet)
+    one, other, most = -1, -1, 0.0
     for i in range(6):
-        unknown = np.sqrt(spread[i, i])
-        # What is not explained may be the motion's own uncertainty, which makes scales too small.
-        lowered = max(left, 0.0) * spread[i, i]
-        over = abs(scale[i] - expected[i]) - lowered - max(off, deviations * noise * unknown)
-        if unknown <= 1.0 / known and over > most:
-            worst, most = i, over
-    rest, named = np.sqrt(max(misfit, 0.0) / rows), max(worst, 0)
-    return depth, misfit / square, rest, worst, scale[named], expected[named]
+        for j in range(i if i < 3 else 1):
+            turns = i > 2
+            away = scale[i] - (1.0 if turns else scale[j])
+            variance = spread[i, i]
+            if not turns:
+                variance += spread[j, j] - 2.0 * spread[i, j]
+            unknown, unit = np.sqrt(variance), 1.0 if turns else abs(depth)
+            # What is not explained may be the motion's own uncertainty, which makes scales small.
+            lowered = max(left, 0.0) * variance
+            over = (abs(away) - deviations * noise * unknown) / unit - lowered - off
+            if unknown <= 1.0 / (turned if turns else known) and over > most:
+                one, other, most = i, i if turns else j, over
+    if one != other and abs(scale[one] - 1.0) < abs(scale[other] - 1.0):
+        one, other = other, one
+    beside = 1.0 if one == other else scale[other]
+    rest = np.sqrt(max(misfit, 0.0) / rows)
+    return depth, misfit / square, rest, one, other, scale[max(one, 0)], beside
 
 
-@compiled(VECTOR, MATRIX, VECTOR, MATRIX, VECTOR, VECTOR)
-def _compared(error_before, L_before, error, L, motion, tolerances):
-    """How errors (k,) moved between two images and how they had to, in tolerances (k,).
+@compiled(VECTOR, MATRIX, VECTOR, MATRIX, VECTOR, VECTOR, MATRIX)
+def _advanced(error_before, L_before, error, L, motion, tolerances, before):
+    """What each direction of the camera should have done to the features up to this image.
 
     Args:
-        L_before, L: (k, 6) at the two images.
+        error_before, error: (k,); L_before, L: (k, 6) at the two last images.
         motion: (6,) of the camera between them.
+        tolerances: (k,), the unit of all that is answered.
+        before: (k, 6) what they should have done up to the image before.
 
     Returns:
-        What each direction of the camera should have done (k, 6); the greatest of the sums; what
-        was done (k,); whether that is so much that an angle wrapped round.
+        That up to this one (k, 6); the greatest of its sums; whether an error moved so far that
+        an angle wrapped round.
     """
-    count, widest = len(error), tolerances.max()
-    parts, measured = np.empty((count, 6)), np.empty(count)
-    greatest, wrapped = 0.0, False
-    for i in range(count):
+    parts = before.copy()
+    widest, greatest, wrapped = tolerances.max(), 0.0, False
+    for i in range(len(error)):
         predicted = 0.0
         for j in range(6):
-            parts[i, j] = 0.5 * (L_before[i, j] + L[i, j]) * motion[j] / tolerances[i]
+            parts[i, j] += 0.5 * (L_before[i, j] + L[i, j]) * motion[j] / tolerances[i]
             predicted += parts[i, j]
         greatest = max(greatest, abs(predicted))
-        measured[i] = (error[i] - error_before[i]) / tolerances[i]
-        wrapped |= abs(measured[i]) > 1.0 / widest
-    return parts, greatest, measured, wrapped
+        wrapped |= abs(error[i] - error_before[i]) / tolerances[i] > 1.0 / widest
+    return parts, greatest, wrapped

@@ -50,9 +50,12 @@ class Feature(ABC):
             reached.
         directions: (6,) camera directions that it models, vx ... wz; the others are held.
         weights: (k,) of the components in the least squares; None: all equal.
+        geometric: whether s follows from where the points of the target are seen. Of what a
+            network tells, an s that moves otherwise than L says tells nothing of the camera.
     """
 
     name: ClassVar[str] = ""
+    geometric: bool = True
     needs: frozenset[Need] = frozenset((Need.MOMENTS,))
     names: tuple[str, ...]
     tolerances: Sequence[float]
@@ -118,6 +121,7 @@ class Stack(Feature):
                 f"weights {weights}: one number >= 0 for each of {len(self.features)} features"
             )
         self.needs = frozenset().union(*(f.needs for f in self.features))
+        self.geometric = all(f.geometric for f in self.features)
         self._parts = tuple(weights)
         self._gather()
 

@@ -52,13 +52,7 @@ class NumberedPoints(PointFeature):
         Raises:
             MeasurementError: another number of points, or one that is not finite.
         """
-        points = np.asarray(self.points(observation), float)
-        if points.shape != desired.shape:
-            raise MeasurementError(
-                f"{len(np.atleast_1d(points))} points are seen, the goal has {len(desired)}"
-            )
-        if not np.isfinite(points).all():
-            raise MeasurementError("a point of the target is not finite")
+        points = self._counted(observation, desired)
         if observation.pixel_count and Need.CORNERS in self.needs:  # of a segmented outline
             return self._matched(points, desired)
         return points, ""

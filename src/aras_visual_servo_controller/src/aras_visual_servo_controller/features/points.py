@@ -18,6 +18,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from aras_visual_servo_camera.contour import corners_like
+from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
 
 from ..errors import ConfigurationError, MeasurementError
@@ -104,13 +106,7 @@ class PointFeature(Feature):
     def measure(self, observation: Observation, goal: Goal) -> Measured:
         """See Feature.measure."""
         desired = self.desired_points(goal)
-        points = np.asarray(self.points(observation), float)
-        if points.shape != desired.shape:
-            raise MeasurementError(
-                f"{len(np.atleast_1d(points))} points are seen, the goal has {len(desired)}"
-            )
-        if not np.isfinite(points).all():
-            raise MeasurementError("a point of the target is not finite")
+        points = self._counted(observation, desired)
         up_to = ""
         if not self.ordered:
             points, up_to = self._matched(points, desired)
@@ -130,6 +126,28 @@ class PointFeature(Feature):
         self.names = tuple(f"{axis}{i}" for i in range(count) for axis in "xy")
         self.tolerances = (TOLERANCE,) * (2 * count)
         self.units = ("",) * (2 * count)
+
+    def _counted(self, observation: Observation, desired: np.ndarray) -> np.ndarray:
+        """The points (n, 2), as many as are desired.
+
+        Corners of an outline that have become more or fewer, as those of a target far away do, are
+        looked for again where the goal's would be.
+
+        Raises:
+            MeasurementError: another number of points, or one that is not finite.
+        """
+        points = np.asarray(self.points(observation), float)
+        if not np.isfinite(points).all():
+            raise MeasurementError("a point of the target is not finite")
+        if points.shape == desired.shape:
+            return points
+        told = f"{len(np.atleast_1d(points))} points are seen, the goal has {len(desired)}"
+        if points is not observation.corners or observation.contour is None:
+            raise MeasurementError(told)
+        try:
+            return corners_like(observation.contour, desired)
+        except VisionError as error:
+            raise MeasurementError(f"{told}; {error}") from error
 
     def _matched(self, points: np.ndarray, desired: np.ndarray) -> tuple[np.ndarray, str]:
         """Points (n, 2) of an outline in the order of the goal's, and what stays ambiguous.

@@ -54,8 +54,10 @@ class Scheme(ABC):
         needs: of the image.
         names, tolerances, units: (k,) of the features; |error| below it counts as reached.
         law: as given; `gains` of it may be changed while it runs.
+        judges_camera: whether the errors have to move as L says if the camera is as believed.
     """
 
+    judges_camera: bool = True
     needs: frozenset[Need] = frozenset((Need.MOMENTS,))
     names: tuple[str, ...]
     tolerances: Sequence[float]

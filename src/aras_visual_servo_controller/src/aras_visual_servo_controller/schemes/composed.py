@@ -70,6 +70,8 @@ class Composed(Scheme):
         self.interaction, self.smoothing, self.estimator = interaction, float(smoothing), estimator
         self.ratio = None if ratio is None else np.array(ratio, float)
         self.needs = self.feature.needs
+        # An L that is not of this view (desired, mean, estimated) says nothing of the camera.
+        self.judges_camera = interaction == "current" and self.feature.geometric
         self.names, self.units = tuple(self.feature.names), tuple(self.feature.units)
         self.tolerances = tuple(self.feature.tolerances)
         self._modelled = np.array(self.feature.directions, bool)

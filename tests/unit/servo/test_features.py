@@ -1,5 +1,7 @@
 """Moments and points against a camera that really moves; the kernel on a fine picture."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from free_camera import exponential, pose
@@ -46,6 +48,28 @@ def look(needs, camera_T_object, shape=OUTLINE, stamp=0.0, plane=True, observer=
 
 def taught(feature, shape=OUTLINE, view=GOAL, **options):
     return Goal.teach(Composed(feature), look(feature.needs, view, shape, **options))
+
+
+def dense(shape, parts=12):
+    """The outline (n * parts, 2) of a polygon with points along its sides."""
+    along = np.linspace(0.0, 1.0, parts, endpoint=False)[:, None, None]
+    return (shape + along * (np.roll(shape, -1, axis=0) - shape)).swapaxes(0, 1).reshape(-1, 2)
+
+
+@pytest.mark.parametrize("name", ["points", "numbered_points"])
+@pytest.mark.parametrize("extra", [-1, 1, 2])
+def test_corners_that_become_more_or_fewer_are_looked_for_where_the_goals_are(name, extra):
+    """The scheme lost a target that it saw: 9 points are seen, the goal has 8."""
+    feature = create_feature(name)
+    goal = taught(feature)
+    feature.check(goal)
+    wanted = feature.measure(look(feature.needs, VIEWS["near"]), goal)
+    seen = look(feature.needs, VIEWS["near"], dense(OUTLINE))
+    some = seen.contour[:: len(seen.contour) // (8 + extra)][: 8 + extra]
+    found = feature.measure(replace(seen, corners=some, pixel_count=900), goal)
+    np.testing.assert_allclose(found.error, wanted.error, atol=1e-6)
+    with pytest.raises(MeasurementError, match=f"{8 + extra} points are seen, the goal has 8$"):
+        feature.measure(replace(seen, corners=some, contour=None), goal)
 
 
 EXACT = ("moments", "points")  # all others: test_feature_registry.py, test_luminance.py

@@ -45,6 +45,18 @@ def test_the_pose_is_driven_to_and_what_was_seen_is_stored(begin):
     scheme.check(goal.for_arm(arm))
 
 
+def test_at_the_pose_without_images_it_is_images_that_are_missed():
+    """Where the camera node does not run, the way there is not what to blame."""
+    arm, sent, reasons = the_arm(), [], []
+    wanted = the_goal("2016").joint_values(arm.names)
+    teacher = Teacher(arm, Observer(arm), wanted, sent.append)
+    for i in range(600):
+        teacher.joints(arm.names, sent[-1] if sent else np.zeros(6), np.zeros(6), 0.01 * i)
+        reasons.append(teacher.reason)
+    assert teacher.there
+    assert "on the way" in reasons[0] and reasons[-1] == "no images arrive"
+
+
 def test_views_are_averaged():
     arm, scheme = the_arm(), create_scheme("moments")
     observer = Observer(arm, scheme.needs)

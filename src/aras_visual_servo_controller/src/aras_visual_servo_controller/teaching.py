@@ -21,6 +21,7 @@ from .observation import Observation, Observer
 from .schemes import JointController, Scheme
 from .state import ServoSettings, Source
 
+NO_IMAGES = "no images arrive"
 AROUND = 400  # points of an outline that is worked out, about as many as a picture's has
 
 
@@ -49,7 +50,7 @@ class Teacher:
             self._approach = Approach(arm.names, np.minimum(arm.velocity, 1.0), settings)
         self._sample: JointSample | None = None
         self.views: list[Observation] = []
-        self.reason = "no images arrive"
+        self.reason = NO_IMAGES
 
     @property
     def there(self) -> bool:
@@ -72,6 +73,8 @@ class Teacher:
         dt = 0.0 if before is None else min(max(stamp - before.stamp, 0.0), 0.1)
         self._send(self._approach.command(stamp, dt, self._sample.positions))
         self.reason = self._approach.reason or "on the way to the pose"
+        if self._approach.done:
+            self.reason = NO_IMAGES
 
     def image(
         self, stamp: float, look: Callable[[JointSample | None, tuple], Observation]

@@ -22,7 +22,7 @@ def fuzzed(bed: Bed, scale: float, seed: int) -> Outcome:
     with bed.group("services by type") as outcome:
         physics = bed.call("/gazebo/get_physics_properties")
         each = max(round(130 * scale), 3)
-        refused = 0
+        refused, diverged = 0, []
         for name in bed.services():
             if name.rpartition("/")[2] in LEFT_OUT:
                 continue
@@ -43,9 +43,11 @@ def fuzzed(bed: Bed, scale: float, seed: int) -> Outcome:
                     if error.hangs:
                         outcome.hung.append(str(error))
                         break
-            _put_back(bed, physics)
+            diverged += [name] * put_back(bed, physics)
             judged(bed, outcome, each, f"after {each} calls of {name}")
         outcome.note = f"{len(bed.services())} services, {refused} calls refused"
+        if diverged:
+            outcome.note += f"; reset_simulation was needed after {', '.join(diverged)}"
     return outcome
 
 
@@ -54,15 +56,24 @@ def _names() -> tuple[str, ...]:
             *(f"{joint}_position_controller" for joint in JOINTS))  # fmt: skip
 
 
-def _put_back(bed: Bed, physics: object) -> None:
-    """Time goes on, at its own step and gravity; the arm is where a run may begin."""
+def put_back(bed: Bed, physics: object) -> bool:
+    """Time goes on, at its own step and gravity; the arm is where a run may begin. Whether the
+    simulation had diverged: a step of half a second or gains without bound may rightly be asked
+    for, and reset_simulation mends what comes of them, as it is said then."""
     bed.calm()
     fields = ("time_step", "max_update_rate", "gravity", "ode_config")
     bed.call(
         "/gazebo/set_physics_properties",
         SetPhysicsPropertiesRequest(**{name: getattr(physics, name) for name in fields}),
     )
-    bed.call("/gazebo/reset_world")
+    try:
+        bed.call("/gazebo/reset_world")
+    except UnansweredError as error:
+        if "then call reset_simulation" not in str(error):
+            raise
+        bed.call("/gazebo/reset_simulation")
+        return True
+    return False
 
 
 GROUPS = (fuzzed,)

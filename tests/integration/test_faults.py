@@ -4,11 +4,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+from gazebo_msgs.srv import SetPhysicsPropertiesRequest
 from ros_graph import GraphError
 
 TESTS = Path(__file__).parents[1]
 sys.path.insert(0, str(TESTS))
-from faults import campaign  # noqa: E402
+from faults import campaign, services  # noqa: E402
+from faults.bed import UnansweredError  # noqa: E402
 from faults.outcome import Outcome  # noqa: E402
 from faults.processes import tracebacks  # noqa: E402
 
@@ -62,3 +65,25 @@ def test_a_traceback_of_pythons_own_beginning_is_told_from_those_of_programs():
     assert unborn == 2 and len(found) == 1
     assert "/ws/devel/lib/gazebo" in found[0] and found[0].endswith("KeyboardInterrupt")
     assert tracebacks("all is well") == ([], 0)
+
+
+@pytest.mark.parametrize(
+    ("refused", "asked"),
+    [("", ["reset_world"]),
+     ("the simulation diverged; then call reset_simulation", ["reset_world", "reset_simulation"])],
+)  # fmt: skip
+def test_a_world_that_diverged_is_reset_as_it_says_itself(refused, asked):
+    called = []
+
+    class PlayedBed:
+        def calm(self):
+            pass
+
+        def call(self, name, request=None):
+            if name.startswith("/gazebo/reset"):
+                called.append(name.rpartition("/")[2])
+            if name == "/gazebo/reset_world" and refused:
+                raise UnansweredError(refused)
+
+    assert services.put_back(PlayedBed(), SetPhysicsPropertiesRequest()) == bool(refused)
+    assert called == asked

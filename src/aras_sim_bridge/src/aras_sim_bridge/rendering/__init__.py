@@ -2,18 +2,18 @@
 
 How a picture is made, by ExactRenderer. A picture is cut into tiles of 8 x 8 px, each seen as
 through a pinhole of its own (tiles): a pinhole camera's tiles are exact, a lens's are made small
-enough to be. The triangles of the scene lie in clusters (geometry); a cluster that is turned away,
-out of view or behind what covers its tiles is left out by one look, the others' triangles are
-sorted into the tiles that they touch (binning). In a tile that one triangle covers nothing more is
-to be done; in the others the corners of each pixel are asked which triangle is nearest (sampling).
-Where they differ without the shading being the cause, an edge runs through the pixel (finding), and
-its colour is worked out from the areas that its triangles cover (edges, fragments); the others are
-lit as their corners say (shading). Depth and segmentation are those of the centres (measuring). All
-of it runs on the processor and needs no graphics driver, whose limits and whose rounding differ.
-The servo's view takes 0.5 of the time that OpenGL on Mesa's software rasteriser took (at 640 x 480
-0.7); a room full of edges and 40 000 triangles, with every edge worked out, take twice as long as
-there (tests/benchmarks/render.py). 'tiny' draws with PyBullet's software
-renderer, to compare.
+enough to be. The triangles of the scene lie in clusters (geometry); a link out of view, or a
+cluster that is turned away, out of view or behind what covers its tiles is left out by one look,
+the others' triangles are sorted into the tiles that they touch (binning). In a tile that one
+triangle covers nothing more is to be done; in the others the corners of each pixel are asked which
+triangle is nearest (sampling). Where they differ without the shading being the cause, an edge runs
+through the pixel (finding), and its colour is worked out from the areas that its triangles cover
+(edges, fragments); the others are lit as their corners say (shading). Depth and segmentation are
+those of the centres (measuring). All of it runs on the processor and needs no graphics driver,
+whose limits and whose rounding differ. The servo's view takes 0.5 of the time that OpenGL on Mesa's
+software rasteriser took (at 640 x 480 0.7); a room full of edges and 40 000 triangles, with every
+edge worked out, take twice as long as there (tests/benchmarks/render.py). 'tiny' draws with
+PyBullet's software renderer, to compare.
 """
 
 from __future__ import annotations

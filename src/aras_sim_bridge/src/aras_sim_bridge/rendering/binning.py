@@ -71,10 +71,10 @@ class Binning:
             cover = np.full(len(tiles.nodes), -1)
             count, pairs = _bin(
                 optical_T_link, sun, light, c.first, c.count, c.row, c.centre, c.half, c.radius,
-                c.axis, c.cosine, c.height, c.opaque, c.quad, g.corners, g.normals, g.plane,
-                tiles.nodes, tiles.levels, tiles.children, near * tiles.widest, far,
-                self._triangle, self._corner, self._side, self._light, self._cut, self._opaque,
-                self._plane, self._length2, cover, tile, member, full,
+                c.axis, c.cosine, c.height, c.opaque, c.quad, g.row_centre, g.row_half, g.corners,
+                g.normals, g.plane, tiles.nodes, tiles.levels, tiles.children,
+                near * tiles.widest, far, self._triangle, self._corner, self._side, self._light,
+                self._cut, self._opaque, self._plane, self._length2, cover, tile, member, full,
             )
             if pairs <= self._room:
                 break
@@ -95,6 +95,34 @@ def _beside(x, y, z, cosine, sine, nodes, n):
         return False
     between = x * nodes[n, 0] + y * nodes[n, 1] + z * nodes[n, 2]
     return between < cosine * nodes[n, 3] - sine * nodes[n, 4] - 1e-12
+
+
+@inlined
+def _off(T, r, centre, half, n, nodes, root):
+    """Whether box n, in the frame of link r, is behind the cone of the root or beyond its side."""
+    cosine, sine = nodes[root, 3], nodes[root, 4]
+    if cosine <= 0.0:
+        return False
+    x, y, z = nodes[root, 0], nodes[root, 1], nodes[root, 2]
+    xc, yc, zc = centre[n, 0], centre[n, 1], centre[n, 2]
+    xp = T[r, 0, 0] * xc + T[r, 0, 1] * yc + T[r, 0, 2] * zc + T[r, 0, 3]
+    yp = T[r, 1, 0] * xc + T[r, 1, 1] * yc + T[r, 1, 2] * zc + T[r, 1, 3]
+    zp = T[r, 2, 0] * xc + T[r, 2, 1] * yc + T[r, 2, 2] * zc + T[r, 2, 3]
+    along = x * xp + y * yp + z * zp
+    ahead = along
+    for k in range(3):
+        ahead += half[n, k] * abs(T[r, 0, k] * x + T[r, 1, k] * y + T[r, 2, k] * z)
+    if ahead <= 0.0:
+        return True
+    # The plane along the side of the cone that is towards the box's centre.
+    xa, ya, za = xp - along * x, yp - along * y, zp - along * z
+    across = np.sqrt(xa * xa + ya * ya + za * za)
+    share = cosine / max(across, 1e-12)
+    xa, ya, za = share * xa - sine * x, share * ya - sine * y, share * za - sine * z
+    beyond = cosine * across - sine * along
+    for k in range(3):
+        beyond -= half[n, k] * abs(T[r, 0, k] * xa + T[r, 1, k] * ya + T[r, 2, k] * za)
+    return beyond > 1e-9 * (across + abs(along))
 
 
 @inlined
@@ -135,14 +163,14 @@ def _order(planes, m, other, nodes, n):
 
 
 @compiled("f8[:,:,::1], f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], "
-          "f8[::1], f8[:,::1], f8[::1], f8[::1], b1[::1], b1[::1], f8[:,:,::1], f8[:,:,::1], "
-          "f8[:,::1], f8[:,::1], i8[:,::1], f8[:,:,::1], f8, f8, i8[::1], f8[:,:,::1], "
-          "f8[:,:,::1], f8[:,::1], b1[::1], b1[::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], "
-          "i8[::1], b1[::1]")
+          "f8[::1], f8[:,::1], f8[::1], f8[::1], b1[::1], b1[::1], f8[:,::1], f8[:,::1], "
+          "f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[:,::1], f8[:,:,::1], f8, f8, "
+          "i8[::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], b1[::1], b1[::1], f8[:,::1], f8[:,::1], "
+          "i8[::1], i8[::1], i8[::1], b1[::1]")
 def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, height, opaque, quad,
-         corners, normals, plane, nodes, levels, children, near, far, out_triangle, out_corner,
-         out_side, out_light, out_cut, out_opaque, planes, length2, cover, out_tile, out_member,
-         out_full):
+         row_centre, row_half, corners, normals, plane, nodes, levels, children, near, far,
+         out_triangle, out_corner, out_side, out_light, out_cut, out_opaque, planes, length2, cover,
+         out_tile, out_member, out_full):
     """See Seen; numbers of triangles and of pairs (tile, member), of which as many are stored as
     there is room for.
 
@@ -153,7 +181,16 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
     seen = pairs = 0
     top = len(levels) - 1
     root = levels[top, 0]
-    p, eye = np.empty((3, 3)), np.empty(3)
+    p = np.empty((3, 3))
+    # The eye in each link's frame; and is the link off the picture?
+    eyes, gone = np.empty((len(row_centre), 3)), np.empty(len(row_centre), np.bool_)
+    for r in range(len(row_centre)):
+        for k in range(3):
+            eyes[r, k] = -(T[r, 0, 3] * T[r, 0, k] + T[r, 1, 3] * T[r, 1, k]
+                           + T[r, 2, 3] * T[r, 2, k])
+        gone[r] = row_half[r, 0] < 0.0 or _off(T, r, row_centre, row_half, r, nodes, root)
+    xr, yr, zr = nodes[root, 0], nodes[root, 1], nodes[root, 2]
+    forward = nodes[root, 3] > 0.0
     # A node waits with level, row, column, its triangles' stretch of a list, the end of all that
     # is listed, and its cover.
     waiting = np.empty((16 * (top + 1) + 1, 7), np.int64)
@@ -161,10 +198,11 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
     touched = np.empty(16, np.bool_)
     for c in range(len(first)):
         r = row[c]
+        if gone[r]:
+            continue
         # In the link's frame: does the cluster show a front to the eye?
-        for k in range(3):
-            eye[k] = -(T[r, 0, 3] * T[r, 0, k] + T[r, 1, 3] * T[r, 1, k] + T[r, 2, 3] * T[r, 2, k])
-        x, y, z = eye[0] - centre[c, 0], eye[1] - centre[c, 1], eye[2] - centre[c, 2]
+        xe, ye, ze = eyes[r, 0], eyes[r, 1], eyes[r, 2]
+        x, y, z = xe - centre[c, 0], ye - centre[c, 1], ze - centre[c, 2]
         distance = np.sqrt(x * x + y * y + z * z)
         along = axis[c, 0] * x + axis[c, 1] * y + axis[c, 2] * z
         highest = distance
@@ -183,13 +221,14 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
         xc = T[r, 0, 0] * x + T[r, 0, 1] * y + T[r, 0, 2] * z
         yc = T[r, 1, 0] * x + T[r, 1, 1] * y + T[r, 1, 2] * z
         zc = T[r, 2, 0] * x + T[r, 2, 1] * y + T[r, 2, 2] * z
-        if _beside(xc, yc, zc, cosine_c, sine_c, nodes, root):
+        if (_beside(xc, yc, zc, cosine_c, sine_c, nodes, root)
+                or _off(T, r, centre, half, c, nodes, root)):
             continue
         begin, seen_before = 0, seen
         for t in range(first[c], first[c] + count[c]):
-            if plane[t, 0] * eye[0] + plane[t, 1] * eye[1] + plane[t, 2] * eye[2] <= plane[t, 3]:
+            if plane[t, 0] * xe + plane[t, 1] * ye + plane[t, 2] * ze <= plane[t, 3]:
                 continue
-            farthest = 0.0
+            farthest, behind = 0.0, forward
             for k in range(3):
                 x, y, z = corners[t, k, 0], corners[t, k, 1], corners[t, k, 2]
                 squared = 0.0
@@ -198,6 +237,9 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                     out_corner[seen, k, j] = p[k, j]
                     squared += p[k, j] * p[k, j]
                 farthest = max(farthest, squared)
+                behind &= p[k, 0] * xr + p[k, 1] * yr + p[k, 2] * zr <= 0.0
+            if behind:
+                continue
             for k in range(3):
                 a, b = (k + 1) % 3, (k + 2) % 3
                 out_side[seen, k, 0] = p[a, 1] * p[b, 2] - p[a, 2] * p[b, 1]

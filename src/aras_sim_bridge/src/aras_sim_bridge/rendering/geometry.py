@@ -52,9 +52,13 @@ class Geometry:
         differ as their light does, -1 with a texture.
     albedo (T, 4) rgb 0..255 and opacity 0..1.
     uv (T, 3, 2) texture coordinates, layer (T,) of the texture, -1 for none.
+    row_centre, row_half: (rows, 3) a box around all of a link's, m; of no size, half -1, where it
+        has none.
     """
 
     clusters: Clusters
+    row_centre: np.ndarray
+    row_half: np.ndarray
     corners: np.ndarray
     normals: np.ndarray
     plane: np.ndarray
@@ -118,7 +122,19 @@ class Geometry:
         number[layer >= 0] = -1
         plane = np.concatenate([unit, (unit * corners[:, 0]).sum(axis=1)[:, None]], axis=1)
         clusters = _clusters(first, counts, corners, plane, row, albedo, quad)
-        return cls(clusters, corners, normals, plane, row, number, albedo, uv, layer, textures)
+        return cls(clusters, *_boxes(corners, row), corners, normals, plane, row, number, albedo,
+                   uv, layer, textures)
+
+
+def _boxes(corners: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """row_centre and row_half of Geometry."""
+    rows = row.max(initial=-1) + 1
+    low, high = np.full((rows, 3), np.inf), np.full((rows, 3), -np.inf)
+    np.minimum.at(low, row, corners.min(axis=1))
+    np.maximum.at(high, row, corners.max(axis=1))
+    none = low[:, :1] > high[:, :1]
+    low, high = np.where(none, 1.0, low), np.where(none, -1.0, high)
+    return (low + high) / 2, (high - low) / 2
 
 
 _made: Recent[bytes, Geometry] = Recent(KEPT)

@@ -150,9 +150,10 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
     """Fill `pixel` and `touched` where tiles show several, and leave in start, member and full only
     what touches pixels of those; the number of that."""
     size = TILE // cells
-    nearest, shown = np.empty(TILE * TILE), np.empty(TILE * TILE, np.int64)
-    rx, ry, rz, along = (np.empty(TILE * TILE), np.empty(TILE * TILE), np.empty(TILE * TILE),
-                         np.empty(TILE * TILE))
+    # Of a tile's pixels: ray, how far it goes along the axis, one over the distance of what is
+    # nearest, and which that is. In one array, so that rows are known not to overlap and eight
+    # pixels are looked at together.
+    work = np.empty((6, TILE, TILE))
     one = np.uint64(1)
     kept, end = 0, start[0]
     for n in range(len(tile)):
@@ -160,24 +161,24 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
         start[n] = kept
         if tile[n] != SEVERAL:
             continue
-        for i in range(TILE * TILE):
-            nearest[i], shown[i] = 0.0, BACKGROUND
-            # The ray, and how far it goes along the axis.
-            row, column = i // TILE, i % TILE
-            c = n * cells * cells + row // size * cells + column // size
-            xc, yc = column % size + at, row % size + at
-            rx[i] = matrices[c, 0, 0] * xc + matrices[c, 0, 1] * yc + matrices[c, 0, 2]
-            ry[i] = matrices[c, 1, 0] * xc + matrices[c, 1, 1] * yc + matrices[c, 1, 2]
-            rz[i] = matrices[c, 2, 0] * xc + matrices[c, 2, 1] * yc + matrices[c, 2, 2]
-            along[i] = axis[n, 0] * rx[i] + axis[n, 1] * ry[i] + axis[n, 2] * rz[i]
+        for cell in range(cells * cells):
+            c, v, u = n * cells * cells + cell, cell // cells * size, cell % cells * size
+            for row in range(v, v + size):
+                for column in range(u, u + size):
+                    # The ray, and how far it goes along the axis.
+                    xc, yc = column - u + at, row - v + at
+                    x = matrices[c, 0, 0] * xc + matrices[c, 0, 1] * yc + matrices[c, 0, 2]
+                    y = matrices[c, 1, 0] * xc + matrices[c, 1, 1] * yc + matrices[c, 1, 2]
+                    z = matrices[c, 2, 0] * xc + matrices[c, 2, 1] * yc + matrices[c, 2, 2]
+                    work[0, row, column], work[1, row, column], work[2, row, column] = x, y, z
+                    work[3, row, column] = axis[n, 0] * x + axis[n, 1] * y + axis[n, 2] * z
+                    work[4, row, column], work[5, row, column] = 0.0, BACKGROUND
         i00, i01, i02 = inverse[n, 0, 0], inverse[n, 0, 1], inverse[n, 0, 2]
         i10, i11, i12 = inverse[n, 1, 0], inverse[n, 1, 1], inverse[n, 1, 2]
         i20, i21, i22 = inverse[n, 2, 0], inverse[n, 2, 1], inverse[n, 2, 2]
         for k in range(begin, end):
             m, all_over = member[k], full[k]
-            left = top = 0.0
-            right = bottom = TILE - 1.0
-            pixels = ~np.uint64(0)
+            v0, v1, pixels = 0, TILE - 1, ~np.uint64(0)
             if not all_over:
                 # The box around it.
                 left = top = np.inf
@@ -216,19 +217,23 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
             if all_over:  # as one half of a quad it may stand for both
                 x, y, z = x + x1 + x2, y + y1 + y2, z + z1 + z2
                 x1 = y1 = z1 = x2 = y2 = z2 = 0.0
+            name = float(m)
             low, high = (near, far) if cut[m] else (0.0, np.inf)
-            for i in range(TILE * TILE):
-                l0 = x * rx[i] + y * ry[i] + z * rz[i]
-                l1 = x1 * rx[i] + y1 * ry[i] + z1 * rz[i]
-                l2 = x2 * rx[i] + y2 * ry[i] + z2 * rz[i]
-                w = l0 + l1 + l2
-                hit = ((l0 >= 0.0) & (l1 >= 0.0) & (l2 >= 0.0) & (w > nearest[i])
-                       & (low * w <= along[i]) & (high * w >= along[i]))
-                nearest[i] = w if hit else nearest[i]
-                shown[i] = m if hit else shown[i]
+            for row in range(v0, v1 + 1):
+                for column in range(TILE):
+                    rxc, ryc, rzc = work[0, row, column], work[1, row, column], work[2, row, column]
+                    l0 = x * rxc + y * ryc + z * rzc
+                    l1 = x1 * rxc + y1 * ryc + z1 * rzc
+                    l2 = x2 * rxc + y2 * ryc + z2 * rzc
+                    w = l0 + l1 + l2
+                    a = work[3, row, column]
+                    hit = ((l0 >= 0.0) & (l1 >= 0.0) & (l2 >= 0.0) & (w > work[4, row, column])
+                           & (low * w <= a) & (high * w >= a))
+                    work[4, row, column] = w if hit else work[4, row, column]
+                    work[5, row, column] = name if hit else work[5, row, column]
         u, v = TILE * (n % columns), TILE * (n // columns)
         for y0 in range(TILE):
             for x0 in range(TILE):
-                pixel[v + y0, u + x0] = shown[y0 * TILE + x0]
+                pixel[v + y0, u + x0] = work[5, y0, x0]
     start[len(tile)] = kept
     return kept

@@ -271,6 +271,8 @@ def _tree(axis: np.ndarray, angle: np.ndarray, seen: np.ndarray, rows: int, colu
     first = joined = 0
     axis, angle = axis.reshape(rows, columns, 3), angle.reshape(rows, columns)
     seen = seen.reshape(rows, columns)
+    # The tiles below each node, zeros for those that show nothing.
+    below, wide = axis[:, :, None] * seen[..., None, None], angle[..., None]
     while True:
         limit = np.minimum(angle + 1e-9, np.pi)
         cones = np.concatenate([axis, np.cos(limit)[..., None], np.sin(limit)[..., None]], axis=2)
@@ -282,20 +284,21 @@ def _tree(axis: np.ndarray, angle: np.ndarray, seen: np.ndarray, rows: int, colu
         first += rows * columns
         joined += rows * columns if levels[1:] else 0
         rows, columns = -(-rows // 4), -(-columns // 4)
-        cones, axes, angles, some = (_by_fours(x, rows, columns)
-                                     for x in (cones, axis, angle, seen))
+        cones, below, wide, some = (_by_fours(x, rows, columns)
+                                    for x in (cones, below, wide, seen))
         cones[~some] = (0.0, 0.0, 1.0, 2.0, 0.0)
         children.append(cones.reshape(-1, 16, 5).swapaxes(1, 2))
-        axis = (axes * some[..., None]).sum(axis=2)
+        below, wide = below.reshape(rows, columns, -1, 3), wide.reshape(rows, columns, -1)
+        axis = below.sum(axis=2)
         norm = np.linalg.norm(axis, axis=2, keepdims=True)
         axis = np.where(norm > 1e-6, axis / np.maximum(norm, 1e-6), [0.0, 0.0, 1.0])
-        apart = np.arccos(np.clip((axes * axis[:, :, None]).sum(axis=3), -1.0, 1.0))
-        angle = np.where(some, apart + angles, 0.0).max(axis=2)
+        apart = np.arccos(np.clip((below * axis[:, :, None]).sum(axis=3), -1.0, 1.0))
+        angle = np.where(below.any(axis=3), apart + wide, 0.0).max(axis=2)
         seen = some.any(axis=2)
 
 
 def _by_fours(x: np.ndarray, rows: int, columns: int) -> np.ndarray:
     """(rows, columns, 16, ...) of x, joined by 4 x 4 and padded with zeros."""
-    pad = [(0, 4 * rows - x.shape[0]), (0, 4 * columns - x.shape[1]), (0, 0)]
-    x = np.pad(x, pad[:x.ndim]).reshape(rows, 4, columns, 4, *x.shape[2:])
+    pad = [(0, 4 * rows - x.shape[0]), (0, 4 * columns - x.shape[1])]
+    x = np.pad(x, pad + [(0, 0)] * (x.ndim - 2)).reshape(rows, 4, columns, 4, *x.shape[2:])
     return x.swapaxes(1, 2).reshape(rows, columns, 16, *x.shape[4:])

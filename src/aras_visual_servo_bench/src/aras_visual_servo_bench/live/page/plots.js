@@ -63,7 +63,7 @@ export class Plot {
     }
     c.textAlign = "center";
     for (const t of ticks(first, last, 5).found) {
-      if (t < 0) continue;
+      if (t < 0 || X(t) > right - 8) continue;  // its letters would be cut off
       c.fillStyle = "#93a0b4"; c.fillText(`${t} s`, X(t), height - 7);
     }
     c.save();

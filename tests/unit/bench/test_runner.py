@@ -228,3 +228,12 @@ def test_a_study_is_told_of_a_goal_before_it_makes_a_world():
     for goal in ([0.0] * 5, [9.0, 0, 0, 0, 0, 0]):
         with pytest.raises(ExperimentError, match="goal"):
             check(CHAIN.with_(goal=goal))
+
+
+def test_a_run_that_is_over_while_nothing_is_measured_has_an_outcome():
+    """Ten of two hundred runs drawn by chance ended as 'running'."""
+    result = run(Experiment(
+        plant="chain", scheme="points", duration=0.5,
+        target={"shape": "triangle", "size": (0.08, 0.08), "pose": (0, 0, 0.591, 0, 0, 0)},
+    ))  # fmt: skip
+    assert result.outcome == "timed_out" and "0.5 s" in result.reason

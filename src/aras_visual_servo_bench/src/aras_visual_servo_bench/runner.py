@@ -154,6 +154,10 @@ class Loop:
 
     def result(self) -> Run:
         """What the run has come to, up to now."""
+        if self.over and self.servo.outcome.kind == "running":
+            # It holds, for less time than a lost target is worth a word: the loop's own end of
+            # time asks for a measurement.
+            self.servo.diagnosis.timed_out(self.experiment.duration)
         outcome = self.servo.outcome
         return self._history.run(
             self.plant,

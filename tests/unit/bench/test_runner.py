@@ -12,6 +12,7 @@ from aras_visual_servo_bench.experiment import CameraPose, Experiment, Sampler, 
 from aras_visual_servo_bench.runner import Loop, assemble, run
 from aras_visual_servo_bench.targets import Motion
 from aras_visual_servo_controller.arm.poses import inverse
+from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features import Feature
 from aras_visual_servo_controller.features.base import Measured
 from aras_visual_servo_controller.schemes import Scheme
@@ -230,10 +231,16 @@ def test_a_study_is_told_of_a_goal_before_it_makes_a_world():
             check(CHAIN.with_(goal=goal))
 
 
+class Blind(Feature):
+    """Finds nothing in any image."""
+
+    names, tolerances = ("nothing",), (1e-3,)
+
+    def measure(self, observation, goal):
+        raise MeasurementError("nothing is found")
+
+
 def test_a_run_that_is_over_while_nothing_is_measured_has_an_outcome():
     """Ten of two hundred runs drawn by chance ended as 'running'."""
-    result = run(Experiment(
-        plant="chain", scheme="points", duration=0.5,
-        target={"shape": "triangle", "size": (0.08, 0.08), "pose": (0, 0, 0.591, 0, 0, 0)},
-    ))  # fmt: skip
+    result = run(Experiment(plant="chain", scheme=f"{__name__}:Blind", duration=0.5))
     assert result.outcome == "timed_out" and "0.5 s" in result.reason

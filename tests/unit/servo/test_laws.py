@@ -214,7 +214,7 @@ def test_gains_up_to_a_thousand_are_taken(law):
     with pytest.raises(ConfigurationError, match="more than 1000: no camera is that fast"):
         made(1001.0)
     SlidingMode(gain=500.0, reach=5.0, width=0.01)
-    with pytest.raises(ConfigurationError, match=r"= 1010 1/s: widen"):
+    with pytest.raises(ConfigurationError, match=r"= 1010 1/s, more than 1000: widen"):
         SlidingMode(gain=500.0, reach=5.1, width=0.01)
 
 
@@ -231,7 +231,8 @@ def test_gains_up_to_a_thousand_are_taken(law):
         (lambda: ContinuousStart(Proportional(), 0.0), "mu"),
         (lambda: Ramp(Proportional(), -1.0), "time"),
         (lambda: create_law("proportionl"), "did you mean 'proportional'"),
-        (lambda: create_law("proportional", gian=3.0), "unexpected keyword"),
+        (lambda: create_law("proportional", gian=3.0), "takes no 'gian': did you mean 'gain'"),
+        (lambda: create_law("diagonal"), "missing a required argument: 'values'"),
         (lambda: create_law("numpy:ndarray"), "not a class derived from Law"),
     ],
 )
@@ -240,12 +241,32 @@ def test_laws_that_there_are_not(make, words):
         make()
 
 
+@pytest.mark.parametrize(
+    ("law", "gains", "words"),
+    [
+        (Proportional(2.0), {"gain": 0.0}, "gain is 0.0"),
+        (Adaptive(5.0, 2.0), {"zero": 1.0}, "at zero 1.0 must exceed the one at infinity 2.0"),
+        (Adaptive(5.0, 2.0), {"slope": 7.0, "infinity": 5.0}, "must exceed"),
+        (ProportionalIntegral(), {"integral": -1.0}, "integral is -1.0"),
+        (SlidingMode(), {"width": 1e-5}, "widen"),
+        (ContinuousStart(Proportional()), {"mu": 0.0}, "mu is 0.0"),
+        (Ramp(Proportional()), {"time": -1.0}, "time is -1.0"),
+    ],
+)
+def test_gains_that_cannot_be_are_refused_while_it_runs_and_the_old_ones_stay(law, gains, words):
+    before = {name: getattr(law, name) for name in law.gains}
+    with pytest.raises(ConfigurationError, match=words):
+        law.change(**gains)
+    assert {name: getattr(law, name) for name in law.gains} == before
+
+
 def test_the_named_gains_can_be_changed_while_it_runs():
     for name in LAWS:
         law = create_law(name, **({"values": [1.0]} if name == "diagonal" else {}))
         assert law.gains
         assert all(hasattr(law, gain) for gain in law.gains)
     law = Proportional(2.0)
-    law.gain = 4.0
+    law.change(gain=4)
+    assert isinstance(law.gain, float)
     np.testing.assert_allclose(rate(law), -4.0 * E)
     assert issubclass(Law, object)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import inspect
 from collections.abc import Iterable, Mapping
 
 from .errors import ConfigurationError
@@ -67,8 +68,10 @@ def construct(kind: str, name: str, cls: type, *arguments: object, **options: ob
     """An instance of a class that may be a user's: whatever it raises becomes one line.
 
     Raises:
-        ConfigurationError: the constructor failed.
+        ConfigurationError: an option that it has not, one that it needs and was not given, or the
+            constructor failed.
     """
+    check_options(kind, name, cls, *arguments, **options)
     try:
         return cls(*arguments, **options)
     except ConfigurationError:
@@ -77,6 +80,35 @@ def construct(kind: str, name: str, cls: type, *arguments: object, **options: ob
         raise ConfigurationError(
             f"{kind} '{name}': its constructor raised {words(error)}"
         ) from error
+
+
+def check_options(
+    kind: str, name: str, cls: type, *arguments: object, **options: object
+) -> None:
+    """Refuse options that a class's constructor does not take, by name.
+
+    Raises:
+        ConfigurationError: naming the option, and the nearest one that there is.
+    """
+    try:
+        signature = inspect.signature(cls)
+    except (TypeError, ValueError):
+        return  # one that does not say what it takes
+    taken = {
+        key for key, one in signature.parameters.items()
+        if one.kind in (one.KEYWORD_ONLY, one.POSITIONAL_OR_KEYWORD)
+    }  # fmt: skip
+    if not any(one.kind is one.VAR_KEYWORD for one in signature.parameters.values()):
+        for option in options:
+            if option not in taken:
+                near = difflib.get_close_matches(option, taken, 1)
+                known = f"it takes {', '.join(sorted(taken)) or 'none'}"
+                hint = f"did you mean '{near[0]}'?" if near else known
+                raise ConfigurationError(f"{kind} '{name}' takes no '{option}': {hint}")
+    try:
+        signature.bind(*arguments, **options)
+    except TypeError as error:
+        raise ConfigurationError(f"{kind} '{name}': {error}") from error
 
 
 def words(error: BaseException) -> str:

@@ -13,7 +13,7 @@ class Law(ABC):
     """From the error to its wanted rate; may keep state, which `reset` clears.
 
     Numbers that may be changed while it runs (by dynamic_reconfigure) are plain attributes named
-    in `gains`; `check` refuses bad ones.
+    in `gains`; `change` sets them, `check` refuses bad ones.
     """
 
     gains: tuple[str, ...] = ()
@@ -39,6 +39,31 @@ class Law(ABC):
 
     def reset(self) -> None:
         """Begin anew: forget integrals and the time of the start."""
+
+    def check(self) -> None:
+        """Refuse gains that cannot be, also those that do not go together.
+
+        Raises:
+            ConfigurationError: naming the gain, its value and what would be right.
+        """
+
+    def change(self, **gains: float) -> None:
+        """Take other gains, also while it runs; those that are not named stay.
+
+        Raises:
+            ConfigurationError: as `check`; all are as they were then.
+        """
+        before = {name: getattr(self, name) for name in gains if hasattr(self, name)}
+        try:
+            for name, value in gains.items():
+                setattr(self, name, value)
+            self.check()
+        except ConfigurationError:
+            for name, value in before.items():
+                setattr(self, name, value)
+            raise
+        for name, value in gains.items():
+            setattr(self, name, float(value))
 
 
 def positive(owner: str, **values: float) -> None:

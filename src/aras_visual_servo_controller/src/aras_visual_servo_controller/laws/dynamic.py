@@ -6,7 +6,7 @@ import numpy as np
 
 from ..errors import ConfigurationError
 from .base import Law, positive
-from .proportional import check_gain
+from .proportional import GREATEST_GAIN, check_gain
 
 
 class ProportionalIntegral(Law):
@@ -20,10 +20,13 @@ class ProportionalIntegral(Law):
     gains = ("gain", "integral")
 
     def __init__(self, gain: float = 4.0, integral: float = 2.0, bound: float = 1.0) -> None:
-        check_gain("PI law", gain=gain)
-        positive("PI law", integral=integral, bound=bound)
-        self.gain, self.integral, self.bound = float(gain), float(integral), float(bound)
+        self.change(gain=gain, integral=integral, bound=bound)
         self.reset()
+
+    def check(self) -> None:
+        """See Law.check."""
+        check_gain("PI law", gain=self.gain)
+        positive("PI law", integral=self.integral, bound=self.bound)
 
     def reset(self) -> None:
         """See Law.reset."""
@@ -53,14 +56,18 @@ class SlidingMode(Law):
     gains = ("gain", "reach", "width")
 
     def __init__(self, gain: float = 3.0, reach: float = 0.02, width: float = 0.01) -> None:
-        check_gain("sliding-mode law", gain=gain)
-        positive("sliding-mode law", reach=reach, width=width)
-        if gain + reach / width > 1000.0:
+        self.change(gain=gain, reach=reach, width=width)
+
+    def check(self) -> None:
+        """See Law.check."""
+        check_gain("sliding-mode law", gain=self.gain)
+        positive("sliding-mode law", reach=self.reach, width=self.width)
+        steepest = self.gain + self.reach / self.width
+        if steepest > GREATEST_GAIN:
             raise ConfigurationError(
                 f"sliding-mode law: within its layer the gain is gain + reach / width = "
-                f"{gain + reach / width:g} 1/s: widen the layer"
+                f"{steepest:g} 1/s, more than {GREATEST_GAIN:g}: widen the layer"
             )
-        self.gain, self.reach, self.width = float(gain), float(reach), float(width)
 
     def rate(
         self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float

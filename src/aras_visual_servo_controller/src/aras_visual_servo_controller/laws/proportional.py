@@ -34,8 +34,11 @@ class Proportional(Law):
     gains = ("gain",)
 
     def __init__(self, gain: float = 5.0) -> None:
-        check_gain("proportional law", gain=gain)
-        self.gain = float(gain)
+        self.change(gain=gain)
+
+    def check(self) -> None:
+        """See Law.check."""
+        check_gain("proportional law", gain=self.gain)
 
     def rate(
         self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
@@ -54,13 +57,17 @@ class Adaptive(Law):
     gains = ("zero", "infinity", "slope")
 
     def __init__(self, zero: float = 5.0, infinity: float = 2.0, slope: float = 30.0) -> None:
-        check_gain("adaptive law", zero=zero, infinity=infinity)
-        positive("adaptive law", slope=slope)
-        if zero <= infinity:
+        self.change(zero=zero, infinity=infinity, slope=slope)
+
+    def check(self) -> None:
+        """See Law.check."""
+        check_gain("adaptive law", zero=self.zero, infinity=self.infinity)
+        positive("adaptive law", slope=self.slope)
+        if self.zero <= self.infinity:
             raise ConfigurationError(
-                f"adaptive law: gain at zero {zero} must exceed the one at infinity {infinity}"
+                f"adaptive law: gain at zero {self.zero} must exceed the one at infinity "
+                f"{self.infinity}"
             )
-        self.zero, self.infinity, self.slope = float(zero), float(infinity), float(slope)
 
     def rate(
         self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float

@@ -18,9 +18,13 @@ class ContinuousStart(Law):
     gains = ("mu",)
 
     def __init__(self, law: Law, mu: float = 4.0) -> None:
-        positive("continuous start", mu=mu)
-        self.law, self.mu = law, float(mu)
+        self.law = law
+        self.change(mu=mu)
         self.reset()
+
+    def check(self) -> None:
+        """See Law.check."""
+        positive("continuous start", mu=self.mu)
 
     def reset(self) -> None:
         """See Law.reset."""
@@ -44,9 +48,13 @@ class Ramp(Law):
     gains = ("time",)
 
     def __init__(self, law: Law, time: float = 0.1) -> None:
-        positive("ramp", time=time)
-        self.law, self.time = law, float(time)
+        self.law = law
+        self.change(time=time)
         self.reset()
+
+    def check(self) -> None:
+        """See Law.check."""
+        positive("ramp", time=self.time)
 
     def reset(self) -> None:
         """See Law.reset."""

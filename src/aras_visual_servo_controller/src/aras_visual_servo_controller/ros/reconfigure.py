@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import rospy
 
 from aras_visual_servo_ros.parameters import Value
 from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
 
+from ..errors import ConfigurationError
 from ..laws import Law
+from ..laws.proportional import GREATEST_GAIN
 from ..servo import Servo
-from .control import Owner
+
+if TYPE_CHECKING:
+    from .control import Owner
 
 NAMESPACE = "~gains"
-LEAST, GREATEST = 1e-3, 100.0
+LEAST = 1e-3  # where a gain is given below it, that one is the least
 
 
 class GainServer:
@@ -24,17 +30,33 @@ class GainServer:
         if not gains:
             return
         fields = [
-            Field(name, "double", gain, LEAST, GREATEST, f"{name} of the law")
+            Field(name, "double", gain, min(LEAST, gain), max(GREATEST_GAIN, gain),
+                  f"{name} of the law")  # fmt: skip
             for name, gain in gains.items()
         ]
         self._server = ReconfigureServer(rospy.resolve_name(NAMESPACE), fields, {}, self._apply)
 
     def _apply(self, values: dict[str, Value]) -> None:
-        def change(servo: Servo) -> None:
-            for name, law in _laws(servo).items():
-                setattr(law, name, float(values[name]))
+        self._owner.driver.change(lambda servo: change_gains(servo, values))
 
-        self._owner.driver.change(change)
+
+def change_gains(servo: Servo, values: dict[str, Value]) -> None:
+    """Give the loop's laws other gains, all of them or none.
+
+    Raises:
+        ConfigurationError: what a law refuses; nothing was changed then.
+    """
+    gains: dict[Law, dict[str, float]] = {}
+    for name, law in _laws(servo).items():
+        gains.setdefault(law, {})[name] = float(values[name])
+    before = {law: {name: getattr(law, name) for name in given} for law, given in gains.items()}
+    try:
+        for law, given in gains.items():
+            law.change(**given)
+    except ConfigurationError:
+        for law, given in before.items():
+            law.change(**given)
+        raise
 
 
 def _laws(servo: Servo) -> dict[str, Law]:

@@ -25,6 +25,13 @@ ALLOWED = {
 }
 
 
+# Nodes of camera and controller: thin.
+NODES = (
+    LIBRARIES["aras_visual_servo_camera"] / "node.py",
+    LIBRARIES["aras_visual_servo_controller"] / "ros" / "node.py",
+)
+LONGEST_NODE = 99  # lines
+
 # The bridge's floors: a room imports from those below it, never from one beside it.
 FLOORS = (
     {"errors"},
@@ -135,6 +142,8 @@ def test_nodes_are_thin() -> None:
     for node in SOURCES.glob("aras_*/nodes/*"):
         if node.is_file():
             assert len(node.read_text().splitlines()) <= 20, f"{node}: belongs into the library"
+    for node in NODES:
+        assert len(node.read_text().splitlines()) <= LONGEST_NODE, f"{node}: belongs beside it"
 
 
 def imported_at_once(file: Path) -> set[str]:

@@ -23,8 +23,7 @@ from .inputs import Inputs
 from .reconfigure import GainServer
 
 WATCH_PERIOD = 0.02  # s of wall time
-# s of wall time: rospy sends from threads of its own, and closes the topics after the last hook
-LAST_WORDS = 0.2
+LAST_WORDS = 0.2  # s of wall time: rospy sends from threads of its own
 
 
 class ControllerNode:
@@ -78,7 +77,7 @@ class ControllerNode:
 
     def close(self) -> None:
         """Leave no speed and no effort behind."""
-        if self.driver is not None and self._settings.output != "position":
+        if self.driver is not None and self.driver.settings.output != "position":
             self._inputs.close()  # nothing that still comes in may answer after the zeros
             self.driver.stop("the node ends")
             self.face.commands.put(np.zeros(len(self.face.names)))

@@ -654,6 +654,25 @@ def test_the_start_is_reached_smoothly_before_the_eyes_open(begin):
     assert rig.run(4.0)[-1].phase == CONVERGED
 
 
+@pytest.mark.parametrize("acceleration", [0.5, np.array([0.2, 1.0, 0.3, 1.0, 1.0, 1.0])])
+def test_the_way_to_the_start_keeps_to_the_limit_of_acceleration(acceleration):
+    limits = the_limits(acceleration=acceleration)
+    rig = Rig(the_servo("2016", start=STARTS["2016"], limits=limits), np.zeros(6))
+    rig.run(6.0)
+    assert not rig.servo.approaching
+    sent = np.diff(np.array([c.positions for c in rig.commands if c.phase == APPROACHING]), 2, 0)
+    reached = np.abs(sent / TICK**2).max(axis=0) / limits.acceleration
+    assert 0.8 < reached.max() < 1.05
+
+
+def test_what_hangs_at_the_start_is_pushed_no_faster_than_it_was_driven():
+    servo = the_servo("2016", start=STARTS["2016"], lead=0.5, push=50.0)
+    sent = [servo.tick(t, JointSample.of(t, servo.arm.names, np.zeros(6))).positions
+            for t in np.arange(0.0, 4.0, 0.01)]  # fmt: skip
+    speed = np.abs(np.diff(sent, axis=0)).max(axis=0) / 0.01
+    assert (speed <= 1.01 * 0.3 * servo.resolver.limits.velocity).all()
+
+
 def test_the_joint_that_does_not_arrive_at_the_start_is_named():
     servo = the_servo("2016", start=STARTS["2016"])
     for t in np.arange(0.0, 4.0, 0.01):

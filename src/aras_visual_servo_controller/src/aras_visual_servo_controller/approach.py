@@ -13,13 +13,18 @@ class Approach:
     """Smoothstep from where the joints are to the start; then pushes what hangs in friction."""
 
     def __init__(
-        self, names: Sequence[str], velocity: np.ndarray, settings: ServoSettings
+        self,
+        names: Sequence[str],
+        velocity: np.ndarray,
+        settings: ServoSettings,
+        acceleration: np.ndarray | float = np.inf,
     ) -> None:
-        """`velocity`: (n,) greatest of the joints, rad/s or m/s."""
+        """`velocity`, `acceleration`: (n,) greatest of the joints, rad/s or m/s, and per second."""
         n = len(names)
         self.names, self.settings = tuple(names), settings
         self.start = np.array(settings.start, float)
         self._speed = settings.approach_speed * np.minimum(np.asarray(velocity, float), 1e3)
+        self._acceleration = np.broadcast_to(np.asarray(acceleration, float), (n,))
         self._arrived = np.broadcast_to(np.asarray(settings.arrived, float), (n,))
         self._lead = np.broadcast_to(np.asarray(settings.lead, float), (n,))
         self.reset()
@@ -37,9 +42,10 @@ class Approach:
         """Positions (n,) to command at t (s), dt after the last; measured positions (n,)."""
         if self._origin is None:
             self._origin, self._since = np.array(positions, float), t
-            # Smoothstep peaks at 1.5 times its mean speed.
+            # Smoothstep peaks at 1.5 times its mean speed, and begins and ends at 6 way / time^2.
             way = np.abs(self.start - self._origin)
-            self._duration = max(float(np.max(1.5 * way / self._speed)), 1e-3)
+            least = np.maximum(1.5 * way / self._speed, np.sqrt(6.0 * way / self._acceleration))
+            self._duration = max(float(np.max(least)), 1e-3)
         part = float(np.clip((t - self._since) / self._duration, 0.0, 1.0))
         if part < 1.0:
             blend = part * part * (3.0 - 2.0 * part)
@@ -47,9 +53,8 @@ class Approach:
         missing = self.start - positions
         far = np.abs(missing) > self._arrived
         push = np.where(np.abs(missing) < 0.5 * self._arrived, 0.0, missing)
-        self._pushed = np.clip(
-            self._pushed + self.settings.push * push * dt, -self._lead, self._lead
-        )
+        push = np.clip(self.settings.push * push, -self._speed, self._speed)
+        self._pushed = np.clip(self._pushed + push * dt, -self._lead, self._lead)
         self.reason = ""
         if far.any():
             self._arrived_at = None

@@ -99,7 +99,10 @@ class Servo:
         self._pursuit = Pursuit(self.name, scheme, resolver, self._motion, self.settings)
         self._approach = None
         if self.settings.start is not None:
-            self._approach = Approach(arm.names, resolver.limits.velocity, self.settings)
+            limits = resolver.limits
+            self._approach = Approach(
+                arm.names, limits.velocity, self.settings, limits.acceleration
+            )
         self._convergence = Convergence(self.settings.hold)
         self.diagnosis = Diagnosis(self.settings, arm.jacobian)
         self.reset()

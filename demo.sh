@@ -4,7 +4,8 @@ set -euo pipefail
 
 usage() {
     cat <<'TEXT'
-Usage: ./demo.sh [--scheme NAME] [--start POSE] [--law NAME] [--gain NUMBER] [--camera NAME] [--rviz] [--out DIR]
+Usage: ./demo.sh [--scheme NAME] [--start POSE] [--goal NAME] [--law NAME] [--gain NUMBER] [--camera NAME]
+                 [--rviz] [--out DIR]
 
 Sets up the workspace if need be, simulates the ARAS robot while it servoes its camera to the target,
 and ends by itself. The status is 0 only when the robot has converged.
@@ -13,11 +14,10 @@ and ends by itself. The status is 0 only when the robot has converged.
                   package.module:Class, found on PYTHONPATH or in the folder you are in
   --start POSE    initial pose: 2016 (default), 2015, or gantry (m), J1, J2, J3, J5, J6 (rad), as
                   '0.1 0 0.17 -0.09 -0.09 2.09'
-  --law NAME      control law: proportional (default), adaptive, diagonal, pi, sliding_mode, ..., or
-                  package.module:Class
+  --goal NAME     2015, 2016, or a goal's YAML file (default: that of the start)
+  --law NAME      control law: proportional (default), adaptive, pi, sliding_mode, or package.module:Class
   --gain NUMBER   of the law, 1/s; without it the controller's own
-  --camera NAME   camera preset: original (default), calibrated, wide, fisheye, noisy, or a file of
-                  your own in src/aras_visual_servo_gazebo/config/cameras
+  --camera NAME   camera preset: original (default), calibrated, wide, fisheye, noisy, or a YAML file
   --rviz          show the robot and its camera in rviz (needs a display)
   --out DIR       folder for summary.json, plots, images and run.bag (default: out/ of this workspace)
   --help          print this
@@ -31,13 +31,13 @@ fail() {
 }
 
 root=$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")
-scheme=moments start=2016 law= gain= camera=original out=$root/out rviz=()
+scheme=moments start=2016 goal= law= gain= camera=original out=$root/out rviz=()
 while (($#)); do
     case "$1" in
-        --scheme=* | --start=* | --law=* | --gain=* | --camera=* | --out=*) set -- "${1%%=*}" "${1#*=}" "${@:2}" ;;
+        --scheme=* | --start=* | --goal=* | --law=* | --gain=* | --camera=* | --out=*) set -- "${1%%=*}" "${1#*=}" "${@:2}" ;;
     esac
     case "$1" in
-        --scheme | --start | --law | --gain | --camera | --out)
+        --scheme | --start | --goal | --law | --gain | --camera | --out)
             [[ -n ${2-} ]] || fail "$1 needs a value"
             declare "${1#--}=$2"
             shift 2
@@ -57,7 +57,10 @@ name='[A-Za-z_][A-Za-z0-9_]*'
     fail "--law is a name, as proportional, or package.module:Class, not $law"
 [[ -z $gain || $gain =~ ^$number$ ]] || fail "--gain is a number above 0, not $gain"
 presets=$root/src/aras_visual_servo_gazebo/config/cameras
-[[ -f $presets/$camera.yaml ]] || fail "--camera: there is no preset $presets/$camera.yaml"
+[[ -f $presets/$camera.yaml ]] || { [[ $camera == *.* && -f $camera ]] && camera=$(realpath -- "$camera"); } ||
+    fail "--camera: there is no preset $presets/$camera.yaml, and no file $camera"
+[[ -z $goal || $goal == 2015 || $goal == 2016 ]] || { [[ -f $goal ]] && goal=$(realpath -- "$goal"); } ||
+    fail "--goal is 2015, 2016 or a goal's YAML file, and there is no file $goal"
 # Made here, not after a minute of work: a folder that cannot be written is told at once.
 mkdir -p -- "$out" && out=$(cd -- "$out" && pwd) && [[ -w $out ]] || fail "--out: cannot write to $out"
 
@@ -76,6 +79,7 @@ set -u
 export PATH=$root/.venv/bin:$PATH
 [[ $scheme$law != *:* ]] || export PYTHONPATH=$PYTHONPATH:$own
 options=()
+[[ -z $goal ]] || options+=(--goal "$goal")
 [[ -z $law ]] || options+=(--law "$law")
 [[ -z $gain ]] || options+=(--gain "$gain")
 exec rosrun aras_visual_servo_bench demo --scheme "$scheme" "--start=$start" --camera "$camera" \

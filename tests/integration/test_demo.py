@@ -131,6 +131,8 @@ def test_interrupt_leaves_no_process_behind(tmp_path):
     (["--scheme", "moments+poimts"], "did you mean 'points'?"),
     (["--scheme", "my_module:MyScheme"], "my_module"),
     (["--law", "proportionel"], "did you mean 'proportional'?"),
+    (["--gain", "5000"], "gain is 5000 1/s, more than 1000"),
+    (["--goal", "2017"], "unknown goal '2017': did you mean '201"),
 ])  # fmt: skip
 def test_wrong_names_are_told_with_those_that_there_are_before_anything_starts(
     tmp_path, arguments, words

@@ -41,6 +41,8 @@ def test_help_names_every_option(script: str) -> None:
         (["--gain", "high"], "--gain is a number"),
         (["--scheme"], "--scheme needs a value"),
         (["--camera=pinhole"], "--camera: there is no preset"),
+        (["--camera", "/nowhere/lens.yaml"], "and no file /nowhere/lens.yaml"),
+        (["--goal", "/nowhere/goal.yaml"], "there is no file /nowhere/goal.yaml"),
         (["--fast"], "unknown argument --fast"),
         (["--out", "/dev/null/x"], "--out: cannot write to /dev/null/x"),
     ],

@@ -16,11 +16,11 @@ import numpy as np
 import rospy
 
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
-from aras_visual_servo_controller.laws import create_law
-from aras_visual_servo_controller.schemes import create_scheme
+from aras_visual_servo_controller.settings import Settings
 from aras_visual_servo_controller.state import HOLDING
 
 from ..errors import BenchError
+from ..packages import PackagePath
 from .processes import Launch, free_port
 
 STARTUP_TIMEOUT = 300.0  # s of wall time for each step; nodes that die are told at once
@@ -46,6 +46,10 @@ def parse(argv: list[str] | None) -> argparse.Namespace:
              "'0.1 0 0.17 -0.09 -0.09 2.09'",
     )
     parser.add_argument(
+        "--goal", default="auto", help="2015, 2016, or a goal's YAML file (default: that of the "
+        "start)",
+    )
+    parser.add_argument(
         "--law", default="", help="control law by name, proportional by default, or "
         "package.module:Class; a wrong name lists all",
     )
@@ -57,7 +61,8 @@ def parse(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--timeout", type=float, default=20.0, help="simulated s to converge in (default 20)"
     )
-    parser.add_argument("--camera", default="original", help="camera preset (default original)")
+    parser.add_argument("--camera", default="original", help="camera preset, or its YAML "
+                        "file (default original)")  # fmt: skip
     for part, unit in (("xyz", "m"), ("rpy", "rad")):
         parser.add_argument(
             f"--camera-{part}", type=_three, metavar="'0 0 0'",
@@ -65,7 +70,7 @@ def parse(argv: list[str] | None) -> argparse.Namespace:
         )
     arguments = parser.parse_args(argv)
     try:
-        create_scheme(arguments.scheme, create_law(arguments.law or "proportional"))
+        _check(arguments)
     except ConfigurationError as error:
         parser.error(str(error))
     if arguments.rviz and not os.environ.get("DISPLAY"):
@@ -75,6 +80,18 @@ def parse(argv: list[str] | None) -> argparse.Namespace:
     if not arguments.timeout > 0.0:
         parser.error(f"--timeout must be above 0, not {arguments.timeout}")
     return arguments
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    """ConfigurationError for what the controller would refuse of scheme, law, gain and goal."""
+    given = {"scheme": arguments.scheme, "desired": arguments.goal}
+    for name, value in (("law", arguments.law), ("gain", arguments.gain)):
+        if value:
+            given[name] = value
+    package = Path(PackagePath().find("aras_visual_servo_controller"))
+    settings = Settings.from_mapping(given, package)
+    settings.make_scheme()
+    settings.load_goal()
 
 
 def _numbers(text: str, count: int, example: str) -> str:
@@ -169,6 +186,7 @@ class Demo:
             ["aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch"],
             scheme=self.arguments.scheme,
             start=self.arguments.start,
+            goal=self.arguments.goal,
         )
 
     def _servo(self) -> None:

@@ -57,6 +57,7 @@ def test_a_changed_experiment_is_checked_again():
         ({"believed": {"focall": 1.0}}, r"'believed.focall': did you mean 'focal'\?"),
         ({"start": {"heigth": [0.2, 0.3]}}, r"'start.heigth': did you mean 'height'\?"),
         ({"plant": "bulet"}, r"plant is 'bulet': did you mean 'bullet'\?"),
+        ({"renderer": "exakt"}, r"renderer is 'exakt': did you mean 'exact'\?"),
         ({"commands": "frames"}, "commands is 'frames'"),
         ({"gain": "3"}, "gain is '3', must be a finite number"),
         ({"gain": 0}, "gain is 0.0, must be above 0"),

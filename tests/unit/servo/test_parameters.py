@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import sys
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -94,6 +95,8 @@ def test_the_goal_follows_the_start():
         ({"max_velocity": {"J1": "x"}}, "~max_velocity"),
         ({"joints": "J1"}, "~joints is 'J1', must be a list"),
         ({"package": "/"}, "unknown parameter ~package"),
+        ({"namespace": "my robot"}, "~namespace is 'my robot', which is no name on a ROS graph"),
+        ({"command_topic": "2nd"}, "~command_topic is '2nd', which is no name"),
     ],
 )
 def test_wrong_parameters_are_named(given, words):
@@ -104,13 +107,15 @@ def test_wrong_parameters_are_named(given, words):
 ABOVE_0 = {"gain", "gain_zero", "gain_infinity", "gain_slope", "hold", "approach_speed", "watchdog",
            "wall_watchdog", "stop_time"}  # fmt: skip
 LEAST = dict.fromkeys(
-    ("continuous_start", "ramp", "duration", "hold_gain", "posture_gain", "lag",
+    ("smoothing", "continuous_start", "ramp", "duration", "hold_gain", "posture_gain", "lag",
      "delay", "listeners"), 0.0) | {"image_timeout": 0.1, "joint_timeout": 0.1}  # fmt: skip
+MOST = {"smoothing": 10.0, "hold_gain": 1000.0, "posture_gain": 1000.0, "approach_speed": 1.0,
+        "stop_time": 10.0}  # fmt: skip
 
 
 def test_every_number_has_its_bound_and_takes_what_lies_at_it():
     numbers = {f.name for f in fields(Settings) if isinstance(f.default, float)}
-    by_others = {"smoothing", "lead", "stiffness", "damping"}  # the scheme and the loop refuse them
+    by_others = {"lead", "stiffness", "damping"}  # the loop refuses them
     assert numbers - by_others == ABOVE_0 | set(LEAST)
     for name in ABOVE_0:
         assert getattr(of(**{name: 1e-6}), name) == 1e-6
@@ -120,6 +125,10 @@ def test_every_number_has_its_bound_and_takes_what_lies_at_it():
         assert getattr(of(**{name: bound}), name) == bound
         with pytest.raises(ConfigurationError, match=f"~{name} is .*, must be >= {bound:g}"):
             of(**{name: bound - 1e-6})
+    for name, bound in MOST.items():
+        assert getattr(of(**{name: bound}), name) == bound
+        with pytest.raises(ConfigurationError, match=f"~{name} is .*, must be <= {bound:g}"):
+            of(**{name: 1.01 * bound})
 
 
 @pytest.mark.parametrize(
@@ -136,8 +145,26 @@ def test_every_number_has_its_bound_and_takes_what_lies_at_it():
         ({"start": [0, 0, 0, 2.5, 0, 0]}, "outside its limits"),
         ({"start": {"xyz": [0, 0, 5], "rpy": [3.1, 0, 0]}}, "out of the arm's reach"),
         ({"start": {"xyz": [0, 0], "rpy": [3.1, 0, 0]}}, "xyz is .* must be three numbers"),
+        ({"law_options": {1: 2.0}}, "~law_options: 1 is no argument of a law"),
+        ({"law_options": {"name": "pi"}}, "~law_options: 'name' is no argument"),
+        ({"law_options": {"ramp": 0.1}}, "give it as ~ramp"),
+        ({"weights": ["one"]}, "weights .*: one number >= 0"),
+        ({"weights": [0.0]}, "one at least has to be above 0"),
         ({"desired": "/nowhere.yaml"}, "/nowhere.yaml"),
+        ({"desired": "2017"}, "unknown goal '2017': did you mean '201"),
+        ({"desired": "pose"}, "unknown goal 'pose': known are 2015, 2016 .or the path of a YAML"),
         ({"posture": {"J4": 0.0}}, "unknown joint J4"),
+        ({"posture": {"J1": "up"}}, "posture: J1 is 'up', must be a number within its limits"),
+        ({"posture": {"J1": float("nan")}}, "posture: J1 is nan"),
+        ({"posture": {"J1": None}}, "posture: J1 is None"),
+        ({"posture": {"J1": True}}, "posture: J1 is True"),
+        ({"posture": {"J1": 9.0}}, "posture: J1 is 9.0"),
+        ({"posture": {"J1": -9.0}}, "posture: J1 is -9.0"),
+        ({"elbow": 0.5}, "side of the elbow J3 is 0.5: use -1 or 1"),
+        ({"elbow": [1, 1]}, "~elbow is .1.0, 1.0., must be -1 or 1, or"),
+        ({"controllers": {"J9": "x"}}, "~controllers names the joint J9: known are"),
+        ({"controllers": {"J1": ""}}, "~controllers: that of J1 is '', must be the name"),
+        ({"controllers": {"J1": 3}}, "~controllers: that of J1 is 3, must be the name"),
         ({"elbow": {"J2": 1}}, "J2 is no elbow"),
         ({"max_velocity": 9.0}, "beyond the robot's own"),
         ({"lead": {"J4": 0.1}}, "~lead names the joint J4"),
@@ -170,6 +197,57 @@ def test_laws_and_schemes_get_their_numbers(arm):
     diagonal = of(law="diagonal", law_options={"values": [1, 2, 3, 4]}).make_law()
     assert diagonal.values.tolist() == [1, 2, 3, 4]
     assert of(pitch_gain=2.0).hold_gain == 2.0  # the name of former versions
+
+
+def test_of_joints_that_are_not_used_the_robot_s_parameters_say_nothing(arm):
+    some = ["gantry", "J1", "J2", "J3"]
+    settings = of(joints=some, start="none").for_robot("aras_visual_servo", ("joints", "start"))
+    assert settings.max_velocity == {"gantry": 1.0, "J1": 2.0, "J2": 2.0, "J3": 2.0}
+    assert settings.posture == {"J1": 0.0} and set(settings.controllers) == set(some)
+    part = settings.arm(URDF)
+    assert settings.limits(part).velocity.tolist() == [1.0, 2.0, 2.0, 2.0]
+    assert settings.resolver(part, settings.limits(part)).folds == ()
+    with pytest.raises(ConfigurationError, match="joint J9 is no elbow"):
+        replace(settings, elbow={"J9": 1}).resolver(part, settings.limits(part))
+    whole = of(joints=list(arm.names), start="none").for_robot("aras_visual_servo", ("joints",))
+    assert whole.resolver(arm, whole.limits(arm)).folds[0].side == -1.0
+    one = of(joints=["J2"]).for_robot("aras_visual_servo", ("joints",))
+    assert (one.posture, one.elbow) == ({}, None)
+
+
+def test_an_arm_whose_speed_nothing_limits_is_not_moved():
+    """Else it would be driven to its start at 300 rad/s."""
+    urdf = re.sub(r'( name="J2"(?:.|\n)*?<limit[^>]*?) velocity="[^"]*"', r"\1", URDF, count=1)
+    settings = of(start="none", max_velocity={"J1": 1.0})
+    arm = settings.arm(urdf)
+    assert np.isinf(arm.velocity).tolist() == [False, False, True, False, False, False]
+    with pytest.raises(ConfigurationError, match="nothing limits the speed of J2: .* ~max_veloc"):
+        settings.build(arm)
+    replace(settings, max_velocity={"J2": 1.0}).build(arm)
+
+
+def test_what_is_said_for_one_joint_leaves_the_others_theirs(arm):
+    loop = of(lead={"J1": 0.1}, stiffness={"J2": 3.0}, start="none").build(arm)
+    assert loop.settings.lead == (0.05, 0.1, 0.05, 0.05, 0.05, 0.05)
+    assert loop.settings.stiffness == (0.0, 0.0, 3.0, 0.0, 0.0, 0.0)
+
+
+def test_a_user_s_own_law_takes_the_gain_that_is_given(tmp_path, monkeypatch):
+    (tmp_path / "own_law.py").write_text(
+        "from aras_visual_servo_controller.laws import Law\n"
+        "class Fast(Law):\n"
+        "    gains, gain = ('gain',), 8.0\n"
+        "    def rate(self, error, L, rotated_error, t, dt): return -self.gain * error\n"
+        "class Plain(Fast):\n"
+        "    gains = ()\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert of(law="own_law:Fast").make_law().gain == 8.0
+    assert of(law="own_law:Fast", gain=3.0).make_law().gain == 3.0
+    assert of(law="own_law:Fast", gain=3.0, ramp=0.1).make_law().law.gain == 3.0
+    assert of(law="own_law:Plain").make_law().gain == 8.0
+    with pytest.raises(ConfigurationError, match=r"'own_law:Plain' has no gain .* ~gain is 3"):
+        of(law="own_law:Plain", gain=3.0).make_law()
 
 
 def test_every_parameter_is_in_the_readme_with_its_unit_and_default():

@@ -24,7 +24,7 @@ from aras_visual_servo_controller.starts import start_joints
 from . import cameras
 from .errors import ExperimentError, ViewError
 from .experiment import FLYING, CameraPose, Experiment, Sampler
-from .loops import goal_file, named_scheme, settings_of
+from .loops import named_goal, named_scheme, settings_of
 from .plants import CameraReading, Plant
 from .plants.bullet_arm import BulletArm, ShownTarget
 from .plants.free_body import FreeBody
@@ -159,7 +159,7 @@ class _Builder:
         """The goal as named, or as taught at a pose."""
         goal = self.experiment.goal
         if isinstance(goal, str):
-            return Goal.load(goal_file(self.experiment, self.loop_settings))
+            return named_goal(self.experiment, self.loop_settings)
         if isinstance(goal, CameraPose):
             return self._teach(transform(goal.pose[:3], goal.pose[3:]), {})
         joints = self._goal_joints()

@@ -22,6 +22,7 @@ TARGETS = (
 LARGEST_TARGET = 2.0  # m
 FEATURES = ("auto", "pictures", "exact")
 COMMANDS = ("joint_states", "images")
+RENDERERS = ("auto", "exact", "tiny", "opengl")  # the last is the old name of exact
 Pair = tuple[float, float]
 Six = tuple[float, float, float, float, float, float]
 
@@ -156,7 +157,7 @@ class Experiment:
     options: further parameters of the controller, by name, as its node has them.
     duration: s after the first image. linger: s to go on after it has converged; None: to the end.
     reached: m and rad within which the goal counts as reached.
-    seed: of all that is random. renderer: of the Bullet arm: auto, opengl or tiny.
+    seed: of all that is random. renderer: of the Bullet arm: auto (exact), exact or tiny.
     traced: note each joint's greatest speed at every step of the physics.
     """
 
@@ -193,7 +194,8 @@ class Experiment:
             value = getattr(self, name)
             if isinstance(value, Mapping | list):  # as in a file: believed={"focal": 0.9}
                 object.__setattr__(self, name, convert(value, hint, name))
-        for name, known in (("plant", PLANTS), ("features", FEATURES), ("commands", COMMANDS)):
+        for name, known in (("plant", PLANTS), ("features", FEATURES), ("commands", COMMANDS),
+                            ("renderer", RENDERERS)):  # fmt: skip
             value = getattr(self, name)
             require(value in known, f"{name} is '{value}': {nearest(value, known)}")
         for name in ("lag", "noise", "jitter", "delay"):

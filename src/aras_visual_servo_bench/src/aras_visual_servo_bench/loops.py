@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.goal import Goal
 from aras_visual_servo_controller.schemes import JointController, Scheme
 from aras_visual_servo_controller.settings import Settings
 
@@ -55,10 +56,10 @@ def settings_of(experiment: Experiment, robot: Robot | None = None) -> Settings:
         raise ExperimentError(str(error)) from error
 
 
-def goal_file(experiment: Experiment, settings: Settings) -> Path:
-    """The file of a goal that is given by name or path."""
+def named_goal(experiment: Experiment, settings: Settings) -> Goal:
+    """The goal that is given by name or path; ConfigurationError where there is none."""
     start = experiment.start if isinstance(experiment.start, str) else "none"
-    return dataclasses.replace(settings, desired=experiment.goal, start=start).goal_path()
+    return dataclasses.replace(settings, desired=experiment.goal, start=start).load_goal()
 
 
 def named_scheme(experiment: Experiment) -> Scheme | JointController:

@@ -6,6 +6,7 @@ import copy
 import dataclasses
 import difflib
 import functools
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ import yaml
 from .errors import ConfigurationError
 
 JOINTWISE = ("lead", "stiffness", "damping")  # that have a number as their default
+NAMES = ("namespace", "camera_namespace", "command_topic", "description")
+LEGAL = re.compile(r"[~/]?[A-Za-z][\w/]*", re.ASCII)
 LONGEST = 1 << 20  # bytes of a YAML file
 
 
@@ -25,11 +28,13 @@ def parameter(
     text: str,
     least: float | None = None,
     above: float | None = None,
+    most: float | None = None,
     internal: bool = False,
 ) -> Any:
-    """A dataclass field with what its table says; `least` and `above` bound a number."""
+    """A dataclass field with what its table says; `least`, `above` and `most` bound a number."""
     metadata = {
-        "unit": unit, "text": text, "least": least, "above": above, "internal": internal
+        "unit": unit, "text": text, "least": least, "above": above, "most": most,
+        "internal": internal,
     }  # fmt: skip
     if isinstance(default, dict):
         return dataclasses.field(default_factory=lambda: dict(default), metadata=metadata)
@@ -84,6 +89,13 @@ def checked(field: dataclasses.Field, value: Any) -> Any:
         raise ConfigurationError(f"parameter ~{field.name} is {value}, must be >= {least:g}")
     if above is not None and value <= above:
         raise ConfigurationError(f"parameter ~{field.name} is {value}, must be > {above:g}")
+    if (most := field.metadata.get("most")) is not None and value > most:
+        raise ConfigurationError(f"parameter ~{field.name} is {value:g}, must be <= {most:g}")
+    if field.name in NAMES and not LEGAL.fullmatch(value or "x"):
+        raise ConfigurationError(
+            f"parameter ~{field.name} is '{value}', which is no name on a ROS graph: letters, "
+            "digits, _ and / are"
+        )
     if default is None or field.name in JOINTWISE:
         return value if isinstance(value, int) else _floats(value)
     return value

@@ -24,14 +24,16 @@ from .arm import (
     SecondaryTask,
     SingularityAvoidance,
 )
+from .arm.chain import Description
 from .arm.fold import find
 from .errors import ConfigurationError
 from .goal import Goal
-from .laws import Law, create_law
+from .laws import LAWS, Law, create_law
+from .laws.proportional import GREATEST_GAIN
 from .observation import Observer
 from .schemes import JointController, Scheme, create_scheme
 from .servo import Servo
-from .setting_kinds import checked, parameter, suggestion, yaml_mapping
+from .setting_kinds import LEGAL, checked, default_of, parameter, suggestion, yaml_mapping
 from .starts import start_joints
 from .state import ServoSettings
 from .teaching import by_geometry
@@ -43,6 +45,9 @@ LAW_GAINS = {
     "pi": {"gain": "gain"},
     "sliding_mode": {"gain": "gain"},
 }
+# Parameters that are said for some of the joints, by name.
+BY_JOINT = ("max_velocity", "max_acceleration", "lower", "upper", "posture", "elbow", "lead",
+            "stiffness", "damping", "controllers")  # fmt: skip
 SERVO = (
     "hold", "lead", "lag", "delay", "watchdog", "stop_time", "output", "stiffness", "damping",
     "approach_speed",
@@ -66,7 +71,8 @@ class Settings:
     interaction: str = parameter("current", "", "L at the view: current, desired, mean, estimated")
     tracker: str = parameter(OUTLINE, "", "of a target's points: outline, dots, marker, lines")
     weights: tuple = parameter((), "", "of stacked features, one each; empty: all alike")
-    smoothing: float = parameter(0.0, "s", "time constant of a low-pass on the errors; 0: none")
+    smoothing: float = parameter(0.0, "s", "time constant of a low-pass on the errors; 0: none",
+                                 least=0.0, most=10.0)  # fmt: skip
     law: str = parameter("proportional", "", "proportional, adaptive, diagonal, pi, sliding_mode, "
                          "or 'package.module:Class'")  # fmt: skip
     gain: float = parameter(5.0, "1/s", "of the law", above=0.0)
@@ -88,9 +94,9 @@ class Settings:
     lower: Any = parameter(None, "m, rad", "least position of each joint; the description's")
     upper: Any = parameter(None, "m, rad", "greatest position of each joint; the description's")
     hold_gain: float = parameter(3.0, "1/s", "at which what the scheme does not model is kept as "
-                                 "at the goal", least=0.0)  # fmt: skip
+                                 "at the goal", least=0.0, most=GREATEST_GAIN)  # fmt: skip
     posture: dict = parameter({}, "m, rad", "positions that joints are drawn to, where free")
-    posture_gain: float = parameter(1.0, "1/s", "at which", least=0.0)
+    posture_gain: float = parameter(1.0, "1/s", "at which", least=0.0, most=GREATEST_GAIN)
     limit_avoidance: bool = parameter(True, "", "keep joints away from their limits, where free")
     singularity_avoidance: bool = parameter(False, "", "climb manipulability, where free")
     elbow: Any = parameter(None, "", "side to which stretched elbows bend: -1 or 1, or by joint")
@@ -98,13 +104,14 @@ class Settings:
     lag: float = parameter(LOOP.lag, "s", "of joint speed by which it may be ahead besides",
                            least=0.0)  # fmt: skip
     approach_speed: float = parameter(LOOP.approach_speed, "", "part of max_velocity on the way to "
-                                      "the start", above=0.0)  # fmt: skip
+                                      "the start", above=0.0, most=1.0)  # fmt: skip
     delay: float = parameter(LOOP.delay, "s", "from exposure to its answer, in simulated time",
                              least=0.0)  # fmt: skip
     watchdog: float = parameter(LOOP.watchdog, "s", "without a fresh answer (or three image "
                                 "periods) before the arm is stopped", above=0.0)  # fmt: skip
     wall_watchdog: float = parameter(5.0, "s", "of wall time without one, likewise", above=0.0)
-    stop_time: float = parameter(LOOP.stop_time, "s", "in which a stop comes to rest", above=0.0)
+    stop_time: float = parameter(LOOP.stop_time, "s", "in which a stop comes to rest", above=0.0,
+                                 most=10.0)  # fmt: skip
     output: str = parameter(LOOP.output, "", "what is commanded: position, velocity or effort")
     stiffness: Any = parameter(LOOP.stiffness, "N/m, N m/rad", "of the effort output")
     damping: Any = parameter(LOOP.damping, "N s/m, N m s/rad", "of the effort output")
@@ -170,21 +177,59 @@ class Settings:
             for f in fields(self)
             if f.name not in given and getattr(of_robot, f.name) != getattr(plain, f.name)
         }
+        for key in BY_JOINT if self.joints else ():  # of the other joints nothing is to be said
+            if isinstance(value := known.get(key), Mapping):
+                known[key] = {name: v for name, v in value.items() if name in self.joints} or (
+                    getattr(plain, key)
+                )
         return replace(self, **known)
 
     def arm(self, urdf: str) -> Arm:
-        """The arm of a description; ConfigurationError as Arm.from_urdf."""
-        return Arm.from_urdf(
+        """The arm of a description; ConfigurationError as Arm.from_urdf, or for controllers of
+        joints that it has not."""
+        arm = Arm.from_urdf(
             urdf, self.camera_frame, self.base_frame, self.joints or None, self.target_frame
         )
+        for joint, controller in self.controllers.items():
+            known = arm.names if joint in arm.names else Description(urdf).joints
+            if joint not in known:
+                raise ConfigurationError(
+                    f"parameter ~controllers names the joint {joint}: {suggestion(joint, known)}"
+                )
+            if not (isinstance(controller, str) and LEGAL.fullmatch(controller)):
+                raise ConfigurationError(
+                    f"parameter ~controllers: that of {joint} is {controller!r}, must be the name "
+                    f"of a controller, as {joint}_{self.output}_controller"
+                )
+        return arm
 
     def make_law(self) -> Law:
         """The law with its gains; ConfigurationError for what it refuses."""
         known = LAW_GAINS.get(self.law, {})
         gains = {argument: getattr(self, name) for argument, name in known.items()}
-        return create_law(
+        for option in self.law_options:
+            if not isinstance(option, str) or option in ("name", "continuous_start", "ramp"):
+                raise ConfigurationError(
+                    f"parameter ~law_options: {option!r} is no argument of a law"
+                    + (f": give it as ~{option}" if option in ("continuous_start", "ramp") else "")
+                )
+        law = create_law(
             self.law, self.continuous_start, self.ramp, **{**gains, **self.law_options}
         )
+        if self.law not in LAWS and self.gain != Settings.gain:
+            self._tell_gain(law)
+        return law
+
+    def _tell_gain(self, law: Law) -> None:
+        """Have a law of the user's own take the gain that was given."""
+        while isinstance(getattr(law, "law", None), Law):
+            law = law.law
+        if "gain" not in law.gains:
+            raise ConfigurationError(
+                f"law '{self.law}' has no gain (its `gains` are {list(law.gains)}), and ~gain is "
+                f"{self.gain:g}: leave it out"
+            )
+        law.change(gain=self.gain)
 
     def make_scheme(self) -> Scheme | JointController:
         """The scheme with its law; ConfigurationError naming what is unknown."""
@@ -197,8 +242,16 @@ class Settings:
         )
 
     def limits(self, arm: Arm) -> Limits:
-        """Of the commands; ConfigurationError as Limits.of."""
-        return Limits.of(arm, self.lower, self.upper, self.max_velocity, self.max_acceleration)
+        """Of the commands; ConfigurationError as Limits.of, or for a joint of an arm whose speed
+        nothing limits."""
+        limits = Limits.of(arm, self.lower, self.upper, self.max_velocity, self.max_acceleration)
+        if isinstance(arm, Arm) and not np.isfinite(limits.velocity).all():
+            name = arm.names[int(np.flatnonzero(~np.isfinite(limits.velocity))[0])]
+            raise ConfigurationError(
+                f"nothing limits the speed of {name}: its <limit> in the robot description says no "
+                "velocity: give one there or as ~max_velocity (rad/s, m/s)"
+            )
+        return limits
 
     def goal_path(self) -> Path:
         """The YAML file of the goal."""
@@ -210,6 +263,18 @@ class Settings:
         shipped = self._shipped(name)
         return shipped if shipped.is_file() else Path(name).expanduser()
 
+    def load_goal(self) -> Goal:
+        """The goal; ConfigurationError for a name that there is not, and as Goal.load."""
+        path = self.goal_path()
+        if not path.suffix and len(path.parts) == 1 and not path.exists():
+            shipped = self._shipped("").parent.glob("goal_*.yaml")
+            names = sorted(file.stem.removeprefix("goal_") for file in shipped)
+            raise ConfigurationError(
+                f"unknown goal '{path}': {suggestion(str(path), names)} (or the path of a YAML "
+                "file)"
+            )
+        return Goal.load(path)
+
     def _shipped(self, name: str) -> Path:
         return self.package / "config" / f"goal_{Path(name).name}.yaml"
 
@@ -217,8 +282,15 @@ class Settings:
         """The resolver with its secondary tasks; ConfigurationError for unknown joints."""
         sides = self.elbow
         folds = find(arm)
-        if isinstance(sides, int):
+        if isinstance(sides, int | float):
             sides = {arm.names[fold.joint]: sides for fold in folds}
+        if not isinstance(sides, Mapping | None):
+            raise ConfigurationError(
+                f"parameter ~elbow is {list(sides)}, must be -1 or 1, or {{joint: -1 or 1}}"
+            )
+        if sides and self.joints:  # of an elbow that is not used, or not alone, nothing is known
+            elbows = [arm.names[fold.joint] for fold in folds]
+            sides = {n: s for n, s in sides.items() if n in elbows or n not in arm.names}
         if sides:
             folds = find(arm, sides)
         tasks: list[SecondaryTask] = []
@@ -260,7 +332,7 @@ class Settings:
         )
         scheme = scheme if scheme is not None else self.make_scheme()
         if goal is None:
-            goal = Goal.load(self.goal_path()).for_arm(arm)
+            goal = self.load_goal().for_arm(arm)
             if self.tracker == OUTLINE:  # other points than its corners are for trackers to teach
                 goal = by_geometry(goal, scheme)
         return Servo(
@@ -296,4 +368,5 @@ def per_joint(name: str, value: Any, arm: Arm) -> Any:
             raise ConfigurationError(
                 f"parameter ~{name} names the joint {joint}: {suggestion(joint, arm.names)}"
             )
-    return tuple(float(value.get(joint, 0.0)) for joint in arm.names)
+    other = default_of(Settings.__dataclass_fields__[name])
+    return tuple(float(value.get(joint, other)) for joint in arm.names)

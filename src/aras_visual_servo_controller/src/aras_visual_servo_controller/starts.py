@@ -57,8 +57,8 @@ def _named(name: str, arm: Arm, package: Path) -> np.ndarray:
     known = yaml_mapping(package / "config" / "starts.yaml")
     if name not in known:
         raise ConfigurationError(
-            f"parameter ~start is '{name}': {suggestion(name, [*known, NONE])} Or give a number "
-            f"for each of {', '.join(arm.names)}"
+            f"parameter ~start is '{name}': {suggestion(name, [*known, NONE])} (or a number for "
+            f"each of {', '.join(arm.names)})"
         )
     return _by_joint(known[name], arm, name)
 

@@ -215,6 +215,6 @@ def check_settings(settings: ServoSettings, names: Sequence[str], limits: Limits
         )
     for i in np.flatnonzero((start < limits.lower) | (start > limits.upper)):
         raise ConfigurationError(
-            f"the start puts {names[i]} at {start[i]:.4f}, outside its limits "
-            f"{limits.lower[i]:.4f} to {limits.upper[i]:.4f}"
+            f"the start puts {names[i]} at {start[i]:.6g}, outside its limits "
+            f"{limits.lower[i]:.6g} to {limits.upper[i]:.6g}"
         )

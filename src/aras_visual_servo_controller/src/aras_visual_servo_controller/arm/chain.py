@@ -83,6 +83,7 @@ class Description:
             self._elements[name] = joint
             links += [name, parent.get("link", "")]
         self.links = tuple(dict.fromkeys(links))
+        self.joints = tuple(joint.get("name", "") for joint in self._elements.values())
 
     def up(self, link: str) -> list[DescribedJoint]:
         """All joints from the root down to a link.

@@ -59,7 +59,8 @@ class Limits:
             for key in ("velocity", "acceleration"):
                 if not values[key][i] > 0.0:
                     raise ConfigurationError(
-                        f"limits of {name}: {key} {values[key][i]:g} must be positive"
+                        f"limits of {name}: {key} {values[key][i]:g} must be positive "
+                        f"(max_{key})"
                     )
             for key, wider in (
                 ("lower", low < arm.lower[i] - 1e-9),

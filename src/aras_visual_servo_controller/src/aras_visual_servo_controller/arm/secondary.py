@@ -31,7 +31,7 @@ class Posture(SecondaryTask):
         """`preferred`: by name, rad or m; gain in 1/s.
 
         Raises:
-            ConfigurationError: an unknown joint.
+            ConfigurationError: an unknown joint, or no position that it can have.
         """
         self.preferred = np.zeros(len(arm.names))
         self.gains = np.zeros(len(arm.names))
@@ -40,8 +40,14 @@ class Posture(SecondaryTask):
                 raise ConfigurationError(
                     f"posture: unknown joint {name}{nearest(name, arm.names)}"
                 )
-            self.preferred[arm.names.index(name)] = value
-            self.gains[arm.names.index(name)] = gain
+            joint = arm.names.index(name)
+            number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+            if not (number and arm.lower[joint] <= value <= arm.upper[joint]):
+                raise ConfigurationError(
+                    f"posture: {name} is {value!r}, must be a number within its limits "
+                    f"{arm.lower[joint]:g} to {arm.upper[joint]:g}"
+                )
+            self.preferred[joint], self.gains[joint] = value, gain
 
     def velocity(self, q: np.ndarray) -> np.ndarray:
         return self.gains * (self.preferred - q)

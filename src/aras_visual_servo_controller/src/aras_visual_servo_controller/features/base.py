@@ -115,11 +115,13 @@ class Stack(Feature):
             raise ConfigurationError("a stack of features needs at least one")
         weights = [1.0] * len(self.features) if weights is None else list(weights)
         if len(weights) != len(self.features) or not all(
-            np.isfinite(w) and w >= 0.0 for w in weights
+            isinstance(w, int | float | np.number) and np.isfinite(w) and w >= 0.0 for w in weights
         ):
             raise ConfigurationError(
                 f"weights {weights}: one number >= 0 for each of {len(self.features)} features"
             )
+        if not any(weights):
+            raise ConfigurationError(f"weights {weights}: one at least has to be above 0")
         self.needs = frozenset().union(*(f.needs for f in self.features))
         self.geometric = all(f.geometric for f in self.features)
         self._parts = tuple(weights)

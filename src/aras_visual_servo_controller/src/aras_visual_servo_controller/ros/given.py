@@ -8,7 +8,6 @@ from pathlib import Path
 import rospkg
 import rospy
 
-from ..goal import Goal
 from ..settings import Settings
 from .reconfigure import NAMESPACE as GAINS
 
@@ -26,7 +25,7 @@ def given_settings() -> tuple[Settings, dict[str, object]]:
     settings = Settings.from_mapping(given, package)
     settings.make_scheme()  # what is wrong with it needs no robot to be told
     if settings.desired != "auto":
-        Goal.load(settings.goal_path())
+        settings.load_goal()
     return settings, given
 
 

@@ -549,6 +549,20 @@ def test_reset_forgets_that_it_had_converged():
     assert phases(states)[-1] == CONVERGED
 
 
+def test_a_first_step_longer_than_the_lead_is_taken():
+    """A flying camera that was asked for more than 5 rad/s from rest never set out."""
+    motion = Motion(the_arm().names, the_limits(), ServoSettings(lead=0.05))
+    motion.begin(np.zeros(6))
+    measured = np.zeros(6)
+    for step in range(1, 4):
+        assert motion.advance(np.full(6, 6.0), measured, 0.01) == ""
+        np.testing.assert_allclose(motion.command, 0.06 * step)
+        measured = motion.command + 1e-6  # it follows at once, and is measured with an error
+    for _ in range(60):  # and what does not follow is waited for all the same
+        said = motion.advance(np.full(6, 6.0), measured, 0.01)
+    assert "waiting for" in said and motion.at_rest
+
+
 @pytest.mark.parametrize(("side", "sign"), [("upper", 1.0), ("lower", -1.0)])
 def test_the_command_stops_at_its_limits_by_itself(side, sign):
     """Whatever the resolver answers."""

@@ -160,6 +160,9 @@ def _advanced(command, velocity, velocities, measured, lower, upper, lead, lag, 
         wanted = command[i] + velocities[i] * dt
         after[i] = min(max(wanted, min(lower[i], command[i])), max(upper[i], command[i]))
         stopped[i] = after[i] != wanted
-        ahead = abs(after[i] - measured[i])
-        late[i] = ahead > lead[i] + lag * abs(velocity[i]) and ahead > abs(command[i] - measured[i])
+        before, ahead = abs(command[i] - measured[i]), abs(after[i] - measured[i])
+        # One that stands where it was told to is not late, however long the first step is: a
+        # flying camera asked for more than 5 rad/s from rest never set out.
+        known = before > 0.5 * lead[i]
+        late[i] = known and ahead > lead[i] + lag * abs(velocity[i]) and ahead > before
     return after, (after - command) / dt, np.flatnonzero(stopped), np.flatnonzero(late)

@@ -152,6 +152,39 @@ def test_pictures_are_drawn_in_every_format(tmp_path):
         figures.write_all([results], tmp_path, ("gif",))
 
 
+def test_nothing_of_a_picture_is_cut_off_or_lies_on_something_else():
+    """Labels are as long as a user's keys; the first page's picture was once without its own."""
+    study = Study.from_mapping({
+        "experiment": {"plant": "free"}, "metrics": ["success", "settled", "final_distance"],
+        "vary": {"start.height": [[0.1, 0.2], [0.2, 0.3], [0.3, 0.4]],
+                 "options.max_velocity": [1.0, 2.0, 4.0, 8.0]}})  # fmt: skip
+    rng = np.random.default_rng(0)
+    table = pa.table({
+        "start.height": [f"[{k}, 0.4]" for k in range(3) for _ in range(4)],
+        "options.max_velocity": [1.0, 2.0, 4.0, 8.0] * 3, "outcome": ["x"] * 12,
+        "success": [1.0, 0.0, 1.0] * 4, "settled": rng.uniform(1, 2, 12),
+        "final_distance": rng.uniform(1, 2, 12), "real_time_multiple": [10.0] * 12,
+    })  # fmt: skip
+    results = Results("one", study, table)
+    chosen = results.chosen(["settled", "final_distance"])
+    with figures.plt.rc_context(figures.LOOK):
+        drawn = [
+            figures.success([results]), figures.distributions([results], chosen),
+            figures.boxes([results], chosen), figures.sensitivity(results, chosen),
+        ]  # fmt: skip
+    for figure in drawn:
+        figure.canvas.draw()
+        inside = figure.get_tightbbox(figure.canvas.get_renderer()).extents
+        assert min(inside[:2]) >= 0.0 and (inside[2:] <= figure.get_size_inches()).all()
+        figures.plt.close(figure)
+    legend = drawn[1].legends[0]
+    lowest = min(axis.get_tightbbox().y0 for axis in drawn[1].axes if axis.get_visible())
+    assert legend.get_window_extent().y1 <= lowest
+    # Curves that are too many are of fewer keys, not of the first settings alone.
+    names = [text.get_text() for text in legend.get_texts()]
+    assert names == [f"start.height [{k}, 0.4]" for k in range(3)]
+
+
 def test_a_success_map_shows_the_counts():
     study = Study.from_mapping({"experiment": {"plant": "free"}, "vary": {
         "law": ["a", "b"], "gain": [1.0, 2.0]}, "repeats": 2, "metrics": ["success"]})  # fmt: skip

@@ -22,7 +22,10 @@ from .tables import number
 
 KINDS = ("png", "svg", "pdf")
 MOST_GROUPS = 24  # boxes beside each other that can still be read
+MOST_CURVES = 8  # in a panel
 MOST_TRACES = 200
+# Labels are as long as keys and values are, so margins are worked out from them.
+LOOK = {**STYLE, "figure.constrained_layout.use": True, "svg.hashsalt": "bench"}
 
 
 def write_all(
@@ -53,7 +56,7 @@ def write_all(
     written: list[Path] = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with plt.rc_context({**STYLE, "svg.hashsalt": "bench", "svg.fonttype": "path"}):
+        with plt.rc_context(LOOK):
             for name, draw in drawings.items():
                 figure = draw()
                 if figure is None:
@@ -136,10 +139,12 @@ def _success_maps(all_results: Sequence[Results], down: str, across: str) -> Fig
     return figure
 
 
-def _grouped(all_results: Sequence[Results]) -> list[tuple[str, Results, np.ndarray]]:
+def _grouped(
+    all_results: Sequence[Results], most: int = MOST_GROUPS
+) -> list[tuple[str, Results, np.ndarray]]:
     """Name, results and rows of what is drawn beside each other: few groups, by few keys."""
     keys = [k for k in all_results[0].parameters if len(set(map(str, _values(all_results, k)))) > 1]
-    while keys and sum(len(r.groups(keys)) for r in all_results) > MOST_GROUPS:
+    while keys and sum(len(r.groups(keys)) for r in all_results) > most:
         keys = keys[:-1]
     found = []
     for results in all_results:
@@ -154,7 +159,7 @@ def distributions(all_results: Sequence[Results], metrics: Sequence[Metric]) -> 
     """Part of the runs below each value, a panel a metric, a curve a group."""
     if not metrics:
         return None
-    groups = _grouped(all_results)[:8]
+    groups = _grouped(all_results, MOST_CURVES)
     figure, axes = _panels(len(metrics))
     for axis, metric in zip(axes, metrics, strict=False):
         for i, (name, results, rows) in enumerate(groups):

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import signal
 
+import distributed
 import pytest
 
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.study import engine, pools
+from aras_visual_servo_bench.study import engine, pools, versions, work
 from aras_visual_servo_bench.study.folder import Folder
 from aras_visual_servo_bench.study.pools import DaskPool, ThisProcess
 from aras_visual_servo_bench.study.progress import Progress
@@ -60,8 +62,74 @@ def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch):
     ("class: distributed.LocalClutser\n", "no attribute|cannot import"),
     ("clas: x\n", "names no cluster"),
     ("class: x.Y\nworker: 3\n", "unknown key 'worker': did you mean 'workers'"),
+    ("class: x.Y\nworkers: [3]\n", "workers is .3., must be a number, or .least, most."),
+    ("class: x.Y\nworkers: [3, 1]\n", "workers is .3, 1., must be"),
+    ("class: x.Y\nworkers: many\n", "workers is 'many', must be"),
 ])  # fmt: skip
 def test_clusters_that_are_none(tmp_path, text, complaint):
     (tmp_path / "cluster.yaml").write_text(text)
     with pytest.raises(StudyError, match=complaint):
         DaskPool(cluster=str(tmp_path / "cluster.yaml"))
+
+
+def test_a_named_clusters_workers_are_used_when_they_come(tiny, tmp_path, monkeypatch):
+    """It begins with none, and more are begun for chunks that wait: two for the first would do."""
+    monkeypatch.setattr(pools, "LOOK", 0.0)
+    file = tmp_path / "cluster.yaml"
+    file.write_text(
+        "class: distributed.LocalCluster\nworkers: [1, 2]\n"
+        "arguments: {n_workers: 0, threads_per_worker: 1, dashboard_address: ':0'}\n"
+    )
+    study = tiny(chunk=1, repeats=8)
+    made = Folder.create(tmp_path / "out", study, "")
+    with DaskPool(cluster=str(file)) as pool:
+        sent = 0
+        while pool.room:
+            pool.submit(work.Task(json.dumps(study.to_mapping()), sent))
+            sent += 1
+        assert sent == 4  # two for each that there may be
+        for _ in range(sent):
+            done = pool.next()
+            made.write(done.task.chunk, done.rows)
+        engine.carry_out(made, pool, Progress(study.runs, out=io.StringIO()))
+    assert made.missing() == []
+
+
+@pytest.fixture(scope="module")
+def other():
+    """A scheduler that was started elsewhere, with one worker that no nanny watches."""
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as cluster:
+        yield cluster
+
+
+def test_a_scheduler_of_somebody_else_is_used_and_left_as_it_was(tiny, tmp_path, other):
+    study = tiny(chunk=1)
+    made = Folder.create(tmp_path, study, "")
+    with DaskPool(scheduler=other.scheduler_address, renew=2) as pool:
+        engine.carry_out(made, pool, Progress(study.runs, out=io.StringIO()))
+    assert made.missing() == [] and len(other.scheduler.workers) == 1
+
+
+def test_workers_of_another_version_or_with_threads_are_refused(monkeypatch, other):
+    address = other.scheduler_address
+    there = {**versions.versions(), "numba": "0.1"}
+    monkeypatch.setattr(distributed.Client, "run", lambda self, asked: {"tcp://one": there})
+    told = "worker at tcp://one has another version: numba"
+    with pytest.raises(StudyError, match=told) as caught:
+        DaskPool(scheduler=address)
+    assert "\n" not in str(caught.value)
+    monkeypatch.undo()
+    monkeypatch.setattr(distributed.Client, "nthreads", lambda self: {"one": 2})
+    with pytest.raises(StudyError, match="several threads each: start them with --nthreads 1"):
+        DaskPool(scheduler=address)
+
+
+def test_a_study_whose_last_worker_has_gone_says_so(tiny, monkeypatch, other):
+    with DaskPool(scheduler=other.scheduler_address) as pool:
+        monkeypatch.setattr(pools, "LOOK", 0.0)
+        monkeypatch.setattr(pools, "APPEAR", 0.0)
+        monkeypatch.setattr(pool._client, "nthreads", dict)
+        with pytest.raises(StudyError, match="no worker has been there for 0 s"):
+            pool._look()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import io
+import json
 import os
 import signal
 
@@ -13,7 +14,7 @@ import pytest
 
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.runner import run
-from aras_visual_servo_bench.study import engine, folder, rows, work
+from aras_visual_servo_bench.study import engine, folder, rows, versions, work
 from aras_visual_servo_bench.study.folder import Folder
 from aras_visual_servo_bench.study.metrics import metric
 from aras_visual_servo_bench.study.pools import Done, ThisProcess
@@ -182,6 +183,53 @@ def test_other_code_does_not_go_on_with_a_study(tiny, tmp_path, monkeypatch):
         work.carry_out(task)
 
 
+def test_changed_code_of_a_user_does_not_go_on_with_a_study(tiny, tmp_path, monkeypatch):
+    """Neither here nor at a worker: its runs would not go together."""
+    monkeypatch.syspath_prepend(tmp_path)
+    mine = tmp_path / "my_own_metrics.py"
+    mine.write_text("from aras_visual_servo_bench.study.metrics import metric\n"
+                    "@metric('', 'smaller', 'me')\ndef one(finished):\n    return 1.0\n")
+    made = Folder.create(tmp_path / "out", tiny(metrics=["my_own_metrics:one"]), "")
+    made.check_code()
+    mine.write_text(mine.read_text().replace("1.0", "2.0"))
+    with pytest.raises(StudyError, match="begun with other code .my_own_metrics [0-9a-f]{16} here"):
+        Folder.open(tmp_path / "out").check_code()
+    known = tuple(made.manifest["versions"].items())
+    task = work.Task(json.dumps(made.study.to_mapping()), 0, versions=known)
+    with pytest.raises(StudyError, match="a worker has another version: my_own_metrics"):
+        work.carry_out(task)
+
+
+def test_every_file_that_decides_a_run_is_in_the_digest_of_the_code(tmp_path, monkeypatch):
+    """Of a workspace, and of an install, where code and data stand apart."""
+    def digest():
+        versions.sources.cache_clear()
+        return versions.sources()
+
+    share, code = tmp_path / "share", tmp_path / "code"
+    for place in (share, code):
+        place.mkdir()
+    monkeypatch.setattr(versions, "PACKAGES", ("one",))
+    monkeypatch.setattr(versions, "_folders", lambda package: [share, code])
+    seen = {digest()}
+    for name in ("world.urdf", "learned.npz", "poster.png", "plate.mtl", "law.py"):
+        for place in (share, code):
+            (place / name).write_text("as it was")
+            seen.add(digest())
+            (place / name).write_text("changed")
+            seen.add(digest())
+    assert len(seen) == 21
+    (share / "README.md").write_text("words")
+    assert digest() in seen
+    versions.sources.cache_clear()
+
+
+def test_the_code_of_all_packages_is_found():
+    for package in versions.PACKAGES:
+        files = {path.name for folder in versions._folders(package) for path in folder.rglob("*")}
+        assert "package.xml" in files and (package.endswith("gazebo") or "__init__.py" in files)
+
+
 def test_two_at_once_are_refused(tiny, tmp_path):
     made = Folder.create(tmp_path, tiny(), "")
     with (
@@ -232,7 +280,8 @@ def test_fail_fast_sends_nothing_more(tiny, tmp_path):
     study = tiny()
     made = Folder.create(tmp_path, study, "")
     done = engine.carry_out(made, ThisProcess(), quiet(study), fail_fast=True)
-    assert done.stopped and done.failed == 2 and made.missing() == [1, 2]
+    assert done.stopped["run"] == 0 and done.stopped["outcome"] == "timed_out"
+    assert done.failed == 2 and made.missing() == [1, 2]
     assert "parts" not in made.manifest
 
 

@@ -16,6 +16,7 @@ from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.study import compare, figures, replay, rows, statistics, tables
 from aras_visual_servo_bench.study.engine import carry_out
 from aras_visual_servo_bench.study.folder import Folder
+from aras_visual_servo_bench.study.metrics import metric
 from aras_visual_servo_bench.study.pools import ThisProcess
 from aras_visual_servo_bench.study.progress import Progress
 from aras_visual_servo_bench.study.results import Results
@@ -282,6 +283,29 @@ def test_a_run_is_shown_again_as_it_was(tiny, tmp_path):
     assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(30.0, abs=0.01)
     with pytest.raises(StudyError, match="no run 6: .* has runs 0 to 5"):
         replay.replay(Folder.open(tmp_path / "out"), 6)
+
+
+@metric("", "smaller", "these tests")
+def failing(finished):
+    """Never a number."""
+    raise ZeroDivisionError("of mine")
+
+
+def test_a_run_that_was_a_fault_is_shown_as_a_line_and_where_it_was_raised(tmp_path, capsys):
+    file, out = tmp_path / "study.yaml", tmp_path / "out"
+    base = "experiment: {plant: free, duration: 0.1}\n"
+    file.write_text(f"{base}metrics: ['{__name__}:failing']\n")
+    assert main(["run", str(file), "--dry-run"]) == 0
+    assert "run 0 as tried: fault: ZeroDivisionError: of mine" in capsys.readouterr().out
+    words = ["run", str(file), "--out", str(out), "--in-process", "--fail-fast"]
+    assert main(words) == 1
+    told = capsys.readouterr().out
+    assert f"stopped at run 0, fault: ZeroDivisionError: of mine; bench show {out} 0" in told
+    assert main(["show", str(out), "0"]) == 1
+    told = capsys.readouterr().err
+    assert "run 0: ZeroDivisionError: of mine; where it was raised" in told
+    assert told.count("\n") == 1
+    assert "in failing" in (out / "show-0" / "traceback.txt").read_text()
 
 
 def test_runs_of_a_study_are_analyzed_beside_each_other(tiny, tmp_path, capsys):

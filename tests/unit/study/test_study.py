@@ -183,6 +183,7 @@ def test_what_is_no_study_is_refused_in_a_line(tiny, changes, complaint):
     ({"experiment": {"plant": "fre"}}, "plant is 'fre'"),
     ({"vary": {"gain": [1.0, -1.0]}}, "gain is -1.0, must be above 0"),
     ({"vary": {"gain": [1.0, "high"]}}, "gain is 'high'"),
+    ({"vary": {"gain": [1.0, float("nan")]}}, "gain is nan"),
     ({"vary": {"scheme": ["moments", "momments"]}}, "momments.*did you mean 'moments'"),
     ({"vary": {"options.max_velocty": [0.1]}}, "max_velocty.*max_velocity"),
     ({"vary": {"camera": ["original", "fisheys"]}}, "fisheys.*did you mean 'fisheye'"),

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import traceback
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from ..errors import StudyError
+from ..errors import BenchError, StudyError
 from ..study import engine, overrides
 from ..study.folder import Folder
 from ..study.progress import Progress
@@ -46,12 +47,29 @@ def _show(options: argparse.Namespace) -> int:
     from ..study import replay  # half a second that the others need not wait for
 
     folder = Folder.open(options.folder)
-    shown = replay.replay(folder, options.run)
-    for path in replay.write(shown, options.out or options.folder / f"show-{options.run}"):
+    out = options.out or options.folder / f"show-{options.run}"
+    try:
+        shown = replay.replay(folder, options.run)
+    except StudyError as error:
+        if error.__cause__ is None or isinstance(error.__cause__, BenchError):
+            raise
+        raise StudyError(f"{error}; where it was raised: {_raised(error.__cause__, out)}") from None
+    for path in replay.write(shown, out):
         print(path)
     for key, (old, new) in shown.changed.items():
         print(f"not as it was recorded: {key} was {old}, is {new}")
     return 0
+
+
+def _raised(error: BaseException, out: Path) -> Path:
+    """The file in the folder that now says where an exception was raised."""
+    path = out / "traceback.txt"
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        path.write_text("".join(traceback.format_exception(error)), encoding="utf-8")
+    except OSError as fault:
+        raise StudyError(f"cannot write into {out}: {fault.strerror}") from None
+    return path
 
 
 def _show_bag(options: argparse.Namespace) -> int:

@@ -111,6 +111,9 @@ def _carry_out(folder: Folder, options: argparse.Namespace) -> int:
             print(f"{done.runs} of {folder.study.runs} runs in {folder.path}, {done.failed} of the "
                   f"new ones without success, {duration(done.seconds)}")
             if done.stopped:
+                row = done.stopped
+                print(f"stopped at run {row['run']}, {row['outcome']}: "
+                      f"{row['reason'] or row['verdict']}; bench show {folder.path} {row['run']}")
                 return 1
         else:
             folder.finish()

@@ -6,6 +6,7 @@ import json
 import time
 from collections import deque
 from dataclasses import dataclass
+from typing import Any
 
 from ..assembly import check
 from ..errors import ExperimentError, StudyError
@@ -23,11 +24,14 @@ TRIALS = 200  # values of a grid that are tried before the first run, spread ove
 
 @dataclass(frozen=True)
 class Summary:
-    """What has come of it. runs: kept now, of all. failed: of those done now, without success."""
+    """What has come of it. runs: kept now, of all. failed: of those done now, without success.
+
+    stopped: the row of the run that stopped it; None where it was not.
+    """
 
     runs: int
     failed: int
-    stopped: bool
+    stopped: dict[str, Any] | None
     seconds: float
 
 
@@ -67,7 +71,7 @@ def carry_out(
     known = None if mix else tuple(folder.manifest["versions"].items())
     todo = deque(folder.missing())
     out = failed = 0
-    stopped = False
+    stopped = None
     while todo or out:
         while todo and not stopped and pool.room:
             pool.submit(Task(text, todo.popleft(), versions=known))
@@ -80,10 +84,11 @@ def carry_out(
             continue
         out -= 1
         folder.write(done.task.chunk, done.rows)
-        bad = sum(not succeeded(values) for values in done.rows.values)
-        failed += bad
-        progress.more(len(done.rows.values), bad)
-        stopped = stopped or (fail_fast and bad > 0)
+        bad = [values for values in done.rows.values if not succeeded(values)]
+        failed += len(bad)
+        progress.more(len(done.rows.values), len(bad))
+        if fail_fast and bad:
+            stopped = stopped or bad[0]
     if not todo:
         folder.finish()
     left = sum(len(study.chunk_runs(chunk)) for chunk in todo)
@@ -92,7 +97,8 @@ def carry_out(
 
 def dry_run(study: Study, workers: int) -> list[str]:
     """What would be done, in lines: how many runs, how long, and the first of them."""
-    timed = [rows.row_of(study, 0).times[0]["wall"] for _ in range(2)]  # the first loads things
+    tried = [rows.row_of(study, 0) for _ in range(2)]  # the first loads things
+    timed = [one.times[0]["wall"] for one in tried]
     seconds = min(timed) * study.runs / max(workers, 1)
     lines = [
         f"{study.runs} runs: {study.points} points, {study.repeats} of each; {study.chunks} chunks "
@@ -103,4 +109,7 @@ def dry_run(study: Study, workers: int) -> list[str]:
     for run in range(min(FIRST, study.runs)):
         told = ", ".join(f"{k}={v}" for k, v in study.settings(run // study.repeats).items())
         lines.append(f"run {run}: {told or 'as it is'}; seed {study.seed_of(run)}")
+    first = tried[-1].values[0]
+    if first["outcome"] in (rows.REFUSED, rows.FAULT):  # its time says nothing of the others'
+        lines.append(f"run 0 as tried: {first['outcome']}: {first['reason']}")
     return lines

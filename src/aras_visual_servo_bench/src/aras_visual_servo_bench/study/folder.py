@@ -72,7 +72,7 @@ class Folder:
             manifest = {
                 "format": FORMAT, "runs": study.runs, "chunk": study.chunk_size,
                 "chunks": study.chunks, "digest": study.digest, "code": versions.code(),
-                "versions": versions.versions(), "study": study.to_mapping(),
+                "versions": versions.of_study(study.to_mapping()), "study": study.to_mapping(),
             }  # fmt: skip
             (path / STUDY).write_text(text, encoding="utf-8")
             _write(path / MANIFEST, _json(manifest))
@@ -113,7 +113,8 @@ class Folder:
 
     def check_code(self) -> None:
         """StudyError where the folder's runs were computed by other code than would go on."""
-        told = versions.difference(versions.versions(), self.manifest["versions"])
+        here = versions.of_study(self.study.to_mapping())
+        told = versions.difference(here, self.manifest["versions"])
         if told:
             raise StudyError(
                 f"{self.path} was begun with other code ({told}): its runs would not go together; "

@@ -6,6 +6,7 @@ import contextlib
 import importlib
 import os
 import tempfile
+import time
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Mapping
@@ -19,7 +20,9 @@ from . import rows, versions, work
 from .work import Task
 
 ANSWER = 10.0  # s that a scheduler may take to answer
-APPEAR = 300.0  # s until the first worker of a cluster must be there
+APPEAR = 300.0  # s until a worker must be there, of a cluster or after the last one has gone
+LOOK = 2.0  # s between two counts of the workers: a cluster's come and go
+POLL = 0.02  # s between two looks for a chunk that is done; every worker has another to go on with
 RENEWED = 500  # chunks of a worker after which all are made anew
 DEATHS = 5  # of workers over one chunk, guarded or not, after which the cluster is to blame
 
@@ -103,6 +106,7 @@ class DaskPool(Pool):
         """
         self._distributed = _configured()
         self._renew = renew
+        self._most = 0
         self._cluster: Any = None
         self._scratch = tempfile.TemporaryDirectory(prefix="bench-")
         self._client: Any = None
@@ -110,11 +114,13 @@ class DaskPool(Pool):
             if scheduler:
                 address: Any = scheduler
             elif cluster:
-                address = self._cluster = _named_cluster(cluster)
+                self._cluster, self._most = _named_cluster(cluster)
+                address = self._cluster
             else:
                 address = self._cluster = self._local(workers or os.cpu_count() or 1)
             self._client = self._connected(address)
             self._agree()
+            self._looked = self._seen = time.monotonic()
         except BaseException:
             self.close()
             raise
@@ -127,13 +133,17 @@ class DaskPool(Pool):
 
     @property
     def room(self) -> bool:
-        """Two chunks a worker: one under way, one that waits; none while workers are due."""
+        """Two chunks a worker: one under way, one that waits; none while workers are due.
+
+        As many for workers that a cluster may still begin: it does so for chunks that wait.
+        """
+        self._look()
         if self._since + len(self._tasks) >= self._renew * self.workers:
             if self._tasks:
                 return False
-            self._client.restart(timeout=60)
+            self._make_anew()
             self._since = 0
-        return len(self._tasks) < 2 * self.workers
+        return len(self._tasks) < 2 * max(self.workers, self._most)
 
     def submit(self, task: Task) -> None:
         """Send it to a worker."""
@@ -151,6 +161,9 @@ class DaskPool(Pool):
     def next(self) -> Done:
         """Wait for the next that is done."""
         try:
+            while not self._finished.has_ready() and not self._finished.is_empty():
+                self._look()
+                time.sleep(POLL)
             future = next(self._finished)
             task = self._tasks.pop(future.key)
             if future.status == "finished":
@@ -161,6 +174,8 @@ class DaskPool(Pool):
             error = future.exception(timeout=60) if future.status == "error" else None
         except StopIteration:
             raise StudyError("the workers have nothing left to do") from None
+        except StudyError:
+            raise
         except Exception as fault:
             raise self._lost(fault) from fault
         if isinstance(error, self._distributed.KilledWorker):
@@ -221,14 +236,49 @@ class DaskPool(Pool):
             told = versions.difference(versions.versions(), found)
             if told:
                 raise StudyError(f"the worker at {worker} has another version: {told}")
+        self._count()
+
+    def _count(self) -> int:
+        """Workers that are there now; StudyError where one has several threads."""
         threads = self._client.nthreads()
-        self.workers = sum(threads.values())
-        if max(threads.values()) > 1:
+        if max(threads.values(), default=1) > 1:
             raise StudyError(
                 "the workers have several threads each: start them with --nthreads 1, for a world "
                 "belongs to one thread"
             )
-        self._client.run(work.one_thread)
+        self.workers = len(threads) or self.workers
+        return len(threads)
+
+    def _look(self) -> None:
+        """Count the workers now and then; StudyError where the last has been gone for long."""
+        now = time.monotonic()
+        if now - self._looked < LOOK:
+            return
+        self._looked = now
+        try:
+            there = self._count()
+        except StudyError:
+            raise
+        except Exception as error:
+            raise self._lost(error) from error
+        if there:
+            self._seen = now
+        elif now - self._seen > APPEAR:
+            raise StudyError(
+                f"no worker has been there for {APPEAR:g} s: look at the workers' logs, start some"
+            )
+
+    def _make_anew(self) -> None:
+        """End the workers that a nanny begins again; the others nobody would."""
+        try:
+            there = self._client.scheduler_info(n_workers=-1)["workers"]
+            watched = [address for address, told in there.items() if told["nanny"]]
+            if watched:
+                self._client.restart_workers(watched, timeout=60, raise_for_error=False)
+        except TimeoutError:
+            pass  # some are slow to come back: what is there goes on
+        except Exception as error:
+            raise self._lost(error) from error
 
     def _lost(self, error: BaseException | None) -> StudyError:
         told = f" ({_first(error)})" if error is not None else ""
@@ -258,8 +308,8 @@ def _configured() -> Any:
     return distributed
 
 
-def _named_cluster(path: str) -> Any:
-    """The cluster that a file names: class, its arguments, and how many workers."""
+def _named_cluster(path: str) -> tuple[Any, int]:
+    """The cluster that a file names, and the most workers that it is to have, 0 if not told."""
     try:
         told = read_yaml(path)
     except ExperimentError as error:
@@ -270,17 +320,26 @@ def _named_cluster(path: str) -> Any:
     for key in told:
         if key not in keys:
             raise StudyError(f"{path}: unknown key '{key}': {nearest(str(key), keys)}")
+    least, most = _asked_workers(path, told.get("workers", 0))
     module, _, name = str(told["class"]).rpartition(".")
     try:
         cluster = getattr(importlib.import_module(module), name)(**dict(told.get("arguments", {})))
-        workers = told.get("workers")
-        if isinstance(workers, list):
-            cluster.adapt(minimum=workers[0], maximum=workers[1])
-        elif workers is not None:
-            cluster.scale(int(workers))
+        if least < most:
+            cluster.adapt(minimum=least, maximum=most)
+        elif most:
+            cluster.scale(most)
     except Exception as error:  # whatever a cluster's own code may raise
         raise StudyError(f"{path}: {told['class']}: {_first(error)}") from None
-    return cluster
+    return cluster, most
+
+
+def _asked_workers(path: str, told: Any) -> tuple[int, int]:
+    """Least and most; 0 and 0 where nothing is said."""
+    both = told if isinstance(told, list) else [told, told]
+    whole = all(isinstance(n, int) and not isinstance(n, bool) and n >= 0 for n in both)
+    if not (whole and len(both) == 2 and both[0] <= both[1] and (both[1] or told == 0)):
+        raise StudyError(f"{path}: workers is {told!r}, must be a number, or [least, most]")
+    return both[0], both[1]
 
 
 def _first(error: BaseException) -> str:

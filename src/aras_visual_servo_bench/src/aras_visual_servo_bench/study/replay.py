@@ -51,9 +51,11 @@ def replay(folder: Folder, run: int) -> Replay:
         raise StudyError(f"there is no run {run}: {folder.path} has runs 0 to {study.runs - 1}")
     try:
         finished, details, pictures = _with_pictures(study.experiment_of(run))
+        now = _row(folder, run, finished)
     except ExperimentError as error:
         raise StudyError(f"run {run}: {error}") from error
-    now = _row(folder, run, finished)
+    except Exception as error:  # its outcome was a fault, in a user's code most often
+        raise StudyError(f"run {run}: {type(error).__name__}: {error}") from error
     recorded = _recorded(folder, run)
     changed = {
         key: (recorded[key], value) for key, value in now.items()

@@ -5,9 +5,16 @@ from __future__ import annotations
 import functools
 import hashlib
 import importlib.metadata
+import importlib.util
 import platform
+import re
 import subprocess
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
+
+from ..errors import ExperimentError
+from ..packages import PackagePath
 
 SOURCES = Path(__file__).resolve().parents[4]  # src/ of the workspace
 PACKAGES = (
@@ -15,7 +22,10 @@ PACKAGES = (
     "aras_visual_servo_bench", "aras_visual_servo_gazebo",
 )  # fmt: skip
 APART = "protocols"  # folder of what is run, which tells itself apart
-READ = (".py", ".yaml", ".urdf", ".dae", ".stl", ".obj")
+READ = (
+    ".py", ".yaml", ".urdf", ".world", ".dae", ".stl", ".obj", ".mtl", ".png", ".npz",
+)  # fmt: skip
+USERS = re.compile(r"([A-Za-z_]\w*(?:\.\w+)*):[A-Za-z_]\w*")  # package.module:Class
 # Those whose numbers go into a run.
 LIBRARIES = ("numpy", "scipy", "numba", "pin", "pybullet", "opencv-python-headless", "pyarrow")
 UNKNOWN = "unknown"
@@ -26,11 +36,23 @@ def sources() -> str:
     """Digest of all files of the simulator that decide how a run goes."""
     digest = hashlib.sha256()
     for package in PACKAGES:
-        for path in sorted((SOURCES / package).rglob("*")):
-            if path.suffix in READ and path.parent.name != APART and path.is_file():
-                digest.update(str(path.relative_to(SOURCES)).encode())
-                digest.update(path.read_bytes())
+        for folder in _folders(package):
+            for path in sorted(folder.rglob("*")):
+                if path.suffix in READ and path.parent.name != APART and path.is_file():
+                    digest.update(f"{package}/{path.relative_to(folder)}".encode())
+                    digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
+
+
+def _folders(package: str) -> list[Path]:
+    """Where its files are: one folder in a workspace, two where it is installed."""
+    found = importlib.util.find_spec(package)
+    code = [Path(place) for place in (found and found.submodule_search_locations) or ()]
+    try:
+        share = [Path(PackagePath().find(package))]
+    except ExperimentError:
+        share = []
+    return share + [place for place in code if not any(place.is_relative_to(s) for s in share)]
 
 
 @functools.lru_cache(maxsize=1)
@@ -43,6 +65,33 @@ def versions() -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             found[library] = UNKNOWN
     return {**found, "sources": sources()}
+
+
+def of_study(study: Mapping[str, Any]) -> dict[str, str]:
+    """`versions`, and a digest of each module that the values of a study name."""
+    found = dict(versions())
+    for module in sorted({match[1] for word in _words(study) if (match := USERS.fullmatch(word))}):
+        found[module] = _module(module)
+    return found
+
+
+def _words(value: Any) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        for inner in value.values():
+            yield from _words(inner)
+    elif isinstance(value, list | tuple):
+        for inner in value:
+            yield from _words(inner)
+
+
+def _module(name: str) -> str:
+    try:
+        spec = importlib.util.find_spec(name)
+        return hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()[:16]
+    except (ImportError, AttributeError, TypeError, ValueError, OSError):
+        return UNKNOWN  # no file: whoever uses it says so
 
 
 def code() -> str:

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from aras_visual_servo_bench.assembly import assemble
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment import TARGETS, Experiment
 from aras_visual_servo_bench.plants.kinematic import Sight
@@ -231,6 +232,14 @@ def test_an_unknown_tracker_names_those_there_are():
     spec = {**RUN, "target": {"shape": "square", "pose": TURNED}, "scheme": "numbered_points"}
     with pytest.raises(ExperimentError, match="did you mean 'dots'"):
         run(Experiment.from_mapping({**spec, "options": {"tracker": "dot"}}))
+
+
+def test_a_picture_is_taught_by_the_camera_as_it_is_believed():
+    """The controller's own camera_info told it so then; else it refused the goal as another's."""
+    there = {"shape": "poster", "size": [0.8, 0.6], "pose": TURNED}
+    spec = {**RUN, "target": there, "scheme": "luminance", "believed": {"focal": 0.9}}
+    parts = assemble(Experiment.from_mapping(spec))
+    assert parts.goal.camera == parts.camera
 
 
 def test_a_camera_in_the_targets_plane_sees_nothing_and_the_run_has_an_outcome():

@@ -1,5 +1,7 @@
 """Photometric features against pictures of an analytic texture, derived by finite differences."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -151,6 +153,19 @@ def test_bad_pictures_are_one_line():
     other = CameraModel(80, 60, (90.0, 0, 39.5, 0, 90.0, 29.5, 0, 0, 1))
     with pytest.raises(MeasurementError, match="80 x 60 pixels, the goal's 160 x 120"):
         feature.measure(look(other, GOAL, feature.needs), goal)
+    longer = CameraModel(160, 120, (200.0, 0, 79.5, 0, 200.0, 59.5, 0, 0, 1))
+    with pytest.raises(MeasurementError, match=r"another camera \(160x120, fx 180.00; this one is"):
+        feature.measure(look(longer, GOAL, feature.needs), goal)
+    lens = CameraModel(160, 120, PINHOLE.K, (-0.2, 0.05, 0.0, 0.0, 0.0))
+    with pytest.raises(MeasurementError, match=r"another camera \(lens plumb_bob \[\]; this one's"):
+        feature.measure(look(lens, GOAL, feature.needs), goal)
+    plain = CameraModel(160, 120, PINHOLE.K, (0.0,) * 5, "rational_polynomial")  # the same rays
+    assert feature.measure(look(plain, GOAL, feature.needs), goal).error == pytest.approx(0.0)
+    through, there = at_goal("luminance", lens)
+    assert through.measure(look(lens, GOAL, through.needs), there).error == pytest.approx(0.0)
+    through.check(replace(goal, camera=longer))  # another goal, and the camera is looked at anew
+    with pytest.raises(MeasurementError, match="another camera"):
+        through.measure(look(lens, GOAL, through.needs), through._goal)
     exact = Observer(None, feature.needs).of_exact(0.0, PINHOLE)
     with pytest.raises(MeasurementError, match="no picture"):
         feature.measure(exact, goal)

@@ -132,6 +132,8 @@ class _Builder:
             goal = _deeper(goal, believed.depth)
         start = self._start(arm, goal_pose)
         camera = believed.camera(self.true_camera)
+        if goal.camera == self.true_camera:  # it was taught here, by a camera believed like this
+            goal = replace(goal, camera=camera)
         servo = self.loop_settings.build(believed_arm, goal, scheme=self.scheme)
         observer = self.loop_settings.observer(believed_arm, self.scheme)
         plant = self._plant(arm, start)

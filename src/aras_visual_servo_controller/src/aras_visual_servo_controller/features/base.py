@@ -9,6 +9,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from aras_visual_servo_camera.undistortion import CameraModel
+
 from ..errors import ConfigurationError
 from ..goal import Goal
 from ..observation import Need, Observation
@@ -168,6 +170,18 @@ class Stack(Feature):
         """See Feature.reset."""
         for feature in self.features:
             feature.reset()
+
+
+def other_camera(width: int, height: int, K: np.ndarray, camera: CameraModel) -> str:
+    """How a camera differs from one of this size (pixels) and K (3, 3), in words; empty where it is
+    the same one."""
+    here = np.reshape(camera.K, (3, 3))
+    size = (camera.width, camera.height)
+    if size == (width, height) and np.allclose(here, K, rtol=1e-3, atol=0.6):
+        return ""
+    return (
+        f"{width}x{height}, fx {K[0, 0]:.2f}; this one is {size[0]}x{size[1]}, fx {here[0, 0]:.2f}"
+    )
 
 
 def wrap(angle: np.ndarray | float, period: float = 2.0 * np.pi) -> np.ndarray | float:

@@ -35,7 +35,7 @@ from aras_visual_servo_camera.kernel import DELTA_X, DELTA_Y
 from ..errors import ConfigurationError, MeasurementError
 from ..goal import Goal, GoalKernel
 from ..observation import Need, Observation
-from .base import Feature, Measured, wrap
+from .base import Feature, Measured, other_camera, wrap
 from .moments import LEVEL_CAMERA
 
 
@@ -108,15 +108,10 @@ class Kernel(Feature):
     @staticmethod
     def _same_camera(observation: Observation, goal: Goal) -> None:
         kernel: GoalKernel = goal.kernel
-        camera = observation.camera
-        K = np.reshape(camera.K, (3, 3))
-        same_size = (camera.width, camera.height) == (kernel.width, kernel.height)
-        if not (same_size and np.allclose(K, kernel.K, rtol=1e-3, atol=0.6)):
+        if told := other_camera(kernel.width, kernel.height, kernel.K, observation.camera):
             raise MeasurementError(
-                f"the kernel features of {goal.name} were taught with another camera "
-                f"({kernel.width}x{kernel.height}, fx {kernel.K[0, 0]:.2f}; this one is "
-                f"{camera.width}x{camera.height}, fx {K[0, 0]:.2f}): teach them anew (rosrun "
-                "aras_visual_servo_controller teach)"
+                f"the kernel features of {goal.name} were taught with another camera ({told}): "
+                "teach them anew (rosrun aras_visual_servo_controller teach)"
             )
 
 

@@ -24,7 +24,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from ..errors import ConfigurationError, MeasurementError
 from ..goal import Goal
 from ..observation import Need, Observation
-from .base import Feature, Measured
+from .base import Feature, Measured, other_camera
 
 BORDER = 10  # pixels at the picture's rim that are left out: what comes in there was not seen
 FLAT = 1e-12  # part of the greatest eigenvalue of L^T L below which the picture tells nothing
@@ -114,6 +114,7 @@ class Luminance(Feature):
         if grey is None:
             raise ConfigurationError(f"{goal.name}: the picture of {self.name} is damaged")
         self._goal, self._picture, self._desired = goal, grey, self._smooth(grey)
+        self._rays = None
 
     def measure(self, observation: Observation, goal: Goal) -> Measured:
         """See Feature.measure."""
@@ -126,6 +127,7 @@ class Luminance(Feature):
                 f"{self._desired.shape[1]} x {self._desired.shape[0]}"
             )
         if self._rays is None or self._rays.camera != observation.camera:
+            self._same_camera(observation.camera, goal)
             self._rays = _Rays(observation.camera)
         plane = observation.plane or goal.plane or Plane.fronto_parallel(goal.depth)
         inside = self._rays.inside
@@ -133,6 +135,21 @@ class Luminance(Feature):
         rms = float(np.sqrt(np.dot(error, error) / error.size))
         s, L = self._reduced(error, self._rays.rows(now, plane))
         return Measured(s, np.zeros_like(s), s, L, judged=np.array([rms]))
+
+    @staticmethod
+    def _same_camera(camera: CameraModel, goal: Goal) -> None:
+        """Grey levels are compared pixel by pixel: another lens sees other places with them."""
+        taught = goal.camera
+        if taught is None:
+            return
+        told = other_camera(
+            taught.width, taught.height, np.reshape(taught.K, (3, 3)), camera
+        ) or _other_lens(taught, camera)
+        if told:
+            raise MeasurementError(
+                f"the picture of {goal.name} was taught with another camera ({told}): teach it "
+                "anew (rosrun aras_visual_servo_controller teach)"
+            )
 
     def _reduced(self, error: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What the law gets of e (n,) and L (6, n): an error and its interaction matrix."""
@@ -260,6 +277,16 @@ def square_root(H: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         raise MeasurementError("the picture has too little texture for photometric servoing")
     roots = np.sqrt(values)
     return vectors.T @ g / roots, roots[:, None] * vectors.T
+
+
+def _other_lens(taught: CameraModel, camera: CameraModel) -> str:
+    """How the distortion differs, in words; empty where it does not."""
+    there, here = (
+        (one.model if any(one.D) else "", np.trim_zeros(one.D, "b")) for one in (taught, camera)
+    )
+    if there[0] == here[0] and len(there[1]) == len(here[1]) and np.allclose(there[1], here[1]):
+        return ""
+    return f"lens {taught.model} {list(taught.D)}; this one's is {camera.model} {list(camera.D)}"
 
 
 def grey_of(observation: Observation) -> np.ndarray:

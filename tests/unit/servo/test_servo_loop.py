@@ -503,6 +503,23 @@ def test_the_command_does_not_walk_away_from_a_joint_that_is_held(joint):
         assert rig.states[-1].phase == SERVOING
 
 
+@pytest.mark.parametrize("period", [0.01, 0.05])
+def test_the_arm_is_resolved_where_it_stands_and_not_where_it_was_sent(period):
+    """Held by friction, joints stand elsewhere: the camera is where they are."""
+    servo = the_servo("2016", resolve_period=period)
+    rig = Rig(servo, STARTS["2016"], friction=0.02)
+    asked, resolve = [], servo.resolver.resolve
+
+    def watched(q, *rest):
+        asked.append(np.abs(rig.q - servo.command).max())
+        np.testing.assert_array_equal(q, rig.q)
+        return resolve(q, *rest)
+
+    servo.resolver.resolve = watched
+    rig.run(0.5)
+    assert len(asked) > 15 and max(asked) > 0.01
+
+
 def test_commands_keep_to_their_limits_of_speed_and_acceleration():
     limits = the_limits(velocity=[0.1, 0.3, 0.3, 0.3, 0.3, 0.3], acceleration=2.0)
     rig = Rig(the_servo("2016", limits=limits), STARTS["2016"])

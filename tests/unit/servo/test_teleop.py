@@ -26,7 +26,20 @@ from aras_visual_servo_controller.teleop import (
     Keys,
     command_for,
     keys_of,
+    stepped,
 )
+
+
+@pytest.mark.parametrize(
+    ("names", "across", "along"),
+    [
+        (("gantry", "J1", "J2"), "gantry", "J2"),
+        (("shoulder_pan", "shoulder_lift", "elbow"), "shoulder_pan", "shoulder_lift"),
+        (("pan",), "pan", "pan"),
+    ],
+)
+def test_arrows_step_the_first_joints_of_another_arm(names, across, along):
+    assert stepped(names) == {"across": across, "along": along}
 
 
 def test_arrows_step_gantry_and_j2():

@@ -10,14 +10,15 @@ from collections.abc import Iterable, Mapping
 from .errors import ConfigurationError
 
 
-def unknown(kind: str, name: object, known: Iterable[str]) -> ConfigurationError:
-    """An error that lists the known names, the nearest one first."""
+def unknown(
+    kind: str, name: object, known: Iterable[str], own: bool = False
+) -> ConfigurationError:
+    """An error that lists the known names, the nearest one first; `own`: a class may be named."""
     known = list(known)
     near = difflib.get_close_matches(str(name), known, 1, cutoff=0.5)
     hint = f"did you mean '{near[0]}'? " if near else ""
-    return ConfigurationError(
-        f"unknown {kind} '{name}': {hint}known are {', '.join(known)}, or 'package.module:Class'"
-    )
+    known_ones = ", ".join(known) + (", or 'package.module:Class'" if own else "")
+    return ConfigurationError(f"unknown {kind} '{name}': {hint}known are {known_ones}")
 
 
 def find_class(
@@ -38,7 +39,7 @@ def find_class(
         return known[name]
     module_name, colon, class_name = str(name).partition(":")
     if not (module_name and colon and class_name):
-        raise unknown(kind, name, known)
+        raise unknown(kind, name, known, own=True)
     try:
         module = importlib.import_module(module_name)
     except ImportError as error:

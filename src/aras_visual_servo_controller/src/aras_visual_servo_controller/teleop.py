@@ -33,7 +33,7 @@ from .errors import ServoError
 from .jog import TWIST, Jog
 
 STEP = 0.05
-JOINTS = {"across": "gantry", "along": "J2"}
+JOINTS = {"across": "gantry", "along": "J2"}  # where an arm has them
 KEYS = {
     "\x1b[D": ("across", -STEP),
     "\x1b[C": ("across", STEP),
@@ -47,6 +47,15 @@ CAMERA_KEYS = {
 }  # fmt: skip
 SPEEDS = (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)  # parts of the greatest
 SIGNS = {"+": 1.0, "=": 1.0, "-": -1.0}
+
+
+def stepped(names: Sequence[str]) -> dict[str, str]:
+    """The joints that the arrows step, of an arm with these names: the first two of another arm."""
+    first, second = names[0], names[min(1, len(names) - 1)]
+    return {
+        way: name if name in names else other
+        for (way, name), other in zip(JOINTS.items(), (first, second), strict=True)
+    }
 
 
 def command_for(

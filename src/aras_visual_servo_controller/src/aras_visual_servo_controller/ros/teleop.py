@@ -41,7 +41,8 @@ class Teleop:
         self._arm = arm = settings.arm(urdf)
         self._limits, self._space = settings.limits(arm), settings.namespace.rstrip("/")
         self._joints = {
-            way: str(rospy.get_param(f"~{way}", name)) for way, name in teleop.JOINTS.items()
+            way: str(rospy.get_param(f"~{way}", name))
+            for way, name in teleop.stepped(arm.names).items()
         }
         for name in self._joints.values():
             if name not in arm.names:

@@ -441,7 +441,7 @@ def test_a_base_is_held_up_to_what_the_ground_can_bear_and_no_further():
             # Half of it by what touches the model.
             frames[0, 40:46] = (low + high) / 4 * load
             touch = -(low + high) / 4 * load
-            bears = standing._bears(np.array([[0, -1, 0, 0]]), frames, np.zeros((3, 1)),
+            bears = standing.bears(np.array([[0, -1, 0, 0]]), frames, np.zeros((3, 1)),
                                     np.zeros(1), gravity, ground, corners, touch, np.zeros(6),
                                     1e-3)
             low, high = ((low + high) / 2, high) if bears else (low, (low + high) / 2)
@@ -471,7 +471,7 @@ def test_a_push_along_the_ground_is_borne_up_to_nine_tenths_of_its_friction():
         ground = np.array([mass, *point + 0.4 * normal, *normal, *point, friction])
         for share, borne in ((0.899, True), (0.901, False)):
             touch = -share * friction * mass * G * load
-            assert borne == standing._bears(
+            assert borne == standing.bears(
                 np.array([[0, -1, 0, 0]]), np.zeros((1, 46)), np.zeros((3, 1)), np.zeros(1),
                 -G * normal, ground, corners, touch, np.zeros(6), 1e-3,
             )  # fmt: skip

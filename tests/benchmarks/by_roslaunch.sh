@@ -8,8 +8,10 @@ for gain in 2.0 5.0; do
   while read -r joints; do
     roslaunch aras_visual_servo_gazebo aras_visual_servo.launch "speed_mode:=$mode" output:=log >/dev/null 2>&1 &
     world=$!
-    until rosservice call /aras_visual_servo/controller_manager/list_controllers 2>/dev/null |
-      grep -q running; do sleep 0.2; done
+    for _ in $(seq 100); do # until it stands, or never does
+      timeout 10 rosservice call /aras_visual_servo/controller_manager/list_controllers 2>/dev/null |
+        grep -q running && break || sleep 0.2
+    done
     roslaunch aras_visual_servo_gazebo aras_visual_servo_nodes.launch "gain:=$gain" "start:=$joints" >/dev/null 2>&1 &
     nodes=$!
     phase=lost

@@ -51,7 +51,10 @@ def by_roslaunch(mode: str, given: list[list[float]], folder: Path) -> dict[str,
         port = probe.getsockname()[1]
     environment = {**os.environ, "ROS_MASTER_URI": f"http://127.0.0.1:{port}"}
     began = time.monotonic()
-    subprocess.run([SCRIPT, out, mode, file], env=environment, check=True, stdin=subprocess.DEVNULL)
+    subprocess.run(
+        [SCRIPT, out, mode, file], env=environment, check=True, stdin=subprocess.DEVNULL,
+        timeout=300.0 * len(given),
+    )  # fmt: skip
     rows = out.read_text().splitlines()[1:]
     return {
         "seconds": round(time.monotonic() - began, 1), "runs": len(rows),

@@ -50,10 +50,13 @@ def test_two_workers_one_killed_and_all_made_anew_end_with_the_bytes_of_one_proc
     assert parts(here) == parts(there)
 
 
-def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch):
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere", "http://127.0.0.1:9"])
+def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch, address):
+    """And no Client was made, which would wait for 20 s at the end and write a traceback."""
     monkeypatch.setattr(pools, "ANSWER", 0.5)
-    with pytest.raises(StudyError, match="no scheduler answers at tcp://127.0.0.1:9") as caught:
-        DaskPool(scheduler="tcp://127.0.0.1:9")
+    monkeypatch.setattr(distributed, "Client", None)
+    with pytest.raises(StudyError, match=f"no scheduler answers at {address}") as caught:
+        DaskPool(scheduler=address)
     assert "\n" not in str(caught.value)
 
 
@@ -99,7 +102,8 @@ def test_a_named_clusters_workers_are_used_when_they_come(tiny, tmp_path, monkey
 def other():
     """A scheduler that was started elsewhere, with one worker that no nanny watches."""
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None,
+        protocol="tcp://",
     ) as cluster:
         yield cluster
 

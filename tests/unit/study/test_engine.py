@@ -146,6 +146,15 @@ def test_a_folder_of_another_study_is_refused_with_the_difference(tiny, tmp_path
         Folder.create(tmp_path, other, "")
 
 
+def test_a_folder_of_which_no_run_was_kept_takes_another_study(tiny, tmp_path):
+    """A scheduler did not answer, and the study was mended since."""
+    made = Folder.create(tmp_path, tiny(), "one")
+    with made.locked(), pytest.raises(StudyError, match="being written by another bench"):
+        Folder.create(tmp_path, tiny(repeats=3), "two")
+    assert Folder.create(tmp_path, tiny(repeats=3), "two").study.repeats == 3
+    assert (tmp_path / "study.yaml").read_text() == "two"
+
+
 def test_a_study_file_that_was_edited_is_refused(tiny, tmp_path):
     study = tiny()
     import yaml

@@ -334,8 +334,11 @@ def test_the_command_line_from_file_to_table(tmp_path, capsys):
     told = capsys.readouterr().out
     assert "2 runs: 2 points" in told and "run 1: gain=2.0" in told
     assert not out.exists()
-    assert main(["run", str(file), "--out", str(out), "--in-process", "repeats=2"]) == 0
-    assert "4 of 4 runs" in capsys.readouterr().out
+    words = ["run", str(file), "--out", str(out), "--in-process", "repeats=2", "traces=true"]
+    assert main(words) == 0
+    told = capsys.readouterr().out
+    assert "4 of 4 runs" in told and "trajectories.png" in told
+    assert (out / "plots" / "trajectories.png").stat().st_size > 5000
     assert main(["resume", str(out), "--in-process"]) == 0
     assert "all 4 runs are in" in capsys.readouterr().out
     assert main(["table", str(out), "--metrics", "final_distance"]) == 0

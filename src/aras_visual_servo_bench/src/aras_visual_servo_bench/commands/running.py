@@ -134,7 +134,7 @@ def _report(path: Path) -> None:
     short = tables.written(tables.tabulated(found, metrics=told), "md") if told else ""
     if short and len(table.rows) <= SCREEN:
         print(f"\n{short}")
-    drawn = figures.write_all(found, path / "plots")
+    drawn = figures.write_all(found, path / "plots", paths=[path])
     print(f"{path / 'table.md'} has every metric; pictures: {', '.join(map(str, drawn))}")
 
 

@@ -259,8 +259,11 @@ def trajectories(paths: Sequence[Path]) -> Figure | None:
                 axis.plot(places[:, i], places[:, j], color=colour, lw=0.7, alpha=0.5)
                 axis.plot(places[-1, i], places[-1, j], ".", color="#333333", ms=4)
     axes[0].set(xlabel="time since the first image (s)", ylabel="error, parts of the first")
-    axes[1].set(xlabel="x (m)", ylabel="y (m)", aspect="equal", title="The camera's ways")
-    axes[2].set(xlabel="x (m)", ylabel="z (m)", aspect="equal")
+    axes[1].set(xlabel="x (m)", ylabel="y (m)", title="The camera's ways")
+    axes[2].set(xlabel="x (m)", ylabel="z (m)")
+    for axis in axes[1:]:
+        axis.set_aspect("equal", adjustable="datalim")
+        axis.locator_params(nbins=5)
     if len(traced) > 1:
         axes[0].legend()
     return figure

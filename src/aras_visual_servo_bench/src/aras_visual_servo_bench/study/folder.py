@@ -53,7 +53,7 @@ class Folder:
 
     @classmethod
     def create(cls, path: Path, study: Study, text: str) -> Folder:
-        """A new folder; one of the same study is opened as it is.
+        """A new folder; one of the same study is opened as it is, one without a run begun anew.
 
         Args:
             text: the study's file.
@@ -63,8 +63,12 @@ class Folder:
         """
         if (path / MANIFEST).exists():
             folder = cls.open(path)
-            folder.check_same(study)
-            return folder
+            if folder.begun:
+                folder.check_same(study)
+                return folder
+            with folder.locked():  # no run of it was ever kept: a scheduler did not answer
+                (path / MANIFEST).unlink()
+                (path / STUDY).unlink(missing_ok=True)
         with _writing(path):
             if path.exists() and (not path.is_dir() or any(path.iterdir())):
                 raise StudyError(f"{path} is not empty and holds no study: name a new folder")
@@ -98,6 +102,11 @@ class Folder:
         if manifest.get("chunk") != study.chunk_size:
             raise StudyError(f"{path} was cut into other chunks: begin it anew")
         return cls(path, study, manifest)
+
+    @property
+    def begun(self) -> bool:
+        """Whether anything of a run was ever kept."""
+        return any((self.path / kind).exists() for kind in (PARTS, TIMES, TRACES))
 
     def check_file(self) -> None:
         """StudyError with the difference where study.yaml was changed since it was begun."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import importlib
 import os
@@ -212,6 +213,8 @@ class DaskPool(Pool):
 
     def _connected(self, address: Any) -> Any:
         try:
+            if self._cluster is None:
+                asyncio.run(_answering(address))
             client = self._distributed.Client(address, timeout=ANSWER, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
             told = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -306,6 +309,16 @@ def _configured() -> Any:
         "distributed.comm.timeouts.connect": "10s",
     })
     return distributed
+
+
+async def _answering(address: str) -> None:
+    """Return if a scheduler answers there; whatever Dask raises if not.
+
+    Asked first, for a Client that was never connected waits for 20 s at the end, and says so.
+    """
+    from distributed.core import connect
+
+    (await connect(address, timeout=ANSWER)).abort()
 
 
 def _named_cluster(path: str) -> tuple[Any, int]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib
 import importlib.abc
 import importlib.machinery
 import os
@@ -257,9 +258,15 @@ def anything(words: Words, folder: Path) -> None:
     """The system's own."""
 
 
+def dask(words: Words, folder: Path) -> None:
+    """Its programs read their words, and begin nothing."""
+    program = importlib.import_module(f"distributed.cli.dask_{words[1]}").main
+    program.make_context(" ".join(words[:2]), list(words[2:]))
+
+
 CHECKS: dict[str, Callable[[Words, Path], None]] = {
     "python": python, "rosrun": rosrun, "roslaunch": roslaunch, "docker": docker, "rosbag": bag,
-    "cp": copy,
+    "cp": copy, "dask": dask,
     "setup.sh": script, "demo.sh": script, "test.sh": script,
     "truth": lambda w, f: taken(lambda: runpy.run_path(str(ROOT / w[0]), run_name="__main__"), w),
     **dict.fromkeys(("rosservice", "rostopic", "rosparam", "rosnode"), service),

@@ -233,6 +233,15 @@ def test_only_the_clock_going_back_begins_anew():
     assert bench.off()[0] < 1e-4
 
 
+@pytest.mark.parametrize("stamp", [0.0, -3.0, np.nan])
+def test_in_lockstep_too_joint_states_without_a_stamp_are_of_now(stamp):
+    """There their stamps are not compared with the clock, which may have gone on."""
+    bench = Bench(lockstep=True)
+    bench.step(60, stamp=stamp)
+    assert bench.driver.history.newest.stamp == bench.t
+    assert bench.driver.beginnings == 1 and bench.servo.phase == "servoing"
+
+
 def test_joint_states_that_were_held_up_do_not_send_it_back_to_its_start():
     """On a busy machine they come late, all at once, behind ticks that went by the clock."""
     bench = Bench(start="2015", gain=1.0)

@@ -90,7 +90,7 @@ def test_bad_views_and_bad_joints_are_not_kept():
 
 
 def test_the_command_line_that_is_written_works(tmp_path):
-    one, two = tmp_path / "one.yaml", tmp_path / "two.yaml"
+    one, two = tmp_path / "my goal.yaml", tmp_path / "two.yaml"
     arguments = ["--geometry", str(CONFIG / "goal_2016.yaml"), "--urdf", str(URDF), str(one)]
     assert main(arguments) == 0
     line = one.read_text().splitlines()[1]

@@ -82,6 +82,13 @@ WRONG = {
     "moment": ({"moment": 1}, "unknown key 'moment': did you mean 'moments'"),
     "depth text": ({"depth": "far"}, "'depth' must be 1 finite"),
     "depth 0": ({"depth": 0.0}, "above 0 m"),
+    "depth mm": ({"depth": 191.7}, "'depth' is 191.7, it must be 0.001 to 100 m: is it in metres"),
+    "depth tiny": ({"depth": 1e-300}, "is it in metres"),
+    "plane 0": ({"plane": [0.0, 0.0, 0.0]}, "'plane' ends with 0, which must be 1/Z"),
+    "plane behind": ({"plane": [0.0, 0.0, -5.0]}, "'plane' ends with -5"),
+    "plane in mm": ({"plane": [0.0, 0.0, 0.0052]}, "'plane' ends with 0.0052"),
+    "plane aslant": ({"plane": [0.0, 101.0, 5.0]}, "the camera looks along it"),
+    "plane huge": ({"plane": [1e300, 0.0, 5.0]}, "the camera looks along it"),
     "depth nan": ({"depth": float("nan")}, "'depth' must be"),
     "joint": ({"joints": {"J1": True}}, "joint 'J1' must be"),
     "joints list": ({"joints": [1, 2]}, "'joints' must be a mapping"),
@@ -105,6 +112,13 @@ def test_files_that_are_wrong_are_one_line(name):
     with pytest.raises(ConfigurationError, match=words) as caught:
         Goal.from_mapping(mapping(**changes))
     assert "\n" not in str(caught.value)
+
+
+def test_depths_and_planes_at_their_bounds_are_taken():
+    for depth in (0.001, 100.0):
+        assert Goal.from_mapping({"depth": depth}).depth == depth
+    for plane in ([0.0, 0.0, 0.01], [0.0, 0.0, 1000.0], [0.0, 99.0, 5.0], [-99.0, 0.0, 5.0]):
+        assert list(Goal.from_mapping({"plane": plane}).plane) == plane
 
 
 @pytest.mark.parametrize("content", ["[1, 2", "- 1\n- 2\n", "", "\x00", "a: &a [*a]", "{" * 5000])

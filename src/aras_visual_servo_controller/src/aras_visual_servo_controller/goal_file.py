@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,9 +16,11 @@ from aras_visual_servo_camera.undistortion import CameraModel
 
 from .arm.poses import transform
 from .errors import ConfigurationError
-from .goal import KEYS, Goal, GoalKernel
+from .goal import EDGE_ON, KEYS, Goal, GoalKernel
 from .observation import implausible
 from .target_geometry import TargetGeometry
+
+NEAREST, FARTHEST = 1e-3, 100.0  # m that a target may be from the camera
 
 
 def read_goal(data: Any, name: str) -> Goal:
@@ -34,9 +37,23 @@ def read_goal(data: Any, name: str) -> Goal:
         depth = float(numbers([depth], 1, f"{name}: 'depth'")[0])
         if not depth > 0.0:
             raise ConfigurationError(f"{name}: 'depth' is {depth}, it must be above 0 m")
+        if not NEAREST <= depth <= FARTHEST:
+            raise ConfigurationError(
+                f"{name}: 'depth' is {depth:g}, it must be {NEAREST:g} to {FARTHEST:g} m: is it in "
+                "metres?"
+            )
     plane = data.get("plane")
     if plane is not None:
         plane = Plane(*numbers(plane, 3, f"{name}: 'plane'").tolist())
+        if not 1.0 / FARTHEST <= plane.C <= 1.0 / NEAREST:
+            raise ConfigurationError(
+                f"{name}: 'plane' ends with {plane.C:g}, which must be 1/Z of a target {NEAREST:g} "
+                f"to {FARTHEST:g} m before the camera"
+            )
+        if plane.C / math.hypot(*plane) < EDGE_ON:
+            raise ConfigurationError(
+                f"{name}: 'plane' is {list(plane)}: the camera looks along it, not on it"
+            )
     features = data.get("features") or {}
     if not (
         isinstance(features, Mapping) and all(isinstance(v, Mapping) for v in features.values())

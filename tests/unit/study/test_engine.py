@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import importlib.util
 import io
 import json
 import os
 import signal
+import subprocess
+import sys
 
 import pyarrow.parquet as pq
 import pytest
@@ -237,6 +240,21 @@ def test_the_code_of_all_packages_is_found():
     for package in versions.PACKAGES:
         files = {path.name for folder in versions._folders(package) for path in folder.rglob("*")}
         assert "package.xml" in files and (package.endswith("gazebo") or "__init__.py" in files)
+
+
+def test_the_digest_is_the_same_where_catkins_stubs_come_first(tmp_path):
+    """As in a sourced workspace: client and workers differed, and every study was refused."""
+    stub = tmp_path / "aras_visual_servo_camera"
+    stub.mkdir()
+    place = importlib.util.find_spec(stub.name).submodule_search_locations[0]
+    (stub / "__init__.py").write_text(f"__path__.append({place!r})\n")
+    (stub / "generated.py").write_text("")
+    command = "from aras_visual_servo_bench.study import versions; print(versions.sources())"
+    told = subprocess.run(
+        [sys.executable, "-c", command], capture_output=True, text=True, check=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
+    )  # fmt: skip
+    assert told.stdout.strip() == versions.sources()
 
 
 def test_two_at_once_are_refused(tiny, tmp_path):

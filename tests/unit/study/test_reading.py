@@ -108,6 +108,8 @@ def test_words_are_safe_in_latex_and_markdown():
     tex = tables.written(table, "tex")
     assert r"my\_key" in tex and r"50 \% | x" in tex
     assert r"50 % \| x" in tables.written(table, "md")
+    small = tables.Table((), (("success", ""),), (((), (statistics.median([2e-5, 2e-5]),)),))
+    assert r"$2.00 \cdot 10^{-5}$" in tables.written(small, "tex")
 
 
 def test_differences_that_are_more_than_chance_are_told_with_their_direction():
@@ -234,6 +236,16 @@ def test_the_tuner_finds_the_gain_and_goes_on_where_it_was(tiny, tmp_path):
     assert again.search(24) == best
     assert stamps == [path.stat().st_mtime_ns for path in tmp_path.glob("*/parts/*")]
     assert len(set(folders)) == len(folders) / 2
+
+
+def test_a_key_that_is_looked_for_no_longer_varies(tmp_path, capsys):
+    file = tmp_path / "study.yaml"
+    file.write_text("experiment: {plant: free, duration: 0.1}\nvary: {gain: [1.0, 2.0]}\n")
+    words = ["--over", "gain=0.5:4", "--metric", "final_distance", "--success", "0"]
+    words += ["--evaluations", "16", "--in-process", "--out", str(tmp_path / "out")]
+    assert main(["tune", str(file), *words]) == 0
+    assert "gain=" in capsys.readouterr().out
+    assert (tmp_path / "out" / "best.yaml").read_text().startswith("gain: ")
 
 
 def test_what_leaves_the_image_is_never_the_best():

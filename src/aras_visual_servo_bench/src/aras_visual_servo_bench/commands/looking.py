@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import traceback
 from pathlib import Path
 from typing import Any
@@ -98,6 +99,10 @@ def _tune(options: argparse.Namespace) -> int:
 
     study = Study.from_yaml(running.study_file(options.study), overrides.parsed(options.overrides))
     ranges = [Range.parsed(text) for text in options.over]
+    sought = {r.key for r in ranges}  # what is looked for no longer varies, as with key=value
+    study = dataclasses.replace(
+        study, vary={key: given for key, given in study.vary.items() if key not in sought}
+    )
     engine.check_study(study)
     with running.pool(options) as workers:
 

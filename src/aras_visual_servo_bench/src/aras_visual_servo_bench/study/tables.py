@@ -112,6 +112,12 @@ def _tex(text: str) -> str:
     return "".join(_SPECIAL.get(c, c) for c in text)
 
 
+def _power(value: float) -> str:
+    """A number in a formula, where 1e-04 would be read as a product with e."""
+    digits, e, exponent = number(value).partition("e")
+    return f"{digits} \\cdot 10^{{{int(exponent)}}}" if e and exponent else digits + e
+
+
 def _latex(table: Table) -> str:
     """For the package booktabs."""
     heading = [*table.keys, "runs", *(_heading(*m) for m in table.measured)]
@@ -125,7 +131,7 @@ def _latex(table: Table) -> str:
         for e in estimates:
             known = e.count and not math.isnan(e.value)
             cells.append(
-                f"${number(e.value)}$ {{\\small $[{number(e.low)}, {number(e.high)}]$}}"
+                f"${_power(e.value)}$ {{\\small $[{_power(e.low)}, {_power(e.high)}]$}}"
                 if known else "--"
             )
         lines.append(" & ".join(cells) + r" \\")

@@ -17,6 +17,7 @@ from ..errors import ExperimentError
 from ..packages import PackagePath
 
 SOURCES = Path(__file__).resolve().parents[4]  # src/ of the workspace
+INSTALLED = Path(__file__).resolve().parents[2]  # beside this package are the others, installed
 PACKAGES = (
     "aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller",
     "aras_visual_servo_bench", "aras_visual_servo_gazebo",
@@ -45,14 +46,16 @@ def sources() -> str:
 
 
 def _folders(package: str) -> list[Path]:
-    """Where its files are: one folder in a workspace, two where it is installed."""
-    found = importlib.util.find_spec(package)
-    code = [Path(place) for place in (found and found.submodule_search_locations) or ()]
+    """Where its files are: one folder in a workspace, two where it is installed.
+
+    Not by Python's path, which in a sourced workspace leads to catkin's own stubs first.
+    """
+    code = INSTALLED / package
     try:
-        share = [Path(PackagePath().find(package))]
+        share = Path(PackagePath().find(package))
     except ExperimentError:
-        share = []
-    return share + [place for place in code if not any(place.is_relative_to(s) for s in share)]
+        return [code]
+    return [share] if code.is_relative_to(share) or not code.is_dir() else [share, code]
 
 
 @functools.lru_cache(maxsize=1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from threading import Event, Thread
 from types import SimpleNamespace
 
 import cv2
@@ -327,6 +328,27 @@ def test_a_compressed_topic_reads_its_parameters_and_sends(graph):
     until(lambda: "image/compressed: " in graph.lines[-1])
     topic.unregister()
     until(lambda: not graph.publishers and not graph.services)
+
+
+def test_a_compressed_topic_does_not_go_while_it_sends(graph):
+    """rospy's publish takes its publisher's inside again after sending."""
+    topic = CompressedTopic("/c/image", None)
+    publisher, begun, go_on, seen = topic._publisher, Event(), Event(), []
+
+    def publish(message: object) -> None:
+        begun.set()
+        assert go_on.wait(30.0)
+        seen.append(publisher.impl)
+
+    publisher.publish = publish
+    topic.publish(Time(1, 2), "lens", Frame(0, RED, "rgb8"))
+    assert begun.wait(30.0)
+    leaving = Thread(target=topic.unregister)
+    leaving.start()
+    leaving.join(0.1)
+    go_on.set()
+    leaving.join(30.0)
+    assert seen[0] is not None and publisher.impl is None
 
 
 def test_each_camera_has_its_face_while_it_is_there(graph, thread, monkeypatch):

@@ -82,6 +82,8 @@ class CompressedTopic:
             topic, CompressedImage, latch=True, queue_size=self.QUEUE, subscriber_listener=peers,
             tcp_nodelay=True,
         )  # fmt: skip
+        # rospy's publish fails in its own code where the topic goes meanwhile.
+        self._publishing = threading.Lock()
         self._encoder = Encoder(self._send, self.BACKLOG, f"compress {topic}")
 
     @property
@@ -97,13 +99,15 @@ class CompressedTopic:
         """Take topic and settings off the graph."""
         self._encoder.stop()
         self._settings.shutdown()
-        self._publisher.unregister()
+        with self._publishing:
+            self._publisher.unregister()
 
     def _send(self, item: tuple[Header, Frame]) -> None:
         header, frame = item
         try:
             text, data = encode(frame.image, frame.encoding, self._settings.values)
-            self._publisher.publish(CompressedImage(header, text, data))
+            with self._publishing:
+                self._publisher.publish(CompressedImage(header, text, data))
         except (CameraError, cv2.error) as error:
             rospy.logerr_throttle(5.0, f"{self._topic}: {error}")
         except rospy.ROSException:  # the topic was closed meanwhile

@@ -40,6 +40,20 @@ def test_corners_are_where_the_shape_has_them(shape, tilt, turn):
     assert set(np.abs(np.diff(np.append(order, order[0])))) <= {1, len(drawn) - 1}
 
 
+STEPS = np.array([[-0.5, -0.7], [0.5, -0.7], [0.5, 0.3], [0.15, 0.3], [0.15, 0.55], [-0.35, 0.55],
+                  [-0.35, 0.3], [-0.5, 0.3]])  # fmt: skip
+
+
+@pytest.mark.parametrize("row", np.arange(8) / 8.0)
+def test_sides_of_four_pixels_do_not_tilt_with_the_rows_that_they_lie_on(row):
+    """Corners of a shipped target's steps jumped by two pixels where a side lay along a row."""
+    shape = STEPS * 27.0 / 200.0 + np.array([0.0, row / 201.0])
+    grey = grey_image(shape, CAMERA.pinhole)
+    corners = corners_of(outline_of(grey, segment(grey, Segmentation()), CAMERA))
+    assert corners.shape == shape.shape
+    assert nearest(corners, shape).max() < 0.5 / 200.0  # half a pixel
+
+
 @pytest.mark.parametrize("turn", [0.0, 17.0, 133.0])
 def test_the_outline_encloses_the_area(turn):
     drawn, grey = picture(L_SHAPE, (5.0, 8.0), turn)

@@ -202,8 +202,8 @@ def _met(points: Array, breaks: NDArray[np.intp]) -> Array:
 def _line(points: Array, first: int, last: int) -> tuple[Array, float]:
     """Normal (2,) and offset of the line through the outline from one corner to the next."""
     count = (last - first) % len(points) or len(points)
-    # Near a corner the grey levels mix both sides: two pixels, or a quarter of a short side.
-    cut = min(3, count // 4)
+    # Near a corner the grey levels mix both sides: two pixels, or a third of a short side.
+    cut = min(3, count // 3)
     side = points[(first + np.arange(cut, count - cut + 1)) % len(points)]
     centre = side.mean(axis=0)
     normal = np.linalg.svd(side - centre, full_matrices=False)[2][-1]

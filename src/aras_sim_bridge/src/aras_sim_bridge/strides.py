@@ -47,11 +47,12 @@ def make_steps(cycles: stride.Stride, count: int, period: float, joints: tuple[n
     """Up to `count` steps, counted in cycles.made.
 
     Args:
-        period: of a cycle, s. dt: of a physics step, s.
-        joints: JointSpace.arrays. stands: Standing.arrays; None: the model is bolted down.
+        cycles: begun; `rows` (m, 42) go on. period: of a cycle, s. dt: of a physics step, s.
+        joints: JointSpace.arrays, whose state (3, n) goes on: rad or m, per s, N m or N.
+        stands: Standing.arrays; None: the model is bolted down.
 
     Returns:
-        What World.stride wants to know.
+        -1, or the number of a joint that diverged; whether the ground could bear the last step.
     """
     before, *ground = (joints[2][1], *_BOLTED) if stands is None else (stands[3], *stands[5:])
     cycles.made, bad, borne = _steps(

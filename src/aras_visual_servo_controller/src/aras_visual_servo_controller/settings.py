@@ -89,7 +89,8 @@ class Settings:
     hold: float = parameter(LOOP.hold, "s", "over which the mean error has to be small", above=0.0)
     duration: float = parameter(0.0, "s", "of servoing before it has timed out; 0: no end",
                                 least=0.0)  # fmt: skip
-    max_velocity: Any = parameter(None, "m/s, rad/s", "of each joint; the description's")
+    max_velocity: Any = parameter(None, "m/s, rad/s", "of each joint; the description's, and "
+                                  "needed where that says none")  # fmt: skip
     max_acceleration: Any = parameter(None, "m/s^2, rad/s^2", "of each joint; no limit")
     lower: Any = parameter(None, "m, rad", "least position of each joint; the description's")
     upper: Any = parameter(None, "m, rad", "greatest position of each joint; the description's")

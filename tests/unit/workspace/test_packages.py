@@ -61,3 +61,13 @@ def test_manifest_names_what_is_imported(package):
     assert needed - named(package) == set()
     surplus = {key for key in named(package) - needed if key.startswith("python3-")}
     assert surplus == set(), "named but never imported"
+
+
+def test_what_is_taken_out_of_the_image_is_imported_by_nobody():
+    """docker/slim removes packages whole, by the names of their folders."""
+    slim = (SOURCES.parent / "docker" / "slim").read_text()
+    lines = [line for line in slim.splitlines() if line.startswith("rm -rf ")]
+    removed = {word for line in lines for word in line.split()[2:]}
+    assert {"pybullet_data", "pip"} <= removed
+    used = {name for package in PACKAGES for path in programs(package) for name in imported(path)}
+    assert not removed & used

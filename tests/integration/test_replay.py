@@ -1,8 +1,9 @@
-"""replay.launch: a bag alone gives robot, clock, pictures and their overlay back."""
+"""replay.launch: a bag alone gives robot, target, clock, pictures and their overlay back."""
 
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,13 +11,18 @@ import pytest
 import rosbag
 import rospy
 from aras_visual_servo_camera.msg import ImageMoments
+from geometry_msgs.msg import PoseStamped
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
 
 from aras_visual_servo_bench.ros.decompress import decompressed
 
-URDF = "<robot name='another'><link name='base_link'/></robot>"
+GAZEBO = Path(__file__).parents[2] / "src" / "aras_visual_servo_gazebo"
+SHIPPED = (GAZEBO / "robots" / "aras_visual_servo.urdf").read_text()
+URDF = SHIPPED.replace('<robot name="aras_visual_servo"', '<robot name="another"')
+TARGET = (GAZEBO / "targets" / "aras.urdf").read_text()
 START, SECONDS = 100.0, 120.0  # long enough for a slow machine to have started all nodes
 
 
@@ -36,14 +42,18 @@ def compressed(stamp: rospy.Time, kind: str = ".png") -> CompressedImage:
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    """As record.launch writes them, of a run without joints."""
+    """As record.launch writes them, of a run without joints; its target was moved once."""
     path = tmp_path_factory.mktemp("bag") / "run.bag"
     K = [200.0, 0, 159.5, 0, 200.0, 119.5, 0, 0, 1]
     info = CameraInfo(width=320, height=240, distortion_model="plumb_bob", D=[0.0] * 5, K=K)
     with rosbag.Bag(str(path), "w") as made:
-        told = {"parameters": {"robot_description": URDF}}
+        told = {"parameters": {"robot_description": URDF, "target_description": TARGET}}
         made.write("/aras_visual_servo/experiment", String(json.dumps(told)),
                    rospy.Time.from_sec(START))  # fmt: skip
+        for x, time in ((0.1, START), (0.3, START + 1.0)):
+            pose = PoseStamped()
+            pose.pose.position.x, pose.pose.orientation.w = x, 1.0
+            made.write("/aras_visual_servo/target", pose, rospy.Time.from_sec(time))
         for step in range(int(SECONDS * 50)):
             time = rospy.Time.from_sec(START + 0.02 * step)
             made.write("/clock", Clock(time), time)
@@ -60,15 +70,23 @@ def contour(message: Image) -> np.ndarray:
     return (drawn == (0, 220, 0)).all(axis=2)
 
 
+def target_at(message: MarkerArray, x: float) -> bool:
+    """Whether the target's plate, 0.05 m wide, is drawn with its faces around x."""
+    faces = [m for m in message.markers if m.ns == "target face 0" and m.points]
+    across = [point.x for m in faces for point in m.points]
+    return bool(across) and abs(0.5 * (min(across) + max(across)) - x) < 1e-3
+
+
 def test_a_bag_plays_with_its_robot_its_clock_and_its_pictures(launch, collect, bag):
     clock = collect("/clock", Clock)
     raw = collect("/labrob/camera/image_raw", Image)
     overlay = collect("/aras_visual_servo/camera/overlay", Image)
     measured = collect("/replay/moments", ImageMoments)
     recorded = collect("/aras_visual_servo/camera/moments", ImageMoments)
+    drawings = collect("/aras_visual_servo/markers", MarkerArray)
     launch("aras_visual_servo_gazebo", "replay.launch", nodes=["/play", "/decompress"],
-           bag=str(bag), show_rviz="false")  # fmt: skip
-    assert rospy.get_param("/robot_description") == URDF
+           bag=str(bag), show_rviz="false", markers="true")  # fmt: skip
+    assert URDF != SHIPPED and rospy.get_param("/robot_description") == URDF
     assert rospy.get_param("/use_sim_time") is True
     # The first pictures may come before the camera's intrinsics.
     drawn = overlay.wait(timeout=90.0, where=lambda message: contour(message).sum() > 150)
@@ -81,6 +99,7 @@ def test_a_bag_plays_with_its_robot_its_clock_and_its_pictures(launch, collect, 
     moments = measured.wait(where=lambda message: message.valid)
     assert moments.valid and moments.pixel_count == 2400
     assert recorded.messages == []  # what the bag says is not said twice
+    drawings.wait(timeout=90.0, where=lambda message: target_at(message, 0.3))
     stamps = [message.clock.to_sec() for message in clock.messages]
     assert stamps[0] >= START and stamps[-1] <= START + SECONDS
     assert stamps == sorted(stamps)  # one clock, that of the bag

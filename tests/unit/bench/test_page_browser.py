@@ -148,6 +148,44 @@ def test_every_curve_has_its_name_however_small_the_plot(page):
     assert all(52 <= x < 244 for _, x in written)
 
 
+def test_what_has_another_unit_has_another_axis(page):
+    """Errors in m and in rad on one axis would leave the smaller ones without a shape."""
+    assert page.js("""import('/plots.js').then((m) => [m.strips(["m", "m", "rad"], 3),
+        m.strips([], 2), m.strips(["a", "b", "c", "d"], 4), m.strips(["m"], 2)])""") == [
+        [["m", [0, 1]], ["rad", [2]]], [["", [0, 1]]], [["", [0, 1, 2, 3]]], [["", [0, 1]]]]
+    written = page.js("""import('/plots.js').then((m) => {
+        const c = document.createElement("canvas");
+        c.style = "width: 300px; height: 160px"; document.body.append(c);
+        const plot = new m.Plot(c, (s) => s[1]); plot.names = ["xn", "alpha"];
+        plot.units = ["m", "rad"];
+        const context = c.getContext("2d"), texts = [], plain = context.fillText;
+        context.fillText = (text, x, y) => { texts.push([text, x, y]); };
+        plot.draw([[0, [0.01, -1.5]], [1, [0.02, -1.5]]]);
+        c.remove(); return texts; })""")
+    units = {text: y for text, x, y in written if text in ("m", "rad")}
+    assert units["m"] < 80 < units["rad"]
+    labels = [(float(text), y) for text, x, y in written if x < 52]
+    assert all(abs(value) < 0.1 for value, y in labels if y < 80)
+    assert all(value < -1.0 for value, y in labels if y > 80) and len(labels) >= 4
+    page.wait("arasPage.state.told.units.join() === 'm,m,m,rad'")
+
+
+def test_faces_are_drawn_in_their_colour(page, host):
+    """A large red triangle before the eye, of the kind that targets are made of."""
+    red = page.js("""(() => { const scene = arasPage.scene, { middle } = scene.view;
+        const [x, y, z] = middle, r = 0.5;
+        scene.setShapes({ "target face 0": { kind: "faces", width: 0, colour: [1, 0, 0, 1],
+            points: [x - r, y - r, z, x + r, y - r, z, x, y + r, z] } }, false);
+        scene.draw();
+        const gl = scene.gl, p = new Uint8Array(4 * scene.canvas.width * scene.canvas.height);
+        gl.readPixels(0, 0, scene.canvas.width, scene.canvas.height, gl.RGBA, gl.UNSIGNED_BYTE, p);
+        scene.setShapes({ "target face 0": null }, false); scene.draw();
+        let found = 0;
+        for (let i = 0; i < p.length; i += 4) found += p[i] > 60 && p[i + 1] < 30 && p[i + 2] < 30;
+        return [found / (p.length / 4), gl.getError()]; })()""")
+    assert red[0] > 0.02 and red[1] == 0
+
+
 def test_a_key_drives_the_camera_as_long_as_it_is_held(page, host):
     host.asked.clear()
     page.js("""document.getElementById("scene").dispatchEvent(

@@ -273,6 +273,27 @@ def test_every_figure_is_drawn_of_one_run_of_two_and_for_paper(draw, moments, po
             plt.close("all")
 
 
+def test_figures_beside_each_other_are_of_one_height_with_their_margins(moments):
+    def measures(figure):
+        """Height; left, below and above the axes, and between two, in inches."""
+        boxes = [axis.get_position() for axis in figure.axes]
+        high = figure.get_figheight()
+        return high, boxes[0].x0, high * boxes[-1].y0, high * (1.0 - boxes[0].y1), \
+            high * (boxes[0].y0 - boxes[1].y1)  # fmt: skip
+
+    with style.look():
+        errors, pose = curves.feature_errors([moments]), curves.pose_errors([moments])
+        image = views.image_trajectory([moments])
+        tall, before, wide = measures(errors), measures(pose), image.get_size_inches().tolist()
+        assert tall[0] > before[0]
+        style.level([errors, pose])
+        assert measures(errors) == pytest.approx(tall)
+        assert measures(pose) == pytest.approx((tall[0], *before[1:]))
+        style.level([image, errors])  # a picture keeps its shape
+        assert image.get_size_inches().tolist() == wide
+        plt.close("all")
+
+
 # -- files -----------------------------------------------------------------------------------
 
 

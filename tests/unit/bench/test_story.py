@@ -6,19 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.live.outlines import edges_of
+from aras_visual_servo_bench.live import units
+from aras_visual_servo_bench.live.outlines import drawing_of
 from aras_visual_servo_bench.live.shapes import (
     ARROW,
+    FACES,
     LINES,
     STRIP,
     WIDEST,
-    Shape,
     on_picture,
     picture_border,
     picture_depth,
 )
 from aras_visual_servo_bench.live.story import FRUSTUM, LONGEST, SECONDS, Story, Told
 from aras_visual_servo_bench.live.track import MOST, Pace, Track
+from aras_visual_servo_bench.live.units import feature_units
 from aras_visual_servo_camera.undistortion import CameraModel
 
 GAZEBO = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
@@ -186,16 +188,52 @@ def test_pace_is_that_of_the_last_seconds():
     assert pace.factor is None
 
 
-def test_a_target_is_drawn_by_its_edges_where_it_lies(story):
-    urdf = (GAZEBO / "targets" / "aras.urdf").read_text()
-    edges = edges_of(urdf)
+def test_words_and_page_have_the_units_of_what_ships_and_load_nobodys_class(monkeypatch):
+    assert feature_units("moments", 4) == ("m", "m", "m", "rad")
+    assert feature_units("points", 8) == ("",) * 8
+    assert feature_units("luminance", 3) == ("grey level",) * 3
+    assert feature_units("moments", 2) == feature_units("none", 1) == feature_units("", 0) == ()
+    monkeypatch.setattr(units.Settings, "make_scheme", None)  # would be called
+    assert feature_units("os:system", 1) == ()
+
+
+def test_words_have_their_units(story):
+    names = ("xn", "yn", "an", "alpha")
+    story.say(replace(SERVOING, names=names, error=(0.01, -0.02, 0.0, 0.5)), STRAIGHT)
+    assert "xn +0.0100 m\n" in "\n".join(story.words())
+    assert "alpha +0.5000 rad" in story.words()
+
+
+def drawn(name):
+    urdf = (GAZEBO / "targets" / f"{name}.urdf").read_text()
+    return drawing_of(urdf, lambda package: str(GAZEBO))
+
+
+def test_a_target_is_drawn_by_its_edges_and_faces():
+    plates = drawn("aras")
+    edges = plates.edges
     assert edges.shape == (2 * 2 * 12, 3)  # two boxes of twelve edges: no diagonal of a face
     np.testing.assert_allclose(np.ptp(edges[:24], axis=0), (0.05, 0.05, 0.001), atol=1e-6)
     np.testing.assert_allclose(edges[24:].mean(axis=0), (-0.005, -0.025, -0.0005), atol=1e-6)
     way = np.diff(edges.reshape(-1, 2, 3), axis=1)[:, 0]
     assert ((np.abs(way) > 1e-6).sum(axis=1) == 1).all()
-    flat = edges_of((GAZEBO / "targets" / "l_shape.urdf").read_text(), lambda name: str(GAZEBO))
-    assert len(flat) == 2 * 6
-    assert story.target is None
-    story.target = Shape("target", LINES, edges, (0.0, 0.0, 0.0, 1.0))
-    assert shape(story, "target").points is edges
+    ((colour, corners),) = plates.faces.items()
+    assert colour == (0.0, 0.0, 0.0, 1.0) and corners.shape == (3 * 2 * 12, 3)
+    assert len(drawn("l_shape").edges) == 2 * 6
+    ((colour, corners),) = drawn("marker").faces.items()  # a picture, its mean
+    assert 0.2 < colour[0] < 0.8 and colour[0] == pytest.approx(colour[2], abs=0.02)
+    assert corners.shape == (6, 3)
+
+
+def test_a_target_stands_where_it_lies_and_is_taken_away_when_it_is_gone(story):
+    pose = np.eye(4)
+    pose[:3, 3] = 0.1, 0.2, 0.591
+    plates = drawn("aras")
+    story.target = edges, faces = plates.shapes(pose)
+    assert (edges.name, edges.kind, faces.kind) == ("target", LINES, FACES)
+    np.testing.assert_allclose(edges.points, plates.edges + pose[:3, 3])
+    (corners,) = plates.faces.values()
+    np.testing.assert_allclose(faces.points, corners + pose[:3, 3])
+    assert shape(story, "target").points is edges.points
+    (gone,) = plates.shapes(None)
+    assert gone.name == "target" and not len(gone.points)

@@ -136,6 +136,7 @@ def test_the_recording_holds_what_the_graph_carries():
     assert topics >= {"/labrob/camera/image_raw/compressed", "/labrob/camera/camera_info"}
     assert "/labrob/camera/image_raw" not in topics
     assert topics >= {"/aras_visual_servo/experiment", "/gazebo/performance_metrics"}
+    assert "/aras_visual_servo/target" in topics
     assert topics >= {f"/aras_visual_servo/camera/{t}" for t in ("data", "moments")}
     assert topics >= {f"/aras_visual_servo/controller/{t}" for t in ("state", "camera_twist")}
 
@@ -159,6 +160,10 @@ def recorder(*given):
     (["split:=200", "most:=3"], ["--split", "--size=200", "--max-splits=3"], []),
     (["most:=3"], [], ["--split", "--max-splits=3"]),
     (["camera:=/other/eye"], ["/other/eye/image_raw/compressed", "/other/eye/camera_info"], []),
+    (["namespace:=/mine", "controllers:=pan  lift"],
+     ["/mine/joint_states", "/mine/pan/command", "/mine/lift/command"],
+     ["/aras_visual_servo/joint_states", "/mine/command", "/mine/gantry_position_controller"]),
+    (["controllers:="], ["/aras_visual_servo/joint_states"], ["/aras_visual_servo//command"]),
 ])  # fmt: skip
 def test_the_recorder_takes_pictures_and_limits_as_it_is_told(given, there, missing):
     words = recorder(*given).split()

@@ -1,31 +1,66 @@
-"""A model as lines: the edges of what its description shows."""
+"""A model as a drawing of a few shapes: its faces, and the edges between them."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.description.mesh import Mesh
 from aras_sim_bridge.description.packages import ResolvePackage, find
-from aras_sim_bridge.description.shapes import triangles
-from aras_visual_servo_controller.arm.poses import transform
+
+from .robot_model import Colour, parts
+from .shapes import FACES, LINES, Shape, carried
 
 CREASE = np.cos(np.radians(30.0))  # of the angle between faces from which their edge is drawn
-MOST = 2000  # edges; a model of more is no target
+EDGES, EDGE = (0.55, 0.58, 0.64, 1.0), 0.001  # to be told from a dark face; width, m
+MOST = 2000  # edges or triangles; a model of more is no target
 
 
-def edges_of(urdf: str, resolve: ResolvePackage = find) -> np.ndarray:
-    """Ends (2 n, 3) of the edges of a model's first link, m, in that link; pairs belong together.
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A model's first link, in m and in that link.
+
+    Attributes:
+        edges: (2 n, 3) ends of its edges; pairs belong together.
+        faces: of each colour the corners (3 n, 3) of its triangles.
+    """
+
+    edges: np.ndarray
+    faces: Mapping[Colour, np.ndarray]
+
+    def shapes(self, base_T_link: np.ndarray | None) -> tuple[Shape, ...]:
+        """The model as a target, where it lies; of one that is not there, edges without a point."""
+        if base_T_link is None:
+            return (Shape("target", LINES, NOTHING.edges, EDGES, EDGE),)
+        return (
+            Shape("target", LINES, carried(base_T_link, self.edges), EDGES, EDGE),
+            *(Shape(f"target face {k}", FACES, carried(base_T_link, corners), colour)
+              for k, (colour, corners) in enumerate(self.faces.items())),
+        )  # fmt: skip
+
+
+NOTHING = Drawing(np.zeros((0, 3)), {})
+
+
+def drawing_of(urdf: str, resolve: ResolvePackage = find) -> Drawing:
+    """Edges and faces of what a model's description shows.
 
     Raises:
         DescriptionError: the description, or one of its meshes, cannot be used.
     """
     robot = parse_urdf(urdf, resolve)
-    found = [np.zeros((0, 3))]
-    for visual in robot.links[robot.root].visuals:
-        placed = transform(visual.origin_xyz, visual.origin_rpy)
-        found += [mesh_edges(mesh.transformed(placed)) for mesh in triangles(visual.geometry)]
-    return np.concatenate(found)[: 2 * MOST]
+    edges, faces = [np.zeros((0, 3))], {}
+    for link, colour, mesh in parts(robot, urdf):
+        if link == robot.root:
+            edges.append(mesh_edges(mesh))
+            faces.setdefault(colour, []).append(mesh.positions[mesh.triangles.ravel()])
+    return Drawing(
+        np.concatenate(edges)[: 2 * MOST],
+        {colour: np.concatenate(found)[: 3 * MOST] for colour, found in faces.items()},
+    )
 
 
 def mesh_edges(mesh: Mesh) -> np.ndarray:

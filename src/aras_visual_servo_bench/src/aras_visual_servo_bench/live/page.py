@@ -100,7 +100,7 @@ class Page:
             message["factor"] = None if story.factor is None else round(story.factor, 3)
             self._told = {
                 "scheme": told.scheme, "phase": told.phase, "outcome": told.outcome,
-                "reason": told.reason, "mend": told.mend,
+                "reason": told.reason, "mend": told.mend, "units": list(told.units),
             }  # fmt: skip
             self._changed(message, "told", self._told)
             shapes = self._changed_shapes(story.shapes())

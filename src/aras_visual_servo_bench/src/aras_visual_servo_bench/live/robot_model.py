@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import base64
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
-from aras_sim_bridge.description import Geometry, parse_urdf
+from aras_sim_bridge.description import Geometry, RobotDescription, parse_urdf
 from aras_sim_bridge.description.mesh import Mesh
 from aras_sim_bridge.description.packages import ResolvePackage, find
 from aras_sim_bridge.description.shapes import triangles
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_controller.arm.poses import transform
 
+Colour = tuple[float, ...]  # red, green, blue, opacity, 0 to 1
 GREY = (0.7, 0.7, 0.72, 1.0)  # of what has no colour
 LARGEST = 400_000  # triangles; a browser without a graphics card draws no more at a useful rate
 
@@ -32,18 +35,11 @@ def robot_model(urdf: str, resolve: ResolvePackage = find) -> dict[str, Any]:
         DescriptionError: the description, or one of its meshes, cannot be used.
     """
     robot = parse_urdf(urdf, resolve)
-    colours = _colours(urdf)
-    links, count = {}, 0
-    for link in robot.links.values():
-        parts = []
-        for i, visual in enumerate(link.visuals):
-            colour = colours.get((link.name, i), robot.colours.get(link.name, GREY))
-            for mesh in _meshes(visual.geometry):
-                placed = mesh.transformed(transform(visual.origin_xyz, visual.origin_rpy))
-                count += len(placed.triangles)
-                parts.append({"colour": list(mesh.rgba or colour), "corners": _encoded(placed)})
-        if parts:
-            links[link.name] = parts
+    links: dict[str, list[dict[str, Any]]] = {}
+    count = 0
+    for link, colour, mesh in parts(robot, urdf):
+        count += len(mesh.triangles)
+        links.setdefault(link, []).append({"colour": list(colour), "corners": _encoded(mesh)})
     if count > LARGEST:
         raise DescriptionError(f"{robot.name} has {count} triangles; a page draws {LARGEST}")
     joints = [
@@ -58,6 +54,31 @@ def robot_model(urdf: str, resolve: ResolvePackage = find) -> dict[str, Any]:
         for joint in robot.joints.values()
     ]
     return {"name": robot.name, "root": robot.root, "joints": joints, "links": links}
+
+
+def parts(robot: RobotDescription, urdf: str) -> Iterator[tuple[str, Colour, Mesh]]:
+    """What is to be seen of a robot: link, colour, and triangles (m) in that link.
+
+    Raises:
+        DescriptionError: one of its meshes cannot be used.
+    """
+    colours = _colours(urdf)
+    for link in robot.links.values():
+        for i, visual in enumerate(link.visuals):
+            colour = colours.get((link.name, i), robot.colours.get(link.name, GREY))
+            placed = transform(visual.origin_xyz, visual.origin_rpy)
+            for mesh in _meshes(visual.geometry):
+                own = _mean(mesh.texture) if mesh.texture else mesh.rgba
+                yield link.name, own or colour, mesh.transformed(placed)
+
+
+def _mean(texture: str) -> Colour | None:
+    """One colour for a picture, its mean; None where it cannot be read."""
+    picture = cv2.imread(texture, cv2.IMREAD_COLOR)
+    if picture is None:
+        return None
+    blue, green, red = (picture.reshape(-1, 3).mean(axis=0) / 255.0).tolist()
+    return red, green, blue, 1.0
 
 
 def _meshes(geometry: Geometry) -> tuple[Mesh, ...]:

@@ -10,7 +10,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 
 Rgba = tuple[float, float, float, float]
 
-LINES, STRIP, ARROW, TEXT = "lines", "strip", "arrow", "text"
+LINES, STRIP, ARROW, TEXT, FACES = "lines", "strip", "arrow", "text", "faces"
 # Half an angle of view beyond this is drawn as this: the sides of a fisheye's pyramid would lie
 # in a plane, or point backwards.
 WIDEST = np.radians(70.0)
@@ -23,7 +23,8 @@ class Shape:
 
     Attributes:
         name: what it is; stays the same from one drawing to the next.
-        kind: LINES (pairs of points), STRIP, ARROW (tail, tip) or TEXT (its place).
+        kind: LINES (pairs of points), STRIP, ARROW (tail, tip), TEXT (its place) or FACES
+            (triangles, three points each).
         points: (n, 3) in the arm's base, m; none: nothing to be seen of it now.
         colour: red, green, blue, opacity, 0 to 1.
         width: of its lines, of an arrow's shaft, or height of its letters, m.

@@ -30,6 +30,7 @@ from .shapes import (
     picture_border,
 )
 from .track import Track
+from .units import feature_units
 
 # Okabe and Ito's palette, as in the plots; the goal is blue, as in the overlay.
 GOAL, NOW = (0.24, 0.47, 1.0), (0.95, 0.95, 0.95)
@@ -74,6 +75,11 @@ class Told:
     asked: tuple[float, ...] = (0.0,) * 6
     achieved: tuple[float, ...] = (0.0,) * 6
 
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of the k features; empty where they are not known."""
+        return feature_units(self.scheme, len(self.names))
+
 
 class Story:
     """One robot's run.
@@ -85,7 +91,7 @@ class Story:
         outline: (n, 2) of the target at the goal, normalised.
         told: by the controller.
         factor: real-time factor, None while it is not known.
-        target: in the arm's base; None where nothing is known of it.
+        target: its shapes in the arm's base; none where nothing is known of it.
     """
 
     def __init__(self, arm: Arm) -> None:
@@ -95,7 +101,7 @@ class Story:
         self.outline = np.zeros((0, 2))
         self.told = Told()
         self.factor: float | None = None
-        self.target: Shape | None = None
+        self.target: tuple[Shape, ...] = ()
         self._pose: np.ndarray | None = None
         self._border: tuple[CameraModel, np.ndarray] | None = None
         self.clear()
@@ -169,8 +175,9 @@ class Story:
         if told.reason:
             lines.append(_folded(told.reason))
         if told.error:
-            pairs = zip(told.names[:MOST], told.error[:MOST], strict=False)
-            lines += [f"{name} {error:+.4f}" for name, error in pairs]
+            units = told.units or ("",) * len(told.names)
+            rows = zip(told.names[:MOST], told.error[:MOST], units, strict=False)
+            lines += [f"{name} {error:+.4f} {unit}".rstrip() for name, error, unit in rows]
             if len(told.error) > MOST:
                 lines.append(f"and {len(told.error) - MOST} more")
         if self.factor is not None:
@@ -179,9 +186,7 @@ class Story:
 
     def shapes(self) -> list[Shape]:
         """Everything, in the arm's base; what cannot be drawn now has no points."""
-        shapes = [self._line("path", self.path, (*PATH, 1.0), 0.006)]
-        if self.target is not None:
-            shapes.append(self.target)
+        shapes = [*self.target, self._line("path", self.path, (*PATH, 1.0), 0.006)]
         ideal = self.ideal()
         shapes.append(Shape("ideal path", LINES, ideal, (*IDEAL, 0.9), 0.003))
         border = self._picture()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import matplotlib
@@ -117,6 +117,21 @@ def canvas(
     for axis in axes.flat:
         axis.yaxis.set_label_coords(-0.74 * part / across, 0.5)
     return figure, axes
+
+
+def level(figures: Sequence[Figure]) -> None:
+    """Give canvases that stand beside each other one height: the rows of the shorter ones grow,
+    their margins stay. Sheets are left as they are: their pictures have shapes of their own."""
+    height = max(figure.get_figheight() for figure in figures)
+    for figure in figures:
+        before, grid = figure.get_figheight(), figure.axes[0].get_gridspec()
+        if before == height or grid.top is None:  # None: a sheet
+            continue
+        top, bottom, rows = (1.0 - grid.top) * before, grid.bottom * before, grid.nrows
+        gap = grid.hspace * (before - top - bottom) / (rows + (rows - 1) * grid.hspace)
+        each = (height - top - bottom - (rows - 1) * gap) / rows
+        figure.set_figheight(height)
+        grid.update(top=1.0 - top / height, bottom=bottom / height, hspace=gap / each)
 
 
 def sheet(height: float, wide: bool = False, **margins: float) -> tuple[Figure, float]:

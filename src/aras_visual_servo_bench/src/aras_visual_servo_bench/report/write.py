@@ -145,12 +145,16 @@ class _Report:
     def _row(self, row: Sequence[tuple], files: bool | None = None) -> list[Shown]:
         """Draw a row's figures; those of a paper go into files alone."""
         files = not self.paper if files is None else files
-        found = []
+        drawn = []
         for name, title, text, draw in row:
             self._next(title.lower())
             figure = draw(self.records)
-            if figure is None:
-                continue
+            if figure is not None:
+                drawn.append((name, title, text, figure))
+        if drawn and not style.is_paper():
+            style.level([figure for *_, figure in drawn])
+        found = []
+        for name, title, text, figure in drawn:
             kind = "png" if name in RASTER or "svg" not in self.kinds else "svg"
             shown = _drawn(figure, kind)
             for wanted in self.kinds if files else ():

@@ -36,7 +36,8 @@ from .described import preset_of
 from .keeping import LOGGED
 from .listener import Listener
 from .processes import Launch
-from .target_watch import TARGET, TARGET_DESCRIPTION
+from .target_place import TARGET
+from .target_watch import TARGET_DESCRIPTION
 
 CONTROLLER, CAMERA = "/aras_visual_servo_controller", "/aras_visual_servo_camera"
 CAMERA_PARAMETERS = "/gazebo/cameras/labrob/camera"

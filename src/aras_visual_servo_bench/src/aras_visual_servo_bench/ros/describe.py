@@ -1,4 +1,5 @@
-"""One latched message with everything that repeats a run, for who records it.
+"""One latched message with everything that repeats a run, for who records it; and where the target
+lies, in a topic of its own (geometry_msgs/PoseStamped in the arm's base), when it has moved.
 
 JSON with: `parameters`, the whole parameter server; `launch`, the words of every roslaunch of this
 master; `goals`, the texts of the goal files that the controller may take; `presets`, the camera's
@@ -18,7 +19,8 @@ from pathlib import Path
 FORMAT = 1
 TOPIC = "/aras_visual_servo/experiment"
 CONTROLLER = "/aras_visual_servo_controller"
-PERIOD = 1.0  # s of wall time between two looks
+PERIOD = 0.2  # s of wall time between two looks for the target
+PARAMETERS = 5  # such looks for one at the parameters
 LARGEST = 200_000  # bytes of a goal file
 
 
@@ -82,21 +84,34 @@ def launches(proc: Path = Path("/proc")) -> list[list[str]]:
 def main() -> int:
     """The node `describe`: look, and tell what is new."""
     import rospy
+    from geometry_msgs.msg import PoseStamped
     from std_msgs.msg import String
 
+    from aras_visual_servo_controller.ros.given import robot_name
     from aras_visual_servo_ros.shutdown import begin_node, end_on_signals
+
+    from . import target_place
 
     begin_node("describe", disable_rostime=True)
     end_on_signals()
     controller = rospy.get_param("~controller", CONTROLLER)
     publisher = rospy.Publisher(TOPIC, String, queue_size=1, latch=True)
-    told = ""
+    target = rospy.Publisher(target_place.TOPIC, PoseStamped, queue_size=1, latch=True)
+    place, lay, told, looks, robot = target_place.TargetPlace(), None, "", 0, ""
     while not rospy.is_shutdown():
         with contextlib.suppress(rospy.ROSException, OSError):
-            parameters = rospy.get_param("/")
-            text = json.dumps(parameters, sort_keys=True, default=str)
-            if text != told:
-                told = text
-                publisher.publish(String(json.dumps(gathered(parameters, controller), default=str)))
+            if looks % PARAMETERS == 0:
+                parameters = rospy.get_param("/")
+                text = json.dumps(parameters, sort_keys=True, default=str)
+                if text != told:
+                    told = text
+                    robot = robot_name(str(parameters.get("robot_description", "")))
+                    words = json.dumps(gathered(parameters, controller), default=str)
+                    publisher.publish(String(words))
+            found = place.of(robot)
+            if found is not None and target_place.moved(lay, found.pose):
+                lay = found.pose
+                target.publish(found)
+        looks += 1
         time.sleep(PERIOD)
     return 0

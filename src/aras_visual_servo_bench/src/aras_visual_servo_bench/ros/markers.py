@@ -14,14 +14,14 @@ from aras_visual_servo_ros.connections import open_wide
 from aras_visual_servo_ros.master_watch import MasterWatch
 from aras_visual_servo_ros.shutdown import begin_node, end_on_signals, end_without_master
 
-from ..live.shapes import ARROW, LINES, STRIP, TEXT, Shape
+from ..live.shapes import ARROW, FACES, LINES, STRIP, TEXT, Shape
 from .listener import Listener, listener_settings
 from .target_watch import TargetWatch
 
 PERIOD = 0.1  # s of wall time; rviz draws 30 times a second, and interpolates nothing
 KINDS = {
     LINES: Marker.LINE_LIST, STRIP: Marker.LINE_STRIP, ARROW: Marker.ARROW,
-    TEXT: Marker.TEXT_VIEW_FACING,
+    TEXT: Marker.TEXT_VIEW_FACING, FACES: Marker.TRIANGLE_LIST,
 }  # fmt: skip
 HEAD, HEAD_LENGTH = 2.2, 3.0  # an arrow's head, in widths of its shaft
 
@@ -42,6 +42,8 @@ def marker(shape: Shape, frame: str) -> Marker:
         place.x, place.y, place.z = (float(v) for v in shape.points[0])
         return message
     message.scale.x = width
+    if shape.kind == FACES:  # a factor there
+        message.scale.x = message.scale.y = message.scale.z = 1.0
     if shape.kind == ARROW:
         message.scale.y, message.scale.z = HEAD * width, HEAD_LENGTH * width
     message.points = [Point(*point) for point in shape.points.tolist()]

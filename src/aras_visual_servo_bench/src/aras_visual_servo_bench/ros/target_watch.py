@@ -1,4 +1,4 @@
-"""Where the target of a running simulation lies, and what it looks like, for who draws it."""
+"""Where the target lies, in a simulation or a replay, and what it looks like, for who draws it."""
 
 from __future__ import annotations
 
@@ -6,54 +6,61 @@ import time
 
 import numpy as np
 import rospy
-from gazebo_msgs.srv import GetModelState
+from geometry_msgs.msg import PoseStamped
 
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.poses import Pose
 
-from ..live.outlines import edges_of
-from ..live.shapes import LINES, Shape, carried
+from ..live.outlines import NOTHING, Drawing, drawing_of
 from ..live.story import Story
+from .target_place import TOPIC, TargetPlace
 
-TARGET = "target"  # the name under which a target is spawned, as the launch files have it
 TARGET_DESCRIPTION = "/target_description"
-STATE = "/gazebo/get_model_state"
 PERIOD = 0.5  # s of wall time between two questions
-COLOUR = (0.08, 0.08, 0.1, 1.0)
-NOTHING = np.zeros((0, 3))
 
 
 class TargetWatch:
-    """Asks the simulator for the target, twice a second at most, and draws its edges."""
+    """Draws the target where it lies; looks for it twice a second at most."""
 
     def __init__(self) -> None:
         self._asked = -1e9
-        self._known: tuple[str, np.ndarray] = ("", NOTHING)
-        self._points = NOTHING
-        self._ask = rospy.ServiceProxy(STATE, GetModelState)
+        self._known: tuple[str, Drawing] = ("", NOTHING)
+        self._shapes = NOTHING.shapes(None)
+        self._place = TargetPlace()
+        self._told: PoseStamped | None = None  # by a recording, where no simulation runs
+        rospy.Subscriber(TOPIC, PoseStamped, self._on_target, queue_size=1)
 
     def tell(self, story: Story, robot: str) -> None:
-        """Give a story the target's edges in the base of its robot, which the simulator calls so
+        """Give a story the target's shapes in the base of its robot, which the simulator calls so
         (in the world's frame where it does not); none where the arm carries the target."""
         if time.monotonic() - self._asked > PERIOD:
-            self._points = NOTHING if story.arm.target_frame else self._seen(robot)
-            self._asked = time.monotonic()
-        story.target = Shape("target", LINES, self._points, COLOUR, 0.002)
+            pose = None if story.arm.target_frame else self._pose(robot)
+            drawing = NOTHING if pose is None else self._drawing()
+            self._shapes, self._asked = drawing.shapes(pose), time.monotonic()
+        story.target = self._shapes
 
-    def _seen(self, robot: str) -> np.ndarray:
+    def _drawing(self) -> Drawing:
+        """What the target's description shows; nothing where there is none that can be drawn."""
         try:
             urdf = rospy.get_param(TARGET_DESCRIPTION, "")
             if not isinstance(urdf, str) or not urdf:
                 return NOTHING
             if self._known[0] != urdf:
-                self._known = urdf, edges_of(urdf)
-            state = self._ask(TARGET, robot)
-            if not state.success:
-                state = self._ask(TARGET, "")
-        except (rospy.ROSException, rospy.ServiceException, OSError, DescriptionError):
-            return NOTHING  # no simulation, as in a replay, or nothing that can be drawn
-        if not state.success:
+                self._known = urdf, drawing_of(urdf)
+        except (OSError, DescriptionError):
             return NOTHING
-        place, turn = state.pose.position, state.pose.orientation
+        return self._known[1]
+
+    def _pose(self, robot: str) -> np.ndarray | None:
+        """(4, 4) base_T_target; None where nothing is known of it."""
+        found = self._place.of(robot)
+        if not self._place.answered:
+            found = self._told
+        if found is None:
+            return None
+        place, turn = found.pose.position, found.pose.orientation
         pose = Pose((place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w))
-        return carried(np.array(pose.matrix()), self._known[1])
+        return np.array(pose.matrix())
+
+    def _on_target(self, message: PoseStamped) -> None:
+        self._told = message

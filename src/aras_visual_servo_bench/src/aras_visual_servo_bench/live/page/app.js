@@ -109,6 +109,7 @@ function samples(rows) {
 
 function told(words) {
   state.told = words;
+  plots[0].units = words.units || [];
   $("phase").textContent = words.phase || "waiting";
   $("phase").className = `badge ${words.phase || "waiting"}`;
   $("scheme").textContent = words.scheme;

@@ -4,6 +4,7 @@ export const COLOURS = ["#56b4e9", "#e69f00", "#00bf8c", "#cc79a7", "#f0e342", "
 const SPAN = 20, LEAST = 4;  // s that are shown, at most and at least
 const MOST = 8;   // curves with a name; the others are thin
 const GAP = 12;   // pixels between two names
+const STRIPS = 3, BETWEEN = 9;  // axes above each other at most, and pixels between two
 
 /** A value behind its name; nothing where there is none. */
 function said(value, digits) {
@@ -20,10 +21,17 @@ export function ticks(low, high, count) {
   return { found, digits: Math.max(0, Math.min(6, -Math.floor(Math.log10(step) + 1e-9))) };
 }
 
+/** Curves that share an axis: numbers of those of one unit, each with its unit. */
+export function strips(units, count) {
+  const all = [...Array(count).keys()], found = new Map();
+  if (units.length === count) for (const i of all) found.set(units[i], [...(found.get(units[i]) || []), i]);
+  return found.size && found.size <= STRIPS ? [...found] : [["", all]];
+}
+
 export class Plot {
   /** `pick(sample)`: the solid curves' numbers; `dashed(sample)`: those beside them, or nothing. */
   constructor(canvas, pick, dashed) {
-    Object.assign(this, { canvas, pick, dashed, names: [] });
+    Object.assign(this, { canvas, pick, dashed, names: [], units: [] });
   }
 
   draw(samples) {
@@ -36,24 +44,44 @@ export class Plot {
     c.setTransform(scale, 0, 0, scale, 0, 0);
     c.clearRect(0, 0, width, height);
     c.font = "11px system-ui, 'DejaVu Sans', sans-serif";
+    c.textBaseline = "middle";
     const newest = samples.length ? samples[samples.length - 1][0] : 0;
     const first = Math.max(newest - SPAN, samples.length ? samples[0][0] : 0);
     const last = Math.max(newest, first + LEAST);
     const shown = samples.filter((s) => s[0] >= first);
+    const area = { left: 52, right: width - 6, top: 18, bottom: height - 18 };
+    area.X = (t) => area.left + (t - first) / (last - first) * (area.right - area.left);
+    const values = shown.length ? this.pick(shown[shown.length - 1]) : [];
+    const groups = strips(this.units, values.length);
+    const each = (area.bottom - area.top - (groups.length - 1) * BETWEEN) / groups.length;
+    groups.forEach(([unit, members], k) => {
+      const top = area.top + k * (each + BETWEEN);
+      this._strip(c, shown, members, unit, { ...area, top, bottom: top + each });
+    });
+    c.textAlign = "center";
+    for (const t of ticks(first, last, 5).found) {
+      if (t < 0 || area.X(t) > area.right - 8) continue;  // its letters would be cut off
+      c.fillStyle = "#93a0b4"; c.fillText(`${t} s`, area.X(t), height - 7);
+    }
+    this._names(c, values, area);
+  }
+
+  /** The curves of these numbers over an axis of their own. */
+  _strip(c, shown, members, unit, { left, right, top, bottom, X }) {
     let low = Infinity, high = -Infinity;
     for (const s of shown) {
-      for (const v of [...this.pick(s), ...(this.dashed ? this.dashed(s) : [])]) {
-        if (v === null) continue;
-        low = Math.min(low, v); high = Math.max(high, v);
+      for (const numbers of [this.pick(s), this.dashed ? this.dashed(s) : []]) {
+        for (const i of members) {
+          const v = numbers[i];
+          if (v === null || v === undefined) continue;
+          low = Math.min(low, v); high = Math.max(high, v);
+        }
       }
     }
     if (!(low <= high)) { low = -1; high = 1; }
     const room = Math.max(0.08 * (high - low), 1e-3);
     low -= room; high += room;
-    const left = 52, right = width - 6, top = 18, bottom = height - 18;
-    const X = (t) => left + (t - first) / (last - first) * (right - left);
     const Y = (v) => bottom - (v - low) / (high - low) * (bottom - top);
-    c.textBaseline = "middle";
     const marks = ticks(low, high, Math.max(2, (bottom - top) / 20));
     for (const v of marks.found) {
       c.strokeStyle = Math.abs(v) < 1e-12 ? "#56627a" : "#28303c";
@@ -61,17 +89,11 @@ export class Plot {
       c.fillStyle = "#93a0b4"; c.textAlign = "right";
       c.fillText(v.toFixed(marks.digits), left - 6, Y(v));
     }
-    c.textAlign = "center";
-    for (const t of ticks(first, last, 5).found) {
-      if (t < 0 || X(t) > right - 8) continue;  // its letters would be cut off
-      c.fillStyle = "#93a0b4"; c.fillText(`${t} s`, X(t), height - 7);
-    }
     c.save();
     c.beginPath(); c.rect(left, top - 2, right - left, bottom - top + 4); c.clip();
     const curves = (numbers, dash, opacity) => {
-      const count = shown.length ? numbers(shown[shown.length - 1]).length : 0;
       c.setLineDash(dash); c.globalAlpha = opacity;
-      for (let i = 0; i < count; i++) {
+      for (const i of members) {
         c.strokeStyle = COLOURS[i % COLOURS.length]; c.lineWidth = i < MOST ? 1.7 : 0.8;
         c.beginPath();
         let pen = false;
@@ -88,8 +110,13 @@ export class Plot {
     if (this.dashed) curves(this.dashed, [4, 3], 0.75);
     curves(this.pick, [], 1);
     c.restore();
+    c.fillStyle = "#93a0b4"; c.textAlign = "right";
+    if (unit) c.fillText(unit, right - 2, top + 7);
+  }
+
+  /** Above the axes, each in its colour. */
+  _names(c, values, { left, right }) {
     c.textAlign = "left";
-    const values = shown.length ? this.pick(shown[shown.length - 1]) : [];
     const named = this.names.slice(0, MOST), across = right - left + GAP;
     // With as many digits as there is room for, rather none than a name left out.
     const widths = (texts) => texts.reduce((sum, text) => sum + c.measureText(text).width + GAP, 0);

@@ -133,9 +133,9 @@ export class Scene {
       this._drop(name);
       if (!shape || !shape.points.length) continue;
       this.shapes[name] = shape;
-      const pairs = shape.kind === "lines";
-      this.lines[name] = this._lineBuffer(shape.points, pairs);
-      if (shape.kind === "arrow") this.lines[name].head = this._cone(shape);
+      if (shape.kind === "faces") { this.lines[name] = { solid: this._faces(shape.points) }; continue; }
+      this.lines[name] = this._lineBuffer(shape.points, shape.kind === "lines");
+      if (shape.kind === "arrow") this.lines[name].solid = this._cone(shape);
     }
     this.ask();
   }
@@ -143,8 +143,8 @@ export class Scene {
   _drop(name) {
     const line = this.lines[name];
     if (line) {
-      this.gl.deleteBuffer(line.buffer);
-      if (line.head) this.gl.deleteBuffer(line.head.buffer);
+      if (line.buffer) this.gl.deleteBuffer(line.buffer);
+      if (line.solid) this.gl.deleteBuffer(line.solid.buffer);
     }
     delete this.lines[name]; delete this.shapes[name];
   }
@@ -183,6 +183,21 @@ export class Scene {
       const a = ring(k), b = ring(k + 1), down = way.map((w) => -w);
       rows.push(...a.p, ...a.n, ...b.p, ...b.n, ...top, ...a.n, ...a.p, ...down, ...tip, ...down, ...b.p, ...down);
     }
+    return this._solid(rows);
+  }
+
+  /** Triangles of a shape's points, each with its own normal. */
+  _faces(points) {
+    const rows = [];
+    for (let i = 0; i + 8 < points.length; i += 9) {
+      const corners = [0, 3, 6].map((k) => points.slice(i + k, i + k + 3));
+      const normal = unit(cross(minus(corners[1], corners[0]), minus(corners[2], corners[0])));
+      for (const corner of corners) rows.push(...corner, ...normal);
+    }
+    return this._solid(rows);
+  }
+
+  _solid(rows) {
     const gl = this.gl, buffer = gl.createBuffer();
     gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
     gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(rows), gl.STATIC_DRAW);
@@ -271,19 +286,21 @@ export class Scene {
     gl.uniformMatrix4fv(this.solid.view, false, view);
     for (const mesh of this.meshes) this._triangles(mesh, columns(this.poses[mesh.link] || IDENTITY), mesh.colour);
     for (const [name, line] of Object.entries(this.lines)) {
-      if (line.head) this._triangles(line.head, columns(IDENTITY), this.shapes[name].colour);
+      if (line.solid) this._triangles(line.solid, columns(IDENTITY), this.shapes[name].colour);
     }
     gl.useProgram(this.ribbon.program);
     gl.uniformMatrix4fv(this.ribbon.view, false, view);
     gl.uniform2f(this.ribbon.size, width, height);
     this._ribbon(this.grid, [0.45, 0.5, 0.6, 0.28], scale);
     for (const [name, line] of Object.entries(this.lines)) {
+      if (!line.buffer) continue;
       const shape = this.shapes[name];
       const pixels = Math.min(5, Math.max(1.2, 0.75 * shape.width / this.view.distance * 1100));
       this._ribbon(line, shape.colour, pixels * scale);
     }
     // An array left enabled on a buffer that is deleted before the next drawing would forbid that.
     for (const name of ["here", "there", "side"]) gl.disableVertexAttribArray(this.ribbon[name]);
+    for (const name of ["place", "normal"]) gl.disableVertexAttribArray(this.solid[name]);
   }
 
   _triangles(mesh, model, colour) {

@@ -245,3 +245,40 @@ def test_an_interrupted_set_up_takes_its_steps_with_it(machine, tmp_path):
     status, text = machine(played(tmp_path))  # it would wait for what the first one left
     assert status == 0 and "Another set-up" not in text
     assert not (tmp_path / "workspace" / "late").exists()
+
+
+# What a conda, a pyenv, another ROS workspace and one's own settings of pip leave in a shell.
+FOREIGN = {
+    "CONDA_PREFIX": "/opt/conda", "PYENV_ROOT": "/opt/pyenv", "PYENV_VERSION": "3.9.1",
+    "VIRTUAL_ENV": "/home/me/venv", "PYTHONPATH": "/opt/ros/lib", "PYTHONHOME": "/opt/conda",
+    "CMAKE_PREFIX_PATH": "/opt/conda:/opt/ros", "ROS_PACKAGE_PATH": "/opt/ros/share",
+    "ROS_ROOT": "/opt/ros", "ROS_ETC_DIR": "/opt/ros/etc",
+    "CC": "/opt/conda/bin/gcc", "CXX": "/opt/conda/bin/g++", "CFLAGS": "-I/opt/conda/include",
+    "CXXFLAGS": "-I/opt/conda/include", "LDFLAGS": "-L/opt/conda/lib",
+    "PIP_USER": "1", "PIP_TARGET": "/home/me/lib", "PIP_PREFIX": "/home/me",
+    "PIP_REQUIRE_VIRTUALENV": "1",
+}  # fmt: skip
+HARMLESS = {"CONDA_PREFIX", "PYENV_ROOT", "PYENV_VERSION"}  # nobody reads them without their tools
+
+
+def test_nothing_of_a_conda_pyenv_or_ros_shell_reaches_the_steps(machine, tmp_path):
+    tools = tmp_path / "conda" / "bin"
+    tools.mkdir(parents=True)
+    for name in ("python", "python3", "pip", "cmake", "make", "gcc", "g++", "catkin_make", "df",
+                 "find", "flock", "sha256sum", "dpkg-query", "apt-get", "env"):  # fmt: skip
+        (tools / name).write_text("#!/bin/bash\necho $0 >>$HOME/used\nexit 77\n")
+        (tools / name).chmod(0o755)
+    files = played(tmp_path, loops="env >>$HOME/seen", build="env >>$HOME/seen")
+    tells = files["/usr/bin/python3"].replace("*) echo", "*) env >>$HOME/seen; echo")
+    files["/usr/bin/python3"] = tells
+    foreign = " ".join(f"{name}={value}" for name, value in FOREIGN.items())
+    shell = f"export PATH={tools}:$PATH {foreign}"
+    status, text = machine(files, before=shell)
+    assert status == 0, text
+    assert not (tmp_path / "used").exists()
+    seen = (tmp_path / "seen").read_text().splitlines()
+    assert {line for line in seen if line.startswith("PIP_USER=")} == {"PIP_USER=0"}
+    paths = [line for line in seen if line.startswith(("PATH=", "PYTHONPATH="))]  # own libraries
+    assert paths and not [line for line in paths if "/opt" in line or str(tools) in line]
+    names = {line.partition("=")[0] for line in seen}
+    assert not names & (set(FOREIGN) - HARMLESS - {"PIP_USER", "PYTHONPATH"})

@@ -50,6 +50,7 @@ done
 # --- What differs between systems, all of it -----------------------------------------------------
 system=$(. /etc/os-release && printf '%s %s' "${ID:-unknown}" "${VERSION_ID:-}")
 for_building=() for_running=() # more Debian packages
+for_environment=(python3-venv) # what .venv is made with
 pybullet_wheel=yes # whether PyPI has PyBullet built for this system's Python
 python=""
 case "$system" in
@@ -58,6 +59,7 @@ case "$system" in
         python=3.13
         pybullet_wheel=""
         for_building=(python3-dev)    # for PyBullet
+        for_environment+=(g++ python3-dev)
         for_running=(ros-environment) # sets ROS_PACKAGE_PATH
         ;;
     ubuntu*)
@@ -107,15 +109,19 @@ free() {
     df --output=avail --block-size=1M "$1" | tail -n 1
 }
 
+# begin: have a place for logs, or say why there is none.
+begin() {
+    [[ -z ${begun-} ]] || return 0
+    { mkdir -p build && : >"$log"; } 2>/dev/null ||
+        fail "cannot write to $root/build: is it another user's, or read-only, or the disk full ($(free "$root") MB left)?"
+    begun=yes
+}
+
 # step TEXT COMMAND...: run a command quietly; its output goes to the log, whose end is shown when it fails.
 step() {
     local text=$1 start=$SECONDS why=""
     shift
-    if [[ -z ${begun-} ]]; then
-        { mkdir -p build && : >"$log"; } 2>/dev/null ||
-            fail "cannot write to $root/build: is it another user's, or read-only, or the disk full ($(free "$root") MB left)?"
-        begun=yes
-    fi
+    begin
     printf '%s ... ' "$text"
     if "$@" >>"$log" 2>&1; then
         printf 'done (%d s)\n' "$((SECONDS - start))"
@@ -134,23 +140,30 @@ step() {
     fail "this step failed: $text$why" "the whole output is in $log; start again when it is mended: what is done stays done"
 }
 
-# together FUNCTION...: run them side by side, for none of them fills a machine's cores by itself. Each prints in one
-# piece, those that failed last; when this script ends before them they end too.
-together() {
-    local -A groups=()
-    local name failed=()
+declare -A beside=() # process groups of functions that run beside this script, by their names
+
+# aside FUNCTION...: run them beside what follows, for none of them fills a machine's cores by itself; when this
+# script ends before them they end too.
+aside() {
+    local name
+    begin
     set -m # each is a process group of its own
-    trap 'kill -- "${groups[@]/#/-}" 2>/dev/null || true' EXIT
+    trap 'kill -- "${beside[@]/#/-}" 2>/dev/null || true' EXIT
     for name in "$@"; do
         "$name" </dev/null >"build/setup.$name.log" 2>&1 &
-        groups[$name]=$!
+        beside[$name]=$!
     done
     set +m
+}
+
+# ended FUNCTION...: wait for their end. Each prints in one piece, those that failed last.
+ended() {
+    local name failed=()
     for name in "$@"; do
-        wait "${groups[$name]}" && cat "build/setup.$name.log" || failed+=("$name")
-        unset "groups[$name]"
+        wait "${beside[$name]}" && cat "build/setup.$name.log" || failed+=("$name")
+        unset "beside[$name]"
     done
-    trap - EXIT
+    ((${#beside[@]})) || trap - EXIT
     for name in "${failed[@]}"; do
         cat "build/setup.$name.log"
     done
@@ -199,7 +212,7 @@ room() {
 }
 
 # 1. Debian packages
-missing=()
+missing=() early=()
 declare -A installed=()
 while read -r status name; do
     [[ $status == installed ]] && installed[$name]=yes
@@ -218,6 +231,10 @@ if ((${#missing[@]})); then
                 "then start again."
         fi
     fi
+    install() {
+        "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
+            apt-get -o DPkg::Lock::Timeout=600 install -y --no-install-recommends "$@"
+    }
     ((${#missing[@]} < 20)) || room /usr 2000
     echo "Installing Debian packages: ${missing[*]}"
     # An installation that was cut short is ended first; one that is under way elsewhere is waited for.
@@ -225,8 +242,10 @@ if ((${#missing[@]})); then
         step "  dpkg --configure -a (an earlier installation was cut short)" "${as_root[@]}" \
             env DEBIAN_FRONTEND=noninteractive dpkg --configure -a
     step "  apt-get update" "${as_root[@]}" apt-get -o DPkg::Lock::Timeout=600 update
-    step "  apt-get install (this may take some minutes)" "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
-        apt-get -o DPkg::Lock::Timeout=600 install -y --no-install-recommends "${missing[@]}"
+    for name in "${for_environment[@]}"; do
+        [[ -n ${installed[$name]-} ]] || early+=("$name")
+    done
+    ((${#early[@]} == 0)) || step "  apt-get install ${early[*]}" install "${early[@]}"
 fi
 
 # digest FILE...: one hash of the files' names and contents, and of the text on standard input.
@@ -255,26 +274,37 @@ pybullet_from_source() {
 base=$(printf '%s\n' "$root" "$(/usr/bin/python3 -V)" | digest requirements/*.txt)
 stamped="" having=""
 [[ ! -e .venv/setup.stamp ]] || read -r stamped having <.venv/setup.stamp || true
+from_it_on=" ${tiers[*]} " # the tiers that hold this one, itself the first
+from_it_on=" $tier ${from_it_on#* "$tier" }"
+making=""
 if [[ $stamped != "$base" ]]; then
     having=""
     room "$root" 2500
-    rm -rf .venv/setup.stamp
-    step "Making the virtual environment .venv" \
-        /usr/bin/python3 -m venv --clear --system-site-packages .venv
-    if [[ -z $pybullet_wheel ]]; then
-        step "Building PyBullet for this Python (once, some three minutes)" \
-            pybullet_from_source "$(grep -hx 'pybullet==.*' requirements/running.txt)"
+    making="Making the virtual environment .venv"
+    [[ -n $pybullet_wheel ]] || making+=", building PyBullet for this Python (once, some three minutes)"
+    making+=", installing the Python packages for $tier (requirements/$tier.txt)"
+elif [[ $from_it_on != *" ${having:-none} "* ]]; then
+    making="Installing the Python packages for $tier (requirements/$tier.txt)"
+fi
+environment() {
+    if [[ $stamped != "$base" ]]; then
+        # Debian's packages stay out of sight until pip has done: they may be half installed, and pip would make do
+        # with those that are. What is stopped in the middle of the second half goes on there.
+        rm -f .venv/setup.stamp &&
+            /usr/bin/python3 -m venv --clear .venv &&
+            { [[ -n $pybullet_wheel ]] ||
+                pybullet_from_source "$(grep -hx 'pybullet==.*' requirements/running.txt)"; } &&
+            printf '%s\n' "$base" >.venv/setup.stamp || return
     fi
-    printf '%s\n' "$base" >.venv/setup.stamp # what pip is stopped in goes on here
-fi
-from_it_on=" ${tiers[*]} " # the tiers that hold this one, itself the first
-from_it_on=" $tier ${from_it_on#* "$tier" }"
-if [[ $from_it_on != *" ${having:-none} "* ]]; then
-    touch .venv/bytecode.due
-    step "Installing the Python packages for $tier (requirements/$tier.txt)" \
-        pip install --no-compile -r "requirements/$tier.txt"
-    printf '%s %s\n' "$base" "$tier" >.venv/setup.stamp
-fi
+    touch .venv/bytecode.due &&
+        pip install --no-compile -r "requirements/$tier.txt" &&
+        sed -i 's/^include-system-site-packages = .*/include-system-site-packages = true/' .venv/pyvenv.cfg &&
+        printf '%s %s\n' "$base" "$tier" >.venv/setup.stamp
+}
+[[ -z $making ]] || aside environment
+# the other Debian packages meanwhile
+((${#missing[@]} == ${#early[@]})) || step "  apt-get install (this may take some minutes)" install "${missing[@]}"
+[[ -z $making ]] || step "$making" ended environment
 
 # 3. workspace. Python files are not in the stamp: the devel space refers to them where they stand.
 mapfile -d '' sources < <(find src -type f \( -name package.xml -o -name CMakeLists.txt -o -name '*.cmake' \
@@ -328,5 +358,6 @@ bytecode() {
 if ((${#due[@]})); then
     text=$(IFS=,; echo "${telling[*]:-byte-compiling the Python packages}")
     text=${text//,/, }
-    step "${text^}" together "${due[@]}"
+    aside "${due[@]}"
+    step "${text^}" ended "${due[@]}"
 fi

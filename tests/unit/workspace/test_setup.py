@@ -173,7 +173,7 @@ def test_a_second_set_up_waits_for_the_first_and_says_so(machine):
     hold = """exec 7<WORKSPACE/setup.sh; flock 7
         (for turn in {1..600}; do ! grep -q Another PRINTED || break; sleep 0.1; done
         echo ended >>PRINTED) & exec 7<&-"""
-    status, text = machine(before=hold)
+    status, text = machine({"/usr/bin/apt-get": "#!/bin/sh\nexit 1\n"}, before=hold)
     told, _, after = text.partition("Another set-up of this workspace is running; waiting")
     assert told == "" and after.index("ended") < after.index("Installing Debian packages")
 
@@ -184,7 +184,9 @@ PLAYED = r"""#!/bin/bash
 case "$*" in
   *version_info*) echo 3.11 ;;
   -V) echo Python 3.11.2 ;;
-  *"-m venv"*) mkdir -p .venv/bin .venv/lib; cp "$0" .venv/bin/python ;;
+  *"-m venv"*) mkdir -p .venv/bin .venv/lib; cp "$0" .venv/bin/python
+    [[ $* == *--system-site-packages* ]] && open=true || open=false
+    echo "include-system-site-packages = $open" >.venv/pyvenv.cfg ;;
   *) echo "$@" >>asked ;;
 esac
 """
@@ -192,8 +194,8 @@ ALL_INSTALLED = '#!/bin/bash\nprintf "installed %s\\n" "${@:3}"\n'
 ROOM = "#!/bin/sh\necho Avail; echo 100000\n"
 
 
-def played(tmp_path: Path, loops: str = "", build: str = "") -> dict[str, str]:
-    """Files of such a machine; commands of its compiling and of its catkin_make."""
+def played(tmp_path: Path, loops: str = "", build: str = "", pip: str = "") -> dict[str, str]:
+    """Files of such a machine; commands of its compiling, its catkin_make and its pip."""
     package = tmp_path / "workspace" / "src" / "ours" / "src" / "ours"
     if not package.exists():
         shutil.copytree(ROOT / "requirements", tmp_path / "workspace" / "requirements")
@@ -201,6 +203,7 @@ def played(tmp_path: Path, loops: str = "", build: str = "") -> dict[str, str]:
         package.mkdir(parents=True)
         (package / "loops.py").write_text("from .compiled import compiled\n")
     compiles = f"  *loops*) {{ {loops or 'true'}; }} && echo loops >>asked ;;\n"
+    compiles += f"  *-m\\ pip*) {{ {pip or 'true'}; }} && echo $* >>asked ;;\n"
     builds = f"mkdir -p devel; {{ {build or 'true'}; }} && echo build >>asked\n"
     return {
         "/usr/bin/python3": PLAYED.replace("  *)", f"{compiles}  *)"),
@@ -226,6 +229,69 @@ def test_workspace_and_loops_are_made_side_by_side_and_only_once(machine, tmp_pa
     assert sum("compileall" in line for line in asked) == 1
     assert machine(files) == (0, "")
     assert (tmp_path / "workspace" / "asked").read_text().splitlines() == asked
+
+
+# What dpkg knows of a machine where Debian's packages are installed but for a few.
+LACKING = """#!/bin/bash
+for name in "${@:3}"; do
+  case $name in python3-venv|rviz|rosbash) ;; *) echo "installed $name" ;; esac
+done
+"""
+
+
+def test_pip_works_while_debian_s_other_packages_are_installed(machine, tmp_path):
+    files = played(tmp_path, pip=meets("one", "two"))
+    asked = tmp_path / "workspace" / "asked"
+    files["/usr/bin/dpkg-query"] = LACKING
+    files["/usr/bin/apt-get"] = f"""#!/bin/bash
+echo "$@" >>'{asked}'
+case "$*" in *rviz*) cd '{asked.parent}'; {meets("two", "one")} ;; esac
+"""
+    status, text = machine(files)
+    assert status == 0, text
+    apt = [line.rpartition("recommends ")[2] for line in asked.read_text().splitlines()
+           if " install -y" in line]  # fmt: skip
+    assert apt[0] == "python3-venv" and {"rviz", "rosbash"} <= set(apt[1].split())
+    lines = text.splitlines()
+    assert lines[2] == "  apt-get install python3-venv ... done (0 s)"
+    assert lines[3].startswith("  apt-get install (this may take some minutes) ... done")
+    assert lines[4].startswith("Making the virtual environment .venv, installing the Python pack")
+
+
+def test_pip_sees_debian_s_packages_only_after_it_has_done(machine, tmp_path):
+    """They may be half installed, and where a version fits pip would do without its own."""
+    status, text = machine(played(tmp_path, pip="cat .venv/pyvenv.cfg >>seen"))
+    assert status == 0, text
+    workspace = tmp_path / "workspace"
+    assert (workspace / "seen").read_text() == "include-system-site-packages = false\n"
+    made = (workspace / ".venv" / "pyvenv.cfg").read_text()
+    assert made == "include-system-site-packages = true\n"
+
+
+def test_what_pip_was_stopped_in_goes_on_in_the_same_environment(machine, tmp_path):
+    files = played(tmp_path, pip="[[ -e mended ]] || { echo 'no such wheel'; false; }")
+    status, text = machine(files)
+    assert status == 1 and "no such wheel" in text
+    assert "this step failed: Making the virtual environment .venv" in text
+    kept = tmp_path / "workspace" / ".venv" / "kept"
+    kept.touch()
+    (tmp_path / "workspace" / "mended").touch()
+    status, text = machine(files)
+    assert status == 0 and text.startswith("Installing the Python packages for bench")
+    assert kept.exists() and "= true" in (kept.parent / "pyvenv.cfg").read_text()
+
+
+def test_where_debian_s_packages_fail_pip_ends_too(machine, tmp_path):
+    files = played(tmp_path, pip="[[ -e mended ]] || { sleep 60; touch late; }")
+    files["/usr/bin/dpkg-query"] = LACKING
+    files["/usr/bin/apt-get"] = '#!/bin/bash\ncase "$*" in *rviz*) exit 100 ;; esac\n'
+    status, text = machine(files)
+    assert status == 1 and "this step failed:   apt-get install (this may take" in text
+    (tmp_path / "workspace" / "mended").touch()
+    files["/usr/bin/apt-get"] = "#!/bin/sh\n"
+    status, text = machine(files)  # it would wait for what the first one left
+    assert status == 0 and "Another set-up" not in text
+    assert not (tmp_path / "workspace" / "late").exists()
 
 
 def test_of_two_steps_side_by_side_the_one_that_failed_is_shown_and_made_again(machine, tmp_path):

@@ -53,7 +53,11 @@ def bag(tmp_path_factory):
         for x, time in ((0.1, START), (0.3, START + 1.0)):
             pose = PoseStamped()
             pose.pose.position.x, pose.pose.orientation.w = x, 1.0
-            made.write("/aras_visual_servo/target", pose, rospy.Time.from_sec(time))
+            # As a recorder writes it of a latched topic: its player latches it, too.
+            made.write("/aras_visual_servo/target", pose, rospy.Time.from_sec(time),
+                       connection_header={"latching": "1", "topic": "/aras_visual_servo/target",
+                                          "type": pose._type, "md5sum": pose._md5sum,
+                                          "message_definition": pose._full_text})  # fmt: skip
         for step in range(int(SECONDS * 50)):
             time = rospy.Time.from_sec(START + 0.02 * step)
             made.write("/clock", Clock(time), time)

@@ -52,6 +52,17 @@ def test_a_snapshot_is_of_the_last_step_alone(bench):
         [159.5 + pixel * (-0.1 + 0.1 / 3), 159.5 + pixel * 0.1 * 2 / 3], abs=0.05)
 
 
+def test_a_model_that_came_in_the_place_of_another_was_never_where_that_one_was(bench):
+    renderer = create_renderer("exact", bench.world)
+    bench.box([0.1, 0.1, 0.1], [3.0, 0.0, 0.0])
+    renderer.snapshot()
+    bench.world.delete(next(iter(bench.world.models)))
+    bench.box([0.1, 0.1, 0.1], [0.0, 2.0, 0.0])
+    renderer.scene.refresh()
+    (pose,) = renderer.scene.poses_at(0.5)
+    np.testing.assert_allclose(pose[:3, 3], [0.0, 2.0, 0.0])
+
+
 def test_gain_amplifies_shot_noise_and_not_the_readout_s():
     grey = np.full((240, 320, 3), 60, np.uint8)
     chain = EffectChain(Effects(shot_noise=0.25, gain=2.0, noise_stddev=3.0, noise_mean=7.0),

@@ -129,6 +129,29 @@ def test_a_stall_is_not_made_good_and_not_complained_of(started, caplog):
     assert "cannot keep up" not in caplog.text
 
 
+def refuse() -> None:
+    raise ValueError("not so")
+
+
+def test_a_fault_comes_to_who_asked_and_costs_nobody_else(started, caplog):
+    thread = started(1.0, paused=True)
+    with pytest.raises(ValueError, match="not so"):
+        thread.call(refuse)
+    thread.post(refuse)
+    assert thread.call(lambda: 7) == 7
+    until(lambda: "ValueError: not so" in caplog.text)
+
+
+def test_a_fault_between_steps_ends_the_thread_and_is_told(started):
+    told: list[BaseException] = []
+    thread = started(0.0, paused=True, on_fault=told.append, after_step=lambda _: refuse())
+    thread.unpause()
+    until(lambda: thread.stopping)
+    assert str(told[0]) == "not so"
+    with pytest.raises(SimulationBusyError, match="shutting down"):
+        thread.call(lambda: None)
+
+
 def test_a_flood_of_jobs_does_not_stop_time(started):
     thread = started(1.0)
     end = threading.Event()

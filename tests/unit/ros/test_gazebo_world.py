@@ -10,6 +10,10 @@ from dynamic_reconfigure.msg import Config, DoubleParameter, IntParameter
 from geometry_msgs.msg import Point, Pose, Quaternion, Vector3
 from std_msgs.msg import ColorRGBA
 
+from aras_sim_bridge.ros.runtime.pacing import Pacer
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+
 BALL = """<robot name="ball"><link name="ball"><inertial><mass value="2"/>
     <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"""
 QUARTER = Quaternion(0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4))  # about z
@@ -120,6 +124,21 @@ def test_physics_tells_what_was_set(api, call, step, ball):
     assert step(10).sim_time.to_nsec() == 20_000_000
     twist = call("get_model_state", "ball").twist
     assert xyz(twist.linear) == pytest.approx((0.02, 0.04, -0.06), abs=1e-9)
+
+
+def test_the_update_rate_is_the_pace_by_the_step(graph):
+    from aras_sim_bridge.ros.gazebo_api.physics import Physics
+
+    thread = SimulationThread(
+        lambda: Simulation(SimulationConfig(time_step=0.002)), Pacer(0.5), paused=True
+    )
+    thread.start()
+    try:
+        physics = Physics("/gazebo", thread)
+        told = physics.get_physics_properties(thread.simulation, None)
+        assert told["max_update_rate"] == pytest.approx(250.0)
+    finally:
+        thread.stop()
 
 
 def test_physics_by_reconfigure_is_the_same(api, call):

@@ -34,7 +34,7 @@ def _joint(
     full = PREFIX + interface if interface else ""
     transmission = SimpleNamespace(
         name=f"{name}_transmission", type="SimpleTransmission", joint=name, interface=full,
-        reduction=1.0, has_actuator=True, joints=(name,), interfaces=(full,),
+        has_actuator=True, joints=(name,), interfaces=(full,),
     )
     for key, value in more.items():
         setattr(transmission, key, value)

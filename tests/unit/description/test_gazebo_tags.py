@@ -116,7 +116,7 @@ def test_the_control_plugin():
     (full,) = robot(text.format(
         "<robotNamespace>/n</robotNamespace><controlPeriod>.002</controlPeriod><robotParam>p"
         "</robotParam><eStopTopic>e</eStopTopic>")).control_plugins
-    assert full == ControlPlugin("/n", 0.002, "p", "e")
+    assert full == ControlPlugin("/n", 0.002, "e")
     with pytest.raises(DescriptionError, match="controlPeriod is 0.0 s; it must be positive"):
         robot(text.format("<controlPeriod>0</controlPeriod>"))
 

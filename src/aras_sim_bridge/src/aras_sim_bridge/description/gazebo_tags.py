@@ -116,7 +116,6 @@ def _control_plugin(plugin: Element) -> ControlPlugin:
     return ControlPlugin(
         robot_namespace=text_of(plugin, "robotNamespace"),
         control_period=value,
-        robot_param=text_of(plugin, "robotParam") or ControlPlugin.robot_param,
         e_stop_topic=text_of(plugin, "eStopTopic"),
     )
 

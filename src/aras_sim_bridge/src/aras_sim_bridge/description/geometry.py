@@ -12,16 +12,13 @@ Resolve = Callable[[str, str], str]  # a mesh's URI and who names it -> the path
 
 
 def urdf_geometry(element: Element, where: str, resolve: Resolve) -> Geometry:
-    """The shape in a URDF visual's or collision's `<geometry>`; a mesh's path replaces its URI.
+    """The shape in a URDF visual's or collision's `<geometry>`.
 
     Raises:
         DescriptionError: no shape, one that is not among SHAPES, or a size that is not positive.
     """
     shape = _shape(element, where)
-    made = _geometry(shape, where, resolve, shape.get, "filename")
-    if made.kind == "mesh":
-        shape.set("filename", made.filename)
-    return made
+    return _geometry(shape, where, resolve, shape.get, "filename")
 
 
 def sdf_geometry(element: Element, where: str, resolve: Resolve) -> Geometry:

@@ -156,7 +156,6 @@ class Transmission:
     type: str
     joint: str
     interface: str
-    reduction: float | None
     has_actuator: bool
     joints: tuple[str, ...] = ()
     interfaces: tuple[str, ...] = ()
@@ -168,7 +167,6 @@ class ControlPlugin:
 
     robot_namespace: str | None = None
     control_period: float | None = None
-    robot_param: str = "robot_description"
     e_stop_topic: str | None = None
 
 
@@ -261,7 +259,7 @@ class RobotDescription:
     that of its visuals; a link without one is drawn white.
     static: the model never moves (`<gazebo><static>true`). warnings: what was repaired or ignored
     while reading, one sentence each, for the caller to log.
-    initial_pose: (xyz, rpy) written in the file (SDF only). xml: as resolved, for `robotParam`.
+    initial_pose: (xyz, rpy) written in the file (SDF only).
     """
 
     name: str
@@ -275,7 +273,6 @@ class RobotDescription:
     static: bool = False
     warnings: tuple[str, ...] = ()
     initial_pose: tuple[Vector3, Vector3] = (ZERO, ZERO)
-    xml: str = ""
 
     def moving_joints(self) -> tuple[str, ...]:
         """Names of the joints with a degree of freedom, in file order."""

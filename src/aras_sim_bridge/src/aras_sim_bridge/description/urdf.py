@@ -6,7 +6,6 @@ Follows http://wiki.ros.org/urdf/XML; where urdfdom would fail or guess, this sa
 import math
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import gazebo_tags, packages, safe_xml
@@ -85,7 +84,6 @@ def parse_urdf(
         colours=MappingProxyType(tags.colours),
         static=tags.static,
         warnings=tuple(warnings),
-        xml=ElementTree.tostring(root, encoding="unicode"),
     )
 
 
@@ -276,14 +274,8 @@ def _transmission(element: Element) -> Transmission:
     for node in element.findall("joint"):
         joints.append(node.get("name") or "")
         interfaces += [(n.text or "").strip() for n in node.findall("hardwareInterface")]
-    reduction = None
-    for node in [*element.findall("actuator"), element]:
-        text = safe_xml.text_of(node, "mechanicalReduction")
-        if text is not None:
-            reduction = number(text, f"transmission '{shorten(name)}': mechanicalReduction")
-            break
     kind = safe_xml.text_of(element, "type") or element.get("type") or ""
     return Transmission(
-        name, kind, joints[0] if joints else "", interfaces[0] if interfaces else "", reduction,
+        name, kind, joints[0] if joints else "", interfaces[0] if interfaces else "",
         bool(element.findall("actuator")), tuple(joints), tuple(interfaces),
     )

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.description.mesh import from_corners
-from aras_sim_bridge.rendering.geometry import Geometry
 from aras_sim_bridge.rendering.grouping import CLUSTER, groups
 from aras_sim_bridge.rendering.scene import Part
+from aras_sim_bridge.rendering.triangles import Triangles
 
 CORNERS = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 1], [1, 0, 1], [0, 1, 1]]])
 
@@ -21,7 +21,7 @@ def part(**changes):
 
 
 def test_the_same_parts_are_prepared_once():
-    assert Geometry.of([part()]) is Geometry.of([part()])
+    assert Triangles.of([part()]) is Triangles.of([part()])
 
 
 @pytest.mark.parametrize("other", [
@@ -35,17 +35,17 @@ def test_the_same_parts_are_prepared_once():
     list,
 ])  # fmt: skip
 def test_what_differs_is_prepared_anew(other):
-    assert Geometry.of(other()) is not Geometry.of([part()])
+    assert Triangles.of(other()) is not Triangles.of([part()])
 
 
 def test_a_texture_that_was_painted_over_is_read_again(tmp_path):
     file = tmp_path / "texture.png"
     cv2.imwrite(str(file), np.zeros((4, 4, 3), np.uint8))
     textured = [part(texture=str(file), uv=np.zeros((6, 2), np.float32))]
-    assert Geometry.of(textured).textures.texels.max() == 0
+    assert Triangles.of(textured).textures.texels.max() == 0
     cv2.imwrite(str(file), np.full((4, 4, 3), 200, np.uint8))
     os.utime(file, ns=(1, 1))
-    assert Geometry.of(textured).textures.texels.min() == 200
+    assert Triangles.of(textured).textures.texels.min() == 200
 
 
 def test_every_triangle_is_in_one_group_of_few_that_face_one_side():
@@ -72,7 +72,7 @@ def test_every_triangle_is_in_one_group_of_few_that_face_one_side():
 def test_what_is_known_of_a_cluster_holds_all_its_triangles():
     draw = np.random.default_rng(4)
     corners = draw.normal(size=(200, 1, 3)) + 0.05 * draw.normal(size=(200, 3, 3))
-    made = Geometry.of([Part(0, from_corners(corners), (1.0, 0.0, 0.0, 1.0))])
+    made = Triangles.of([Part(0, from_corners(corners), (1.0, 0.0, 0.0, 1.0))])
     seen = made.clusters
     assert seen.count.sum() == len(made.corners) == 200
     for n, (first, count) in enumerate(zip(seen.first, seen.count, strict=True)):

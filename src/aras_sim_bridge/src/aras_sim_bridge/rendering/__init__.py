@@ -2,7 +2,7 @@
 
 How a picture is made, by ExactRenderer. A picture is cut into tiles of 8 x 8 px, each seen as
 through a pinhole of its own (tiles): a pinhole camera's tiles are exact, a lens's are made small
-enough to be. The triangles of the scene lie in clusters (geometry); a link out of view, or a
+enough to be. The triangles of the scene lie in clusters (triangles); a link out of view, or a
 cluster that is turned away, out of view or behind what covers its tiles is left out by one look,
 the others' triangles are sorted into the tiles that they touch (binning). In a tile that one
 triangle covers nothing more is to be done; in the others the corners of each pixel are asked which
@@ -10,9 +10,9 @@ triangle is nearest (sampling). Where they differ without the shading being the 
 through the pixel (finding), and its colour is worked out from the areas that its triangles cover
 (edges, fragments); the others are lit as their corners say (shading). Depth and segmentation are
 those of the centres (measuring). All of it runs on the processor and needs no graphics driver,
-whose limits and whose rounding differ. The servo's view takes 0.5 of the time that OpenGL on Mesa's
-software rasteriser took (at 640 x 480 0.7); a room full of edges and 40 000 triangles, with every
-edge worked out, take twice as long as there (tests/benchmarks/render.py). 'tiny' draws with
+whose limits and whose rounding differ. The servo's view takes 0.37 of the time that OpenGL took on
+Mesa's software rasteriser (at 640 x 480 0.7); a room full of edges and 40 000 triangles, with every
+edge worked out, take 2.3 to 2.4 times as long (tests/benchmarks/render.py). 'tiny' draws with
 PyBullet's software renderer, to compare.
 """
 

@@ -14,16 +14,16 @@ import numpy as np
 
 from aras_sim_bridge.compiled import compiled, inlined
 
-from .geometry import Geometry
 from .grouping import CLUSTER
 from .tiles import Tiles
+from .triangles import Triangles
 
 
 @dataclass(frozen=True)
 class Seen:
     """The triangles that turn their front to the eye and touch tiles.
 
-    triangle: (N,) in the geometry. corner: (N, 3, 3), p0, p1, p2 in the optical frame,
+    triangle: (N,) in Triangles. corner: (N, 3, 3), p0, p1, p2 in the optical frame,
         m. side: (N, 3, 3), s0, s1, s2 likewise, 1/m.
     light: (N, 3) at the corners. cut: (N,) bool, whether it reaches beyond near or far.
     opaque: (N,) bool.
@@ -46,11 +46,11 @@ class Seen:
 
 
 class Binning:
-    """Finds what views of one geometry show; its arrays are used again for the next view."""
+    """Finds what views of the same triangles show; its arrays are used again for the next view."""
 
-    def __init__(self, geometry: Geometry) -> None:
-        self._g = geometry
-        count = len(geometry.corners)
+    def __init__(self, triangles: Triangles) -> None:
+        self._g = triangles
+        count = len(triangles.corners)
         self._triangle = np.empty(count, np.int64)
         self._cut, self._opaque = np.empty(count, np.bool_), np.empty(count, np.bool_)
         self._corner, self._side = np.empty((count, 3, 3)), np.empty((count, 3, 3))

@@ -13,13 +13,13 @@ from ..world import World
 from .binning import Binning, Seen
 from .finding import found_edges
 from .fragments import Edges
-from .geometry import Geometry
 from .measuring import measured
 from .recent import Recent
 from .sampling import Sampler, Samples
 from .scene import Scene
 from .shading import Shader, word
 from .tiles import Tiles
+from .triangles import Triangles
 from .view import Sun, View
 
 # Memory for what is prepared for views that come again, bytes: 20 cameras of 1920 x 1200.
@@ -53,7 +53,7 @@ class ExactRenderer:
         self.scene = Scene(world)
         self.light = light
         self._canvases: Recent[Hashable, _Canvas] = Recent(KEPT)
-        self._geometry: Geometry | None = None
+        self._triangles: Triangles | None = None
         self._binning: Binning | None = None
         self._drawn_version = -1
         self._closed = False
@@ -70,21 +70,21 @@ class ExactRenderer:
 
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
         one = self._sample(view, blend, UPPER_LEFT)
-        canvas, geometry = one.canvas, self._geometry
+        canvas, triangles = one.canvas, self._triangles
         background = 255.0 * np.array(self.light.background[:3])
-        sky, plain = word(*background), canvas.shader.plain(geometry, one.seen)
-        part = geometry.smooth[one.seen.triangle]
+        sky, plain = word(*background), canvas.shader.plain(triangles, one.seen)
+        part = triangles.smooth[one.seen.triangle]
         edges, found = found_edges(canvas.tiles, one.seen, one.samples, plain, part, sky)
-        words = canvas.shader.words(geometry, one.seen, one.samples, plain, sky, edges)
+        words = canvas.shader.words(triangles, one.seen, one.samples, plain, sky, edges)
         fragments = canvas.edges.fragments(one.seen, one.samples, found, plain, view.near,
                                            view.far)
-        canvas.shader.blend(geometry, one.seen, fragments, background, words)
+        canvas.shader.blend(triangles, one.seen, fragments, background, words)
         rgba = words.view(np.uint8).reshape(*words.shape, 4)
         return cv2.cvtColor(rgba[:view.height, :view.width], cv2.COLOR_RGBA2RGB)
 
     def measure(self, view: View, blend: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
         one = self._sample(view, blend, CENTRE)
-        labels = self.scene.labels()[self._geometry.row[one.seen.triangle]]
+        labels = self.scene.labels()[self._triangles.row[one.seen.triangle]]
         return measured(one.canvas.tiles, one.seen, one.samples, labels)
 
     def bodies_around(self, point: np.ndarray) -> list[str]:
@@ -100,8 +100,8 @@ class ExactRenderer:
         # By number, not by what refresh says: a snapshot may have been the one to see the change.
         if self.scene.version != self._drawn_version:
             self._drawn_version = self.scene.version
-            self._geometry = Geometry.of(self.scene.parts)
-            self._binning = Binning(self._geometry)
+            self._triangles = Triangles.of(self.scene.parts)
+            self._binning = Binning(self._triangles)
         canvas = self._canvas(view)
         world_T_link = self.scene.poses_at(blend)
         seen = self._binning.seen(

@@ -12,10 +12,10 @@ from aras_sim_bridge.compiled import compiled, inlined
 
 from .binning import Seen
 from .fragments import Fragments
-from .geometry import Geometry
 from .sampling import BACKGROUND, NOTHING, Samples
 from .textures import SIZE
 from .tiles import TILE, Tiles
+from .triangles import Triangles
 
 
 class Shader:
@@ -25,17 +25,17 @@ class Shader:
         self._tiles = tiles
         self._words = np.empty((tiles.rows * TILE, tiles.columns * TILE), np.uint32)
 
-    def plain(self, geometry: Geometry, seen: Seen) -> np.ndarray:
+    def plain(self, triangles: Triangles, seen: Seen) -> np.ndarray:
         """(N,) words of the triangles seen that have one colour, 0 for the others."""
-        return _plain(seen.triangle, seen.light, geometry.albedo, geometry.layer)
+        return _plain(seen.triangle, seen.light, triangles.albedo, triangles.layer)
 
-    def words(self, geometry: Geometry, seen: Seen, samples: Samples, plain: np.ndarray,
+    def words(self, triangles: Triangles, seen: Seen, samples: Samples, plain: np.ndarray,
               sky: np.uint32, edges: np.ndarray) -> np.ndarray:
         """The picture but for the pixels with edges, in an array that the next one overwrites.
 
         plain, sky, edges: as in finding.found_edges.
         """
-        t, g = self._tiles, geometry
+        t, g = self._tiles, triangles
         if samples.most == BACKGROUND:
             self._words.fill(sky)
         elif plain[samples.most]:
@@ -45,10 +45,10 @@ class Shader:
                 t.valid, t.cells, t.columns, self._words)
         return self._words
 
-    def blend(self, geometry: Geometry, seen: Seen, fragments: Fragments, background: np.ndarray,
+    def blend(self, triangles: Triangles, seen: Seen, fragments: Fragments, background: np.ndarray,
               words: np.ndarray) -> None:
         """Put the pixels that consist of fragments into words. background: (3,) rgb 0..255."""
-        g, t, f = geometry, self._tiles, fragments
+        g, t, f = triangles, self._tiles, fragments
         _blend(f.pixel, f.start, f.member, f.share, f.at, seen.triangle, seen.side, seen.light,
                g.albedo, g.layer, g.uv, g.textures.texels, t.matrices, t.cells, t.columns,
                background, words)
@@ -97,7 +97,7 @@ def _texel(texels, layer, area, u, v, out):
 
 @compiled("f8[:,:,::1], i8, f8[:,:,::1], i8, i8, f8[:,:,::1], i8, u1[:,::1], f8, f8, f8[::1]")
 def _textured(matrices, c, side, m, layer, uv, t, texels, x, y, rgb):
-    """Multiply the colour rgb (3,) by the texture of triangle m, t in the geometry, at x, y of
+    """Multiply the colour rgb (3,) by the texture of triangle m, t in Triangles, at x, y of
     cell c."""
     # Texture coordinates here, one pixel on and one pixel down.
     place = np.zeros((3, 2))

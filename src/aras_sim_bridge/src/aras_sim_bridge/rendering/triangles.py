@@ -44,7 +44,7 @@ class Clusters:
 
 
 @dataclass(frozen=True)
-class Geometry:
+class Triangles:
     """Triangles of all parts, cluster by cluster.
 
     corners (T, 3, 3), m, and normals (T, 3, 3) at them, link frame; plane (T, 4) n, d with
@@ -78,12 +78,12 @@ class Geometry:
             self.textures.texels.nbytes)
 
     @classmethod
-    def of(cls, parts: list[Part]) -> Geometry:
+    def of(cls, parts: list[Part]) -> Triangles:
         """Of these parts, made anew only if they were not shown lately by any renderer."""
         return _made.get(_key(parts), lambda: cls._of(parts))
 
     @classmethod
-    def _of(cls, parts: list[Part]) -> Geometry:
+    def _of(cls, parts: list[Part]) -> Triangles:
         textures = Textures({part.mesh.texture for part in parts if part.mesh.texture})
         corners, normals, uv = ([np.zeros((0, 3, n))] for n in (3, 3, 2))
         albedo = [np.zeros((0, 4))]
@@ -127,7 +127,7 @@ class Geometry:
 
 
 def _boxes(corners: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """row_centre and row_half of Geometry."""
+    """row_centre and row_half of Triangles."""
     rows = row.max(initial=-1) + 1
     low, high = np.full((rows, 3), np.inf), np.full((rows, 3), -np.inf)
     np.minimum.at(low, row, corners.min(axis=1))
@@ -137,7 +137,7 @@ def _boxes(corners: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return (low + high) / 2, (high - low) / 2
 
 
-_made: Recent[bytes, Geometry] = Recent(KEPT)
+_made: Recent[bytes, Triangles] = Recent(KEPT)
 
 
 def _key(parts: list[Part]) -> bytes:

@@ -69,7 +69,7 @@ def test_a_model_with_mimic_joints_can_be_changed_and_deleted(make):
                                 extra='<mimic joint="leader" multiplier="-2"/>'))
     simulation = Simulation(SimulationConfig(renderer="tiny"))
     model = simulation.spawn(parse_urdf(xml), "m")
-    simulation.change("m", with_joint(model.description, "leader", damping=1.0))
+    simulation.world.change("m", with_joint(model.description, "leader", damping=1.0))
     for _ in range(200):
         model.apply_effort("leader", 1.0)
         simulation.step()

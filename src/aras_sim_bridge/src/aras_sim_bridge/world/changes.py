@@ -1,6 +1,6 @@
 """Changed copies of descriptions: what Gazebo's set_link_properties and set_joint_properties do.
 
-    simulation.change("robot", with_joint(model.description, "elbow", damping=0.5))
+    simulation.world.change("robot", with_joint(model.description, "elbow", damping=0.5))
 """
 
 import math

@@ -13,14 +13,6 @@ from aras_sim_bridge.world import Model
 WORLD_ALIASES = ("", "world", "map", "/map")
 
 
-def model(simulation: Simulation, name: str) -> Model:
-    """Return a model; raises WorldError naming it and those there are."""
-    models = simulation.world.models
-    if name not in models:
-        raise WorldError(f"model '{name}' does not exist; there are {', '.join(models) or 'none'}")
-    return models[name]
-
-
 def link(simulation: Simulation, name: str) -> tuple[Model, str]:
     """Return (model, plain link name); raises WorldError naming the link."""
     found = _part(simulation, name, "links")

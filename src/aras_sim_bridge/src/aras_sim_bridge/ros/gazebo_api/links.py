@@ -95,7 +95,7 @@ def set_link_properties(simulation: Simulation, request: SetLinkProperties) -> F
     conversions.bounded((request.mass, *inertia), f"mass and inertia of '{request.link_name}'")
     model, link = entities.link(simulation, request.link_name)
     changed = with_link(model.description, link, request.mass, com, inertia, request.gravity_mode)
-    simulation.change(model.name, changed)
+    simulation.world.change(model.name, changed)
     return None
 
 
@@ -134,7 +134,7 @@ def set_joint_properties(simulation: Simulation, request: SetJointProperties) ->
     model, joint = entities.joint(simulation, request.joint_name)
     changed = with_joint(model.description, joint, **values)
     if values:
-        simulation.change(model.name, changed)
+        simulation.world.change(model.name, changed)
     text = "SetJointProperties: properties set"
     idle = [name for name in given if name not in JOINT_FIELDS and name != "vel"]
     if idle:

@@ -113,7 +113,7 @@ class Models:
         """Take a model away, with what is on the graph of it."""
 
         def job() -> None:
-            model = entities.model(thread.simulation, request.model_name)
+            model = thread.simulation.world.model(request.model_name)
             self._forces.forget(model)
             thread.simulation.delete(request.model_name)
 
@@ -125,7 +125,7 @@ class Models:
     @serves(GetModelState, "got properties")
     def get_model_state(self, simulation: Simulation, request: GetModelState) -> Fields:
         """Pose and twist of a model's root link, relative to a model, a link or the world."""
-        model = entities.model(simulation, request.model_name)
+        model = simulation.world.model(request.model_name)
         root = model.description.root
         frame, frame_twist = entities.frame(simulation, request.relative_entity_name)
         pose, twist = entities.relative(*model.link_state(root), frame, frame_twist)
@@ -149,7 +149,7 @@ def put_model(simulation: Simulation, state: ModelState) -> None:
     """Move a whole model; raises SimError naming what is wrong."""
     pose = conversions.from_pose(state.pose, f"pose of '{state.model_name}'")
     twist = conversions.from_twist(state.twist, f"twist of '{state.model_name}'")
-    model = entities.model(simulation, state.model_name)
+    model = simulation.world.model(state.model_name)
     frame, _ = entities.frame(simulation, state.reference_frame)
     model.set_pose(frame @ pose)
     model.set_twist(Twist(rotate(frame.quat, twist.linear), rotate(frame.quat, twist.angular)))
@@ -158,7 +158,7 @@ def put_model(simulation: Simulation, state: ModelState) -> None:
 @serves(GetModelProperties, "got properties")
 def get_model_properties(simulation: Simulation, request: GetModelProperties) -> Fields:
     """The names of a model's links, shapes and joints."""
-    description = entities.model(simulation, request.model_name).description
+    description = simulation.world.model(request.model_name).description
     links = description.links.values()
     return {
         "body_names": [link.name for link in links],
@@ -181,7 +181,7 @@ def set_model_configuration(simulation: Simulation, request: SetModelConfigurati
             f"{len(names)} joint_names but {len(positions)} joint_positions; give as many"
         )
     conversions.bounded(tuple(positions), "joint_positions")
-    model = entities.model(simulation, request.model_name)
+    model = simulation.world.model(request.model_name)
     plain = [name.rpartition("::")[2] for name in names]
     wanted = zip(plain, positions, strict=True)
     simulation.set_joint_positions(

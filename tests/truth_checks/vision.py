@@ -59,7 +59,7 @@ def _shot(config: CameraConfig, bench: Bench) -> tuple[CameraSensor, np.ndarray,
                                                        np.ndarray | None]:
     """The sensor and what it sees from _EYE: grey values, depth, labels."""
     sensor = CameraSensor(config, create_renderer("exact", bench.world))
-    frame = sensor.capture(link_pose(_EYE), sensor.next_exposure_ns)
+    frame = sensor.capture(link_pose(_EYE), sensor.due_ns)
     image = frame.image if frame.image.ndim == 2 else frame.image[..., 0]
     return sensor, image.astype(float), frame.depth, frame.segmentation
 
@@ -246,8 +246,8 @@ def noise() -> Iterator[Row]:
         clean = CameraSensor(CameraConfig.from_mapping({
             "width": 320, "height": 240, "horizontal_fov": 1.0, "format": "mono16"}),
             create_renderer("exact", bench.world))
-        still = clean.capture(link_pose(_EYE), clean.next_exposure_ns).image.astype(float)
-        pictures = [sensor.capture(link_pose(_EYE), sensor.next_exposure_ns).image - still
+        still = clean.capture(link_pose(_EYE), clean.due_ns).image.astype(float)
+        pictures = [sensor.capture(link_pose(_EYE), sensor.due_ns).image - still
                     for _ in range(100)]
     finally:
         bench.close()

@@ -135,7 +135,7 @@ def test_reset_and_rate_change():
     sensor.reset(0)
     assert frames(sensor, 100)[0][1].stamp_ns == 100 * MS
     sensor.set_rate(20.0, 120 * MS, MS)
-    assert sensor.next_exposure_ns == 150 * MS
+    assert sensor.due_ns == 150 * MS
     with pytest.raises(CameraError, match="above 0"):
         sensor.set_rate(0.0, 0, MS)
     with pytest.raises(CameraError, match="2000 Hz is above the physics rate of 1000 Hz"):

@@ -6,16 +6,15 @@ parameter as the user wrote it. `fault` is the exception class to raise.
 
 from collections.abc import Mapping
 from math import isfinite
-from typing import Any
 
 from aras_sim_bridge.errors import ControllerError, SimError
 
 _MISSING = object()
 
 
-def lookup(parameters: Mapping, path: str) -> Any:
+def lookup(parameters: Mapping, path: str) -> object:
     """Value at 'a/b/c', or None where a step is missing or is no mapping."""
-    node: Any = parameters
+    node: object = parameters
     for key in path.strip("/").split("/"):
         if not isinstance(node, Mapping) or key not in node:
             return None
@@ -42,16 +41,16 @@ def number(
     parameters: Mapping,
     key: str,
     where: str,
-    default: Any = _MISSING,
+    default: float | None = None,
     fault: type[SimError] = ControllerError,
-) -> Any:
+) -> float:
     """A finite number as float; `default` if absent.
 
     Raises `fault` if it is missing without a default, no number, or not finite.
     """
     value = parameters.get(key, _MISSING)
     if value is _MISSING:
-        if default is _MISSING:
+        if default is None:
             raise fault(f"parameter {where}/{key} is missing; set it to a number")
         return default
     if isinstance(value, bool) or not isinstance(value, int | float):

@@ -6,7 +6,6 @@ import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.camera.mounting import MountedCamera, robot_camera, world_camera
@@ -14,7 +13,7 @@ from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.loop import ControlLoop
 from aras_sim_bridge.control.manager import ControllerManager
 from aras_sim_bridge.control.switching import STRICT
-from aras_sim_bridge.description import Light, RobotDescription
+from aras_sim_bridge.description import CameraDescription, Light, RobotDescription
 from aras_sim_bridge.description.lights import SUN, checked_light
 from aras_sim_bridge.errors import (
     CameraError,
@@ -70,7 +69,7 @@ class Robot:
             self.manager.load(name)
         self.manager.switch(names, [], STRICT)
 
-    def command(self, controller: str, value: Any) -> None:
+    def command(self, controller: str, value: object) -> None:
         """Hand `value` to a controller, in its own units; it acts in the next step.
 
         Raises:
@@ -115,9 +114,9 @@ class Simulation:
         name: str,
         pose: Pose = IDENTITY,
         namespace: str = "",
-        parameters: Mapping[str, Any] | None = None,
+        parameters: Mapping[str, object] | None = None,
         joint_positions: Mapping[str, float] | None = None,
-        cameras: Mapping[str, Any] | None = None,
+        cameras: Mapping[str, object] | None = None,
     ) -> Model:
         """Put a model into the world, with its controllers' hardware and its cameras.
 
@@ -187,14 +186,6 @@ class Simulation:
             if light.kind == "directional":
                 return Sun(light.direction, diffuse=max(light.diffuse[:3]))
         return Sun(diffuse=0.0)
-
-    def change(self, name: str, description: RobotDescription) -> None:
-        """Give a model other masses, damping or limits (see world/changes.py); its state goes on.
-
-        Raises:
-            WorldError: no such model, or numbers that cannot be simulated; nothing is changed then.
-        """
-        self.world.change(name, description)
 
     def step(self) -> None:
         """One tick in Gazebo's order: time, controllers, physics, sensors."""
@@ -295,7 +286,9 @@ class Simulation:
                     "request where the plugin has none"
                 )
 
-    def _robot(self, model: Model, namespace: str, parameters: Mapping[str, Any]) -> Robot | None:
+    def _robot(
+        self, model: Model, namespace: str, parameters: Mapping[str, object]
+    ) -> Robot | None:
         for plugin in model.description.control_plugins:
             hardware = RobotHardware(
                 model.description, model, parameters, namespace, log.warning
@@ -319,14 +312,16 @@ class Simulation:
         known = ", ".join(camera.sensor.config.topic_root for camera in self.cameras) or "none"
         raise WorldError(f"camera '{name}' does not exist; there are: {known}")
 
-    def add_camera(self, name: str, settings: Mapping[str, Any]) -> MountedCamera:
+    def add_camera(self, name: str, settings: Mapping[str, object]) -> MountedCamera:
         """Put a camera into the world, fixed; see mounting.world_camera. Raises CameraError."""
         config, pose = world_camera(name, settings, self._camera_defaults(), self.config.seed)
         mounted = MountedCamera(self._sensor(config), None, "world", pose)
         self.cameras.append(mounted)
         return mounted
 
-    def _mount(self, model: Model, camera: Any, settings: Mapping[str, Any]) -> None:
+    def _mount(
+        self, model: Model, camera: CameraDescription, settings: Mapping[str, object]
+    ) -> None:
         """Mount one camera of a description. One that is impossible must not cost the robot."""
         try:
             config = robot_camera(camera, settings, self._camera_defaults(), self.config.seed)
@@ -336,7 +331,7 @@ class Simulation:
             return
         self.cameras.append(mounted)
 
-    def _camera_defaults(self) -> dict[str, Any]:
+    def _camera_defaults(self) -> dict[str, object]:
         return {"legacy_camera_info": self.config.legacy_camera_info}
 
     def _sensor(self, config: CameraConfig) -> CameraSensor:

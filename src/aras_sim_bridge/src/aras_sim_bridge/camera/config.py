@@ -7,10 +7,10 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any
 
 import numpy as np
 
+from ..description import CameraDescription
 from ..errors import CameraError
 from .effects import Effects, hint, is_number
 from .formats import encoding_of
@@ -213,9 +213,9 @@ class CameraConfig:
                                 projection_matrix(K, self.hack_baseline))
 
     @classmethod
-    def from_description(cls, camera: Any, overrides: Mapping[str, Any] | None = None
-                         ) -> CameraConfig:
-        """Settings of a description.CameraDescription with the keys of a preset laid over it.
+    def from_description(cls, camera: CameraDescription,
+                         overrides: Mapping[str, object] | None = None) -> CameraConfig:
+        """Settings of a description's camera with the keys of a preset laid over it.
 
         Raises CameraError for an unknown key, naming the nearest one there is.
         """
@@ -225,7 +225,7 @@ class CameraConfig:
         return cls.from_mapping({**values, **_checked(overrides or {}, values["name"])})
 
     @classmethod
-    def from_mapping(cls, values: Mapping[str, Any]) -> CameraConfig:
+    def from_mapping(cls, values: Mapping[str, object]) -> CameraConfig:
         """Settings from a preset file's keys.
 
         camera_matrix is a mapping fx, fy, cx, cy or four numbers; effects a mapping of
@@ -252,7 +252,7 @@ def _absolute(*names: str) -> str:
     return "/" + "/".join(part for name in names for part in name.split("/") if part)
 
 
-def _checked(values: Mapping[str, Any], name: str) -> dict[str, Any]:
+def _checked(values: Mapping[str, object], name: str) -> dict[str, object]:
     known = {f.name for f in fields(CameraConfig)}
     for key in values:
         if key not in known:
@@ -269,7 +269,7 @@ _LISTS = {"xyz": 3, "rpy": 3, "camera_matrix": 4, "distortion_coefficients": Non
           "declared": 8}
 
 
-def _all_converted(values: Mapping[str, Any], name: str) -> dict[str, Any]:
+def _all_converted(values: Mapping[str, object], name: str) -> dict[str, object]:
     """Settings as YAML gives them, in the types the config wants. Raises CameraError."""
     try:
         return {key: _converted(key, value) for key, value in values.items()}
@@ -277,7 +277,7 @@ def _all_converted(values: Mapping[str, Any], name: str) -> dict[str, Any]:
         raise CameraError(f"camera '{name}': {error}") from None
 
 
-def _converted(key: str, value: Any) -> Any:
+def _converted(key: str, value: object) -> object:
     if key == "effects":
         if isinstance(value, Effects):
             return value
@@ -305,7 +305,7 @@ def _converted(key: str, value: Any) -> Any:
     return value
 
 
-def _numbers(key: str, value: Any, count: int | None) -> tuple[float, ...]:
+def _numbers(key: str, value: object, count: int | None) -> tuple[float, ...]:
     """A list, or a text such as '0 0 0.05' from a launch argument, as finite numbers."""
     items = value.split() if isinstance(value, str) else value
     wanted = "finite numbers" if count is None else f"{count} finite numbers"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from typing import Any
 
 import cv2
 import numpy as np
@@ -22,12 +21,12 @@ _C1, _C3, _C5, _C7 = (np.float32(c) for c in (1.65999598, 0.09039413, -0.0356714
 _DROP, _NOISE = 0, 1
 
 
-def is_number(value: Any) -> bool:
+def is_number(value: object) -> bool:
     """Whether a setting is a number; true and false are none."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def hint(value: Any) -> str:
+def hint(value: object) -> str:
     """How to mend a setting that is a text where a number is wanted: YAML reads 1e-3 as one."""
     try:
         float(value if isinstance(value, str) else "")
@@ -81,7 +80,7 @@ class Effects:
             raise CameraError(f"effects: exposure_samples {samples!r} has to be 1..64, whole")
 
     @classmethod
-    def from_mapping(cls, values: Mapping[str, Any]) -> Effects:
+    def from_mapping(cls, values: Mapping[str, object]) -> Effects:
         """Effects from a preset's keys.
 
         Raises CameraError for a key that is not there and for a value out of its limits.

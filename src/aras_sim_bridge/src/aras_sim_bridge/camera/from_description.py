@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from typing import Any
 
 from ..description import CameraDescription
 from ..errors import CameraError
@@ -17,7 +16,7 @@ _LENSES = {"gnomonical": "pinhole", "stereographic": "stereographic",
            "orthographic": "orthographic"}
 
 
-def settings(camera: CameraDescription) -> dict[str, Any]:
+def settings(camera: CameraDescription) -> dict[str, object]:
     """CameraConfig's keys for a camera of a description; what it leaves open stays out.
 
     As in Gazebo, the plugin's Cx, Cy, focalLength and distortion describe a picture without
@@ -26,7 +25,7 @@ def settings(camera: CameraDescription) -> dict[str, Any]:
     Raises CameraError for a lens that is not drawn.
     """
     xyz, rpy = camera.pose
-    values: dict[str, Any] = {
+    values: dict[str, object] = {
         "name": camera.name, "link": camera.link, "xyz": xyz, "rpy": rpy,
         "width": camera.width, "height": camera.height, "horizontal_fov": camera.horizontal_fov,
         "format": camera.format, "near": camera.near, "far": camera.far,
@@ -68,7 +67,7 @@ def _in_ros_order(k1_k2_k3_p1_p2: tuple[float, ...]) -> tuple[float, ...]:
     return k1, k2, p1, p2, k3
 
 
-def _wide(camera: CameraDescription) -> dict[str, Any]:
+def _wide(camera: CameraDescription) -> dict[str, object]:
     lens = camera.lens
     if lens is None:
         return {"lens": "equidistant"}
@@ -77,7 +76,7 @@ def _wide(camera: CameraDescription) -> dict[str, Any]:
             f"camera '{camera.name}': lens type '{lens.kind}' is not drawn; take one of "
             + ", ".join(sorted(_LENSES))
         )
-    values: dict[str, Any] = {"lens": _LENSES[lens.kind]}
+    values: dict[str, object] = {"lens": _LENSES[lens.kind]}
     if values["lens"] != "pinhole":
         values["cutoff_angle"] = min(lens.cutoff_angle, REACH[values["lens"]])
     if not lens.scale_to_hfov:  # a radius of 1 is half the width, whatever the field of view

@@ -10,14 +10,16 @@ from __future__ import annotations
 import logging
 import zlib
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor, Frame
+from aras_sim_bridge.description import CameraDescription
 from aras_sim_bridge.errors import CameraError, RenderingError
 from aras_sim_bridge.world import Model, Pose
 
+T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 WORLD = "world"
@@ -80,7 +82,7 @@ class MountedCamera:
         if frame is not None and self.on_frame is not None:
             self.on_frame(frame)
 
-    def _attempt(self, draw: Callable[[np.ndarray, int], Any], time_ns: int) -> Any:
+    def _attempt(self, draw: Callable[[np.ndarray, int], T], time_ns: int) -> T | None:
         """Draw. A frame that cannot be drawn is left out, with a log line for each new reason: one
         unreadable mesh must not end the simulation."""
         try:
@@ -103,9 +105,9 @@ class MountedCamera:
         return np.array(self.model.link_pose(self.link).matrix())
 
 
-def robot_camera(camera: Any, settings: Mapping[str, Any], defaults: Mapping[str, Any],
-                 seed: int) -> CameraConfig:
-    """Config of a description.CameraDescription with the settings of its name laid over it.
+def robot_camera(camera: CameraDescription, settings: Mapping[str, object],
+                 defaults: Mapping[str, object], seed: int) -> CameraConfig:
+    """Config of a description's camera with the settings of its name laid over it.
 
     Raises CameraError naming the key that is wrong.
     """
@@ -129,7 +131,7 @@ def robot_camera(camera: Any, settings: Mapping[str, Any], defaults: Mapping[str
         raise CameraError(f"{error} (its settings are those of '{name}')") from None
 
 
-def world_camera(name: str, settings: Mapping[str, Any], defaults: Mapping[str, Any],
+def world_camera(name: str, settings: Mapping[str, object], defaults: Mapping[str, object],
                  seed: int) -> tuple[CameraConfig, Pose]:
     """Config and pose of a camera fixed in the world; the sensor looks along the pose's +x, z up.
 
@@ -151,19 +153,19 @@ def world_camera(name: str, settings: Mapping[str, Any], defaults: Mapping[str, 
     return CameraConfig.from_mapping(values), pose
 
 
-def world_cameras(settings: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+def world_cameras(settings: Mapping[str, object]) -> Iterator[tuple[str, Mapping[str, object]]]:
     """Name and settings of every camera that is no robot's."""
     for name, node in _mappings(settings, ""):
         if "parent" in node:
             yield name, node
 
 
-def below(settings: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+def below(settings: Mapping[str, object], name: str) -> Mapping[str, object]:
     """The settings at 'a/b' of a nested mapping; empty where there are none.
 
     Raises CameraError where something else than settings stands there.
     """
-    node: Any = settings
+    node: object = settings
     for part in name.strip("/").split("/"):
         if part not in node:
             return {}
@@ -175,7 +177,7 @@ def below(settings: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return node
 
 
-def unused(settings: Mapping[str, Any], names: set[str]) -> list[str]:
+def unused(settings: Mapping[str, object], names: set[str]) -> list[str]:
     """Names in the settings that hold keys but belong to none of the cameras `names`."""
     return [
         path
@@ -189,7 +191,7 @@ def seed_of(seed: int, name: str) -> int:
     return (int(seed) & 0xFFFFFFFF) ^ zlib.crc32(name.encode())
 
 
-def _mappings(node: Any, path: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
+def _mappings(node: object, path: str) -> Iterator[tuple[str, Mapping[str, object]]]:
     """Every mapping that can be a camera's settings, from the outside in; not those inside one."""
     if not isinstance(node, Mapping):
         return
@@ -200,7 +202,7 @@ def _mappings(node: Any, path: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
         yield from _mappings(child, f"{path}/{key}".lstrip("/"))
 
 
-def _check_link(own: Mapping[str, Any], name: str) -> None:
+def _check_link(own: Mapping[str, object], name: str) -> None:
     if "link" in own:
         raise CameraError(
             f"camera '{name}': 'link' {own['link']!r} cannot be set: a camera sits where its URDF "
@@ -208,7 +210,7 @@ def _check_link(own: Mapping[str, Any], name: str) -> None:
         )
 
 
-def _pose_of(value: Any, name: str) -> Pose:
+def _pose_of(value: object, name: str) -> Pose:
     parts = [value]
     if isinstance(value, Mapping) and set(value) <= {"xyz", "rpy"}:
         parts = [value.get("xyz", (0.0,) * 3), value.get("rpy", (0.0,) * 3)]

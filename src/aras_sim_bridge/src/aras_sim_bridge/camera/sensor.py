@@ -95,11 +95,6 @@ class CameraSensor:
         """Period, ns, rounded; the instants do not accumulate the rounding."""
         return round(1e9 / self._rate)
 
-    @property
-    def next_exposure_ns(self) -> int:
-        """Simulated time of the next picture to draw, ns."""
-        return self._next_ns
-
     def check_time_step(self, step_ns: int, rate: float | None = None) -> None:
         """Raise CameraError if the camera, at its own rate or at `rate` Hz, outruns the physics."""
         rate = self._rate if rate is None else rate

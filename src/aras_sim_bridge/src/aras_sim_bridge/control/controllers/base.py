@@ -32,7 +32,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import inf, isfinite
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.joints import JointHandle
@@ -122,8 +122,8 @@ class Controller:
         self.context = Context("")
         self.joints: tuple[str, ...] = ()
         self.pids: dict[str, Pid] = {}
-        self.on_state: Callable[[Any], None] | None = None
-        self.slot: deque[Any] = deque(maxlen=1)
+        self.on_state: Callable[[object], None] | None = None
+        self.slot: deque[object] = deque(maxlen=1)
 
     def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
         """Read the parameters and take the handles.

@@ -22,6 +22,11 @@ def parts(path):
     return {p.name: p.read_bytes() for p in (path / "parts").glob("*")}
 
 
+def _looks(server):
+    """ms between the looks of a scheduler or worker at its own load."""
+    return min(server.periodic_callbacks[name].callback_time for name in ("tick", "monitor"))
+
+
 class Killing(Progress):
     """Kills a worker when the first chunk is there."""
 
@@ -42,6 +47,8 @@ def test_two_workers_one_killed_and_all_made_anew_end_with_the_bytes_of_one_proc
         environment = pool._client.run(lambda: dict(os.environ))
         assert len(before) == 2 == pool.workers
         assert all(env[key] == "1" for env in environment.values() for key in ONE_THREAD)
+        looks = pool._client.run(lambda dask_worker: _looks(dask_worker))
+        assert min([*looks.values(), _looks(pool._cluster.scheduler)]) >= 1000.0
         progress = Killing(study.runs, out=io.StringIO())
         progress.victims = [next(iter(before.values()))]
         done = engine.carry_out(Folder.create(there, study, ""), pool, progress)

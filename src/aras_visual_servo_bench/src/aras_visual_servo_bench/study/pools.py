@@ -25,6 +25,7 @@ APPEAR = 300.0  # s until a worker must be there, of a cluster or after the last
 LOOK = 2.0  # s between two counts of the workers: a cluster's come and go
 POLL = 0.02  # s between two looks for a chunk that is done; every worker has another to go on with
 RENEWED = 500  # chunks of a worker after which all are made anew
+TICK = "10s"  # between two looks of a worker, or the scheduler, at itself
 DEATHS = 5  # of workers over one chunk, guarded or not, after which the cluster is to blame
 
 
@@ -306,6 +307,11 @@ def _configured() -> Any:
         "distributed.worker.daemon": True,
         "distributed.admin.log-length": 100,
         "distributed.admin.low-level-log-length": 100,
+        # Every 20 ms each event loop would time itself: a twentieth of a core for the client.
+        "distributed.admin.tick.interval": TICK,
+        "distributed.admin.tick.cycle": "60s",
+        "distributed.admin.tick.limit": "1h",
+        "distributed.admin.system-monitor.interval": TICK,
         "distributed.comm.timeouts.connect": "10s",
     })
     return distributed

@@ -10,7 +10,7 @@ from loop_rig import CAMERA, STARTS, Rig, lost, scaled, the_arm, the_goal, the_l
 
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.arm.poses import body_motion, transform
-from aras_visual_servo_controller.diagnosis import KINDS
+from aras_visual_servo_controller.diagnosis import KINDS, Diagnosis, Outcome
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.evidence import DIRECTIONS, CameraEvidence, Oscillation
 from aras_visual_servo_controller.features import Feature, Measured, Stack
@@ -289,6 +289,18 @@ class Torn(Feature):
         L = np.zeros((2, 6))
         L[:, 0] = -5.0
         return Measured(s, np.zeros(2), s, L)
+
+
+@pytest.mark.parametrize(("after", "kind"), [(8.99, "running"), (9.0, "joint_limit")])
+def test_an_error_that_shrinks_by_less_than_a_tenth_is_stalled(monkeypatch, after, kind):
+    diagnosis = Diagnosis(SimpleNamespace())
+    monkeypatch.setattr(diagnosis, "_limit", lambda seen: Outcome("joint_limit"))
+    decision = SimpleNamespace(error=np.zeros(1), task=None)
+    for stamp in np.arange(0.0, 1.51, 0.25):
+        state = SimpleNamespace(stamp=stamp, phase="servoing", decision=decision, reason="")
+        decision.error = np.array([10.0 if stamp < 0.6 else after])
+        diagnosis._add(state, np.ones(1))
+    assert diagnosis._stalled(state).kind == kind
 
 
 def test_features_without_rank():

@@ -174,7 +174,7 @@ class ViewEvidence:
         if seen is None or wanted is None or seen.kind != wanted.kind or wanted.m00 <= 0.0:
             return False
         second, third = (_shape(seen, order) - _shape(wanted, order) for order in (2, 3))
-        strange = np.abs(second).max() > self.SECOND * np.abs(_shape(wanted, 2)).max()
+        strange = np.abs(second).max() > self.SECOND * _shape(wanted, 2).max()  # of squares
         strange |= np.abs(third).max() > self.THIRD
         self._strange = self._strange + 1 if strange else 0
         return self._strange >= self.IMAGES

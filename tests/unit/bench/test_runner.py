@@ -10,6 +10,7 @@ from aras_visual_servo_bench.cameras import Belief
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment import CameraPose, Experiment, Sampler, TargetSpec
 from aras_visual_servo_bench.runner import Loop, assemble, run
+from aras_visual_servo_bench.sampling import FOUND, _within_limits
 from aras_visual_servo_bench.targets import Motion
 from aras_visual_servo_controller.arm.poses import inverse
 from aras_visual_servo_controller.errors import MeasurementError
@@ -170,14 +171,37 @@ def test_starts_are_drawn_within_their_ranges_and_in_view():
             parts = assemble(experiment)
             x, y, z = parts.plant.pose()[:3, 3]
             centre = parts.target.shape.vertices().mean(axis=0)
-            assert abs(x - centre[0]) <= 0.05 + 1e-6 and abs(y - centre[1]) <= 0.05 + 1e-6
-            assert 0.15 - 1e-6 <= z - centre[2] <= 0.3 + 1e-6
+            assert abs(x - centre[0]) <= 0.05 + FOUND and abs(y - centre[1]) <= 0.05 + FOUND
+            assert 0.15 - FOUND <= z - centre[2] <= 0.3 + FOUND
             reading = parts.plant.sight.look(parts.plant.pose(), 0, np.random.default_rng(0))
             assert reading.outline is not None
             drawn.add((x, y, z))
             again = assemble(experiment).plant.pose()
             np.testing.assert_array_equal(again[:3, 3], (x, y, z))
         assert len(drawn) == 5
+
+
+SLIGHT = Sampler(height=(0.2, 0.3), side=0.02)
+
+
+def test_an_arm_without_roll_begins_at_every_heading():
+    """Where a free camera begins with the same seed; the goal leans, by what no roll is missed."""
+    headings = []
+    for seed in range(24):
+        ways = [assemble(Experiment(plant=plant, start=SLIGHT, seed=seed))
+                for plant in ("chain", "free")]  # fmt: skip
+        chain, free = (parts.plant.pose() for parts in ways)
+        turned = ways[0].goal_pose[:3, :3].T @ chain[:3, :3]
+        headings.append(np.degrees(np.arctan2(turned[1, 0], turned[0, 0])))
+        np.testing.assert_allclose(chain, free, atol=2 * FOUND)
+    assert np.histogram(headings, bins=4, range=(-180, 180))[0].min() >= 2
+
+
+@pytest.mark.parametrize(
+    ("angle", "within"), [(1.0, 1.0), (3.5, 3.5 - 2 * np.pi), (-3.5, 2 * np.pi - 3.5), (3.0, 2.9)]
+)
+def test_a_joint_is_turned_the_other_way_round_where_a_limit_is(angle, within):
+    assert _within_limits(angle, -2.9, 2.9) == pytest.approx(within)
 
 
 def test_starts_in_every_form_are_one():

@@ -1,6 +1,7 @@
 """What Bullet is given: our own files, with visuals for its window alone."""
 
 import os
+import tempfile
 
 import numpy as np
 import pybullet
@@ -35,14 +36,28 @@ def robot(tmp_path):
         "</gazebo></robot>")
 
 
-def test_the_window_shows_the_links_in_their_colours(client, tmp_path):
-    folder = tmp_path / "out"
+def test_the_window_shows_the_links_in_their_colours(client, tmp_path, monkeypatch):
+    """By files of the bridge's own, which are gone when Bullet has read them."""
+    described, folder = robot(tmp_path), tmp_path / "out"
     folder.mkdir()
-    path = bullet_file.write(robot(tmp_path), True, True, str(folder))
-    body = pybullet.loadURDF(path, physicsClientId=client)
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    with bullet_file.BulletFiles(described, True, True) as files:
+        body = pybullet.loadURDF(files.urdf, physicsClientId=client)
+        assert len(list(folder.iterdir())) == 3  # one mesh for visual and collision, a plane
     shown = pybullet.getVisualShapeData(body, physicsClientId=client)
     assert [(s[1], s[7]) for s in shown] == [(-1, (1, 0, 0, 1)), (0, (1, 1, 1, 1))]
     assert all(os.path.dirname(s[4].decode()) == str(folder) for s in shown)
+    assert not list(folder.iterdir())
+
+
+def test_files_of_a_model_that_cannot_be_written_are_gone_too(tmp_path, monkeypatch):
+    described, folder = robot(tmp_path), tmp_path / "out"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    monkeypatch.setattr(bullet_file, "_joint", lambda joint, static: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        bullet_file.BulletFiles(described, True, True)
+    assert not list(folder.iterdir())
 
 
 def test_a_world_without_a_window_makes_no_pictures_in_bullet(tmp_path):

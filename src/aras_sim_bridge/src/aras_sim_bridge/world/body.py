@@ -1,7 +1,5 @@
 """A description brought into Bullet: the body, its numbering, its dynamics."""
 
-import tempfile
-
 from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.poses import IDENTITY, Pose
@@ -37,13 +35,12 @@ class Body:
             WorldError: Bullet cannot load it.
         """
         bodies = bullet_file.with_massive_root(description)
-        with tempfile.TemporaryDirectory(prefix="aras_sim_bridge_") as directory:
-            window = pybullet.getConnectionInfo(self.client)["connectionMethod"] == pybullet.GUI
-            path = bullet_file.write(bodies, self.fixed_base, window, directory)
+        window = pybullet.getConnectionInfo(self.client)["connectionMethod"] == pybullet.GUI
+        with bullet_file.BulletFiles(bodies, self.fixed_base, window) as files:
             self._draw(window, False)  # else a frame for each shape
             try:
                 self.body_id = pybullet.loadURDF(
-                    path, pose.xyz, pose.quat, useFixedBase=self.fixed_base,
+                    files.urdf, pose.xyz, pose.quat, useFixedBase=self.fixed_base,
                     flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=self.client)
             except pybullet.error as error:
                 raise WorldError(

@@ -5,8 +5,12 @@ principal inertias, and without what the World does itself (damping, friction, l
 Cameras draw the description, so only Bullet's own window needs visuals.
 """
 
+from __future__ import annotations
+
 import os
+import tempfile
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from xml.sax.saxutils import quoteattr
@@ -83,47 +87,66 @@ def principal_inertial(inertial: Inertial) -> tuple[Pose, tuple[float, float, fl
     return pose, tuple(float(m) for m in moments)
 
 
-def write(description: RobotDescription, fixed_base: bool, visible: bool, directory: str) -> str:
-    """Write the model's URDF and meshes into `directory`; the path of the URDF.
+class BulletFiles:
+    """A model's URDF and meshes as Bullet reads them, for as long as it does; a context manager.
 
-    visible: with visuals, for Bullet's window.
+    They lie beside each other among the temporary files: a folder made and removed for each model
+    takes half of its loading. Their names never come again, for Bullet keeps meshes by them.
     """
-    meshes = _Meshes(directory)
-    parts = ['<?xml version="1.0"?>', f"<robot name={quoteattr(description.name)}>"]
-    for link in description.links.values():
-        colour = description.colours.get(link.name, WHITE) if visible else None
-        parts.append(_link(link, fixed_base and link.name == description.root, colour, meshes))
-    parts += [_joint(joint, description.static) for joint in description.joints.values()]
-    parts.append("</robot>")
-    path = os.path.join(directory, "model.urdf")
-    with open(path, "w", encoding="utf-8") as file:
-        file.write("\n".join(parts))
-    return path
 
+    def __init__(self, description: RobotDescription, fixed_base: bool, visible: bool) -> None:
+        """`visible`: with visuals, for Bullet's window."""
+        self._paths: list[str] = []
+        self._meshes: dict[str, str] = {}
+        parts = ['<?xml version="1.0"?>', f"<robot name={quoteattr(description.name)}>"]
+        try:
+            for link in description.links.values():
+                colour = description.colours.get(link.name, WHITE) if visible else None
+                fixed = fixed_base and link.name == description.root
+                parts.append(_link(link, fixed, colour, self))
+            parts += [_joint(joint, description.static) for joint in description.joints.values()]
+            parts.append("</robot>")
+            self.urdf = self._new("urdf")
+            with open(self.urdf, "w", encoding="utf-8") as file:
+                file.write("\n".join(parts))
+        except BaseException:
+            self.remove()
+            raise
 
-class _Meshes:
-    """Mesh files as Bullet reads them, each written when it is first asked for."""
+    def __enter__(self) -> BulletFiles:
+        return self
 
-    def __init__(self, directory: str) -> None:
-        self._directory = directory
-        self._paths: dict[str, str] = {}
+    def __exit__(self, *_: object) -> None:
+        self.remove()
 
-    def path(self, filename: str) -> str:
+    def remove(self) -> None:
+        """Remove the files."""
+        while self._paths:
+            with suppress(FileNotFoundError):
+                os.remove(self._paths.pop())
+
+    def mesh(self, filename: str) -> str:
         """Where the mesh file `filename` stands for Bullet, in its own unit."""
-        if filename not in self._paths:
+        if filename not in self._meshes:
             meshes = mesh_files.read(filename)
             pieces = {mesh.piece for mesh in meshes}
             # Bullet makes a convex hull of a whole STL file, and of each object of an OBJ file.
             write_file, kind = (write_obj, "obj") if len(pieces) > 1 else (write_stl, "stl")
-            path = os.path.join(self._directory, f"mesh{len(self._paths)}.{kind}")
+            path = self._new(kind)
             write_file(meshes, path)
-            self._paths[filename] = path
-        return self._paths[filename]
+            self._meshes[filename] = path
+        return self._meshes[filename]
 
     def plane(self, geometry: Geometry) -> str:
         """A file with a plane's picture, of which Bullet has none."""
-        path = os.path.join(self._directory, f"plane{len(os.listdir(self._directory))}.stl")
+        path = self._new("stl")
         write_stl(shapes.triangles(geometry), path)
+        return path
+
+    def _new(self, kind: str) -> str:
+        handle, path = tempfile.mkstemp(prefix="aras_sim_bridge_", suffix=f".{kind}")
+        os.close(handle)
+        self._paths.append(path)
         return path
 
 
@@ -135,7 +158,7 @@ def _origin(xyz: Vector3, rpy: Vector3) -> str:
     return f"<origin xyz={_numbers(xyz)} rpy={_numbers(rpy)}/>"
 
 
-def _link(link: Link, concave: bool, colour: Rgba | None, meshes: _Meshes) -> str:
+def _link(link: Link, concave: bool, colour: Rgba | None, files: BulletFiles) -> str:
     if link.inertial is None:
         pose, mass, moments = Pose(), 0.0, ZERO
     else:
@@ -152,7 +175,7 @@ def _link(link: Link, concave: bool, colour: Rgba | None, meshes: _Meshes) -> st
     if colour is not None:
         # Bullet keeps one material of each name for the whole model.
         look = f"<material name={quoteattr(link.name)}><color rgba={_numbers(colour)}/></material>"
-        body += "".join(f"<visual>{_shape(visual, meshes)}{look}</visual>"
+        body += "".join(f"<visual>{_shape(visual, files)}{look}</visual>"
                         for visual in link.visuals)
     elif link.collisions:
         body += _NOTHING
@@ -160,18 +183,18 @@ def _link(link: Link, concave: bool, colour: Rgba | None, meshes: _Meshes) -> st
         # A mesh that never moves keeps its hollows (a table inside a frame); Bullet wants moving
         # meshes convex.
         hollow = ' concave="yes"' if concave and collision.geometry.kind == "mesh" else ""
-        body += f"<collision{hollow}>{_shape(collision, meshes)}</collision>"
+        body += f"<collision{hollow}>{_shape(collision, files)}</collision>"
     return f"<link name={quoteattr(link.name)}>{body}</link>"
 
 
-def _shape(part: Visual | Collision, meshes: _Meshes) -> str:
-    shape = _geometry(part.geometry, meshes)
+def _shape(part: Visual | Collision, files: BulletFiles) -> str:
+    shape = _geometry(part.geometry, files)
     if isinstance(part, Visual) and part.geometry.kind == "plane":
-        shape = f"<mesh filename={quoteattr(meshes.plane(part.geometry))}/>"
+        shape = f"<mesh filename={quoteattr(files.plane(part.geometry))}/>"
     return f"{_origin(part.origin_xyz, part.origin_rpy)}<geometry>{shape}</geometry>"
 
 
-def _geometry(geometry: Geometry, meshes: _Meshes) -> str:
+def _geometry(geometry: Geometry, files: BulletFiles) -> str:
     if geometry.kind == "box":
         return f"<box size={_numbers(geometry.size)}/>"
     if geometry.kind in ("cylinder", "capsule"):
@@ -180,7 +203,7 @@ def _geometry(geometry: Geometry, meshes: _Meshes) -> str:
         return f'<sphere radius="{geometry.radius!r}"/>'
     if geometry.kind == "plane":
         return f"<plane normal={_numbers(geometry.normal)}/>"
-    path = quoteattr(meshes.path(geometry.filename))
+    path = quoteattr(files.mesh(geometry.filename))
     return f"<mesh filename={path} scale={_numbers(geometry.scale)}/>"
 
 

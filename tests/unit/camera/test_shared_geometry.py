@@ -7,10 +7,13 @@ import cv2
 import numpy as np
 import pytest
 
+from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.description.mesh import from_corners
+from aras_sim_bridge.rendering import View, create_renderer, tiles
 from aras_sim_bridge.rendering.grouping import CLUSTER, groups
 from aras_sim_bridge.rendering.scene import Part
 from aras_sim_bridge.rendering.triangles import Triangles
+from aras_sim_bridge.world import World
 
 CORNERS = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 1], [1, 0, 1], [0, 1, 1]]])
 
@@ -46,6 +49,35 @@ def test_a_texture_that_was_painted_over_is_read_again(tmp_path):
     cv2.imwrite(str(file), np.full((4, 4, 3), 200, np.uint8))
     os.utime(file, ns=(1, 1))
     assert Triangles.of(textured).textures.texels.min() == 200
+
+
+LENSES = {
+    "pinhole": dict(horizontal_fov=1.0),
+    "wider": dict(horizontal_fov=1.1),
+    "bent": dict(horizontal_fov=1.0, distortion_coefficients=(-0.2, 0.0, 0.0, 0.0, 0.0)),
+    "bent_more": dict(horizontal_fov=1.0, distortion_coefficients=(-0.21, 0.0, 0.0, 0.0, 0.0)),
+    "bent_wider": dict(horizontal_fov=1.1, distortion_coefficients=(-0.2, 0.0, 0.0, 0.0, 0.0)),
+    "fisheye": dict(lens="equidistant", horizontal_fov=1.0),
+    "larger": dict(horizontal_fov=1.0, width=48),
+}  # fmt: skip
+
+
+def test_cameras_that_see_alike_have_the_same_tiles_and_others_their_own():
+    def tiles_of(settings):
+        config = CameraConfig.from_mapping({"width": 40, "height": 32, **settings})
+        with World() as world:
+            return CameraSensor(config, create_renderer("exact", world))._view(np.eye(4)).tiles()
+
+    found = [tiles_of(settings) for settings in LENSES.values()]
+    assert len(set(map(id, found))) == len(LENSES)
+    assert all(tiles_of(settings) is one
+               for settings, one in zip(LENSES.values(), found, strict=True))
+
+
+def test_a_large_pictures_tiles_are_not_kept(monkeypatch):
+    monkeypatch.setattr(tiles, "LARGE", 40 * 32 - 1)
+    K = np.array([[30.0, 0, 20], [0, 30, 16], [0, 0, 1]])
+    assert View(40, 32, np.eye(4), K).tiles() is not View(40, 32, np.eye(4), K).tiles()
 
 
 def test_every_triangle_is_in_one_group_of_few_that_face_one_side():

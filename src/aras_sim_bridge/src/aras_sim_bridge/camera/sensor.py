@@ -12,7 +12,7 @@ from ..blending import blended
 from ..errors import CameraError, RenderingError
 from ..poses import Pose
 from ..rendering import SENSOR_R_OPTICAL, Renderer, View
-from ..rendering.tiles import Tiles
+from ..rendering.tiles import Tiles, shared
 from . import formats
 from .config import CameraConfig
 from .effects import EffectChain
@@ -64,7 +64,9 @@ class CameraSensor:
         self._link_T_optical = mounting(config.xyz, config.rpy)
         try:
             if not model.is_pinhole:
-                self._lens = Tiles.of_lens(config.width, config.height, model.unproject)
+                size = config.width, config.height
+                self._lens = shared(*size, (model.K.tobytes(), model.lens), lambda: (
+                    Tiles.of_lens(*size, model.unproject)))
             renderer.prepare(self._view(np.eye(4)))
         except (RenderingError, MemoryError) as error:
             reason = str(error) or "not enough memory; make width and height smaller"

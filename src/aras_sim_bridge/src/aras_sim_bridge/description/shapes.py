@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from aras_sim_bridge.description import mesh_files
@@ -20,15 +22,22 @@ def triangles(geometry: Geometry) -> tuple[Mesh, ...]:
         scale = np.array(geometry.scale)
         return tuple(part.transformed(np.eye(4), scale) for part in mesh_files.read(
             geometry.filename))
-    if geometry.kind == "plane":
-        return (_plane(geometry.normal, geometry.size[:2]),)
+    return _made(geometry.kind, tuple(geometry.size), geometry.radius, geometry.length,
+                 tuple(geometry.normal))
+
+
+@lru_cache(maxsize=256)
+def _made(kind: str, size: Vector3, radius: float, length: float, normal: Vector3
+          ) -> tuple[Mesh, ...]:
+    """Of a shape that no file describes: the same in every world of this process."""
     makers = {
-        "box": lambda: _box(np.array(geometry.size)),
-        "sphere": lambda: _sphere(geometry.radius),
-        "cylinder": lambda: _cylinder(geometry.radius, geometry.length),
-        "capsule": lambda: _capsule(geometry.radius, geometry.length),
+        "box": lambda: _box(np.array(size)),
+        "sphere": lambda: _sphere(radius),
+        "cylinder": lambda: _cylinder(radius, length),
+        "capsule": lambda: _capsule(radius, length),
+        "plane": lambda: _plane(normal, size[:2]),
     }
-    return (makers[geometry.kind](),)
+    return (makers[kind](),)
 
 
 def _box(extents: np.ndarray) -> Mesh:

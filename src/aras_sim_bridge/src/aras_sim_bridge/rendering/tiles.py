@@ -8,12 +8,13 @@ bends much; then each is cut into cells.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from functools import cached_property
 
 import numpy as np
 
 from ..errors import RenderingError
+from .recent import Recent
 
 TILE = 8  # px a side
 # How far a pixel may be beside its ray, px, where it is farthest. As the middle of a cell is beside
@@ -27,6 +28,9 @@ FARTHEST = 1e8
 SIDEWAYS = np.radians(89.9)
 
 Unproject = Callable[[np.ndarray], np.ndarray]
+# Memory for tiles that come again, bytes, and the pixels of a picture whose tiles may be kept: a
+# study shows the world through the same camera ten thousand times.
+KEPT, LARGE = 1 << 26, 640 * 480
 
 
 class Tiles:
@@ -242,6 +246,17 @@ class _Continued:
         beside = rim + share[:, None] * rate
         rays[beyond] = beside / np.linalg.norm(beside, axis=1, keepdims=True)
         return rays
+
+
+def shared(width: int, height: int, key: Hashable, make: Callable[[], Tiles]) -> Tiles:
+    """Tiles of a picture's size and a key for its rays, made only if no renderer of this process
+    had them lately."""
+    if width * height > LARGE:
+        return make()
+    return _shared.get((width, height, key), make)
+
+
+_shared: Recent[Hashable, Tiles] = Recent(KEPT)
 
 
 def _inside(width: int, height: int, rows: int, columns: int) -> np.ndarray:

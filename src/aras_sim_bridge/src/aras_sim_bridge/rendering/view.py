@@ -10,12 +10,11 @@ import numpy as np
 
 from ..description.types import Rgba
 from ..errors import RenderingError
-from .tiles import Tiles
+from .tiles import Tiles, shared
 
 # sensor frame (x forward, y left, z up; Gazebo's cameras) -> optical frame (z forward, x right,
 # y down; REP 103)
 SENSOR_R_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-
 
 @dataclass(frozen=True)
 class View:
@@ -62,7 +61,8 @@ class View:
 
     def tiles(self) -> Tiles:
         """The tiles that the picture is drawn in."""
-        return self.lens or Tiles.of_pinhole(self.width, self.height, self.K)
+        return self.lens or shared(self.width, self.height, self.K.tobytes(), lambda: (
+            Tiles.of_pinhole(self.width, self.height, self.K)))
 
 
 @dataclass(frozen=True)

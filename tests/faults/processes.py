@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
+from itertools import takewhile
 
 from ros_graph import GraphError, Launch, wait_for
 
@@ -122,12 +123,13 @@ def tracebacks(text: str) -> tuple[list[str], int]:
     found, unborn = [], 0
     for piece in text.split("Traceback (most recent call last):")[1:]:
         lines = piece.splitlines()
-        frame = next((line.strip() for line in lines if line.lstrip().startswith("File ")), "")
+        frames = [line.strip() for line in lines if line.lstrip().startswith("File ")]
+        frozen = takewhile(lambda frame: frame.startswith('File "<frozen '), frames)
         last = next((line for line in lines[1:] if line and not line.startswith(" ")), "")
-        if frame.startswith('File "<frozen site>"'):
+        if any(frame.startswith('File "<frozen site>"') for frame in frozen):
             unborn += 1
         else:
-            found.append(f"traceback, {frame}: {last}")
+            found.append(f"traceback, {(frames or [''])[0]}: {last}")
     return found, unborn
 
 

@@ -57,12 +57,14 @@ def test_a_traceback_of_pythons_own_beginning_is_told_from_those_of_programs():
         'Traceback (most recent call last):\n  File "<frozen site>", line 638, in <module>\n'
         "KeyboardInterrupt\n"
     )
+    importing = '  File "<frozen importlib._bootstrap>", line 1178, in _find_and_load\n  File'
+    nested = python.replace("  File", importing, 1)
     ours = (
         'Traceback (most recent call last):\n  File "/ws/devel/lib/gazebo", line 15, in <module>\n'
         '    exec(x)\n  File "<frozen site>", line 3, in main\nKeyboardInterrupt\n'
     )
-    found, unborn = tracebacks(f"[INFO] up\n{python}words\n{ours}{python}")
-    assert unborn == 2 and len(found) == 1
+    found, unborn = tracebacks(f"[INFO] up\n{python}words\n{ours}{python}{nested}")
+    assert unborn == 3 and len(found) == 1
     assert "/ws/devel/lib/gazebo" in found[0] and found[0].endswith("KeyboardInterrupt")
     assert tracebacks("all is well") == ([], 0)
 

@@ -262,11 +262,10 @@ def test_the_library_s_lines_go_where_rospy_s_go(level, shown, monkeypatch):
 def process(graph, monkeypatch):
     """rospy's process: `end` ends it, as a signal does; `told` are the reasons of an end."""
     it = SimpleNamespace(graph=graph, told=[], hooks=[], watched=[])
-    monkeypatch.setattr(rospy, "init_node", lambda *_args, **_options: None)
+    monkeypatch.setattr(node, "begin_node", lambda *_args, **_options: None)
     monkeypatch.setattr(rospy, "on_shutdown", it.hooks.append)
     monkeypatch.setattr(rospy.rostime, "wallsleep", lambda _seconds: None)
     monkeypatch.setattr(node, "open_wide", lambda: None)
-    monkeypatch.setattr(node, "end_on_signals", lambda: None)
     monkeypatch.setattr(node, "_set_up_log", lambda _level: None)
     monkeypatch.setattr(node.sys, "setswitchinterval", lambda _seconds: None)
 

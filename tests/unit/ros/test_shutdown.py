@@ -97,3 +97,41 @@ def test_a_node_that_is_interrupted_while_it_begins_ends_without_a_traceback(
     )  # fmt: skip
     assert (ended.returncode, ended.stdout) == (status, "")
     assert told in ended.stderr and ("Traceback" in ended.stderr) == bool(told)
+
+
+LOCKED = """
+import os, signal, threading, time
+from types import SimpleNamespace
+import rospy, rospy.impl.init, rospy.impl.rosout
+from aras_visual_servo_ros.shutdown import begin_node
+
+lock = threading.Lock()  # as some of rospy's own are
+
+def init_rosout():
+    with lock:
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.2)
+
+def end(reason):
+    with lock:
+        print("ended", flush=True)
+
+rospy.impl.init.start_node = lambda *_, **__: SimpleNamespace(uri="http://x:1/", shutdown=end)
+rospy.impl.rosout.init_rosout = init_rosout
+begin_node("begins")
+print("up")
+"""
+
+
+def test_an_interruption_waits_for_no_lock_that_the_beginning_holds(tmp_path):
+    """rospy ends the node in the signal's handler: in the thread that holds the lock."""
+    environment = {
+        **os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+        "ROS_LOG_DIR": str(tmp_path), "ROS_MASTER_URI": "http://127.0.0.1:1",
+    }  # fmt: skip
+    ended = subprocess.run(
+        [sys.executable, "-c", LOCKED], env=environment, capture_output=True, text=True,
+        timeout=30.0,
+    )  # fmt: skip
+    assert (ended.returncode, ended.stdout) == (130, "ended\n")
+    assert "Traceback" not in ended.stderr

@@ -11,7 +11,7 @@ from sensor_msgs.msg import Image as ImageMessage
 
 from aras_visual_servo_ros.connections import open_wide
 from aras_visual_servo_ros.master_watch import MasterWatch
-from aras_visual_servo_ros.shutdown import begin_node, end_on_signals, end_without_master
+from aras_visual_servo_ros.shutdown import begin_node, end_without_master
 
 from .errors import CalibrationError, VisionError
 from .images import decode
@@ -81,7 +81,6 @@ def main() -> int:
     """Run the node; exit status 1 if its parameters are wrong."""
     begin_node("aras_visual_servo_camera")
     open_wide()
-    end_on_signals()
     given = rospy.get_param("~", {})
     try:
         node = CameraNode(NodeParameters.from_mapping(given if isinstance(given, dict) else {}))

@@ -26,21 +26,23 @@ class _OrderlyEnd(logging.Filter):
 
 
 def begin_node(name: str, **options: bool) -> None:
-    """rospy.init_node(name, **options) that may be interrupted at any moment.
+    """rospy.init_node(name, **options) that may be interrupted at any moment; in the main thread.
 
-    A Ctrl-C in the middle of it has rospy raise what no program awaits there; here it ends the
-    program as one just before or after does, without a traceback.
+    A Ctrl-C in the middle of it ends the program as one just before or after does: it waits for no
+    lock that rospy holds there, and what rospy raises then, which no program awaits, is not told.
     """
+    end_on_signals()
     try:
-        rospy.init_node(name, **options)
-    except (rospy.ROSException, rospy.ServiceException):
-        if not rospy.is_shutdown():
+        rospy.init_node(name, disable_signals=True, **options)
+    except Exception:  # of what is half made and taken down again
+        if not rospy.core.is_shutdown_requested():
             raise
+    if rospy.core.is_shutdown_requested():
         sys.exit(128 + signal.SIGINT)
 
 
 def end_on_signals() -> None:
-    """Take Ctrl-C and SIGTERM over from rospy; call it after begin_node, in the main thread.
+    """Hear Ctrl-C and SIGTERM in rospy's place; in the main thread.
 
     rospy ends the node inside the signal handler, which Python runs in the main thread, wherever
     that is: in the middle of a log line it waits for locks that this line holds. And the kernel may

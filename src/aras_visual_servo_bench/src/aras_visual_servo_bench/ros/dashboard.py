@@ -15,7 +15,7 @@ from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_ros.connections import open_wide
 from aras_visual_servo_ros.master_watch import MasterWatch
-from aras_visual_servo_ros.shutdown import begin_node, end_on_signals, end_without_master
+from aras_visual_servo_ros.shutdown import begin_node, end_without_master
 
 from ..errors import BenchError
 from ..live.page import Page
@@ -171,7 +171,6 @@ def main() -> int:
     """Run the node; returns its exit status."""
     begin_node("aras_visual_servo_dashboard", disable_rostime=True)
     open_wide()
-    end_on_signals()
     try:
         from ..live.server import serve
     except ModuleNotFoundError as error:

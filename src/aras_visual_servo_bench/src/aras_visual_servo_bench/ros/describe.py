@@ -88,12 +88,11 @@ def main() -> int:
     from std_msgs.msg import String
 
     from aras_visual_servo_controller.ros.given import robot_name
-    from aras_visual_servo_ros.shutdown import begin_node, end_on_signals
+    from aras_visual_servo_ros.shutdown import begin_node
 
     from . import target_place
 
     begin_node("describe", disable_rostime=True)
-    end_on_signals()
     controller = rospy.get_param("~controller", CONTROLLER)
     publisher = rospy.Publisher(TOPIC, String, queue_size=1, latch=True)
     target = rospy.Publisher(target_place.TOPIC, PoseStamped, queue_size=1, latch=True)

@@ -12,7 +12,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_ros.connections import open_wide
 from aras_visual_servo_ros.master_watch import MasterWatch
-from aras_visual_servo_ros.shutdown import begin_node, end_on_signals, end_without_master
+from aras_visual_servo_ros.shutdown import begin_node, end_without_master
 
 from ..live.shapes import ARROW, FACES, LINES, STRIP, TEXT, Shape
 from .listener import Listener, listener_settings
@@ -62,7 +62,6 @@ def main() -> int:
     """Run the node; returns its exit status."""
     begin_node("aras_visual_servo_markers", disable_rostime=True)
     open_wide()
-    end_on_signals()
     try:
         settings = listener_settings(rospy.get_param("~", {}))
         listener = Listener(settings)

@@ -9,7 +9,7 @@ import rospy
 
 from aras_visual_servo_ros.connections import open_wide
 from aras_visual_servo_ros.master_watch import MasterWatch
-from aras_visual_servo_ros.shutdown import begin_node, end_on_signals, end_without_master
+from aras_visual_servo_ros.shutdown import begin_node, end_without_master
 
 from ..driver import Driver
 from ..errors import ConfigurationError
@@ -88,7 +88,6 @@ def main() -> int:
     """Run the node; returns its exit status."""
     begin_node("aras_visual_servo_controller")
     open_wide()
-    end_on_signals()
     try:
         settings, given = given_settings()
     except ConfigurationError as error:

@@ -28,7 +28,7 @@ from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_ros.connections import open_wide
 from aras_visual_servo_ros.master_watch import MasterWatch
 from aras_visual_servo_ros.parameters import InvalidParameterError, namespace_of
-from aras_visual_servo_ros.shutdown import begin_node, end_on_signals
+from aras_visual_servo_ros.shutdown import begin_node
 
 log = logging.getLogger(__name__)
 
@@ -170,9 +170,10 @@ class _Ending:
     def __init__(self) -> None:
         self.begun = threading.Event()
         self.node: GazeboNode | None = None
-        end_on_signals()
         # rospy runs this before it closes the topics, so no step publishes into closed ones.
         rospy.on_shutdown(self._on_shutdown)
+        if rospy.core.is_shutdown_requested():  # just before: too late for that
+            self.begun.set()
 
     def _on_shutdown(self) -> None:
         self.begun.set()

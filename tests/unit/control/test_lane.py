@@ -78,6 +78,31 @@ def test_next_message_waits_behind_the_rest_of_the_one_before(line):
     assert received(theirs, SIZE) == bytes([3]) * SIZE
 
 
+class Sip:
+    """A socket that takes so many bytes at a time."""
+
+    def __init__(self, most: int) -> None:
+        self.most, self.taken = most, b""
+
+    def fileno(self) -> int:
+        return -1  # nobody but the test asks it for more
+
+    def sendmsg(self, parts, _ancillary, _flags) -> int:
+        some = b"".join(map(bytes, parts))[: self.most]
+        self.taken += some
+        return len(some)
+
+
+@pytest.mark.parametrize("most", range(1, 13))
+def test_every_byte_goes_once_wherever_a_socket_stops(most):
+    sip = Sip(most)
+    lane = Lane(sip, QUEUE, lambda: None)
+    lane.send((b"0123", memoryview(b"45"), b"6789"))
+    while lane.left:
+        lane.flush()
+    assert sip.taken == b"0123456789"
+
+
 def test_lost_listener_is_reported_once(line):
     lane, theirs, lost = line
     lane.send(message(1))

@@ -92,11 +92,6 @@ class CameraSensor:
         """(4, 4) mounting pose of the optical frame."""
         return self._link_T_optical.copy()
 
-    @property
-    def period_ns(self) -> int:
-        """Period, ns, rounded; the instants do not accumulate the rounding."""
-        return round(1e9 / self._rate)
-
     def check_time_step(self, step_ns: int, rate: float | None = None) -> None:
         """Raise CameraError if the camera, at its own rate or at `rate` Hz, outruns the physics."""
         rate = self._rate if rate is None else rate

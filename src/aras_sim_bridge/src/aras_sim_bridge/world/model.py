@@ -45,7 +45,6 @@ class Model:
         self.set_position = self.joints.set_position
         self.set_joint_positions = self.joints.set_joint_positions
         self.set_velocity_motor = self.joints.set_velocity_motor
-        self.release_motor = self.joints.release_motor
         self.bound_speed = self.joints.bound_speed
         self.bias_efforts = self.joints.bias_efforts
         self.check_efforts = self.joints.check_efforts

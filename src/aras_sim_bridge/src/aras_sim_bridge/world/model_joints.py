@@ -299,10 +299,6 @@ class ModelJoints:
         self._motors[slot] = (velocity, min(max_effort, NO_LIMIT_FORCE))
         self._set_motor(slot)
 
-    def release_motor(self, joint: str) -> None:
-        """Undo `set_velocity_motor`: back to Coulomb friction."""
-        self.restore_friction(self._require(joint))
-
     def bound_speed(self, joint: str, fastest: float) -> None:
         """Let nothing at all make `joint` faster than this, rad/s or m/s, from now on.
 

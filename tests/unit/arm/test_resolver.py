@@ -19,6 +19,7 @@ from aras_visual_servo_controller.arm import (
 from aras_visual_servo_controller.arm.fold import find
 from aras_visual_servo_controller.arm.poses import pose_difference, rotation_vector
 from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.inversion import _joint_by_joint
 from aras_visual_servo_controller.task import Task
 
 ALL = (True,) * 6
@@ -505,6 +506,22 @@ def test_beyond_the_stretched_arm_it_says_so():
         assert q[3] < 0.0
     assert any("stretched" in reason for reason in answer.reasons)
     assert answer.lost[2] == pytest.approx(0.05, rel=0.05)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize("other", [-0.5, 0.5])
+def test_a_straight_elbow_comes_back_whatever_another_one_does(side, other):
+    """Of two elbows the first is straight, which only bent ones move; the second is far from it."""
+    scaled, bent = np.zeros((6, 2)), np.zeros((6, 2))
+    scaled[1, 1] = bent[0, 0] = bent[1, 1] = 1.0
+    folds = np.array([[0.0, 0.0, side], [1.0, 0.0, -side]])
+    for speed in (-1.0, 1.0):
+        solution, *_ = _joint_by_joint(
+            scaled, bent, np.eye(6)[:2], np.array([side, speed]), np.ones(2), np.zeros(2),
+            np.full(2, -9.0), np.full(2, 9.0), folds, np.full((4, 2), 9.0),
+            np.array([0.0, other]), 0.01, 0.1, np.array([0.0, 1e-9]),
+        )  # fmt: skip
+        np.testing.assert_allclose(solution, [side, speed], atol=1e-9)
 
 
 # ------------------------------------------------------------------------ secondary tasks

@@ -200,6 +200,8 @@ class Campaign:
         self._keep(answer, file)
 
     def _keep(self, recording: dict, file: Path) -> None:
+        # Scripts without .py run too, but no fault is planted in them.
+        recording["lines"] = {n: v for n, v in recording["lines"].items() if n in self._digests}
         recording["sources"] = {name: self._digests[name] for name in recording["lines"]}
         part = file.with_suffix(f".{os.getpid()}")
         part.write_text(json.dumps(recording))

@@ -19,7 +19,7 @@ from aras_visual_servo_controller.arm import (
 from aras_visual_servo_controller.arm.fold import find
 from aras_visual_servo_controller.arm.poses import pose_difference, rotation_vector
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.inversion import _joint_by_joint
+from aras_visual_servo_controller.inversion import _joint_by_joint, _passes
 from aras_visual_servo_controller.task import Task
 
 ALL = (True,) * 6
@@ -485,13 +485,14 @@ def test_a_stretched_arm_comes_back(side):
     assert path[-1, 3] * side > 0.3 and (path[1:, 3] * side > 0.0).all()
 
 
-def test_the_elbow_closes_in_on_straight_and_never_passes_it():
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_the_elbow_closes_in_on_straight_and_never_passes_it(side):
     arm = make("aras")
-    resolver = Resolver(arm)
-    start = np.array([0.1, 0.0, 0.17, -0.09, -0.09, 0.0])
+    resolver = Resolver(arm, folds=find(arm, {"J3": side}))
+    start = np.array([0.1, 0.0, -0.17 * side, 0.09 * side, 0.09 * side, 0.0])
     resolver.goal = arm.pose(np.zeros(6))
     path = goto(resolver, start, arm.pose(np.zeros(6)), MOMENTS, gain=3.0, dt=1 / 30)
-    assert (path[:, 3] < 0.0).all()
+    assert (path[:, 3] * side > 0.0).all()
     assert pose_difference(arm.pose(path[-1]), arm.pose(np.zeros(6)))[0] < 1e-5
 
 
@@ -506,6 +507,18 @@ def test_beyond_the_stretched_arm_it_says_so():
         assert q[3] < 0.0
     assert any("stretched" in reason for reason in answer.reasons)
     assert answer.lost[2] == pytest.approx(0.05, rel=0.05)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+@pytest.mark.parametrize(("bend", "speed", "passes"), [
+    (0.02, -0.11, True), (0.02, -0.09, False), (0.02, 0.5, False), (0.11, -9.0, False)
+])  # fmt: skip
+def test_an_elbow_passes_where_a_step_takes_more_than_half_of_a_small_bend(
+    side, bend, speed, passes
+):
+    q, fold = np.array([0.0, 0.3 + side * bend]), np.array([1.0, 0.3, -side])
+    velocities = np.array([0.0, side * speed])
+    assert _passes(q, fold, velocities, 0.1, 0.1) == passes
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])

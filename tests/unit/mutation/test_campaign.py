@@ -52,6 +52,10 @@ def test_scaled():
 
 def test_counted():
     assert counted(3) == 0
+
+def test_script():
+    import runpy
+    assert runpy.run_path("src/script")["two"]() == 2
 """
 AREA = Area("toy", ("src/toy.py",), ("tests",))
 
@@ -63,6 +67,7 @@ def top(tmp_path: Path) -> Path:
     (top / "src").mkdir(parents=True)
     (top / "tests").mkdir()
     (top / "src" / "toy.py").write_text(TOY)
+    (top / "src" / "script").write_text("def two():\n    return 2\n")  # without .py
     (top / "tests" / "test_toy.py").write_text(TESTS)
     (top / "pyproject.toml").write_text('[tool.pytest.ini_options]\npythonpath = ["src"]\n')
     subprocess.run(["git", "init", "-q", str(top)], check=True)

@@ -202,6 +202,15 @@ def test_a_switch_that_nobody_carries_out_is_given_up(rig, monkeypatch):
     assert rig.call("list_controllers").controller[0].state == "initialized"
 
 
+def test_who_ends_at_the_same_ctrl_c_asks_in_vain_and_no_line_is_written_of_it(rig):
+    rig.run("push")
+    rig.thread.stop()
+    lines = list(rig.graph.lines)
+    assert not rig.call("switch_controller", [], ["push"], 2).ok
+    assert not rig.call("unload_controller", "push").ok
+    assert rig.graph.lines == lines
+
+
 def test_the_limit_of_a_switch_is_as_the_readme_says():
     text = (Path(__file__).parents[3] / "src" / "aras_sim_bridge" / "README.md").read_text()
     assert f"answers after {manager_services.SWITCH_TIMEOUT:g} s of wall time" in text

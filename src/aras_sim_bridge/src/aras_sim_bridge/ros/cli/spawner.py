@@ -129,9 +129,13 @@ class Spawner:
         try:
             rospy.loginfo("Shutting down spawner. Stopping and unloading controllers...")
             self._proxies["switch_controller"]([], self._loaded, STRICT, False, 0.0)
-            for name in reversed(self._loaded):
-                if not self._proxies["unload_controller"](name).ok:
-                    rospy.logwarn("Failed to unload %s", name)
+            left = [
+                name for name in reversed(self._loaded)
+                if not self._proxies["unload_controller"](name).ok
+            ]  # fmt: skip
+            if len(left) < len(self._loaded):  # else the simulator ends at the same Ctrl-C
+                for name in left:
+                    rospy.logwarn("Failed to unload %s; the simulator's log says why", name)
         except (rospy.ServiceException, rospy.ROSException, OSError):
             rospy.logdebug("the simulator is gone already; nothing to unload")
 

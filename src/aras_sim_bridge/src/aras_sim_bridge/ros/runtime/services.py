@@ -19,7 +19,7 @@ import rospy
 from genpy import Message
 
 from aras_sim_bridge.errors import USER_FAULTS, SimError
-from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.ros.runtime.simulation_thread import SHUTTING_DOWN, SimulationThread
 
 log = logging.getLogger(__name__)
 
@@ -138,7 +138,9 @@ def answered(
         return terms.answer(fields)
     except SimError as error:
         text = f"{terms.kind}: {error}"
-        rospy.logerr("%s: %s", name, error)
+        # Who ends at the same Ctrl-C, as spawners do, asks in vain: that is no fault.
+        tell = rospy.logdebug if str(error) == SHUTTING_DOWN else rospy.logerr
+        tell("%s: %s", name, error)
     except rospy.ServiceException:
         raise
     except USER_FAULTS as error:

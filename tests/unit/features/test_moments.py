@@ -16,7 +16,7 @@ from aras_visual_servo_camera.degeneracy import (
     moment_norm,
 )
 from aras_visual_servo_camera.errors import MomentsError
-from aras_visual_servo_camera.moments import _DEBLUR, Moments, Pinhole, exponents
+from aras_visual_servo_camera.moments import Moments, Pinhole, exponents
 
 CAMERA = Pinhole(205.3, 204.1, 161.2, 118.7)
 
@@ -106,7 +106,7 @@ def test_binary_image_equals_opencv() -> None:
 
 @pytest.mark.parametrize("seed", range(4))
 def test_coverage_image_gives_the_polygon(seed: int) -> None:
-    """Taking the pixel's own extent out leaves an error far below the pixel's variance."""
+    """Knowing which side of a pixel is covered leaves an error far below the pixel's variance."""
     outline = random_view(seed).image
     exact = Moments.from_polygon(outline)
     weights = coverage_image(outline, CAMERA, (240, 320))
@@ -168,12 +168,24 @@ def test_bad_shapes_are_refused(make, text: str) -> None:
         make()
 
 
-def test_deblurring_weights_undo_the_square_of_a_pixel() -> None:
-    """q_i averaged over one pixel is u^i, for every order that there is."""
-    for i, coefficients in enumerate(_DEBLUR):
-        integral = np.polynomial.Polynomial(coefficients).integ()
-        u = np.linspace(-2.0, 2.0, 9)
-        np.testing.assert_allclose(integral(u + 0.5) - integral(u - 0.5), u**i, atol=1e-11)
+@pytest.mark.parametrize("phase", [0.0, 0.15, 0.3, 0.5, 0.8])
+def test_edges_along_rows_of_pixels_lie_where_they_are(phase: float) -> None:
+    """All pixels of such an edge are covered alike: nothing averages out, to any order."""
+    low, high = np.array([20.0 + phase, 30.0 - 0.7 * phase]), np.array([44.6, 61.25 + phase])
+    exact = Moments.from_polygon([low, (high[0], low[1]), high, (low[0], high[1])])
+    cover = [
+        np.clip(np.minimum(b, n + 0.5) - np.maximum(a, n - 0.5), 0.0, 1.0)
+        for a, b, n in zip(low, high, (np.arange(80.0), np.arange(90.0)), strict=True)
+    ]
+    for full_scale in (1.0, 255.0):
+        weights = full_scale * np.outer(cover[1], cover[0])
+        pixels = Pinhole(1.0, 1.0, 0.0, 0.0)
+        seen = Moments.from_image(weights, pixels, 6, full_scale, coverage=True)
+        assert (seen.xg, seen.yg) == pytest.approx((exact.xg, exact.yg), abs=4e-4)
+        rg, _ = scales(exact)
+        for i, j in exponents(6):
+            off = seen.mu(i, j) - exact.mu(i, j)
+            assert abs(off) < 5e-4 * exact.m00 * rg ** (i + j), (i, j)
 
 
 def test_moments_about_the_centre_of_gravity_have_no_first_order() -> None:

@@ -225,7 +225,8 @@ def test_no_distortion_takes_the_short_way_and_agrees() -> None:
         pipeline.set_camera(camera)
         results.append(pipeline.measure(picture).moments)
     assert results[0].m00 == pytest.approx(results[1].m00, rel=1e-9)
-    assert results[0].mu(2, 0) == pytest.approx(results[1].mu(2, 0), rel=1e-6)
+    # to second order in where an edge pixel is covered
+    assert results[0].mu(2, 0) == pytest.approx(results[1].mu(2, 0), rel=5e-6)
 
 
 def test_field_beyond_180_degrees_has_no_coordinates() -> None:

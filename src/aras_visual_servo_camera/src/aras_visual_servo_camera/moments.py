@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .compiled import MATRIX, NUMBER, compiled
+from .edges import sides
 from .errors import MomentsError
 
 Array = NDArray[np.float64]
@@ -38,22 +39,6 @@ _CHUNK = 4096  # samples whose powers stay in the processor's cache
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(MAX_ORDER // 2 + 1)
 _NODES = 0.5 * (_NODES + 1.0)
 _WEIGHTS = 0.5 * _WEIGHTS
-
-# q_i(u) with (q_i * unit box)(u) = u^i, coefficients of u^0 .. u^6. A pixel that stores how much
-# of it is covered holds the shape blurred by one pixel's square; weighting with q_i instead of
-# u^i takes that blur out of the moments again (for i = 2: minus 1/12 square pixel).
-_DEBLUR = np.array(
-    [
-        [1, 0, 0, 0, 0, 0, 0],
-        [0, 1, 0, 0, 0, 0, 0],
-        [-1 / 12, 0, 1, 0, 0, 0, 0],
-        [0, -1 / 4, 0, 1, 0, 0, 0],
-        [7 / 240, 0, -1 / 2, 0, 1, 0, 0],
-        [0, 7 / 48, 0, -5 / 6, 0, 1, 0],
-        [-31 / 1344, 0, 7 / 16, 0, -5 / 4, 0, 1],
-    ]
-)
-
 
 @cache
 def exponents(order: int) -> tuple[tuple[int, int], ...]:
@@ -214,12 +199,12 @@ class Moments:
         weight: Array,
         order: int = MAX_ORDER,
         kind: str = DENSE,
-        blur: tuple[float, float, float] | None = None,
+        extent: tuple[float, float, float] | None = None,
     ) -> Moments:
         """Sum of weight x^i y^j over samples (n,): undistorted pixels with their areas.
 
-        `blur` is the variance (xx, xy, yy) of what a sample was averaged over, a pixel's square
-        for coverage weights; it is taken out to first order.
+        `extent` is the variance (xx, xy, yy) of what a sample stands for, a pixel's square for
+        coverage weights; it is added to first order.
         """
         total = float(weight.sum())
         if not total > 0.0:
@@ -236,8 +221,8 @@ class Moments:
                 np.multiply(px[k], dx, out=px[k + 1])
                 np.multiply(py[k], dy, out=py[k + 1])
             table += px @ py.T
-        if blur is not None:
-            table = _deblur(table, blur)
+        if extent is not None:
+            table = _extended(table, extent)
         return cls._from_table(table, x0, y0, order, kind)
 
     @classmethod
@@ -260,8 +245,8 @@ class Moments:
             order: highest i + j, at most 6.
             full_scale: the value that stands for a pixel wholly on the shape.
             offset: (column, row) of weights[0, 0] in the whole image, for a crop.
-            coverage: True if a weight says how much of the pixel's square is covered (the pixel's
-                own extent is then taken out), False if it samples the pixel's centre.
+            coverage: True if a weight says how much of the pixel's square is covered, False if it
+                samples the pixel's centre.
 
         Raises:
             MomentsError: the image has no weight.
@@ -269,7 +254,14 @@ class Moments:
         rows, columns = weights.shape
         v = _powers(rows, order, coverage)
         u = _powers(columns, order, coverage)
-        table = (v.T @ weights.astype(np.float64, copy=False) @ u).T
+        weights = weights.astype(np.float64, copy=False)
+        if coverage:
+            across, along = sides(weights if full_scale == 1.0 else weights / full_scale)
+            slope_u, slope_v = _slopes(columns, order), _slopes(rows, order)
+            part = full_scale * (v.T @ (across @ slope_u) + slope_v.T @ (along @ u))
+            table = (v.T @ (weights @ u) + part).T
+        else:
+            table = (v.T @ weights @ u).T
         table = table * _pixel_scale(camera.fx, camera.fy, order, full_scale)
         x0 = (offset[0] + 0.5 * (columns - 1) - camera.cx) / camera.fx
         y0 = (offset[1] + 0.5 * (rows - 1) - camera.cy) / camera.fy
@@ -322,26 +314,35 @@ def translate(table, dx, dy):
     return moved
 
 
-def _deblur(table: Array, blur: tuple[float, float, float]) -> Array:
-    """Moments with (1 - half the blur's Laplacian) applied to x^i y^j."""
-    xx, xy, yy = blur
+def _extended(table: Array, extent: tuple[float, float, float]) -> Array:
+    """Moments with (1 + half the extent's Laplacian) applied to x^i y^j."""
+    xx, xy, yy = extent
     k = np.arange(table.shape[0], dtype=float)
     i, j = k[:, None], k[None, :]
     result = table.copy()
-    result[2:, :] -= 0.5 * xx * (i * (i - 1))[2:] * table[:-2, :]
-    result[1:, 1:] -= xy * (i * j)[1:, 1:] * table[:-1, :-1]
-    result[:, 2:] -= 0.5 * yy * (j * (j - 1))[:, 2:] * table[:, :-2]
+    result[2:, :] += 0.5 * xx * (i * (i - 1))[2:] * table[:-2, :]
+    result[1:, 1:] += xy * (i * j)[1:, 1:] * table[:-1, :-1]
+    result[:, 2:] += 0.5 * yy * (j * (j - 1))[:, 2:] * table[:, :-2]
     return result
 
 
 @lru_cache(maxsize=4096)
 def _powers(size: int, order: int, coverage: bool) -> Array:
-    """(size, order+1): powers of the pixel coordinate about the middle of `size` pixels."""
-    u = np.arange(size) - 0.5 * (size - 1)
-    powers = u[:, None] ** np.arange(order + 1)
+    """(size, order+1): powers of the pixel coordinate about the middle of `size` pixels; with
+    `coverage` their means over each pixel."""
+    u, k = np.arange(size) - 0.5 * (size - 1), np.arange(order + 1)
     if coverage:
-        powers = powers @ _DEBLUR[: order + 1, : order + 1].T
-    return _frozen(powers)
+        high, low = ((u[:, None] + half) ** (k + 1) for half in (0.5, -0.5))
+        return _frozen((high - low) / (k + 1))
+    return _frozen(u[:, None] ** k)
+
+
+@lru_cache(maxsize=4096)
+def _slopes(size: int, order: int) -> Array:
+    """(size, order+1): derivatives of `_powers` with coverage."""
+    slopes = np.zeros((size, order + 1))
+    slopes[:, 1:] = np.arange(1, order + 1) * _powers(size, order, True)[:, :-1]
+    return _frozen(slopes)
 
 
 @lru_cache(maxsize=64)

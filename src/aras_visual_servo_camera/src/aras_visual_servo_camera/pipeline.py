@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .degeneracy import gyration_radius
+from .edges import placed
 from .errors import CalibrationError, SegmentationError, VisionError
 from .images import Image
 from .kernel import kernel_features, moment_layout
@@ -149,21 +150,20 @@ class Pipeline:
             return Moments.from_image(
                 weights, camera.pinhole, settings.order, full_scale, corner, smooth
             )
-        crop = tuple(
-            slice(first, first + size)
-            for first, size in zip(corner[::-1], weights.shape, strict=True)
-        )
-        x, y, area = (table[crop].ravel() for table in camera.tables)
-        weight = weights.ravel()
-        if weight[area == 0.0].any():
+        rows, columns = weights.shape
+        crop = slice(corner[1], corner[1] + rows), slice(corner[0], corner[0] + columns)
+        tables = camera.tables
+        if weights[tables.area[crop] == 0.0].any():
             raise SegmentationError(
                 "the target reaches beyond the part of the image that has normalised coordinates"
             )
-        column, row, width, height = target.box
-        blur = camera.tables.pixel_variance(column + width // 2, row + height // 2)
-        return Moments.from_samples(
-            x, y, weight * area / full_scale, settings.order, blur=blur if smooth else None
-        )
+        if smooth:
+            x, y, weight = placed(*tables, weights, *corner)
+            column, row, width, height = target.box
+            extent = tables.pixel_variance(column + width // 2, row + height // 2)
+            return Moments.from_samples(x, y, weight, settings.order, extent=extent)
+        x, y, area = (table[crop].ravel() for table in tables)
+        return Moments.from_samples(x, y, weights.ravel() * area / full_scale, settings.order)
 
 
 def _binary(target: Target) -> tuple[NDArray[np.uint8], tuple[int, int], float]:

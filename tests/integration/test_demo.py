@@ -8,14 +8,14 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from ros_graph import wait_for
 
-from aras_visual_servo_bench.ros.demo import parse
-
 DEMO = [sys.executable, "-c", "import sys; from aras_visual_servo_bench.ros.demo import "
         "main; sys.exit(main())"]
+URDF = Path(__file__).parents[2] / "src/aras_visual_servo_gazebo/robots/aras_visual_servo.urdf"
 FILES = (
     "summary.json",
     "run.bag",
@@ -85,13 +85,18 @@ def test_converges_and_reports(tmp_path, scheme, start):
     ("camera", "start", "moved"),
     [
         ("fisheye", "2015", []),
-        ("noisy", "2016", ["--camera-xyz", "0 0.03 0", "--camera-rpy", "0 0.1745 0"]),
+        ("noisy", "2016", [
+            "--camera-xyz", "0 0.03 0", "--camera-rpy", "0 0.1745 0",
+            "--target", "l_shape", "--target-size", "0.06 0.06", "--urdf", str(URDF),
+            "joint_friction:=false",
+        ]),
     ],
-    ids=["fisheye", "noisy-moved"],
-)
+    ids=["fisheye", "noisy-moved-target"],
+)  # fmt: skip
 def test_converges_with_other_cameras(tmp_path, camera, start, moved):
     """How fast and how near is held to in tests/unit/loop, for every preset; here, that the graph
-    does it too: a lens of its own kind, and noise, another start and another mounting at once."""
+    does it too: a lens of its own kind, and noise, another start, another mounting and another
+    target, before which the goal has to be taught, at once."""
     summary = converged(tmp_path / "out", "--camera", camera, "--start", start, *moved)
     assert summary["settings"]["camera"] == camera
     # Of some 200 pictures a loaded machine may lose three.
@@ -99,6 +104,7 @@ def test_converges_with_other_cameras(tmp_path, camera, start, moved):
     # Pose of the optical frame by tf, which knows of a moved camera by its description.
     assert summary["final_distance"] < 0.001
     assert summary["final_angle"] < 0.0175
+    assert summary["settings"]["target"] == ("l_shape" if moved else "aras")
     assert leftovers(tmp_path / "out") == []
 
 
@@ -125,45 +131,10 @@ def test_interrupt_leaves_no_process_behind(tmp_path):
     assert leftovers(out) == []
 
 
-@pytest.mark.parametrize(("arguments", "words"), [
-    (["--scheme", "momments"], "unknown scheme 'momments': did you mean 'moments'?"),
-    (["--scheme", "momnets"], "known are moments, "),
-    (["--scheme", "moments+poimts"], "did you mean 'points'?"),
-    (["--scheme", "my_module:MyScheme"], "my_module"),
-    (["--law", "proportionel"], "did you mean 'proportional'?"),
-    (["--gain", "5000"], "gain is 5000 1/s, more than 1000"),
-    (["--goal", "2017"], "unknown goal '2017': did you mean '201"),
-])  # fmt: skip
-def test_wrong_names_are_told_with_those_that_there_are(capsys, arguments, words):
-    with pytest.raises(SystemExit) as ended:
-        parse(arguments)
-    told = capsys.readouterr().err
-    assert ended.value.code == 2 and words in told
-    for name in ("partitioned", "luminance", "pose_camera"):  # the whole registry
-        assert name in told or "known are moments" not in words
-
-
-def test_a_wrong_name_ends_the_demo_before_anything_starts(tmp_path):
+def test_wrong_words_are_told_before_anything_starts(tmp_path):
+    """All of them: tests/unit/bench/test_demo_words.py."""
     done = demo(tmp_path / "out", "--scheme", "momments", timeout=30.0)
     assert done.returncode == 2
-    assert "did you mean 'moments'?" in done.stderr and "Traceback" not in done.stderr
+    assert "unknown scheme 'momments': did you mean 'moments'?" in done.stderr
+    assert "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [["--start", "2017"], ["--timeout", "-1"], ["--nonsense"], ["--camera-xyz", "0 0"]],
-)
-def test_wrong_arguments_are_refused(capsys, arguments):
-    with pytest.raises(SystemExit) as ended:
-        parse(arguments)
-    assert ended.value.code == 2 and "usage: demo" in capsys.readouterr().err
-
-
-def test_without_a_display_the_demo_says_so_and_goes_on_without_rviz(monkeypatch, capsys):
-    monkeypatch.delenv("DISPLAY", raising=False)
-    assert parse(["--rviz"]).rviz is False
-    assert "DISPLAY is not set: it goes on without rviz" in capsys.readouterr().err
-    monkeypatch.setenv("DISPLAY", ":0")
-    assert parse(["--rviz"]).rviz is True
-    assert not capsys.readouterr().err

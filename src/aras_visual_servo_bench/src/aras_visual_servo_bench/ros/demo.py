@@ -9,18 +9,16 @@ import os
 import signal
 import sys
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import rospy
 
-from aras_visual_servo_controller.errors import ConfigurationError, ServoError
-from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_controller.state import HOLDING
 
 from ..errors import BenchError
-from ..packages import PackagePath
+from .demo_words import STARTED, parse
 from .processes import Launch, free_port
 
 STARTUP_TIMEOUT = 300.0  # s of wall time for each step; nodes that die are told at once
@@ -28,96 +26,6 @@ SLOW_START = 20.0  # s of wall time after which it is told what is waited for
 WALL_PER_SIMULATED = 6.0  # patience with a slow machine
 HOLDING_PATIENCE = 5.0  # s of wall time for a controller that holds before it has begun
 AFTERGLOW = 0.5  # s recorded beyond convergence
-
-
-def parse(argv: list[str] | None) -> argparse.Namespace:
-    """The words of a command line, checked before anything is started."""
-    parser = argparse.ArgumentParser(
-        prog="demo", description="Servo the ARAS robot to its target and report how it went."
-    )
-    parser.add_argument(
-        "--scheme", default="moments",
-        help="a feature or scheme by name, moments by default, several joined by +, or "
-             "package.module:Class of your own, on PYTHONPATH; a wrong name lists all",
-    )
-    parser.add_argument(
-        "--start", type=_start, default="2016",
-        help="initial pose: 2015, 2016 (default), or gantry (m), J1, J2, J3, J5, J6 (rad), as "
-             "'0.1 0 0.17 -0.09 -0.09 2.09'",
-    )
-    parser.add_argument(
-        "--goal", default="auto", help="2015, 2016, or a goal's YAML file (default: that of the "
-        "start)",
-    )
-    parser.add_argument(
-        "--law", default="", help="control law by name, proportional by default, or "
-        "package.module:Class; a wrong name lists all",
-    )
-    parser.add_argument("--gain", type=_gain, help="of the law, 1/s (default: the controller's)")
-    parser.add_argument(
-        "--out", type=Path, default=Path("out"), help="directory for the results (default out/)"
-    )
-    parser.add_argument("--rviz", action="store_true", help="watch it in rviz (needs a display)")
-    parser.add_argument(
-        "--timeout", type=float, default=20.0, help="simulated s to converge in (default 20)"
-    )
-    parser.add_argument("--camera", default="original", help="camera preset, or its YAML "
-                        "file (default original)")  # fmt: skip
-    for part, unit in (("xyz", "m"), ("rpy", "rad")):
-        parser.add_argument(
-            f"--camera-{part}", type=_three, metavar="'0 0 0'",
-            help=f"where the camera is mounted in camera_link, {unit} (default: not moved)",
-        )
-    arguments = parser.parse_args(argv)
-    try:
-        _check(arguments)
-    except ConfigurationError as error:
-        parser.error(str(error))
-    if arguments.rviz and not os.environ.get("DISPLAY"):
-        print("demo: --rviz needs a display, and DISPLAY is not set: it goes on without rviz",
-              file=sys.stderr)  # fmt: skip
-        arguments.rviz = False
-    if not arguments.timeout > 0.0:
-        parser.error(f"--timeout must be above 0, not {arguments.timeout}")
-    return arguments
-
-
-def _check(arguments: argparse.Namespace) -> None:
-    """ConfigurationError for what the controller would refuse of scheme, law, gain and goal."""
-    given = {"scheme": arguments.scheme, "desired": arguments.goal}
-    for name, value in (("law", arguments.law), ("gain", arguments.gain)):
-        if value:
-            given[name] = value
-    package = Path(PackagePath().find("aras_visual_servo_controller"))
-    settings = Settings.from_mapping(given, package)
-    settings.make_scheme()
-    settings.load_goal()
-
-
-def _numbers(text: str, count: int, example: str) -> str:
-    """So many finite numbers, as one text for roslaunch."""
-    try:
-        numbers = [float(word) for word in text.split()]
-    except ValueError:
-        numbers = []
-    if len(numbers) != count or not np.isfinite(numbers).all():
-        raise argparse.ArgumentTypeError(f"'{text}' must be {count} finite numbers, as '{example}'")
-    return text
-
-
-def _three(text: str) -> str:
-    return _numbers(text, 3, "0 0.03 0")
-
-
-def _start(text: str) -> str:
-    return text if text in ("2015", "2016") else _numbers(text, 6, "0.1 0 0.17 -0.09 -0.09 2.09")
-
-
-def _gain(text: str) -> float:
-    value = float(_numbers(text, 1, "3"))
-    if value <= 0.0:
-        raise argparse.ArgumentTypeError(f"{text} must be above 0")
-    return value
 
 
 class Demo:
@@ -155,15 +63,16 @@ class Demo:
             ROS_MASTER_URI=self.uri, ROS_IP="127.0.0.1", ROS_LOG_DIR=str(self.out / "log")
         )
         os.environ.pop("ROS_HOSTNAME", None)
+        world, loop = STARTED
         robot = self._launch(
             "simulator",
-            ["-p", port, "aras_visual_servo_gazebo", "aras_visual_servo.launch"],
+            ["-p", port, "aras_visual_servo_gazebo", world],
             record="true",
             bag=str(self.bag),
-            camera=self.arguments.camera,
-            **self._moved(),
+            **self._world(),
             show_rviz=str(self.arguments.rviz).lower(),
             server_required="true",
+            **self.arguments.further[world],
         )
         if not wait_for_master(self.uri, lambda: robot.running, STARTUP_TIMEOUT):
             raise ServoError(f"the simulator did not start:\n{robot.last_lines()}")
@@ -177,16 +86,17 @@ class Demo:
         # The recorder and this process: rosbag takes a second to connect to a new topic.
         node = "/aras_visual_servo_controller"
         rospy.set_param(f"{node}/listeners", 2)
-        for name, value in (("law", self.arguments.law), ("gain", self.arguments.gain)):
-            if value:
+        for name in ("law", "gain", "tracker"):
+            if value := getattr(self.arguments, name):
                 rospy.set_param(f"{node}/{name}", value)
         _say("starting the camera and controller nodes")
         self._launch(
             "nodes",
-            ["aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch"],
+            ["aras_visual_servo_gazebo", loop],
             scheme=self.arguments.scheme,
             start=self.arguments.start,
-            goal=self.arguments.goal,
+            goal=self._goal(),
+            **self.arguments.further[loop],
         )
 
     def _servo(self) -> None:
@@ -236,8 +146,8 @@ class Demo:
         if factor is not None:  # of the whole run; the bag has the simulator's own
             record.pace = np.array([[record.began, factor]])
         record.settings = {
-            "scheme": self.arguments.scheme, "start": self.arguments.start,
-            "camera": self.arguments.camera, **self._moved(), **record.settings,
+            "scheme": self.arguments.scheme, "start": self.arguments.start, **self._world(),
+            **record.settings,
         }  # fmt: skip
         page = write_report([record], self.out, ("png",))[0]
         if not record.converged:
@@ -248,10 +158,20 @@ class Demo:
               f"  Report: {page}\n", flush=True)
         return 0 if record.converged else 1
 
-    def _moved(self) -> dict[str, str]:
-        """Launch arguments of a camera that was moved."""
+    def _world(self) -> dict[str, str]:
+        """Launch arguments of what is simulated, those that were given."""
         given = vars(self.arguments)
-        return {name: given[name] for name in ("camera_xyz", "camera_rpy") if given[name]}
+        names = ("camera", "target", "target_size", "urdf", "camera_xyz", "camera_rpy")
+        return {name: str(given[name]) for name in names if given[name]}
+
+    def _goal(self) -> str:
+        """Name or path of the goal; one that was taught is kept with the results."""
+        if self.arguments.taught is None:
+            return self.arguments.goal
+        path = self.out / "goal.yaml"
+        told = f"Before the target {self.arguments.target}, where the shipped goal has the camera."
+        path.write_text(self.arguments.taught.to_yaml(told), encoding="utf-8")
+        return str(path)
 
     def _launch(self, name: str, arguments: list[str], **values: str) -> Launch:
         given = [f"{key}:={value}" for key, value in values.items()]

@@ -1,0 +1,254 @@
+"""The demo's command line: its words, checked before anything is started."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.goal import Goal, to_xyz_rpy
+from aras_visual_servo_controller.settings import Settings
+
+from ..checked import nearest
+from ..errors import ExperimentError
+from ..experiment import CameraPose, Experiment, TargetSpec
+from ..packages import PackagePath
+from ..robots import Robot, RobotSpec
+from ..shapes import NAMES
+
+LAUNCH = "package://aras_visual_servo_gazebo/launch/"
+# The launch files that are started, and those of their arguments that are options here.
+STARTED = {
+    "aras_visual_servo.launch": {
+        "camera", "camera_xyz", "camera_rpy", "urdf", "target", "target_size", "show_rviz",
+        "record", "bag", "server_required",
+    },
+    "aras_visual_servo_nodes.launch": {"scheme", "law", "gain", "start", "goal", "desired"},
+}  # fmt: skip
+PLATES, NOTHING = "aras", "none"
+PLACE = (0.0, 0.0, 0.591, 0.0, 0.0, 0.0)  # of a target, as the launch file's target_place has it
+TRACKERS = {"four_dots": "dots", "marker": "marker", "line_grid": "lines"}  # else: outline
+SHIPPED = RobotSpec()
+
+
+def parse(argv: list[str] | None) -> argparse.Namespace:
+    """The words, and what follows from them.
+
+    `further`: arguments of each of STARTED, by name. `taught`: the goal before another target than
+    the plates, None where none had to be made. `tracker`: of the target's points.
+    """
+    parser = argparse.ArgumentParser(
+        prog="demo", description="Servo the ARAS robot to its target and report how it went."
+    )
+    _add_loop(parser)
+    _add_world(parser)
+    parser.add_argument(
+        "--out", type=Path, default=Path("out"), help="directory for the results (default out/)"
+    )
+    parser.add_argument("--rviz", action="store_true", help="watch it in rviz (needs a display)")
+    parser.add_argument(
+        "--timeout", type=float, default=20.0, help="simulated s to converge in (default 20)"
+    )
+    parser.add_argument(
+        "launch", nargs="*", metavar="NAME:=VALUE",
+        help="any other argument of aras_visual_servo.launch or aras_visual_servo_nodes.launch, as "
+             "gains:=/my/controllers.yaml",
+    )
+    arguments = parser.parse_args(argv)
+    try:
+        _check(arguments)
+    except (ConfigurationError, ExperimentError) as error:
+        parser.error(str(error))
+    if arguments.rviz and not os.environ.get("DISPLAY"):
+        print("demo: --rviz needs a display, and DISPLAY is not set: it goes on without rviz",
+              file=sys.stderr)  # fmt: skip
+        arguments.rviz = False
+    if not arguments.timeout > 0.0:
+        parser.error(f"--timeout must be above 0, not {arguments.timeout}")
+    return arguments
+
+
+def _add_loop(parser: argparse.ArgumentParser) -> None:
+    """What decides how is servoed, and where to."""
+    parser.add_argument(
+        "--scheme", default="moments",
+        help="a feature or scheme by name, moments by default, several joined by +, or "
+             "package.module:Class of your own, on PYTHONPATH; a wrong name lists all",
+    )
+    parser.add_argument(
+        "--start", default="2016",
+        help="initial pose: 2015, 2016 (default), or gantry (m), J1, J2, J3, J5, J6 (rad), as "
+             "'0.1 0 0.17 -0.09 -0.09 2.09', or none: from where it stands; of another robot, its "
+             "own joints",
+    )
+    parser.add_argument(
+        "--goal", default="auto", help="2015, 2016, or a goal's YAML file (default: that of the "
+        "start)",
+    )
+    parser.add_argument(
+        "--law", default="", help="control law by name, proportional by default, or "
+        "package.module:Class; a wrong name lists all",
+    )
+    parser.add_argument("--gain", type=_gain, help="of the law, 1/s (default: the controller's)")
+
+
+def _add_world(parser: argparse.ArgumentParser) -> None:
+    """What is simulated."""
+    parser.add_argument(
+        "--target", default=PLATES, help="what lies on the table: aras (the laboratory's plates, "
+        "default), another name of targets/, a picture, an SVG outline, a URDF, or none; where "
+        "--goal names no file, the goal is taught before it, where 2016 or 2015 has the camera",
+    )
+    parser.add_argument(
+        "--target-size", type=_size, metavar="'X Y'", help="along x and y, m (default: as it ships)"
+    )
+    parser.add_argument(
+        "--urdf", type=_file, help="the robot's description (default: the ARAS robot's); "
+        "what another arm needs beside it follows as NAME:=VALUE (robot, gains, controllers)",
+    )
+    parser.add_argument("--camera", default="original", help="camera preset, or its YAML "
+                        "file (default original)")  # fmt: skip
+    for part, unit in (("xyz", "m"), ("rpy", "rad")):
+        parser.add_argument(
+            f"--camera-{part}", type=_three, metavar="'0 0 0'",
+            help=f"where the camera is mounted in camera_link, {unit} (default: not moved)",
+        )
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    """What roslaunch or a node would refuse later: ConfigurationError, ExperimentError."""
+    arguments.further = _further(arguments.launch)
+    _start(arguments.start, arguments.urdf is not None)
+    arguments.target = _target(arguments.target)
+    arguments.tracker = TRACKERS.get(Path(arguments.target).stem, "")
+    given = {"scheme": arguments.scheme, "desired": arguments.goal, "start": arguments.start}
+    for name in ("law", "gain", "tracker"):
+        if value := getattr(arguments, name):
+            given[name] = value
+    package = Path(PackagePath().find("aras_visual_servo_controller"))
+    settings = Settings.from_mapping(given, package)
+    settings.make_scheme()
+    goal = settings.load_goal()
+    known = arguments.target in (PLATES, NOTHING) or arguments.target.endswith((".urdf", ".xml"))
+    own = Path(arguments.goal).suffix != ""
+    arguments.taught = None if own or known else _taught(arguments, goal)
+
+
+def _further(words: list[str]) -> dict[str, dict[str, str]]:
+    """Arguments of the launch files, by file and name; ExperimentError for one of neither."""
+    declared = {file: _declared(file) - options for file, options in STARTED.items()}
+    known = sorted(set().union(*declared.values()))
+    found: dict[str, dict[str, str]] = {file: {} for file in STARTED}
+    for word in words:
+        name, given, value = word.partition(":=")
+        if not given:
+            raise ExperimentError(f"'{word}' is no argument: write NAME:=VALUE, or see --help")
+        if any(name in options for options in STARTED.values()):
+            raise ExperimentError(f"{name}:= is an option here, or the demo's own: see --help")
+        if name not in known:
+            raise ExperimentError(f"no argument '{name}' of the launch files: "
+                                  f"{nearest(name, known)}")  # fmt: skip
+        for file, names in declared.items():
+            if name in names:
+                found[file][name] = value
+    return found
+
+
+def _declared(file: str) -> set[str]:
+    """Names of a launch file's arguments."""
+    root = ElementTree.parse(PackagePath().file(LAUNCH + file)).getroot()
+    return {argument.attrib["name"] for argument in root.findall("arg")}
+
+
+def _target(text: str) -> str:
+    """A target's name, or the whole path of its file; ExperimentError where there is none."""
+    path = Path(text).expanduser()
+    if text in (*NAMES, NOTHING):
+        return text
+    if not path.suffix:
+        raise ExperimentError(f"--target is '{text}': {nearest(text, (*NAMES, NOTHING))}")
+    if not path.is_file():
+        raise ExperimentError(f"--target: there is no file {path}")
+    return str(path.resolve())
+
+
+def _taught(arguments: argparse.Namespace, goal: Goal) -> Goal:
+    """What the camera sees of the target from where a shipped goal has it.
+
+    Raises:
+        ExperimentError: nothing that this scheme can servo to.
+    """
+    from ..assembly import assemble  # the physics: a second that the usual demo need not wait for
+
+    size = tuple(map(float, arguments.target_size.split())) if arguments.target_size else (0.1, 0.1)
+    moved = {
+        name: tuple(map(float, value.split()))
+        for name in ("camera_xyz", "camera_rpy") if (value := getattr(arguments, name))
+    }  # fmt: skip
+    given = arguments.further["aras_visual_servo.launch"]
+    spec = replace(
+        SHIPPED, urdf=str(arguments.urdf or SHIPPED.urdf), config=given.get("gains", SHIPPED.config)
+    )
+    mounting = (moved.get(name, (0.0,) * 3) for name in ("camera_xyz", "camera_rpy"))
+    xyz, rpy = to_xyz_rpy(goal.for_arm(Robot(spec, *mounting).arm()).world_T_camera)
+    options = {"tracker": arguments.tracker} if arguments.tracker else {}
+    experiment = Experiment(
+        robot=spec, target=TargetSpec(arguments.target, size, PLACE), camera=arguments.camera,
+        goal=CameraPose((*xyz, *rpy)), start=CameraPose((*xyz, *rpy)), scheme=arguments.scheme,
+        options=options, **moved,
+    )  # fmt: skip
+    parts = assemble(experiment)
+    parts.plant.close()
+    return parts.goal
+
+
+def _numbers(text: str, count: int, example: str) -> str:
+    """So many finite numbers, as one text for roslaunch."""
+    try:
+        numbers = [float(word) for word in text.split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        raise argparse.ArgumentTypeError(f"'{text}' must be {count} finite numbers, as '{example}'")
+    return text
+
+
+def _three(text: str) -> str:
+    return _numbers(text, 3, "0 0.03 0")
+
+
+def _size(text: str) -> str:
+    if not all(float(length) > 0.0 for length in _numbers(text, 2, "0.1 0.1").split()):
+        raise argparse.ArgumentTypeError(f"'{text}' must be two lengths above 0 m")
+    return text
+
+
+def _file(text: str) -> Path:
+    path = Path(text).expanduser()
+    if not path.is_file():
+        raise argparse.ArgumentTypeError(f"there is no file {path}")
+    return path.resolve()
+
+
+def _start(text: str, other: bool) -> None:
+    """ConfigurationError for no start; `other`: of another robot than ours."""
+    if text in ("2015", "2016", "none"):
+        return
+    count = len(text.split()) if other else 6
+    try:
+        _numbers(text, max(count, 1), "0.1 0 0.17 -0.09 -0.09 2.09")
+    except argparse.ArgumentTypeError as error:
+        raise ConfigurationError(f"argument --start: {error}") from None
+
+
+def _gain(text: str) -> float:
+    value = float(_numbers(text, 1, "3"))
+    if value <= 0.0:
+        raise argparse.ArgumentTypeError(f"{text} must be above 0")
+    return value

@@ -1,0 +1,114 @@
+"""The demo's command line: refused in one line before anything starts, or understood."""
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_bench.ros.demo_words import LAUNCH, STARTED, TRACKERS, parse
+from aras_visual_servo_bench.shapes import NAMES
+from aras_visual_servo_bench.textures import MADE
+
+WORLD, LOOP = STARTED
+
+
+def refused(words, capsys):
+    """What is said of words that cannot be taken."""
+    with pytest.raises(SystemExit) as ended:
+        parse(words)
+    assert ended.value.code == 2
+    usage, _, told = capsys.readouterr().err.partition("demo: error: ")
+    assert usage.startswith("usage: demo")
+    assert told.count("\n") == 1
+    return told
+
+
+@pytest.mark.parametrize(("words", "told"), [
+    (["--scheme", "momments"], "unknown scheme 'momments': did you mean 'moments'?"),
+    (["--scheme", "moments+poimts"], "did you mean 'points'?"),
+    (["--scheme", "my_module:MyScheme"], "my_module"),
+    (["--law", "proportionel"], "did you mean 'proportional'?"),
+    (["--gain", "5000"], "gain is 5000 1/s, more than 1000"),
+    (["--gain", "-1"], "-1 must be above 0"),
+    (["--goal", "2017"], "unknown goal '2017': did you mean '201"),
+    (["--start", "2017"], "'2017' must be 6 finite numbers"),
+    (["--start", "0 0 0 0 0 nan"], "must be 6 finite numbers"),
+    (["--timeout", "-1"], "--timeout must be above 0"),
+    (["--nonsense"], "unrecognized arguments: --nonsense"),
+    (["--camera-xyz", "0 0"], "'0 0' must be 3 finite numbers"),
+    (["--target", "l_shap"], "--target is 'l_shap': did you mean 'l_shape'?"),
+    (["--target", "/none.png"], "--target: there is no file /none.png"),
+    (["--target", "circle", "--scheme", "points"], "target 'circle' has no corners"),
+    (["--target", "poster", "--target-size", "3 1"], "at most 2 m, the table's"),
+    (["--target-size", "0 1"], "two lengths above 0 m"),
+    (["--urdf", "/none.urdf"], "there is no file /none.urdf"),
+    (["gain:=2"], "gain:= is an option here"),
+    (["gians:=x"], "no argument 'gians' of the launch files: did you mean 'gains'?"),
+    (["nonsense"], "'nonsense' is no argument: write NAME:=VALUE"),
+])  # fmt: skip
+def test_what_cannot_be_is_told_with_what_would_be_right(words, told, capsys):
+    assert told in refused(words, capsys)
+
+
+def test_a_name_that_is_nothing_like_one_is_told_all_there_are(capsys):
+    told = refused(["--scheme", "momnets"], capsys)
+    for name in ("known are moments, ", "partitioned", "luminance", "pose_camera"):
+        assert name in told
+
+
+def test_the_usual_demo_teaches_nothing_and_starts_as_the_launch_files_do():
+    usual = parse([])
+    assert (usual.taught, usual.tracker) == (None, "")
+    assert usual.further == {WORLD: {}, LOOP: {}}
+
+
+def test_other_arguments_go_to_the_launch_file_that_has_them():
+    further = parse(["joint_friction:=false", "layout:=moments", "gains:=/mine.yaml"]).further
+    assert further == {
+        WORLD: {"joint_friction": "false", "gains": "/mine.yaml"}, LOOP: {"layout": "moments"},
+    }  # fmt: skip
+
+
+def test_every_option_that_is_a_launch_argument_is_declared_there():
+    from aras_visual_servo_bench.ros.demo_words import _declared
+
+    for file, options in STARTED.items():
+        assert options <= _declared(file), f"{LAUNCH}{file}"
+
+
+def test_before_another_target_the_goal_is_taught_where_the_shipped_one_has_the_camera():
+    words = ["--target", "l_shape", "--target-size", "0.06 0.06"]
+    still, aside = parse(words).taught, parse([*words, "--camera-xyz", "0 .03 0"]).taught
+    assert still.moments.area == pytest.approx(0.64 * (0.06 / still.depth) ** 2, rel=0.02)
+    assert still.depth == pytest.approx(0.192, abs=1e-3)  # 2016's
+    moved = np.linalg.inv(still.world_T_camera) @ aside.world_T_camera
+    assert np.linalg.norm(moved[:3, 3]) == pytest.approx(0.03, abs=1e-6)
+
+
+def test_dots_are_taught_by_their_tracker():
+    dots = parse(["--target", "four_dots", "--scheme", "numbered_points"])
+    assert dots.tracker == "dots"
+    assert np.shape(dots.taught.features["numbered_points"]["points"]) == (4, 2)
+    assert set(TRACKERS) | {"poster"} == set(MADE)
+    assert set(TRACKERS) < set(NAMES)
+
+
+def test_a_goal_of_ones_own_is_taken_as_it_is(tmp_path):
+    file = tmp_path / "goal.yaml"
+    file.write_text(parse(["--target", "l_shape"]).taught.to_yaml())
+    assert parse(["--target", "l_shape", "--goal", str(file)]).taught is None
+
+
+def test_another_robot_has_joints_of_its_own(tmp_path, capsys):
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text("<robot name='arm'/>")
+    assert parse(["--urdf", str(urdf), "--start=0 0 0 0 0 0 0"]).urdf == urdf
+    assert "6 finite numbers" in refused(["--start=0 0 0 0 0 0 0"], capsys)
+    assert parse(["--start", "none"]).start == "none"
+
+
+def test_without_a_display_the_demo_says_so_and_goes_on_without_rviz(monkeypatch, capsys):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    assert parse(["--rviz"]).rviz is False
+    assert "DISPLAY is not set: it goes on without rviz" in capsys.readouterr().err
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert parse(["--rviz"]).rviz is True
+    assert not capsys.readouterr().err

@@ -54,10 +54,26 @@ def test_dots_are_found_where_they_are(camera):
     assert len({tuple(np.round(p)) for p in found}) == 4
 
 
-@pytest.mark.parametrize("camera", [CAMERA, LENS], ids=["pinhole", "lens"])
-def test_a_marker_is_found_corner_by_corner(camera):
-    image, points = seen("marker", camera)
-    assert np.abs(MarkerTracker().find(image) - points).max() < 0.6
+@pytest.mark.parametrize("grain", [0.0, 5.0], ids=["clear", "grainy"])
+@pytest.mark.parametrize("size", [0.2, 0.06], ids=["large", "small"])
+@pytest.mark.parametrize("camera", [CAMERA, LENS, FISHEYE], ids=["pinhole", "lens", "fisheye"])
+def test_a_marker_is_found_corner_by_corner(camera, size, grain):
+    """From its own first corner on; a cell of the small one is 3 px wide."""
+    target = PlacedTarget(shape_of("marker", (size, size)), FACING)
+    sight = Sight(camera, target, pictures=True, grey_noise=grain)
+    image = sight.look(VIEW, 0, np.random.default_rng(0)).image
+    exact = target.shape.points(target.seen_from(VIEW))
+    found = MarkerTracker().places(image, camera)
+    assert np.abs(found - exact).max() * camera.K[0] < 0.2  # px
+
+
+def test_of_two_markers_the_larger_is_followed():
+    image, points = seen("marker")
+    both = np.full((240, 480), 255, np.uint8)
+    both[:, :320] = image
+    small = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    both[:120, 320:] = small
+    assert np.abs(MarkerTracker().find(both) - points).max() < 0.5
 
 
 def test_a_line_grid_has_its_crossings_where_they_are_said():
@@ -124,7 +140,7 @@ def test_an_occluder_hides_what_lies_under_it():
     ("tracker", "shape", "view", "told"),
     [
         (DotTracker(), "square", VIEW, "in view"),
-        (MarkerTracker(), "four_dots", VIEW, "in view"),
+        (MarkerTracker(), "four_dots", VIEW, "no marker of DICT_4X4_50 or DICT_APRIL"),
         (LineTracker(), "square", VIEW, "is no line: use tracker 'outline'"),
         (LineTracker(), "circle", VIEW, "is no line|not four"),
         (LineTracker(), "line_grid", CLOSE, "touch the picture's border"),

@@ -39,6 +39,7 @@ from .textures import TexturedTarget
 PATIENCE_NS = 1_000_000_000  # for the one picture that a goal is taught by
 # What is taught from a picture as the loop will see it: its own errors are then none of the goal.
 PICTURED = {Need.IMAGE, Need.CONTOUR, Need.CORNERS}
+CHANCE = {"noise_stddev", "shot_noise", "drop_probability"}  # of a camera's effects
 # The demo's target as the launch files put it into the world: a model whose origin lies there.
 PLATES = "package://aras_visual_servo_gazebo/targets/aras.urdf"
 PLATES_AT = (0.0, 0.0, 0.591)
@@ -302,8 +303,10 @@ class _Builder:
         experiment = self.experiment
         if experiment.plant == "bullet":
             settings = dict(self.settings)
-            if experiment.noise:
-                effects = dict(settings.get("effects", {}))
+            effects = dict(settings.get("effects", {}))
+            if exactly:  # one picture teaches the goal, and its noise would stay in it
+                settings["effects"] = {k: v for k, v in effects.items() if k not in CHANCE}
+            elif experiment.noise:
                 settings["effects"] = {**effects, "noise_stddev": experiment.noise}
             if Need.DEPTH in self.needs:
                 settings["depth"] = True

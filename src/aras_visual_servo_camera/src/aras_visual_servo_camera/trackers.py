@@ -17,14 +17,16 @@ from numpy.typing import NDArray
 from .errors import VisionError
 from .undistortion import CameraModel
 
-MARKERS = ("DICT_4X4_50", "DICT_APRILTAG_36h11")
+MARKERS = {"DICT_4X4_50": 6, "DICT_APRILTAG_36h11": 8}  # cells across, the black rim with them
 SMALLEST_DOT = 6  # pixels: of less, no centre can be had
 ROUND = 0.8  # least area of a dot over that of its bounding ellipse
 RIM = 3  # pixels about a dot in which it fades
+LEAST_CONTRAST = 20.0  # grey levels between a marker's rim and what is around it
 SMALLEST_DRAWING = 400  # pixels of the rectangle about a drawing of lines
 THICKEST = 0.2  # of a line's width over the size of the drawing
 SOLID = "what bounds the dark drawing is no line: use tracker 'outline'"
 STATIONS, FEWEST = 48, 10  # profiles across a line, and of them those that must show it alone
+RIM_FITS, RIM_STATIONS, RIM_REACH = 3, 24, (1.5, 0.8)  # of a marker's rim; px at least, cells
 
 
 class Tracker(ABC):
@@ -89,30 +91,103 @@ class DotTracker(Tracker):
                 low_v + float((dark * v).sum() / dark.sum()))  # fmt: skip
 
 
-class MarkerTracker(Tracker):
-    """The four corners of an ArUco or AprilTag marker, from its own first one, clockwise."""
-
-    def __init__(self) -> None:
-        parameters = cv2.aruco.DetectorParameters()
-        parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-        self._detectors = [
-            cv2.aruco.ArucoDetector(
-                cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name)), parameters
-            )
-            for name in MARKERS
-        ]
+class EdgeTracker(Tracker):
+    """Base of trackers that fit straight lines, which a lens bends: give `places`."""
 
     def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
-        """See Tracker.find; of the largest marker."""
-        for detector in self._detectors:
-            corners, _, _ = detector.detectMarkers(np.ascontiguousarray(grey))
-            if len(corners):
-                largest = max(corners, key=lambda c: cv2.contourArea(c.reshape(-1, 2)))
-                return largest.reshape(-1, 2).astype(float)
+        """See Tracker.find; of a picture without a lens, or with the lens taken off."""
+        rows, columns = grey.shape
+        return self.places(grey, CameraModel(columns, rows, (1, 0, 0, 0, 1, 0, 0, 0, 1)))
+
+    @staticmethod
+    def _profiles(
+        grey: np.ndarray, camera: CameraModel, scale: float, stations: np.ndarray,
+        normal: np.ndarray, across: np.ndarray,
+    ) -> np.ndarray:  # fmt: skip
+        """Grey levels (n, m) at `across` (m,) along the normal (2,) from stations (n, 2); px of the
+        picture without the lens, `scale` of them to a normalised length of 1."""
+        places = stations[:, None] + across[:, None] * normal
+        u, v = camera.project(*(places.reshape(-1, 2).T / scale))
+        return cv2.remap(
+            grey, u.reshape(places.shape[:2]).astype(np.float32),
+            v.reshape(places.shape[:2]).astype(np.float32),
+            cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE,
+        ).astype(float)  # fmt: skip
+
+    @staticmethod
+    def _line(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A point (2,) and the direction (2,) of the line through points (n, 2)."""
+        dx, dy, x, y = cv2.fitLine(
+            points.astype(np.float32), cv2.DIST_HUBER, 0.0, 1e-4, 1e-4
+        ).ravel().astype(float)  # fmt: skip
+        return np.array([x, y]), np.array([dx, dy])
+
+    @staticmethod
+    def _crossings(lines: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        """Where each line (point, direction) meets the one before it (n, 2)."""
+        whole = [np.cross((*point, 1.0), (*(point + way), 1.0)) for point, way in lines]
+        crossings = np.cross(np.roll(whole, 1, axis=0), whole)
+        return crossings[:, :2] / crossings[:, 2:]
+
+
+class MarkerTracker(EdgeTracker):
+    """The four corners of an ArUco or AprilTag marker, from its own first one, clockwise.
+
+    OpenCV finds and reads it; its corners are then where lines through the edges of its black rim
+    meet, for OpenCV's own refinements are off by half a pixel where a cell has three.
+    """
+
+    def __init__(self) -> None:
+        self._detectors = [
+            (
+                cv2.aruco.ArucoDetector(
+                    cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+                ),
+                cells,
+            )
+            for name, cells in MARKERS.items()
+        ]
+
+    def places(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
+        """See Tracker.places; of the largest marker."""
+        for detector, cells in self._detectors:
+            found, _, _ = detector.detectMarkers(np.ascontiguousarray(grey))
+            if len(found):
+                largest = max(found, key=lambda c: cv2.contourArea(c.reshape(-1, 2)))
+                x, y, _ = camera.normalise(*largest.reshape(-1, 2).T.astype(float))
+                scale = camera.pinhole.fx
+                rough = scale * np.column_stack([x, y])
+                return self._fitted(grey, camera, scale, rough, cells) / scale
         raise VisionError(f"no marker of {' or '.join(MARKERS)} is in view")
 
+    def _fitted(
+        self, grey: np.ndarray, camera: CameraModel, scale: float, corners: np.ndarray, cells: int
+    ) -> np.ndarray:
+        """Corners (4, 2) of the black rim, from rough ones; px of the picture without the lens."""
+        for _ in range(RIM_FITS):
+            lines = []
+            for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+                length = float(np.linalg.norm(end - start))
+                way = (end - start) / length
+                out = np.array([way[1], -way[0]])
+                if (start - corners.mean(axis=0)) @ out < 0.0:
+                    out = -out
+                reach = max(RIM_REACH[0], RIM_REACH[1] * length / cells)
+                across = np.linspace(-reach, reach, 25)
+                stations = start + np.linspace(0.1, 0.9, RIM_STATIONS)[:, None] * (end - start)
+                values = self._profiles(grey, camera, scale, stations, out, across)
+                black, white = values[:, :3].mean(), values[:, -3:].mean()
+                if white - black < LEAST_CONTRAST:
+                    raise VisionError("the marker has no contrast to what is around it")
+                # What is black of a profile ends at the edge, however soft that is.
+                dark = (white - values) / (white - black)
+                covered = np.trapezoid(dark, across, axis=1) - reach
+                lines.append(self._line(stations + covered[:, None] * out))
+            corners = self._crossings(lines)
+        return corners
 
-class LineTracker(Tracker):
+
+class LineTracker(EdgeTracker):
     """The four outermost lines of a dark drawing (a grid, a frame), as the crossings of neighbours.
 
     Each line is fitted to the middles of profiles across it, weighted by darkness, where no other
@@ -120,11 +195,6 @@ class LineTracker(Tracker):
     """
 
     numbered = False
-
-    def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
-        """See Tracker.find; of a picture without a lens, or with the lens taken off."""
-        rows, columns = grey.shape
-        return self.places(grey, CameraModel(columns, rows, (1, 0, 0, 0, 1, 0, 0, 0, 1)))
 
     def places(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
         """See Tracker.places; in order of angle about their middle."""
@@ -137,9 +207,8 @@ class LineTracker(Tracker):
                 points, direction = self._fitted(grey, camera, scale, (start, end), reach)
                 along = (np.array([start, end]) - points) @ direction
                 start, end = points + along[:, None] * direction
-            lines.append(np.cross((*points, 1.0), (*(points + direction), 1.0)))
-        crossings = np.cross(np.roll(lines, 1, axis=0), lines)
-        return _ring(crossings[:, :2] / crossings[:, 2:]) / scale
+            lines.append((points, direction))
+        return _ring(self._crossings(lines)) / scale
 
     @staticmethod
     def _rough(grey: np.ndarray, camera: CameraModel, scale: float) -> tuple[np.ndarray, float]:
@@ -172,9 +241,8 @@ class LineTracker(Tracker):
             raise VisionError(SOLID)
         return corners.reshape(4, 2).astype(float), thick
 
-    @staticmethod
     def _fitted(
-        grey: np.ndarray, camera: CameraModel, scale: float,
+        self, grey: np.ndarray, camera: CameraModel, scale: float,
         side: tuple[np.ndarray, np.ndarray], reach: float,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """A point (2,) of the line and its direction (2,), from profiles `reach` px either side."""
@@ -182,13 +250,8 @@ class LineTracker(Tracker):
         way = (end - start) / np.linalg.norm(end - start)
         across = np.arange(-reach, reach + 0.25, 0.5)
         stations = start + np.linspace(0.06, 0.94, STATIONS)[:, None] * (end - start)
-        places = stations[:, None] + across[:, None] * np.array([-way[1], way[0]])
-        u, v = camera.project(*(places.reshape(-1, 2).T / scale))
-        shape = places.shape[:2]
-        values = cv2.remap(
-            grey, u.reshape(shape).astype(np.float32), v.reshape(shape).astype(np.float32),
-            cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE,
-        ).astype(float)  # fmt: skip
+        normal = np.array([-way[1], way[0]])
+        values = self._profiles(grey, camera, scale, stations, normal, across)
         dark = np.clip(np.percentile(values, 95) - values, 0.0, None)
         dark[dark < 0.1 * dark.max()] = 0.0
         total = dark.sum(axis=1)
@@ -200,11 +263,7 @@ class LineTracker(Tracker):
         if good.sum() < FEWEST:
             raise VisionError(SOLID)
         middle = (dark[good] @ across) / total[good]
-        points = stations[good] + middle[:, None] * np.array([-way[1], way[0]])
-        dx, dy, x, y = cv2.fitLine(
-            points.astype(np.float32), cv2.DIST_HUBER, 0.0, 1e-4, 1e-4
-        ).ravel().astype(float)  # fmt: skip
-        return np.array([x, y]), np.array([dx, dy])
+        return self._line(stations[good] + middle[:, None] * normal)
 
 
 def _ring(points: np.ndarray) -> np.ndarray:

@@ -244,6 +244,32 @@ def test_a_plain_target_gives_too_few_matches():
         run(Experiment.from_mapping(spec))
 
 
+def test_a_run_that_ends_early_says_what_it_waited_for():
+    there = {"shape": "poster", "size": [0.8, 0.6], "pose": TURNED}
+    away = {"pose": [3.0, 0.0, -0.4, 0.0, 0.0, 0.0]}
+    spec = {**RUN, "plant": "free", "target": there, "scheme": "matches", "start": away}
+    result = run(Experiment.from_mapping({**spec, "duration": 0.2}))
+    assert result.outcome == "timed_out"
+    assert result.reason == (
+        "not at the goal after 0.2 s: 0 keypoints match the goal's picture, 8 that agree are "
+        "needed: is the target in view, and textured?"
+    )
+
+
+def test_a_picture_that_is_cut_off_is_one_line(tmp_path, capfd):
+    file = tmp_path / "cut.png"
+    file.write_bytes(b"\x89PNG\r\n\x1a\n" + 50 * b"0")
+    with pytest.raises(ExperimentError, match="no picture that can be read"):
+        shape_of(str(file), SIZE)
+    assert capfd.readouterr().err == ""
+
+
+def test_an_unknown_robot_names_the_nearest():
+    robot = {"urdf": "package://aras_visual_servo_gazebo/robots/aras_visual_serv.urdf"}
+    with pytest.raises(ExperimentError, match="did you mean 'aras_visual_servo.urdf'"):
+        run(Experiment(robot=robot))
+
+
 def test_an_unknown_tracker_names_those_there_are():
     spec = {**RUN, "target": {"shape": "square", "pose": TURNED}, "scheme": "numbered_points"}
     with pytest.raises(ExperimentError, match="did you mean 'dots'"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -55,6 +56,10 @@ class PackagePath:
         else:
             path = Path(text).expanduser()
         if not path.is_file():
-            raise ExperimentError(f"there is no file {path}" + ("" if str(path) == text else
-                                                                 f" (given as {text})"))
+            beside = [file.name for file in path.parent.glob(f"*{path.suffix}") if path.suffix]
+            near = difflib.get_close_matches(path.name, beside, 1)
+            raise ExperimentError(
+                f"there is no file {path}" + ("" if str(path) == text else f" (given as {text})")
+                + (f": did you mean '{near[0]}'?" if near else "")
+            )
         return path

@@ -131,7 +131,11 @@ def from_picture(path: Path, size: tuple[float, float]) -> TexturedTarget:
     Raises:
         ExperimentError: it cannot be read, or is too large.
     """
-    pixels = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        pixels = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    finally:
+        cv2.utils.logging.setLogLevel(level)
     if pixels is None or pixels.size == 0:
         raise ExperimentError(f"target.texture: {path} is no picture that can be read: give a PNG")
     if pixels.size > LARGEST:

@@ -130,8 +130,9 @@ class Diagnosis:
     def timed_out(self, duration: float) -> None:
         """The time for the run is over; what was found before stays the outcome."""
         if self.outcome.kind == "running":
+            last = f": {self.outcome.reason}" if self.outcome.reason else ""
             self.outcome = Outcome(
-                "timed_out", f"not at the goal after {duration:.1f} s",
+                "timed_out", f"not at the goal after {duration:.1f} s{last}",
                 "allow more time, or a higher gain",
             )  # fmt: skip
         self._ended = self.outcome

@@ -189,8 +189,6 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
             eyes[r, k] = -(T[r, 0, 3] * T[r, 0, k] + T[r, 1, 3] * T[r, 1, k]
                            + T[r, 2, 3] * T[r, 2, k])
         gone[r] = row_half[r, 0] < 0.0 or _off(T, r, row_centre, row_half, r, nodes, root)
-    xr, yr, zr = nodes[root, 0], nodes[root, 1], nodes[root, 2]
-    forward = nodes[root, 3] > 0.0
     # A node waits with level, row, column, its triangles' stretch of a list, the end of all that
     # is listed, and its cover.
     waiting = np.empty((16 * (top + 1) + 1, 7), np.int64)
@@ -228,7 +226,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
         for t in range(first[c], first[c] + count[c]):
             if plane[t, 0] * xe + plane[t, 1] * ye + plane[t, 2] * ze <= plane[t, 3]:
                 continue
-            farthest, behind = 0.0, forward
+            farthest = 0.0
             for k in range(3):
                 x, y, z = corners[t, k, 0], corners[t, k, 1], corners[t, k, 2]
                 squared = 0.0
@@ -237,9 +235,6 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                     out_corner[seen, k, j] = p[k, j]
                     squared += p[k, j] * p[k, j]
                 farthest = max(farthest, squared)
-                behind &= p[k, 0] * xr + p[k, 1] * yr + p[k, 2] * zr <= 0.0
-            if behind:
-                continue
             for k in range(3):
                 a, b = (k + 1) % 3, (k + 2) % 3
                 out_side[seen, k, 0] = p[a, 1] * p[b, 2] - p[a, 2] * p[b, 1]

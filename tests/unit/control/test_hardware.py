@@ -31,6 +31,16 @@ class TestReading:
             assert (b.position, b.velocity, b.effort) == (-q, 2.5, 4.5)
 
 
+    def test_each_handle_reads_its_own_joint_where_some_have_no_transmission(
+        self, make_rig, make_joint
+    ):
+        rig = make_rig([make_joint("A", type=""), make_joint("J")])
+        rig.model.q, rig.model.v, rig.model.tau = [1.0, 2.0], [3.0, 4.0], [5.0, 6.0]
+        rig.hardware.read(0, 0.001)
+        handle = rig.hardware.handles["J"]
+        assert (handle.position, handle.velocity, handle.effort) == (2.0, 4.0, 6.0)
+
+
 class TestWriting:
     def test_effort_is_limited_and_applied_every_step(self, make_rig, make_joint):
         rig = make_rig([make_joint("J")])

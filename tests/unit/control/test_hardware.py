@@ -4,6 +4,7 @@ from math import inf, nan, pi
 
 import pytest
 
+from aras_sim_bridge.control.joints import Occurrence
 from aras_sim_bridge.errors import HardwareError
 
 POSITION = "PositionJointInterface"
@@ -29,7 +30,6 @@ class TestReading:
             a, b = rig.hardware.handles.values()
             assert (a.position, a.velocity, a.effort) == (q, 1.5, 3.5)
             assert (b.position, b.velocity, b.effort) == (-q, 2.5, 4.5)
-
 
     def test_each_handle_reads_its_own_joint_where_some_have_no_transmission(
         self, make_rig, make_joint
@@ -181,6 +181,12 @@ def test_a_pid_drive_drives_no_joint_on_that_is_too_fast(make_rig, make_joint, i
 
 
 class TestReporting:
+    def test_after_a_reset_a_trouble_is_news_again(self):
+        trouble = Occurrence()
+        assert trouble.note(5) and not trouble.note(6)
+        trouble.reset()
+        assert trouble.note(7) and not trouble.note(8)
+
     def test_a_position_beyond_the_range_is_told_once_an_occurrence(self, make_rig, make_joint):
         rig = make_rig([make_joint("J", interface=POSITION)])
         handle = rig.hardware.handles["J"]
@@ -230,6 +236,12 @@ class TestEmergencyStop:
         rig.hardware.e_stop = False
         rig.hardware.write(0, 0.001)
         assert only(rig, 3)[0] == ("effort", 5.0)
+        rig.model.q[2] = 0.303  # as far as its velocity limit lets a command go
+        rig.hardware.read(0, 0.001)
+        rig.hardware.e_stop = True
+        rig.hardware.write(0, 0.001)
+        # Each stop holds its own place.
+        assert only(rig, 3)[2] == ("position", pytest.approx(0.303))
 
     def test_velocity_pid_brakes(self, make_rig, make_joint):
         rig = make_rig([make_joint("J", interface=VELOCITY)], gains("J", p=10.0))

@@ -171,6 +171,21 @@ def test_what_holds_upwards_holds_downwards(rule):
     assert changed > 100
 
 
+@pytest.mark.parametrize("rule", RULES)
+def test_a_rule_that_was_reset_is_as_new(make_soft, rule):
+    joint = handle(make_soft(), 0.5, 0.0, RULES[rule])
+    limits, field = Limits(-2.0, 2.0, 5.0, 10.0, 100.0), COMMANDS[RULES[rule]]
+    used, new = rule(limits, joint), rule(limits, joint)
+    given = []
+    for one, command in ((used, -9.0), (used, -9.0), (used, 9.0), (new, 9.0)):
+        if command > 0.0:
+            one.reset()
+        setattr(joint, field, command)
+        one.enforce(joint, DT)
+        given.append(getattr(joint, field))
+    assert given[2] == given[3]
+
+
 @pytest.mark.parametrize(
     ("proves", "acceleration", "commands", "expected"),
     [

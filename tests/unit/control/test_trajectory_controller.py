@@ -206,6 +206,15 @@ class TestGoals:
         b.rig.step(10)
         assert done == [handle]
 
+    def test_a_goal_after_another_has_its_own_way_to_go(self, bench):
+        b = bench()
+        for end in (1.0, 1.5):
+            handle = b.controller.submit_goal(TrajectoryGoal(line(end)))
+            b.rig.step(101)
+            assert handle.status == "active"
+            b.rig.step(1)
+            assert handle.status == "succeeded"
+
     def test_a_listener_that_comes_late_is_told_at_once(self, bench):
         b = bench()
         handle = b.controller.submit_goal(TrajectoryGoal(line()))

@@ -4,7 +4,7 @@ The numbers equal those of the original to rounding; callers of the original ign
 distance is valid, so none of these functions says so.
 """
 
-from math import fmod, pi
+from math import pi
 
 TURN = 2.0 * pi
 
@@ -29,8 +29,8 @@ def with_large_limits(start: float, goal: float, lower: float, upper: float) -> 
 
     Where neither way round stays within the limits, or they are crossed, the shorter one.
     """
-    distance = shortest(start, goal)
-    near, far = sorted((distance, _other_way(distance)), key=abs)
+    near = shortest(start, goal)
+    far = near - TURN if near > 0.0 else near + TURN
     if lower <= upper and not lower <= start + near <= upper and lower <= start + far <= upper:
         return far
     return near
@@ -41,9 +41,3 @@ def towards(start: float, goal: float, lower: float, upper: float) -> float:
     if lower <= start <= upper:
         return with_large_limits(start, goal, lower, upper)
     return goal - start
-
-
-def _other_way(distance: float) -> float:
-    """The same change of angle the other way round; 0 is a full turn."""
-    distance = fmod(distance, TURN) if abs(distance) > TURN else distance
-    return distance - TURN if distance > 0.0 else distance + TURN

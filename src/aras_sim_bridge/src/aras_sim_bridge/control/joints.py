@@ -177,9 +177,7 @@ class Occurrence:
 
     def reset(self) -> None:
         """Forget the past, for a clock that went back."""
-        self._first_ns = 0
         self._last_ns: int | None = None
-        self._told = False
 
     def note(self, time_ns: int) -> bool:
         """Record the trouble at `time_ns`; True once an occurrence."""

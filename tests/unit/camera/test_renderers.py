@@ -180,9 +180,7 @@ def test_obj_materials_and_textures(bench, tmp_path):
     (tmp_path / "cube.mtl").write_text(
         "newmtl plain\nKd 0 0.5 1\nnewmtl picture\nKd 1 1 1\nmap_Kd half.png\n"
     )
-    picture = np.zeros((64, 64, 3), np.uint8)
-    picture[:, 32:] = (0, 0, 255)  # right half red, in OpenCV's order
-    cv2.imwrite(str(tmp_path / "half.png"), picture)
+    painted(tmp_path / "half.png")
     for material, left, right in (("plain", [0, 140, 255], [0, 140, 255]),
                                   ("picture", [0, 0, 0], [255, 0, 0])):
         path = tmp_path / f"{material}.obj"
@@ -191,9 +189,33 @@ def test_obj_materials_and_textures(bench, tmp_path):
         renderer = create_renderer("exact", bench.world)
         pose = looking([0.5, 0.5, 1.0], [0.5, 0.5, 0], (0, 1, 0))
         image = renderer.render(View(160, 120, pose, K, 0.02))
-        assert np.abs(image[60, 30].astype(int) - left).max() <= 2
-        assert np.abs(image[60, 130].astype(int) - right).max() <= 2
+        check_quarters(image, left, right, material == "picture")
         bench.world.delete(body.name)
+
+
+def painted(file) -> None:
+    """A picture whose right half has red in it and whose upper half green."""
+    picture = np.zeros((64, 64, 3), np.uint8)
+    picture[:, 32:, 2] = 255  # OpenCV's order
+    picture[:32, :, 1] = 255
+    cv2.imwrite(str(file), picture)
+
+
+def check_quarters(image, left, right, textured: bool) -> None:
+    """The colours of both halves, where the upper one of a texture has green besides."""
+    for row, green in ((30, 255), (90, 0)):
+        for column, colour in ((30, left), (130, right)):
+            wanted = [colour[0], green, colour[2]] if textured else colour
+            assert np.abs(image[row, column].astype(int) - wanted).max() <= 2
+
+
+def test_a_link_s_colour_goes_before_that_of_its_mesh_file(bench, tmp_path):
+    (tmp_path / "cube.mtl").write_text("newmtl plain\nKd 0 0.5 1\n")
+    (tmp_path / "cube.obj").write_text(CUBE_OBJ.format(material="plain"))
+    bench.body(Geometry("mesh", filename=str(tmp_path / "cube.obj")), colour="Gazebo/Red")
+    pose = looking([0.5, 0.5, 1.0], [0.5, 0.5, 0], (0, 1, 0))
+    image = create_renderer("exact", bench.world).render(View(160, 120, pose, K, 0.02))
+    assert np.abs(image[60, 80].astype(int) - [255, 0, 0]).max() <= 2
 
 
 SQUARE_DAE = """<?xml version="1.0"?>
@@ -233,9 +255,7 @@ SQUARE_DAE = """<?xml version="1.0"?>
 )
 def test_collada_units_colours_and_textures(bench, tmp_path, diffuse, left, right):
     """Half a metre in centimetres, doubled by its node, is the metre that the camera sees."""
-    picture = np.zeros((64, 64, 3), np.uint8)
-    picture[:, 32:] = (0, 0, 255)
-    cv2.imwrite(str(tmp_path / "half.png"), picture)
+    painted(tmp_path / "half.png")
     path = tmp_path / "square.dae"
     path.write_text(SQUARE_DAE.format(diffuse=diffuse))
     (mesh,) = mesh_files.read(str(path))
@@ -244,8 +264,7 @@ def test_collada_units_colours_and_textures(bench, tmp_path, diffuse, left, righ
     renderer = create_renderer("exact", bench.world)
     pose = looking([0.5, 0.5, 1.0], [0.5, 0.5, 0], (0, 1, 0))
     image = renderer.render(View(160, 120, pose, K, 0.02))
-    assert np.abs(image[60, 30].astype(int) - left).max() <= 2
-    assert np.abs(image[60, 130].astype(int) - right).max() <= 2
+    check_quarters(image, left, right, "texture" in diffuse)
 
 
 @pytest.mark.parametrize("renderer", RENDERERS)

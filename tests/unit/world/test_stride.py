@@ -5,6 +5,7 @@ import random
 import pytest
 from aras_robot import CONTROLLERS, ArasRobot
 
+from aras_sim_bridge.control.controllers.joint_state import JointStateController
 from aras_sim_bridge.control.controllers.pid_controllers import PidPositionController
 from aras_sim_bridge.control.pid import Gains
 from aras_sim_bridge.description import parse_urdf
@@ -231,9 +232,20 @@ def _own_class(simulation):
     manager.get(CONTROLLERS["J5"]).__class__ = Shy
 
 
+class Chatty(JointStateController):
+    """A user's own, which looks in every cycle."""
+
+    def update(self, time_ns, period):
+        super().update(time_ns, period)
+
+
+def _own_states(simulation):
+    robot_of(simulation).manager.get("joint_state_controller").__class__ = Chatty
+
+
 @pytest.mark.parametrize("disturb", [
-    _stop, _listen, _listen_to_a_pid, _push, _switch, _idle_joint, _second_robot, _another_model,
-    _something_to_touch, _own_class,
+    _own_states, _stop, _listen, _listen_to_a_pid, _push, _switch, _idle_joint, _second_robot,
+    _another_model, _something_to_touch, _own_class,
 ])  # fmt: skip
 def test_what_is_out_of_the_ordinary_is_stepped(disturb):
     simulation = arrived(aras())

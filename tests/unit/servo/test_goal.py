@@ -221,6 +221,15 @@ def test_targets_geometry():
         TargetGeometry.from_mapping(apart).outline(above)
 
 
+@pytest.mark.parametrize("data", [
+    None, [1.0], {}, {"ground": 0.0},
+    {"boxes": [[[0, 0, 0], [1, 1, 1]]], "grund": 0.0},
+])  # fmt: skip
+def test_a_targets_geometry_with_other_keys_is_refused(data):
+    with pytest.raises(ConfigurationError, match="mine must hold boxes, ground and surface"):
+        TargetGeometry.from_mapping(data, "mine")
+
+
 def test_the_outline_to_be_seen_is_the_targets_where_its_geometry_is_known():
     goal = the_goal("2016").for_arm(the_arm())
     np.testing.assert_array_equal(goal.outline(), goal.target.outline(goal.world_T_camera))

@@ -54,6 +54,7 @@ def test_one_joint_moves_with_a_part_of_its_speed_and_no_other():
     q, _ = drive(jog, lambda t: jog.joint("J2", -0.25, t), 1.0)
     moved = q - START
     assert moved[2] == pytest.approx(-0.25 * 2.0, rel=0.15)
+    assert jog._velocity[2] == pytest.approx(-0.25 * 2.0)
     assert not np.delete(moved, 2).any()
 
 
@@ -87,6 +88,7 @@ def test_a_limit_stops_a_joint_and_is_named(sign, joint):
     q, commands = drive(jog, lambda t: jog.joint(joint, sign, t), 1.0, near)
     assert (sign * commands[:, k]).max() == pytest.approx(sign * bound)
     assert jog.reason == f"{joint} is at its limit"
+    assert jog._velocity[k] == 0.0  # from which a twist would go on
     q, _ = drive(jog, lambda t: jog.joint(joint, -sign, t), 0.5, q, t=1.0)
     assert sign * q[k] < sign * bound - 0.05
 

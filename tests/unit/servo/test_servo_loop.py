@@ -580,6 +580,19 @@ def test_a_first_step_longer_than_the_lead_is_taken():
     assert "waiting for" in said and motion.at_rest
 
 
+def test_the_command_brakes_as_gently_the_second_time():
+    """Also where something else than `advance` set it going, as the way to the start does."""
+    motion = Motion(the_arm().names, the_limits(), ServoSettings(stop_time=0.1))
+    motion.begin(np.zeros(6))
+    for _ in range(2):
+        motion.velocity = np.full(6, 0.5)
+        motion.brake(0.01)
+        assert motion.velocity == pytest.approx(np.full(6, 0.45))
+        for _ in range(12):
+            motion.brake(0.01)
+        assert motion.at_rest
+
+
 @pytest.mark.parametrize(("side", "sign"), [("upper", 1.0), ("lower", -1.0)])
 def test_the_command_stops_at_its_limits_by_itself(side, sign):
     """Whatever the resolver answers."""

@@ -116,7 +116,6 @@ class Servo:
         self._motion.reset()
         if self._approach is not None:
             self._approach.reset()
-        self._convergence.clear()
         self.diagnosis.reset()
         self._now: float | None = None
         self._joints: JointSample | None = None

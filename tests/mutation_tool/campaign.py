@@ -164,7 +164,8 @@ class Campaign:
         self.digest = hashlib.sha256("".join(
             self._digests.get(name, name) for name in names
         ).encode()).hexdigest()[:16]
-        return CoverageMap(recordings, self.sources)
+        texts = {test: (self._top / test).read_bytes() for test in tests}
+        return CoverageMap(recordings, self.sources, texts)
 
     def _recording(self, test: str) -> str:
         """Name of the recording: of this test file, its helpers, and the data that tests read."""

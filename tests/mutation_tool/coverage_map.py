@@ -31,9 +31,14 @@ class CoverageMap:
         recordings: by test file, what `recording.record` wrote.
         sources: all sources by file, from the workspace's top: also those outside the area,
             through which its constants and compiled functions are used.
+        tests: the test files' own sources, which may use them by name.
     """
 
-    def __init__(self, recordings: dict[str, dict], sources: dict[str, bytes]) -> None:
+    def __init__(
+        self, recordings: dict[str, dict], sources: dict[str, bytes],
+        tests: dict[str, bytes] | None = None,
+    ) -> None:
+        self._test_sources = tests or {}
         self.seconds: dict[str, float] = {}
         self.failed: set[str] = set()
         self._of_line: dict[str, dict[int, set[str]]] = {}
@@ -58,10 +63,12 @@ class CoverageMap:
 
         What stands outside functions, and what numba compiles, leaves no trace: there, the tests
         that run a function which uses it, through as many such steps as it takes. A function
-        that runs while a test file is imported may concern all tests of that file.
+        that runs while a test file is imported may concern all tests of that file, and a name in
+        its text does.
         """
         if fault.names:
-            found = self._users(fault.names, fault.file) or self._tests(fault.file, 1, 10**9)
+            found = self._users(fault.names, fault.file) | self._naming(fault.names)
+            found = found or self._tests(fault.file, 1, 10**9)
             found = found or self._importing(fault.file, 1, 10**9)
         else:
             found = self._tests(fault.file, *fault.lines)
@@ -83,6 +90,11 @@ class CoverageMap:
     def _importing(self, file: str, first: int, last: int) -> set[str]:
         lines = self._collected.get(file, {}).items()
         files = {f for line, several in lines if first <= line <= last for f in several}
+        return {name for name in self.seconds if name.partition("::")[0] in files}
+
+    def _naming(self, names: tuple[str, ...]) -> set[str]:
+        words = re.compile(rb"\b(" + "|".join(names).encode() + rb")\b")
+        files = {file for file, source in self._test_sources.items() if words.search(source)}
         return {name for name in self.seconds if name.partition("::")[0] in files}
 
     def _ordered(self, tests: set[str]) -> list[str]:

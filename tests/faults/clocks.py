@@ -9,6 +9,7 @@ from gazebo_msgs.srv import SetPhysicsPropertiesRequest
 
 from .bed import Bed
 from .outcome import Outcome
+from .services import reset_world
 from .traffic import judged
 
 
@@ -16,7 +17,7 @@ def games(bed: Bed, scale: float, seed: int) -> Outcome:
     """Pause, go on, resets and other steps, in any order and close together."""
     draw = random.Random(seed)
     with bed.group("games with the clock") as outcome:
-        physics = bed.call("/gazebo/get_physics_properties")
+        physics, diverged = bed.call("/gazebo/get_physics_properties"), 0
         for turn in range(max(round(30 * scale), 3)):
             outcome.injected += 1
             if turn == 0:
@@ -26,7 +27,10 @@ def games(bed: Bed, scale: float, seed: int) -> Outcome:
                 time.sleep(draw.choice((0.0, 0.05, 0.3)))
             _play(bed, draw, physics, "step back")
             bed.calm()
+            diverged += reset_world(bed)
             judged(bed, outcome, 1, "after games with the clock")
+        if diverged:
+            outcome.note = f"reset_simulation was needed after {diverged} of them"
     return outcome
 
 
@@ -36,8 +40,10 @@ def _play(bed: Bed, draw: random.Random, physics: object, what: str = "") -> Non
         bed.call("/gazebo/pause_physics")
     elif what == "go on":
         bed.calm()
-    elif what.startswith("reset"):
-        bed.call(f"/gazebo/{what}")
+    elif what == "reset_world":
+        reset_world(bed)
+    elif what == "reset_simulation":
+        bed.call("/gazebo/reset_simulation")
     else:
         step = 0.001 if what == "step back" else draw.choice((0.0005, 0.002, 0.004))
         fields = {name: getattr(physics, name) for name in ("gravity", "ode_config")}

@@ -58,14 +58,20 @@ def _names() -> tuple[str, ...]:
 
 def put_back(bed: Bed, physics: object) -> bool:
     """Time goes on, at its own step and gravity; the arm is where a run may begin. Whether the
-    simulation had diverged: a step of half a second or gains without bound may rightly be asked
-    for, and reset_simulation mends what comes of them, as it is said then."""
+    simulation had diverged."""
     bed.calm()
     fields = ("time_step", "max_update_rate", "gravity", "ode_config")
     bed.call(
         "/gazebo/set_physics_properties",
         SetPhysicsPropertiesRequest(**{name: getattr(physics, name) for name in fields}),
     )
+    return reset_world(bed)
+
+
+def reset_world(bed: Bed) -> bool:
+    """Everything is put where it began. Whether the simulation had diverged: a step of half a
+    second, or of two milliseconds with the shipped gains, may rightly be asked for, and
+    reset_simulation mends what comes of it, as it is said then."""
     try:
         bed.call("/gazebo/reset_world")
     except UnansweredError as error:

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,7 @@ from ros_graph import GraphError
 
 TESTS = Path(__file__).parents[1]
 sys.path.insert(0, str(TESTS))
-from faults import campaign, services  # noqa: E402
+from faults import campaign, clocks, services  # noqa: E402
 from faults.bed import UnansweredError  # noqa: E402
 from faults.outcome import Outcome  # noqa: E402
 from faults.processes import tracebacks  # noqa: E402
@@ -74,18 +75,29 @@ def test_a_traceback_of_pythons_own_beginning_is_told_from_those_of_programs():
     [("", ["reset_world"]),
      ("the simulation diverged; then call reset_simulation", ["reset_world", "reset_simulation"])],
 )  # fmt: skip
-def test_a_world_that_diverged_is_reset_as_it_says_itself(refused, asked):
+@pytest.mark.parametrize("group", ["fuzzed", "games"])
+def test_a_world_that_diverged_is_reset_as_it_says_itself(monkeypatch, refused, asked, group):
     called = []
 
     class PlayedBed:
         def calm(self):
             pass
 
+        def group(self, name):
+            return nullcontext(Outcome(name))
+
         def call(self, name, request=None):
             if name.startswith("/gazebo/reset"):
                 called.append(name.rpartition("/")[2])
             if name == "/gazebo/reset_world" and refused:
                 raise UnansweredError(refused)
+            return SetPhysicsPropertiesRequest()
 
-    assert services.put_back(PlayedBed(), SetPhysicsPropertiesRequest()) == bool(refused)
-    assert called == asked
+    if group == "fuzzed":
+        assert services.put_back(PlayedBed(), SetPhysicsPropertiesRequest()) == bool(refused)
+        assert called == asked
+    else:
+        monkeypatch.setattr(clocks, "judged", lambda *_: None)
+        outcome = clocks.games(PlayedBed(), 0.1, 0)
+        assert outcome.injected == 3 and called[-len(asked):] == asked
+        assert outcome.note == ("reset_simulation was needed after 3 of them" if refused else "")

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Set up the workspace and run every check and test: unit tests, then graph tests, each ending in pytest's summary line.
 # Arguments go to pytest: ./test.sh -k moments, ./test.sh tests/unit/workspace. Benchmarks are not run.
-# ./test.sh --faults [--help] runs the campaign of faults instead, which takes two hours.
+# ./test.sh --faults [--help] runs the campaign of faults instead, which takes an hour and a half.
 set -euo pipefail
 cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")"
 

@@ -116,6 +116,9 @@ def test_words_tell_a_failure_with_reason_and_mend(moments):
     assert doubted.converged  # it is held at the goal all the same
     told = summary.told(doubted, summary.summarise(doubted))
     assert "yes, and held; yet wrong_camera_model" in told
+    noted = replace(moments, run=replace(moments.run, reason="as shown; yet", mend="calibrate"))
+    told = summary.told(noted, summary.summarise(noted))
+    assert "yes, and held; as shown; yet\n" in told and "calibrate" in told
     nowhere = replace(moments.run, goal_pose=np.full((4, 4), np.nan))
     blind = replace(moments, run=replace(nowhere, verdict=replace(
         moments.run.verdict, word="", distance=np.nan, angle=np.nan)))  # fmt: skip

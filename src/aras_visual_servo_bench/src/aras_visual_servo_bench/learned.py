@@ -29,9 +29,10 @@ from aras_visual_servo_controller.schemes import Decision, Scheme
 from aras_visual_servo_controller.task import Task
 
 from .errors import ExperimentError, ViewError
+from .packages import PackagePath
 from .regressor import Regressor, fitted
 
-WEIGHTS = Path(__file__).resolve().parents[2] / "config" / "learned.npz"
+WEIGHTS = Path(PackagePath().find("aras_visual_servo_bench")) / "config" / "learned.npz"
 VARIABLE = "ARAS_LEARNED_WEIGHTS"  # of the environment: another file
 MAKE = "make it: python3 -m aras_visual_servo_bench.learned"
 LEVEL = (True, True, True, False, False, True)

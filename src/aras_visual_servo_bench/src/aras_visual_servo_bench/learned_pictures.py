@@ -32,10 +32,11 @@ from aras_visual_servo_controller.goal import Goal
 from aras_visual_servo_controller.observation import Need, Observation
 
 from .errors import ExperimentError
+from .packages import PackagePath
 from .regressor import Regressor, fitted
 from .rigid import exponential, logarithm
 
-WEIGHTS = Path(__file__).resolve().parents[2] / "config" / "learned_pictures.npz"
+WEIGHTS = Path(PackagePath().find("aras_visual_servo_bench")) / "config" / "learned_pictures.npz"
 VARIABLE = "ARAS_LEARNED_PICTURES_WEIGHTS"  # of the environment: another file
 MAKE = "make it: python3 -m aras_visual_servo_bench.learned_pictures"
 COLUMNS, ROWS = 28, 21  # of the picture that the network sees

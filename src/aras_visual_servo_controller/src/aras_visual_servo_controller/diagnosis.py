@@ -27,6 +27,7 @@ KINDS = (
     "joint_limit", "saturation", "gain_too_high", "too_few_images", "wrong_camera_model",
     "wrong_object", "ambiguous", "scheme_fault", "timed_out", "stopped",
 )  # fmt: skip
+CALIBRATE = "calibrate the camera: K, D, and where it is mounted"
 # s over which a lack of progress is judged, and the part of the error that has to be left of it.
 WINDOW, PROGRESS = 1.5, 0.9
 # Part of the window's images in which a cause has to be there, to be the cause.
@@ -193,13 +194,18 @@ class Diagnosis:
         if getattr(scheme, "judges_camera", True):
             self._camera.add(state.decision, observation, tolerances)
         self._add(state, tolerances)
-        if fault := self._camera.fault():
-            return Outcome(
-                "wrong_camera_model", fault,
-                "calibrate the camera: K, D, and where it is mounted",
-            )  # fmt: skip
+        fault = self._camera.fault()
+        # A goal that this camera has shown is where its picture is the same, whatever is believed
+        # of it; a goal that was worked out is not.
+        shown = goal.camera is not None and goal.camera == observation.camera
+        if fault and not (shown and state.phase == CONVERGED):
+            return Outcome("wrong_camera_model", fault, CALIBRATE)
         if state.phase == CONVERGED:
-            return self._converged(state, observation, goal)
+            found = self._converged(state, observation, goal)
+            if not fault or found.kind != "converged":
+                return found
+            return Outcome("converged", f"at the goal as this camera has shown it; yet {fault}",
+                           CALIBRATE)  # fmt: skip
         ringing = self._oscillation.add(state.stamp, self._window[-1].error)
         if ringing is not None:
             found = Outcome(

@@ -197,11 +197,12 @@ def told(record: Record, quantities: Sequence[Quantity]) -> str:
         value = float(known[key].value)
         return text.format(factor * value) if math.isfinite(value) else none
 
-    said = str(known["outcome"].value)
-    said += f" ({known['reason'].value})" if known["reason"].value else ""
-    reached = "yes, and held" + ("" if record.run.converged else f"; yet {said}")
+    reason = str(known["reason"].value)
+    said = str(known["outcome"].value) + (f" ({reason})" if reason else "")
+    doubt = reason if record.run.converged else f"yet {said}"
+    reached = "yes, and held" + (f"; {doubt}" if doubt else "")
     rows = [("Target reached", reached if record.converged else f"NO: {said}")]
-    if known["mend"].value and not record.run.converged:
+    if known["mend"].value:
         rows.append(("What would mend it", str(known["mend"].value)))
     where_known = math.isfinite(known["final_distance"].value)
     rows += [

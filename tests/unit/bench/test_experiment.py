@@ -71,7 +71,7 @@ def test_a_changed_experiment_is_checked_again():
         ({"start": [0, math.inf]}, r"start\[1\] is inf, must be a finite number"),
         ({"start": {"height": [0.3, 0.2]}}, "start.height is 0.3 to 0.2"),
         ({"reached": [0, 0.1]}, "reached must hold"),
-        ({"features": "exact"}, "the Bullet arm has pictures"),
+        ({"features": "exact", "noise": 2.0}, "noise is for pictures: give jitter"),
         ({"target": {"shape": [[0, 0], [1, 0], [0, 1]], "motion": {"step": [1, 0, 0]}}},
          "give its shape a pose"),
         ({"target": {"occluder": [[0, 0], [0.1, 0.1]]}}, "made for another target.shape"),

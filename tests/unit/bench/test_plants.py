@@ -1,5 +1,7 @@
 """Plants: one interface, exact motion, true poses, measurements at their instants."""
 
+import contextlib
+
 import numpy as np
 import pytest
 
@@ -11,8 +13,9 @@ from aras_visual_servo_bench.plants import CameraReading, JointReading
 from aras_visual_servo_bench.plants.bullet_arm import BulletArm
 from aras_visual_servo_bench.plants.free_body import FreeBody
 from aras_visual_servo_bench.plants.kinematic import FreeCamera, KinematicChain, Sight
-from aras_visual_servo_bench.runner import Loop
+from aras_visual_servo_bench.runner import Loop, run
 from aras_visual_servo_bench.targets import PlacedTarget, PolygonTarget
+from aras_visual_servo_controller.arm.poses import transform
 
 START = np.array([0.1, 0.0, 0.17, -0.09, -0.09, 0.3])
 SQUARE = PolygonTarget(((-0.02, -0.02), (0.02, -0.02), (0.02, 0.02), (-0.02, 0.02)))
@@ -242,3 +245,41 @@ def test_measured_joints_are_those_of_the_joint_states_and_not_of_the_step_after
     for told, measured in zip(heard.values(), result.measured, strict=True):
         assert [told[name] for name in result.joint_names] == measured.tolist()
     assert np.abs(result.true_joints - result.measured).max() > 1e-5
+
+
+# -- the arm's features as they are ----------------------------------------------------------------
+
+
+def test_the_truth_of_the_arm_s_features_comes_without_pictures():
+    """At the stamps of the pictures, of what they show, and the loop comes as near as it can."""
+    exact, seen = (run(Experiment(duration=0.4, features=kind)) for kind in ("exact", "pictures"))
+    assert exact.stamp == pytest.approx(seen.stamp, abs=1e-9)
+    np.testing.assert_allclose(exact.features[0], seen.features[0], atol=3e-4)
+    whole = run(Experiment(features="exact", scheme="points"))
+    assert whole.outcome == "converged"
+    assert whole.verdict.distance < 2e-5
+
+
+def test_an_exposure_between_two_steps_is_seen_from_between_their_poses():
+    """A thirtieth of a second is no whole number of steps; target and camera move."""
+    motion = {"velocity": [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]}
+    target = {"shape": "l_shape", "size": [0.06, 0.06], "pose": [0, 0, 0.591, 0, 0, 0]}
+    goal = [0.05, 0.0, -0.09, 0.045, 0.045, 0.0]
+    parts = assemble(Experiment.from_mapping({
+        "features": "exact", "scheme": "points", "goal": goal, "start": goal,
+        "target": {**target, "motion": motion},
+    }))  # fmt: skip
+    plant, found = parts.plant, []
+
+    def pose(time):
+        return parts.goal_pose @ transform((0.02, 0.2 * time, -0.1 * time), (0.0, 0.0, 2.0 * time))
+
+    plant.pose = lambda: pose(plant.time_ns * 1e-9)
+    with contextlib.closing(plant):
+        while len(found) < 4:
+            found += [r for r in plant.advance(10**9) if isinstance(r, CameraReading)]
+    for k, reading in enumerate(found, 1):
+        assert reading.stamp == pytest.approx(k / 30.0, abs=1e-9)
+        seen_from = parts.target.seen_from(pose(k / 30.0), k / 30.0)
+        exact = parts.target.shape.points(seen_from)
+        assert np.abs(reading.points - exact).max() < 1e-6

@@ -16,6 +16,10 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.trackers import DotTracker, LineTracker, MarkerTracker
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm.poses import transform
+from aras_visual_servo_controller.features.registry import create_feature
+from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.observation import Observer
+from aras_visual_servo_controller.schemes import Composed
 
 CAMERA = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1))
 LENS = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1), (-0.2, 0.05, 0, 0))
@@ -65,6 +69,23 @@ def test_a_marker_is_found_corner_by_corner(camera, size, grain):
     exact = target.shape.points(target.seen_from(VIEW))
     found = MarkerTracker().places(image, camera)
     assert np.abs(found - exact).max() * camera.K[0] < 0.2  # px
+
+
+@pytest.mark.parametrize("camera", [CAMERA, LENS, FISHEYE], ids=["pinhole", "lens", "fisheye"])
+@pytest.mark.parametrize("view", [VIEW, ASKEW], ids=["view", "askew"])
+def test_a_disc_is_the_ellipse_that_it_looks_like(camera, view):
+    """By its segmented picture, the lens taken off: middle and n20, n11, n02."""
+    target = PlacedTarget(shape_of("circle", (0.12, 0.12)), FACING)
+    feature = create_feature("ellipse")
+    exactly = target.shape.outline(target.seen_from(view))
+    plane = target.shape.plane(target.seen_from(view))
+    observer = Observer(None, feature.needs)
+    exact = observer.of_exact(0.0, camera, contour=exactly, plane=plane)
+    goal = Goal.teach(Composed(feature), exact, depth=0.5)
+    image = Sight(camera, target, pictures=True).look(view, 0, np.random.default_rng(0)).image
+    found = feature.measure(observer.of_image(0.1, image, camera, plane=plane), goal)
+    assert np.abs(found.error[:2]).max() * camera.K[0] < 0.02  # px
+    assert found.s[2:] == pytest.approx(found.desired[2:], rel=2e-3, abs=2e-6)
 
 
 def test_of_two_markers_the_larger_is_followed():

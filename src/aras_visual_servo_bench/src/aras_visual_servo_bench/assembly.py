@@ -192,7 +192,7 @@ class _Builder:
         seen_from = self.target.seen_from(pose)
         plane = self.target.shape.plane(seen_from)
         observer = Observer(None, self.needs, tracker=self.loop_settings.make_tracker())
-        if self.experiment.plant == "bullet" and self.needs & PICTURED:
+        if self.experiment.plant == "bullet" and self.experiment.pictures and self.needs & PICTURED:
             reading = self._picture(pose, joints)
         else:
             sight = self._sight(exactly=True)
@@ -314,6 +314,7 @@ class _Builder:
             return BulletArm(
                 self.robot, settings, joints, experiment.seed, experiment.renderer,
                 experiment.traced, self._spawned(exactly),
+                None if experiment.pictures else self._sight(),
             )  # fmt: skip
         kind = FreeCamera if experiment.plant in FLYING else KinematicChain
         return kind(arm, start, self._sight(), lag=experiment.lag, seed=experiment.seed)

@@ -146,7 +146,8 @@ class Experiment:
     camera: name of a preset, path of a YAML file, or the settings: the true one.
     camera_xyz, camera_rpy: how it is moved in its link, m and rad.
     believed: how the controller's idea of the camera differs; see Belief.
-    features: 'pictures', 'exact' (not the Bullet arm's), 'auto': pictures of the Bullet arm.
+    features: 'pictures', 'exact' (the truth of them, without picture, tracker and noise), 'auto':
+        pictures of the Bullet arm.
     noise: of grey levels, standard deviation. jitter: of exact features, px.
     delay: s from an exposure to its answer, computing included.
     commands: 'joint_states': streamed with each of them, as on a graph in real time; 'images':
@@ -207,10 +208,6 @@ class Experiment:
         require(min(self.reached) > 0.0, "reached must hold a distance and an angle above 0")
         require(self.seed >= 0, f"seed is {self.seed}, must be 0 or more")
         if self.plant == "bullet":
-            require(
-                self.features != "exact",
-                "features are 'exact', but the Bullet arm has pictures: use plant chain or free",
-            )
             own = not (self.target.motion.still and not any(self.target.pose))
             require(
                 not (self.target.described and own),

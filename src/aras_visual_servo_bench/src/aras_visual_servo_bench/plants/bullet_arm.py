@@ -19,10 +19,11 @@ from aras_visual_servo_controller.arm.poses import inverse, transform
 
 from .. import cameras
 from ..errors import ExperimentError
-from ..rigid import to_xyz_rpy
+from ..rigid import exponential, logarithm, to_xyz_rpy
 from ..robots import Robot
 from ..targets import PlacedTarget
 from .base import CameraReading, JointReading, Plant, Reading
+from .kinematic import Sight
 
 MODEL, TARGET = "robot", "target"
 NS = 1_000_000_000
@@ -58,6 +59,7 @@ class BulletArm(Plant):
         renderer: str = "auto",
         traced: bool = False,
         target: ShownTarget | None = None,
+        sight: Sight | None = None,
     ) -> None:
         """Spawn the robot at these joints, controllers and camera running.
 
@@ -66,6 +68,8 @@ class BulletArm(Plant):
             joints: positions by name, rad or m.
             traced: keep every step's joint velocities, for `peak_speed`.
             target: that is put into the world; None: the robot brings its own.
+            sight: sees in place of the camera, from where the physics has it at each exposure;
+                nothing is drawn then. None: the camera.
 
         Raises:
             ExperimentError: what of it is impossible.
@@ -85,6 +89,8 @@ class BulletArm(Plant):
         self._readings: list[Reading] = []
         self._carried: tuple[ShownTarget, Model] | None = None
         self._peak = np.zeros(len(self.joint_names)) if traced else None
+        self._sight, self._exposures = sight, 1
+        self._random = np.random.default_rng(seed)
         self._simulation = Simulation(SimulationConfig(renderer=renderer, seed=seed))
         try:
             self._spawn(robot, description, name, camera, joints)
@@ -120,7 +126,7 @@ class BulletArm(Plant):
         self._robot.manager.carry_out(simulation.time_ns)
         self._robot.manager.get(spec.joint_states).on_state = self._on_joints
         mounted = simulation.camera("/" + camera.strip("/"))
-        mounted.on_frame, mounted.enabled = self._on_frame, True
+        mounted.on_frame, mounted.enabled = self._on_frame, self._sight is None
         self._link_T_camera = np.array(mounted.parent_T_optical)
         self._carrier = spec.target_frame
         self.camera = cameras.model_of_info(mounted.sensor.info)
@@ -145,8 +151,11 @@ class BulletArm(Plant):
             step, stride = self._traced_step, _not
         if self._carried is not None:
             step, stride = partial(self._carrying_step, step), _not
+        if self._sight is not None:
+            step = partial(self._exposing_step, step)
         while not readings and simulation.time_ns < until_ns:
-            stride(until_ns)
+            due = until_ns if self._sight is None else self._due_ns - simulation.step_ns
+            stride(min(due, until_ns))
             if simulation.time_ns < until_ns:
                 step()
         self._readings = []
@@ -198,6 +207,24 @@ class BulletArm(Plant):
         time = (simulation.time_ns + simulation.step_ns) / NS
         model.set_pose(target.pose(time))
         step()
+
+    @property
+    def _due_ns(self) -> int:
+        """The next exposure of `sight`, as the camera would have it."""
+        return round(self._exposures * NS / self._sight.rate)
+
+    def _exposing_step(self, step: Callable[[], None]) -> None:
+        """A step in whose course `sight` may look: from between the poses at its ends."""
+        due, began = self._due_ns, self._simulation.time_ns
+        if began + self._simulation.step_ns < due:
+            step()
+            return
+        before = self.pose()
+        step()
+        part = (due - began) / self._simulation.step_ns
+        pose = before @ exponential(part * logarithm(inverse(before) @ self.pose()))
+        self._readings.append(self._sight.look(pose, due, self._random))
+        self._exposures += 1
 
     def _on_joints(self, state: Any) -> None:
         self._readings.append(

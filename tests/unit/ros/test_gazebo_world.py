@@ -74,6 +74,27 @@ def test_settings_of_no_camera_are_said_when_a_robot_with_cameras_comes(api, cal
     assert any("/nobody belong to no camera" in line for line in api.graph.lines)
 
 
+@pytest.mark.parametrize("service", ["spawn_urdf_model", "spawn_sdf_model"])
+@pytest.mark.parametrize(("text", "words"), [
+    ("<!--" * 1_000_000, "not well-formed"),  # looked through once, not once for each beginning
+    ("<robot name='r'><link name='a'></robot>", "mismatched tag"),
+    ("<!DOCTYPE robot><robot name='r'/>", "DOCTYPE"),
+    (" " * (1 << 24) + "<robot/>", "more than the limit"),
+])
+def test_text_of_no_use_is_refused_with_what_is_wrong_in_it(call, service, text, words):
+    answer = call(service, "m", text, "", Pose(), "", refused=True)
+    assert words in answer.status_message and len(answer.status_message) < 300
+
+
+def test_packages_are_looked_for_wherever_they_are_named_but_in_comments(call):
+    comment = "<!-- package://nowhere --><robot"
+    call("spawn_urdf_model", "m", BALL.replace("<robot", comment), "", Pose(), "")
+    for place in ("<gazebo><a>package://nowhere/a</a></gazebo>", "<gazebo a='package://nowhere'/>"):
+        with pytest.raises(rospy.ServiceException, match="'nowhere'"):
+            call("spawn_urdf_model", "n", BALL.replace("</robot>", place + "</robot>"), "",
+                 Pose(), "")
+
+
 @pytest.mark.parametrize(("name", "words"), [
     ("", "is empty"), ("a::b", "no '::'"), ("x" * 257, "at most 256"),
 ])

@@ -12,11 +12,11 @@ LARGEST_DEPTH = 64
 LARGEST_COUNT = 400_000
 
 
-def parse(xml: str, what: str, largest: int = LARGEST_TEXT) -> Element:
+def parse(xml: str | Element, what: str, largest: int = LARGEST_TEXT) -> Element:
     """Root element of `xml`.
 
     Args:
-        xml: the document.
+        xml: the document; what this function made of one is returned as it is.
         what: its kind for messages, 'URDF' or 'SDF'.
         largest: how many characters it may have.
 
@@ -24,6 +24,8 @@ def parse(xml: str, what: str, largest: int = LARGEST_TEXT) -> Element:
         DescriptionError: not well formed, too big, too deep, or with a document type declaration
             (the door to entity expansion and to other files).
     """
+    if isinstance(xml, Element):
+        return xml
     if not isinstance(xml, str):
         raise DescriptionError(f"{what}: expected text, got {type(xml).__name__}")
     if len(xml) > largest:

@@ -59,7 +59,7 @@ class SdfContent:
 
 
 def parse_sdf(
-    xml: str,
+    xml: str | Element,
     resolve_package: packages.ResolvePackage = packages.find,
     base_directory: str | None = None,
 ) -> RobotDescription:
@@ -79,7 +79,7 @@ def parse_sdf(
 
 
 def read_sdf(
-    xml: str,
+    xml: str | Element,
     resolve_package: packages.ResolvePackage = packages.find,
     base_directory: str | None = None,
 ) -> SdfContent:

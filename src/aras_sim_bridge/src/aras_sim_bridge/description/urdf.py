@@ -31,14 +31,14 @@ JOINT_KINDS = ("revolute", "continuous", "prismatic", "fixed", "floating", "plan
 
 
 def parse_urdf(
-    xml: str,
+    xml: str | Element,
     resolve_package: packages.ResolvePackage = packages.find,
     base_directory: str | None = None,
 ) -> RobotDescription:
     """Read and check a URDF.
 
     Args:
-        xml: the document, xacro already expanded.
+        xml: the document, xacro already expanded, or what safe_xml.parse made of it.
         resolve_package: package name -> directory, for `package://` in mesh file names.
         base_directory: what relative mesh paths are relative to; None refuses them.
 

@@ -51,7 +51,7 @@ def read(path: str) -> WorldFile:
     if world is None:
         raise DescriptionError(f"{where}: there is no <sdf><world> in it")
     try:
-        content = read_sdf(text, base_directory=os.path.dirname(os.path.abspath(path)))
+        content = read_sdf(root, base_directory=os.path.dirname(os.path.abspath(path)))
     except DescriptionError as error:
         raise DescriptionError(f"{where}: {error}") from None
     physics = world.find("physics")

@@ -1,59 +1,58 @@
-"""What a spawn request brings: text, namespace."""
+"""What a spawn request brings: a model or a light, a namespace."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import replace
+from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import Light, RobotDescription, parse_sdf, parse_urdf, read_sdf
-from aras_sim_bridge.description.safe_xml import LARGEST_TEXT
+from aras_sim_bridge.description import (
+    Light,
+    RobotDescription,
+    parse_sdf,
+    parse_urdf,
+    read_sdf,
+    safe_xml,
+)
 from aras_sim_bridge.errors import DescriptionError
 
 
-def without_prolog(xml: str) -> str:
-    """Return the text without XML declaration and comments, as Gazebo's plugin strips them.
+def root_of(text: str) -> Element:
+    """Return the root of a model's text; one without a name where there is no element at all.
 
     Raises:
-        DescriptionError: when it is too long to be a model, or declares a document type.
+        DescriptionError: it is no XML, or none that a stranger may send (see safe_xml).
     """
-    if len(xml) > LARGEST_TEXT:
-        raise DescriptionError(f"the model has {len(xml)} characters; the limit is {LARGEST_TEXT}")
-    text = re.sub(r"<!--.*?-->", "", xml, flags=re.DOTALL)
-    text = re.sub(r"^\s*<\?xml.*?\?>", "", text, flags=re.DOTALL).strip()
-    if text.startswith("<!"):
-        raise DescriptionError(
-            "document type and entity declarations are refused; remove <!DOCTYPE ...>"
-        )
-    return text
+    return safe_xml.parse(text, "model") if "<" in text else Element("")
 
 
-def root_tag(text: str) -> str:
-    """Return the name of the first element; '' when there is none."""
-    match = re.match(r"<\s*([\w:.-]+)", text)
-    return match.group(1) if match else ""
+def shown(root: Element) -> str:
+    """Return a root as messages name it."""
+    return f"<{safe_xml.shorten(root.tag)}>" if root.tag else "no element"
 
 
-def named_packages(text: str) -> list[str]:
-    """Return the packages that package:// paths of the text name."""
-    return sorted(set(re.findall(r"package://([^/\"'<\s]*)", text)))
+def named_packages(root: Element) -> list[str]:
+    """Return the packages that package:// paths in the document name."""
+    words = [*root.itertext(), *(text for part in root.iter() for text in part.attrib.values())]
+    return sorted(set(re.findall(r"package://([^/\"'<\s]*)", "\n".join(words))))
 
 
-def parse(text: str) -> RobotDescription | Light:
+def parse(root: Element) -> RobotDescription | Light:
     """Return what one model of URDF, or one model or light of SDF, describes.
 
     Raises:
         SimError: when it is neither, or wrong, or more than one.
     """
-    root = root_tag(text)
-    if root == "robot":
-        return parse_urdf(text)
-    if root in ("sdf", "gazebo"):
-        content = read_sdf(text)
+    if root.tag == "robot":
+        return parse_urdf(root)
+    if root.tag in ("sdf", "gazebo"):
+        content = read_sdf(root)
         if len(content.lights) == 1 and not content.models:
             return content.lights[0]
-        return parse_sdf(text)
-    found = f"<{root}>" if root else "no element"
-    raise DescriptionError(f"the model's root is {found}; give URDF (<robot>) or SDF (<sdf>)")
+        return parse_sdf(root)
+    raise DescriptionError(
+        f"the model's root is {shown(root)}; give URDF (<robot>) or SDF (<sdf>)"
+    )
 
 
 def in_namespace(description: RobotDescription, requested: str) -> RobotDescription:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from xml.etree.ElementTree import Element
 
 import rospy
 from gazebo_msgs.msg import ModelState
@@ -46,26 +47,24 @@ class Models:
     @serves(SpawnModel, outside=True)
     def spawn_urdf_model(self, thread: SimulationThread, request: SpawnModel) -> Fields:
         """Put a robot into the world."""
-        text = descriptions.without_prolog(request.model_xml)
-        root = descriptions.root_tag(text)
-        if root != "robot":
-            found = f"<{root}>" if root else "no element"
-            _refuse(f"the model's root is {found}, not <robot>; is it URDF?")
-        for package in descriptions.named_packages(text):
+        root = descriptions.root_of(request.model_xml)
+        if root.tag != "robot":
+            _refuse(f"the model's root is {descriptions.shown(root)}, not <robot>; is it URDF?")
+        for package in descriptions.named_packages(root):
             try:
                 packages.find(package)
             except SimError as error:
                 _refuse(str(error))
-        return self._spawn(thread, request, text, "spawn_urdf_model")
+        return self._spawn(thread, request, root, "spawn_urdf_model")
 
     @serves(SpawnModel, outside=True)
     def spawn_sdf_model(self, thread: SimulationThread, request: SpawnModel) -> Fields:
         """Put a model or a light into the world."""
-        text = descriptions.without_prolog(request.model_xml)
-        return self._spawn(thread, request, text, "spawn_sdf_model")
+        root = descriptions.root_of(request.model_xml)
+        return self._spawn(thread, request, root, "spawn_sdf_model")
 
     def _spawn(
-        self, thread: SimulationThread, request: SpawnModel, text: str, service: str
+        self, thread: SimulationThread, request: SpawnModel, root: Element, service: str
     ) -> Fields:
         name = request.model_name
         if not name:
@@ -75,7 +74,7 @@ class Models:
                 f"model_name '{name[:60]}' cannot be: no '::', at most {LONGEST_NAME} characters"
             )
         pose = conversions.from_pose(request.initial_pose, f"initial_pose of '{name}'")
-        description = descriptions.parse(text)
+        description = descriptions.parse(root)
         done = f"SpawnModel: Successfully spawned entity '{name}'"
         if isinstance(description, Light):
             thread.call(lambda: _add_light(thread.simulation, request, description, pose))

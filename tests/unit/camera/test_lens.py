@@ -106,6 +106,15 @@ def test_brown_has_no_ray_beyond_the_fold():
     assert np.isnan(outside).all()
 
 
+def test_brown_has_no_ray_where_the_picture_unfolds_again():
+    """Beyond a second fold the radius grows anew: those rays land where others did before."""
+    lens = BrownLens((-0.9, 0.3, 0.0, 0.0, 0.0))
+    fold = lens.fold_radius()
+    beyond = np.column_stack([np.linspace(0.45, 2.0, 20), np.zeros(20)])
+    assert fold * (1 - 0.9 * fold**2 + 0.3 * fold**4) < 0.45
+    assert np.isnan(lens.unproject(beyond)).all()
+
+
 def test_fisheye_projection_is_opencvs():
     lens = FisheyeLens((0.1, -0.02, 0.003, 0.0001), 1.9)
     expected = cv2.fisheye.projectPoints(

@@ -338,6 +338,8 @@ def test_formats():
     rgb[:] = (10, 20, 30)
     assert read_out(rgb, "bgr8")[0, 0].tolist() == [30, 20, 10]
     assert read_out(rgb, "mono8").shape == shape_of("mono8", 4, 6) == (4, 6)
+    # 0.299 r + 0.587 g + 0.114 b, as luminance is reckoned
+    assert read_out(np.uint8([[(200, 100, 40)]]), "mono8").item() == round(59.8 + 58.7 + 4.56)
     assert read_out(rgb, "rgb16").shape == shape_of("rgb16", 4, 6) == (4, 6, 3)
     assert widened(rgb, "rgb8") is rgb
     assert widened(rgb, "mono16").dtype == np.uint16

@@ -144,3 +144,17 @@ def test_next_picture_is_told():
     assert [n // 10_000 / 100 for n in dict.fromkeys(told)] == [25, 27.1, 33.33, 50, 52.1, 66.66]
     assert frames == ["fast", "slow", "fast"]
     simulation.close()
+
+
+def test_instants_at_which_nobody_looked_are_not_made_up_for():
+    """That picture would show a later world than its stamp says."""
+    simulation = Simulation(SimulationConfig())
+    camera = simulation.add_camera("c", {**PLACE, "update_rate": 40.0})
+    stamps = []
+    camera.on_frame = lambda frame: stamps.append(frame.stamp_ns // 1_000_000)
+    for looked_at, steps in ((False, 30), (True, 30), (False, 50), (True, 20)):
+        camera.enabled = looked_at
+        for _ in range(steps):
+            simulation.step()
+    assert stamps == [50, 125]
+    simulation.close()

@@ -158,3 +158,17 @@ def test_instants_at_which_nobody_looked_are_not_made_up_for():
             simulation.step()
     assert stamps == [50, 125]
     simulation.close()
+
+
+def test_a_reset_of_the_simulation_is_one_of_its_cameras():
+    """They expose from time 0 on again, and what waited to be sent is of another world."""
+    simulation = Simulation(SimulationConfig())
+    camera = simulation.add_camera("c", {**PLACE, "update_rate": 40.0, "latency": 0.003})
+    stamps = []
+    camera.on_frame, camera.enabled = lambda frame: stamps.append(frame.stamp_ns), True
+    for steps in (26, 30):
+        simulation.reset_simulation()
+        for _ in range(steps):
+            simulation.step()
+    assert stamps == [25_000_000] and simulation.time_ns == 30_000_000
+    simulation.close()

@@ -23,6 +23,7 @@ import cv2
 import numpy as np
 import rospy
 from aras_visual_servo_controller.msg import ServoState
+from std_srvs.srv import Empty
 
 from aras_visual_servo_bench.ros.processes import Launch, free_port
 
@@ -31,6 +32,20 @@ SIZE = (1500, 900)
 PAGE = (1440, 860)
 SLOW = "0.5"  # gain, 1/s: a run that is still on its way when its picture is taken
 ON_THE_WAY = 1.6  # s of servoing at which it is taken
+# What has to be in the scene: red, green, blue of its pixels, 0 to 255, and how far they are off.
+DRAWN = {
+    "robot": "[118, 121, 137], 45", "desired camera": "[61, 120, 255], 40",
+    "camera": "[242, 242, 242], 12", "its way": "[230, 158, 0], 30", "target": "[8, 8, 8], 12",
+}  # fmt: skip
+LEAST = 1e-4  # of the pixels
+SEEN = """((colour, off) => { const from = document.getElementById("scene");
+    const c = document.createElement("canvas"), x = c.getContext("2d");
+    c.width = from.width; c.height = from.height; x.drawImage(from, 0, 0);
+    const p = x.getImageData(0, 0, c.width, c.height).data;
+    let found = 0;
+    for (let i = 0; i < p.length; i += 4)
+        found += colour.every((v, k) => Math.abs(p[i + k] - v) <= off);
+    return 4 * found / p.length; })(%s)"""
 
 
 def screenshot(framebuffer: Path) -> np.ndarray:
@@ -134,15 +149,21 @@ def page(directory: Path) -> None:
     from browser import Browser
 
     with Browser(PAGE) as browser, Run(directory, dashboard="true", dashboard_port="18777") as run:
-        run.servo(-1.0, gain=SLOW, start="2016")
         tab = browser.open(run.address())
-        tab.wait("window.arasPage && arasPage.scene && arasPage.scene.meshes.length > 5", 60.0)
-        tab.wait(f"""arasPage.state.told.phase === "servoing" && arasPage.state.samples.filter(
-            (s) => s[1].length).length > {30 * ON_THE_WAY}""", 60.0)
-        # A software renderer has time for the picture, then.
+        tab.wait("window.arasPage && arasPage.scene && arasPage.scene.meshes.length > 5", 120.0)
+        pause = rospy.ServiceProxy("/gazebo/pause_physics", Empty)
+        run.servo(ON_THE_WAY, gain=SLOW, start="2016")
+        # While time stands still what comes late, the camera's picture above all, is of the same
+        # moment; after two seconds the page would say that nothing is known of the pace.
+        pause()
+        time.sleep(1.2)
         tab.js("arasPage.still = true; arasPage.scene.ask()")
-        time.sleep(3.0)
+        time.sleep(3.0)  # a software renderer has time for the picture, then
+        seen = {name: tab.js(SEEN % colour) for name, colour in DRAWN.items()}
         content = np.frombuffer(tab.screenshot(), np.uint8)
+    print("part of the scene's pixels:", seen)
+    if missing := [name for name, part in seen.items() if not part > LEAST]:
+        raise SystemExit(f"the scene shows nothing of: {', '.join(missing)}")
     picture = cv2.imdecode(content, cv2.IMREAD_COLOR)
     cv2.imwrite(str(IMAGES / "page.png"), picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
 

@@ -108,7 +108,8 @@ def read(given: str, progress: Callable[[float], None]) -> Record:
         try:
             return carried_out(path.stem, Experiment.from_yaml(path), str(path))
         except ExperimentError as error:
-            raise BenchError(f"{path}: {error}") from None
+            text = str(error)
+            raise BenchError(text if text.startswith(str(path)) else f"{path}: {text}") from None
     try:
         from ..ros.bag import read_bag
     except ImportError as error:

@@ -10,6 +10,8 @@ from std_msgs.msg import Float64, Float64MultiArray
 
 from ..settings import Settings
 
+KEPT = 10  # commands that wait for a slow connection; the last one counts, a recorder wants all
+
 
 class CommandTopics:
     """Publishers of one arm's commands."""
@@ -21,12 +23,12 @@ class CommandTopics:
         self._each: list[rospy.Publisher] = []
         if group:
             topic = group if group.startswith("/") else f"{space}/{group}"
-            self._group = rospy.Publisher(topic, Float64MultiArray, queue_size=1)
+            self._group = rospy.Publisher(topic, Float64MultiArray, queue_size=KEPT)
             return
         for name in names:
             controller = settings.controllers.get(name, f"{name}_{settings.output}_controller")
             topic = f"{space}/{controller}/command"
-            self._each.append(rospy.Publisher(topic, Float64, queue_size=1))
+            self._each.append(rospy.Publisher(topic, Float64, queue_size=KEPT))
 
     def put(self, values: np.ndarray) -> None:
         """Numbers (n,): m and rad, m/s and rad/s, or N and N m, whichever the controllers take."""

@@ -4,7 +4,7 @@ export const COLOURS = ["#56b4e9", "#e69f00", "#00bf8c", "#cc79a7", "#f0e342", "
 const SPAN = 20, LEAST = 4;  // s that are shown, at most and at least
 const MOST = 8;   // curves with a name; the others are thin
 const GAP = 12;   // pixels between two names
-const STRIPS = 3, BETWEEN = 9;  // axes above each other at most, and pixels between two
+const STRIPS = 3, BETWEEN = 16;  // axes above each other at most, and pixels between two
 
 /** A value behind its name; nothing where there is none. */
 function said(value, digits) {
@@ -110,8 +110,12 @@ export class Plot {
     if (this.dashed) curves(this.dashed, [4, 3], 0.75);
     curves(this.pick, [], 1);
     c.restore();
-    c.fillStyle = "#93a0b4"; c.textAlign = "right";
-    if (unit) c.fillText(unit, right - 2, top + 7);
+    if (!unit) return;
+    c.save();  // upwards, left of the numbers, where no curve is
+    c.translate(7, (top + bottom) / 2); c.rotate(-Math.PI / 2);
+    c.fillStyle = "#93a0b4"; c.textAlign = "center";
+    c.fillText(unit, 0, 0);
+    c.restore();
   }
 
   /** Above the axes, each in its colour. */

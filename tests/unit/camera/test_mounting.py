@@ -16,6 +16,7 @@ BOX = """<robot name="box"><link name="box">
   <visual><geometry><box size="0.1 0.4 0.4"/></geometry></visual></link>
   <gazebo reference="box"><turnGravityOff>true</turnGravityOff><material>Gazebo/Black</material>
   </gazebo></robot>"""
+MS = 1_000_000
 PLACE = {"parent": "world", "pose": [0, 0, 1, 0, 0, 0], "width": 32, "height": 24}
 
 
@@ -165,10 +166,11 @@ def test_a_reset_of_the_simulation_is_one_of_its_cameras():
     simulation = Simulation(SimulationConfig())
     camera = simulation.add_camera("c", {**PLACE, "update_rate": 40.0, "latency": 0.003})
     stamps = []
-    camera.on_frame, camera.enabled = lambda frame: stamps.append(frame.stamp_ns), True
-    for steps in (26, 30):
+    camera.on_frame = lambda frame: stamps.append((simulation.time_ns // MS, frame.stamp_ns // MS))
+    camera.enabled = True
+    for steps in (51, 54):
         simulation.reset_simulation()
         for _ in range(steps):
             simulation.step()
-    assert stamps == [25_000_000] and simulation.time_ns == 30_000_000
+    assert stamps == [(28, 25), (28, 25), (53, 50)]
     simulation.close()

@@ -1,12 +1,13 @@
 """Cameras of a whole simulation: models that come later, settings, what is refused."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from aras_sim_bridge.camera import mounting
-from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.description import Light, parse_urdf
 from aras_sim_bridge.errors import CameraError, RenderingError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world import Pose
@@ -173,4 +174,22 @@ def test_a_reset_of_the_simulation_is_one_of_its_cameras():
         for _ in range(steps):
             simulation.step()
     assert stamps == [(28, 25), (28, 25), (53, 50)]
+    simulation.close()
+
+
+def test_pictures_are_lit_by_the_sun_that_there_is():
+    """By the largest part of its colour, however opaque; ambient light stays where it goes."""
+    sun = Light("sun", direction=(0.0, 0.0, -1.0), diffuse=(0.1, 0.2, 0.0, 1.0))
+    simulation = Simulation(SimulationConfig(lights=(sun,)))
+    camera = simulation.add_camera("c", {**PLACE, "pose": [0, 0, 1, 0, np.pi / 2, 0]})
+    grey = []
+    camera.on_frame, camera.enabled = lambda frame: grey.append(int(frame.image[12, 16, 0])), True
+    for change in (lambda: None, lambda: simulation.set_light(replace(sun, diffuse=(0.5,) * 4)),
+                   lambda: simulation.delete_light("sun")):
+        change()
+        for _ in range(35):
+            simulation.step()
+    ambient = grey[2] / 0.4
+    assert ambient > 100
+    assert grey == pytest.approx([0.6 * ambient, 0.9 * ambient, 0.4 * ambient], abs=2)
     simulation.close()

@@ -2,7 +2,7 @@
 
 import pytest
 import yaml
-from aras_robot import ArasRobot
+from aras_robot import CONTROLLERS, ArasRobot
 
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
@@ -45,6 +45,18 @@ def test_set_points_outlive_a_reset(interpolate):
     assert list(robot.positions().values()) == [0.0] * 6
     robot.steps(1500)
     assert list(robot.positions().values()) == pytest.approx([0.1] * 6, abs=2e-2)
+    robot.close()
+
+
+@pytest.mark.parametrize("reset", ["reset_world", "reset_simulation"])
+def test_a_command_that_waited_while_all_was_reset_does_not_count(reset):
+    robot = ArasRobot(interpolate=False)
+    robot.steps(2)
+    robot.command((0.1,) * 6)
+    getattr(robot.simulation, reset)()
+    robot.steps(1)
+    states = [robot.manager.get(name).state(0, 0.001) for name in CONTROLLERS.values()]
+    assert [state.set_point for state in states] == [0.0] * 6
     robot.close()
 
 

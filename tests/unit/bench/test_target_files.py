@@ -104,6 +104,23 @@ def test_an_occluder_hides_what_is_below_it():
     assert dark[1] == pytest.approx(0.5 * dark[0], rel=0.05)
 
 
+@pytest.mark.parametrize(("direction", "diffuse"), [((-1, 0, -1), 0.8), ((0, 0.5, -1), 0.3)])
+def test_the_table_is_as_bright_as_its_sun_makes_it(direction, diffuse):
+    sun = {"direction": list(direction), "diffuse": diffuse}
+    grey, *_ = seen(on_the_arm("l_shape", (0.05, 0.05), sun=sun, **STILL))
+    lit = min(0.4 + diffuse / np.linalg.norm(direction), 1.0)
+    assert np.median(grey) == pytest.approx(255 * lit, abs=1.5)
+    assert grey.min() < 5
+
+
+def test_under_a_low_sun_the_target_is_not_told_from_the_table_and_that_is_said():
+    lit = run(on_the_arm("l_shape", (0.05, 0.05), sun={"direction": [-1, 0, -1]}))
+    assert lit.outcome == "converged" and lit.verdict.reached
+    dark = {"sun": {"direction": [-1, 0, -0.05]}, "goal": "2016", "scheme": "moments"}
+    found = run(on_the_arm("l_shape", (0.05, 0.05), **{**dark, "duration": 1.0}))
+    assert found.outcome in ("target_lost", "wrong_object")
+
+
 def test_the_arm_servoes_on_a_target_that_was_put_there():
     result = run(on_the_arm("l_shape", (0.05, 0.05)))
     assert result.outcome == "converged", result.reason

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from aras_sim_bridge.description import Light
+from aras_sim_bridge.description.lights import SUN
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
@@ -23,7 +25,7 @@ from aras_visual_servo_controller.starts import start_joints
 
 from . import cameras
 from .errors import ExperimentError, ViewError
-from .experiment import FLYING, CameraPose, Experiment, Sampler
+from .experiment import FLYING, CameraPose, Experiment, Sampler, SunSpec
 from .loops import named_goal, named_scheme, settings_of
 from .plants import CameraReading, Plant
 from .plants.bullet_arm import BulletArm, ShownTarget
@@ -314,7 +316,7 @@ class _Builder:
             return BulletArm(
                 self.robot, settings, joints, experiment.seed, experiment.renderer,
                 experiment.traced, self._spawned(exactly),
-                None if experiment.pictures else self._sight(),
+                None if experiment.pictures else self._sight(), (_sun(experiment.sun),),
             )  # fmt: skip
         kind = FreeCamera if experiment.plant in FLYING else KinematicChain
         return kind(arm, start, self._sight(), lag=experiment.lag, seed=experiment.seed)
@@ -355,6 +357,12 @@ def _target(experiment: Experiment) -> PlacedTarget:
     spec = experiment.target
     shape = shape_of(spec.shape, spec.size)
     return PlacedTarget(shape, transform(spec.pose[:3], spec.pose[3:]), spec.motion)
+
+
+def _sun(spec: SunSpec) -> Light:
+    """The world's sun, of that direction and strength."""
+    strength = (spec.diffuse,) * 3
+    return replace(SUN, direction=spec.direction, diffuse=(*strength, 1.0))
 
 
 def _deeper(goal: Goal, factor: float) -> Goal:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from aras_sim_bridge.description.lights import SUN
+
 from .cameras import Belief
 from .checked import annotations, build, convert, nearest, read_yaml, require
 from .robots import RobotSpec
@@ -58,6 +60,22 @@ class CameraPose:
     """A pose of the camera's optical frame in the world: x, y, z (m), roll, pitch, yaw (rad)."""
 
     pose: Six
+
+
+@dataclass(frozen=True)
+class SunSpec:
+    """The sun over the Bullet arm's table; its light is white, and ambient light is there besides.
+
+    direction: from the sun to the ground, in the world. diffuse: its part of what a white face
+    square to it gives back; 0.4 more come from around, and what is above 1 is white all the same.
+    """
+
+    direction: tuple[float, float, float] = SUN.direction
+    diffuse: float = SUN.diffuse[0]
+
+    def __post_init__(self) -> None:
+        require(any(self.direction), "sun.direction must not be zero")
+        require(0.0 <= self.diffuse <= 1.0, f"sun.diffuse is {self.diffuse:g}, must be 0 to 1")
 
 
 @dataclass(frozen=True)
@@ -143,6 +161,7 @@ class Experiment:
     robot: see RobotSpec. friction: of its joints (bullet). lag: of each joint (chain, free), s.
     target: see TargetSpec; 'aras' is part of the Bullet arm's description, others are put into the
         world in its place.
+    sun: see SunSpec (bullet).
     camera: name of a preset, path of a YAML file, or the settings: the true one.
     camera_xyz, camera_rpy: how it is moved in its link, m and rad.
     believed: how the controller's idea of the camera differs; see Belief.
@@ -168,6 +187,7 @@ class Experiment:
     friction: bool = True
     lag: float = 0.04
     target: TargetSpec = TargetSpec()
+    sun: SunSpec = SunSpec()
     camera: str | Mapping[str, Any] = "original"
     camera_xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
     camera_rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -233,6 +253,7 @@ class Experiment:
             )
         else:
             require(not self.traced, "traced is for the Bullet arm: other plants have no steps")
+            require(self.sun == SunSpec(), "sun is for the Bullet arm: other plants have no light")
         require(
             not self.pictures or not self.jitter,
             "jitter is for exact features: give noise for pictures",

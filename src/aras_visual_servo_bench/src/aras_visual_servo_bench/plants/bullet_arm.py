@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from aras_sim_bridge.description import RobotDescription, parse_urdf
+from aras_sim_bridge.description import Light, RobotDescription, parse_urdf
+from aras_sim_bridge.description.lights import SUN
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.poses import Pose
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
@@ -60,6 +61,7 @@ class BulletArm(Plant):
         traced: bool = False,
         target: ShownTarget | None = None,
         sight: Sight | None = None,
+        lights: tuple[Light, ...] = (SUN,),
     ) -> None:
         """Spawn the robot at these joints, controllers and camera running.
 
@@ -70,6 +72,7 @@ class BulletArm(Plant):
             target: that is put into the world; None: the robot brings its own.
             sight: sees in place of the camera, from where the physics has it at each exposure;
                 nothing is drawn then. None: the camera.
+            lights: of the world; the first is the sun.
 
         Raises:
             ExperimentError: what of it is impossible.
@@ -91,7 +94,9 @@ class BulletArm(Plant):
         self._peak = np.zeros(len(self.joint_names)) if traced else None
         self._sight, self._exposures = sight, 1
         self._random = np.random.default_rng(seed)
-        self._simulation = Simulation(SimulationConfig(renderer=renderer, seed=seed))
+        self._simulation = Simulation(
+            SimulationConfig(renderer=renderer, seed=seed, lights=lights)
+        )
         try:
             self._spawn(robot, description, name, camera, joints)
             if target is not None:

@@ -61,9 +61,13 @@ def _move(motion: Motion, model: str) -> int:
     from gazebo_msgs.srv import GetModelState, SetModelState
     from geometry_msgs.msg import Point, Quaternion
 
-    rospy.init_node("move_target", anonymous=True)
+    from aras_visual_servo_ros.shutdown import begin_node
+
+    begin_node("move_target", anonymous=True)
     try:
         rospy.wait_for_service("/gazebo/set_model_state", PATIENCE)
+    except rospy.ROSInterruptException:
+        return 0
     except rospy.ROSException:
         raise ExperimentError(
             f"no simulation answers within {PATIENCE:g} s: start it first, roslaunch "

@@ -106,6 +106,16 @@ def test_the_bridge_imports_go_down_from_floor_to_floor() -> None:
             assert floor(other) < floor(room), f"{file.relative_to(library)} imports {other}"
 
 
+def test_the_bridge_has_one_class_a_name() -> None:
+    """Whoever reads of a Geometry, a Light or Limits knows which."""
+    places: dict[str, list[str]] = {}
+    for file in LIBRARIES["aras_sim_bridge"].rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(), str(file))):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, []).append(file.name)
+    assert {name: found for name, found in places.items() if len(found) > 1} == {}
+
+
 @pytest.mark.parametrize("name", PURE)
 def test_pure_maths_needs_no_part(name: str) -> None:
     file = LIBRARIES["aras_sim_bridge"] / name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import shutil
@@ -132,6 +133,17 @@ def test_nothing_that_only_building_needs_is_asked_for_to_run(namespace, system,
     assert "python3-dev" not in running
     assert ("ros-environment" in running) == (system == "13")
     assert {"python3-rospy", "rosout", "python3-roslaunch"} <= running
+
+
+def test_what_the_image_tries_to_import_when_it_is_made_is_there():
+    script = re.search(r"python -c '(.*?)'", (DOCKER / "slim").read_text(), re.DOTALL)[1]
+    modules = [name.name for node in ast.parse(script).body for name in node.names]
+    ours = [name for name in modules if name.startswith("aras_")]
+    assert len(ours) >= 2 and "pybullet" in modules
+    for name in ours:
+        package, *rest = name.split(".")
+        place = ROOT / "src" / package / "src" / package / "/".join(rest)
+        assert place.with_suffix(".py").exists() or place.joinpath("__init__.py").exists(), name
 
 
 # --- compose --------------------------------------------------------------------------------------

@@ -220,6 +220,18 @@ def test_states_are_published_while_somebody_listens(api, call, step, slider, ba
     assert links.twist[4].linear.z == models.twist[2].linear.z
 
 
+def test_metrics_tell_how_often_cameras_that_are_looked_at_draw(api, monkeypatch):
+    monkeypatch.setattr(SimulationThread, "real_time_factor", 0.5)
+    simulation = api.thread.simulation
+    settings = {"parent": "world", "pose": [0.0] * 6, "width": 8, "height": 6, "update_rate": 20.0}
+    camera = api.thread.call(lambda: simulation.add_camera("c", settings))
+    for wanted, fps in ((False, 0.0), (True, 10.0)):
+        camera.enabled = wanted
+        (told,) = api.api.states._performance(simulation).sensors
+        assert (told.name, told.sim_update_rate, told.real_update_rate) == ("c", 20.0, 10.0)
+        assert told.fps == fps
+
+
 def test_the_real_time_factor_is_told_once_a_second(api):
     ((period, tell),) = api.graph.timers
     assert period.to_sec() == 1.0

@@ -58,6 +58,32 @@ def test_dots_are_found_where_they_are(camera):
     assert len({tuple(np.round(p)) for p in found}) == 4
 
 
+DOTS = ((100, 80), (220, 80), (220, 160), (100, 160))
+
+
+def dotted(middles, radius=9):
+    """A picture (240, 320) with black dots at (u, v), px."""
+    picture = np.full((240, 320), 255, np.uint8)
+    for u, v in middles:
+        cv2.circle(picture, (u, v), radius, 0, -1)
+    return picture
+
+
+@pytest.mark.parametrize("cut", [(0, 120), (319, 120), (160, 0), (160, 239)])
+def test_a_dot_that_the_border_cuts_is_none(cut):
+    with pytest.raises(VisionError, match="3 of 4 dots are in view"):
+        DotTracker().find(dotted([*DOTS[:3], cut]))
+
+
+def test_of_what_is_dark_the_largest_round_things_are_the_dots():
+    picture = dotted(DOTS)
+    cv2.circle(picture, (160, 40), 4, 0, -1)
+    cv2.rectangle(picture, (20, 100), (28, 220), 0, -1)
+    cv2.line(picture, (260, 20), (310, 70), 0, 12)
+    found = DotTracker().find(picture)
+    assert sorted(map(tuple, np.round(found).astype(int))) == sorted(DOTS)
+
+
 @pytest.mark.parametrize("grain", [0.0, 5.0], ids=["clear", "grainy"])
 @pytest.mark.parametrize("size", [0.2, 0.06], ids=["large", "small"])
 @pytest.mark.parametrize("camera", [CAMERA, LENS, FISHEYE], ids=["pinhole", "lens", "fisheye"])

@@ -90,6 +90,15 @@ def test_sx_sy_turn_as_a_vector_and_do_not_feel_the_rest(make) -> None:
     np.testing.assert_allclose(after, turn.T @ before, atol=1e-10)
 
 
+def test_other_names_are_the_same_features() -> None:
+    moments = Moments.from_polygon(L_SHAPE)
+    pairs = [("r1", "C9"), ("r2", "C10"), *((f"c{k}", f"C{k}") for k in range(1, 11))]
+    found = compute(moments, tuple(name for pair in pairs for name in pair), FRONT)
+    for one, other in pairs:
+        assert found[one] == pytest.approx(found[other], rel=1e-12), one
+        np.testing.assert_allclose(found.row(one), found.row(other), rtol=1e-12)
+
+
 def test_paper_rows_of_a_parallel_target_are_decoupled() -> None:
     """Chaumette: xn, yn, an react to vx, vy, vz with -1 and to nothing else of the translation."""
     moments = Moments.from_polygon(L_SHAPE / 0.5)

@@ -155,6 +155,11 @@ def test_the_motion_of_the_target_is_fed_forward():
     np.testing.assert_allclose(task.rate, [-2.0 - 0.3, -2.0 + 0.1])
 
 
+def test_the_motion_of_the_target_is_that_of_each_part_of_a_stack():
+    found = Stack([Moving(), Moving()]).measure(look(frozenset(), GOAL), Goal())
+    np.testing.assert_allclose(found.rate, [0.3, -0.1, 0.3, -0.1])
+
+
 def test_a_square_has_no_angle():
     feature = create_feature("moments")
     with pytest.raises(ConfigurationError, match="alpha is undefined"):

@@ -109,9 +109,24 @@ def test_moments_are_moments():
     even = B[0].reshape(shape)
     assert even == pytest.approx(even[::-1, ::-1], abs=1e-6)
     assert even[shape[0] // 2, shape[1] // 2] == even.max()
+    row, column = shape[0] // 2, shape[1] // 2
+    along, down = even[row, column : column + 40], even[row : row + 40, column]
+    assert along == pytest.approx(down, abs=1e-6)  # as far to the right as below
     for k in (1, 2):  # x and y: odd, and one the other's
         odd = B[k].reshape(shape)
         assert odd == pytest.approx(-odd[::-1, ::-1], abs=1e-6)
+
+
+def test_principal_components_hold_what_a_motion_changes():
+    """They are of differences to the goal's picture: of turns, shifts and scales."""
+    feature, goal = at_goal("luminance_pca")
+    feature.measure(look(PINHOLE, VIEW, feature.needs), goal)
+    B = feature._basis.astype(float)
+    for turn in (-0.15, -0.05, 0.1):
+        turned = moved(GOAL, np.array([0, 0, 0, 0, 0, turn]))
+        change = smooth(picture(PINHOLE, turned)) - smooth(picture(PINHOLE, GOAL))
+        held = np.linalg.lstsq(B.T, change, rcond=None)[0] @ B
+        assert np.linalg.norm(held) > 0.99 * np.linalg.norm(change), turn
 
 
 def test_cosines_are_orthogonal():

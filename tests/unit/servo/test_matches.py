@@ -24,17 +24,17 @@ def picture():
     return poster((0.8, 0.6))
 
 
-def look(feature, picture, place):
+def look(feature, picture, place, known=True):
     image = picture.picture(CAMERA, FACING @ np.linalg.inv(place))
-    plane = Plane.from_pose(place[:3, :3], place[:3, 3])
+    plane = Plane.from_pose(place[:3, :3], place[:3, 3]) if known else None
     return Observer(None, feature.needs).of_image(0.0, image, CAMERA, plane=plane)
 
 
-def measured(name, picture):
+def measured(name, picture, known=True):
     feature = create_feature(name)
     goal = Goal.teach(Composed(feature), look(feature, picture, GOAL))
     feature.check(goal)
-    return feature.measure(look(feature, picture, NOW), goal)
+    return feature.measure(look(feature, picture, NOW, known), goal)
 
 
 def on_plane(points, place):
@@ -58,6 +58,18 @@ def test_points_their_error_and_their_rate_are_those_of_the_plane(name, most, pi
     for (x, y), Z, rows in zip(s, on_plane(s, NOW)[:, 2], found.L.reshape(-1, 2, 6), strict=True):
         assert rows[0] == pytest.approx([-1 / Z, 0, x / Z, x * y, -1 - x * x, y], abs=1e-6)
         assert rows[1] == pytest.approx([0, -1 / Z, y / Z, 1 + y * y, -x * y, -x], abs=1e-6)
+
+
+def test_where_the_plane_is_not_known_depths_come_from_the_matches(picture):
+    found = measured("matches", picture, known=False)
+    s = found.s.reshape(-1, 2)
+    assert -1.0 / found.L[0::2, 0] == pytest.approx(on_plane(s, NOW)[:, 2], rel=0.01)
+
+
+def test_judged_is_the_root_of_the_mean_squared_distance(picture):
+    found = measured("matches", picture)
+    away = np.linalg.norm((found.s - found.desired).reshape(-1, 2), axis=1)
+    assert found.judged == pytest.approx(np.sqrt(np.mean(away**2)))
 
 
 def test_the_pose_of_matches_is_the_cameras(picture):

@@ -39,21 +39,24 @@ def look(observer, stamp, camera_T_object):
     )  # fmt: skip
 
 
-def iterations(law: Law, interaction: str = "current", start=START, feature: Feature | None = None):
+def iterations(
+    law: Law, interaction: str = "current", start=START, feature: Feature | None = None, dt=DT,
+    most=3000,
+):  # fmt: skip
     """How many motions until |e|^2 < 1e-4, and the greatest depth on the way, m."""
     scheme = Composed(feature or InOrder(), law, interaction)
     goal = Goal.teach(scheme, look(Observer(None, scheme.needs), 0.0, GOAL))
     scheme.check(goal)
     observer, camera_T_object, depth = Observer(None, scheme.needs), start, 0.0
-    for count in range(3000):
+    for count in range(most):
         depth = max(depth, camera_T_object[2, 3])
-        observation = look(observer, count * DT, camera_T_object)
-        decision = scheme.compute(observation, goal, count * DT)
+        observation = look(observer, count * dt, camera_T_object)
+        decision = scheme.compute(observation, goal, count * dt)
         if (decision.error**2).sum() < 1e-4:
             return count, depth
         twist = decision.task.twist
         fastest = max(np.abs(twist[:3]).max() / 1.0, np.abs(twist[3:]).max() / np.pi * 2, 1.0)
-        camera_T_object = np.linalg.inv(exponential(DT * twist / fastest)) @ camera_T_object
+        camera_T_object = np.linalg.inv(exponential(dt * twist / fastest)) @ camera_T_object
     return None, depth
 
 
@@ -75,6 +78,13 @@ def test_iterations_as_published(law, interaction, published):
 def test_the_camera_retreats_as_published(turn, depth):
     start = pose((0.0, 0.0, 0.75), (0.0, 0.0, np.radians(turn)))
     assert iterations(Proportional(0.5), start=start)[1] == pytest.approx(depth, abs=1e-3)
+
+
+def test_in_small_steps_the_retreat_is_that_of_the_way_without_steps():
+    """Z*/cos(turn/2), within half a percent at 4 ms."""
+    start = pose((0.0, 0.0, 0.75), (0.0, 0.0, np.radians(120.0)))
+    depth = iterations(Proportional(0.5), start=start, dt=0.004, most=900)[1]
+    assert depth == pytest.approx(0.75 / np.cos(np.radians(60.0)), rel=5e-3)
 
 
 @pytest.mark.parametrize(("turn", "count"), [(60, 180), (90, 197), (120, 207)])

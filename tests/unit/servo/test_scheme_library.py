@@ -42,6 +42,19 @@ def test_it_comes_to_its_goal(name):
     assert distance(way[-1]) < 5e-3 * distance(way[0])
 
 
+@pytest.mark.parametrize("name", ["moments_pitch", "ellipse"])
+def test_what_sees_less_than_the_pose_comes_to_its_own_goal(name):
+    near = pose((0.03, -0.04, 0.78), (0.13, -0.12, 0.2))
+    scheme = create_scheme(name)
+    goal = Goal.teach(scheme, look(Observer(None, scheme.needs), GOAL))
+    scheme.check(goal)
+    first = scheme.compute(look(Observer(None, scheme.needs), near), goal, 0.0)
+    _, last = fly(name, near, images=300)
+    tolerances = np.array(scheme.tolerances)
+    assert np.abs(first.error / tolerances).max() > 5.0
+    assert np.abs(last.error / tolerances).max() < 0.5
+
+
 @pytest.mark.parametrize("interaction", ["desired", "mean"])
 def test_points_with_another_interaction_matrix(interaction):
     way, decision = fly("numbered_points", interaction=interaction)
@@ -94,6 +107,17 @@ def test_partitioned_does_not_retreat():
         depths[name] = way[:, 2, 3].max()
     assert depths["partitioned"] < 0.8
     assert depths["numbered_points"] > 1.5
+
+
+def test_partitioned_comes_down_by_the_logarithm_of_the_distance():
+    """The root of the area goes with 1/Z: vz = gain Z log(Z / Z*) where nothing else is off."""
+    at = [pose((0.0, 0.0, z), (0.0, 0.0, 0.0)) for z in (0.6, 0.9)]
+    scheme = create_scheme("partitioned", Proportional(2.0))
+    goal = Goal.teach(scheme, look(Observer(None, scheme.needs), at[0]))
+    scheme.check(goal)
+    twist = scheme.compute(look(Observer(None, scheme.needs), at[1]), goal, 0.0).task.twist
+    assert twist[2] == pytest.approx(2.0 * 0.9 * np.log(0.9 / 0.6), rel=1e-6)
+    assert twist[5] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_the_predictive_scheme_keeps_the_points_in_the_picture():

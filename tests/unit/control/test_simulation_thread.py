@@ -93,6 +93,18 @@ def test_unpausing_clears_the_gate_that_steps_closed(started):
     until(lambda: thread.now_ns() == 6_000_000)
 
 
+def test_a_pause_is_not_made_good():
+    wall = [0.0]
+    thread = SimulationThread(Counter, Pacer(1.0, lambda: wall[0]), paused=True)
+    thread.start()
+    wall[0] = 0.15
+    thread.unpause()
+    wall[0] = 0.16
+    until(lambda: thread.now_ns() >= 8_000_000)
+    thread.stop()
+    assert thread.now_ns() == 8_000_000
+
+
 def test_a_bell_that_was_heard_does_not_wake_again(started):
     """While time stands still the thread waits, and does not spin."""
 

@@ -18,10 +18,10 @@ from .errors import VisionError
 from .undistortion import CameraModel
 
 MARKERS = {"DICT_4X4_50": 6, "DICT_APRILTAG_36h11": 8}  # cells across, the black rim with them
-SMALLEST_DOT = 6  # pixels: of less, no centre can be had
-# Area of a dot over that of the ellipse in its box: least, and, where pixels do not blur its shape,
-# most (an upright rectangle has 1.27); and how long it may be for its width.
-ROUND, SQUARE, COARSE, LONG = 0.8, 1.15, 60, 4.0
+SMALLEST_DOT = 4  # pixels: of less, no centre can be had
+# Area of a dot over that of the ellipse in its box: least, most (an upright rectangle has 1.27),
+# and least of one of so few pixels that they shape it; how long it may be for its width.
+ROUND, SQUARE, COARSE, COARSELY, LONG = 0.8, 1.15, 60, 0.6, 4.0
 RIM = 3  # pixels about a dot in which it fades
 LEAST_CONTRAST = 20.0  # grey levels between a marker's rim and what is around it
 SMALLEST_DRAWING = 400  # pixels of the rectangle about a drawing of lines
@@ -72,9 +72,12 @@ class DotTracker(Tracker):
             edge = left == 0 or top == 0 or left + width == grey.shape[1] or (
                 top + height == grey.shape[0]
             )
-            angular = area > COARSE and area > SQUARE * full
             long = max(width, height) > LONG * min(width, height)
-            if area >= SMALLEST_DOT and area > ROUND * full and not (edge or angular or long):
+            if area > COARSE:
+                dotlike = ROUND * full < area < SQUARE * full
+            else:
+                dotlike = area >= SMALLEST_DOT and area > COARSELY * full
+            if dotlike and not (edge or long):
                 dots.append((int(area), left, top, width, height))
         if len(dots) < self.count:
             raise VisionError(

@@ -93,6 +93,15 @@ def test_nothing_is_left_to_do_at_the_goal(name):
     assert feature.desired_interaction(goal) == pytest.approx(found.L, abs=1e-9)
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_tolerances_are_between_a_tenth_of_a_millimetre_and_what_one_sees_at_a_glance(name):
+    """By how far the camera moves, m or rad, until the number is off by its tolerance."""
+    feature, goal = at_goal(name)
+    most = np.abs(feature.measure(shown(name, feature, GOAL), goal).L).max(axis=1)
+    reach = np.array(feature.tolerances) / most
+    assert 1e-4 < reach.min() and reach.max() < 0.2
+
+
 def test_vanishing_points_see_no_translation():
     for v in np.eye(6)[:3]:
         vanishing = VALUES["vanishing_points"]

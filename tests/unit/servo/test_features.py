@@ -349,6 +349,7 @@ def test_kernel_features_refuse_another_camera_a_dirty_ground_and_emptiness():
         ({"kernel": None}, "expected the 20 numbers"),
         ({"kernel": np.zeros(4)}, "got 4"),
         ({"kernel": np.zeros(20)}, "not visible"),
+        ({"kernel": np.where(np.arange(20) == 3, np.nan, view.kernel)}, "not visible"),
     ):
         with pytest.raises(MeasurementError, match=words):
             feature.measure(replace(view, **change), goal)

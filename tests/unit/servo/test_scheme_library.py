@@ -42,6 +42,19 @@ def test_it_comes_to_its_goal(name):
     assert distance(way[-1]) < 5e-3 * distance(way[0])
 
 
+def test_the_laboratorys_gains_are_in_its_own_ratio():
+    """140, 120, 60 and 30, on what -L^-1 makes of the error; the target is parallel here."""
+    scheme = create_scheme("moments_2016", law=Proportional(1.0))
+    goal = Goal.teach(scheme, look(Observer(None, scheme.needs), GOAL))
+    near = GOAL.copy()
+    near[:3, 3] += 0.02, -0.03, 0.05
+    decision = scheme.compute(look(Observer(None, scheme.needs), near), goal, 0.0)
+    xn, yn = decision.features[:2]
+    towards = decision.error + decision.error[3] * np.array([yn, -xn, 0.0, 0.0])
+    expected = np.array([140.0, 120.0, 60.0, 30.0]) / 140.0 * towards
+    assert decision.task.twist[[0, 1, 2, 5]] == pytest.approx(expected, abs=1e-12)
+
+
 @pytest.mark.parametrize("name", ["moments_pitch", "ellipse"])
 def test_what_sees_less_than_the_pose_comes_to_its_own_goal(name):
     near = pose((0.03, -0.04, 0.78), (0.13, -0.12, 0.2))

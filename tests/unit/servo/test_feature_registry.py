@@ -9,6 +9,7 @@ import pytest
 from feature_scenes import CORNERS, GOAL, PERIODS, TARGETS, VALUES, VIEWS, look, moved
 
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
+from aras_visual_servo_controller.features import Feature
 from aras_visual_servo_controller.features.registry import FEATURES, create_feature
 from aras_visual_servo_controller.goal import Goal
 from aras_visual_servo_controller.observation import Need, Observer
@@ -99,7 +100,7 @@ def test_tolerances_are_between_a_tenth_of_a_millimetre_and_what_one_sees_at_a_g
     feature, goal = at_goal(name)
     most = np.abs(feature.measure(shown(name, feature, GOAL), goal).L).max(axis=1)
     reach = np.array(feature.tolerances) / most
-    assert 1e-4 < reach.min() and reach.max() < 0.2
+    assert reach.min() > 1e-4 and reach.max() < 0.2
 
 
 def test_vanishing_points_see_no_translation():
@@ -123,3 +124,12 @@ def test_vanishing_points_refuse_a_triangle():
     goal = Goal.teach(Composed(feature), view)
     with pytest.raises(ConfigurationError, match="four corners"):
         feature.check(goal)
+
+
+def test_a_feature_that_knows_no_desired_l_names_the_mend():
+    class Own(Feature):
+        def measure(self, observation, goal):
+            raise NotImplementedError
+
+    with pytest.raises(ConfigurationError, match="Own has no interaction.*interaction 'current'"):
+        Own().desired_interaction(Goal(depth=0.2))

@@ -1,12 +1,17 @@
 """What a page may ask for, and who may ask at all."""
 
 import json
+import re
+from pathlib import Path
 
 import pytest
 
+from aras_visual_servo_bench.live import page
 from aras_visual_servo_bench.live.access import Access
 from aras_visual_servo_bench.live.requests import LARGEST, REQUESTS, RefusedError, read_request
+from aras_visual_servo_controller.teleop import CAMERA_KEYS
 
+AXES = ("vx", "vy", "vz", "wx", "wy", "wz")
 CHOICES = {"schemes": ["moments"], "laws": ["pi"], "starts": ["2016"], "goals": ["auto"],
            "gains": ["gain"], "joints": ["J1"], "cameras": ["wide"], "targets": []}  # fmt: skip
 
@@ -77,6 +82,14 @@ def test_what_is_no_request_is_refused(text):
 def test_every_request_has_a_use():
     for do, specs in REQUESTS.items():
         assert do.isidentifier() and all(name.isidentifier() for name in specs)
+
+
+def test_the_pages_keys_are_those_of_the_terminal():
+    script = (Path(page.__file__).parent / "page" / "app.js").read_text()
+    text = re.search(r"const KEYS = \{(.*?)\};", script, re.DOTALL)[1]
+    found = {key: (AXES.index(axis), float(sign))
+             for key, axis, sign in re.findall(r'(\w): \["(\w\w)", (-?1)\]', text)}
+    assert found == CAMERA_KEYS
 
 
 OURS = Access("127.0.0.1", 8080, "right-token-here")

@@ -284,8 +284,8 @@ $("view-run").addEventListener("click", () => scene && scene.setView("run"));
 // -- driving by hand ---------------------------------------------------------------------
 
 const AXES = ["vx", "vy", "vz", "wx", "wy", "wz"];
-const KEYS = { d: ["vx", 1], a: ["vx", -1], s: ["vy", 1], w: ["vy", -1], r: ["vz", 1], f: ["vz", -1],
-  k: ["wx", -1], i: ["wx", 1], l: ["wy", 1], j: ["wy", -1], e: ["wz", 1], q: ["wz", -1] };
+const KEYS = { d: ["vx", 1], a: ["vx", -1], s: ["vy", 1], w: ["vy", -1], r: ["vz", 1], f: ["vz", -1],  // aras_teleop's
+  i: ["wx", 1], k: ["wx", -1], o: ["wy", 1], u: ["wy", -1], l: ["wz", 1], j: ["wz", -1] };
 const held = new Map();
 let jogging = null;
 

@@ -23,7 +23,6 @@ import cv2
 import numpy as np
 import rospy
 from aras_visual_servo_controller.msg import ServoState
-from std_srvs.srv import Empty
 
 from aras_visual_servo_bench.ros.processes import Launch, free_port
 
@@ -149,23 +148,23 @@ def page(directory: Path) -> None:
     from browser import Browser
 
     with Browser(PAGE) as browser, Run(directory, dashboard="true", dashboard_port="18777") as run:
+        run.servo(-1.0, gain=SLOW, start="2016")
         tab = browser.open(run.address())
-        tab.wait("window.arasPage && arasPage.scene && arasPage.scene.meshes.length > 5", 120.0)
-        pause = rospy.ServiceProxy("/gazebo/pause_physics", Empty)
-        run.servo(ON_THE_WAY, gain=SLOW, start="2016")
-        # While time stands still what comes late, the camera's picture above all, is of the same
-        # moment; after two seconds the page would say that nothing is known of the pace.
-        pause()
-        time.sleep(1.2)
+        tab.wait("window.arasPage && arasPage.scene && arasPage.scene.meshes.length > 5", 60.0)
+        tab.wait(f"""["servoing", "converged"].includes(arasPage.state.told.phase) &&
+            arasPage.scene.shapes.path && arasPage.state.samples.filter(
+            (s) => s[1].length).length > {30 * ON_THE_WAY}""", 60.0)
         tab.js("arasPage.still = true; arasPage.scene.ask()")
-        time.sleep(3.0)  # a software renderer has time for the picture, then
+        # A software renderer has time for the picture, then.
+        tab.wait("!arasPage.scene.drawing && !arasPage.scene.wanted", 60.0)
+        time.sleep(1.0)
         seen = {name: tab.js(SEEN % colour) for name, colour in DRAWN.items()}
         content = np.frombuffer(tab.screenshot(), np.uint8)
+    picture = cv2.imdecode(content, cv2.IMREAD_COLOR)
+    cv2.imwrite(str(IMAGES / "page.png"), picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
     print("part of the scene's pixels:", seen)
     if missing := [name for name, part in seen.items() if not part > LEAST]:
         raise SystemExit(f"the scene shows nothing of: {', '.join(missing)}")
-    picture = cv2.imdecode(content, cv2.IMREAD_COLOR)
-    cv2.imwrite(str(IMAGES / "page.png"), picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
 
 
 def main() -> int:

@@ -23,9 +23,9 @@ def finely_sampled(renderer, view, fine=16):
                  view.far)
     one = renderer._sample(large, 1.0, CENTRE)
     shader, background = one.canvas.shader, 255.0 * np.array(renderer.light.background[:3])
-    plain = shader.plain(renderer._geometry, one.seen)
+    plain = shader.plain(renderer._triangles, one.seen)
     none = np.zeros(len(one.samples.tile), np.uint64)
-    words = shader.words(renderer._geometry, one.seen, one.samples, plain, word(*background), none)
+    words = shader.words(renderer._triangles, one.seen, one.samples, plain, word(*background), none)
     rgba = words.view(np.uint8).reshape(*words.shape, 4)[:large.height, :large.width, :3]
     return rgba.reshape(view.height, fine, view.width, fine, 3).mean(axis=(1, 3))
 

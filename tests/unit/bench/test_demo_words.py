@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.ros.demo_words import LAUNCH, STARTED, TRACKERS, parse
-from aras_visual_servo_bench.shapes import NAMES
-from aras_visual_servo_bench.textures import MADE
+from aras_visual_servo_bench.ros.demo_words import LAUNCH, STARTED, parse
 
 WORLD, LOOP = STARTED
 
@@ -56,7 +54,7 @@ def test_a_name_that_is_nothing_like_one_is_told_all_there_are(capsys):
 
 def test_the_usual_demo_teaches_nothing_and_starts_as_the_launch_files_do():
     usual = parse([])
-    assert (usual.taught, usual.tracker) == (None, "")
+    assert (usual.taught, usual.tracker) == (None, "outline")
     assert usual.further == {WORLD: {}, LOOP: {}}
 
 
@@ -87,8 +85,6 @@ def test_dots_are_taught_by_their_tracker():
     dots = parse(["--target", "four_dots", "--scheme", "numbered_points"])
     assert dots.tracker == "dots"
     assert np.shape(dots.taught.features["numbered_points"]["points"]) == (4, 2)
-    assert set(TRACKERS) | {"poster"} == set(MADE)
-    assert set(TRACKERS) < set(NAMES)
 
 
 def test_a_goal_of_ones_own_is_taken_as_it_is(tmp_path):

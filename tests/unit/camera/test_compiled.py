@@ -4,6 +4,7 @@ import importlib
 import logging
 import sys
 
+import numba
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
@@ -37,6 +38,7 @@ def test_other_types_are_refused_instead_of_compiled_in_the_middle_of_a_run():
 def test_a_changed_callee_of_another_module_counts(tmp_path, monkeypatch) -> None:
     """What was kept of a caller must not go on with what its callee was."""
     monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")  # beside the sources, as it is by default
     (tmp_path / "calling_loop.py").write_text(
         "from called_loop import add\nfrom aras_sim_bridge.compiled import compiled\n"
         "@compiled('f8', calls=(add,))\ndef twice(x):\n    return 2.0 * add(x)\n"

@@ -136,7 +136,9 @@ class Flight:
             reason, faulty = str(error), True
         if decision is not None:
             tolerances = np.asarray(self.scheme.tolerances)
-            if self._convergence.add(self.time, decision.error, tolerances, decision):
+            if self._convergence.add(
+                self.time, decision.error, tolerances, decision, observation.world_T_camera
+            ):
                 phase = CONVERGED
             reason = self._convergence.short
         else:

@@ -16,6 +16,7 @@ from .errors import ExperimentError
 from .experiment import FLYING, Experiment
 from .packages import PackagePath
 from .robots import Robot
+from .shapes import tracker_of
 
 # A camera without an arm has no limits to keep away from and no elbow.
 FREE: dict[str, Any] = {"limit_avoidance": False, "output": "velocity"}
@@ -41,6 +42,7 @@ def settings_of(experiment: Experiment, robot: Robot | None = None) -> Settings:
         "duration": experiment.duration,
         "start": "none",
         "lockstep": experiment.commands == "images",
+        "tracker": tracker_of(experiment.target.shape),
         **(FREE if experiment.plant in FLYING else {}),
         **experiment.options,
     }

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from aras_visual_servo_controller.settings import OUTLINE
+
 from .checked import nearest, require
 from .errors import ExperimentError
 from .targets import ARAS, PolygonTarget, RoundTarget, Target
@@ -32,6 +34,13 @@ OUTLINES: dict[str, tuple[tuple[float, float], ...]] = {
     "heptagon": _ring(7),
 }
 NAMES = ("aras", "circle", *OUTLINES, *MADE)
+# What finds the points of those that are more than an outline.
+TRACKERS = {"four_dots": "dots", "marker": "marker", "line_grid": "lines"}
+
+
+def tracker_of(shape: str | tuple[tuple[float, float], ...]) -> str:
+    """Name of the tracker of a target's points, by its shape as in TargetSpec or by its file."""
+    return TRACKERS.get(Path(shape).stem, OUTLINE) if isinstance(shape, str) else OUTLINE
 
 
 @lru_cache(maxsize=32)

@@ -22,19 +22,31 @@ SMALLEST_DOT = 4  # pixels: of less, no centre can be had
 # Area of a dot over that of the ellipse in its box: least, most (an upright rectangle has 1.27),
 # and least of one of so few pixels that they shape it; how long it may be for its width.
 ROUND, SQUARE, COARSE, COARSELY, LONG = 0.8, 1.15, 60, 0.6, 4.0
-RIM = 3  # pixels about a dot in which it fades
+RIM, FADED = 3, 1.5  # pixels about a dot in which the ground is seen, and in which it fades
 LEAST_CONTRAST = 20.0  # grey levels between a marker's rim and what is around it
+DOT_FITS = 2  # the ellipse about a dot is put about its centre
 SMALLEST_DRAWING = 400  # pixels of the rectangle about a drawing of lines
 THICKEST = 0.2  # of a line's width over the size of the drawing
 SOLID = "what bounds the dark drawing is no line: use tracker 'outline'"
 STATIONS, FEWEST = 48, 10  # profiles across a line, and of them those that must show it alone
-RIM_FITS, RIM_STATIONS, RIM_REACH = 3, 24, (1.5, 0.8)  # of a marker's rim; px at least, cells
+# Of a marker's rim: how often its edges are fitted, and the profiles across one: how many, px
+# between two, px and cells that they reach to either side (beyond half a cell, so that black and
+# white are seen, and not to the next cell), px between their samples.
+RIM_FITS, RIM_STATIONS, RIM_SPACED = 2, (24, 64), 0.5
+RIM_REACH, RIM_FURTHEST, RIM_STEP = (1.5, 0.6), 8.0, 0.4
+OUTLYING = 1.0  # px from a line beyond which a point is none of it
 
 
 class Tracker(ABC):
-    """Base: give `find`."""
+    """Base: give `find`.
+
+    Attributes:
+        numbered: whether a point is known by itself.
+        accuracy: px to which points are found in a picture without noise, rms.
+    """
 
     numbered: ClassVar[bool] = True
+    accuracy: ClassVar[float] = 0.01
 
     @abstractmethod
     def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
@@ -53,11 +65,12 @@ class Tracker(ABC):
 class DotTracker(Tracker):
     """Centres of dark round dots on a lighter ground, in order of angle about their middle.
 
-    A centre is weighted by darkness, so it is found to a few hundredths of a pixel; it is that
-    of the dot's image, which for a large dot seen askew is not quite the image of its centre.
+    A centre is weighted by darkness, so it is found to a hundredth of a pixel; it is that of the
+    dot's image, which for a large dot seen askew is not quite the image of its centre.
     """
 
     numbered = False
+    accuracy = 0.005
 
     def __init__(self, count: int = 4) -> None:
         self.count = count
@@ -90,12 +103,15 @@ class DotTracker(Tracker):
     def _centre(grey: np.ndarray, left: int, top: int, width: int, height: int) -> tuple:
         low_u, low_v = max(left - RIM, 0), max(top - RIM, 0)
         part = grey[low_v : top + height + RIM, low_u : left + width + RIM].astype(float)
-        ground = float(np.percentile(part, 95))
-        dark = np.clip(ground - part, 0.0, None)
-        dark[dark < 0.1 * dark.max()] = 0.0
         v, u = np.indices(part.shape)
-        return (low_u + float((dark * u).sum() / dark.sum()),
-                low_v + float((dark * v).sum() / dark.sum()))  # fmt: skip
+        middle = left - low_u + 0.5 * (width - 1), top - low_v + 0.5 * (height - 1)
+        for _ in range(DOT_FITS):
+            away = ((u - middle[0]) / (0.5 * width + FADED)) ** 2 + (
+                (v - middle[1]) / (0.5 * height + FADED)
+            ) ** 2
+            dark = np.where(away <= 1.0, np.median(part[away > 1.0]) - part, 0.0)
+            middle = (dark * u).sum() / dark.sum(), (dark * v).sum() / dark.sum()
+        return low_u + float(middle[0]), low_v + float(middle[1])
 
 
 class EdgeTracker(Tracker):
@@ -115,24 +131,23 @@ class EdgeTracker(Tracker):
         picture without the lens, `scale` of them to a normalised length of 1."""
         places = stations[:, None] + across[:, None] * normal
         u, v = camera.project(*(places.reshape(-1, 2).T / scale))
-        return cv2.remap(
-            grey, u.reshape(places.shape[:2]).astype(np.float32),
-            v.reshape(places.shape[:2]).astype(np.float32),
-            cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE,
-        ).astype(float)  # fmt: skip
+        return _between(grey, u, v).reshape(places.shape[:2])
 
     @staticmethod
     def _line(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """A point (2,) and the direction (2,) of the line through points (n, 2)."""
-        dx, dy, x, y = cv2.fitLine(
-            points.astype(np.float32), cv2.DIST_HUBER, 0.0, 1e-4, 1e-4
-        ).ravel().astype(float)  # fmt: skip
-        return np.array([x, y]), np.array([dx, dy])
+        """A point (2,) and the direction (2,) of the line through points (n, 2), px, but for those
+        that lie off it."""
+        middle = points.mean(axis=0)
+        dx, dy, x, y = _fit_line(points - middle, cv2.DIST_HUBER)
+        near = np.abs((points - middle - (x, y)) @ (-dy, dx)) < OUTLYING
+        if near.sum() > 1:  # Huber's fit ends some hundredths of a pixel early
+            dx, dy, x, y = _fit_line((points - middle)[near], cv2.DIST_L2)
+        return middle + (x, y), np.array([dx, dy])
 
     @staticmethod
     def _crossings(lines: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
         """Where each line (point, direction) meets the one before it (n, 2)."""
-        whole = [np.cross((*point, 1.0), (*(point + way), 1.0)) for point, way in lines]
+        whole = np.array([(-dy, dx, x * dy - y * dx) for (x, y), (dx, dy) in lines])
         crossings = np.cross(np.roll(whole, 1, axis=0), whole)
         return crossings[:, :2] / crossings[:, 2:]
 
@@ -179,11 +194,13 @@ class MarkerTracker(EdgeTracker):
                 out = np.array([way[1], -way[0]])
                 if (start - corners.mean(axis=0)) @ out < 0.0:
                     out = -out
-                reach = max(RIM_REACH[0], RIM_REACH[1] * length / cells)
-                across = np.linspace(-reach, reach, 25)
-                stations = start + np.linspace(0.1, 0.9, RIM_STATIONS)[:, None] * (end - start)
+                reach = min(max(RIM_REACH[0], RIM_REACH[1] * length / cells), RIM_FURTHEST)
+                across = np.linspace(-reach, reach, 2 * round(reach / RIM_STEP) + 1)
+                count = int(np.clip(0.8 * length / RIM_SPACED, *RIM_STATIONS))
+                stations = start + np.linspace(0.1, 0.9, count)[:, None] * (end - start)
                 values = self._profiles(grey, camera, scale, stations, out, across)
-                black, white = values[:, :3].mean(), values[:, -3:].mean()
+                ends = max(len(across) // 8, 1)
+                black, white = values[:, :ends].mean(), values[:, -ends:].mean()
                 if white - black < LEAST_CONTRAST:
                     raise VisionError("the marker has no contrast to what is around it")
                 # What is black of a profile ends at the edge, however soft that is.
@@ -271,6 +288,22 @@ class LineTracker(EdgeTracker):
             raise VisionError(SOLID)
         middle = (dark[good] @ across) / total[good]
         return self._line(stations[good] + middle[:, None] * normal)
+
+
+def _between(grey: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Grey levels (n,) at pixels (u, v) (n,), bilinear; OpenCV knows only 32nds of a pixel."""
+    rows, columns = grey.shape
+    u, v = np.clip(u, 0.0, columns - 1.0), np.clip(v, 0.0, rows - 1.0)
+    i, j = np.minimum(u.astype(int), columns - 2), np.minimum(v.astype(int), rows - 2)
+    right, down = u - i, v - j
+    above = grey[j, i] * (1.0 - right) + grey[j, i + 1] * right
+    below = grey[j + 1, i] * (1.0 - right) + grey[j + 1, i + 1] * right
+    return above * (1.0 - down) + below * down
+
+
+def _fit_line(points: np.ndarray, kind: int) -> np.ndarray:
+    """dx, dy, x, y of OpenCV's line through points (n, 2)."""
+    return cv2.fitLine(points.astype(np.float32), kind, 0.0, 1e-4, 1e-4).ravel().astype(float)
 
 
 def _ring(points: np.ndarray) -> np.ndarray:

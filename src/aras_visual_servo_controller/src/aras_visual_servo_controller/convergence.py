@@ -9,6 +9,7 @@ import numpy as np
 from aras_visual_servo_camera.compiled import MATRIX, VECTOR, compiled
 
 from .recent import RecentErrors
+from .standing import Standing
 
 if TYPE_CHECKING:
     from .schemes.base import Decision
@@ -22,10 +23,6 @@ SCATTER = 3.0
 # and there have to be LEAST. Images that come seldom would else make a mean of a motion.
 FEW, LEAST = 5, 3
 ROUNDING = 1e-9  # s
-# How far the camera may be from where the mean error vanishes, by L, m and rad, to count as there;
-# beyond what the errors' scatter leaves open. In a direction that changes the features little,
-# their tolerances alone may be 6 mm (four points before a plane that was turned by 40 degrees).
-WITHIN, DEVIATIONS = (3e-4, 5.2e-3), 2.0
 
 
 class Convergence:
@@ -39,12 +36,13 @@ class Convergence:
     def __init__(self, hold: float) -> None:
         """`hold`: s; 0: every image is judged by itself."""
         self.hold = float(hold)
-        self._seen = RecentErrors()
+        self._seen, self._standing = RecentErrors(), Standing()
         self.clear()
 
     def clear(self) -> None:
         """Forget what was seen: the loop was interrupted."""
         self._seen.clear()
+        self._standing.clear()
         self.reached, self.short = False, ""
 
     def add(
@@ -53,13 +51,19 @@ class Convergence:
         error: np.ndarray,
         tolerances: np.ndarray,
         decision: Decision | None = None,
+        pose: np.ndarray | None = None,
     ) -> bool:
-        """Whether the goal counts as reached, with this image's error (k,) and tolerances (k,);
-        `decision`: whose L tells how far that is for the camera, where it has one."""
+        """Whether the goal counts as reached, with this image's error (k,) and tolerances (k,).
+
+        Args:
+            decision: whose L tells how far that is for the camera, where it has one.
+            pose: world_T_camera (4, 4) at the exposure, by kinematics; None: unknown.
+        """
         seen, self.short = self._seen, ""
         if len(seen) and seen.errors.shape[1] != len(error):
             self.clear()
         seen.add(stamp, error)
+        self._standing.add(stamp, error, tolerances, pose)
         # One image at or before the window's beginning stays, to know that it is full.
         before = int(np.searchsorted(seen.stamps, stamp - self.hold + ROUNDING, "right"))
         least = LEAST if self.hold > 0.0 else 1
@@ -70,34 +74,11 @@ class Convergence:
         settled = _settled(seen.errors, limit)
         if settled and len(seen) < FEW:
             settled = bool((np.abs(seen.errors) < limit).all())
-        if settled and not self.reached and decision is not None:
-            self.short = _short(seen.errors, decision)
+        if settled and decision is not None:
+            forgiven = FORGIVEN if self.reached else 1.0
+            self.short = self._standing.short(decision, len(seen), forgiven)
         self.reached = settled and not self.short
         return self.reached
-
-
-def _short(errors: np.ndarray, decision: Decision) -> str:
-    """How far the camera still is from the goal, in words; empty where it is there, or where the
-    decision cannot tell. errors (m, k)."""
-    L, task = decision.L, decision.task
-    if L is None or task is None or np.shape(L) != (errors.shape[1], 6):
-        return ""
-    L = np.where(task.modelled, L, 0.0)
-    if not np.isfinite(L).all():
-        return ""
-    answer = np.linalg.pinv(L, rcond=1e-6)
-    motion = answer @ errors.mean(axis=0)
-    unsure = DEVIATIONS * np.sqrt(answer**2 @ errors.var(axis=0) / len(errors))
-    way, turn = (float(np.linalg.norm(motion[part])) for part in (slice(3), slice(3, 6)))
-    if (
-        way <= WITHIN[0] + np.linalg.norm(unsure[:3])
-        and turn <= WITHIN[1] + np.linalg.norm(unsure[3:])
-    ):
-        return ""
-    return (
-        f"the features are within their tolerances, but by L the camera is {1e3 * way:.2f} mm and "
-        f"{np.degrees(turn):.2f} degrees off"
-    )
 
 
 @compiled(MATRIX, VECTOR)

@@ -66,6 +66,7 @@ class Observation:
         moments: of the segmented target, normalised coordinates.
         contour: (n, 2) outline of the target, normalised, below a pixel exact.
         corners: (n, 2) of that outline, in its order, normalised.
+        corner_accuracy: normalised length to which a tracker finds them, noise apart; 0: exactly.
         pixel_count: pixels of the target, 0 where not known.
         touches: borders of the image that the target touches: left, right, top, bottom.
         image: (rows, columns) or (rows, columns, 3) RGB, uint8.
@@ -86,6 +87,7 @@ class Observation:
     moments: Moments | None = None
     contour: np.ndarray | None = None
     corners: np.ndarray | None = None
+    corner_accuracy: float = 0.0
     pixel_count: int = 0
     touches: tuple[str, ...] = ()
     image: np.ndarray | None = None
@@ -159,6 +161,7 @@ class Observer:
             try:
                 points = self.tracker.places(image.grey, camera)
                 seen["corners"] = _frozen(points)
+                seen["corner_accuracy"] = self.tracker.accuracy / camera.K[0]
                 seen["pixel_count"] = 0 if self.tracker.numbered else len(points)
             except VisionError as error:
                 valid, reason = False, str(error)

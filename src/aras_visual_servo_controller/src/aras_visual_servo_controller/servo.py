@@ -238,7 +238,9 @@ class Servo:
         self._fresh = True
         self._pursuit.ask(decision.task, resolution, stamp, self._now)
         tolerances = np.asarray(self.scheme.tolerances)
-        reached = self._convergence.add(stamp, decision.error, tolerances, decision)
+        reached = self._convergence.add(
+            stamp, decision.error, tolerances, decision, observation.world_T_camera
+        )
         self.phase = CONVERGED if reached else SERVOING
         reasons = [] if resolution is None else list(resolution.reasons)
         reasons += [t for t in (*decision.notes, self._late, self._convergence.short) if t]

@@ -20,7 +20,7 @@ from ..errors import ExperimentError
 from ..experiment import CameraPose, Experiment, TargetSpec
 from ..packages import PackagePath
 from ..robots import Robot, RobotSpec
-from ..shapes import NAMES
+from ..shapes import NAMES, tracker_of
 
 LAUNCH = "package://aras_visual_servo_gazebo/launch/"
 # The launch files that are started, and those of their arguments that are options here.
@@ -33,7 +33,6 @@ STARTED = {
 }  # fmt: skip
 PLATES, NOTHING = "aras", "none"
 PLACE = (0.0, 0.0, 0.591, 0.0, 0.0, 0.0)  # of a target, as the launch file's target_place has it
-TRACKERS = {"four_dots": "dots", "marker": "marker", "line_grid": "lines"}  # else: outline
 SHIPPED = RobotSpec()
 
 
@@ -126,7 +125,7 @@ def _check(arguments: argparse.Namespace) -> None:
     arguments.further = _further(arguments.launch)
     _start(arguments.start, arguments.urdf is not None)
     arguments.target = _target(arguments.target)
-    arguments.tracker = TRACKERS.get(Path(arguments.target).stem, "")
+    arguments.tracker = tracker_of(arguments.target)
     given = {"scheme": arguments.scheme, "desired": arguments.goal, "start": arguments.start}
     for name in ("law", "gain", "tracker"):
         if value := getattr(arguments, name):
@@ -197,11 +196,10 @@ def _taught(arguments: argparse.Namespace, goal: Goal) -> Goal:
     )
     mounting = (moved.get(name, (0.0,) * 3) for name in ("camera_xyz", "camera_rpy"))
     xyz, rpy = to_xyz_rpy(goal.for_arm(Robot(spec, *mounting).arm()).world_T_camera)
-    options = {"tracker": arguments.tracker} if arguments.tracker else {}
     experiment = Experiment(
         robot=spec, target=TargetSpec(arguments.target, size, PLACE), camera=arguments.camera,
         goal=CameraPose((*xyz, *rpy)), start=CameraPose((*xyz, *rpy)), scheme=arguments.scheme,
-        options=options, **moved,
+        **moved,
     )  # fmt: skip
     parts = assemble(experiment)
     parts.plant.close()

@@ -63,7 +63,8 @@ class NumberedPoints(PointFeature):
         points, up_to = self._numbered(observation, desired)
         w = self._inverse_depth(observation, goal, points, desired)
         s, goal_s = points.ravel(), desired.ravel()
-        return Measured(s, goal_s, s - goal_s, point_interaction(points, w), up_to=up_to)
+        return Measured(s, goal_s, s - goal_s, point_interaction(points, w),
+                        up_to=self._up_to(up_to, observation, goal))  # fmt: skip
 
     @staticmethod
     def _goal_depth(goal: Goal, desired: np.ndarray) -> np.ndarray:
@@ -116,7 +117,8 @@ class CornerFeature(NumberedPoints):
             if period:
                 every = slice(i, None, len(self.parts))
                 error[every] = wrap(error[every], period)
-        return Measured(s, goal_s, error, self.interaction(points, w), up_to=up_to)
+        return Measured(s, goal_s, error, self.interaction(points, w),
+                        up_to=self._up_to(up_to, observation, goal))  # fmt: skip
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
         """See Feature.desired_interaction."""

@@ -66,6 +66,7 @@ class RelativePose(NumberedPoints):
         origin = places.mean(axis=0)
         s, L = self.of_pose(c_T_g, origin)
         desired, _ = self.of_pose(np.eye(4), origin)
+        up_to = self._up_to(up_to, observation, goal)
         return Measured(s, desired, s - desired, L, up_to=up_to)
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:

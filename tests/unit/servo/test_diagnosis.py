@@ -238,6 +238,35 @@ def test_a_goal_out_of_reach(seed):
     assert rig.servo.outcome.kind in ("out_of_reach",)
 
 
+def lifted(height):
+    """The goal as it would be seen from so much higher, m, said by its pose alone."""
+    goal = the_goal("2016")
+    higher = goal.world_T_camera.copy()
+    higher[2, 3] += height
+    return replace(goal.seen_from(higher), joints={})
+
+
+def test_a_target_lost_on_the_way_to_a_goal_out_of_reach_is_the_goal_s_fault():
+    rig = Rig(the_servo("2016", goal=lifted(2.5)), near(0))
+    assert rig.servo.beyond.startswith("goal_2016.yaml: camera position (0.0500, -0.0297, 3.2834)")
+    rig.look = lambda observer, t, joints: (
+        rig.exact(observer, t, joints) if t < 0.3 else lost(rig.exact(observer, t, joints), "gone")
+    )
+    rig.run(0.6)
+    outcome = rig.servo.outcome
+    assert outcome.kind == "out_of_reach" and "on its way the target was lost: " in outcome.reason
+    assert "nearer" in outcome.mend
+    short = the_servo("2016", goal=lifted(2.5)).diagnosis
+    short.timed_out(3.0)
+    assert short.outcome.kind == "out_of_reach"
+    # one that the arm nearly has, and one by joints, are not
+    for goal in (lifted(0.001), the_goal("2016")):
+        near_by = the_servo("2016", goal=goal)
+        assert near_by.beyond == ""
+        near_by.diagnosis.timed_out(3.0)
+        assert near_by.outcome.kind == "timed_out"
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_saturation(seed):
     limits = the_limits(velocity=np.random.default_rng(seed).uniform(5e-4, 2e-3))

@@ -27,6 +27,7 @@ KINDS = (
     "joint_limit", "saturation", "gain_too_high", "too_few_images", "wrong_camera_model",
     "wrong_object", "ambiguous", "scheme_fault", "timed_out", "stopped",
 )  # fmt: skip
+NEARER = "choose a goal nearer to the arm"
 CALIBRATE = "calibrate the camera: K, D, and where it is mounted"
 # s over which a lack of progress is judged, and the part of the error that has to be left of it.
 WINDOW, PROGRESS = 1.5, 0.9
@@ -93,9 +94,13 @@ class Diagnosis:
         self,
         settings: ServoSettings,
         jacobian: Callable[[np.ndarray], np.ndarray] | None = None,
+        beyond: str = "",
     ) -> None:
-        """`jacobian`: (6, n) of the arm at joints (n,); None: there is no arm."""
-        self.settings, self._jacobian = settings, jacobian
+        """Args:
+            jacobian: (6, n) of the arm at joints (n,); None: there is no arm.
+            beyond: why the arm cannot be where the goal was taught, where it cannot.
+        """
+        self.settings, self._jacobian, self._beyond = settings, jacobian, beyond
         self.reset()
 
     def reset(self) -> None:
@@ -130,7 +135,9 @@ class Diagnosis:
 
     def timed_out(self, duration: float) -> None:
         """The time for the run is over; what was found before stays the outcome."""
-        if self.outcome.kind == "running":
+        if self.outcome.kind == "running" and self._beyond:
+            self.outcome = Outcome("out_of_reach", self._beyond, NEARER)
+        elif self.outcome.kind == "running":
             last = f": {self.outcome.reason}" if self.outcome.reason else ""
             self.outcome = Outcome(
                 "timed_out", f"not at the goal after {duration:.1f} s{last}",
@@ -317,7 +324,7 @@ class Diagnosis:
         if stretched:
             return Outcome(
                 "out_of_reach", f"the arm is stretched; lost of the asked twist: {missing}",
-                "choose a goal nearer to the arm",
+                NEARER,
             )  # fmt: skip
         return Outcome(
             "singular", f"the arm has not the directions asked for; lost: {missing}",
@@ -347,6 +354,11 @@ class Diagnosis:
         )  # fmt: skip
 
     def _lost(self, state: ServoState) -> Outcome:
+        if self._beyond:
+            return Outcome(
+                "out_of_reach", f"{self._beyond}; on its way the target was lost: {state.reason}",
+                NEARER,
+            )  # fmt: skip
         over = f" over the {' and '.join(self._touched)} border" if self._touched else ""
         return Outcome(
             "target_lost", f"target lost at {state.stamp:.2f} s{over}: {state.reason}",

@@ -36,7 +36,7 @@ from aras_visual_servo_camera.moments import MAX_ORDER, Moments, Pinhole
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from .arm.poses import pose_difference
-from .errors import ConfigurationError, ServoError
+from .errors import ConfigurationError, ServoError, UnreachableError
 from .observation import Observation
 from .setting_kinds import parsed_yaml
 from .target_geometry import TargetGeometry
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from .schemes.base import JointController, Scheme
 
 LARGEST = 1_000_000  # bytes of a goal file
+REACHABLE = 2e-3  # m, and 0.1 m x rad, from which on a pose counts as beyond the arm's reach
 # Beyond these the camera is mounted elsewhere than when the goal was taught, m and rad.
 SAME_PLACE, SAME_ANGLE = 1e-4, 1e-3
 # Sine of the angle between line of sight and target's plane below which nothing is seen of it.
@@ -155,6 +156,17 @@ class Goal:
         if goal.plane is None and goal.world_T_camera is not None and goal.depth is not None:
             goal = replace(goal, plane=goal.level_plane())
         return goal
+
+    def beyond(self, arm: Arm) -> str:
+        """Why the arm cannot be where the goal was taught, in words; empty where it can, to
+        REACHABLE (an arm of few joints has no pose exactly), or where the goal names joints."""
+        if self.joints or self.world_T_camera is None:
+            return ""
+        try:
+            arm.inverse(self.world_T_camera, np.zeros(len(arm.names)), REACHABLE)
+        except UnreachableError as error:
+            return f"{self.name}: {error}"
+        return ""
 
     def level_plane(self) -> Plane:
         """The level target (normal along the base's z) at the goal's depth.

@@ -62,6 +62,7 @@ class Servo:
     Attributes:
         scheme, arm, resolver, settings: as given.
         goal: as this arm sees it.
+        beyond: why the arm cannot be where the goal was taught, in words; empty where it can.
         phase, reason: of the loop now.
         source: of the images, for messages.
         state: the latest ServoState, None before the first.
@@ -104,7 +105,8 @@ class Servo:
                 arm.names, limits.velocity, self.settings, limits.acceleration
             )
         self._convergence = Convergence(self.settings.hold)
-        self.diagnosis = Diagnosis(self.settings, arm.jacobian)
+        self.beyond = self.goal.beyond(arm)
+        self.diagnosis = Diagnosis(self.settings, arm.jacobian, self.beyond)
         self.reset()
 
     # -- what the loop is told -------------------------------------------------------------

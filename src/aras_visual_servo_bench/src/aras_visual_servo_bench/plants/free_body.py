@@ -60,7 +60,7 @@ class FreeBody:
         return np.eye(4)
 
     def inverse(
-        self, world_T_camera: np.ndarray, q0: np.ndarray | None = None, attempts: int = 1
+        self, world_T_camera: np.ndarray, q0: np.ndarray | None = None, tolerance: float = 0.0
     ) -> np.ndarray:
         """The q (6,) of a pose (4, 4), whatever it is looked for from."""
         return self.coordinates(world_T_camera)

@@ -24,6 +24,8 @@ class GoalTopics:
 
     def announce(self, servo: Servo) -> None:
         """Tell of a loop's goal; a pose that it does not know is not told."""
+        if servo.beyond:
+            rospy.logwarn("%s; the arm goes as near as it can", servo.beyond)
         arm, pose = servo.arm, servo.resolver.goal
         if pose is not None:
             self._pose.publish(pose_message(pose, arm.target_frame or arm.base_frame))

@@ -82,6 +82,7 @@ def test_the_goal_follows_the_start():
     ("given", "words"),
     [
         ({"gian": 3.0}, "unknown parameter ~gian: did you mean 'gain'"),
+        ({"gain": "nan"}, "~gain is nan, must be a finite number"),
         ({"gain": "fast"}, "~gain is 'fast', must be a finite number"),
         ({"gain": 0.0}, "~gain is 0.0, must be > 0"),
         ({"gain": True}, "~gain is True, must be a finite number"),
@@ -102,6 +103,12 @@ def test_the_goal_follows_the_start():
 def test_wrong_parameters_are_named(given, words):
     with pytest.raises(ConfigurationError, match=words):
         of(**given)
+
+
+def test_a_number_that_yaml_takes_for_a_word_is_one():
+    assert of(gain="2e0").gain == 2.0
+    with pytest.raises(ConfigurationError, match=r"gain is 1e\+09 1/s, more than 1000"):
+        of(gain="1e9").make_scheme()
 
 
 ABOVE_0 = {"gain", "gain_zero", "gain_infinity", "gain_slope", "hold", "approach_speed", "watchdog",

@@ -248,19 +248,19 @@ class Driver:
             return ""
         return f"time stands still at {self._now:.3f} s (is the simulator paused, or gone?)"
 
-    def _tick(self, t: float, sample: JointSample | None = None) -> Command:
+    def _tick(
+        self, t: float, sample: JointSample | None = None, unmeasured: str = ""
+    ) -> Command:
         # A joint state that was held up comes behind a tick by the clock, which did not go back.
         t = self._time = t if self._time is None else max(t, self._time)
-        command = self.servo.tick(t, sample)
+        command = self.servo.tick(t, sample, unmeasured)
         if command.positions is not None:
             self._commands.append(JointSample.of(t, command.names, command.positions))
         return command
 
     def _blind(self, t: float, reason: str) -> None:
         """Joints that cannot be measured stop the arm."""
-        unknown = np.full(len(self.servo.arm.names), np.nan)
-        sample = JointSample.of(t, self.servo.arm.names, unknown)
-        command = self._tick(t, sample)
+        command = self._tick(t, unmeasured=reason)
         if not self.settings.lockstep:
             self._send(command)
         self._now_and_then(command, None, reason)

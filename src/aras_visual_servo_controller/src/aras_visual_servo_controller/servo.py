@@ -263,8 +263,11 @@ class Servo:
 
     # -- ticks -----------------------------------------------------------------------------
 
-    def tick(self, t: float, joints: JointSample | None = None) -> Command:
-        """Move on to the time t (s, of the clock); measured joints where there are new ones.
+    def tick(
+        self, t: float, joints: JointSample | None = None, unmeasured: str = ""
+    ) -> Command:
+        """Move on to the time t (s, of the clock); measured joints where there are new ones, or
+        why they could not be measured, which stops the arm.
 
         A t before the last one is a clock that went back: the loop begins anew.
         """
@@ -278,11 +281,13 @@ class Servo:
         if joints is not None:
             try:
                 self.arm.check(joints.positions, joints.velocities)
+                self._joints = joints
             except MeasurementError as error:
-                self._halt(HOLDING, str(error))
-                self._motion.brake(dt)
-                return self._sent(t, self._joints, str(error))
-            self._joints = joints
+                unmeasured = str(error)
+        if unmeasured:
+            self._halt(HOLDING, unmeasured)
+            self._motion.brake(dt)
+            return self._sent(t, self._joints, unmeasured)
         if self._joints is None:
             self.phase = WAITING if self.phase != STOPPED else STOPPED
             return self._sent(t, None, "no joint states yet")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import dataclasses
 import difflib
@@ -72,6 +73,8 @@ def checked(field: dataclasses.Field, value: Any) -> Any:
     elif isinstance(default, bool):
         kind = "" if isinstance(value, bool) else "true or false"
     elif isinstance(default, float):
+        with contextlib.suppress(ValueError):  # YAML takes 1e9 for a word
+            value = float(value) if isinstance(value, str) else value
         kind = "" if is_number(value) else "a finite number"
         value = float(value) if not kind else value
     elif isinstance(default, str):

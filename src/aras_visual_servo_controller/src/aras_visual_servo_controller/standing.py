@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from aras_visual_servo_camera.compiled import INTEGER, MATRIX, VECTOR, compiled
+
+from .inversion import svd
 from .recent import RecentErrors
 
 if TYPE_CHECKING:
@@ -26,6 +29,7 @@ DEVIATIONS = 2.0  # of the mean, within which it is held to be known
 # Images that are averaged where noise hides so little a way, at most; those whose error is within
 # so many tolerances: of a motion from afar L knows less.
 LONGEST, NEAR = 120, 5.0
+BLIND = 1e-6  # part of L's greatest singular value below which a direction is not seen
 
 
 class Standing:
@@ -63,50 +67,89 @@ class Standing:
         L = np.where(task.modelled, L, 0.0)
         if not np.isfinite(L).all():
             return ""
-        answer, limit = np.linalg.pinv(L, rcond=1e-6), forgiven * WITHIN
-        errors = _brought_here(rows[:, :size], rows[:, size:].reshape(-1, 4, 4), L, answer)
-        count = min(max(count, 1), len(errors))
-        while True:
-            latest = errors[-count:]
-            way = _sizes(answer @ latest.mean(axis=0))
-            open_ = _sizes(DEVIATIONS * np.sqrt(answer**2 @ latest.var(axis=0) / count))
-            if (open_ <= limit).all() or count == len(errors):
-                break
-            count = min(2 * count, len(errors))
-        if (open_ > limit).any() and len(errors) < LONGEST:
+        u, s, vt = svd(L)
+        answer = (vt.T / np.where(s > BLIND * s[0], s, np.inf)) @ u.T
+        way, turn, open_way, open_turn, enough = _judged(
+            rows, answer, answer @ L, count, forgiven * WITHIN
+        )
+        if not enough and len(rows) < LONGEST:
             return (
                 "the features are within their tolerances, but scatter: where the camera is, is "
-                f"known to {1e3 * open_[0]:.2f} mm and {np.degrees(open_[1]):.2f} degrees"
+                f"known to {1e3 * open_way:.2f} mm and {np.degrees(open_turn):.2f} degrees"
             )
-        if (way <= np.maximum(limit, open_)).all():
+        limit = forgiven * WITHIN
+        if way <= max(limit[0], open_way) and turn <= max(limit[1], open_turn):
             return ""
         return (
-            f"the features are within their tolerances, but by L the camera is {1e3 * way[0]:.2f} "
-            f"mm and {np.degrees(way[1]):.2f} degrees off"
+            f"the features are within their tolerances, but by L the camera is {1e3 * way:.2f} "
+            f"mm and {np.degrees(turn):.2f} degrees off"
         )
 
 
-def _brought_here(
-    errors: np.ndarray, poses: np.ndarray, L: np.ndarray, answer: np.ndarray
-) -> np.ndarray:
-    """Errors (m, k) of cameras at poses (m, 4, 4) as they would be at the last one."""
-    last = poses[-1]
-    turned = np.swapaxes(poses[:, :3, :3], 1, 2) @ last[:3, :3]  # small: its log is its odd part
-    moved = np.column_stack([
-        (last[:3, 3] - poses[:, :3, 3]) @ last[:3, :3],
-        0.5 * (turned[:, 2, 1] - turned[:, 1, 2]),
-        0.5 * (turned[:, 0, 2] - turned[:, 2, 0]),
-        0.5 * (turned[:, 1, 0] - turned[:, 0, 1]),
-    ])  # fmt: skip
-    here = errors + moved @ L.T
-    return here if _scatter(here, answer) <= _scatter(errors, answer) else errors
+@compiled(MATRIX, INTEGER, INTEGER)
+def _since(rows, i, k):
+    """The camera's motion (6,) since image i, in its own frame now; small, so a rotation's vector
+    is its odd part. k: where in a row the pose begins."""
+    last = rows.shape[0] - 1
+    moved, turned = np.empty(6), np.zeros((3, 3))
+    for a in range(3):
+        moved[a] = 0.0
+        for c in range(3):
+            moved[a] += rows[last, k + 4 * c + a] * (rows[last, k + 4 * c + 3]
+                                                     - rows[i, k + 4 * c + 3])
+        for b in range(3):
+            for c in range(3):
+                turned[a, b] += rows[i, k + 4 * c + a] * rows[last, k + 4 * c + b]
+    moved[3] = 0.5 * (turned[2, 1] - turned[1, 2])
+    moved[4] = 0.5 * (turned[0, 2] - turned[2, 0])
+    moved[5] = 0.5 * (turned[1, 0] - turned[0, 1])
+    return moved
 
 
-def _scatter(errors: np.ndarray, answer: np.ndarray) -> float:
-    """Of the ways that errors (m, k) stand for, in parts of WITHIN; NaN of unknown ones."""
-    return float(((_sizes(np.sqrt(answer**2 @ errors.var(axis=0))) / WITHIN) ** 2).sum())
+@compiled(MATRIX, MATRIX, MATRIX, INTEGER, VECTOR)
+def _judged(rows, answer, seen, count, limit):
+    """How far the camera is off, and how much of it is not known for noise.
 
+    Args:
+        rows: (m, k + 16) errors and poses of images, the last one now.
+        answer, seen: (6, k) L^+ and (6, 6) L^+ L.
+        count, limit: of the latest images, at least, so many are averaged that less than this,
+            (2,) m and rad, is not known.
 
-def _sizes(motion: np.ndarray) -> np.ndarray:
-    """Length, m, and angle, rad, of a small motion (6,)."""
-    return np.array([np.linalg.norm(motion[:3]), np.linalg.norm(motion[3:])])
+    Returns:
+        m and rad off; m and rad not known; whether that is within the limit.
+    """
+    m, k = rows.shape[0], answer.shape[1]
+    count = min(max(count, 1), m)
+    off = np.empty(6)
+    while True:
+        # Of the ways by the errors as they are, and brought to where the camera is now.
+        total, square = np.zeros((2, 6)), np.zeros((2, 6))
+        for i in range(m - count, m):
+            for a in range(6):
+                off[a] = 0.0
+                for j in range(k):
+                    off[a] += answer[a, j] * rows[i, j]
+            moved = _since(rows, i, k)
+            for a in range(6):
+                here = off[a]
+                for b in range(6):
+                    here += seen[a, b] * moved[b]
+                total[0, a] += off[a]
+                total[1, a] += here
+                square[0, a] += off[a] * off[a]
+                square[1, a] += here * here
+        mean = total / count
+        spread = np.maximum(square / count - mean * mean, 0.0)
+        scatter = np.empty(2)
+        for n in range(2):
+            scatter[n] = spread[n, :3].sum() / limit[0] ** 2 + spread[n, 3:].sum() / limit[1] ** 2
+        n = 1 if scatter[1] <= scatter[0] else 0  # where poses are unknown that is no number
+        way, turn = np.sqrt((mean[n, :3] ** 2).sum()), np.sqrt((mean[n, 3:] ** 2).sum())
+        unknown = DEVIATIONS * np.sqrt(spread[n] / count)
+        open_way = np.sqrt((unknown[:3] ** 2).sum())
+        open_turn = np.sqrt((unknown[3:] ** 2).sum())
+        enough = open_way <= limit[0] and open_turn <= limit[1]
+        if enough or count == m:
+            return way, turn, open_way, open_turn, enough
+        count = min(2 * count, m)

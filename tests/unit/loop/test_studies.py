@@ -1,5 +1,7 @@
 """A short choice of what the bench's studies show in full."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -38,6 +40,22 @@ def test_loop_and_physics_agree_from_any_start(seed):
     )
     assert not line["contradicts"], line
     assert line["verdict"] == "goal_reached"
+
+
+@pytest.mark.parametrize(
+    ("outcome", "reached", "contradicts"),
+    [
+        ("converged", True, False), ("converged", False, True), ("target_lost", False, False),
+        ("timed_out", True, True), ("converged up to 90°", False, False),
+        ("converged up to 0.4 mm", True, False),
+    ],
+)  # fmt: skip
+def test_what_contradicts_what(outcome, reached, contradicts):
+    result = SimpleNamespace(
+        outcome=outcome, converged=outcome.startswith("converged"),
+        verdict=SimpleNamespace(reached=reached),
+    )  # fmt: skip
+    assert starts.contradicts(result) == contradicts
 
 
 @pytest.mark.parametrize(

@@ -227,6 +227,20 @@ def test_a_goal_beyond_a_joint_limit(seed):
     assert "gantry" in rig.servo.outcome.reason
 
 
+def test_a_joint_that_stands_at_its_limit_is_the_cause_also_where_the_camera_looks_wrong():
+    """Points before a target turned by 100 degrees: the first tenths looked like a wrong camera."""
+    start = near(0)
+    start[0], start[1] = -0.1, 0.0
+    limits = the_limits(upper={"gantry": -0.01, "J1": 0.02}, lower={"J1": -0.02})
+    rig = Rig(the_servo("2016", limits=limits), start)
+    rig.servo.diagnosis._camera.fault = lambda: "the features move otherwise"
+    rig.run(0.5)
+    assert rig.servo.outcome.kind == "wrong_camera_model"
+    rig.run(6.0)
+    assert rig.servo.outcome.kind == "joint_limit"
+    assert rig.servo.outcome.reason.endswith("; besides, the features move otherwise")
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_goal_out_of_reach(seed):
     goal = the_goal("2015")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -206,6 +206,9 @@ class Diagnosis:
         # of it; a goal that was worked out is not.
         shown = goal.camera is not None and goal.camera == observation.camera
         if fault and not (shown and state.phase == CONVERGED):
+            stalled = self._stalled(state)
+            if stalled.kind == "joint_limit":  # whatever else: past its limit no joint goes on
+                return replace(stalled, reason=f"{stalled.reason}; besides, {fault}")
             return Outcome("wrong_camera_model", fault, CALIBRATE)
         if state.phase == CONVERGED:
             found = self._converged(state, observation, goal)

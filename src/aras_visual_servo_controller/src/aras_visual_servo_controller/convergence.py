@@ -9,13 +9,11 @@ import numpy as np
 from aras_visual_servo_camera.compiled import MATRIX, VECTOR, compiled
 
 from .recent import RecentErrors
-from .standing import Standing
+from .standing import FORGIVEN, Standing
 
 if TYPE_CHECKING:
     from .schemes.base import Decision
 
-# A converged loop forgives half a tolerance more before it counts as away again.
-FORGIVEN = 1.5
 # Errors may scatter about their mean by so many tolerances (noise of the picture), in rms: more
 # is a motion.
 SCATTER = 3.0
@@ -75,8 +73,7 @@ class Convergence:
         if settled and len(seen) < FEW:
             settled = bool((np.abs(seen.errors) < limit).all())
         if settled and decision is not None:
-            forgiven = FORGIVEN if self.reached else 1.0
-            self.short = self._standing.short(decision, len(seen), forgiven)
+            self.short = self._standing.short(decision, len(seen), self.reached)
         self.reached = settled and not self.short
         return self.reached
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 # the features little, their tolerances alone may be 6 mm (four points before a plane that was
 # turned by 40 degrees).
 WITHIN = np.array([2e-4, 3.5e-3])
+FORGIVEN = 1.5  # times as far a camera may be that counts as there, as a feature's error may
 DEVIATIONS = 2.0  # of the mean, within which it is held to be known
 # Images that are averaged where noise hides so little a way, at most; those whose error is within
 # so many tolerances: of a motion from afar L knows less.
@@ -51,13 +52,14 @@ class Standing:
         self._seen.add(stamp, np.concatenate([error, known]))
         self._seen.drop(max(len(self._seen) - LONGEST, 0))
 
-    def short(self, decision: Decision, count: int, forgiven: float = 1.0) -> str:
+    def short(self, decision: Decision, count: int, there: bool = False) -> str:
         """How far the camera still is from the goal, in words; empty where it is there, or where
         the decision cannot tell.
 
         Args:
             count: of the latest images, at least; more are taken where they scatter too much.
-            forgiven: how many times as far it may be.
+            there: it counts as there, and goes on so within FORGIVEN times as far and what is not
+                known: noise would else end it now and then.
         """
         L, task = decision.L, decision.task
         rows = self._seen.errors
@@ -70,15 +72,17 @@ class Standing:
         u, s, vt = svd(L)
         answer = (vt.T / np.where(s > BLIND * s[0], s, np.inf)) @ u.T
         way, turn, open_way, open_turn, enough = _judged(
-            rows, answer, answer @ L, count, forgiven * WITHIN
+            rows, answer, answer @ L, count, WITHIN
         )
-        if not enough and len(rows) < LONGEST:
+        if not (enough or there) and len(rows) < LONGEST:
             return (
                 "the features are within their tolerances, but scatter: where the camera is, is "
                 f"known to {1e3 * open_way:.2f} mm and {np.degrees(open_turn):.2f} degrees"
             )
-        limit = forgiven * WITHIN
-        if way <= max(limit[0], open_way) and turn <= max(limit[1], open_turn):
+        near, straight = WITHIN
+        if there:
+            near, straight = FORGIVEN * near + open_way, FORGIVEN * straight + open_turn
+        if way <= max(near, open_way) and turn <= max(straight, open_turn):
             return ""
         return (
             f"the features are within their tolerances, but by L the camera is {1e3 * way:.2f} "

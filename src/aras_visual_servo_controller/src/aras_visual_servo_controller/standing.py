@@ -28,8 +28,8 @@ WITHIN = np.array([2e-4, 3.5e-3])
 FORGIVEN = 1.5  # times as far a camera may be that counts as there, as a feature's error may
 DEVIATIONS = 2.0  # of the mean, within which it is held to be known
 # Images that are averaged where noise hides so little a way, at most; those whose error is within
-# so many tolerances: of a motion from afar L knows less.
-LONGEST, NEAR = 120, 5.0
+# so many tolerances (four times what may be noise): of a motion from afar L knows less.
+LONGEST, NEAR = 120, 12.0
 BLIND = 1e-6  # part of L's greatest singular value below which a direction is not seen
 
 

@@ -266,7 +266,7 @@ class Diagnosis:
         half = len(seen) // 2
         before = max(s.size for s in seen[:half])
         after = max(s.size for s in seen[half:])
-        if after < 1.0 or after < PROGRESS * before:
+        if after < 1.0 or after < PROGRESS * before or _within(seen[half:]):
             return Outcome("running", state.reason)
         for cause in (self._limit, self._rank, self._minimum, self._reach, self._saturation):
             if (found := cause(seen)) is not None:
@@ -367,6 +367,12 @@ class Diagnosis:
             "target_lost", f"target lost at {state.stamp:.2f} s{over}: {state.reason}",
             "begin with the target nearer to the middle, or lower the gain",
         )  # fmt: skip
+
+
+def _within(seen: list[_Seen]) -> bool:
+    """Whether errors are within their tolerances but for noise, which has no cause to be named."""
+    errors = [s.error for s in seen]
+    return len({len(e) for e in errors}) == 1 and bool((np.abs(np.mean(errors, axis=0)) < 1).all())
 
 
 def _modelled(state: ServoState) -> int:

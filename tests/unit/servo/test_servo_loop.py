@@ -26,6 +26,7 @@ from aras_visual_servo_controller.joint_sample import JointSample
 from aras_visual_servo_controller.laws import Adaptive, ContinuousStart, Proportional
 from aras_visual_servo_controller.motion import Motion
 from aras_visual_servo_controller.observation import Observer
+from aras_visual_servo_controller.standing import Standing
 from aras_visual_servo_controller.state import (
     APPROACHING,
     CONVERGED,
@@ -280,6 +281,22 @@ def test_noise_ends_nothing_that_has_converged():
         for error in noisy(400, seed=100 + seed):
             of_camera([error], L, begin=convergence)
             assert convergence.reached, seed
+
+
+@pytest.mark.parametrize(("axis", "limit", "unknown"), [(0, 2e-4, 1.5e-4), (4, 3.5e-3, 3e-3)])
+def test_how_far_a_camera_that_is_there_may_go(axis, limit, unknown):
+    """Half as far again as to arrive, and what the scatter of 120 images leaves open beside it."""
+    decision = SimpleNamespace(L=np.eye(6), task=SimpleNamespace(modelled=np.ones(6, bool)))
+    for off, there, stays in (
+        (0.9 * limit, False, True), (1.1 * limit, False, False), (1.4 * limit, True, True),
+        (1.5 * limit + 0.9 * unknown, True, True), (1.5 * limit + 1.1 * unknown, True, False),
+    ):  # fmt: skip
+        standing = Standing()
+        for k in range(120):
+            error = np.zeros(6)
+            error[axis] = off + 0.5 * unknown * np.sqrt(120) * (-1) ** k
+            standing.add(0.1 * k, error, np.ones(6), None)
+        assert (standing.short(decision, 15, there) == "") == stays, (off, there)
 
 
 def at(x, y=0.0, turn=0.0):

@@ -42,7 +42,7 @@ class Tracker(ABC):
 
     Attributes:
         numbered: whether a point is known by itself.
-        accuracy: px to which points are found in a picture without noise, rms.
+        accuracy: px to which points are found in the arm's pictures without noise.
     """
 
     numbered: ClassVar[bool] = True
@@ -158,6 +158,10 @@ class MarkerTracker(EdgeTracker):
     OpenCV finds and reads it; its corners are then where lines through the edges of its black rim
     meet, for OpenCV's own refinements are off by half a pixel where a cell has three.
     """
+
+    # In pictures whose white is not brighter than white 0.005; where it is, edges of black move by
+    # some hundredths of a pixel, each by where it lies on the texture's texels.
+    accuracy = 0.025
 
     def __init__(self) -> None:
         self._detectors = [

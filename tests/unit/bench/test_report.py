@@ -388,12 +388,14 @@ def test_an_experiments_file_is_run_and_reported(tmp_path, capsys):
 
 @pytest.mark.parametrize(("words", "complaint"), [
     (["none.bag"], "there is no file none.bag"),
+    (["cut.bag"], "cut.bag.active"),  # what a recorder without a disk leaves is read in its place
     (["."], "holds no run.bag; a study's run is named as .:NUMBER"),
     (["none.bag", "--formats", "gif"], "no format 'gif'"),
     (["none.bag", "--names", "a,b"], "2 names for 1 runs"),
 ])  # fmt: skip
 def test_what_cannot_be_analyzed_is_one_line(words, complaint, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    (tmp_path / "cut.bag.active").write_bytes(b"no bag")
     assert main(["analyze", *words, "--out", "out"]) == 1
     assert complaint in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

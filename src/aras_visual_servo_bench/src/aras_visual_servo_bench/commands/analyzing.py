@@ -99,6 +99,9 @@ def read(given: str, progress: Callable[[float], None]) -> Record:
                 f"{path} holds no run.bag; a study's run is named as {path}:NUMBER"
             )
         path = bags[0]
+    active = path.with_name(path.name + ".active")  # of a recorder that was cut off
+    if not path.is_file() and active.is_file():
+        path = active
     if not path.is_file():
         raise BenchError(f"there is no file {path}")
     if path.suffix in (".yaml", ".yml"):

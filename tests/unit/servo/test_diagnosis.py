@@ -273,8 +273,12 @@ def test_a_target_lost_on_the_way_to_a_goal_out_of_reach_is_the_goal_s_fault():
     short = the_servo("2016", goal=lifted(2.5)).diagnosis
     short.timed_out(3.0)
     assert short.outcome.kind == "out_of_reach"
-    # one that the arm nearly has, and one by joints, are not
-    for goal in (lifted(0.001), the_goal("2016")):
+    # one that the arm nearly has, and one by joints, are not; it cannot roll
+    rolled = [lifted(0.001), lifted(0.001)]
+    for goal, roll in zip(rolled, (5e-3, 5e-2), strict=True):
+        goal.world_T_camera[:] = goal.world_T_camera @ transform((0, 0, 0), (0, roll, 0))
+    assert "degrees away" in the_servo("2016", goal=rolled[1]).beyond
+    for goal in (rolled[0], the_goal("2016")):
         near_by = the_servo("2016", goal=goal)
         assert near_by.beyond == ""
         near_by.diagnosis.timed_out(3.0)

@@ -349,6 +349,8 @@ def test_what_was_seen_before_an_interruption_is_forgotten():
     assert len(convergence._standing._seen) == 60
     convergence.clear()
     assert len(convergence._standing._seen) == 0
+    of_camera(noisy(9), L, begin=convergence)
+    assert len(convergence._standing._seen) == 9
     of_camera([(12.1, 0, 0, 0, 0, 0)], L, begin=convergence)  # too far to be judged by L
     assert len(convergence._standing._seen) == 0
 

@@ -270,7 +270,7 @@ def rig(rig_world, collect):
     """The first robot with nothing but its joint states; at rest at zero."""
     call("/gazebo/reset_simulation", Empty)
     robot = Rig("/rig", collect)
-    wait_for(robot._states._subscriber.get_num_connections, 5.0, "joint states")
+    wait_for(robot._states.connected, 5.0, "joint states")
     yield robot
     robot.clear()
 
@@ -279,6 +279,6 @@ def rig(rig_world, collect):
 def other(rig_world, collect):
     """The second robot."""
     robot = Rig("/other", collect)
-    wait_for(robot._states._subscriber.get_num_connections, 5.0, "joint states")
+    wait_for(robot._states.connected, 5.0, "joint states")
     yield robot
     robot.clear()

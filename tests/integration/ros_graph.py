@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 import uuid
+import xmlrpc.client
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -92,10 +93,21 @@ class Collector:
         try:
             return wait_for(fitting, timeout, what + (" that fits" if where else ""))[0]
         except GraphError as error:
-            sources = self._subscriber.get_num_connections()
             raise GraphError(
-                f"{error}; {len(self.messages)} arrived, from {sources} publishers"
+                f"{error}; {len(self.messages)} arrived, from {self.connected()} publishers"
             ) from None
+
+    def connected(self) -> int:
+        """How many publishers send to this topic's subscribers here, by their own account.
+
+        A subscriber counts those it has only set out to, whose next message may pass it by.
+        """
+        import rospy
+
+        master = rosgraph.Master(rospy.get_name())
+        topic = self._subscriber.resolved_name
+        publishers = dict(master.getSystemState()[0]).get(topic, [])
+        return sum(_sends(master, node, topic) for node in publishers)
 
     def clear(self) -> None:
         self.messages.clear()
@@ -331,6 +343,19 @@ def _free_port() -> int:
 
 def _argument(name: str, value: Any) -> str:
     return f"{name}:={str(value).lower() if isinstance(value, bool) else value}"
+
+
+def _sends(api: rosgraph.Master, node: str, topic: str) -> bool:
+    """Whether a node has a connection to the node that asks, on which it sends a topic."""
+    try:
+        with xmlrpc.client.ServerProxy(api.lookupNode(node)) as slave:
+            _, _, links = slave.getBusInfo(api.caller_id)
+    except (OSError, xmlrpc.client.Error, rosgraph.MasterException):
+        return False  # it is gone, or not there yet
+    # identity, whom it is with, direction, transport, topic, whether it is connected
+    return any(
+        (link[1], link[2], link[4], link[5]) == (api.caller_id, "o", topic, True) for link in links
+    )
 
 
 def _answers(api: rosgraph.Master, node: str) -> bool:

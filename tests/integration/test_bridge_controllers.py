@@ -78,7 +78,7 @@ def test_stopping_an_effort_controller_leaves_its_effort(rig):
 def test_effort_velocity_controller_is_a_pid_on_velocity(rig, collect):
     rig.start("spin")
     states = collect("/rig/spin/state", JointControllerState)
-    wait_for(states._subscriber.get_num_connections, 5.0, "state topic")
+    wait_for(states.connected, 5.0, "state topic")
     rig.send("spin", 1.0)
     rig.until("table", "effort", lambda f: f > 0.5)
     step(50)
@@ -98,7 +98,7 @@ def test_effort_position_controller_and_its_pid(rig, collect):
     states = collect("/rig/turn/state", JointControllerState)
     terms = collect("/rig/turn/pid/state", PidState)
     for topic in (states, terms):
-        wait_for(topic._subscriber.get_num_connections, 5.0, topic.topic)
+        wait_for(topic.connected, 5.0, topic.topic)
     rig.send("turn", 3.5)  # the short way round is -2.78
     step(1)
     state = wait_for(
@@ -138,7 +138,7 @@ def test_position_joint_with_gains_is_driven_by_their_pid(rig, collect):
     gains = "/rig/gazebo_ros_control/pid_gains/servo"
     rig.start("servo_to")
     terms = collect(f"{gains}/state", PidState)
-    wait_for(terms._subscriber.get_num_connections, 5.0, "pid state")
+    wait_for(terms.connected, 5.0, "pid state")
     rig.send("servo_to", 1.0)
     rig.until("servo", "effort", lambda f: f > 1.0)
     step(2)
@@ -173,7 +173,7 @@ def test_velocity_controllers_with_and_without_gains(rig):
 def test_velocity_position_controller_commands_a_velocity(rig, collect):
     rig.start("roll_to")
     states = collect("/rig/roll_to/state", JointControllerState)
-    wait_for(states._subscriber.get_num_connections, 5.0, "state topic")
+    wait_for(states.connected, 5.0, "state topic")
     rig.send("roll_to", 0.8)
     rig.until("wheel", "velocity", lambda v: v > 0.1)
     step(11)
@@ -260,7 +260,7 @@ def finish(client: actionlib.SimpleActionClient, steps: int = 20) -> FollowJoint
 def test_trajectory_goal_is_followed_and_can_be_queried(rig, collect):
     rig.start("path")
     states = collect("/rig/path/state", JointTrajectoryControllerState)
-    wait_for(states._subscriber.get_num_connections, 5.0, "state topic")
+    wait_for(states.connected, 5.0, "state topic")
     feedback = []
     step(1)  # it has a next update only after the first
     client = client_of("/rig/path")

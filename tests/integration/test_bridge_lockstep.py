@@ -71,8 +71,8 @@ def run_once(launch, collect, master) -> tuple[list[str], list[str]]:
         20.0,
         "all nodes to be connected",
     )
-    wait_for(lambda: states._subscriber.get_num_connections(), 5.0, "joint states")
-    wait_for(lambda: images._subscriber.get_num_connections(), 5.0, "images")
+    wait_for(states.connected, 5.0, "joint states")
+    wait_for(images.connected, 5.0, "images")
     call("/gazebo/unpause_physics", Empty)
     images.wait(FRAMES, timeout=60.0)
     call("/gazebo/pause_physics", Empty)

@@ -69,7 +69,7 @@ def test_resets_with_controllers_and_images(collect):
     command = rospy.Publisher("/arm/hold/command", Float64, queue_size=1)
     wait_for(command.get_num_connections, timeout=5.0, what="the controller")
     for topic in topics:
-        wait_for(topic._subscriber.get_num_connections, timeout=5.0, what=topic.topic)
+        wait_for(topic.connected, timeout=5.0, what=topic.topic)
     command.publish(0.75)
 
     def angle() -> float:

@@ -191,7 +191,7 @@ def test_light_is_told_set_and_seen(collect):
         return np.frombuffer(image.data, np.uint8).reshape(24, 32, 3)[12, 16, 1]
 
     wait_for(lambda: rospy.get_published_topics("/eye"), timeout=5.0, what="the camera")
-    wait_for(lambda: images._subscriber.get_num_connections(), timeout=5.0, what="the image")
+    wait_for(images.connected, timeout=5.0, what="the image")
     up = 0.9 / math.hypot(0.5, 0.1, 0.9)
     assert brightness() == 255  # 0.4 + 0.8 * 0.87 is more than white
     told = call("get_light_properties", GetLightProperties, "sun")
@@ -239,7 +239,7 @@ def test_twists_agree_with_finite_differences(collect):
         "/gazebo/model_states", ModelStates
     )
     for topic in (links, models):
-        wait_for(topic._subscriber.get_num_connections, timeout=5.0, what=topic.topic)
+        wait_for(topic.connected, timeout=5.0, what=topic.topic)
     step(1)  # the connection may be younger here than there
     wait_for(lambda: step(1) or links.messages, timeout=5.0, what="link_states")
     for topic in (links, models):

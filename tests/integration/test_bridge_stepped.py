@@ -20,12 +20,12 @@ def run_once(launch, collect) -> tuple[list[str], list[str]]:
     images = collect("/labrob/camera/image_raw", Image)
     states = collect("/aras_visual_servo/joint_states", JointState)
     publisher = rospy.Publisher(COMMAND, Float64, queue_size=1)
-    for what, link in (
-        ("images", images._subscriber),
-        ("joint states", states._subscriber),
-        ("the command", publisher),
+    for what, connected in (
+        ("images", images.connected),
+        ("joint states", states.connected),
+        ("the command", publisher.get_num_connections),
     ):
-        wait_for(link.get_num_connections, 10.0, what)
+        wait_for(connected, 10.0, what)
     step = rospy.ServiceProxy("/gazebo/step_world", StepWorld)
     for k in range(1, 7):
         answer = step(100)

@@ -41,7 +41,7 @@ def test_each_command_acts_in_its_step(launch, collect, ros_node):
     states = collect(f"{ROBOT}/joint_states", JointState)
     publisher = rospy.Publisher(COMMAND, Float64, queue_size=COUNT)
     wait_for(publisher.get_num_connections, 10.0, "the command's subscriber")
-    wait_for(states._subscriber.get_num_connections, 10.0, "joint states")
+    wait_for(states.connected, 10.0, "joint states")
     call("/gazebo/unpause_physics", Empty)
 
     def efforts() -> list[float]:

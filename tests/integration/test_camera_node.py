@@ -41,7 +41,7 @@ class Rig:
         )
         wait_for(
             lambda: all(
-                c._subscriber.get_num_connections()
+                c.connected()
                 for c in (self.moments, self.data, self.thresholded, self.overlay)
             ),
             20.0,
@@ -206,7 +206,7 @@ def test_kernel_features_carry_their_images_stamp_or_a_reason(ros_node, collect,
     start()  # whatever the layout of camera/data
     rig = Rig(collect)
     found = collect("/aras_visual_servo/camera/kernel", KernelFeatures)
-    wait_for(found._subscriber.get_num_connections, 10.0, "kernel features")
+    wait_for(found.connected, 10.0, "kernel features")
     rig.info()
     rig.frame(picture())
     message = found.wait()

@@ -1,11 +1,16 @@
 """The live page on a running graph: what it tells, what it does, and whom it refuses."""
 
+import contextlib
 import json
+import os
+import pty
 import re
 import socket
 import struct
+import subprocess
 import threading
 import time
+from collections.abc import Iterator
 from urllib.error import HTTPError, URLError
 from urllib.request import urlopen
 
@@ -43,6 +48,10 @@ class Viewer:
     async def _listen(self) -> None:
         self._socket = await websocket.websocket_connect(self._address)
         self._ready.set()
+        with contextlib.suppress(websocket.WebSocketClosedError):  # while it was answering
+            await self._hear()
+
+    async def _hear(self) -> None:
         while (message := await self._socket.read_message()) is not None:
             if isinstance(message, bytes):
                 self.pictures.append(message)
@@ -219,21 +228,32 @@ def test_the_arm_is_driven_by_hand_and_stands_when_let_go(viewer):
     assert abs(after[0] - moved) < 0.02
 
 
-def test_keys_at_a_terminal_drive_the_camera(viewer, ros_master):
-    import os
-    import pty
-    import subprocess
-
-    terminal, other = pty.openpty()
-    teleop = subprocess.Popen(
-        ["rosrun", "aras_visual_servo_controller", "aras_teleop"], env=ros_master.environment,
-        stdin=other, stdout=other, stderr=other,
+@contextlib.contextmanager
+def teleop(ros_master, until: bytes, *arguments: str) -> Iterator[int]:
+    """This end of the teleoperation's own terminal, once it has said `until`; `q` ends it."""
+    try:
+        terminal, other = pty.openpty()
+    except OSError as error:
+        pytest.skip(f"this machine has no terminals to give (/dev/pts): {error}")
+    process = subprocess.Popen(
+        ["rosrun", "aras_visual_servo_controller", "aras_teleop", *arguments],
+        env=ros_master.environment, stdin=other, stdout=other, stderr=other,
     )  # fmt: skip
     os.close(other)
     try:
         said = b""
-        while b"^C" not in said:  # its help ends with how it ends
+        while until not in said:
             said += os.read(terminal, 4096)
+        yield terminal
+        os.write(terminal, b"q")
+        assert process.wait(20.0) == 0
+    finally:
+        process.kill()
+        os.close(terminal)
+
+
+def test_keys_at_a_terminal_drive_the_camera(viewer, ros_master):
+    with teleop(ros_master, b"^C") as terminal:  # its help ends with how it ends
         before = viewer.told["joints"][0]
         end = time.monotonic() + 60.0
         while viewer.told["joints"][0] < before + 0.02 and time.monotonic() < end:
@@ -241,53 +261,32 @@ def test_keys_at_a_terminal_drive_the_camera(viewer, ros_master):
             time.sleep(0.05)
         assert viewer.told["joints"][0] > before + 0.02
         viewer.wait("stopped")
-        os.write(terminal, b"q")
-        assert teleop.wait(20.0) == 0
-    finally:
-        teleop.kill()
-        os.close(terminal)
     assert viewer.ask("start")[0]
     viewer.wait("converged")
 
 
 def test_a_gamepad_drives_the_camera_while_a_shoulder_button_is_held(viewer, ros_master, tmp_path):
     """A pad as the kernel tells of it, by way of a pipe."""
-    import os
-    import pty
-    import subprocess
-
     pipe, event = tmp_path / "js0", struct.Struct("IhBB")  # time (ms), value, kind, number
     os.mkfifo(pipe)
     pad = os.open(pipe, os.O_RDWR)  # both ends, for a pad is there before who reads it
-    terminal, other = pty.openpty()
-    teleop = subprocess.Popen(
-        ["rosrun", "aras_visual_servo_controller", "aras_teleop", f"_joystick:={pipe}"],
-        env=ros_master.environment, stdin=other, stdout=other, stderr=other,
-    )  # fmt: skip
-    os.close(other)
     try:
-        said = b""
-        while b"cross         tilt" not in said:
-            said += os.read(terminal, 4096)
-        before = viewer.told["joints"][0]
-        os.write(pad, event.pack(0, 32767, 0x82, 0) + event.pack(0, -12000, 2, 0))  # left stick
-        time.sleep(1.0)
-        assert viewer.told["joints"][0] == pytest.approx(before, abs=1e-3)  # no button, no motion
-        os.write(pad, event.pack(0, 1, 1, 4))
-        wait_for(lambda: abs(viewer.told["joints"][0] - before) > 0.02, 60.0, "the gamepad")
-        assert viewer.told["joints"][0] < before  # the stick is held to the left
-        viewer.wait("stopped")
-        os.write(pad, event.pack(0, 0, 1, 4))
-        time.sleep(1.5)
-        at = viewer.told["joints"][0]
-        time.sleep(0.5)
-        assert viewer.told["joints"][0] == pytest.approx(at, abs=1e-3)
-        os.write(terminal, b"q")
-        assert teleop.wait(20.0) == 0
+        with teleop(ros_master, b"cross         tilt", f"_joystick:={pipe}"):
+            before = viewer.told["joints"][0]
+            os.write(pad, event.pack(0, 32767, 0x82, 0) + event.pack(0, -12000, 2, 0))  # left stick
+            time.sleep(1.0)
+            assert viewer.told["joints"][0] == pytest.approx(before, abs=1e-3)  # no button
+            os.write(pad, event.pack(0, 1, 1, 4))
+            wait_for(lambda: abs(viewer.told["joints"][0] - before) > 0.02, 60.0, "the gamepad")
+            assert viewer.told["joints"][0] < before  # the stick is held to the left
+            viewer.wait("stopped")
+            os.write(pad, event.pack(0, 0, 1, 4))
+            time.sleep(1.5)
+            at = viewer.told["joints"][0]
+            time.sleep(0.5)
+            assert viewer.told["joints"][0] == pytest.approx(at, abs=1e-3)
     finally:
-        teleop.kill()
-        for opened in (terminal, pad):
-            os.close(opened)
+        os.close(pad)
     assert viewer.ask("start")[0]
     viewer.wait("converged")
 

@@ -281,6 +281,44 @@ def test_what_pip_was_stopped_in_goes_on_in_the_same_environment(machine, tmp_pa
     assert kept.exists() and "= true" in (kept.parent / "pyvenv.cfg").read_text()
 
 
+TRIXIE = {"/etc/os-release": 'ID=debian\nVERSION_ID="13"\n',
+          "/usr/bin/g++": '#!/bin/sh\necho "$@" >>compiled\n'}  # fmt: skip
+
+
+def on_trixie(files: dict[str, str]) -> dict[str, str]:
+    python = files["/usr/bin/python3"].replace(
+        "echo 3.11 ;;", "[[ $* == *cp* ]] && echo cp313 || echo 3.13 ;;"
+    )
+    return {**files, **TRIXIE, "/usr/bin/python3": python}
+
+
+def test_pybullet_is_built_where_it_has_no_wheel_its_physics_optimised_and_once(machine, tmp_path):
+    """Its sources as its own set-up hands them to the compiler, and what becomes of the options."""
+    wheel = """if [[ $* == *" wheel "* ]]; then
+  [[ -e building ]] || exit 1
+  for source in src/physics.cpp examples/src/window.cpp; do "$CXX" $CXXFLAGS -c $source -fPIC; done
+  [[ $CFLAGS == *-g0* && $CXXFLAGS == *-g0* ]] && touch "${@: -2:1}/pybullet-3.2.7-cp313.whl"
+elif [[ $* == *building.txt ]]; then touch building; fi"""
+    files = on_trixie(played(tmp_path, pip=wheel))
+    status, text = machine(files)
+    assert status == 0 and "building PyBullet for this Python" in text
+    workspace = tmp_path / "workspace"
+    compiled = (workspace / "compiled").read_text().splitlines()
+    levels = [[word for word in line.split() if word.startswith("-O")][-1] for line in compiled]
+    assert levels == ["-O2", "-O1"]  # of several the last one counts
+    shutil.rmtree(workspace / ".venv")
+    status, text = machine(files)
+    assert status == 0 and (workspace / "compiled").read_text().splitlines() == compiled
+
+
+def test_without_numpy_pybullet_is_not_built(machine, tmp_path):
+    """It would be built without its arrays, and kept."""
+    files = on_trixie(played(tmp_path, pip='[[ $* != *building.txt ]] && echo "$@" >>went_on'))
+    status, text = machine(files)
+    assert status == 1 and "this step failed: Making the virtual environment" in text
+    assert not (tmp_path / "workspace" / "went_on").exists()
+
+
 def test_where_debian_s_packages_fail_pip_ends_too(machine, tmp_path):
     files = played(tmp_path, pip="[[ -e mended ]] || { sleep 60; touch late; }")
     files["/usr/bin/dpkg-query"] = LACKING

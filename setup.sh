@@ -285,7 +285,7 @@ if [[ $stamped != "$base" ]]; then
     having=""
     room "$root" 2500
     making="Making the virtual environment .venv"
-    [[ -n $pybullet_wheel ]] || making+=", building PyBullet for this Python (once, some three minutes)"
+    [[ -n $pybullet_wheel ]] || making+=", building PyBullet for this Python (once, some two minutes)"
     making+=", installing the Python packages for $tier (requirements/$tier.txt)"
 elif [[ $from_it_on != *" ${having:-none} "* ]]; then
     making="Installing the Python packages for $tier (requirements/$tier.txt)"

@@ -63,6 +63,15 @@ def test_manifest_names_what_is_imported(package):
     assert surplus == set(), "named but never imported"
 
 
+def test_no_package_needs_itself_by_way_of_others():
+    """`catkin build` waits for what a package needs to run, too: for ever, in a circle."""
+    left = {package.name: named(package) for package in PACKAGES}
+    while ready := [name for name, wants in left.items() if not wants & left.keys()]:
+        for name in ready:
+            del left[name]
+    assert not left
+
+
 def test_what_is_taken_out_of_the_image_is_imported_by_nobody():
     """docker/slim removes packages whole, by the names of their folders."""
     slim = (SOURCES.parent / "docker" / "slim").read_text()

@@ -1,5 +1,6 @@
 """Free bases that stand: as still as if bolted down, and free as soon as the ground cannot hold."""
 
+import itertools
 import math
 
 import numpy as np
@@ -14,12 +15,13 @@ G = 9.8
 
 
 def cart(make, mass=10.0, load=2.0, height=0.5, mu=0.5, axis="1 0 0",
-         travel=20.0):
+         travel=20.0, shapes=None):
     """A block of 0.6 m with a slide on top of it; `height`: of the slide above the ground."""
     x, y, z = 0.6, 0.6, 0.2
     inertia = [mass * (a * a + b * b) / 12 for a, b in ((y, z), (x, z), (x, y))]
     return parse_urdf(make.robot(
-        make.link("base", mass, "0 0 0.1", (*inertia, 0, 0, 0), make.box("0.6 0.6 0.2", "0 0 0.1")),
+        make.link("base", mass, "0 0 0.1", (*inertia, 0, 0, 0),
+                  shapes or make.box("0.6 0.6 0.2", "0 0 0.1")),
         make.link("slide", load, "0 0 0", (0.01,) * 3 + (0, 0, 0)),
         make.joint("rail", "base", "slide", "prismatic", f"0 0 {height}", axis, -travel, travel),
         f'<gazebo reference="base"><mu1>{mu}</mu1></gazebo>'))
@@ -61,6 +63,64 @@ def test_a_base_at_rest_is_held_where_it_stands(world, make):
     assert model.pose() == at
     assert model.read_joints()[1][0] == pytest.approx(3.0 / 2.0, rel=1e-4)
     assert model.read_joints()[2] == [3.0]
+
+
+def cube_mesh(folder, half=0.5) -> str:
+    """A <mesh> of a cube about the origin, by its corners and faces."""
+    corners = list(itertools.product((-half, half), repeat=3))
+    faces = ["1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4"]
+    path = folder / f"cube{half}.obj"
+    path.write_text("".join(f"v {x} {y} {z}\n" for x, y, z in corners)
+                    + "".join(f"f {face}\n" for face in faces))
+    return f'<mesh filename="file://{path}"/>'
+
+
+def collision(geometry: str, origin: str) -> str:
+    return f'<collision><origin xyz="{origin}"/><geometry>{geometry}</geometry></collision>'
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_base_on_feet_that_are_links_is_held(world, make):
+    """Bullet leaves a millimetre around the hulls of links: it stands on that."""
+    feet = [(f"foot{k}", x, y) for k, (x, y) in enumerate(itertools.product((-0.3, 0.3), repeat=2))]
+    shape = collision('<cylinder radius="0.03" length="0.2"/>', "0 0 0.1")
+    model = world.spawn(parse_urdf(make.robot(
+        make.link("base", 20.0, "0 0 0.3", (1,) * 3 + (0,) * 3, make.box("0.6 0.6 0.2", "0 0 0.3")),
+        *(make.link(name, 1.0, "0 0 0.1", (0.01,) * 3 + (0, 0, 0), shape) for name, _, _ in feet),
+        *(make.joint(f"at_{name}", "base", name, "fixed", f"{x} {y} 0") for name, x, y in feet),
+        make.link("slide", 2.0, "0 0 0", (0.01,) * 3 + (0, 0, 0)),
+        make.joint("rail", "base", "slide", "prismatic", "0 0 0.5", "1 0 0", -2.0, 2.0))), "table")
+    steps(world, 300)
+    assert model.fixed_base and model.pose().xyz[2] < 1.1e-3
+    steps(world, 200, model, 5.0)
+    assert model.fixed_base
+    steps(world, 1, model, 250.0)  # more than the ground bears
+    assert not model.fixed_base
+
+
+@pytest.mark.parametrize("what", ["mesh", "cylinder", "feet"])
+def test_a_base_of_any_shape_is_held_at_its_own_height(world, make, tmp_path, what):
+    """Bullet adds a millimetre to hulls, on which such bases stood, and were never held."""
+    shapes = {
+        "mesh": collision(cube_mesh(tmp_path, 0.3), "0 0 0.3"),
+        "cylinder": collision('<cylinder radius="0.3" length="0.2"/>', "0 0 0.1"),
+        "feet": "".join(collision('<cylinder radius="0.03" length="0.2"/>', f"{x} {y} 0.1")
+                        for x in (-0.3, 0.3) for y in (-0.3, 0.3)),
+    }[what]
+    model = world.spawn(cart(make, shapes=shapes), "cart")
+    steps(world, 200)
+    assert model.fixed_base
+    assert model.pose().xyz == pytest.approx((0.0, 0.0, 0.0), abs=2e-5)
+
+
+def test_meshes_lie_on_one_another_without_a_gap(world, make, tmp_path):
+    shape = collision(cube_mesh(tmp_path, 0.05), "0 0 0")
+    cube = make.robot(make.link("cube", 1.0, "0 0 0", (0.0017,) * 3 + (0, 0, 0), shape))
+    cubes = [world.spawn(parse_urdf(cube), f"cube {k}", Pose((0.0, 0.0, 0.05 + 0.1 * k)))
+             for k in range(3)]
+    steps(world, 1000)
+    heights = [it.pose().xyz[2] for it in cubes]
+    assert heights == pytest.approx([0.05, 0.15, 0.25], abs=5e-5)
 
 
 def test_what_joints_did_goes_on_when_the_base_is_held(world, make):

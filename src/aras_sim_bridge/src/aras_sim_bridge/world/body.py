@@ -8,6 +8,10 @@ from aras_sim_bridge.world.bullet import pybullet
 
 DEFAULT_FRICTION = 1.0  # Gazebo's
 _UNBOUNDED_VELOCITY = 1e9  # Bullet would cut joint velocities at 100 rad/s
+# m, by which Bullet makes the hulls of meshes and cylinders larger. A root's is what it lets bodies
+# that rest sink in by, so that they stand at their own height; of links it does not let it be set.
+LINK_MARGIN = 1e-3
+ROOT_MARGIN = 1e-5
 
 
 class Body:
@@ -92,7 +96,8 @@ class Body:
         client, body = self.client, self.body_id
         # Of the whole body: with one of these in it, PyBullet applies a link's call to the root.
         pybullet.changeDynamics(body, -1, linearDamping=0.0, angularDamping=0.0,
-                                maxJointVelocity=_UNBOUNDED_VELOCITY, physicsClientId=client)
+                                maxJointVelocity=_UNBOUNDED_VELOCITY, collisionMargin=ROOT_MARGIN,
+                                physicsClientId=client)
         for name, index in self.links.items():
             link = bodies.links[name]
             settings = {

@@ -19,6 +19,7 @@ import numpy as np
 from aras_sim_bridge.compiled import compiled
 from aras_sim_bridge.description import Geometry, shapes
 from aras_sim_bridge.poses import Pose, Twist, rotate
+from aras_sim_bridge.world.body import LINK_MARGIN
 from aras_sim_bridge.world.bullet import contacts_of, pybullet
 from aras_sim_bridge.world.model import Model
 
@@ -339,12 +340,15 @@ def _feet(model: Model, point: np.ndarray, normal: np.ndarray) -> np.ndarray:
     found = []
     base = model.base_links()
     for name, index in model.link_indices.items():
+        near = _TOUCHING + (0.0 if index == -1 else LINK_MARGIN)
         for part in model.description.links[name].collisions if index in base else ():
             at = model.link_pose(name) @ part.pose
             matrix = np.array(at.matrix())
             for own in _corners(part.geometry):
                 corners = own @ matrix[:3, :3].T + matrix[:3, 3]
-                found.append(corners[np.abs((corners - point) @ normal) < _TOUCHING])
+                above = (corners - point) @ normal
+                down = np.abs(above) < near
+                found.append(corners[down] - above[down, None] * normal)
     return np.concatenate(found)
 
 

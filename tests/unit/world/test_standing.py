@@ -92,6 +92,9 @@ def test_a_base_on_feet_that_are_links_is_held(world, make):
         make.joint("rail", "base", "slide", "prismatic", "0 0 0.5", "1 0 0", -2.0, 2.0))), "table")
     steps(world, 300)
     assert model.fixed_base and model.pose().xyz[2] < 1.1e-3
+    touching = standing._feet(model, np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    assert np.abs(touching[:, 2]).max() < 1e-12  # on the ground, where forces act
+    assert np.abs(touching[:, :2]).max(axis=0) == pytest.approx(0.33, abs=1e-3)
     steps(world, 200, model, 5.0)
     assert model.fixed_base
     steps(world, 1, model, 250.0)  # more than the ground bears

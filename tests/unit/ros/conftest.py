@@ -87,6 +87,8 @@ class Publisher:
         self.sent: list[object] = []
 
     def publish(self, message: object) -> None:
+        if self.impl is None:  # as rospy, which closes topics while a node ends
+            raise rospy.ROSException("publish() to a closed topic")
         self.sent.append(message)
 
     def get_num_connections(self) -> int:

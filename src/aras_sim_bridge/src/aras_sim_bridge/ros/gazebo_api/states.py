@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable
 
@@ -40,11 +41,12 @@ class StateTopics:
             f"{namespace}/performance_metrics", PerformanceMetrics, queue_size=10
         )
         self._next_metrics = 0.0
-        factor = rospy.Publisher(f"{namespace}/real_time_factor", Float64, queue_size=1)
-        rospy.Timer(
-            rospy.Duration.from_sec(FACTOR_PERIOD),
-            lambda _event: factor.publish(thread.real_time_factor),
-        )
+        self._factor = rospy.Publisher(f"{namespace}/real_time_factor", Float64, queue_size=1)
+        rospy.Timer(rospy.Duration.from_sec(FACTOR_PERIOD), self._tell_factor)
+
+    def _tell_factor(self, _event: rospy.timer.TimerEvent) -> None:
+        with contextlib.suppress(rospy.ROSException):  # the topic is closed: the node ends
+            self._factor.publish(self._thread.real_time_factor)
 
     def after_batch(self, simulation: Simulation) -> None:
         """Publish what is listened to; called in the simulation's thread."""

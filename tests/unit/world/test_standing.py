@@ -79,7 +79,6 @@ def collision(geometry: str, origin: str) -> str:
     return f'<collision><origin xyz="{origin}"/><geometry>{geometry}</geometry></collision>'
 
 
-@pytest.mark.filterwarnings("error")
 def test_a_base_on_feet_that_are_links_is_held(world, make):
     """Bullet leaves a millimetre around the hulls of links: it stands on that."""
     feet = [(f"foot{k}", x, y) for k, (x, y) in enumerate(itertools.product((-0.3, 0.3), repeat=2))]
@@ -114,6 +113,22 @@ def test_a_base_of_any_shape_is_held_at_its_own_height(world, make, tmp_path, wh
     steps(world, 200)
     assert model.fixed_base
     assert model.pose().xyz == pytest.approx((0.0, 0.0, 0.0), abs=2e-5)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("shape", ["sphere", "capsule"])
+@pytest.mark.parametrize("tilt", [0.0, 0.3, math.pi / 2])
+def test_a_base_that_could_roll_is_left_to_bullet(world, make, shape, tilt):
+    shape = {"sphere": '<sphere radius="0.1"/>',
+             "capsule": '<capsule radius="0.1" length="0.3"/>'}[shape]
+    still = (0.3, 0.3, 0.6, 0, 0, 0)
+    model = world.spawn(parse_urdf(make.robot(
+        make.link("base", 10.0, "0 0 0", still, collision(shape, "0 0 0")),
+        make.link("slide", 2.0, "0 0 0", (0.01,) * 3 + (0, 0, 0)),
+        make.joint("rail", "base", "slide", "prismatic", "0 0 0", "1 0 0", -2.0, 2.0))), "ball",
+        Pose.from_rpy((0.0, 0.0, 0.3), (tilt, 0.0, 0.0)))
+    steps(world, 1500)
+    assert not model.fixed_base and np.isfinite(model.pose().xyz).all()
 
 
 def test_meshes_lie_on_one_another_without_a_gap(world, make, tmp_path):

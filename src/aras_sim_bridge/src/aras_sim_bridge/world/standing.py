@@ -171,6 +171,8 @@ class Standing:
             points = _feet(model, np.array(points[0]), np.array(normals[0]))
         inverse = root.inverse()
         on_ground = np.array([inverse.apply(point) for point in points])
+        if len(on_ground) < 3:  # of what is round there may be none
+            return None
         mass, centre = _mass_of_base(model, root)
         middle = on_ground.mean(axis=0)
         normal = np.array(rotate(inverse.quat, normals[0]))
@@ -364,8 +366,6 @@ def _corners(geometry: Geometry) -> Iterator[np.ndarray]:
 
 def _polygon(points: np.ndarray, normal: np.ndarray) -> np.ndarray | None:
     """Corners and outward edge normals (m, 6) of the hull of points on a plane; None for a line."""
-    if len(points) < 3:
-        return None
     aside = np.cross(normal, (1.0, 0.0, 0.0) if abs(normal[0]) < 0.7 else (0.0, 1.0, 0.0))
     aside /= np.linalg.norm(aside)
     axes = np.stack([aside, np.cross(normal, aside)])

@@ -3,7 +3,10 @@
 import csv
 import errno
 import json
+import os
 import re
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -405,3 +408,15 @@ def test_runs_of_one_name_are_told_apart(points):
     twins = [replace(points), replace(points)]
     analyzing._told_apart(twins)
     assert [one.name for one in twins] == ["points (1)", "points (2)"]
+
+
+def test_a_machine_without_the_bench_s_libraries_is_told_how_to_get_them():
+    """As one that has run ./demo.sh alone, after which the README calls `analyze`."""
+    program = """import sys
+sys.modules["pyarrow"] = None
+from aras_visual_servo_bench.commands import main
+sys.exit(main(["analyze", "run.bag", "--out", "report"]))"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True,
+                          env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})  # fmt: skip
+    assert done.returncode == 1
+    assert done.stderr == "bench: pyarrow is not installed: ./setup.sh installs it\n"

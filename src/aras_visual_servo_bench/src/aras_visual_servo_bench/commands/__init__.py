@@ -7,23 +7,32 @@ import argparse
 import sys
 
 from ..errors import BenchError
-from . import analyzing, looking, reading, running
-
-PARTS = (running, reading, looking, analyzing)
 
 
 def parser() -> argparse.ArgumentParser:
-    """All commands; what each takes is told where it is carried out."""
+    """All commands; what each takes is told where it is carried out.
+
+    Raises:
+        BenchError: a library is missing, as where the workspace was set up for the demo alone.
+    """
+    try:
+        from . import analyzing, looking, reading, running
+    except ModuleNotFoundError as error:
+        raise BenchError(f"{error.name} is not installed: ./setup.sh installs it") from None
     made = argparse.ArgumentParser(prog="bench", description=__doc__.splitlines()[0])
     commands = made.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for part in PARTS:
+    for part in (running, reading, looking, analyzing):
         part.add(commands)
     return made
 
 
 def main(argv: list[str] | None = None) -> int:
     """Carry a command out; what cannot be is one line and 1, a wrong call 2."""
-    made = parser()
+    try:
+        made = parser()
+    except BenchError as error:
+        print(f"bench: {error}", file=sys.stderr)
+        return 1
     options, behind = made.parse_known_args(argv)
     overrides = [word for word in behind if "=" in word and not word.startswith("-")]
     if len(overrides) < len(behind) or (behind and "overrides" not in options):

@@ -73,7 +73,7 @@ CHAPTERS = {
         "src/aras_visual_servo_gazebo/README", "src/aras_sim_bridge/README",
         "src/aras_sim_bridge/docs/camera", "src/aras_visual_servo_camera/README",
         "src/aras_visual_servo_controller/README", "src/aras_visual_servo_bench/README",
-        "src/aras_visual_servo_ros/README", "tests/README",
+        "src/aras_visual_servo_base/README", "src/aras_visual_servo_ros/README", "tests/README",
     ),
     "Python API": ("docs/api/bench", "docs/api/controller", "docs/api/camera", "docs/api/bridge"),
 }  # fmt: skip

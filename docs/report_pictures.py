@@ -11,7 +11,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from aras_visual_servo_bench.experiment import Experiment
+from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.report.write import write_report
 from aras_visual_servo_bench.study.replay import carried_out
 

@@ -25,14 +25,14 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "servo"))
 
 from feature_scenes import CORNERS, GOAL, PARALLELOGRAM, VIEWS, look
 
-from aras_visual_servo_bench.textures import poster
+from aras_visual_servo_bench.targets.textures import poster
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.features.base import Feature
 from aras_visual_servo_controller.features.registry import FEATURES, create_feature
-from aras_visual_servo_controller.goal import Goal
-from aras_visual_servo_controller.observation import Need, Observation, Observer
+from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
+from aras_visual_servo_controller.seeing.observation import Need, Observation, Observer
 
 CAMERA = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1))
 FACING = np.diag([1.0, -1.0, -1.0, 1.0])  # a poster's z is towards the camera

@@ -17,10 +17,10 @@ from sensor_msgs.msg import JointState
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.arm.poses import pose_difference, transform
-from aras_visual_servo_controller.goal import Goal
-from aras_visual_servo_controller.observation import Need, Observer
+from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import create_scheme
-from aras_visual_servo_controller.target_geometry import TargetGeometry
+from aras_visual_servo_controller.seeing.observation import Need, Observer
+from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
 
 REGISTRY = Path(sysconfig.get_paths()["purelib"], "cmeel.prefix/share/example-robot-data/robots")
 ARMS = {

@@ -36,7 +36,7 @@ from std_srvs.srv import Trigger
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.arm.poses import pose_difference
-from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.setting_kinds import yaml_mapping
 
 SPEED = 1.0  # simulated seconds per second of wall time

@@ -8,9 +8,9 @@ from sensor_msgs.msg import Image, JointState
 from std_srvs.srv import Empty
 from test_bridge_lockstep import COMMANDS, ROBOT, all_running, call, connections
 
-from aras_visual_servo_bench.assembly import assemble
-from aras_visual_servo_bench.experiment import Experiment
-from aras_visual_servo_bench.runner import Loop
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.running.loop import Loop
 
 FRAMES = 45  # 1.5 s: the approach to the start takes 0.9 s, the rest is servoed
 START = [0.05, 0.02, 0.1, -0.05, -0.05, 0.1]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_controller.inversion import _all_above, least_squares, svd
+from aras_visual_servo_controller.arm.inversion import _all_above, least_squares, svd
 
 SHAPES = [(1, 1), (2, 6), (6, 2), (4, 6), (6, 6), (6, 7), (11, 6), (12, 7), (6, 12)]
 

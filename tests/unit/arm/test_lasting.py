@@ -5,8 +5,8 @@ import pytest
 from arms import make
 
 from aras_visual_servo_controller.arm import Limits, Resolver
-from aras_visual_servo_controller.inversion import LASTING
-from aras_visual_servo_controller.task import Task
+from aras_visual_servo_controller.arm.inversion import LASTING
+from aras_visual_servo_controller.arm.task import Task
 
 Q = [0.1, 0.2, 0.6, -0.9, 0.4, 0.5]
 SLOW = np.array([0.002, 0.001, 0.001, 0.0, 0.0, 0.002])

@@ -17,10 +17,10 @@ from aras_visual_servo_controller.arm import (
     SingularityAvoidance,
 )
 from aras_visual_servo_controller.arm.fold import find
+from aras_visual_servo_controller.arm.inversion import _joint_by_joint, _passes
 from aras_visual_servo_controller.arm.poses import pose_difference, rotation_vector
+from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.inversion import _joint_by_joint, _passes
-from aras_visual_servo_controller.task import Task
 
 ALL = (True,) * 6
 MOMENTS = (True, True, True, False, False, True)

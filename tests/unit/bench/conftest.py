@@ -11,8 +11,8 @@ for folder in (HERE, HERE.parent / "world"):
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
 
-from aras_visual_servo_bench import cameras  # noqa: E402
-from aras_visual_servo_bench.robots import Robot, RobotSpec  # noqa: E402
+from aras_visual_servo_bench.asked import cameras  # noqa: E402
+from aras_visual_servo_bench.asked.robots import Robot, RobotSpec  # noqa: E402
 
 
 @pytest.fixture(scope="session")

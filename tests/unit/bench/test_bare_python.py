@@ -24,10 +24,10 @@ for name in ("yaml", "pyparsing", "dateutil", "six"):
 for package in ("sim_bridge", "visual_servo_camera", "visual_servo_controller",
                 "visual_servo_bench"):
     sys.path.append({str(SOURCES)!r} + f"/aras_{{package}}/src")
-from aras_visual_servo_bench.environment import ServoEnv
-from aras_visual_servo_bench.experiment import Experiment
+from aras_visual_servo_bench.running.environment import ServoEnv
+from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.report import record, summary
-from aras_visual_servo_bench.runner import run
+from aras_visual_servo_bench.running.loop import run
 bullet = run(Experiment(duration=0.2))
 assert len(bullet.stamp) > 4, bullet
 assert run(Experiment(plant="free")).verdict.reached

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from aras_visual_servo_bench.environment import ServoEnv
+from aras_visual_servo_bench.asked.experiment import Experiment, Sampler
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment import Experiment, Sampler
+from aras_visual_servo_bench.running.environment import ServoEnv
 
 
 @pytest.fixture

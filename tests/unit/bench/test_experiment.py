@@ -5,8 +5,8 @@ import math
 import pytest
 import yaml
 
+from aras_visual_servo_bench.asked.experiment import CameraPose, Experiment, Sampler
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment import CameraPose, Experiment, Sampler
 
 
 def test_defaults_are_the_shipped_demo():

@@ -5,9 +5,9 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.experiment import Experiment
+from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.rigid import to_xyz_rpy
-from aras_visual_servo_bench.runner import run
+from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.arm.poses import inverse, pose_difference
 

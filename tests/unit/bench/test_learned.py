@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench import learned
+from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment import Experiment
-from aras_visual_servo_bench.runner import run
+from aras_visual_servo_bench.learning import learned
+from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.studies.starts import SAMPLER
 from aras_visual_servo_controller.errors import ConfigurationError
 
-SCHEME = "aras_visual_servo_bench.learned:Learned"
+SCHEME = "aras_visual_servo_bench.learning.learned:Learned"
 
 
 def test_without_weights_one_line_says_how_to_make_them(monkeypatch, tmp_path):

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench import learned_pictures
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.learned_pictures import LearnedPose, PoseNetwork, inputs
-from aras_visual_servo_bench.protocol import Protocol
+from aras_visual_servo_bench.learning import learned_pictures
+from aras_visual_servo_bench.learning.learned_pictures import LearnedPose, PoseNetwork, inputs
 from aras_visual_servo_bench.rigid import exponential, logarithm
-from aras_visual_servo_bench.runner import run
+from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.study.protocol import Protocol
 from aras_visual_servo_controller.arm.poses import inverse
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.goal import Goal
-from aras_visual_servo_controller.observation import Observation
+from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
+from aras_visual_servo_controller.seeing.observation import Observation
 
 
 def planned(seeds):

@@ -9,7 +9,7 @@ import pytest
 from aras_visual_servo_bench.live import page
 from aras_visual_servo_bench.live.access import Access
 from aras_visual_servo_bench.live.requests import LARGEST, REQUESTS, RefusedError, read_request
-from aras_visual_servo_controller.teleop import CAMERA_KEYS
+from aras_visual_servo_controller.hands.teleop import CAMERA_KEYS
 
 AXES = ("vx", "vy", "vz", "wx", "wy", "wz")
 CHOICES = {"schemes": ["moments"], "laws": ["pi"], "starts": ["2016"], "goals": ["auto"],

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_bench import rigid
-from aras_visual_servo_bench.assembly import assemble
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment import Experiment
 from aras_visual_servo_bench.plants import CameraReading, JointReading
 from aras_visual_servo_bench.plants.bullet_arm import BulletArm
 from aras_visual_servo_bench.plants.free_body import FreeBody
 from aras_visual_servo_bench.plants.kinematic import FreeCamera, KinematicChain, Sight
-from aras_visual_servo_bench.runner import Loop, run
-from aras_visual_servo_bench.targets import PlacedTarget, PolygonTarget
+from aras_visual_servo_bench.running.loop import Loop, run
+from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget
 from aras_visual_servo_controller.arm.poses import transform
 
 START = np.array([0.1, 0.0, 0.17, -0.09, -0.09, 0.3])
@@ -76,7 +76,7 @@ def test_the_simulated_arm_is_spawned_at_its_start_and_moves_as_told(robot, pres
 
 
 def test_a_moved_camera_is_moved_in_the_physics_and_can_be_believed_elsewhere(preset):
-    from aras_visual_servo_bench.robots import Robot, RobotSpec
+    from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
 
     moved = Robot(RobotSpec(), xyz=(0.0, 0.03, 0.0), rpy=(0.0, 0.17, 0.0))
     plant = bullet(moved, preset)
@@ -94,7 +94,7 @@ def test_a_moved_camera_is_moved_in_the_physics_and_can_be_believed_elsewhere(pr
 def test_impossible_robots_are_refused_in_one_line(robot, preset):
     import dataclasses
 
-    from aras_visual_servo_bench.robots import Robot, RobotSpec
+    from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
 
     cases = {
         "no file": {"urdf": "/nowhere/arm.urdf"},
@@ -113,7 +113,7 @@ def test_impossible_robots_are_refused_in_one_line(robot, preset):
 
 
 def test_friction_can_be_taken_out(robot):
-    from aras_visual_servo_bench.robots import Robot, RobotSpec
+    from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
 
     rough = [joint.friction for joint in robot.description().joints.values()]
     smooth = [j.friction for j in Robot(RobotSpec(), friction=False).description().joints.values()]

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 import yaml
 
-from aras_visual_servo_bench import protocol as protocols
-from aras_visual_servo_bench import schemes_pictures
+from aras_visual_servo_bench.asked.experiment import CameraPose, Experiment
+from aras_visual_servo_bench.asked.protocol_starts import Placing, placed
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment import CameraPose, Experiment
-from aras_visual_servo_bench.protocol import Protocol, main, met
-from aras_visual_servo_bench.protocol_starts import Placing, placed
-from aras_visual_servo_bench.runner import run
-from aras_visual_servo_bench.schemes_page import main as page
-from aras_visual_servo_bench.schemes_page import speed_part, succeeded
+from aras_visual_servo_bench.pictures import schemes_pictures
+from aras_visual_servo_bench.pictures.schemes_page import main as page
+from aras_visual_servo_bench.pictures.schemes_page import speed_part, succeeded
+from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.study import protocol as protocols
+from aras_visual_servo_bench.study.protocol import Protocol, main, met
 from aras_visual_servo_controller.arm.poses import pose_difference, transform
 
 PROTOCOLS = Path(__file__).parents[3] / "src" / "aras_visual_servo_bench" / "protocols"

@@ -14,14 +14,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.commands import analyzing, main
 from aras_visual_servo_bench.errors import BenchError
-from aras_visual_servo_bench.experiment import Experiment
-from aras_visual_servo_bench.report import curves, machine, style, summary, views
-from aras_visual_servo_bench.report.record import Images, milestones, nearest
+from aras_visual_servo_bench.numbers import metrics, summary
+from aras_visual_servo_bench.pictures import curves, style, views
+from aras_visual_servo_bench.recording.record import Images, milestones, nearest
+from aras_visual_servo_bench.report import machine
 from aras_visual_servo_bench.report.time_axes import broken
 from aras_visual_servo_bench.report.write import FIGURES, NAMES, tables, write_report
-from aras_visual_servo_bench.study import metrics
 from aras_visual_servo_bench.study.replay import _with_pictures, carried_out
 
 SECONDS = 3.0

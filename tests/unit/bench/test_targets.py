@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench import cameras
+from aras_visual_servo_bench.asked import cameras
 from aras_visual_servo_bench.errors import ExperimentError, ViewError
-from aras_visual_servo_bench.targets import Motion, PlacedTarget, PolygonTarget
+from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 

@@ -4,25 +4,31 @@ import cv2
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.assembly import assemble
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.experiment import TARGETS, Experiment
+from aras_visual_servo_bench.asked.loop_settings import settings_of
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.experiment import TARGETS, Experiment
-from aras_visual_servo_bench.loops import settings_of
 from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.plants.kinematic import Sight
-from aras_visual_servo_bench.runner import run
-from aras_visual_servo_bench.shapes import NAMES, TRACKERS, shape_of, svg_outline, tracker_of
-from aras_visual_servo_bench.targets import PlacedTarget
-from aras_visual_servo_bench.textures import MADE, TexturedTarget
+from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.targets.geometry import PlacedTarget
+from aras_visual_servo_bench.targets.outlines import (
+    NAMES,
+    TRACKERS,
+    shape_of,
+    svg_outline,
+    tracker_of,
+)
+from aras_visual_servo_bench.targets.textures import MADE, TexturedTarget
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.trackers import TRACKERS as KNOWN
 from aras_visual_servo_camera.trackers import DotTracker, LineTracker, MarkerTracker
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm.poses import transform
 from aras_visual_servo_controller.features.registry import create_feature
-from aras_visual_servo_controller.goal import Goal
-from aras_visual_servo_controller.observation import Observer
+from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
+from aras_visual_servo_controller.seeing.observation import Observer
 
 CAMERA = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1))
 LENS = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1), (-0.2, 0.05, 0, 0))

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.experiment import Experiment
-from aras_visual_servo_bench.runner import run
-from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_controller.goals.goal import Goal
 
 ROOT = Path(__file__).parents[3]
 GOAL = Goal.load(ROOT / "src/aras_visual_servo_controller/config/goal_2016.yaml")

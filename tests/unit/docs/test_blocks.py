@@ -17,8 +17,8 @@ from given import GIVEN
 
 from aras_sim_bridge.camera import CameraConfig
 from aras_sim_bridge.control.controllers.registry import Registry
+from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.commands import main as bench
-from aras_visual_servo_bench.experiment import Experiment
 from aras_visual_servo_bench.study.engine import check_study
 from aras_visual_servo_bench.study.study import Study
 from aras_visual_servo_controller.settings import Settings

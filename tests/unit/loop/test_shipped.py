@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.experiment import Experiment
-from aras_visual_servo_bench.runner import run
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.running.loop import run
 
 # m and rad at the end; the ten come to 0.05 mm and 0.03 degrees. Where edges lie along rows of
 # pixels, as at 2016's goal, alpha errs most: by 1.5 mrad, would it not be known which side of a

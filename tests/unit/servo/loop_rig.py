@@ -14,13 +14,13 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm, Limits, Posture, Resolver
 from aras_visual_servo_controller.arm.fold import find
 from aras_visual_servo_controller.arm.poses import pose_difference
-from aras_visual_servo_controller.goal import Goal
-from aras_visual_servo_controller.joint_sample import JointSample
+from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Law, Proportional
-from aras_visual_servo_controller.observation import Observation, Observer
+from aras_visual_servo_controller.loop.servo import Servo
+from aras_visual_servo_controller.loop.state import Command, ServoSettings, ServoState
 from aras_visual_servo_controller.schemes import JointController, Scheme, create_scheme
-from aras_visual_servo_controller.servo import Servo
-from aras_visual_servo_controller.state import Command, ServoSettings, ServoState
+from aras_visual_servo_controller.seeing.joint_sample import JointSample
+from aras_visual_servo_controller.seeing.observation import Observation, Observer
 
 SOURCES = Path(__file__).parents[3] / "src"
 URDF = SOURCES / "aras_visual_servo_gazebo" / "robots" / "aras_visual_servo.urdf"

@@ -10,14 +10,14 @@ from loop_rig import CAMERA, STARTS, Rig, lost, scaled, the_arm, the_goal, the_l
 
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.arm.poses import body_motion, transform
-from aras_visual_servo_controller.diagnosis import KINDS, Diagnosis, Outcome
 from aras_visual_servo_controller.errors import MeasurementError
-from aras_visual_servo_controller.evidence import DIRECTIONS, CameraEvidence, Oscillation
 from aras_visual_servo_controller.features import Feature, Measured, Stack
-from aras_visual_servo_controller.joint_sample import JointSample
+from aras_visual_servo_controller.judging.diagnosis import KINDS, Diagnosis, Outcome
+from aras_visual_servo_controller.judging.evidence import DIRECTIONS, CameraEvidence, Oscillation
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.schemes import Composed
-from aras_visual_servo_controller.target_geometry import TargetGeometry
+from aras_visual_servo_controller.seeing.joint_sample import JointSample
+from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
 
 SEEDS = range(3)
 

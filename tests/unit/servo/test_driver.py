@@ -13,11 +13,11 @@ import pytest
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm.poses import pose_difference
-from aras_visual_servo_controller.driver import Driver
-from aras_visual_servo_controller.goal import Goal
-from aras_visual_servo_controller.joint_history import FARTHEST, JointHistory
-from aras_visual_servo_controller.joint_sample import JointSample
-from aras_visual_servo_controller.pairing import ByStamp
+from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.loop.driver import Driver
+from aras_visual_servo_controller.seeing.joint_history import FARTHEST, JointHistory
+from aras_visual_servo_controller.seeing.joint_sample import JointSample
+from aras_visual_servo_controller.seeing.stamp_pairing import ByStamp
 from aras_visual_servo_controller.settings import Settings
 
 SOURCES = Path(__file__).parents[3] / "src"

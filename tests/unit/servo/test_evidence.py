@@ -10,14 +10,14 @@ from free_camera import exponential
 from loop_rig import scaled
 
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.evidence import (
+from aras_visual_servo_controller.judging.evidence import (
     DIRECTIONS,
     CameraEvidence,
     Oscillation,
     ShapeEvidence,
     ViewEvidence,
 )
-from aras_visual_servo_controller.joint_sample import JointSample
+from aras_visual_servo_controller.seeing.joint_sample import JointSample
 
 # -- is the camera as believed? ------------------------------------------------------------------
 

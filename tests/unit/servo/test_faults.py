@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from loop_rig import IMAGE_PERIOD, STARTS, TICK, Rig, the_goal, the_servo
 
+from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError, TaskError
 from aras_visual_servo_controller.features import Feature, Measured
-from aras_visual_servo_controller.joint_sample import JointSample
 from aras_visual_servo_controller.laws import Law, Proportional
+from aras_visual_servo_controller.loop.state import HOLDING, SERVOING
 from aras_visual_servo_controller.schemes import (
     Composed,
     Decision,
@@ -17,8 +18,7 @@ from aras_visual_servo_controller.schemes import (
     Scheme,
     create_scheme,
 )
-from aras_visual_servo_controller.state import HOLDING, SERVOING
-from aras_visual_servo_controller.task import Task
+from aras_visual_servo_controller.seeing.joint_sample import JointSample
 
 GOOD_FROM, GOOD_TO = 0.3, 0.6  # s between which the scheme goes wrong
 

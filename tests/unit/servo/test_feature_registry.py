@@ -11,9 +11,9 @@ from feature_scenes import CORNERS, GOAL, PERIODS, TARGETS, VALUES, VIEWS, look,
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import Feature
 from aras_visual_servo_controller.features.registry import FEATURES, create_feature
-from aras_visual_servo_controller.goal import Goal
-from aras_visual_servo_controller.observation import Need, Observer
+from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
+from aras_visual_servo_controller.seeing.observation import Need, Observer
 
 STEP = 1e-6
 # They model a camera that looks square on, or pixels: test_kernel_scheme, test_features and, for

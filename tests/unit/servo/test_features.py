@@ -10,17 +10,12 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.kernel import kernel_features, kernel_of_outline
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
-from aras_visual_servo_controller.features import (
-    Feature,
-    Measured,
-    Stack,
-    create_feature,
-)
+from aras_visual_servo_controller.features import Feature, Measured, Stack, create_feature
 from aras_visual_servo_controller.features.points import PointFeature, off_by, point_interaction
-from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Proportional
-from aras_visual_servo_controller.observation import Need, Observer
 from aras_visual_servo_controller.schemes import Composed, create_scheme
+from aras_visual_servo_controller.seeing.observation import Need, Observer
 
 CAMERA = CameraModel(320, 240, (200.0, 0, 158.3, 0, 201.0, 121.6, 0, 0, 1))
 # A square with a patch that gives it a direction, m.

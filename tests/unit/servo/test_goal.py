@@ -13,11 +13,11 @@ from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.arm.poses import pose_difference, transform
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
-from aras_visual_servo_controller.goal import Goal, to_xyz_rpy
-from aras_visual_servo_controller.joint_sample import JointSample
-from aras_visual_servo_controller.observation import Observer
+from aras_visual_servo_controller.goals.goal import Goal, to_xyz_rpy
 from aras_visual_servo_controller.schemes import create_scheme
-from aras_visual_servo_controller.target_geometry import TargetGeometry
+from aras_visual_servo_controller.seeing.joint_sample import JointSample
+from aras_visual_servo_controller.seeing.observation import Observer
+from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
 
 
 def mapping(**changes):

@@ -6,7 +6,7 @@ from loop_rig import STARTS, the_arm, the_goal, the_limits, the_servo
 
 from aras_visual_servo_controller.arm.poses import body_motion
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
-from aras_visual_servo_controller.jog import LASTS, LEAD, RISE, Jog
+from aras_visual_servo_controller.hands.jog import LASTS, LEAD, RISE, Jog
 
 START = np.array(STARTS["2016"])
 DT = 0.02

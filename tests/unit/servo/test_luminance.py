@@ -13,9 +13,9 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features.luminance import BORDER
 from aras_visual_servo_controller.features.registry import FEATURES, create_feature
-from aras_visual_servo_controller.goal import Goal
-from aras_visual_servo_controller.observation import Need, Observer
+from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
+from aras_visual_servo_controller.seeing.observation import Need, Observer
 
 PINHOLE = CameraModel(160, 120, (180.0, 0, 79.5, 0, 180.0, 59.5, 0, 0, 1))
 WIDE = CameraModel(160, 120, (180.0, 0, 79.5, 0, 165.0, 59.5, 0, 0, 1), (-0.2, 0.05, 0, 0))

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from free_camera import pose
 
-from aras_visual_servo_bench.textures import poster
+from aras_visual_servo_bench.targets.textures import poster
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm.poses import inverse, rotation_vector
 from aras_visual_servo_controller.features.registry import create_feature
-from aras_visual_servo_controller.goal import Goal
-from aras_visual_servo_controller.observation import Observer
+from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
+from aras_visual_servo_controller.seeing.observation import Observer
 
 CAMERA = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1))
 FACING = np.diag([1.0, -1.0, -1.0, 1.0])  # a poster's z is towards the camera

@@ -7,8 +7,8 @@ from loop_rig import CAMERA, STARTS, lost, the_arm, the_goal
 
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.joint_sample import JointSample
-from aras_visual_servo_controller.observation import Need, Observer, implausible
+from aras_visual_servo_controller.seeing.joint_sample import JointSample
+from aras_visual_servo_controller.seeing.observation import Need, Observer, implausible
 
 ALL = frozenset(Need)
 

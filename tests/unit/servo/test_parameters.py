@@ -12,10 +12,10 @@ import pytest
 
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.features.moments import ImageMoments
+from aras_visual_servo_controller.goals.starts import start_joints
+from aras_visual_servo_controller.loop.state import ServoSettings
 from aras_visual_servo_controller.setting_kinds import parsed_yaml, yaml_mapping
 from aras_visual_servo_controller.settings import SERVO, Settings
-from aras_visual_servo_controller.starts import start_joints
-from aras_visual_servo_controller.state import ServoSettings
 
 SOURCES = Path(__file__).parents[3] / "src"
 PACKAGE = SOURCES / "aras_visual_servo_controller"

@@ -12,10 +12,10 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.features import Feature
 from aras_visual_servo_controller.features.points import Points
-from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Adaptive, ContinuousStart, Law, Proportional
-from aras_visual_servo_controller.observation import Observer
 from aras_visual_servo_controller.schemes import Composed
+from aras_visual_servo_controller.seeing.observation import Observer
 
 CAMERA = CameraModel(640, 480, (800.0, 0, 320.0, 0, 800.0, 240.0, 0, 0, 1))
 SQUARE = 0.1 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_controller.recent import RecentErrors
+from aras_visual_servo_controller.seeing.ring_buffer import RecentErrors
 
 
 @pytest.mark.parametrize("kept", [1, 40, 63, 64, 65, 200])

@@ -5,10 +5,10 @@ import pytest
 from feature_scenes import CAMERA, CORNERS, GOAL, look, moved
 from free_camera import pose
 
-from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Proportional
-from aras_visual_servo_controller.observation import Observer
 from aras_visual_servo_controller.schemes import create_scheme
+from aras_visual_servo_controller.seeing.observation import Observer
 
 START = pose((0.06, -0.05, 0.9), (0.1, -0.12, 0.5))
 ALL = (

@@ -20,14 +20,12 @@ from loop_rig import (
 
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.arm.poses import transform
-from aras_visual_servo_controller.convergence import Convergence
-from aras_visual_servo_controller.goal import Goal
-from aras_visual_servo_controller.joint_sample import JointSample
+from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.judging.convergence import Convergence
+from aras_visual_servo_controller.judging.remaining_error import Standing
 from aras_visual_servo_controller.laws import Adaptive, ContinuousStart, Proportional
-from aras_visual_servo_controller.motion import Motion
-from aras_visual_servo_controller.observation import Observer
-from aras_visual_servo_controller.standing import Standing
-from aras_visual_servo_controller.state import (
+from aras_visual_servo_controller.loop.motion import Motion
+from aras_visual_servo_controller.loop.state import (
     APPROACHING,
     CONVERGED,
     HOLDING,
@@ -36,6 +34,8 @@ from aras_visual_servo_controller.state import (
     WAITING,
     ServoSettings,
 )
+from aras_visual_servo_controller.seeing.joint_sample import JointSample
+from aras_visual_servo_controller.seeing.observation import Observer
 
 
 def phases(states):

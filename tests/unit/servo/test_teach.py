@@ -7,11 +7,11 @@ import pytest
 from loop_rig import CAMERA, CONFIG, URDF, lost, the_arm, the_goal
 
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.goal import Goal
-from aras_visual_servo_controller.observation import Observer
+from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.goals.teach import main
+from aras_visual_servo_controller.goals.teaching import Teacher, goal_of, mean_of
 from aras_visual_servo_controller.schemes import create_scheme
-from aras_visual_servo_controller.teach import main
-from aras_visual_servo_controller.teaching import Teacher, goal_of, mean_of
+from aras_visual_servo_controller.seeing.observation import Observer
 
 
 def view_at(observer, stamp, joints):
@@ -63,7 +63,7 @@ def test_views_are_averaged():
     q = the_goal("2016").joint_values(arm.names)
     views = []
     for i, off in enumerate((-0.001, 0.003, 0.004)):
-        from aras_visual_servo_controller.joint_sample import JointSample
+        from aras_visual_servo_controller.seeing.joint_sample import JointSample
 
         views.append(view_at(observer, float(i), JointSample.of(i, arm.names, q + off)))
     goal = goal_of(views, scheme, arm, "mine", depth=0.2)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from loop_rig import the_arm, the_limits
 
-from aras_visual_servo_controller import teleop
-from aras_visual_servo_controller.gamepad import (
+from aras_visual_servo_controller.hands import teleop
+from aras_visual_servo_controller.hands.gamepad import (
     AXIS,
     BUTTON,
     DEAD,
@@ -18,8 +18,8 @@ from aras_visual_servo_controller.gamepad import (
     JoyDevice,
     twist_of,
 )
-from aras_visual_servo_controller.jog import TWIST, Jog
-from aras_visual_servo_controller.teleop import (
+from aras_visual_servo_controller.hands.jog import TWIST, Jog
+from aras_visual_servo_controller.hands.teleop import (
     CAMERA_KEYS,
     JOINTS,
     SPEEDS,

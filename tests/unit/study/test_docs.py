@@ -8,7 +8,7 @@ import yaml
 
 from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.commands.running import study_file
-from aras_visual_servo_bench.study import metrics
+from aras_visual_servo_bench.numbers import metrics
 from aras_visual_servo_bench.study.engine import check_study
 from aras_visual_servo_bench.study.study import Study
 

@@ -16,10 +16,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.runner import run
+from aras_visual_servo_bench.numbers.metrics import metric
+from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.study import engine, folder, rows, versions, work
 from aras_visual_servo_bench.study.folder import Folder
-from aras_visual_servo_bench.study.metrics import metric
 from aras_visual_servo_bench.study.pools import Done, ThisProcess
 from aras_visual_servo_bench.study.progress import Progress
 from aras_visual_servo_bench.study.study import Study
@@ -199,7 +199,7 @@ def test_changed_code_of_a_user_does_not_go_on_with_a_study(tiny, tmp_path, monk
     """Neither here nor at a worker: its runs would not go together."""
     monkeypatch.syspath_prepend(tmp_path)
     mine = tmp_path / "my_own_metrics.py"
-    mine.write_text("from aras_visual_servo_bench.study.metrics import metric\n"
+    mine.write_text("from aras_visual_servo_bench.numbers.metrics import metric\n"
                     "@metric('', 'smaller', 'me')\ndef one(finished):\n    return 1.0\n")
     made = Folder.create(tmp_path / "out", tiny(metrics=["my_own_metrics:one"]), "")
     made.check_code()

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import StudyError, ViewError
-from aras_visual_servo_bench.experiment import Experiment
-from aras_visual_servo_bench.run import Run, Verdict
-from aras_visual_servo_bench.study import metrics
-from aras_visual_servo_bench.study.metrics import Finished
+from aras_visual_servo_bench.numbers import metrics
+from aras_visual_servo_bench.numbers.metrics import Finished
+from aras_visual_servo_bench.recording.run import Run, Verdict
 
 STAMP = np.arange(90) / 30.0  # of images
 TIME = np.arange(-20, 300) / 100.0  # of joint states, which come before the first image too

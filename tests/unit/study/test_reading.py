@@ -13,10 +13,12 @@ from scipy import stats
 
 from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.study import compare, figures, replay, rows, statistics, tables
+from aras_visual_servo_bench.numbers import statistics
+from aras_visual_servo_bench.numbers.metrics import metric
+from aras_visual_servo_bench.pictures import figures
+from aras_visual_servo_bench.study import compare, replay, rows, tables
 from aras_visual_servo_bench.study.engine import carry_out
 from aras_visual_servo_bench.study.folder import Folder
-from aras_visual_servo_bench.study.metrics import metric
 from aras_visual_servo_bench.study.pools import ThisProcess
 from aras_visual_servo_bench.study.progress import Progress
 from aras_visual_servo_bench.study.results import Results

@@ -10,17 +10,20 @@ import pytest
 SOURCES = Path(__file__).parents[3] / "src"
 LIBRARIES = {package: SOURCES / package / "src" / package for package in (
     "aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller",
-    "aras_visual_servo_bench", "aras_visual_servo_ros",
+    "aras_visual_servo_bench", "aras_visual_servo_ros", "aras_visual_servo_base",
 )}
 # What each package may take from the others, besides their generated messages.
 ALLOWED = {
-    "aras_visual_servo_ros": set(),
-    "aras_sim_bridge": {"aras_visual_servo_ros"},
-    "aras_visual_servo_camera": {"aras_visual_servo_ros"},
-    "aras_visual_servo_controller": {"aras_visual_servo_camera", "aras_visual_servo_ros"},
+    "aras_visual_servo_base": set(),
+    "aras_visual_servo_ros": {"aras_visual_servo_base"},
+    "aras_sim_bridge": {"aras_visual_servo_base", "aras_visual_servo_ros"},
+    "aras_visual_servo_camera": {"aras_visual_servo_base", "aras_visual_servo_ros"},
+    "aras_visual_servo_controller": {
+        "aras_visual_servo_base", "aras_visual_servo_camera", "aras_visual_servo_ros",
+    },
     "aras_visual_servo_bench": {
-        "aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller",
-        "aras_visual_servo_ros",
+        "aras_sim_bridge", "aras_visual_servo_base", "aras_visual_servo_camera",
+        "aras_visual_servo_controller", "aras_visual_servo_ros",
     },
 }
 

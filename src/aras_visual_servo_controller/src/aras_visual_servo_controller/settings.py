@@ -27,16 +27,16 @@ from .arm import (
 from .arm.chain import Description
 from .arm.fold import find
 from .errors import ConfigurationError
-from .goal import Goal
+from .goals.goal import Goal
+from .goals.starts import start_joints
+from .goals.teaching import by_geometry
 from .laws import LAWS, Law, create_law
 from .laws.proportional import GREATEST_GAIN
-from .observation import Observer
+from .loop.servo import Servo
+from .loop.state import ServoSettings
 from .schemes import JointController, Scheme, create_scheme
-from .servo import Servo
+from .seeing.observation import Observer
 from .setting_kinds import LEGAL, checked, default_of, parameter, suggestion, yaml_mapping
-from .starts import start_joints
-from .state import ServoSettings
-from .teaching import by_geometry
 
 # Parameters that laws take by these names.
 LAW_GAINS = {

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import BenchError, ExperimentError
-from ..report.record import Record
+from ..recording.record import Record
 from ..study.progress import Bar
 
 RUN_OF_STUDY = re.compile(r"(.+):(\d+)$")
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def carry_out(options: argparse.Namespace) -> int:
     """Read, draw, write; the page's path is printed."""
-    from ..report.summary import summarise, told
+    from ..numbers.summary import summarise, told
     from ..report.write import KINDS, write_report
 
     kinds = [kind.strip() for kind in options.formats.split(",") if kind.strip()]
@@ -105,7 +105,7 @@ def read(given: str, progress: Callable[[float], None]) -> Record:
     if not path.is_file():
         raise BenchError(f"there is no file {path}")
     if path.suffix in (".yaml", ".yml"):
-        from ..experiment import Experiment
+        from ..asked.experiment import Experiment
         from ..study.replay import carried_out
 
         try:

@@ -55,7 +55,7 @@ def _table(options: argparse.Namespace) -> int:
 
 
 def _plot(options: argparse.Namespace) -> int:
-    from ..study import figures  # half a second that the others need not wait for
+    from ..pictures import figures  # half a second that the others need not wait for
 
     found = [Results.read(folder) for folder in options.folders]
     out = options.out or options.folders[0] / "plots"

@@ -9,9 +9,9 @@ from typing import Any
 
 import yaml
 
+from ..asked.packages import PackagePath
 from ..checked import nearest
 from ..errors import StudyError
-from ..packages import PackagePath
 from ..study import engine, overrides, tables
 from ..study.folder import Folder
 from ..study.pools import RENEWED, DaskPool, Pool, ThisProcess
@@ -125,7 +125,7 @@ def _carry_out(folder: Folder, options: argparse.Namespace) -> int:
 
 def _report(path: Path) -> None:
     """Table and pictures into the folder, and what fits a screen of the table onto it."""
-    from ..study import figures  # half a second that a worker need not wait for
+    from ..pictures import figures  # half a second that a worker need not wait for
 
     found = [Results.read(path)]
     table = tables.tabulated(found)

@@ -14,7 +14,13 @@ import numpy as np
 
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.state import APPROACHING, CONVERGED, SERVOING, STOPPED, WAITING
+from aras_visual_servo_controller.loop.state import (
+    APPROACHING,
+    CONVERGED,
+    SERVOING,
+    STOPPED,
+    WAITING,
+)
 
 from .shapes import (
     ARROW,

@@ -18,11 +18,11 @@ from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world.model import Model
 from aras_visual_servo_controller.arm.poses import inverse, transform
 
-from .. import cameras
+from ..asked import cameras
+from ..asked.robots import Robot
 from ..errors import ExperimentError
 from ..rigid import exponential, logarithm, to_xyz_rpy
-from ..robots import Robot
-from ..targets import PlacedTarget
+from ..targets.geometry import PlacedTarget
 from .base import CameraReading, JointReading, Plant, Reading
 from .kinematic import Sight
 

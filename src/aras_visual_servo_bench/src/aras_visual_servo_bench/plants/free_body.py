@@ -8,7 +8,7 @@ import numpy as np
 
 from aras_visual_servo_controller.arm.poses import inverse
 from aras_visual_servo_controller.errors import MeasurementError
-from aras_visual_servo_controller.joint_sample import JointSample
+from aras_visual_servo_controller.seeing.joint_sample import JointSample
 
 from .. import rigid
 

@@ -14,10 +14,11 @@ import numpy as np
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
 
-from .. import cameras, rigid
+from .. import rigid
+from ..asked import cameras
 from ..errors import ExperimentError, ViewError
-from ..targets import PlacedTarget, project
-from ..textures import TexturedTarget
+from ..targets.geometry import PlacedTarget, project
+from ..targets.textures import TexturedTarget
 from .base import CameraReading, JointReading, Plant, Reading
 from .free_body import FreeBody
 

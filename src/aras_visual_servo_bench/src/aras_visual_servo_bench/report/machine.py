@@ -8,8 +8,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .record import Record
-from .style import COLOURS, FAINT, LIMIT, TIME, canvas, heading, is_paper, legend, logarithmic
+from ..pictures.style import (
+    COLOURS,
+    FAINT,
+    LIMIT,
+    TIME,
+    canvas,
+    heading,
+    is_paper,
+    legend,
+    logarithmic,
+)
+from ..recording.record import Record
 from .time_axes import colours, curve, times, zero
 
 UNLIMITED = 100.0  # rad or m beyond which a limit is none

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import jinja2
 
-from .record import Record
-from .summary import Quantity, best
+from ..numbers.summary import Quantity, best
+from ..recording.record import Record
 from .template import PAGE
 
 # On the tiles: key, factor, unit of what is printed, words.

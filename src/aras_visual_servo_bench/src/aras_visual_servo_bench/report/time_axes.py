@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from .record import Record
-from .style import COLOURS, FAINT, GOAL, INK, TIME
+from ..pictures.style import COLOURS, FAINT, GOAL, INK, TIME
+from ..recording.record import Record
 
 LONGEST, PERIODS = 0.3, 5.0  # s, and median steps, after which a curve is not joined any more
 RIGHT = 0.75  # part of the axis behind which words stand to the left of their line

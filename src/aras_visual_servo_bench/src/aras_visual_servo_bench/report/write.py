@@ -15,10 +15,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..errors import BenchError
-from . import curves, machine, style, views
+from ..numbers.summary import Quantity, mapping, summarise
+from ..pictures import curves, style, views
+from ..recording.record import Record
+from . import machine
 from .page import Shown, page
-from .record import Record
-from .summary import Quantity, mapping, summarise
 
 Drawing = Callable[[Sequence[Record]], Figure | None]
 KINDS = ("png", "svg", "pdf")

@@ -26,7 +26,7 @@ from std_srvs.srv import Empty, Trigger
 
 from aras_visual_servo_controller.arm.poses import transform
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
-from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws.registry import LAWS
 from aras_visual_servo_controller.schemes.registry import SCHEMES
 from aras_visual_servo_controller.settings import Settings

@@ -17,7 +17,7 @@ import numpy as np
 from aras_visual_servo_controller.arm.poses import optical
 
 from ..errors import BenchError
-from ..report.record import Record, nearest
+from ..recording.record import Record, nearest
 from .bag_record import Messages
 from .described import Described
 from .unclosed import UnclosedBag

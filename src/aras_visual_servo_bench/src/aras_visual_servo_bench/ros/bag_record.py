@@ -12,15 +12,15 @@ from aras_visual_servo_camera.errors import CalibrationError
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.goal import Goal
-from aras_visual_servo_controller.state import APPROACHING
+from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.loop.state import APPROACHING
 
 from ..errors import BenchError
-from ..history import padded
-from ..report.of_run import joint_units
-from ..report.record import Images, Record, milestones, nearest
-from ..run import Details, Run, Verdict
-from ..targets import BoxesTarget, PlacedTarget
+from ..recording.from_loop import padded
+from ..recording.of_run import joint_units
+from ..recording.record import Images, Record, milestones, nearest
+from ..recording.run import Details, Run, Verdict
+from ..targets.geometry import BoxesTarget, PlacedTarget
 from .described import Described
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ import numpy as np
 import rospy
 
 from aras_visual_servo_controller.errors import ServoError
-from aras_visual_servo_controller.state import HOLDING
+from aras_visual_servo_controller.loop.state import HOLDING
 
 from ..errors import BenchError
 from .demo_words import STARTED, parse
@@ -136,7 +136,7 @@ class Demo:
 
     def _report(self) -> int:
         """Write the report; print its numbers."""
-        from ..report.summary import summarise, told
+        from ..numbers.summary import summarise, told
         from ..report.write import write_report
         from .bag import read_bag
 

@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.goal import Goal, to_xyz_rpy
+from aras_visual_servo_controller.goals.goal import Goal, to_xyz_rpy
 from aras_visual_servo_controller.settings import Settings
 
+from ..asked.experiment import CameraPose, Experiment, TargetSpec
+from ..asked.packages import PackagePath
+from ..asked.robots import Robot, RobotSpec
 from ..checked import nearest
 from ..errors import ExperimentError
-from ..experiment import CameraPose, Experiment, TargetSpec
-from ..packages import PackagePath
-from ..robots import Robot, RobotSpec
-from ..shapes import NAMES, tracker_of
+from ..targets.outlines import NAMES, tracker_of
 
 LAUNCH = "package://aras_visual_servo_gazebo/launch/"
 # The launch files that are started, and those of their arguments that are options here.
@@ -183,7 +183,9 @@ def _taught(arguments: argparse.Namespace, goal: Goal) -> Goal:
     Raises:
         ExperimentError: nothing that this scheme can servo to.
     """
-    from ..assembly import assemble  # the physics: a second that the usual demo need not wait for
+    from ..asked.assembly import (
+        assemble,
+    )  # the physics: a second that the usual demo need not wait for
 
     size = tuple(map(float, arguments.target_size.split())) if arguments.target_size else (0.1, 0.1)
     moved = {

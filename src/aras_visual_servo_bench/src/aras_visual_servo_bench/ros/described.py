@@ -15,14 +15,14 @@ import yaml
 
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import ServoError
-from aras_visual_servo_controller.goal import Goal
+from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.settings import Settings
 
+from ..asked.experiment import Experiment
+from ..asked.packages import PackagePath
+from ..asked.robots import RobotSpec
 from ..errors import BenchError, ExperimentError
-from ..experiment import Experiment
-from ..packages import PackagePath
-from ..report.of_run import settings_of
-from ..robots import RobotSpec
+from ..recording.of_run import settings_of
 from .describe import at
 
 # Of the loop's node alone: an experiment has them elsewhere, or not at all.

@@ -10,7 +10,7 @@ import rospy
 from std_srvs.srv import Trigger
 
 from aras_visual_servo_controller.arm import Resolver
-from aras_visual_servo_controller.jog import Jog
+from aras_visual_servo_controller.hands.jog import Jog
 from aras_visual_servo_controller.ros.commands import CommandTopics
 from aras_visual_servo_controller.settings import Settings
 

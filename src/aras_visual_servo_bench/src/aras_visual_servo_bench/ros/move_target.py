@@ -20,7 +20,7 @@ from ..checked import build
 from ..errors import ExperimentError, StudyError
 from ..rigid import to_xyz_rpy
 from ..study.overrides import parsed
-from ..targets import Motion, PlacedTarget, PolygonTarget
+from ..targets.geometry import Motion, PlacedTarget, PolygonTarget
 
 RATE = 60.0  # Hz of simulated time: twice the camera's
 PATIENCE = 10.0  # s for the simulation to answer

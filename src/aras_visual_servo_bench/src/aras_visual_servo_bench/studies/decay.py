@@ -19,9 +19,9 @@ import sys
 
 import numpy as np
 
-from ..experiment import Experiment
-from ..run import Run
-from ..runner import run
+from ..asked.experiment import Experiment
+from ..recording.run import Run
+from ..running.loop import run
 
 IMAGE_PERIOD, TICK = 1.0 / 30.0, 0.01  # s
 ROUNDING = 0.003  # s, of the bridge's interpolated set points

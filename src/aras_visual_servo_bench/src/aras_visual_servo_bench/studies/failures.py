@@ -15,12 +15,12 @@ import numpy as np
 from aras_visual_servo_controller.features import Feature
 from aras_visual_servo_controller.features.base import Measured
 from aras_visual_servo_controller.features.points import point_interaction
-from aras_visual_servo_controller.goal import Goal
-from aras_visual_servo_controller.observation import Observation
+from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Decision, Scheme
+from aras_visual_servo_controller.seeing.observation import Observation
 
-from ..experiment import Experiment
-from ..runner import run
+from ..asked.experiment import Experiment
+from ..running.loop import run
 
 NEAR = {"height": [0.2, 0.32], "side": 0.05, "turn": 0.8}
 BASE: dict[str, Any] = {"plant": "chain", "start": NEAR, "duration": 8.0, "linger": 0.3}

@@ -10,10 +10,10 @@ import collections
 import json
 import sys
 
+from ..asked.experiment import Experiment, Sampler
 from ..errors import ExperimentError
-from ..experiment import Experiment, Sampler
-from ..run import Run
-from ..runner import run
+from ..recording.run import Run
+from ..running.loop import run
 
 # The goal of 2015 hangs from a stretched arm: the camera cannot be nearer to the target than there.
 SAMPLER = Sampler(height=(0.15, 0.5), side=0.1)

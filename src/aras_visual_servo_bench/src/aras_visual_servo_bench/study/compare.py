@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import StudyError
-from .metrics import GREATER
+from ..numbers.metrics import GREATER
+from ..numbers.statistics import Comparison, compare_rates, compare_values, holm
 from .results import REAL_TIME, Results
-from .statistics import Comparison, compare_rates, compare_values, holm
 from .tables import number
 
 LEVEL = 0.05

@@ -8,11 +8,11 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-from ..assembly import check
+from ..asked.assembly import check
 from ..errors import ExperimentError, StudyError
+from ..numbers.metrics import success
 from . import rows
 from .folder import Folder
-from .metrics import success
 from .pools import Pool
 from .progress import Progress, duration
 from .study import Study

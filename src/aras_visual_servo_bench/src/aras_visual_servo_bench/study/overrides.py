@@ -10,9 +10,9 @@ from typing import Any
 
 import yaml
 
+from ..asked.experiment import Experiment
 from ..checked import nearest
 from ..errors import StudyError
-from ..experiment import Experiment
 
 
 def parsed(words: Iterable[str]) -> dict[str, Any]:

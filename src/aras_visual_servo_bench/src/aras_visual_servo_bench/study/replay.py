@@ -9,21 +9,21 @@ from typing import Any
 import cv2
 import numpy as np
 
-from .. import cameras
-from ..assembly import assemble
+from ..asked import cameras
+from ..asked.assembly import assemble
+from ..asked.experiment import Experiment
 from ..errors import ExperimentError, StudyError
-from ..experiment import Experiment
-from ..flight import Flight
+from ..numbers import metrics as known_metrics
+from ..numbers.metrics import Finished
 from ..plants import CameraReading
-from ..report.of_run import record_of
-from ..report.record import Record
+from ..recording.of_run import record_of
+from ..recording.record import Record
+from ..recording.run import Details
 from ..report.write import write_report
-from ..run import Details
-from ..runner import Loop
-from . import metrics as known_metrics
+from ..running.flight import Flight
+from ..running.loop import Loop
 from . import rows
 from .folder import Folder
-from .metrics import Finished
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,11 @@ import pyarrow as pa
 
 from ..checked import nearest
 from ..errors import StudyError
+from ..numbers import metrics
+from ..numbers.metrics import Metric
 from . import folder as folders
-from . import metrics, rows
+from . import rows
 from .folder import Folder
-from .metrics import Metric
 from .study import Study
 
 REAL_TIME = Metric(

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from ..assembly import assemble
+from ..asked.assembly import assemble
+from ..asked.experiment import Experiment
 from ..errors import ExperimentError
-from ..experiment import Experiment
-from ..runner import carry_out
-from . import metrics as known_metrics
-from .metrics import Finished
+from ..numbers import metrics as known_metrics
+from ..numbers.metrics import Finished
+from ..running.loop import carry_out
 from .study import Study
 from .variations import Axis, Draw
 

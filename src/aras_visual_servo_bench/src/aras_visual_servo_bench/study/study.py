@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from ..asked.experiment import Experiment
 from ..checked import build, nearest, read_yaml
 from ..errors import ExperimentError, StudyError
-from ..experiment import Experiment
-from . import metrics as known_metrics
+from ..numbers import metrics as known_metrics
 from .overrides import check_key, with_override
 from .variations import Axis, Draw, drawn, variation
 

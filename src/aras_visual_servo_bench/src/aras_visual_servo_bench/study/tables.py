@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..errors import StudyError
+from ..numbers.statistics import Estimate, median, proportion
 from .results import Results
-from .statistics import Estimate, median, proportion
 
 FORMATS = ("md", "csv", "tex")
 

@@ -20,8 +20,8 @@ from scipy.optimize import NonlinearConstraint, differential_evolution
 from scipy.stats import qmc
 
 from ..errors import StudyError
-from . import metrics as known_metrics
-from .metrics import GREATER, Metric
+from ..numbers import metrics as known_metrics
+from ..numbers.metrics import GREATER, Metric
 from .overrides import check_key
 from .results import Results
 from .study import Study

@@ -13,8 +13,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from ..asked.packages import PackagePath
 from ..errors import ExperimentError
-from ..packages import PackagePath
 
 SOURCES = Path(__file__).resolve().parents[4]  # src/ of the workspace
 INSTALLED = Path(__file__).resolve().parents[2]  # beside this package are the others, installed

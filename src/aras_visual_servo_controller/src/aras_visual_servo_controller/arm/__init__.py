@@ -1,6 +1,6 @@
 """The arm: kinematics of any chain from its description, limits, resolver, secondary tasks."""
 
-from ..joint_sample import JointSample
+from ..seeing.joint_sample import JointSample
 from .arm import Arm
 from .limits import Limits
 from .resolution import Resolution

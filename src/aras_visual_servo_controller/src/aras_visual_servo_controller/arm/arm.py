@@ -9,7 +9,7 @@ import pinocchio
 from aras_visual_servo_camera.compiled import VECTOR, compiled
 
 from ..errors import ConfigurationError, MeasurementError
-from ..joint_sample import JointSample
+from ..seeing.joint_sample import JointSample
 from .chain import DescribedJoint, Description, nearest
 
 # A measured position further outside its limits than their span, or a speed so many times the

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import ConfigurationError
-from ..inversion import STRAIGHT
 from .arm import Arm
 from .chain import nearest
+from .inversion import STRAIGHT
 
 PARALLEL = 1e-4  # rad; descriptions write pi as 3.1416
 SHORTEST = 1e-3  # m; a link shorter than this does not stretch

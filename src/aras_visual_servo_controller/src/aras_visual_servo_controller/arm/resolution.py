@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..inversion import RANK_TOLERANCE, svd
+from .inversion import RANK_TOLERANCE, svd
 
 DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
 UNITS = ("m/s",) * 3 + ("rad/s",) * 3

@@ -35,16 +35,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..inversion import LASTING, finite, resolved, task_finite
 from .arm import Arm
 from .fold import Fold, find
 from .held import held_at
+from .inversion import LASTING, finite, resolved, task_finite
 from .limits import Limits
 from .resolution import DIRECTIONS, UNITS, Resolution
 from .secondary import SecondaryTask
 
 if TYPE_CHECKING:
-    from ..task import Task
+    from .task import Task
 
 
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from aras_visual_servo_camera.undistortion import CameraModel
 
+from ..arm.task import ALL_DIRECTIONS
 from ..errors import ConfigurationError
-from ..goal import Goal
-from ..observation import Need, Observation
-from ..task import ALL_DIRECTIONS
+from ..goals.goal import Goal
+from ..seeing.observation import Need, Observation
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,8 +18,8 @@ import numpy as np
 from aras_visual_servo_camera.interaction import Plane
 
 from ..errors import ConfigurationError, MeasurementError
-from ..goal import Goal
-from ..observation import Need, Observation
+from ..goals.goal import Goal
+from ..seeing.observation import Need, Observation
 from .base import Measured, wrap
 from .points import TOLERANCE, PointFeature, point_interaction
 

@@ -33,8 +33,8 @@ import numpy as np
 from aras_visual_servo_camera.kernel import DELTA_X, DELTA_Y
 
 from ..errors import ConfigurationError, MeasurementError
-from ..goal import Goal, GoalKernel
-from ..observation import Need, Observation
+from ..goals.goal import Goal, GoalKernel
+from ..seeing.observation import Need, Observation
 from .base import Feature, Measured, other_camera, wrap
 from .moments import LEVEL_CAMERA
 

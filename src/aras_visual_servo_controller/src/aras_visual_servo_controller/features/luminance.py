@@ -22,8 +22,8 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..errors import ConfigurationError, MeasurementError
-from ..goal import Goal
-from ..observation import Need, Observation
+from ..goals.goal import Goal
+from ..seeing.observation import Need, Observation
 from .base import Feature, Measured, other_camera
 
 BORDER = 10  # pixels at the picture's rim that are left out: what comes in there was not seen

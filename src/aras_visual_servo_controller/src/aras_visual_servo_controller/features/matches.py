@@ -11,8 +11,8 @@ import numpy as np
 from aras_visual_servo_camera.interaction import Plane
 
 from ..errors import ConfigurationError, MeasurementError
-from ..goal import Goal
-from ..observation import Observation
+from ..goals.goal import Goal
+from ..seeing.observation import Observation
 from .base import Measured
 from .luminance import Luminance, grey_of
 from .points import point_interaction

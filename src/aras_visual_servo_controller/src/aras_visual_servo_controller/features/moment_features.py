@@ -17,10 +17,10 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
 
+from ..arm.task import ALL_DIRECTIONS
 from ..errors import ConfigurationError, MeasurementError
-from ..goal import Goal
-from ..observation import Need, Observation
-from ..task import ALL_DIRECTIONS
+from ..goals.goal import Goal
+from ..seeing.observation import Need, Observation
 from .base import Measured, wrap
 from .moments import LEVEL_CAMERA, ImageMoments
 

@@ -27,8 +27,8 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
 
 from ..errors import ConfigurationError, MeasurementError
-from ..goal import Goal
-from ..observation import Need, Observation
+from ..goals.goal import Goal
+from ..seeing.observation import Need, Observation
 from .base import Feature, Measured, wrap
 
 LEVEL_CAMERA = (True, True, True, False, False, True)  # vx, vy, vz, wz

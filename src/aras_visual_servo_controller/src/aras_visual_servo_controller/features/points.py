@@ -23,8 +23,8 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
 
 from ..errors import ConfigurationError, MeasurementError
-from ..goal import Goal
-from ..observation import Need, Observation
+from ..goals.goal import Goal
+from ..seeing.observation import Need, Observation
 from .base import Feature, Measured
 
 TOLERANCE = 0.001  # 0.1 pixel of a camera with f = 100, 0.2 mm at 0.2 m

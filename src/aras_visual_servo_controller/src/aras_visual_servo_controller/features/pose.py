@@ -18,8 +18,8 @@ import numpy as np
 
 from ..arm.poses import rotation_vector
 from ..errors import ConfigurationError, MeasurementError
-from ..goal import Goal
-from ..observation import Observation
+from ..goals.goal import Goal
+from ..seeing.observation import Observation
 from .base import Measured
 from .corners import NumberedPoints
 from .points import point_interaction

@@ -15,13 +15,7 @@ from .corners import (
     VanishingPoints,
 )
 from .kernel import Kernel
-from .luminance import (
-    Luminance,
-    LuminanceDamped,
-    LuminanceDCT,
-    LuminancePCA,
-    PhotometricMoments,
-)
+from .luminance import Luminance, LuminanceDamped, LuminanceDCT, LuminancePCA, PhotometricMoments
 from .matches import Matches, MatchesORB, MatchesPose
 from .moment_features import (
     Alpha,

@@ -12,9 +12,9 @@ import rospy
 from actionlib import SimpleActionServer
 from std_srvs.srv import Trigger, TriggerRequest, TriggerResponse
 
-from ..driver import Driver
+from ..loop.driver import Driver
+from ..loop.state import CONVERGED, STOPPED, ServoState
 from ..msg import ServoToTargetAction, ServoToTargetFeedback, ServoToTargetGoal, ServoToTargetResult
-from ..state import CONVERGED, STOPPED, ServoState
 from .face import RosFace
 
 FEEDBACK_PERIOD = 0.05  # s of wall time

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import rospy
 from geometry_msgs.msg import TwistStamped
 
+from ..loop.state import APPROACHING, SERVOING, Command
+from ..loop.state import ServoState as State
 from ..msg import ServoReport, ServoState
 from ..settings import Settings
-from ..state import APPROACHING, SERVOING, Command
-from ..state import ServoState as State
 from .commands import CommandTopics, publish
 from .messages import report_message, state_message
 

@@ -7,7 +7,7 @@ import rospy
 from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped
 from scipy.spatial.transform import Rotation
 
-from ..servo import Servo
+from ..loop.servo import Servo
 
 
 class GoalTopics:

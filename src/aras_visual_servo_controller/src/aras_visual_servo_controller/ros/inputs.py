@@ -5,7 +5,7 @@ from __future__ import annotations
 import rospy
 from sensor_msgs.msg import JointState
 
-from ..driver import Driver
+from ..loop.driver import Driver
 from ..settings import Settings
 from .measurements import MeasurementInput
 from .pictures import PICTURED, PictureInput

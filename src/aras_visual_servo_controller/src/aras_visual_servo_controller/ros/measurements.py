@@ -7,11 +7,11 @@ import threading
 import rospy
 from aras_visual_servo_camera.msg import ImageMoments, KernelFeatures
 
-from ..driver import Driver
-from ..observation import Need
-from ..pairing import ByStamp
+from ..loop.driver import Driver
+from ..loop.state import Source
+from ..seeing.observation import Need
+from ..seeing.stamp_pairing import ByStamp
 from ..settings import Settings
-from ..state import Source
 from .messages import camera_of, moments_of
 
 

@@ -11,8 +11,8 @@ from aras_visual_servo_ros.connections import open_wide
 from aras_visual_servo_ros.master_watch import MasterWatch
 from aras_visual_servo_ros.shutdown import begin_node, end_without_master
 
-from ..driver import Driver
 from ..errors import ConfigurationError
+from ..loop.driver import Driver
 from ..settings import Settings
 from .control import Control
 from .description import DescriptionWatch

@@ -11,11 +11,11 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import decode
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..driver import Driver, Look
-from ..observation import Need
-from ..pairing import ByStamp
+from ..loop.driver import Driver, Look
+from ..loop.state import Source
+from ..seeing.observation import Need
+from ..seeing.stamp_pairing import ByStamp
 from ..settings import Settings
-from ..state import Source
 from .depth import depth_of
 
 PICTURED = {Need.IMAGE, Need.CONTOUR, Need.CORNERS, Need.DEPTH}

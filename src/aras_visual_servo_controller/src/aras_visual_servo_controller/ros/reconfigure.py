@@ -12,7 +12,7 @@ from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
 from ..errors import ConfigurationError
 from ..laws import Law
 from ..laws.proportional import GREATEST_GAIN
-from ..servo import Servo
+from ..loop.servo import Servo
 
 if TYPE_CHECKING:
     from .control import Owner

@@ -12,11 +12,11 @@ import rospy
 from aras_visual_servo_ros.shutdown import begin_node
 
 from ..errors import ServoError
-from ..goal import Goal
-from ..observation import Need
+from ..goals.goal import Goal
+from ..goals.starts import start_joints
+from ..goals.teaching import Teacher, goal_of
+from ..seeing.observation import Need
 from ..settings import Settings
-from ..starts import start_joints
-from ..teaching import Teacher, goal_of
 from .commands import CommandTopics
 from .given import robot_name
 from .inputs import Inputs

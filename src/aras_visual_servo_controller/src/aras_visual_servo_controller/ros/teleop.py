@@ -14,11 +14,11 @@ from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
-from .. import teleop
 from ..arm import Resolver
 from ..errors import ConfigurationError, MeasurementError
-from ..gamepad import HELP, JoyDevice, twist_of
-from ..jog import Jog
+from ..hands import teleop
+from ..hands.gamepad import HELP, JoyDevice, twist_of
+from ..hands.jog import Jog
 from ..naming import unknown
 from ..settings import Settings
 from .commands import CommandTopics

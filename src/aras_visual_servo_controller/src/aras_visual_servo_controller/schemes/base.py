@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..goal import Goal
-from ..joint_sample import JointSample
+from ..arm.task import Task
+from ..goals.goal import Goal
 from ..laws import Law, Proportional
-from ..observation import Need, Observation
-from ..task import Task
+from ..seeing.joint_sample import JointSample
+from ..seeing.observation import Need, Observation
 
 if TYPE_CHECKING:
     from ..arm import Arm

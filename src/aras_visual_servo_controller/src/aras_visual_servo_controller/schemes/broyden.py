@@ -16,7 +16,7 @@ import numpy as np
 
 from ..arm.poses import body_motion
 from ..features.base import Measured
-from ..observation import Observation
+from ..seeing.observation import Observation
 
 LENGTH = 0.3  # m that weigh as much as one radian
 LONGEST_JUMP = 1.0  # of an error: more is an angle that wrapped round

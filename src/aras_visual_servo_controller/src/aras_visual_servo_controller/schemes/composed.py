@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from ..arm.inversion import least_squares
+from ..arm.task import RANK_TOLERANCE, Task
 from ..errors import ConfigurationError, MeasurementError
 from ..features.base import Feature, Measured, Stack
-from ..goal import Goal
-from ..inversion import least_squares
+from ..goals.goal import Goal
 from ..laws import Law
 from ..naming import unknown
-from ..observation import SEGMENTED, Observation
-from ..task import RANK_TOLERANCE, Task
+from ..seeing.observation import SEGMENTED, Observation
 from .base import Decision, Scheme
 from .broyden import Broyden
 

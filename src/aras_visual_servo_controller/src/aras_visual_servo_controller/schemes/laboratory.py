@@ -6,12 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..arm.task import Task
 from ..errors import MeasurementError
 from ..features.moments import LEVEL_CAMERA, ImageMoments
-from ..goal import Goal
+from ..goals.goal import Goal
 from ..laws import Law
-from ..observation import Observation
-from ..task import Task
+from ..seeing.observation import Observation
 from .base import Decision, Scheme
 
 

@@ -8,9 +8,9 @@ from typing import Any
 from ..errors import MeasurementError
 from ..features.base import Measured
 from ..features.corners import NumberedPoints
-from ..goal import Goal
+from ..goals.goal import Goal
 from ..laws import Law
-from ..observation import Observation
+from ..seeing.observation import Observation
 from .base import Scheme
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arm.inversion import least_squares
+from ..arm.task import RANK_TOLERANCE, Task
 from ..errors import MeasurementError
 from ..features.base import wrap
-from ..goal import Goal
-from ..inversion import least_squares
-from ..observation import Observation
-from ..task import RANK_TOLERANCE, Task
+from ..goals.goal import Goal
+from ..seeing.observation import Observation
 from .base import Decision
 from .of_points import OfPoints
 

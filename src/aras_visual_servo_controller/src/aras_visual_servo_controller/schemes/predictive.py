@@ -6,11 +6,11 @@ from typing import ClassVar
 
 import numpy as np
 
+from ..arm.task import Task
 from ..errors import MeasurementError
-from ..goal import Goal
+from ..goals.goal import Goal
 from ..laws import Law
-from ..observation import Observation
-from ..task import Task
+from ..seeing.observation import Observation
 from .base import Decision
 from .of_points import OfPoints
 

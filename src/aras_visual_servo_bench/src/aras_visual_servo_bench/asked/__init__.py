@@ -1,0 +1,1 @@
+"""What was asked for: experiments, starts, cameras, robots, and the parts made from them."""

@@ -1,0 +1,170 @@
+"""Cameras of an experiment: what they truly are, and what the controller takes them for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from aras_sim_bridge.camera import CameraConfig
+from aras_sim_bridge.errors import CameraError
+from aras_visual_servo_camera.errors import CalibrationError
+from aras_visual_servo_camera.undistortion import CameraModel
+
+from ..checked import nearest, read_yaml, require
+from ..errors import ExperimentError
+from .packages import PackagePath
+
+PRESETS = "config/cameras"
+WHITE, DARK = 255, 0  # grey levels of a drawn picture, as the renderer has table and target
+
+
+@dataclass(frozen=True)
+class Belief:
+    """How the controller's idea of the camera differs from the camera.
+
+    focal: factor on the focal length. centre: of the principal point, px (right, down).
+    distortion: coefficients that the controller uses; None: the true ones.
+    xyz, rpy: where the camera is believed to sit, off its true place in camera_link, m and rad.
+    depth: factor on the depth that the controller believes.
+    """
+
+    focal: float = 1.0
+    centre: tuple[float, float] = (0.0, 0.0)
+    distortion: tuple[float, ...] | None = None
+    xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    depth: float = 1.0
+
+    def __post_init__(self) -> None:
+        require(self.focal > 0.0, f"believed.focal is {self.focal:g}, must be above 0")
+        require(self.depth > 0.0, f"believed.depth is {self.depth:g}, must be above 0")
+
+    @property
+    def moved(self) -> bool:
+        """Whether the camera is believed elsewhere than it is."""
+        return any(self.xyz) or any(self.rpy)
+
+    def camera(self, true: CameraModel) -> CameraModel:
+        """Intrinsics that the controller uses; ExperimentError where they are none."""
+        K = np.array(true.K).reshape(3, 3)
+        K[[0, 1], [0, 1]] *= self.focal
+        K[:2, 2] += self.centre
+        D = true.D if self.distortion is None else self.distortion
+        try:
+            return CameraModel(true.width, true.height, tuple(K.ravel().tolist()), D, true.model)
+        except CalibrationError as error:
+            raise ExperimentError(f"believed camera: {error}") from None
+
+
+def preset(camera: str | Mapping[str, Any], packages: PackagePath, robot: str) -> dict[str, Any]:
+    """Settings of a camera as the simulator takes them.
+
+    Args:
+        camera: name of a preset of the package `robot`, path of a YAML file, or the settings.
+
+    Raises:
+        ExperimentError: no such preset, or a file that cannot be used.
+    """
+    if isinstance(camera, Mapping):
+        return dict(camera)
+    if "/" in camera or camera.endswith((".yaml", ".yml")):
+        settings = read_yaml(packages.file(camera))
+    else:
+        folder = packages.file(f"package://{robot}/package.xml").parent / PRESETS
+        known = sorted(path.stem for path in folder.glob("*.yaml"))
+        require(camera in known, f"camera '{camera}' is no preset: {nearest(camera, known)}")
+        settings = read_yaml(folder / f"{camera}.yaml")
+    require(isinstance(settings, Mapping), f"camera '{camera}' holds no keys with values")
+    return dict(settings)
+
+
+def model_of(settings: Mapping[str, Any]) -> CameraModel:
+    """Intrinsics of a camera with these settings; ExperimentError where they are impossible."""
+    try:
+        return model_of_info(CameraConfig.from_mapping({"name": "camera", **settings}).intrinsics())
+    except CameraError as error:
+        raise ExperimentError(str(error)) from None
+
+
+def model_of_info(info: Any) -> CameraModel:
+    """Intrinsics of a simulated sensor's `info`."""
+    K = tuple(float(k) for k in np.ravel(info.K))
+    return CameraModel(info.width, info.height, K, tuple(map(float, info.D)), info.model)
+
+
+def in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) -> bool:
+    """Whether an outline (n, 2), normalised, is wholly in the picture, `margin` px inside."""
+    u, v = camera.project(*_dense(outline).T)
+    return bool(
+        (u >= margin).all()
+        and (u <= camera.width - 1 - margin).all()
+        and (v >= margin).all()
+        and (v <= camera.height - 1 - margin).all()
+    )
+
+
+def draw(outline: np.ndarray | None, camera: CameraModel) -> np.ndarray:
+    """Picture (rows, columns) uint8 of a dark outline (n, 2) on white ground; None: the ground.
+
+    A pixel is as dark as the outline covers it; edges are curved as the lens curves them.
+    """
+    picture = np.full((camera.height, camera.width), WHITE, np.uint8)
+    if outline is None:
+        return picture
+    vertices = _dense(outline) if camera.distorted else outline
+    pixels = np.column_stack(camera.project(*vertices.T))
+    low = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 1, 0)
+    high = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 2, (camera.width, camera.height))
+    if (high <= low).any():
+        return picture
+    coverage = _coverage(pixels - low, *(high - low).tolist())
+    part = np.round(WHITE + (DARK - WHITE) * coverage).astype(np.uint8)
+    picture[low[1] : high[1], low[0] : high[0]] = part
+    return picture
+
+
+def _coverage(polygon: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Part (height, width) of each pixel that a polygon (n, 2), px, covers; centres are whole.
+
+    Exact: what of a pixel is left of an edge counts with the sign of the edge's direction. Along a
+    piece of an edge within a row, the part to its left runs linearly between 0 and 1.
+    """
+    ends = np.roll(polygon, -1, axis=0)
+    rising = ends[:, 1] != polygon[:, 1]
+    begin, end = polygon[rising], ends[rising]
+    sign = np.sign(end[:, 1] - begin[:, 1])
+    rows = np.arange(height)[:, None] - 0.5
+    low = np.clip(np.minimum(begin[:, 1], end[:, 1]), rows, rows + 1.0)
+    high = np.clip(np.maximum(begin[:, 1], end[:, 1]), rows, rows + 1.0)
+    row, edge = np.nonzero(high > low)
+    low, high = low[row, edge], high[row, edge]
+    slope = ((end - begin)[:, 0] / (end - begin)[:, 1])[edge]
+    left = (np.arange(width) - 0.5)[None]
+    first = (begin[edge, 0] + slope * (low - begin[edge, 1]))[:, None] - left
+    last = (begin[edge, 0] + slope * (high - begin[edge, 1]))[:, None] - left
+    across = last - first
+    steep = np.abs(across) < 1e-6
+    mean = np.where(
+        steep,
+        np.clip(0.5 * (first + last), 0.0, 1.0),
+        (_ramp(last) - _ramp(first)) / np.where(steep, 1.0, across),
+    )
+    coverage = np.zeros((height, width))
+    np.add.at(coverage, row, (sign[edge] * (high - low))[:, None] * mean)
+    return np.clip(np.abs(coverage), 0.0, 1.0)
+
+
+def _ramp(x: np.ndarray) -> np.ndarray:
+    """Integral from -inf to x of clip(x, 0, 1)."""
+    within = np.clip(x, 0.0, 1.0)
+    return 0.5 * within * within + np.maximum(x - 1.0, 0.0)
+
+
+def _dense(outline: np.ndarray, parts: int = 8) -> np.ndarray:
+    """The outline with `parts` points an edge, so that a lens may bend its edges."""
+    ends = np.roll(outline, -1, axis=0)
+    steps = (np.arange(parts) / parts)[None, :, None]
+    return (outline[:, None] + steps * (ends - outline)[:, None]).reshape(-1, 2)

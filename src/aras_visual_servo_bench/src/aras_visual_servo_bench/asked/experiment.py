@@ -1,0 +1,285 @@
+"""An experiment is data: what is servoed, what it sees, what it is told, and for how long."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from aras_sim_bridge.description.lights import SUN
+
+from ..checked import annotations, build, convert, nearest, read_yaml, require
+from ..targets.geometry import Motion
+from .cameras import Belief
+from .robots import RobotSpec
+
+PLANTS = ("bullet", "chain", "free", "ideal")
+FLYING = ("free", "ideal")
+TARGETS = (
+    "aras", "square", "triangle", "l_shape", "heptagon", "circle", "four_dots", "marker",
+    "line_grid", "poster",
+)  # fmt: skip
+LARGEST_TARGET = 2.0  # m
+FEATURES = ("auto", "pictures", "exact")
+COMMANDS = ("joint_states", "images")
+RENDERERS = ("auto", "exact", "tiny", "opengl")  # the last is the old name of exact
+Pair = tuple[float, float]
+Six = tuple[float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Sampler:
+    """Draws starts from which the target is wholly in view, with the experiment's seed.
+
+    height: of the camera above the target, least and greatest, m. side: greatest offset along
+    the world's x and y, m. turn: greatest turn about the vertical from the goal's heading, rad.
+    tilt: greatest lean from the goal's attitude, rad. margin: of the view, px from each border.
+    attempts: after which the sampler gives up.
+    """
+
+    height: Pair = (0.15, 0.5)
+    side: float = 0.1
+    turn: float = 2.967  # 170 degrees
+    tilt: float = 0.0
+    margin: float = 2.0
+    attempts: int = 500
+
+    def __post_init__(self) -> None:
+        low, high = self.height
+        require(0.0 < low <= high, f"start.height is {low:g} to {high:g}, must rise from above 0 m")
+        for name in ("side", "turn", "tilt", "margin"):
+            value = getattr(self, name)
+            require(value >= 0.0, f"start.{name} is {value:g}, must be 0 or more")
+        require(self.attempts >= 1, "start.attempts must be 1 or more")
+
+
+@dataclass(frozen=True)
+class CameraPose:
+    """A pose of the camera's optical frame in the world: x, y, z (m), roll, pitch, yaw (rad)."""
+
+    pose: Six
+
+
+@dataclass(frozen=True)
+class SunSpec:
+    """The sun over the Bullet arm's table; its light is white, and ambient light is there besides.
+
+    direction: from the sun to the ground, in the world. diffuse: its part of what a white face
+    square to it gives back; 0.4 more come from around, and what is above 1 is white all the same.
+    """
+
+    direction: tuple[float, float, float] = SUN.direction
+    diffuse: float = SUN.diffuse[0]
+
+    def __post_init__(self) -> None:
+        require(any(self.direction), "sun.direction must not be zero")
+        require(0.0 <= self.diffuse <= 1.0, f"sun.diffuse is {self.diffuse:g}, must be 0 to 1")
+
+
+@dataclass(frozen=True)
+class TargetSpec:
+    """The target: what it is, where, and how it moves.
+
+    shape: 'aras', the demo's two plates; corners (x, y), m, of a flat polygon; square, triangle,
+        l_shape, heptagon, circle; four_dots, marker, line_grid, poster; the path of a picture or
+        of an SVG with an outline.
+    size: of a named shape or a path, along x and y, m.
+    pose: x, y, z (m), roll, pitch, yaw (rad) of its frame in the world; its z axis is its normal.
+        The plates of 'aras' lie at (0, 0, 0.59) in that frame. motion: see Motion.
+    occluder: low and high corner (x, y), m, of an opaque rectangle that lies on the target.
+    perturbed: a target with a picture has another one in the run than when the goal was taught:
+        brighter or darker, of other contrast, grained, with a patch erased, by the seed.
+    """
+
+    shape: str | tuple[Pair, ...] = "aras"
+    size: Pair = (0.2, 0.2)
+    pose: Six = (0.0,) * 6
+    motion: Motion = Motion()
+    occluder: tuple[Pair, Pair] | None = None
+    perturbed: bool = False
+
+    @property
+    def described(self) -> bool:
+        """Whether it is part of the simulated robot's description: corners in the world's own
+        frame, which a robot of one's own brings with it."""
+        return isinstance(self.shape, tuple) and not any(self.pose)
+
+    def __post_init__(self) -> None:
+        require(
+            min(self.size) > 0.0 and max(self.size) <= LARGEST_TARGET,
+            f"target.size is {self.size}, must be above 0 and at most {LARGEST_TARGET:g} m, the "
+            "table's",
+        )
+        require(
+            self.shape == "aras" or isinstance(self.shape, tuple) or named(self.shape),
+            f"target.shape is '{self.shape}', must be a list of corners, the path of a picture or "
+            f"an SVG, or a name: {nearest(str(self.shape), TARGETS)}",
+        )
+
+
+@dataclass(frozen=True)
+class Ideal:
+    """How the ideal camera flies; see plants and `flight`.
+
+    speed: m/s and rad/s; where a component of the twist is beyond, the whole twist is scaled.
+    stop: sum of the squared errors at which the run has converged; None: as every loop.
+    unbounded: what leaves the picture is seen all the same, and behind the camera alone is lost.
+    enough: part of the first distance and angle from the goal that counts as converged, by the
+        truth; it ends the run. farthest: times the first distance at which the run has failed.
+    """
+
+    speed: Pair | None = None
+    stop: float | None = None
+    unbounded: bool = False
+    enough: float | None = None
+    farthest: float | None = None
+
+    def __post_init__(self) -> None:
+        require(
+            self.speed is None or min(self.speed) > 0.0, "ideal.speed must hold m/s, rad/s above 0"
+        )
+        for name in ("stop", "enough", "farthest"):
+            value = getattr(self, name)
+            require(value is None or value > 0.0, f"ideal.{name} must be above 0, or null")
+
+
+def named(shape: str) -> bool:
+    """Whether it is a target's name, or may be a path."""
+    return shape in TARGETS or bool(Path(shape).suffix)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Everything that decides how a run goes; the same experiment gives the same run.
+
+    plant: 'bullet' (simulated arm), 'chain' (arm without dynamics), 'free' (flying camera with
+        the servo loop's ticks, limits and delay) or 'ideal' (the scheme's own twist, one exact
+        motion an image, with the target's true plane: what papers compute).
+    ideal: see Ideal.
+    robot: see RobotSpec. friction: of its joints (bullet). lag: of each joint (chain, free), s.
+    target: see TargetSpec; 'aras' is part of the Bullet arm's description, others are put into the
+        world in its place.
+    sun: see SunSpec (bullet).
+    camera: name of a preset, path of a YAML file, or the settings: the true one.
+    camera_xyz, camera_rpy: how it is moved in its link, m and rad.
+    believed: how the controller's idea of the camera differs; see Belief.
+    features: 'pictures', 'exact' (the truth of them, without picture, tracker and noise), 'auto':
+        pictures of the Bullet arm.
+    noise: of grey levels, standard deviation. jitter: of exact features, px.
+    delay: s from an exposure to its answer, computing included.
+    commands: 'joint_states': streamed with each of them, as on a graph in real time; 'images':
+        one an image, as on a graph in lockstep.
+    start: name of a pose, joints (rad, m), a CameraPose, or a Sampler.
+    goal: name or path of a goal file, joints, or a CameraPose, at which the goal is taught.
+    scheme: name, or 'package.module:Class'. law: its name. gain: 1/s; None: the law's own.
+    options: further parameters of the controller, by name, as its node has them.
+    duration: s after the first image. linger: s to go on after it has converged; None: to the end.
+    reached: m and rad within which the goal counts as reached.
+    seed: of all that is random. renderer: of the Bullet arm: auto (exact), exact or tiny.
+    traced: note each joint's greatest speed at every step of the physics.
+    """
+
+    plant: str = "bullet"
+    ideal: Ideal = Ideal()
+    robot: RobotSpec = RobotSpec()
+    friction: bool = True
+    lag: float = 0.04
+    target: TargetSpec = TargetSpec()
+    sun: SunSpec = SunSpec()
+    camera: str | Mapping[str, Any] = "original"
+    camera_xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    camera_rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    believed: Belief = Belief()
+    features: str = "auto"
+    noise: float = 0.0
+    jitter: float = 0.0
+    delay: float = 0.015
+    commands: str = "joint_states"
+    start: str | tuple[float, ...] | CameraPose | Sampler = "2016"
+    goal: str | tuple[float, ...] | CameraPose = "auto"
+    scheme: str = "moments"
+    law: str = "proportional"
+    gain: float | None = None
+    options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    duration: float = 8.0
+    linger: float | None = 0.5
+    reached: Pair = (0.3e-3, 0.00524)  # m; rad, 0.3 degrees
+    seed: int = 0
+    renderer: str = "auto"
+    traced: bool = False
+
+    def __post_init__(self) -> None:
+        for name, hint in annotations(type(self)).items():
+            value = getattr(self, name)
+            if isinstance(value, Mapping | list):  # as in a file: believed={"focal": 0.9}
+                object.__setattr__(self, name, convert(value, hint, name))
+        for name, known in (("plant", PLANTS), ("features", FEATURES), ("commands", COMMANDS),
+                            ("renderer", RENDERERS)):  # fmt: skip
+            value = getattr(self, name)
+            require(value in known, f"{name} is '{value}': {nearest(value, known)}")
+        for name in ("lag", "noise", "jitter", "delay"):
+            value = getattr(self, name)
+            require(value >= 0.0, f"{name} is {value:g}, must be 0 or more")
+        require(self.duration > 0.0, f"duration is {self.duration:g} s, must be above 0")
+        require(self.linger is None or self.linger >= 0.0, "linger must be 0 s or more, or null")
+        require(self.gain is None or self.gain > 0.0, f"gain is {self.gain}, must be above 0")
+        require(min(self.reached) > 0.0, "reached must hold a distance and an angle above 0")
+        require(self.seed >= 0, f"seed is {self.seed}, must be 0 or more")
+        if self.plant == "bullet":
+            own = not (self.target.motion.still and not any(self.target.pose))
+            require(
+                not (self.target.described and own),
+                "a target in the Bullet arm's description lies still where that has it: give its "
+                "shape a pose for one that moves",
+            )
+            require(
+                self.target.occluder is None
+                or not (self.target.described or self.target.shape == "aras"),
+                "an occluder on the Bullet arm's table is made for another target.shape, as square",
+            )
+            require(
+                self.target.described or self.target.shape == "aras" or any(self.target.pose),
+                "target.pose says where on the Bullet arm's table the target lies: its top is at "
+                "z = 0.59, so [0, 0, 0.591, 0, 0, 0] is its middle",
+            )
+            require(
+                self.target.described
+                or self.target.shape == "aras"
+                or not self.robot.target_frame,
+                "a target that the arm moves is part of the robot's description: leave out "
+                "target.shape or robot.target_frame",
+            )
+        else:
+            require(not self.traced, "traced is for the Bullet arm: other plants have no steps")
+            require(self.sun == SunSpec(), "sun is for the Bullet arm: other plants have no light")
+        require(
+            not self.pictures or not self.jitter,
+            "jitter is for exact features: give noise for pictures",
+        )
+        require(self.pictures or not self.noise, "noise is for pictures: give jitter, in px")
+
+    @property
+    def pictures(self) -> bool:
+        """Whether the features are taken from pictures."""
+        return self.features == "pictures" or (self.features == "auto" and self.plant == "bullet")
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> Experiment:
+        """An experiment of the keys that are given; the others keep their defaults.
+
+        Raises:
+            ExperimentError: naming the key, what is wrong and what would be right.
+        """
+        return build(cls, values)
+
+    @classmethod
+    def from_yaml(cls, path: str | Path) -> Experiment:
+        """An experiment of a YAML file; ExperimentError as above."""
+        return cls.from_mapping(read_yaml(path) or {})
+
+    def with_(self, **changes: Any) -> Experiment:
+        """This experiment with some keys changed, checked as from a mapping."""
+        here = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        return build(type(self), {**here, **changes})

@@ -1,0 +1,72 @@
+"""The loop of an experiment, made of the controller node's own Settings: it is the same loop."""
+
+from __future__ import annotations
+
+import dataclasses
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+from typing import Any
+
+from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.schemes import JointController, Scheme
+from aras_visual_servo_controller.settings import Settings
+
+from ..errors import ExperimentError
+from ..targets.outlines import tracker_of
+from .experiment import FLYING, Experiment
+from .packages import PackagePath
+from .robots import Robot
+
+# A camera without an arm has no limits to keep away from and no elbow.
+FREE: dict[str, Any] = {"limit_avoidance": False, "output": "velocity"}
+
+
+def settings_of(experiment: Experiment, robot: Robot | None = None) -> Settings:
+    """The node's parameters that the experiment stands for.
+
+    The plant stands at its start from the beginning, so the loop's own start is 'none'.
+
+    Args:
+        robot: read already; None: only scheme and law matter.
+
+    Raises:
+        ExperimentError: naming the parameter that is wrong.
+    """
+    packages = robot.packages if robot is not None else PackagePath(experiment.robot.search)
+    package = Path(packages.find("aras_visual_servo_controller"))
+    given = {
+        "scheme": experiment.scheme,
+        "law": experiment.law,
+        "delay": experiment.delay,
+        "duration": experiment.duration,
+        "start": "none",
+        "lockstep": experiment.commands == "images",
+        "tracker": tracker_of(experiment.target.shape),
+        **(FREE if experiment.plant in FLYING else {}),
+        **experiment.options,
+    }
+    if experiment.gain is not None:
+        given["gain"] = experiment.gain
+    try:
+        settings = Settings.from_mapping(given, package)
+        if experiment.plant in FLYING or robot is None:
+            return settings
+        name = ElementTree.fromstring(robot.urdf).get("name", "")
+        return settings.for_robot(name, given)
+    except ConfigurationError as error:
+        raise ExperimentError(str(error)) from error
+
+
+def named_goal(experiment: Experiment, settings: Settings) -> Goal:
+    """The goal that is given by name or path; ConfigurationError where there is none."""
+    start = experiment.start if isinstance(experiment.start, str) else "none"
+    return dataclasses.replace(settings, desired=experiment.goal, start=start).load_goal()
+
+
+def named_scheme(experiment: Experiment) -> Scheme | JointController:
+    """The scheme that the experiment names, with its law; ExperimentError where it is none."""
+    try:
+        return settings_of(experiment).make_scheme()
+    except ConfigurationError as error:
+        raise ExperimentError(str(error)) from error

@@ -1,0 +1,65 @@
+"""Where ROS packages are, without ROS: beside this one, or where the environment says."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from aras_sim_bridge.description import packages as environment
+from aras_sim_bridge.errors import DescriptionError
+
+from ..errors import ExperimentError
+
+_SOURCES = Path(__file__).resolve().parents[4]  # src/ of this workspace, where it is not installed
+_SHARE = Path(os.sys.prefix) / "share"
+
+
+class PackagePath:
+    """Finds packages by name: in given folders first, then beside this package, then as ROS does.
+
+    search: folders that hold packages, or packages themselves.
+    """
+
+    def __init__(self, search: Sequence[str | Path] = ()) -> None:
+        self._search = [Path(folder).expanduser() for folder in search]
+
+    def find(self, name: str) -> str:
+        """Directory of a package.
+
+        Raises:
+            ExperimentError: there is none of that name.
+        """
+        for folder in (*self._search, _SOURCES, _SHARE):
+            for place in (folder / name, folder):
+                if place.name == name and (place / "package.xml").is_file():
+                    return str(place)
+        try:
+            return environment.find(name)
+        except DescriptionError as error:
+            searched = ", ".join(str(folder) for folder in (*self._search, _SOURCES))
+            raise ExperimentError(
+                f"package '{name}' is not in {searched} nor in ROS_PACKAGE_PATH: name its folder "
+                "in robot.search"
+            ) from error
+
+    def file(self, text: str) -> Path:
+        """The file meant by `package://name/path` or by a path.
+
+        Raises:
+            ExperimentError: there is no such package or file.
+        """
+        if text.startswith("package://"):
+            name, _, inside = text.removeprefix("package://").partition("/")
+            path = Path(self.find(name)) / inside
+        else:
+            path = Path(text).expanduser()
+        if not path.is_file():
+            beside = [file.name for file in path.parent.glob(f"*{path.suffix}") if path.suffix]
+            near = difflib.get_close_matches(path.name, beside, 1)
+            raise ExperimentError(
+                f"there is no file {path}" + ("" if str(path) == text else f" (given as {text})")
+                + (f": did you mean '{near[0]}'?" if near else "")
+            )
+        return path

@@ -1,0 +1,176 @@
+"""A robot as the bench knows it: description, controllers' settings, frames; no ROS needed."""
+
+from __future__ import annotations
+
+import functools
+import re
+import runpy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from aras_sim_bridge.description import RobotDescription, parse_urdf
+from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.arm.poses import transform
+from aras_visual_servo_controller.errors import ConfigurationError
+
+from .. import rigid
+from ..checked import nearest, read_yaml
+from ..errors import ExperimentError
+from .packages import PackagePath
+
+_KINDS = {"Position": "position", "Velocity": "velocity", "Effort": "effort"}
+_TYPE = re.compile(r"^\w+_controllers/Joint(Position|Velocity|Effort)Controller$")
+
+
+@dataclass(frozen=True)
+class RobotSpec:
+    """Which robot; the shipped one where nothing is said.
+
+    urdf: path or package:// of the description. config: of the controllers' YAML.
+    namespace: the robot's, below which the YAML may keep its controllers.
+    camera_frame: the optical frame. camera: its name in the description; '' the first.
+    target_frame: the link that carries the target where the arm moves that (eye-to-hand): poses
+        of target and goal are then in this link's frame; '': the target stands in the world.
+    controllers: names of the joint controllers to use; empty: every one for a single joint.
+    joint_states: name of the controller that publishes them.
+    cameras: package whose config/cameras holds the presets.
+    search: folders that hold packages, for package://.
+    """
+
+    urdf: str = "package://aras_visual_servo_gazebo/robots/aras_visual_servo.urdf"
+    config: str = "package://aras_visual_servo_gazebo/config/aras_visual_servo_control.yaml"
+    namespace: str = "/aras_visual_servo"
+    camera_frame: str = "camera_optical_frame"
+    camera: str = ""
+    target_frame: str = ""
+    controllers: tuple[str, ...] = ()
+    joint_states: str = "joint_state_controller"
+    cameras: str = "aras_visual_servo_gazebo"
+    search: tuple[str, ...] = ()
+
+
+class Robot:
+    """A RobotSpec with its files read.
+
+    Attributes:
+        spec: what it was made of. packages: where its packages are. urdf: the description's text.
+        parameters: of the controllers.
+    """
+
+    def __init__(
+        self,
+        spec: RobotSpec,
+        xyz: Sequence[float] = (0.0,) * 3,
+        rpy: Sequence[float] = (0.0,) * 3,
+        friction: bool = True,
+    ) -> None:
+        """Read the files.
+
+        Args:
+            xyz, rpy: the camera moved in its link, m and rad.
+            friction: False takes the joints' dry friction out of the description.
+
+        Raises:
+            ExperimentError: a file that is missing or cannot be used.
+        """
+        self.spec = spec
+        self.packages = PackagePath(spec.search)
+        self._known: Arm | None = None
+        self._plain = self.packages.file(spec.urdf).read_text(encoding="utf-8")
+        if not friction:
+            self._plain = self._adapted("without_friction", self._plain)
+        self._mount = transform(xyz, rpy)
+        self.urdf = self._mounted(self._mount)
+        tree = read_yaml(self.packages.file(spec.config))
+        if not isinstance(tree, Mapping):
+            raise ExperimentError(f"{spec.config} holds no controllers")
+        for part in filter(None, spec.namespace.split("/")):
+            tree = tree.get(part, tree)
+        self.parameters: dict[str, Any] = dict(tree)
+
+    def description(self) -> RobotDescription:
+        """As the simulator takes it; ExperimentError naming what is wrong."""
+        try:
+            return _described(self.urdf, self.spec.search)
+        except DescriptionError as error:
+            raise ExperimentError(f"{self.spec.urdf}: {error}") from None
+
+    def arm(self) -> Arm:
+        """Its true kinematics, worked out once."""
+        if self._known is None:
+            self._known = self._arm(self.urdf)
+        return self._known
+
+    def believed_arm(self, xyz: Sequence[float], rpy: Sequence[float]) -> Arm:
+        """Its kinematics with the camera believed elsewhere, off its place in its link, m, rad."""
+        if not (any(xyz) or any(rpy)):
+            return self.arm()
+        return self._arm(self._mounted(self._mount @ transform(xyz, rpy)))
+
+    def controllers(self, joints: Sequence[str]) -> tuple[dict[str, str], str]:
+        """Controller of each of these joints, and the kind of command they take.
+
+        Raises:
+            ExperimentError: a joint without a controller, or controllers of different kinds.
+        """
+        wanted = self.spec.controllers or tuple(self.parameters)
+        found: dict[str, str] = {}
+        kinds = set()
+        for name in wanted:
+            if name not in self.parameters:
+                known = ", ".join(self.parameters)
+                raise ExperimentError(
+                    f"controller '{name}' is not in {self.spec.config}: {nearest(name, known)}"
+                )
+            settings = self.parameters[name]
+            if not isinstance(settings, Mapping):
+                continue
+            kind = _TYPE.match(str(settings.get("type", "")))
+            if kind and settings.get("joint") in joints:
+                found.setdefault(settings["joint"], name)
+                kinds.add(_KINDS[kind[1]])
+        missing = [joint for joint in joints if joint not in found]
+        if missing:
+            raise ExperimentError(
+                f"{self.spec.config} has no single-joint controller for {', '.join(missing)}"
+            )
+        if len(kinds) > 1:
+            raise ExperimentError(
+                f"{self.spec.config} has controllers of several kinds ({', '.join(sorted(kinds))}):"
+                " name one kind in robot.controllers"
+            )
+        return {joint: found[joint] for joint in joints}, kinds.pop()
+
+    def _arm(self, urdf: str) -> Arm:
+        try:
+            return Arm.from_urdf(urdf, self.spec.camera_frame, target_frame=self.spec.target_frame)
+        except ConfigurationError as error:
+            raise ExperimentError(f"{self.spec.urdf}: {error}") from None
+
+    def _mounted(self, link_T_link: np.ndarray) -> str:
+        """The description with camera_link moved as the launch files do it."""
+        if np.array_equal(link_T_link, np.eye(4)):
+            return self._plain
+        texts = (" ".join(map(repr, numbers)) for numbers in rigid.to_xyz_rpy(link_T_link))
+        try:
+            return self._adapted("mounted", self._plain, *texts)
+        except ValueError as error:
+            raise ExperimentError(f"{self.spec.urdf}: camera cannot be moved: {error}") from None
+
+    def _adapted(self, how: str, *texts: str) -> str:
+        """The description as a function of the launch files' own script makes it."""
+        script = self.packages.file("package://aras_visual_servo_gazebo/scripts/adapt_description")
+        return _functions(script)[how](*texts)
+
+
+_functions = functools.cache(runpy.run_path)
+
+
+@functools.lru_cache(maxsize=8)
+def _described(urdf: str, search: tuple[str, ...]) -> RobotDescription:
+    """Parsed once a process: all runs of a study have the same, which is frozen."""
+    return parse_urdf(urdf, PackagePath(search).find)

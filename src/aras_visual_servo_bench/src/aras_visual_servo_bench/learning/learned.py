@@ -1,0 +1,164 @@
+"""A scheme whose network was taught by the simulator's own pictures, and what teaches it.
+
+    python3 -m aras_visual_servo_bench.learning.learned [--pictures 4000] [--out FILE]
+
+From the moments of a picture, made free of their units, a small network tells where the goal is in
+the camera's frame and by how much it is turned; the camera flies there. What it tells of the
+goal's own picture is taken off, so that its bias at the goal is none. Reference: A. Saxena and
+others, Exploring convolutional networks for end-to-end visual servoing, IEEE ICRA 2017, for the
+idea; ours sees moments, and learns in a minute.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.arm.poses import inverse
+from aras_visual_servo_controller.arm.task import Task
+from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
+from aras_visual_servo_controller.features.base import wrap
+from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.laws import Law
+from aras_visual_servo_controller.schemes import Decision, Scheme
+from aras_visual_servo_controller.seeing.observation import Need, Observation, Observer
+
+from ..asked.packages import PackagePath
+from ..errors import ExperimentError, ViewError
+from .regressor import Regressor, fitted
+
+WEIGHTS = Path(PackagePath().find("aras_visual_servo_bench")) / "config" / "learned.npz"
+VARIABLE = "ARAS_LEARNED_WEIGHTS"  # of the environment: another file
+MAKE = "make it: python3 -m aras_visual_servo_bench.learning.learned"
+LEVEL = (True, True, True, False, False, True)
+HIDDEN = (64, 64)
+
+
+def inputs(moments: Moments) -> np.ndarray:
+    """Numbers (10,) of a picture: place, size, and shape with its direction, free of scale."""
+    m00 = moments.m00
+    size = np.sqrt(m00)
+    second = [moments.mu(*ij) / m00**2 for ij in ((2, 0), (1, 1), (0, 2))]
+    third = [
+        moments.mu(*ij) / (m00**2 * size) for ij in ((3, 0), (2, 1), (1, 2), (0, 3))
+    ]  # fmt: skip
+    return np.array([moments.xg, moments.yg, np.log(size), *second, *third])
+
+
+class Network(Regressor):
+    """Layers of tanh; see Regressor for its arrays."""
+
+    what, make = "the learned scheme", MAKE
+    activation = np.tanh
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """Place of the goal in the camera's frame (3), m, and its turn, rad: (4,)."""
+        tx, ty, tz, c, s = self.answer(x)
+        return np.array([tx, ty, tz, np.arctan2(s, c)])
+
+
+class Learned(Scheme):
+    """Flies to where the network says that the goal is."""
+
+    needs = frozenset((Need.MOMENTS,))
+    names = ("tx", "ty", "tz", "psi")
+    tolerances, units = (0.001, 0.001, 0.001, 0.005), ("m", "m", "m", "rad")
+
+    def __init__(self, law: Law | None = None) -> None:
+        super().__init__(law)
+        self._network = Network.load(Path(os.environ.get(VARIABLE, WEIGHTS)))
+        self._goal: Goal | None = None
+
+    def check(self, goal: Goal) -> None:
+        """See Scheme.check."""
+        if goal.moments is None:
+            raise ConfigurationError(f"{goal.name} holds no moments: teach it anew")
+        self._goal, self._at_goal = goal, self._network(inputs(goal.moments))
+
+    def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
+        """See Scheme.compute."""
+        if not observation.valid or observation.moments is None:
+            raise MeasurementError(observation.reason or "the target is not visible")
+        if self._goal is not goal:
+            self.check(goal)
+        found = self._network(inputs(observation.moments))
+        away = self._at_goal - found  # the camera's place before the goal is minus the goal's
+        away[3] = wrap(away[3])
+        L = np.eye(6)[[0, 1, 2, 5]]
+        rate = self.law.rate(away, L, np.array([*away[:3], 0.0, 0.0, away[3]]), t, observation.dt)
+        twist = np.array([*rate[:3], 0.0, 0.0, rate[3]])
+        return Decision(
+            self.names, found, self._at_goal, away, Task.of_twist(twist, LEVEL)
+        )
+
+
+def pictures(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs (n, 10) and answers (n, 5) of pictures of the demo's target from random places.
+
+    An answer is the goal's place in the camera's frame, m, and cosine and sine of its turn.
+    """
+    from ..asked.assembly import assemble
+    from ..asked.cameras import in_view
+    from ..asked.experiment import Experiment
+    from ..asked.sampling import drawn_pose
+    from ..studies.starts import SAMPLER
+
+    parts = assemble(Experiment(plant="ideal", features="pictures", goal="2016", start="2016"))
+    observer = Observer(None, frozenset((Need.MOMENTS,)))
+    random, sight = np.random.default_rng(seed), parts.plant.sight
+    shape, middle = parts.target.shape, parts.target.shape.vertices().mean(axis=0)
+    x, y = [], []
+    while len(x) < count:
+        pose, _ = drawn_pose(SAMPLER, parts.goal_pose, middle, random)
+        try:
+            if not in_view(shape.outline(parts.target.seen_from(pose)), parts.camera, 2.0):
+                continue
+        except ViewError:
+            continue
+        reading = sight.look(pose, 0, random)
+        seen = observer.of_image(float(len(x)), reading.picture, parts.camera)
+        if seen.valid:
+            c_T_g = inverse(pose) @ parts.goal_pose
+            x.append(inputs(seen.moments))
+            y.append([*c_T_g[:3, 3], c_T_g[0, 0], c_T_g[1, 0]])
+    return np.array(x), np.array(y)
+
+
+def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
+    """Arrays of a Network that answers y (n, 5) to x (n, 10); ExperimentError: no scikit-learn."""
+    return fitted(
+        x, y, 0.0, np.float32, hidden_layer_sizes=HIDDEN, activation="tanh", solver="lbfgs",
+        max_iter=800, max_fun=1200, alpha=1e-6, random_state=seed, tol=1e-9,
+    )  # fmt: skip
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Make pictures, learn, write the weights, and say how well it knows unseen pictures."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--pictures", type=int, default=4000)
+    parser.add_argument("--out", type=Path, default=WEIGHTS)
+    options = parser.parse_args(argv)
+    try:
+        arrays = train(*pictures(options.pictures))
+    except ExperimentError as error:
+        print(f"learned: {error}", file=sys.stderr)
+        return 1
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(options.out, **arrays)
+    x, y = pictures(200, seed=1)
+    network = Network.load(options.out)
+    found = np.array([network(row) for row in x])
+    off = np.linalg.norm(found[:, :3] - y[:, :3], axis=1)
+    turn = np.abs(wrap(found[:, 3] - np.arctan2(y[:, 4], y[:, 3])))
+    print(f"wrote {options.out}; of 200 unseen pictures half are within {1e3 * np.median(off):.1f} "
+          f"mm and {np.degrees(np.median(turn)):.2f} degrees")  # fmt: skip
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

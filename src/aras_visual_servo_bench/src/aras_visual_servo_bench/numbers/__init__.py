@@ -1,0 +1,1 @@
+"""Quantities of a run: metrics, statistics, summaries."""

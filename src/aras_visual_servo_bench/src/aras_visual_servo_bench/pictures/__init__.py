@@ -1,0 +1,1 @@
+"""Figures: one style, curves, views, and those of studies."""

@@ -1,0 +1,218 @@
+"""What is seen: the picture plane, a strip of pictures, and the camera's path in space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+from aras_visual_servo_controller.arm.poses import rotation_vector
+
+from ..recording.record import Record, Tracks, milestones
+from ..rigid import exponential
+from .style import COLOURS, FAINT, GOAL, INK, START, figure_width, heading, is_paper, sheet
+
+FADED = 0.35  # of a picture's contrast behind curves
+FLATTEST = 0.35  # least extent of an axis, part of the largest
+FRUSTUM = 0.12  # length of a drawn camera, part of the scene
+AROUND = 1.5  # size of the goal's, that the one at the end does not hide it
+EDGE, TITLE = 0.03, 0.3  # inches round a strip of pictures, and above each row
+
+
+def image_trajectory(records: Sequence[Record]) -> Figure | None:
+    """Where the target's points went in the image, over the last picture of the first run."""
+    found = [(record, record.tracks()) for record in records]
+    found = [(record, tracks) for record, tracks in found if tracks is not None]
+    if not found:
+        return None
+    camera = found[0][0].camera
+    width = plt.rcParams["figure.figsize"][0]
+    part = 0.66 if is_paper() else 1.0
+    figure, _ = sheet((width - 0.97 * part) * camera.height / camera.width + 1.25 * part,
+                      left=0.85, right=0.12, top=0.36, bottom=0.89)  # fmt: skip
+    axis = figure.add_subplot()
+    axis.grid(False)
+    for side in axis.spines.values():
+        side.set_visible(True)
+    pictures = found[0][0].images.pictures
+    if pictures and pictures[-1][1].shape[:2] == (camera.height, camera.width):
+        axis.imshow((255.0 - FADED * (255.0 - pictures[-1][1])).astype(np.uint8))
+    for number, (record, tracks) in enumerate(found):
+        _tracks(axis, record, tracks, None if len(found) == 1 else COLOURS[number % len(COLOURS)])
+    axis.set(xlabel="column (pixel)", ylabel="row (pixel)", aspect="equal",
+             xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5))  # fmt: skip
+    if len(found) == 1:
+        tracks = found[0][1]
+        handles = [
+            Line2D([], [], marker="o", ls="", color=START, ms=6, label="start"),
+            Line2D([], [], marker="o", ls="", mfc="none", mec=GOAL, mew=1.6, ms=9, label="goal"),
+        ]
+        if len(tracks.names) <= 6:
+            handles = [Line2D([], [], color=_colour(tracks, i), label=name)
+                       for i, name in enumerate(tracks.names)] + handles  # fmt: skip
+        kind = "points that the scheme sees" if tracks.measured else "target's corners and centre"
+        heading(axis, f"Way of the {kind} in the image")
+    else:
+        handles = [Line2D([], [], color=COLOURS[i % len(COLOURS)], label=record.name)
+                   for i, (record, _) in enumerate(found)]  # fmt: skip
+        heading(axis, "Ways of the target in the image")
+    figure.legend(handles=handles, loc="lower center", ncols=min(len(handles), 5))
+    return figure
+
+
+def _colour(tracks: Tracks, i: int) -> str:
+    """The centre is the bold one where corners go with it."""
+    if not tracks.measured:
+        return COLOURS[0] if tracks.names[i].startswith("centre") else FAINT
+    return COLOURS[i % len(COLOURS)]
+
+
+def _tracks(axis: Axes, record: Record, tracks: Tracks, colour: str | None) -> None:
+    for i in range(len(tracks.names)):
+        pixels = tracks.pixels[:, i]
+        known = np.isfinite(pixels).all(axis=1)
+        if not known.any():
+            continue
+        strong = tracks.measured or tracks.names[i].startswith("centre")
+        shown = pixels[known]
+        axis.plot(*shown.T, color=colour or _colour(tracks, i), lw=1.8 if strong else 0.9,
+                  alpha=1.0 if strong else 0.8, zorder=4 if strong else 3)  # fmt: skip
+        axis.plot(*shown[0], "o", color=colour or START, ms=6 if strong else 3, zorder=5)
+        if np.isfinite(tracks.desired[i]).all():
+            axis.plot(*tracks.desired[i], "o", mfc="none", mec=GOAL, mew=1.6 if strong else 0.9,
+                      ms=9 if strong else 5, zorder=6)  # fmt: skip
+
+
+def filmstrip(records: Sequence[Record]) -> Figure | None:
+    """Pictures as the error shrinks, each with the outline that is wanted."""
+    records = [r for r in records if r.images.pictures]
+    if not records:
+        return None
+    strips = [(r, milestones(r.run) or [r.images.pictures[0][0]]) for r in records]
+    columns = max(len(stamps) for _, stamps in strips)
+    shape = records[0].images.pictures[0][1].shape
+    part = 0.66 if is_paper() else 1.0
+    side, above, gap = part * EDGE, part * TITLE, part * 0.07
+    each = (figure_width(wide=True) - 2.0 * side - (columns - 1) * gap) / columns
+    tall = each * shape[0] / shape[1]
+    figure, _ = sheet(len(records) * (tall + above) + side, wide=True, left=EDGE, right=EDGE,
+                      top=TITLE, bottom=EDGE)  # fmt: skip
+    axes = figure.subplots(len(records), columns, squeeze=False,
+                           gridspec_kw={"wspace": gap / each, "hspace": above / tall})  # fmt: skip
+    for row, (record, stamps) in zip(axes, strips, strict=True):
+        for axis in row[len(stamps) :]:
+            axis.set_visible(False)
+        for axis, stamp in zip(row, stamps, strict=False):
+            axis.imshow(record.images.nearest(stamp))
+            axis.set(xticks=[], yticks=[])
+            axis.grid(False)
+            for side in axis.spines.values():
+                side.set(visible=True, color=FAINT, linewidth=0.6)
+            wanted = record.outline(record.run.goal_pose, stamp)
+            if wanted is not None:
+                axis.plot(*np.vstack([wanted, wanted[:1]]).T, color=GOAL, lw=1.1)
+            axis.set(xlim=(-0.5, shape[1] - 0.5), ylim=(shape[0] - 0.5, -0.5))
+            axis.set_title(f"{stamp - record.began:.2f} s", fontweight="normal", loc="center",
+                           fontsize=7 if is_paper() else 10, pad=3)  # fmt: skip
+        if len(records) > 1:
+            row[0].text(0.03, 0.95, record.name, transform=row[0].transAxes, va="top",
+                        fontsize=7 if is_paper() else 10,
+                        bbox={"facecolor": "white", "alpha": 0.7, "pad": 0.5, "lw": 0})  # fmt: skip
+    return figure
+
+
+def camera_path(records: Sequence[Record]) -> Figure | None:
+    """The camera's path in the world, and the straight one with it, above the target."""
+    records = [r for r in records if len(_poses(r))]
+    if not records:
+        return None
+    figure, width = sheet(0.72 * plt.rcParams["figure.figsize"][0], bottom=0.5)
+    axis = figure.add_subplot(projection="3d", computed_zorder=False)
+    shown: list[np.ndarray] = []
+    single = len(records) == 1
+    for number, record in enumerate(records):
+        poses = _poses(record)
+        colour = COLOURS[number % len(COLOURS)]
+        path = poses[:, :3, 3]
+        shown += [path]
+        axis.plot(*path.T, color=colour, lw=2.0, zorder=4,
+                  label="camera" if single else record.name)  # fmt: skip
+        goal = record.run.goal_pose
+        if np.isfinite(goal).all():
+            ideal = straight(poses[0], goal)
+            axis.plot(*ideal[:, :3, 3].T, color=GOAL if single else colour, lw=1.1, ls="--",
+                      zorder=3, label="straight" if single else None)  # fmt: skip
+            shown.append(goal[None, :3, 3])
+    target = _target(axis, records[0])
+    points = np.vstack(shown + ([target] if target is not None else []))
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = max(float((high - low).max()), 1e-3)
+    for number, record in enumerate(records):
+        poses = _poses(record)
+        colour = COLOURS[number % len(COLOURS)]
+        _camera(axis, poses[0], FRUSTUM * size, START if single else colour, "start" if single
+                else None)  # fmt: skip
+        if np.isfinite(record.run.goal_pose).all():
+            _camera(axis, record.run.goal_pose, AROUND * FRUSTUM * size, GOAL if single else INK,
+                    "goal" if number == 0 else None, "--")  # fmt: skip
+        _camera(axis, poses[-1], FRUSTUM * size, colour, "end" if single else None)
+    room = 0.5 * FRUSTUM * size
+    # A path in a plane is not drawn as a line seen from its edge.
+    thin = np.maximum(0.5 * (FLATTEST * size - (high - low)), room)
+    low, high = low - thin, high + thin
+    axis.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)",
+             xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))  # fmt: skip
+    axis.set_box_aspect(high - low, zoom=0.97)
+    axis.view_init(elev=20, azim=-58)
+    for pane in (axis.xaxis, axis.yaxis, axis.zaxis):
+        pane.set_pane_color((1.0, 1.0, 1.0, 0.0))
+        pane.set_major_locator(plt.MaxNLocator(4))
+        pane._axinfo["grid"].update(color="#e6e8ea", linewidth=0.6)
+    figure.legend(loc="lower center", ncols=5)
+    if not is_paper():
+        figure.text(0.1 / width, 0.995, "Path of the camera in the world  (dashed: straight to the "
+                    "goal)", va="top", fontweight="bold", fontsize=10.5)  # fmt: skip
+    return figure
+
+
+def _poses(record: Record) -> np.ndarray:
+    """Of the camera while servoing (m, 4, 4), those that are known."""
+    poses = record.run.true_pose[record.servoing]
+    return poses[np.isfinite(poses).all(axis=(1, 2))]
+
+
+def straight(start: np.ndarray, goal: np.ndarray, count: int = 40) -> np.ndarray:
+    """Poses (count, 4, 4) on the shortest way: place on a line, attitude about one axis."""
+    turn = rotation_vector(start[:3, :3].T @ goal[:3, :3])
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    for pose, part in zip(poses, np.linspace(0.0, 1.0, count), strict=True):
+        pose[:3, :3] = start[:3, :3] @ exponential((0.0, 0.0, 0.0, *(part * turn)))[:3, :3]
+        pose[:3, 3] = (1.0 - part) * start[:3, 3] + part * goal[:3, 3]
+    return poses
+
+
+def _target(axis: Axes, record: Record) -> np.ndarray | None:
+    """The target's face; its corners (c, 3) in the world."""
+    if record.target is None:
+        return None
+    placed = record.target.world_T_target(record.began)
+    corners = record.target.shape.vertices() @ placed[:3, :3].T + placed[:3, 3]
+    if len(corners) > 2:
+        axis.add_collection3d(Poly3DCollection([corners], facecolor=INK, edgecolor=INK, zorder=1))
+    return corners
+
+
+def _camera(axis: Axes, pose: np.ndarray, size: float, colour: str, label: str | None,
+            line: str = "-") -> None:  # fmt: skip
+    """A frustum: its tip where the camera is, opening along its optical axis."""
+    rim = size * np.array([[-0.4, -0.3, 1.0], [0.4, -0.3, 1.0], [0.4, 0.3, 1.0], [-0.4, 0.3, 1.0]])
+    rim = rim * [1.0, 1.0, 0.7] @ pose[:3, :3].T + pose[:3, 3]
+    tip = pose[:3, 3]
+    axis.plot(*np.vstack([rim, rim[:1]]).T, color=colour, lw=1.0, ls=line, zorder=6, label=label)
+    for corner in rim:
+        axis.plot(*np.array([tip, corner]).T, color=colour, lw=0.8, ls=line, zorder=6)

@@ -1,0 +1,1 @@
+"""A run and where it comes from: the runner, a bag, the live graph."""

@@ -1,0 +1,1 @@
+"""An experiment carried out: the closed loop, and the Gymnasium environment."""

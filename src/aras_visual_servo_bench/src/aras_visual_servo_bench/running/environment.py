@@ -1,0 +1,165 @@
+"""A Gymnasium environment over an experiment: an agent asks the camera for a twist an image."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from aras_visual_servo_controller.arm.task import Task
+from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.loop.state import CONVERGED
+from aras_visual_servo_controller.schemes import Decision, JointController, Scheme
+from aras_visual_servo_controller.seeing.observation import Observation
+
+from ..asked.assembly import assemble
+from ..asked.experiment import Experiment, Sampler
+from ..asked.loop_settings import named_scheme
+from ..errors import ExperimentError
+from .loop import Loop
+
+GREATEST = (0.25, 0.25, 0.25, 1.5, 1.5, 1.5)  # m/s and rad/s of the camera, for an action of 1
+
+
+class AskedTwist(Scheme):
+    """Measures as another scheme does and asks for the twist that somebody else has chosen."""
+
+    def __init__(self, inner: Scheme) -> None:
+        super().__init__(inner.law)
+        self.inner = inner
+        self.twist = np.zeros(6)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the inner scheme's features."""
+        return self.inner.names
+
+    @property
+    def tolerances(self) -> tuple[float, ...]:
+        """Of the inner scheme."""
+        return tuple(self.inner.tolerances)
+
+    @property
+    def needs(self) -> frozenset:
+        """Of the inner scheme."""
+        return self.inner.needs
+
+    def check(self, goal: Goal) -> None:
+        """As the inner scheme."""
+        self.inner.check(goal)
+
+    def reset(self) -> None:
+        """As the inner scheme; no twist is asked for."""
+        self.inner.reset()
+        self.twist = np.zeros(6)
+
+    def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
+        """The inner scheme's features with the chosen twist, in the directions they model."""
+        decision = self.inner.compute(observation, goal, t)
+        modelled = decision.task.modelled
+        return dataclasses.replace(decision, task=Task.of_twist(self.twist, modelled))
+
+
+class ServoEnv(gymnasium.Env):
+    """One episode is one run of the experiment; a step lasts from one image to the next.
+
+    Action: (6,) in [-1, 1], the camera's twist in parts of `greatest`; what the features do not
+    model is held, as for any scheme. Observation: the features' errors (k,) and the joints (n,).
+    Reward: minus the norm of the errors in units of their first; 1 more where the goal is held.
+    An episode ends (terminated) when the loop has converged or lost its target, and is cut off
+    (truncated) when the experiment's duration is over. `info` names outcome and verdict.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
+
+    def __init__(
+        self,
+        experiment: Experiment | None = None,
+        greatest: tuple[float, ...] = GREATEST,
+        render_mode: str | None = None,
+    ) -> None:
+        """`experiment`: by default a free camera with exact features from sampled starts.
+
+        Raises:
+            ExperimentError: it cannot be run, or its scheme answers joints itself.
+        """
+        if experiment is None:
+            experiment = Experiment(plant="free", lag=0.0, delay=0.0, start=Sampler())
+        self.experiment = experiment
+        self.render_mode = render_mode
+        self._greatest = np.array(greatest, float)
+        if self._greatest.shape != (6,) or not (self._greatest > 0.0).all():
+            raise ExperimentError("greatest must hold six numbers above 0, m/s and rad/s")
+        self._loop: Loop | None = None
+        self._begin(experiment)
+        size = len(self._scheme.names) + len(self._loop.plant.joint_names)
+        self.observation_space = spaces.Box(-np.inf, np.inf, (size,), np.float64)
+        self.action_space = spaces.Box(-1.0, 1.0, (6,), np.float64)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode; the seed draws start and noise."""
+        super().reset(seed=seed)
+        drawn = int(self.np_random.integers(2**31))
+        self._begin(dataclasses.replace(self.experiment, seed=drawn))
+        return self._observed(), self._info()
+
+    def step(
+        self, action: np.ndarray
+    ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Ask for a twist until the next image."""
+        action = np.asarray(action, float)
+        if action.shape != (6,) or not np.isfinite(action).all():
+            raise ExperimentError(f"an action is six finite numbers, got {action}")
+        self._scheme.twist = np.clip(action, -1.0, 1.0) * self._greatest
+        state = self._loop.to_image()
+        lost = state is not None and state.decision is None
+        reached = state is not None and state.phase == CONVERGED
+        reward = -float(np.linalg.norm(self._error)) / self._first + float(reached)
+        return self._observed(), reward, lost or reached, state is None, self._info()
+
+    def render(self) -> np.ndarray | None:
+        """The latest picture (rows, columns, 3), rgb; None where features are exact."""
+        reading = self._loop.reading
+        return reading.picture.rgb if reading is not None and reading.pictured else None
+
+    def close(self) -> None:
+        """Give back what the plant holds."""
+        if self._loop is not None:
+            self._loop.close()
+            self._loop = None
+
+    def _begin(self, experiment: Experiment) -> None:
+        self.close()
+        inner = named_scheme(experiment)
+        if isinstance(inner, JointController):
+            raise ExperimentError(
+                f"scheme '{experiment.scheme}' answers joints itself: an environment needs one "
+                "that asks for a twist"
+            )
+        self._scheme = AskedTwist(inner)
+        self._loop = Loop(experiment, assemble(experiment, self._scheme))
+        self._loop.to_image()
+        self._first = max(float(np.linalg.norm(self._error)), 1e-9)
+
+    @property
+    def _error(self) -> np.ndarray:
+        state = self._loop.state
+        if state is None or state.decision is None:
+            return np.zeros(len(self._scheme.names))
+        return state.decision.error
+
+    def _observed(self) -> np.ndarray:
+        return np.concatenate([self._error, self._loop.plant.joints()[0]])
+
+    def _info(self) -> dict[str, Any]:
+        run = self._loop.verdict()
+        outcome = self._loop.servo.outcome
+        return {
+            "outcome": outcome.kind, "reason": outcome.reason, "verdict": run.word,
+            "distance": run.distance, "angle": run.angle,
+        }  # fmt: skip

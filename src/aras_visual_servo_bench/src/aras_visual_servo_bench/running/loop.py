@@ -1,0 +1,179 @@
+"""Runs an experiment: the plant goes from measurement to measurement, the loop answers each."""
+
+from __future__ import annotations
+
+import logging
+from functools import partial
+
+import numpy as np
+
+from aras_visual_servo_controller.arm.poses import inverse
+from aras_visual_servo_controller.loop.driver import Driver
+from aras_visual_servo_controller.loop.state import CONVERGED, Command, ServoState
+
+from ..asked.assembly import Assembly, assemble
+from ..asked.experiment import Experiment
+from ..plants import CameraReading
+from ..plants.base import seconds
+from ..recording.from_loop import History
+from ..recording.run import Details, Run, Verdict
+from .flight import fly
+
+NS = 1_000_000_000
+LAST_NS = 50_000_000
+PATIENCE_NS = 5 * NS  # for a first picture
+log = logging.getLogger(__name__)
+
+
+def run(experiment: Experiment) -> Run:
+    """Run an experiment from its start to its end.
+
+    Raises:
+        ExperimentError: it cannot be run. What goes wrong while it runs is an outcome.
+    """
+    return carry_out(experiment, assemble(experiment))[0]
+
+
+def carry_out(experiment: Experiment, parts: Assembly) -> tuple[Run, float]:
+    """A run of parts that are assembled, from their start to the end, and its simulated time, s."""
+    if experiment.plant == "ideal":
+        result = fly(experiment, parts)
+        return result, float(result.stamp[-1])
+    loop = Loop(experiment, parts)
+    try:
+        loop.to_end()
+        return loop.result(), loop.plant.time_ns / NS
+    finally:
+        loop.close()
+
+
+class Loop:
+    """A run under way, to be driven image by image; the node's own Driver drives the loop.
+
+    Attributes:
+        experiment, parts: as given. servo: the loop.
+        reading, state: the last image and the answer to it, or None.
+    """
+
+    def __init__(self, experiment: Experiment, parts: Assembly) -> None:
+        self.experiment, self.parts = experiment, parts
+        self.plant, self.servo = parts.plant, parts.servo
+        self.reading: CameraReading | None = None
+        self.state: ServoState | None = None
+        self._history = History(len(self.plant.joint_names))
+        # Wall time stands still: what is late here is late in simulated time.
+        self._driver = Driver(
+            parts.servo, parts.observer, parts.settings, self,
+            clock=lambda: seconds(self.plant.time_ns), wall=lambda: 0.0,
+        )  # fmt: skip
+        self._answered = False
+        self._began_ns: int | None = None
+        self._converged_ns: int | None = None
+
+    # -- what the driver tells -------------------------------------------------------------
+
+    def send(self, command: Command) -> None:
+        """To the plant's joints."""
+        for kind, values in (
+            ("position", command.positions),
+            ("velocity", command.velocities),
+            ("effort", command.efforts),
+        ):
+            if values is not None:
+                self.plant.command(kind, values)
+                self._history.commanded(values)
+
+    def report(self, state: ServoState) -> None:
+        """Keep the answer to an image; what is reported in between is for those who watch."""
+        if state is not self.servo.state or state is self.state:
+            return
+        self._answered = True
+        if state.phase != CONVERGED:
+            self._converged_ns = None
+        elif self._converged_ns is None:
+            self._converged_ns = self.plant.time_ns
+        self.state = state
+        self._history.image(state, self.plant.pose())
+
+    def say(self, text: str) -> None:
+        """Into the log."""
+        log.info("%s", text)
+
+    # -- the run ---------------------------------------------------------------------------
+
+    @property
+    def servo_time(self) -> float:
+        """s since the first image; 0 before it."""
+        return 0.0 if self._began_ns is None else (self.plant.time_ns - self._began_ns) / NS
+
+    @property
+    def over(self) -> bool:
+        """Whether the experiment's end has come."""
+        now, linger = self.plant.time_ns, self.experiment.linger
+        if self._began_ns is None:
+            return now >= PATIENCE_NS
+        # An image more, for the loop to find that its time is over.
+        if now - self._began_ns > self.experiment.duration * NS + LAST_NS:
+            return True
+        if linger is None or self._converged_ns is None:
+            return False
+        return now - self._converged_ns >= linger * NS
+
+    def to_end(self) -> None:
+        """Go on until the end has come."""
+        while not self.over:
+            self.to_image()
+
+    def to_image(self) -> ServoState | None:
+        """Go on until an image is answered, and give that answer; None where time ran out."""
+        plant, driver = self.plant, self._driver
+        self._answered = False
+        while not (self.over or self._answered):
+            for reading in plant.advance(plant.time_ns + NS):
+                stamp = reading.stamp
+                if isinstance(reading, CameraReading):
+                    self.reading = reading
+                    if self._began_ns is None:
+                        self._began_ns = reading.stamp_ns
+                    driver.image(stamp, partial(self.parts.observe, reading))
+                else:
+                    driver.joints(reading.names, reading.positions, reading.velocities, stamp)
+                    measured = reading.of(plant.joint_names)
+                    self._history.joints(stamp, measured, plant.joints())
+        return self.state if self._answered else None
+
+    def goal_pose(self) -> np.ndarray:
+        """world_T_camera (4, 4) where the camera ought to be now, before a target that may move."""
+        target = self.parts.target
+        moved = target.world_T_target(self.plant.time_ns / NS) @ inverse(target.world_T_target(0.0))
+        return moved @ self.parts.goal_pose
+
+    def verdict(self) -> Verdict:
+        """What the physics says of the camera's place now."""
+        return Verdict.of(self.goal_pose(), self.plant.pose(), self.experiment.reached)
+
+    def result(self) -> Run:
+        """What the run has come to, up to now."""
+        if self.over and self.servo.outcome.kind == "running":
+            # It holds, for less time than a lost target is worth a word: the loop's own end of
+            # time asks for a measurement.
+            self.servo.diagnosis.timed_out(self.experiment.duration)
+        outcome = self.servo.outcome
+        return self._history.run(
+            self.plant,
+            goal_pose=self.goal_pose(),
+            joint_names=self.plant.joint_names,
+            outcome=outcome.kind,
+            reason=outcome.reason,
+            mend=outcome.mend,
+            verdict=self.verdict(),
+            peak_speed=getattr(self.plant, "peak_speed", None),
+        )
+
+    def details(self) -> Details:
+        """What the loop has worked out for each image besides."""
+        return self._history.details()
+
+    def close(self) -> None:
+        """Give back what the plant holds."""
+        self.plant.close()

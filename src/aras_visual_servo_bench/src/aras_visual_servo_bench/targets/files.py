@@ -1,0 +1,197 @@
+"""Targets as descriptions that a simulated world can be given: URDF, mesh and picture.
+
+    rosrun aras_visual_servo_bench target_files four_dots --size 0.1 0.1 --out DIR
+    (or python3 -m aras_visual_servo_bench.targets.files)
+
+A target's frame has its face in z = 0, facing along z. The model stands still and touches nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from functools import lru_cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+import cv2
+import numpy as np
+
+from ..asked.experiment import Pair, TargetSpec
+from ..checked import require
+from ..errors import ExperimentError
+from .geometry import Target
+from .outlines import shape_of
+from .textures import TexturedTarget
+
+ABOVE = 5e-4  # m that an occluder lies above the face
+URDF = """<?xml version="1.0"?>
+<robot name="{name}">
+  <link name="{name}">
+    <visual>
+      <geometry><mesh filename="{mesh}"/></geometry>
+    </visual>{more}
+  </link>
+  <gazebo><static>true</static></gazebo>
+</robot>
+"""
+OCCLUDER = """
+    <visual name="occluder">
+      <origin xyz="{x:.9g} {y:.9g} {z:.9g}" rpy="0 0 0"/>
+      <geometry><mesh filename="{mesh}"/></geometry>
+    </visual>"""
+
+
+def write(
+    target: Target, folder: Path, name: str = "target", meshes: str = "",
+    occluder: tuple[Pair, Pair] | None = None,
+) -> Path:
+    """Write a target's files, and answer the path of its URDF.
+
+    Args:
+        target: a flat one. name: of files, model and link.
+        meshes: how the URDF names the folder; empty: by its own path.
+        occluder: low and high corner (x, y), m, of a white rectangle on it.
+
+    Raises:
+        ExperimentError: the target is not flat, or nothing can be written there.
+    """
+    vertices = target.vertices()
+    require(
+        bool(np.abs(vertices[:, 2]).max() < 1e-9),
+        "target.shape 'aras' is part of the robot's description: no files are made of it",
+    )
+    where = meshes or f"file://{folder.resolve()}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if isinstance(target, TexturedTarget):
+            faces = [(0, 3, 2), (0, 2, 1)]  # from the picture's first corner, seen from above
+            material = f"Kd 1 1 1\nmap_Kd {name}.png\n"
+            drawn = cv2.imwrite(str(folder / f"{name}.png"), target.pixels)
+            require(drawn, f"cannot write the target's picture into {folder}")
+        else:
+            faces, material = triangles(vertices[:, :2]), "Kd 0 0 0\n"
+        _mesh(folder, name, vertices, faces, material)
+        more = ""
+        if occluder is not None:
+            (x0, y0), (x1, y1) = occluder
+            corners = np.array([(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0)], float)
+            _mesh(folder, f"{name}_occluder", corners, [(0, 1, 2), (0, 2, 3)], "Kd 1 1 1\n")
+            more = OCCLUDER.format(x=0.0, y=0.0, z=ABOVE, mesh=f"{where}/{name}_occluder.obj")
+        path = folder / f"{name}.urdf"
+        path.write_text(URDF.format(name=name, mesh=f"{where}/{name}.obj", more=more))
+    except OSError as error:
+        raise ExperimentError(f"cannot write the target into {folder}: {error.strerror}") from None
+    return path
+
+
+@lru_cache(maxsize=64)
+def description_file(spec: TargetSpec, perturbed_by: int | None = None) -> Path:
+    """The URDF of an experiment's target, made once a process in a folder that goes with it.
+
+    Args:
+        perturbed_by: seed of what is done to its picture; None: nothing.
+
+    Raises:
+        ExperimentError: see `write` and `shape_of`.
+    """
+    target = shape_of(spec.shape, spec.size)
+    if perturbed_by is not None:
+        require(
+            isinstance(target, TexturedTarget),
+            f"target '{spec.shape}' has no picture that could be perturbed: use poster or a PNG",
+        )
+        target = target.perturbed(perturbed_by)
+    return write(target, _scratch() / str(len(list(_scratch().iterdir()))), occluder=spec.occluder)
+
+
+@lru_cache(maxsize=1)
+def _scratch() -> Path:
+    import atexit
+    import shutil
+
+    folder = Path(mkdtemp(prefix="aras_targets_"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+def triangles(corners: np.ndarray) -> list[tuple[int, int, int]]:
+    """Of a polygon (n, 2) without crossing edges, by cutting ears; counter-clockwise.
+
+    Raises:
+        ExperimentError: its edges cross.
+    """
+    order = list(range(len(corners)))
+    x, y = corners.T
+    if float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) < 0.0:
+        order.reverse()
+    found = []
+    while len(order) > 3:
+        for k in range(len(order)):
+            a, b, c = order[k - 1], order[k], order[(k + 1) % len(order)]
+            rest = [i for i in order if i not in (a, b, c)]
+            if _left(corners, a, b, c) > 0.0 and not _any_inside(corners, a, b, c, rest):
+                found.append((a, b, c))
+                del order[k]
+                break
+        else:
+            raise ExperimentError("target.shape: the polygon's edges cross, or it has no area")
+    return [*found, tuple(order)]
+
+
+def _left(corners: np.ndarray, a: int, b: int, c: int) -> float:
+    """Twice the area of a triangle, above 0 where it goes counter-clockwise."""
+    (ax, ay), (bx, by), (cx, cy) = corners[a], corners[b], corners[c]
+    return float((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
+
+
+def _any_inside(corners: np.ndarray, a: int, b: int, c: int, others: list[int]) -> bool:
+    return any(
+        _left(corners, a, b, i) >= 0.0
+        and _left(corners, b, c, i) >= 0.0
+        and _left(corners, c, a, i) >= 0.0
+        for i in others
+    )
+
+
+def _mesh(
+    folder: Path, name: str, vertices: np.ndarray, faces: list[tuple[int, int, int]], material: str
+) -> None:
+    """An OBJ of vertices (n, 3), m, with one material; a picture spans its rectangle."""
+    low, span = vertices[:, :2].min(axis=0), np.ptp(vertices[:, :2], axis=0)
+    lines = [f"mtllib {name}.mtl", "usemtl face"]
+    lines += ["v {:.9g} {:.9g} {:.9g}".format(*vertex) for vertex in vertices]
+    lines += ["vt {:.9g} {:.9g}".format(*((vertex[:2] - low) / span)) for vertex in vertices]
+    lines += ["f " + " ".join(f"{i + 1}/{i + 1}" for i in face) for face in faces]
+    (folder / f"{name}.obj").write_text("\n".join(lines) + "\n")
+    (folder / f"{name}.mtl").write_text(f"newmtl face\n{material}")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Write the files of a target; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="target_files", description=__doc__.splitlines()[0])
+    parser.add_argument("shape", help="a target's name, a picture, or an SVG with an outline")
+    parser.add_argument("--size", type=float, nargs=2, default=(0.1, 0.1), help="x and y, m")
+    parser.add_argument("--occluder", type=float, nargs=4, metavar=("X0", "Y0", "X1", "Y1"),
+                        help="corners of a white rectangle that lies on it, m")  # fmt: skip
+    parser.add_argument("--name", help="of the files")
+    parser.add_argument("--meshes", default="", help="how the URDF names the folder")
+    parser.add_argument("--out", type=Path, required=True, help="folder")
+    options = parser.parse_args(argv)
+    try:
+        size: Pair = tuple(options.size)
+        spec = TargetSpec(options.shape, size)
+        covered = options.occluder and (tuple(options.occluder[:2]), tuple(options.occluder[2:]))
+        path = write(
+            shape_of(spec.shape, spec.size), options.out, options.name or Path(options.shape).stem,
+            options.meshes, covered or None,
+        )  # fmt: skip
+    except ExperimentError as error:
+        print(f"target_files: {error}", file=sys.stderr)
+        return 1
+    print(f"wrote {path}: roslaunch ... target:={path.resolve()}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

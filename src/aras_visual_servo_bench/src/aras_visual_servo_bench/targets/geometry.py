@@ -1,0 +1,240 @@
+"""Targets as exact geometry: what a perfect camera sees of them, and how they move.
+
+A target's own frame has its z axis along the outward normal of its face. Normalised image
+coordinates are x right, y down, on the plane one metre before the camera.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_controller.arm.poses import inverse
+from aras_visual_servo_controller.errors import ServoError
+from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
+
+from .. import rigid
+from ..checked import require
+from ..errors import ViewError
+
+NEAREST = 1e-3  # m before the camera; what is nearer has no view worth the name
+
+
+class Target(ABC):
+    """Something flat and dark that a camera can look at."""
+
+    @abstractmethod
+    def outline(self, target_T_camera: np.ndarray) -> np.ndarray:
+        """Silhouette (n, 2), normalised, in order; ViewError where it is behind the camera."""
+
+    @abstractmethod
+    def vertices(self) -> np.ndarray:
+        """Its corners (n, 3) in its own frame, m, in order around it."""
+
+    def points(self, target_T_camera: np.ndarray) -> np.ndarray | None:
+        """The corners (n, 2), normalised, None: it has none; ViewError: one behind the camera."""
+        return project(self.vertices(), target_T_camera)
+
+    @property
+    def height(self) -> float:
+        """Of the face above the target's frame, m."""
+        return float(self.vertices()[0, 2])
+
+    def depth(self, target_T_camera: np.ndarray) -> float:
+        """Z (m) where the optical axis meets the plane of the face."""
+        return float((self.height - target_T_camera[2, 3]) / target_T_camera[2, 2])
+
+    def plane(self, target_T_camera: np.ndarray) -> Plane:
+        """1/Z = A x + B y + C of the face in this view."""
+        distance = self.height - target_T_camera[2, 3]
+        return Plane(*(target_T_camera[2, :3] / distance).tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class BoxesTarget(Target):
+    """Thin boxes on a ground, one or two that overlap in the view; see TargetGeometry."""
+
+    geometry: TargetGeometry
+
+    def outline(self, target_T_camera: np.ndarray) -> np.ndarray:
+        """Outline of all boxes together."""
+        try:
+            return self.geometry.outline(target_T_camera)
+        except ServoError as error:
+            raise ViewError(str(error)) from error
+
+    def vertices(self) -> np.ndarray:
+        """Corners of the upper faces' union, each at its height, in order around it."""
+        return self._vertices
+
+    @cached_property
+    def _vertices(self) -> np.ndarray:
+        boxes = self.geometry.boxes
+        places = [
+            (x, y, high[2])
+            for k, (low, high) in enumerate(boxes)
+            for x in (low[0], high[0])
+            for y in (low[1], high[1])
+            if not any(_covers(other, x, y) for i, other in enumerate(boxes) if i != k)
+        ]
+        for one in boxes:
+            for other in boxes:
+                if one is not other:
+                    places += _crossings(one, other)
+        x, y, _ = np.array(places).T
+        return np.array(places)[np.argsort(np.arctan2(y - y.mean(), x - x.mean()))]
+
+    def depth(self, target_T_camera: np.ndarray) -> float:
+        """Z (m) where the optical axis meets the surface that the geometry names."""
+        return self.geometry.depth(target_T_camera)
+
+    def plane(self, target_T_camera: np.ndarray) -> Plane:
+        """That surface in this view."""
+        return self.geometry.plane(target_T_camera)
+
+
+@dataclass(frozen=True)
+class PolygonTarget(Target):
+    """A flat polygon without crossing edges: corners (x, y), m, in its own plane z = 0."""
+
+    corners: tuple[tuple[float, float], ...]
+
+    def __post_init__(self) -> None:
+        require(len(self.corners) >= 3, "a target's polygon needs at least 3 corners")
+
+    def outline(self, target_T_camera: np.ndarray) -> np.ndarray:
+        """The projected corners: straight edges stay straight."""
+        return project(self.vertices(), target_T_camera)
+
+    def vertices(self) -> np.ndarray:
+        """The corners at z = 0."""
+        return np.array([(x, y, 0.0) for x, y in self.corners])
+
+
+@dataclass(frozen=True)
+class RoundTarget(PolygonTarget):
+    """A disc, as a polygon of many corners: none of them is a point that could be tracked."""
+
+    def points(self, target_T_camera: np.ndarray) -> np.ndarray | None:
+        """None: a disc has no corners."""
+        return None
+
+
+# The demo's target in base_link, where robots/aras_visual_servo.urdf has it: its table is the
+# plane z = 0.59, which hides the lower half of the square's plate.
+ARAS = BoxesTarget(
+    TargetGeometry.checked(
+        np.array(
+            [
+                [(-0.025, -0.025, 0.5895), (0.025, 0.025, 0.5905)],
+                [(-0.0175, -0.0375, 0.59025), (0.0075, -0.0125, 0.59075)],
+            ]
+        ),
+        ground=0.59,
+        surface=0.5905,
+    )
+)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How a target moves: a steady twist, a sine or a circle, and steps, one on top of the other.
+
+    velocity: (vx, vy, vz, wx, wy, wz) in world axes about its own origin, m/s and rad/s.
+    amplitude: (x, y, z) m in world axes. frequency: Hz, of that and of the circle.
+    circle: radius, m, of one in the world's level; it begins and ends at the target's place.
+    step: (x, y, z) m in world axes that it jumps away at `begin`, and back and away again after
+        every `hold` s; 0: once. begin: s; still until then.
+    """
+
+    velocity: tuple[float, float, float, float, float, float] = (0.0,) * 6
+    amplitude: tuple[float, float, float] = (0.0,) * 3
+    frequency: float = 0.0
+    circle: float = 0.0
+    step: tuple[float, float, float] = (0.0,) * 3
+    hold: float = 0.0
+    begin: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("frequency", "circle", "hold", "begin"):
+            value = getattr(self, name)
+            require(value >= 0.0, f"target motion: {name} {value:g} is below 0")
+        require(
+            self.frequency > 0.0 or not (any(self.amplitude) or self.circle),
+            "target motion: an amplitude, or a circle, needs a frequency above 0 Hz",
+        )
+
+    @property
+    def still(self) -> bool:
+        """Whether it never moves."""
+        return not (
+            any(self.velocity) or any(self.amplitude) or self.circle or any(self.step)
+        )
+
+    def displacement(self, time: float) -> np.ndarray:
+        """(4, 4) by which the target has moved at `time` (s), about its own origin."""
+        moved = np.eye(4)
+        since = time - self.begin
+        if self.still or since < 0.0:
+            return moved
+        velocity = np.asarray(self.velocity)
+        moved[:3, :3] = rigid.exponential((0.0, 0.0, 0.0, *(velocity[3:] * since)))[:3, :3]
+        phase = 2.0 * np.pi * self.frequency * since
+        moved[:3, 3] = velocity[:3] * since + np.asarray(self.amplitude) * np.sin(phase)
+        moved[:2, 3] += self.circle * np.array([np.sin(phase), 1.0 - np.cos(phase)])
+        if not self.hold or int(since / self.hold) % 2 == 0:
+            moved[:3, 3] += self.step
+        return moved
+
+
+@dataclass(frozen=True)
+class PlacedTarget:
+    """A target in the world, moving. pose: world_T_target (4, 4) at time 0."""
+
+    shape: Target
+    pose: np.ndarray
+    motion: Motion = Motion()
+
+    def world_T_target(self, time: float) -> np.ndarray:
+        """(4, 4) at `time` (s)."""
+        if self.motion.still:
+            return self.pose
+        moved = self.motion.displacement(time)
+        placed = self.pose.copy()
+        placed[:3, :3] = moved[:3, :3] @ self.pose[:3, :3]
+        placed[:3, 3] += moved[:3, 3]
+        return placed
+
+    def seen_from(self, world_T_camera: np.ndarray, time: float = 0.0) -> np.ndarray:
+        """target_T_camera (4, 4)."""
+        return inverse(self.world_T_target(time)) @ world_T_camera
+
+
+def project(points: np.ndarray, frame_T_camera: np.ndarray) -> np.ndarray:
+    """Normalised coordinates (n, 2) of points (n, 3) of a frame.
+
+    Raises:
+        ViewError: one is not before the camera.
+    """
+    seen = (points - frame_T_camera[:3, 3]) @ frame_T_camera[:3, :3]
+    if (seen[:, 2] < NEAREST).any():
+        raise ViewError("the target is behind the camera: nothing to project")
+    return seen[:, :2] / seen[:, 2:]
+
+
+def _covers(box: np.ndarray, x: float, y: float) -> bool:
+    (x0, y0, _), (x1, y1, _) = box
+    return bool(x0 < x < x1 and y0 < y < y1)
+
+
+def _crossings(one: np.ndarray, other: np.ndarray) -> list[tuple[float, float, float]]:
+    """Where sides of `one` along y cross sides of `other` along x, at the upper one's height."""
+    (x0, y0, _), (x1, y1, top) = one
+    (u0, v0, _), (u1, v1, high) = other
+    return [
+        (x, y, max(top, high)) for x in (x0, x1) if u0 < x < u1 for y in (v0, v1) if y0 < y < y1
+    ]

@@ -1,0 +1,364 @@
+"""What the loop drives the camera to: what is seen there, and from where, in a YAML file.
+
+    joints: {J1: 0.0, J2: 0.0}                   # by name, rad or m
+    camera_pose: {xyz: [...], rpy: [...]}        # base_T_camera, the optical frame
+    depth: 0.1917                                # of the target along the optical axis, m
+    plane: [0.0, 0.0, 5.2]                       # 1/Z = A x + B y + C, 1/m; level where left out
+    moments: {order: 6, m: [...], mu: [...]}     # normalised coordinates, as in ImageMoments
+    kernel: {width: 320, height: 240, K: [9 numbers], features: [4 numbers]}
+    camera: {width: 320, height: 240, K: [9 numbers], D: [], model: plumb_bob}
+    features: {points: {...}}                    # what features taught, under their names
+    target: {surface: 0.5905, ground: 0.59, boxes: [[low, high], ...]}   # where it is known
+    mounting: {xyz: [...], rpy: [...]}           # of the camera on its link, for the record
+
+Moments do not depend on the lens; kernel features hold for one camera. All depend on where the
+camera hangs: a goal whose pose is not the one that the arm gives at its joints was taught with
+another mounting and is refused, or, where the target's geometry stands in the file, worked out
+anew.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import stat
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import yaml
+
+from aras_visual_servo_camera.errors import VisionError
+from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.kernel import kernel_of_outline
+from aras_visual_servo_camera.moments import MAX_ORDER, Moments, Pinhole
+from aras_visual_servo_camera.undistortion import CameraModel
+
+from ..arm.poses import pose_difference
+from ..errors import ConfigurationError, ServoError, UnreachableError
+from ..seeing.observation import Observation
+from ..seeing.target_geometry import TargetGeometry
+from ..setting_kinds import parsed_yaml
+
+if TYPE_CHECKING:
+    from ..arm import Arm
+    from ..schemes.base import JointController, Scheme
+
+LARGEST = 1_000_000  # bytes of a goal file
+REACHABLE = 2e-3  # m, and 0.1 m x rad, from which on a pose counts as beyond the arm's reach
+# Beyond these the camera is mounted elsewhere than when the goal was taught, m and rad.
+SAME_PLACE, SAME_ANGLE = 1e-4, 1e-3
+# Sine of the angle between line of sight and target's plane below which nothing is seen of it.
+EDGE_ON = 0.05
+ELLIPSE_CORNERS = 32
+KEYS = ("joints", "camera_pose", "depth", "plane", "moments", "kernel", "camera", "features",
+        "target", "mounting")  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class GoalKernel:
+    """Kernel features (4,) at the goal, seen by the camera with these intrinsics K (3, 3)."""
+
+    width: int
+    height: int
+    K: np.ndarray
+    features: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """The goal; whatever is not known is None or empty.
+
+    Attributes:
+        name: of the file, for messages.
+        joints: a posture whose camera pose is the desired one, by name, rad or m.
+        world_T_camera: (4, 4) of the optical frame in the arm's base.
+        depth: Z* of the target's plane along the optical axis, m.
+        plane: of the target in the optical frame.
+        moments: of the target there.
+        kernel: the original's kernel features.
+        camera: that saw it.
+        features: what features taught, by their names.
+        target: the target's geometry in the arm's base.
+        mounting: (4, 4) of the camera on its link when it was taught.
+    """
+
+    name: str = "goal"
+    joints: Mapping[str, float] = field(default_factory=dict)
+    world_T_camera: np.ndarray | None = None
+    depth: float | None = None
+    plane: Plane | None = None
+    moments: Moments | None = None
+    kernel: GoalKernel | None = None
+    camera: CameraModel | None = None
+    features: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    target: TargetGeometry | None = None
+    mounting: np.ndarray | None = None
+
+    @classmethod
+    def teach(
+        cls,
+        scheme: Scheme | JointController | None,
+        observation: Observation,
+        name: str = "goal",
+        depth: float | None = None,
+        target: TargetGeometry | None = None,
+    ) -> Goal:
+        """What this observation sees, as a goal.
+
+        Args:
+            scheme: what its features want to keep is kept; None: moments, kernel and pose alone.
+            observation: made at the goal; of pictures, exact contours or points alike.
+            name: for messages.
+            depth: of the target, m; from the observation's plane where it is left out.
+            target: its geometry, where it is known.
+
+        Raises:
+            ConfigurationError: the target is not seen, or neither depth nor plane is known.
+        """
+        if not observation.valid:
+            raise ConfigurationError(f"{name}: the target is not seen: {observation.reason}")
+        try:
+            taught = {} if scheme is None else {
+                key: dict(entry) for key, entry in scheme.teach(observation).items()
+            }  # fmt: skip
+        except (ServoError, VisionError) as error:
+            raise ConfigurationError(f"{name}: {error}") from error
+        pose, plane = observation.world_T_camera, observation.plane
+        if plane is None and depth is None and target is not None and pose is not None:
+            plane = target.plane(pose)
+        if plane is None and depth is None:
+            raise ConfigurationError(f"{name}: give the depth of the target, m")
+        depth = 1.0 / plane.C if depth is None else float(depth)
+        joints = observation.joints
+        values = {} if joints is None else {
+            n: float(q) for n, q in zip(joints.names, joints.positions, strict=True)
+        }  # fmt: skip
+        kernel = None
+        if observation.kernel is not None:
+            camera = observation.camera
+            kernel = GoalKernel(camera.width, camera.height, np.reshape(camera.K, (3, 3)),
+                                np.array(observation.kernel[16:]))  # fmt: skip
+        return cls(name, values, pose, depth, plane, observation.moments, kernel,
+                   observation.camera, taught, target)  # fmt: skip
+
+    def for_arm(self, arm: Arm) -> Goal:
+        """The goal as this arm sees it: pose from the joints, plane level where none is given.
+
+        Raises:
+            ConfigurationError: a joint that the arm has not, or one that is missing, beyond its
+                limits; a camera mounted elsewhere than when the goal was taught.
+        """
+        goal = self
+        if self.joints:
+            goal = self._posed(arm)
+        if goal.plane is None and goal.world_T_camera is not None and goal.depth is not None:
+            goal = replace(goal, plane=goal.level_plane())
+        return goal
+
+    def beyond(self, arm: Arm) -> str:
+        """Why the arm cannot be where the goal was taught, in words; empty where it can, to
+        REACHABLE (an arm of few joints has no pose exactly), or where the goal names joints."""
+        if self.joints or self.world_T_camera is None:
+            return ""
+        try:
+            arm.inverse(self.world_T_camera, np.zeros(len(arm.names)), REACHABLE)
+        except UnreachableError as error:
+            return f"{self.name}: {error}"
+        return ""
+
+    def level_plane(self) -> Plane:
+        """The level target (normal along the base's z) at the goal's depth.
+
+        Raises:
+            ConfigurationError: the camera looks along the table there, not on it.
+        """
+        up = self.world_T_camera[2, :3]
+        if abs(up[2]) < EDGE_ON:
+            raise ConfigurationError(
+                f"{self.name}: at the goal the camera looks along the table, not on it: "
+                "mount it more upright"
+            )
+        return Plane(*(up / (self.depth * up[2])).tolist())
+
+    def seen_from(self, world_T_camera: np.ndarray) -> Goal:
+        """The same target from another pose, worked out by its geometry.
+
+        Raises:
+            ConfigurationError: the geometry is not known, or not to be seen from there.
+        """
+        if self.target is None:
+            raise ConfigurationError(f"{self.name} does not say what the target's geometry is")
+        try:
+            view = self.target.outline(world_T_camera)
+            plane = self.target.plane(world_T_camera)
+            moments = Moments.from_polygon(view, MAX_ORDER)
+            depth = self.target.depth(world_T_camera)
+            kernel = self.kernel
+            if kernel is not None:
+                lens, size = Pinhole.from_K(kernel.K), (kernel.width, kernel.height)
+                kernel = replace(kernel, features=kernel_of_outline(view, lens, *size).values)
+        except (ServoError, VisionError) as error:
+            raise ConfigurationError(
+                f"{self.name}: the target is not to be seen from there ({error})"
+            ) from error
+        return replace(
+            self, world_T_camera=world_T_camera, depth=depth, plane=plane, moments=moments,
+            kernel=kernel, features={}, mounting=None,
+        )  # fmt: skip
+
+    def outline(self) -> np.ndarray:
+        """The target (n, 2) as it looks from the goal, normalised; (0, 2) where nobody knows.
+
+        By its geometry, else the ellipse that has its moments: as large, as long and turned alike.
+        """
+        if self.target is not None and self.world_T_camera is not None:
+            with contextlib.suppress(ServoError):
+                return self.target.outline(self.world_T_camera)
+        if self.moments is None:
+            return np.zeros((0, 2))
+        m, mu = self.moments, self.moments.mu
+        spread = np.array([[mu(2, 0), mu(1, 1)], [mu(1, 1), mu(0, 2)]]) / m.m00
+        squares, axes = np.linalg.eigh(spread)
+        around = np.linspace(0.0, 2.0 * np.pi, ELLIPSE_CORNERS, endpoint=False)
+        # Half an axis of a filled ellipse is twice the standard deviation along it.
+        reach = axes * (2.0 * np.sqrt(np.maximum(squares, 0.0)))
+        return np.array([m.xg, m.yg]) + np.stack([np.cos(around), np.sin(around)], 1) @ reach.T
+
+    def joint_values(self, names: Sequence[str]) -> np.ndarray | None:
+        """The joints (n,) in this order; None where the goal has none.
+
+        Raises:
+            ConfigurationError: one is missing.
+        """
+        if not self.joints:
+            return None
+        missing = [n for n in names if n not in self.joints]
+        if missing:
+            raise ConfigurationError(
+                f"{self.name} has no value for the joint(s) {', '.join(missing)}; it has "
+                f"{', '.join(self.joints)}: is it a goal of this arm?"
+            )
+        return np.array([self.joints[n] for n in names], float)
+
+    def _posed(self, arm: Arm) -> Goal:
+        q = self.joint_values(arm.names)
+        outside = np.flatnonzero((q < np.asarray(arm.lower)) | (q > np.asarray(arm.upper)))
+        if outside.size:
+            i = int(outside[0])
+            raise ConfigurationError(
+                f"{self.name} has {arm.names[i]} at {q[i]:.4f}, outside its limits "
+                f"{arm.lower[i]:.4f} to {arm.upper[i]:.4f}"
+            )
+        pose = np.array(arm.pose(q))
+        if self.world_T_camera is None:
+            return replace(self, world_T_camera=pose)
+        distance, angle = pose_difference(self.world_T_camera, pose)
+        if distance < SAME_PLACE and angle < SAME_ANGLE:
+            return replace(self, world_T_camera=pose)
+        if self.target is not None:
+            return replace(self, name=f"{self.name}, camera moved").seen_from(pose)
+        raise ConfigurationError(
+            f"the goal {self.name} was taught with the camera elsewhere: at its joints it is now "
+            f"{1e3 * distance:.1f} mm and {np.degrees(angle):.1f} degrees away: teach it anew "
+            "(rosrun aras_visual_servo_controller teach)"
+        )
+
+    # -- files -----------------------------------------------------------------------------
+
+    @classmethod
+    def load(cls, path: str | Path) -> Goal:
+        """Read a file.
+
+        Raises:
+            ConfigurationError: it cannot be read, is too large, is not YAML, or a key is wrong.
+        """
+        path = Path(path).expanduser()
+        try:
+            if not stat.S_ISREG(path.stat().st_mode):
+                raise ConfigurationError(f"the goal {path} is no ordinary file")
+            with path.open("rb") as file:
+                content = file.read(LARGEST + 1)
+            if len(content) > LARGEST:
+                raise ConfigurationError(
+                    f"the goal {path} is larger than {LARGEST // 1000} kB: is it a goal?"
+                )
+            data = parsed_yaml(content.decode("utf-8"))
+        except (OSError, UnicodeDecodeError) as error:
+            raise ConfigurationError(f"cannot read the goal {path}: {error}") from error
+        except (yaml.YAMLError, RecursionError) as error:
+            place = " ".join(str(error).split())
+            raise ConfigurationError(f"{path} is not valid YAML: {place}") from error
+        return cls.from_mapping(data, path.name)
+
+    @classmethod
+    def from_mapping(cls, data: Mapping[str, Any], name: str = "goal") -> Goal:
+        """Check a mapping as YAML gives it.
+
+        Raises:
+            ConfigurationError: naming the key, what is wrong and what would be right.
+        """
+        from .goal_file import read_goal
+
+        return read_goal(data, name)
+
+    def to_yaml(self, heading: str = "") -> str:
+        """The file's text; heading becomes a comment at its top."""
+        data: dict[str, Any] = {}
+        if self.joints:
+            data["joints"] = {n: float(v) for n, v in self.joints.items()}
+        if self.world_T_camera is not None:
+            data["camera_pose"] = _pose_entry(self.world_T_camera)
+        if self.depth is not None:
+            data["depth"] = float(self.depth)
+        if self.plane is not None:
+            data["plane"] = [float(v) for v in self.plane]
+        if self.moments is not None:
+            data["moments"] = {
+                "order": self.moments.order,
+                "m": [float(value) for value in self.moments.m_array],
+                "mu": [float(value) for value in self.moments.mu_array],
+            }
+        if self.kernel is not None:
+            data["kernel"] = {
+                "width": int(self.kernel.width),
+                "height": int(self.kernel.height),
+                "K": [float(value) for value in np.ravel(self.kernel.K)],
+                "features": [float(value) for value in self.kernel.features],
+            }
+        if self.camera is not None:
+            data["camera"] = {
+                "width": self.camera.width,
+                "height": self.camera.height,
+                "K": [float(k) for k in self.camera.K],
+                "D": [float(d) for d in self.camera.D],
+                "model": self.camera.model,
+            }
+        if self.features:
+            data["features"] = {k: dict(v) for k, v in self.features.items()}
+        if self.target is not None:
+            data["target"] = self.target.to_mapping()
+        if self.mounting is not None:
+            data["mounting"] = _pose_entry(self.mounting)
+        comment = "".join(f"# {line}\n" for line in heading.splitlines())
+        return comment + yaml.safe_dump(data, sort_keys=False, width=96)
+
+
+def to_xyz_rpy(a_T_b: np.ndarray) -> tuple[list[float], list[float]]:
+    """Place (m) and fixed-axis roll, pitch, yaw (rad) of a pose (4, 4), as URDF has them."""
+    R = a_T_b[:3, :3]
+    across = float(np.hypot(R[0, 0], R[1, 0]))
+    pitch = float(np.arctan2(-R[2, 0], across))
+    if across > 1e-9:
+        roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
+    else:  # roll and yaw turn about one axis: all of it is yaw
+        roll, yaw = 0.0, np.arctan2(-R[0, 1], R[1, 1])
+    return [float(v) for v in a_T_b[:3, 3]], [float(roll), pitch, float(yaw)]
+
+
+def _pose_entry(a_T_b: np.ndarray) -> dict[str, list[float]]:
+    xyz, rpy = to_xyz_rpy(a_T_b)
+    return {"xyz": xyz, "rpy": rpy}
+
+

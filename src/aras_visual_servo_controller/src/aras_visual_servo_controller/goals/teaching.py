@@ -1,0 +1,188 @@
+"""From views at the goal to a goal: drives there, collects, averages. No ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from aras_visual_servo_camera.contour import corners_of
+from aras_visual_servo_camera.errors import VisionError
+from aras_visual_servo_camera.moments import Moments
+
+from ..arm import Arm
+from ..errors import ConfigurationError, MeasurementError, ServoError
+from ..loop.approach import Approach
+from ..loop.state import ServoSettings, Source
+from ..schemes import JointController, Scheme
+from ..seeing.joint_sample import JointSample
+from ..seeing.observation import Observation, Observer
+from .goal import Goal
+
+NO_IMAGES = "no images arrive"
+AROUND = 400  # points of an outline that is worked out, about as many as a picture's has
+
+
+class Teacher:
+    """Takes in joint states and images like a driver; keeps the good views of one pose.
+
+    Attributes:
+        observer: makes the observations.
+        views: the valid ones so far.
+        reason: why the last one was not.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        observer: Observer,
+        go: np.ndarray | None = None,
+        send: Callable[[np.ndarray], None] | None = None,
+    ) -> None:
+        """`go`: joints (n,) to drive to first; `send`: takes the commands (n,) on the way."""
+        self.arm, self.observer, self.source = arm, observer, Source()
+        self._send = send
+        self._approach = None
+        if go is not None:
+            settings = ServoSettings(start=tuple(go), settle=1.0)
+            self._approach = Approach(arm.names, np.minimum(arm.velocity, 1.0), settings)
+        self._sample: JointSample | None = None
+        self.views: list[Observation] = []
+        self.reason = NO_IMAGES
+
+    @property
+    def there(self) -> bool:
+        """Whether the pose is reached (at once where none was asked for) and joints are known."""
+        return self._sample is not None and (self._approach is None or self._approach.done)
+
+    def joints(
+        self, names: Sequence[str], positions: Sequence[float], velocities: Sequence[float],
+        stamp: float,
+    ) -> None:  # fmt: skip
+        """Take in a joint state; drive on towards the pose."""
+        before = self._sample
+        try:
+            self._sample = self.arm.sample(names, positions, velocities, stamp)
+        except MeasurementError as error:
+            self.reason = str(error)
+            return
+        if self._approach is None or self._approach.done:
+            return
+        dt = 0.0 if before is None else min(max(stamp - before.stamp, 0.0), 0.1)
+        self._send(self._approach.command(stamp, dt, self._sample.positions))
+        self.reason = self._approach.reason or "on the way to the pose"
+        if self._approach.done:
+            self.reason = NO_IMAGES
+
+    def image(
+        self, stamp: float, look: Callable[[JointSample | None, tuple], Observation]
+    ) -> None:
+        """Take in an image, once there."""
+        if not self.there:
+            return
+        view = look(self._sample, ())
+        if view.valid:
+            self.views.append(view)
+        else:
+            self.reason = view.reason
+
+
+def goal_of(
+    views: Sequence[Observation],
+    scheme: Scheme | JointController,
+    arm: Arm,
+    name: str,
+    depth: float | None = None,
+    like: Goal | None = None,
+) -> Goal:
+    """The mean of several views of one pose.
+
+    Args:
+        views: valid ones.
+        scheme: what its features want to keep is kept.
+        arm: for the pose of the mean joints.
+        name: of the goal.
+        depth: of the target, m; None: by the geometry that `like` says.
+        like: a goal whose target it is.
+
+    Raises:
+        ConfigurationError: no view, or a depth that nothing tells.
+    """
+    if not views:
+        raise ConfigurationError(f"{name}: nothing was seen to teach")
+    target = None if like is None else like.target
+    goals = [Goal.teach(scheme, view, name, depth, target) for view in views]
+    first = goals[0]
+    joints = {key: float(np.mean([g.joints[key] for g in goals])) for key in first.joints}
+    pose = first.world_T_camera
+    if joints:
+        pose = np.array(arm.pose(np.array([joints[n] for n in arm.names])))
+    moments = first.moments
+    if moments is not None:
+        seen = [g.moments for g in goals]
+        m, mu = ([getattr(one, key) for one in seen] for key in ("m_array", "mu_array"))
+        moments = Moments.from_arrays(
+            np.mean(m, axis=0), np.mean(mu, axis=0), moments.order, moments.kind
+        )
+    kernel = first.kernel
+    if kernel is not None:
+        kernel = replace(kernel, features=np.mean([g.kernel.features for g in goals], axis=0))
+    return replace(
+        first, joints=joints, world_T_camera=pose, moments=moments, kernel=kernel,
+        features={key: mean_of([g.features[key] for g in goals]) for key in first.features},
+    )  # fmt: skip
+
+
+def by_geometry(goal: Goal, scheme: Scheme | JointController) -> Goal:
+    """A goal with what the scheme keeps of it, as an exact camera there sees the target's outline.
+
+    As it is where it holds that already, where nobody knows the target's geometry, and where an
+    outline tells the features nothing: what is missing then, the check of the goal says.
+
+    Args:
+        goal: as an arm sees it.
+    """
+    try:
+        scheme.check(goal)
+    except ConfigurationError:
+        if goal.target is None or goal.world_T_camera is None:
+            return goal
+        try:
+            outline = _along(goal.target.outline(goal.world_T_camera))
+            view = Observer(None, scheme.needs).of_exact(
+                0.0, goal.camera, world_T_camera=goal.world_T_camera, plane=goal.plane,
+                contour=outline, points=corners_of(outline),  # as they are found in pictures
+            )  # fmt: skip
+            taught = {key: dict(entry) for key, entry in scheme.teach(view).items()}
+        except (ServoError, VisionError):
+            return goal
+        return replace(goal, features={**taught, **goal.features})
+    return goal
+
+
+def _along(corners: np.ndarray) -> np.ndarray:
+    """Points (m, 2) along a polygon's sides, as many to a side as it is long."""
+    sides = np.roll(corners, -1, axis=0) - corners
+    lengths = np.linalg.norm(sides, axis=1)
+    counts = np.maximum(1, np.round(AROUND * lengths / lengths.sum())).astype(int)
+    return np.vstack([corner + np.arange(count)[:, None] / count * side
+                      for corner, side, count in zip(corners, sides, counts, strict=True)])
+
+
+def mean_of(entries: Sequence[Any]) -> Any:
+    """The mean of what features taught: numbers and lists of them; of anything else the last.
+
+    Lists of different lengths are not of one kind: the last one counts.
+    """
+    last = entries[-1]
+    if isinstance(last, dict):
+        return {key: mean_of([e[key] for e in entries if key in e]) for key in last}
+    try:
+        arrays = [np.array(e, float) for e in entries]
+    except (TypeError, ValueError):
+        return last
+    if len({a.shape for a in arrays}) > 1:
+        return last
+    return np.mean(arrays, axis=0).tolist()

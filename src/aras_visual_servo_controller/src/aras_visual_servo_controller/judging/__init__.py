@@ -1,0 +1,1 @@
+"""Has the camera arrived, and if not, why: outcomes and the advice that goes with them."""

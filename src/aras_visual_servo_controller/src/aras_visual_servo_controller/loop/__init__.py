@@ -1,0 +1,1 @@
+"""The closed loop: from an observation to the joint commands of every tick."""

@@ -1,0 +1,316 @@
+"""Drives a loop by what arrives: joint states, images, the passing of time. No ROS.
+
+    joint states ─► history ─► Servo.tick ─► commands
+    images ──────► joints of their own instant ─► Observation ─► Servo.see ─► reports
+    watch (a thread of its own) ─► stops the arm smoothly when nothing comes any more
+
+Time is that of the joint states' stamps; between and after them it goes on with the clock. Only
+the clock going back begins the loop anew: messages that are late or have no stamp do not.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+import numpy as np
+
+from ..arm.inversion import finite
+from ..errors import MeasurementError
+from ..seeing.joint_history import FARTHEST, JointHistory
+from ..seeing.joint_sample import JointSample
+from ..seeing.observation import Observation, Observer
+from ..settings import Settings
+from .servo import Servo
+from .state import (
+    APPROACHING,
+    CONVERGED,
+    HOLDING,
+    SERVOING,
+    STOPPED,
+    WAITING,
+    Command,
+    ServoState,
+    Source,
+)
+
+REPORT_PERIOD = 1.0 / 30.0  # s; without images, reports need not be faster than a camera
+SILENT = 0.05  # s without a joint state after which time goes on by the clock
+STANDING = 0.5  # s of wall time after which a clock that does not go on is worth a word
+SKEW = 0.5  # s; stamps further off the clock are of another clock, or of none
+AT_REST = (WAITING, HOLDING, STOPPED)
+
+Look = Callable[[JointSample | None, tuple[JointSample, ...]], Observation]
+
+
+class Face(Protocol):
+    """What a driver tells the world."""
+
+    def send(self, command: Command) -> None:
+        """To the joints."""
+
+    def report(self, state: ServoState) -> None:
+        """What was seen, decided and done."""
+
+    def say(self, text: str) -> None:
+        """One line for a person."""
+
+
+class Driver:
+    """One loop and what it is told; every method may be called from any thread."""
+
+    def __init__(
+        self,
+        servo: Servo,
+        observer: Observer,
+        settings: Settings,
+        face: Face,
+        clock: Callable[[], float],
+        wall: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """`clock`: s, of the stamps, simulated or not; `wall`: s of wall time."""
+        self.servo, self.observer, self.settings = servo, observer, settings
+        self._face, self._clock, self._wall = face, clock, wall
+        self._lock = threading.RLock()
+        self.history = JointHistory()
+        self._commands: deque[JointSample] = deque(maxlen=256)
+        self._joints_heard = self._images_heard = self._answered = wall()
+        self._said_silence = -1e9
+        self._moved = wall()  # when the clock last went on
+        self._starved = False
+        self.beginnings = 0  # how often joint states began to come
+        self.source = Source("features", f"{settings.namespace}/camera/moments", "the camera node")
+        self._clear()
+        if not settings.autostart:
+            servo.stop("waiting for start")
+
+    @property
+    def source(self) -> Source:
+        """Where the images come from, for messages."""
+        return self.servo.source
+
+    @source.setter
+    def source(self, source: Source) -> None:
+        self.servo.source = source
+
+    # -- what is heard ---------------------------------------------------------------------
+
+    def joints(
+        self,
+        names: Sequence[str],
+        positions: Sequence[float],
+        velocities: Sequence[float],
+        stamp: float,
+    ) -> None:
+        """One joint state."""
+        with self._lock:
+            self._joints_heard = self._wall()
+            now = self._follow()
+            if not stamp > 0.0 or abs(now - stamp) > SKEW and not self.settings.lockstep:
+                stamp = now
+            if self._stamp is None:
+                self.beginnings += 1
+            elif stamp <= self._stamp:
+                return  # late
+            self._stamp, self._arrived = stamp, now
+            try:
+                sample = self.servo.arm.sample(names, positions, velocities, stamp)
+            except (MeasurementError, TypeError, ValueError) as error:
+                self._blind(stamp, str(error))
+                return
+            if not len(velocities):
+                sample = self.history.with_speed(sample)
+            self.history.add(sample)
+            command = self._tick(stamp, sample)
+            if not self.settings.lockstep:
+                self._send(command)
+            if self._waiting is not None:
+                self._look(*self._waiting)
+            if self.servo.phase in (APPROACHING, WAITING, STOPPED):
+                self._now_and_then(command, sample)
+
+    def image(self, stamp: float, look: Look) -> None:
+        """One image; `look` makes its observation, given the joints of its instant."""
+        with self._lock:
+            self._images_heard = self._wall()
+            self._follow()
+            if self._starved:
+                self._starved = False
+                self.servo.start()
+            self._look(stamp, look)
+
+    def _look(self, stamp: float, look: Look) -> None:
+        self._waiting = None
+        lockstep = self.settings.lockstep
+        if lockstep and not self.history.complete_to(stamp):
+            self._waiting = stamp, look
+            return
+        joints, newest = self.history.at(stamp, earlier_only=lockstep), self.history.newest
+        if newest is not None and stamp - newest.stamp > FARTHEST:
+            return  # whatever it shows, nothing is known of the joints any more
+        since = self._commanded_since(stamp)
+        state = self.servo.see(look(joints, since))
+        if state is not self.servo.state:
+            return  # late, or seen before
+        if state.fault:
+            self._face.say(state.fault)
+        if state.phase in (SERVOING, CONVERGED):
+            self._answered = self._wall()
+        at = stamp if self._time is None else max(stamp, self._time)
+        self._send(self._tick(at if lockstep else self._time or at), repeat=lockstep)
+        self._report(state)
+
+    def _commanded_since(self, stamp: float) -> tuple[JointSample, ...]:
+        """The latest commands, from the stamp on."""
+        later: list[JointSample] = []
+        for command in reversed(self._commands):
+            if command.stamp < stamp:
+                break
+            later.append(command)
+        return tuple(reversed(later))
+
+    def watch(self) -> None:
+        """Call often, from a thread of its own: stops the arm when nothing comes any more."""
+        with self._lock:
+            now, wall = self._follow(), self._wall()
+            if self._stamp is not None and not self.settings.lockstep:
+                silent = now - self._arrived
+                if silent > max(self.settings.watchdog, SILENT):
+                    self._blind(self._stamp + silent, f"no joint states for {silent:.2f} s")
+                elif silent > SILENT:
+                    self._send(self._tick(self._stamp + silent))
+            moving = self.servo.phase in (SERVOING, CONVERGED)
+            if moving and wall - self._answered > self.settings.wall_watchdog:
+                self._starved = True
+                reason = f"no answer for {wall - self._answered:.1f} s of wall time"
+                self.servo.hold(f"{reason}: {self._standing() or self.source.missing()}")
+            self._tell_silence(wall, now)
+
+    # -- what is asked for -----------------------------------------------------------------
+
+    def start(self) -> None:
+        """Servo."""
+        with self._lock:
+            self._starved = False
+            self._answered = self._wall()
+            self.servo.start()
+
+    def stop(self, reason: str = "stopped") -> None:
+        """Come smoothly to rest until `start`."""
+        with self._lock:
+            self.servo.stop(reason)
+
+    def hold(self, reason: str = "held") -> None:
+        """Come smoothly to rest and hold still until `start`."""
+        with self._lock:
+            self.servo.hold(reason)
+
+    def change(self, apply: Callable[[Servo], None]) -> None:
+        """Change something of the loop between two of its steps."""
+        with self._lock:
+            apply(self.servo)
+
+    # -- shared ----------------------------------------------------------------------------
+
+    def _clear(self) -> None:
+        self.history.clear()
+        self._commands.clear()
+        self._waiting: tuple[float, Look] | None = None
+        self._stamp: float | None = None  # of the latest joint state
+        self._arrived = 0.0  # when that came, by the clock
+        self._time: float | None = None  # that the loop was last told
+        self._now: float | None = None
+        self._sent: np.ndarray | None = None
+        self._reported = -1e9
+
+    def _follow(self) -> float:
+        """The clock, s; when it went back, the loop begins anew."""
+        now = self._clock()
+        if self._now is not None and now < self._now:
+            self._face.say(f"simulated time went back to {now:.3f} s: beginning anew")
+            stopped = self.servo.phase == STOPPED
+            self._clear()
+            self.servo.reset()
+            self.observer.reset()
+            if stopped:
+                self.servo.stop("waiting for start")
+        if now != self._now:
+            self._moved = self._wall()
+        self._now = now
+        return now
+
+    def _standing(self) -> str:
+        """That the clock has not moved for long, in words; empty while it does."""
+        if self._wall() - self._moved < STANDING:
+            return ""
+        return f"time stands still at {self._now:.3f} s (is the simulator paused, or gone?)"
+
+    def _tick(
+        self, t: float, sample: JointSample | None = None, unmeasured: str = ""
+    ) -> Command:
+        # A joint state that was held up comes behind a tick by the clock, which did not go back.
+        t = self._time = t if self._time is None else max(t, self._time)
+        command = self.servo.tick(t, sample, unmeasured)
+        if command.positions is not None:
+            self._commands.append(JointSample.of(t, command.names, command.positions))
+        return command
+
+    def _blind(self, t: float, reason: str) -> None:
+        """Joints that cannot be measured stop the arm."""
+        command = self._tick(t, unmeasured=reason)
+        if not self.settings.lockstep:
+            self._send(command)
+        self._now_and_then(command, None, reason)
+
+    def _send(self, command: Command, repeat: bool = False) -> None:
+        """Send; positions only when they are new, for their controllers keep them."""
+        values = command.positions
+        if values is None:
+            values = command.velocities if command.velocities is not None else command.efforts
+        if values is None or not finite(values, values, values):
+            return
+        if self._sent is None and self.servo.phase == STOPPED:
+            return  # standing by: whoever commands the joints now goes on doing so
+        same = self._sent is not None and values.tolist() == self._sent.tolist()
+        if same and command.positions is not None and not repeat:
+            return
+        self._sent = values
+        if not self.settings.dry:
+            self._face.send(command)
+
+    def _now_and_then(self, command: Command, joints: JointSample | None, reason: str = "") -> None:
+        """Report without an image, at a camera's pace."""
+        if not 0.0 <= command.stamp - self._reported < REPORT_PERIOD:
+            self._report(
+                ServoState(
+                    command.stamp,
+                    self.servo.phase,
+                    self.servo.outcome.kind,
+                    reason or command.reason,
+                    joints=joints,
+                    command=self.servo.command,
+                )
+            )
+
+    def _report(self, state: ServoState) -> None:
+        self._reported = state.stamp
+        self._face.report(state)
+
+    def _tell_silence(self, wall: float, now: float) -> None:
+        """Say what does not come, once a second."""
+        settings, missing = self.settings, []
+        if wall - self._joints_heard > settings.joint_timeout:
+            missing.append(
+                f"no joint states on {settings.namespace}/joint_states (is the simulator running?)"
+            )
+        if wall - self._images_heard > settings.image_timeout and not self.servo.approaching:
+            missing.append(self.source.missing())
+        if not missing or wall - self._said_silence < 1.0 or self.servo.phase == STOPPED:
+            return
+        self._said_silence = wall
+        phase = HOLDING if self.servo.phase == HOLDING else WAITING
+        reason = " and ".join(missing) + (f"; {words}" if (words := self._standing()) else "")
+        self._report(ServoState(now, phase, self.servo.outcome.kind, reason))

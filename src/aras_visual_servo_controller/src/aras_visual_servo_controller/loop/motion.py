@@ -1,0 +1,168 @@
+"""Joint commands between images: integrated from velocities, bounded, brought to rest smoothly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from aras_visual_servo_camera.compiled import NUMBER, VECTOR, compiled
+
+from ..seeing.joint_sample import JointSample
+from .state import Command, ServoSettings
+
+if TYPE_CHECKING:
+    from ..arm.limits import Limits
+
+
+class Motion:
+    """The command, which only moves on from where it is, whatever is asked.
+
+    Attributes:
+        command: (n,) rad or m; None before `begin`.
+        velocity: (n,) at which it moved last.
+    """
+
+    def __init__(self, names: Sequence[str], limits: Limits, settings: ServoSettings) -> None:
+        self.names, self.limits, self.settings = tuple(names), limits, settings
+        self._lead = np.broadcast_to(np.asarray(settings.lead, float), (len(self.names),))
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing is commanded."""
+        self.command: np.ndarray | None = None
+        self.velocity = np.zeros(len(self.names))
+        self._brake: tuple[np.ndarray, float, float] | None = None
+
+    def begin(self, positions: np.ndarray) -> None:
+        """Command where the joints (n,) are."""
+        self.reset()
+        self.command = np.array(positions, float)
+
+    def take_up(self, positions: np.ndarray) -> None:
+        """Begin at the joints (n,) if somebody else has moved them since they stood still."""
+        arrived = np.asarray(self.settings.arrived, float)
+        if self.command is not None and (np.abs(positions - self.command) > arrived).any():
+            self.begin(positions)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the command stands still."""
+        return not self.velocity.any()
+
+    def advance(self, velocities: np.ndarray, measured: np.ndarray, dt: float) -> str:
+        """Move on with velocities (n,) for dt (s); measured joints (n,).
+
+        Where a joint does not follow, held by friction or an obstacle, all of them wait for it:
+        the others alone would take the camera elsewhere.
+
+        Returns:
+            What did not move as asked, in words; empty when all did.
+        """
+        if dt <= 0.0:
+            return ""
+        after, speeds, stopped, late = _advanced(
+            self.command, self.velocity, velocities, measured, self.limits.lower,
+            self.limits.upper, self._lead, self.settings.lag, dt,
+        )  # fmt: skip
+        if len(late):
+            self.brake(dt)
+            return "; ".join(
+                f"waiting for {self.names[i]}, which is {abs(after[i] - measured[i]):.3f} behind "
+                "its command"
+                for i in late
+            )
+        self._brake, self.velocity, self.command = None, speeds, after
+        if not len(stopped):
+            return ""
+        return "; ".join(
+            f"{self.names[i]} stopped at its limit of {after[i]:.4f}" for i in stopped
+        )
+
+    def brake(self, dt: float) -> None:
+        """Come to rest: the speed falls in a straight line within the stop time, or as slowly as
+        the acceleration limits ask."""
+        if self.command is None or self.at_rest:
+            self._brake = None
+            return
+        if self._brake is None:
+            needed = np.abs(self.velocity) / np.asarray(self.limits.acceleration)
+            duration = max(self.settings.stop_time, float(needed.max()), 1e-9)
+            self._brake = (self.velocity.copy(), duration, 0.0)
+        first, duration, gone = self._brake
+        gone += dt
+        self._brake = (first, duration, gone)
+        velocity = first * max(0.0, 1.0 - gone / duration)
+        after = self.command + velocity * dt
+        bounded = np.clip(after, *self._room())
+        self.command, self.velocity = bounded, np.where(bounded == after, velocity, 0.0)
+
+    def _room(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where the command may go (n,), (n,): from beyond a limit back, not on."""
+        low = np.minimum(self.limits.lower, self.command)
+        return low, np.maximum(self.limits.upper, self.command)
+
+    def sent(
+        self, t: float, measured: JointSample | None, effort: np.ndarray, reason: str, phase: str
+    ) -> Command:
+        """What goes to the joints' controllers at t (s), in the chosen output; nothing before
+        joints were measured. `effort`: (n,) greatest, N m or N."""
+        if self.command is None or measured is None:
+            return Command(t, self.names, reason=reason, phase=phase)
+        settings, positions, velocities, efforts = self.settings, None, None, None
+        if settings.output == "position":
+            positions = self.command.copy()
+        elif settings.output == "velocity":
+            velocities = self.velocity.copy()
+        else:
+            efforts = np.asarray(settings.stiffness) * (self.command - measured.positions)
+            efforts += np.asarray(settings.damping) * (self.velocity - measured.velocities)
+            efforts = np.clip(efforts, -effort, effort)
+        return Command(t, self.names, positions, velocities, efforts, reason, phase)
+
+    def limited(self, velocities: np.ndarray, dt: float) -> tuple[np.ndarray, str]:
+        """Velocities (n,) of a controller of its own, slowed as a whole to the joints' limits.
+
+        Returns:
+            The velocities, and what slowed them in words.
+        """
+        limits, reasons = self.limits, []
+        ratio = np.abs(velocities) / np.asarray(limits.velocity)
+        fastest = int(np.argmax(ratio))
+        if ratio[fastest] > 1.0:
+            velocities = velocities / ratio[fastest]
+            reasons.append(
+                f"slowed to {100.0 / ratio[fastest]:.0f} % for the speed limit of "
+                f"{self.names[fastest]}"
+            )
+        if dt > 0.0:
+            change = velocities - self.velocity
+            ratio = np.abs(change) / (np.asarray(limits.acceleration) * dt)
+            hardest = int(np.argmax(ratio))
+            if ratio[hardest] > 1.0:
+                velocities = self.velocity + change / ratio[hardest]
+                reasons.append(f"at the acceleration limit of {self.names[hardest]}")
+        return velocities, "; ".join(reasons)
+
+
+@compiled(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, NUMBER, NUMBER)
+def _advanced(command, velocity, velocities, measured, lower, upper, lead, lag, dt):
+    """One step of the command from its place (n,) and velocity (n,).
+
+    Returns:
+        Where it goes (n,), from beyond a limit back and not on; at which velocities (n,); indices
+        of the joints that a limit stops, and of those that do not follow.
+    """
+    after = np.empty(len(command))
+    stopped, late = np.zeros(len(command), np.bool_), np.zeros(len(command), np.bool_)
+    for i in range(len(command)):
+        wanted = command[i] + velocities[i] * dt
+        after[i] = min(max(wanted, min(lower[i], command[i])), max(upper[i], command[i]))
+        stopped[i] = after[i] != wanted
+        before, ahead = abs(command[i] - measured[i]), abs(after[i] - measured[i])
+        # One that stands where it was told to is not late, however long the first step is: a
+        # flying camera asked for more than 5 rad/s from rest never set out.
+        known = before > 0.5 * lead[i]
+        late[i] = known and ahead > lead[i] + lag * abs(velocity[i]) and ahead > before
+    return after, (after - command) / dt, np.flatnonzero(stopped), np.flatnonzero(late)

@@ -1,0 +1,401 @@
+"""The servo loop without ROS: images in, joint commands out, at two rates.
+
+    see(observation): features -> law -> task, once an image, checked wholly before it counts
+    tick(t, joints):  task -> joint velocities -> commands, between the images as well
+
+Phases: `waiting` (for joint states or images), `approaching` (the start pose, with the camera's
+eyes shut), `servoing`, `converged` (the mean of the measured error over `hold` seconds within the
+tolerances; the loop stays closed), `holding` (no safe answer: the arm comes smoothly to rest, and
+goes on with the next good image), `stopped` (until `start`).
+
+The commands are integrated from the last command, not from the measured positions: a joint held
+back by friction is pushed until it moves; how far they may run ahead is bounded. Time is what
+the stamps and `tick` say, simulated or not; nothing here reads a clock of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import MeasurementError, SchemeError, ServoError
+from ..goals.goal import Goal
+from ..judging.convergence import Convergence
+from ..judging.diagnosis import Diagnosis, Outcome
+from ..naming import unknown
+from ..schemes.answer_checks import checked_decision, checked_goal, guarded
+from ..schemes.base import Decision, JointController, Scheme
+from ..seeing.joint_sample import JointSample
+from ..seeing.observation import Observation
+from .approach import Approach
+from .motion import Motion
+from .state import (
+    APPROACHING,
+    CONVERGED,
+    HOLDING,
+    SERVOING,
+    STOPPED,
+    WAITING,
+    Command,
+    ServoSettings,
+    ServoState,
+    Source,
+    check_settings,
+)
+from .task_follower import Pursuit, checked_resolution
+
+if TYPE_CHECKING:
+    from ..arm import Arm
+    from ..arm.resolution import Resolution
+    from ..arm.resolver import Resolver
+
+# An image from so far in the future is left over from before the clock went back, s.
+FUTURE = 1.0
+CONTROLLED = ("position", "velocity", "acceleration")
+
+
+class Servo:
+    """The loop. Construct, `tick` with each joint state, `see` each image.
+
+    Attributes:
+        scheme, arm, resolver, settings: as given.
+        goal: as this arm sees it.
+        beyond: why the arm cannot be where the goal was taught, in words; empty where it can.
+        phase, reason: of the loop now.
+        source: of the images, for messages.
+        state: the latest ServoState, None before the first.
+    """
+
+    def __init__(
+        self,
+        scheme: Scheme | JointController,
+        arm: Arm,
+        goal: Goal,
+        resolver: Resolver,
+        settings: ServoSettings | None = None,
+        clock: Callable[[], float] | None = None,
+        name: str = "",
+    ) -> None:
+        """`clock`: s of processor time, to tell a scheme that takes too long; `name`: of the
+        scheme, for messages.
+
+        Raises:
+            ConfigurationError: goal, start or settings do not fit the arm or the scheme.
+        """
+        self.scheme, self.arm, self.resolver = scheme, arm, resolver
+        self.settings = settings if settings is not None else ServoSettings()
+        self.name = name or type(scheme).__name__
+        self.source = Source()
+        self.clock = clock
+        self.goal = goal.for_arm(arm)
+        checked_goal(self.name, scheme, self.goal)
+        check_settings(self.settings, arm.names, resolver.limits)
+        if self._answers_joints and scheme.output not in CONTROLLED:
+            raise unknown(f"output of scheme {self.name}", scheme.output, CONTROLLED)
+        joints = self.goal.joint_values(arm.names)
+        resolver.goal = self.goal.world_T_camera if joints is None else arm.view(joints)[0]
+        self._motion = Motion(arm.names, resolver.limits, self.settings)
+        self._pursuit = Pursuit(self.name, scheme, resolver, self._motion, self.settings)
+        self._approach = None
+        if self.settings.start is not None:
+            limits = resolver.limits
+            self._approach = Approach(
+                arm.names, limits.velocity, self.settings, limits.acceleration
+            )
+        self._convergence = Convergence(self.settings.hold)
+        self.beyond = self.goal.beyond(arm)
+        self.diagnosis = Diagnosis(self.settings, arm.jacobian, self.beyond)
+        self.reset()
+
+    # -- what the loop is told -------------------------------------------------------------
+
+    def reset(self) -> None:
+        """Begin anew, as if just constructed: for a clock that went back."""
+        self.phase, self.reason = WAITING, ""
+        self.state: ServoState | None = None
+        self._motion.reset()
+        if self._approach is not None:
+            self._approach.reset()
+        self.diagnosis.reset()
+        self._now: float | None = None
+        self._joints: JointSample | None = None
+        self._stamp: float | None = None
+        self._period = 0.0
+        self._held = ""
+        self._began = 0.0
+        self._fault = ""
+        self._pause()
+        self.resolver.reset()
+        try:
+            guarded(self.name, self._begin_scheme)
+        except SchemeError as error:
+            self._halt(HOLDING, str(error))  # the next image tries again
+
+    def start(self) -> None:
+        """Go on after `stop` or `hold`; the goal is taken up anew."""
+        self._held = ""
+        if self.phase == STOPPED and self._joints is not None:
+            self._motion.take_up(self._joints.positions)
+        if self.phase in (STOPPED, HOLDING):
+            self.phase, self.reason = WAITING, ""
+        self.diagnosis.reset()
+        self._pause()
+
+    def stop(self, reason: str = "stopped") -> None:
+        """Come smoothly to rest and stay there until `start`."""
+        self._halt(STOPPED, reason)
+
+    def hold(self, reason: str) -> None:
+        """Come smoothly to rest and hold still until `start`, whatever is seen."""
+        self._held = reason or "held"
+        self._halt(HOLDING, self._held)
+
+    @property
+    def approaching(self) -> bool:
+        """Whether the start pose has still to be reached: images are not looked at."""
+        return self._approach is not None and not self._approach.done
+
+    @property
+    def outcome(self) -> Outcome:
+        """What the loop knows of the run so far."""
+        return self.diagnosis.outcome
+
+    @property
+    def command(self) -> np.ndarray | None:
+        """(n,) positions that the commands stand at; None before the first tick."""
+        return None if self._motion.command is None else self._motion.command.copy()
+
+    # -- images ----------------------------------------------------------------------------
+
+    def see(self, observation: Observation) -> ServoState:
+        """Answer one image; whatever is wrong with it or with the scheme, the arm holds still.
+
+        An image that is not newer than the last one changes nothing.
+        """
+        stamp = float(observation.stamp)
+        if not self._in_order(stamp):
+            return self._record(observation, reason=f"image of {stamp:.3f} s ignored: it is late")
+        if self._stamp is not None:
+            self._period = stamp - self._stamp
+        self._stamp = stamp
+        if self.phase == STOPPED or self._held:
+            return self._record(observation)
+        if self.approaching:
+            return self._record(observation)
+        joints = observation.joints if observation.joints is not None else self._joints
+        if joints is None:
+            self._halt(WAITING, "no joint states yet")
+            return self._record(observation)
+        began = None if self.clock is None else self.clock()
+        try:
+            decision, resolution = self._decide(observation, joints)
+        except MeasurementError as error:
+            self._halt(HOLDING, str(error))
+            return self._record(observation)
+        except SchemeError as error:
+            new = str(error) != self._fault
+            self._fault = str(error)
+            self._halt(HOLDING, str(error))
+            return self._record(observation, fault=(error.trace or str(error)) if new else "",
+                                faulty=True)  # fmt: skip
+        except (ServoError, ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
+            self._halt(HOLDING, str(error))
+            return self._record(observation, decision=None)
+        seconds = 0.0 if began is None else self.clock() - began
+        return self._commit(observation, joints, decision, resolution, seconds)
+
+    def _decide(
+        self, observation: Observation, joints: JointSample
+    ) -> tuple[Decision, Resolution | None]:
+        """Everything that can go wrong, before anything counts."""
+        self.arm.check(joints.positions, joints.velocities)
+        if self._paused and self._motion.at_rest:
+            # The arm stands: integrals and the start's profile begin anew.
+            self._began = observation.stamp
+            guarded(self.name, self._begin_scheme)
+            self._convergence.clear()
+        t = observation.stamp - self._began
+        answer = self.scheme.see if self._answers_joints else self.scheme.compute
+        decision = guarded(self.name, answer, observation, self.goal, t)
+        decision = checked_decision(self.name, decision, self.scheme)
+        if decision.task is None:
+            return decision, None
+        resolution = self.resolver.resolve(
+            joints.positions, decision.task, self.settings.resolve_period, self._motion.velocity
+        )
+        return decision, checked_resolution(resolution)
+
+    def _commit(
+        self,
+        observation: Observation,
+        joints: JointSample,
+        decision: Decision,
+        resolution: Resolution | None,
+        seconds: float,
+    ) -> ServoState:
+        stamp = observation.stamp
+        self._paused, self._fault = False, ""
+        self._fresh = True
+        self._pursuit.ask(decision.task, resolution, stamp, self._now)
+        tolerances = np.asarray(self.scheme.tolerances)
+        reached = self._convergence.add(
+            stamp, decision.error, tolerances, decision, observation.world_T_camera
+        )
+        self.phase = CONVERGED if reached else SERVOING
+        reasons = [] if resolution is None else list(resolution.reasons)
+        reasons += [t for t in (*decision.notes, self._late, self._convergence.short) if t]
+        if seconds > self._period > 0.0:
+            reasons.append(
+                f"scheme {self.name} took {seconds:.3f} s, longer than the image period of "
+                f"{self._period:.3f} s"
+            )
+        self.reason = "; ".join(dict.fromkeys(reasons))
+        return self._record(observation, joints, decision, resolution, seconds)
+
+    def _in_order(self, stamp: float) -> bool:
+        if not np.isfinite(stamp):
+            return False
+        if self._stamp is not None and stamp <= self._stamp:
+            return False
+        return self._now is None or stamp <= self._now + FUTURE
+
+    # -- ticks -----------------------------------------------------------------------------
+
+    def tick(
+        self, t: float, joints: JointSample | None = None, unmeasured: str = ""
+    ) -> Command:
+        """Move on to the time t (s, of the clock); measured joints where there are new ones, or
+        why they could not be measured, which stops the arm.
+
+        A t before the last one is a clock that went back: the loop begins anew.
+        """
+        t = float(t)
+        if not np.isfinite(t):
+            return self._sent(0.0 if self._now is None else self._now, None, "time is not finite")
+        if self._now is not None and t < self._now:
+            self.reset()
+        dt = 0.0 if self._now is None else min(t - self._now, self.settings.longest_step)
+        self._now = t
+        if joints is not None:
+            try:
+                self.arm.check(joints.positions, joints.velocities)
+                self._joints = joints
+            except MeasurementError as error:
+                unmeasured = str(error)
+        if unmeasured:
+            self._halt(HOLDING, unmeasured)
+            self._motion.brake(dt)
+            return self._sent(t, self._joints, unmeasured)
+        if self._joints is None:
+            self.phase = WAITING if self.phase != STOPPED else STOPPED
+            return self._sent(t, None, "no joint states yet")
+        measured = self._joints
+        if self._motion.command is None:
+            self._motion.begin(measured.positions)
+        if self.approaching and self.phase != STOPPED and not self._held:
+            return self._approached(t, dt, measured)
+        self._watch(t)
+        return self._sent(t, measured, self._move(t, dt, measured) or self.reason)
+
+    def _move(self, t: float, dt: float, measured: JointSample) -> str:
+        """Integrate what was asked last; what held it back, in words."""
+        self._pursuit.take_up(t)
+        if self._pursuit.task is not None and dt <= 0.0:
+            return ""  # an image's own instant: the joints will be newer when time goes on
+        try:
+            asked = self._pursuit.velocities(t, dt, measured, self._began)
+        except SchemeError as error:
+            self._fault = str(error)
+            self._halt(HOLDING, str(error))
+            self.diagnosis.fault(str(error))
+        except (ServoError, ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
+            self._halt(HOLDING, str(error))
+        else:
+            if asked is None:
+                self._motion.brake(dt)
+                return ""
+            velocities, reason = asked
+            self._late = self._motion.advance(velocities, measured.positions, dt)
+            return "; ".join(text for text in (reason, self._late) if text)
+        self._motion.brake(dt)
+        return self.reason
+
+    def _watch(self, t: float) -> None:
+        """Stop the arm when no fresh answer comes."""
+        if self._fresh:
+            self._fresh, self._answered = False, t
+        if self.phase not in (SERVOING, CONVERGED):
+            return
+        patience = max(self.settings.watchdog, self.settings.watchdog_images * self._period)
+        if self._answered is not None and t - self._answered > patience:
+            self.diagnosis.starved(t, self._period)
+            self._halt(WAITING, self.source.missing(t - self._answered))
+
+    def _approached(self, t: float, dt: float, measured: JointSample) -> Command:
+        self.phase = APPROACHING
+        command = self._approach.command(t, dt, measured.positions)
+        if dt > 0.0:
+            self._motion.velocity = (command - self._motion.command) / dt
+        self._motion.command = command
+        self.reason = self._approach.reason
+        if self._approach.done:
+            self.phase, self.reason = WAITING, ""
+            self._motion.velocity = np.zeros_like(command)
+        return self._sent(t, measured, self.reason)
+
+    # -- shared ----------------------------------------------------------------------------
+
+    @property
+    def _answers_joints(self) -> bool:
+        return isinstance(self.scheme, JointController)
+
+    def _begin_scheme(self) -> None:
+        if self._answers_joints:
+            self.scheme.reset(self.arm)
+        else:
+            self.scheme.reset()
+
+    def _pause(self) -> None:
+        """Nothing is asked of the arm any more; the next image begins the scheme anew."""
+        self._pursuit.drop()
+        self._paused = True
+        self._fresh, self._answered = False, None
+        self._late = ""
+
+    def _halt(self, phase: str, reason: str) -> None:
+        self.phase, self.reason = phase, reason
+        self._pause()
+        self._convergence.clear()
+
+    def _sent(self, t: float, measured: JointSample | None, reason: str) -> Command:
+        return self._motion.sent(t, measured, self.arm.effort, reason, self.phase)
+
+    def _record(
+        self,
+        observation: Observation,
+        joints: JointSample | None = None,
+        decision: Decision | None = None,
+        resolution: Resolution | None = None,
+        seconds: float = 0.0,
+        fault: str = "",
+        reason: str | None = None,
+        faulty: bool = False,
+    ) -> ServoState:
+        """The state of this image, with what the diagnosis makes of it."""
+        state = ServoState.of(
+            observation.stamp, self.phase, self.reason if reason is None else reason, decision,
+            resolution, joints or observation.joints or self._joints, self.command, seconds, fault,
+        )  # fmt: skip
+        if reason is None:
+            outcome = self.diagnosis.see(state, observation, self.goal, self.scheme, faulty)
+            object.__setattr__(state, "outcome", outcome.kind)
+            object.__setattr__(state, "mend", outcome.mend)
+            if decision is not None and self.phase == SERVOING and (
+                0.0 < self.settings.duration <= observation.stamp - self._began
+            ):
+                self.diagnosis.timed_out(self.settings.duration)
+                self.stop("the time for it is over")
+            self.state = state
+        return state

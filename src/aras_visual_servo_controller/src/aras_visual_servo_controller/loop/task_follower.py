@@ -1,0 +1,122 @@
+"""What the arm pursues between images: the last decision's task, or a controller of its own."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arm.task import Task
+from ..errors import ServoError
+from ..schemes.answer_checks import checked_joints, guarded
+from ..schemes.base import JointController, Scheme
+from ..seeing.joint_sample import JointSample
+from .motion import Motion
+from .state import ServoSettings
+
+if TYPE_CHECKING:
+    from ..arm.resolution import Resolution
+    from ..arm.resolver import Resolver
+
+
+class Pursuit:
+    """Joint velocities for what was asked last.
+
+    Attributes:
+        task: that is resolved now; None: none is, or the scheme answers joints itself.
+        controlled: whether it does, and may.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        scheme: Scheme | JointController,
+        resolver: Resolver,
+        motion: Motion,
+        settings: ServoSettings,
+    ) -> None:
+        """`name`: of the scheme, for messages; `motion`: where the commands stand."""
+        self.name, self.scheme, self.resolver = name, scheme, resolver
+        self.motion, self.settings = motion, settings
+        self.drop()
+
+    def drop(self) -> None:
+        """Nothing is asked of the arm any more."""
+        self.task: Task | None = None
+        self.controlled = False
+        self._pending: deque[tuple[float, Task]] = deque()
+        self._resolved: tuple[float, Resolution] | None = None
+
+    def ask(
+        self, task: Task | None, resolution: Resolution | None, stamp: float, now: float | None
+    ) -> None:
+        """Take up what an image's decision asks for, at once or after the delay.
+
+        Args:
+            task: None: the scheme answers joints itself.
+            resolution: of the task; kept as long as it lasts.
+            stamp: of the image, s. now: of the last tick, s; None before the first.
+        """
+        if task is None:
+            self.controlled = True
+        elif self.settings.delay > 0.0:
+            self._pending.append((stamp + self.settings.delay, task))
+        else:
+            self.task, self._resolved = task, None
+            if resolution is not None and resolution.lasts > 0.0 and now is not None:
+                self._resolved = (now, resolution)
+
+    def take_up(self, t: float) -> None:
+        """Have the tasks whose delay is over at t (s) count."""
+        while self._pending and self._pending[0][0] <= t + 1e-12:
+            self.task, self._resolved = self._pending.popleft()[1], None
+
+    def velocities(
+        self, t: float, dt: float, measured: JointSample, began: float
+    ) -> tuple[np.ndarray, str] | None:
+        """Joint velocities (n,) and what holds them back, in words; None: nothing is asked.
+
+        Args:
+            t, dt: of this tick, and since the last one, s.
+            measured: joints. began: when servoing did, s.
+
+        Raises:
+            SchemeError: a controller's own fault. ServoError: no velocities come of it.
+        """
+        if self.controlled:
+            return self._of_controller(t - began, dt, measured)
+        return None if self.task is None else self._of_task(t, dt, measured)
+
+    def _of_task(self, t: float, dt: float, measured: JointSample) -> tuple[np.ndarray, str]:
+        period = self.settings.resolve_period
+        kept = self._resolved
+        if kept is None or t - kept[0] >= max(kept[1].lasts, period) - 1e-9:
+            resolution = self.resolver.resolve(
+                measured.positions, self.task, max(dt, period), self.motion.velocity
+            )
+            kept = self._resolved = (t, checked_resolution(resolution))
+        return kept[1].velocities, "; ".join(kept[1].reasons)
+
+    def _of_controller(
+        self, t: float, dt: float, measured: JointSample
+    ) -> tuple[np.ndarray, str]:
+        """Velocities (n,) of a controller that answers joints, within the limits."""
+        answer = guarded(self.name, self.scheme.tick, t, dt, measured)
+        answer = checked_joints(self.name, answer, len(self.motion.names))
+        if self.scheme.output == "position":
+            velocities = np.zeros_like(answer)
+            if dt > 0.0:
+                velocities = (answer - self.motion.command) / dt
+        elif self.scheme.output == "acceleration":
+            velocities = self.motion.velocity + answer * dt
+        else:
+            velocities = answer
+        return self.motion.limited(velocities, dt)
+
+
+def checked_resolution(resolution: Resolution) -> Resolution:
+    """The same, if its joint velocities are finite; ServoError."""
+    if not np.isfinite(resolution.velocities).all():
+        raise ServoError("the joint velocities are not finite")
+    return resolution

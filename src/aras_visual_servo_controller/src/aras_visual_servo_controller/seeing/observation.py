@@ -1,0 +1,345 @@
+"""What is known of one image: one immutable record, made by one factory.
+
+The node, the runner and the tests all make `Observation`s with an `Observer`; a feature reads
+them and keeps nothing of its own. Frames: the camera's optical frame has z forward, x right, y
+down; `a_T_b` (4, 4) maps b to a.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from aras_visual_servo_camera.compiled import MATRIX, compiled
+from aras_visual_servo_camera.contour import corners_of, outline_of
+from aras_visual_servo_camera.errors import VisionError
+from aras_visual_servo_camera.images import Image
+from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.kernel import kernel_features
+from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_camera.pipeline import Pipeline
+from aras_visual_servo_camera.pipeline import Settings as VisionSettings
+from aras_visual_servo_camera.trackers import Tracker
+from aras_visual_servo_camera.undistortion import CameraModel
+
+from .joint_sample import JointSample
+
+if TYPE_CHECKING:
+    from ..arm import Arm
+
+# Normalised coordinates beyond this are no pixel of any lens: 88 degrees off the axis is 29.
+FARTHEST = 30.0
+
+
+class Need(Enum):
+    """What a scheme needs of an image; it is given just that."""
+
+    MOMENTS = "moments"
+    CONTOUR = "contour"
+    CORNERS = "corners"
+    IMAGE = "image"
+    DEPTH = "depth"
+    KERNEL = "kernel"
+
+
+# Needs that the segmented target answers: without it such an observation is not valid.
+SEGMENTED = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS, Need.KERNEL))
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """All that is known of one image; arrays are read-only, what was not asked for is None.
+
+    Attributes:
+        stamp: exposure, s of simulated time.
+        dt: s since the previous observation; 0.0 for the first.
+        valid: of the segmentation; False: reason says why. A scheme with its own image processing
+            decides for itself.
+        camera: K, D and lens; `normalise` and `project` between pixels and rays.
+        joints: at the exposure, interpolated by stamp.
+        world_T_camera: (4, 4) at the exposure, by kinematics ("world" is the arm's base).
+        moments: of the segmented target, normalised coordinates.
+        contour: (n, 2) outline of the target, normalised, below a pixel exact.
+        corners: (n, 2) of that outline, in its order, normalised.
+        corner_accuracy: normalised length to which a tracker finds them, noise apart; 0: exactly.
+        pixel_count: pixels of the target, 0 where not known.
+        touches: borders of the image that the target touches: left, right, top, bottom.
+        image: (rows, columns) or (rows, columns, 3) RGB, uint8.
+        depth: (rows, columns) float32, m along the optical axis.
+        plane: of the target, where it is known.
+        kernel: (20,) the original's camera/data of this very image.
+        previous_T_camera: (4, 4) motion executed since the previous observation, from the joints.
+        commands: what was commanded since the exposure.
+    """
+
+    stamp: float
+    dt: float
+    valid: bool
+    reason: str
+    camera: CameraModel
+    joints: JointSample | None = None
+    world_T_camera: np.ndarray | None = None
+    moments: Moments | None = None
+    contour: np.ndarray | None = None
+    corners: np.ndarray | None = None
+    corner_accuracy: float = 0.0
+    pixel_count: int = 0
+    touches: tuple[str, ...] = ()
+    image: np.ndarray | None = None
+    depth: np.ndarray | None = None
+    plane: Plane | None = None
+    kernel: np.ndarray | None = None
+    previous_T_camera: np.ndarray | None = None
+    commands: tuple[JointSample, ...] = ()
+
+
+class Observer:
+    """Makes observations; keeps what the last one was, to tell what changed since.
+
+    Attributes:
+        arm: for the camera's pose; None: no poses, unless they are given.
+        needs: what the scheme asks for; nothing else is worked out.
+        pipeline: segmentation and moments, for `of_image`.
+    """
+
+    def __init__(
+        self,
+        arm: Arm | None,
+        needs: frozenset[Need] = frozenset((Need.MOMENTS,)),
+        vision: VisionSettings | None = None,
+        tracker: Tracker | None = None,
+    ) -> None:
+        """`tracker`: of the points that count as corners; None: those of the outline."""
+        self.arm = arm
+        self.tracker = tracker
+        self.needs = frozenset(needs)
+        self.pipeline = Pipeline(vision if vision is not None else VisionSettings())
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last observation, as after the clock went back."""
+        self._stamp: float | None = None
+        self._pose: np.ndarray | None = None
+
+    def of_image(
+        self,
+        stamp: float,
+        image: Image | np.ndarray,
+        camera: CameraModel,
+        joints: JointSample | None = None,
+        commands: Sequence[JointSample] = (),
+        depth: np.ndarray | None = None,
+        plane: Plane | None = None,
+        world_T_camera: np.ndarray | None = None,
+    ) -> Observation:
+        """Run the camera package's own pipeline on a picture.
+
+        Args:
+            stamp: of the exposure, s.
+            image: `Image`, or (rows, columns) grey or (rows, columns, 3) RGB, uint8.
+            camera: its intrinsics.
+            joints: at the exposure.
+            commands: given since the exposure.
+            depth: (rows, columns), m.
+            plane: of the target, where it is known.
+            world_T_camera: (4, 4) where it is known better than by the joints.
+        """
+        if not isinstance(image, Image):
+            image = Image(np.asarray(image), "mono8" if np.ndim(image) == 2 else "rgb8")
+        seen: dict[str, object] = {}
+        valid, reason = True, ""
+        tracked = self.tracker is not None and Need.CORNERS in self.needs
+        needs = self.needs - {Need.CORNERS} if tracked else self.needs
+        if needs & SEGMENTED:
+            valid, reason, seen = self._segmented(image, camera, needs)
+        if valid and tracked:
+            try:
+                points = self.tracker.places(image.grey, camera)
+                seen["corners"] = _frozen(points)
+                seen["corner_accuracy"] = self.tracker.accuracy / camera.K[0]
+                seen["pixel_count"] = 0 if self.tracker.numbered else len(points)
+            except VisionError as error:
+                valid, reason = False, str(error)
+        if Need.IMAGE in self.needs:
+            pixels = image.rgb if image.has_colour else image.grey
+            seen["image"] = _read_only(pixels)
+        if Need.DEPTH in self.needs and depth is not None:
+            seen["depth"] = _read_only(np.asarray(depth, np.float32))
+        return self._made(stamp, valid, reason, camera, joints, world_T_camera, commands,
+                          plane=plane, **seen)  # fmt: skip
+
+    def of_moments(
+        self,
+        stamp: float,
+        moments: Moments | None,
+        valid: bool,
+        reason: str,
+        camera: CameraModel,
+        joints: JointSample | None = None,
+        commands: Sequence[JointSample] = (),
+        image: np.ndarray | None = None,
+        depth: np.ndarray | None = None,
+        kernel: ArrayLike | None = None,
+        plane: Plane | None = None,
+        pixel_count: int = 0,
+        touches: Sequence[str] = (),
+        world_T_camera: np.ndarray | None = None,
+    ) -> Observation:
+        """From what the camera node measured (ImageMoments), without the picture itself."""
+        if valid and moments is not None and (fault := implausible(moments)):
+            valid, reason, moments = False, fault, None
+        if valid and moments is None and Need.MOMENTS in self.needs:
+            valid, reason = False, reason or "the camera node sent no moments"
+        return self._made(
+            stamp, bool(valid), reason, camera, joints, world_T_camera, commands,
+            moments=moments,
+            image=None if image is None else _read_only(image),
+            depth=None if depth is None else _read_only(np.asarray(depth, np.float32)),
+            kernel=None if kernel is None else _frozen(kernel),
+            plane=plane,
+            pixel_count=int(pixel_count),
+            touches=tuple(touches),
+        )  # fmt: skip
+
+    def of_exact(
+        self,
+        stamp: float,
+        camera: CameraModel,
+        joints: JointSample | None = None,
+        world_T_camera: np.ndarray | None = None,
+        contour: ArrayLike | None = None,
+        points: ArrayLike | None = None,
+        commands: Sequence[JointSample] = (),
+        plane: Plane | None = None,
+        kernel: ArrayLike | None = None,
+        order: int = 6,
+    ) -> Observation:
+        """Exact features of a target, without pictures.
+
+        Args:
+            stamp, camera, joints, commands, plane: as in `of_image`.
+            world_T_camera: (4, 4); from the joints where it is left out.
+            contour: (n, 2) outline, normalised: its moments are exact, its vertices the corners.
+            points: (n, 2) corners where the contour has others, or where there is none.
+            kernel: (20,) camera/data.
+            order: of the moments.
+        """
+        valid, reason, moments, corners = True, "", None, None
+        if contour is not None:
+            contour = corners = _frozen(contour)
+            try:
+                moments = Moments.from_polygon(contour, order)
+            except VisionError as error:
+                valid, reason = False, str(error)
+        if points is not None:
+            corners = _frozen(points)
+        if contour is None and points is None:
+            valid, reason = False, "the target is not in view"
+        elif not all(np.isfinite(a).all() for a in (contour, corners) if a is not None):
+            valid, reason = False, "a coordinate of the target is not finite"
+        return self._made(
+            stamp, valid, reason, camera, joints, world_T_camera, commands,
+            moments=moments, contour=contour, corners=corners, plane=plane,
+            kernel=None if kernel is None else _frozen(kernel),
+        )  # fmt: skip
+
+    def _segmented(
+        self, image: Image, camera: CameraModel, needs: frozenset[Need]
+    ) -> tuple[bool, str, dict[str, object]]:
+        """What the pipeline finds of the target, by field of Observation."""
+        self.pipeline.set_camera(camera)
+        try:
+            measured = self.pipeline.measure(image)
+        except VisionError as error:
+            return False, str(error), {}
+        target = measured.target
+        seen = {"pixel_count": target.pixel_count, "touches": target.borders}
+        if not measured.valid:
+            return False, measured.reason, seen
+        seen["moments"] = measured.moments
+        try:
+            if needs & {Need.CONTOUR, Need.CORNERS}:
+                contour = outline_of(image.grey, target, camera)
+                seen["contour"] = _frozen(contour)
+                if Need.CORNERS in needs:
+                    seen["corners"] = _frozen(corners_of(contour))
+            if Need.KERNEL in needs:
+                mask = self.pipeline.original_mask(image)
+                seen["kernel"] = _frozen(kernel_features(mask).layout())
+        except VisionError as error:
+            return False, str(error), seen
+        return True, "", seen
+
+    def _made(
+        self,
+        stamp: float,
+        valid: bool,
+        reason: str,
+        camera: CameraModel,
+        joints: JointSample | None,
+        world_T_camera: np.ndarray | None,
+        commands: Sequence[JointSample],
+        **seen: object,
+    ) -> Observation:
+        stamp = float(stamp)
+        pose = None if world_T_camera is None else _frozen(world_T_camera)
+        if pose is None and joints is not None and self.arm is not None:
+            pose = _frozen(self.arm.pose(joints.positions))
+        dt, moved = 0.0, None
+        if self._stamp is not None and stamp > self._stamp:
+            dt = stamp - self._stamp
+            if pose is not None and self._pose is not None:
+                moved = _relative(self._pose, pose)
+                moved.setflags(write=False)
+        if self._stamp is None or stamp > self._stamp:
+            self._stamp, self._pose = stamp, pose
+        return Observation(
+            stamp, dt, valid, reason, camera, joints, pose,
+            previous_T_camera=moved, commands=tuple(commands), **seen,
+        )  # fmt: skip
+
+
+@compiled(MATRIX, MATRIX)
+def _relative(a_T_b, a_T_c):
+    """`b_T_c` (4, 4) of two rigid poses."""
+    b_T_c = np.eye(4)
+    for i in range(3):
+        for j in range(4):
+            b_T_c[i, j] = 0.0
+            for k in range(3):
+                place = a_T_b[k, 3] if j == 3 else 0.0
+                b_T_c[i, j] += a_T_b[k, i] * (a_T_c[k, j] - place)
+    return b_T_c
+
+
+def implausible(moments: Moments) -> str:
+    """Why no camera can have seen these moments, in words; empty when one can."""
+    if not (abs(moments.xg) < FARTHEST and abs(moments.yg) < FARTHEST):
+        return f"implausible moments: the target's centre at {moments.xg:.3g}, {moments.yg:.3g}"
+    if not 0.0 < moments.m00 < (2.0 * FARTHEST) ** 2:
+        return f"implausible moments: an area of {moments.m00:.3g}"
+    powers = (2.0 * FARTHEST) ** np.add.outer(*(np.arange(moments.order + 1),) * 2)
+    if not (np.abs(moments.centred) <= moments.m00 * powers).all():
+        return f"implausible moments: {np.abs(moments.centred).max():.3g} for an area of " + (
+            f"{moments.m00:.3g}"
+        )
+    return ""
+
+
+def _frozen(values: ArrayLike) -> np.ndarray:
+    """A read-only copy in float64."""
+    array = np.array(values, float)
+    array.setflags(write=False)
+    return array
+
+
+def _read_only(array: np.ndarray) -> np.ndarray:
+    """A read-only view: pictures are not copied."""
+    view = array.view()
+    view.setflags(write=False)
+    return view

@@ -6,6 +6,7 @@ import difflib
 from dataclasses import dataclass
 from pathlib import Path
 
+BASE = "src/aras_visual_servo_base/src/aras_visual_servo_base"
 BRIDGE = "src/aras_sim_bridge/src/aras_sim_bridge"
 VISION = "src/aras_visual_servo_camera/src/aras_visual_servo_camera"
 CONTROLLER = "src/aras_visual_servo_controller/src/aras_visual_servo_controller"
@@ -71,23 +72,20 @@ AREAS = {
              graph=tuple(f"{_INTEGRATION}/test_bridge_{name}.py" for name in (
                  "gazebo_api", "resets", "lockstep", "controllers", "controller_manager"))
              + (f"{_INTEGRATION}/test_camera_topics.py",)),
-        Area("vision", (f"{VISION}/**/*.py",), ("tests/unit/features", "tests/unit/vision"),
-             without=(f"{VISION}/node.py", f"{VISION}/master_watch.py", f"{VISION}/shutdown.py",
-                      f"{VISION}/ros/**/*.py")),
-        Area("kinematics", (f"{CONTROLLER}/arm/*.py", f"{CONTROLLER}/inversion.py"),
-             ("tests/unit/servo", "tests/unit/arm")),
-        Area("laws", (f"{CONTROLLER}/laws/**/*.py", f"{CONTROLLER}/laws.py"),
-             ("tests/unit/servo", "tests/unit/laws")),
-        Area("features", (f"{CONTROLLER}/features/**/*.py", f"{CONTROLLER}/schemes/*.py"),
+        Area("vision", (f"{VISION}/**/*.py",), ("tests/unit/features",),
+             without=(f"{VISION}/node.py",)),
+        Area("kinematics", (f"{CONTROLLER}/arm/*.py",), ("tests/unit/servo", "tests/unit/arm")),
+        Area("laws", (f"{CONTROLLER}/laws/*.py",), ("tests/unit/servo",)),
+        Area("features", (f"{CONTROLLER}/features/*.py", f"{CONTROLLER}/schemes/*.py"),
              ("tests/unit/servo", "tests/unit/features")),
-        Area("servo", (f"{CONTROLLER}/*.py",), ("tests/unit/servo", "tests/unit/loop"),
-             without=tuple(f"{CONTROLLER}/{name}.py" for name in (
-                 "inversion", "diagnosis", "evidence"))),
-        Area("diagnosis", (f"{CONTROLLER}/diagnosis.py", f"{CONTROLLER}/evidence.py",
-                           f"{CONTROLLER}/diagnosis/*.py"),
-             ("tests/unit/servo", "tests/unit/diagnosis")),
-        Area("bench", (f"{BENCH}/**/*.py",), ("tests/unit/bench",),
+        Area("servo",
+             (f"{CONTROLLER}/*.py", *(f"{CONTROLLER}/{room}/*.py" for room in (
+                 "goals", "hands", "loop", "seeing"))),
+             ("tests/unit/servo", "tests/unit/loop")),
+        Area("judging", (f"{CONTROLLER}/judging/*.py",), ("tests/unit/servo",)),
+        Area("bench", (f"{BENCH}/**/*.py",), ("tests/unit/bench", "tests/unit/study"),
              without=(f"{BENCH}/ros/**/*.py",)),
+        Area("base", (f"{BASE}/*.py",), ("tests/unit/workspace/test_moved",)),
     )
 }
 

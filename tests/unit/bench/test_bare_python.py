@@ -21,12 +21,13 @@ for name in ("yaml", "pyparsing", "dateutil", "six"):
         sys.path.append("/usr/lib/python3/dist-packages")
         __import__(name)
         sys.path.remove("/usr/lib/python3/dist-packages")
-for package in ("sim_bridge", "visual_servo_camera", "visual_servo_controller",
-                "visual_servo_bench"):
+for package in ("visual_servo_base", "sim_bridge", "visual_servo_camera",
+                "visual_servo_controller", "visual_servo_bench"):
     sys.path.append({str(SOURCES)!r} + f"/aras_{{package}}/src")
-from aras_visual_servo_bench.running.environment import ServoEnv
 from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.report import record, summary
+from aras_visual_servo_bench.numbers import summary
+from aras_visual_servo_bench.recording import record
+from aras_visual_servo_bench.running.environment import ServoEnv
 from aras_visual_servo_bench.running.loop import run
 bullet = run(Experiment(duration=0.2))
 assert len(bullet.stamp) > 4, bullet

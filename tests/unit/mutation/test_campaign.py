@@ -200,6 +200,8 @@ def test_an_area_without_sources_says_so(tmp_path: Path) -> None:
 def test_areas_are_where_the_table_says(area: Area) -> None:
     top = Path(__file__).parents[3]
     assert area.source_files(top) and area.test_files(top)
+    globs = (*area.sources, *area.without, *(f"{entry}*" for entry in area.tests))
+    assert [glob for glob in globs if not any(top.glob(glob))] == []
     assert [test for test in area.graph if not (top / test).is_file()] == []
 
 

@@ -1,0 +1,99 @@
+"""The command line of `tests/outcomes`."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import multiprocessing
+import secrets
+import sys
+import time
+from collections.abc import Iterable, Iterator
+
+from .kinds import KINDS, Trial
+from .table import TABLE, failures, markdown, section, summary
+from .trial import Judged, judged
+
+KEPT = 2016  # the seed that is kept; the other one is drawn anew at each run of the command
+FOLLOWED = 4  # the advice of one trial in so many is followed
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """0: every bound is met; 1: one is not; 2: no such kind."""
+    options = _parser().parse_args(arguments)
+    unknown = set(options.kinds) - set(KINDS)
+    if unknown:
+        print(f"outcomes: no kind '{min(unknown)}' among {', '.join(KINDS)}", file=sys.stderr)
+        return 2
+    if options.list:
+        for kind in KINDS.values():
+            print(f"{kind.name:32}{' or '.join(kind.right):32}{kind.text}")
+        return 0
+    began = time.monotonic()
+    drawn = secrets.randbelow(2**31) if options.seed is None else options.seed
+    seeds = (KEPT,) if options.kept else (KEPT, drawn)
+    print(f"seeds {', '.join(map(str, seeds))}; {options.runs} runs a kind", flush=True)
+    found = []
+    for result in carried_out(trials(seeds, options.runs, options.kinds), options.workers):
+        found.append(result)
+        if not result.right or result.mended is False or options.verbose:
+            print(_line(result), flush=True)
+    numbers = summary(found)
+    print(markdown(found))
+    if options.write:
+        TABLE.write_text(section(TABLE.read_text(encoding="utf-8"), found, seeds),
+                         encoding="utf-8")  # fmt: skip
+    missed = failures(numbers)
+    print(json.dumps({**numbers, "seconds": round(time.monotonic() - began), "missed": missed}))
+    return 1 if missed else 0
+
+
+def trials(seeds: Iterable[int], runs: int, names: Iterable[str] = ()) -> list[Trial]:
+    """`runs` trials of each kind, half of each seed where there are two."""
+    seeds = tuple(seeds)
+    chosen = [KINDS[name] for name in names or KINDS]
+    return [kind.trial(seeds[i % len(seeds)], i) for i in range(runs) for kind in chosen]
+
+
+def carried_out(chosen: list[Trial], workers: int) -> Iterator[Judged]:
+    """The trials' results, as they come to their ends."""
+    logging.disable(logging.CRITICAL)
+    if workers <= 1:
+        yield from map(_judged, chosen)
+        return
+    context = multiprocessing.get_context("fork")
+    with context.Pool(workers, maxtasksperchild=200) as pool:
+        yield from pool.imap_unordered(_judged, chosen, chunksize=4)
+
+
+def _judged(trial: Trial) -> Judged:
+    return judged(trial, follow=trial.number % FOLLOWED == 0)
+
+
+def _line(result: Judged) -> str:
+    word = "ok   " if result.right else "WRONG"
+    if result.mended is False:
+        word = "ADVICE"
+    return (
+        f"{word} {result.kind} {result.number}: {result.said} ({result.reason}); "
+        f"{1e3 * result.distance:.2f} mm off"
+    )
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="tests/outcomes",
+        description="Provoke faults, and hold what the loop says of them against what is true.",
+        epilog=f"kinds: {', '.join(KINDS)}",
+    )
+    parser.add_argument("kinds", nargs="*", help="kinds of fault, or all")
+    parser.add_argument("--runs", type=int, default=30, help="of each kind (default 30)")
+    parser.add_argument("--seed", type=int, help="the second seed; drawn anew where not given")
+    parser.add_argument("--kept", action="store_true", help="the kept seed alone")
+    parser.add_argument("--workers", type=int, default=multiprocessing.cpu_count(),
+                        help="processes side by side (default: one a core)")  # fmt: skip
+    parser.add_argument("--list", action="store_true", help="the kinds, and what is right of them")
+    parser.add_argument("--verbose", action="store_true", help="a line for every run")
+    parser.add_argument("--write", action="store_true", help="write the table into docs/truth.md")
+    return parser

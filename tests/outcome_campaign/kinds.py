@@ -1,0 +1,477 @@
+"""What is provoked, by kinds; for each the outcomes that are right, written down before the run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+Draw = np.random.Generator
+Changes = dict[str, Any]
+
+# On the table of the Bullet arm, and at the same place before the other plants.
+TABLE = (0.0, 0.0, 0.591)
+PLANTS = ("chain", "chain", "free", "bullet")
+DOWN = np.pi  # roll of a camera that looks at the table
+# Corners of outlines without symmetry, parts of their size.
+OUTLINES = (
+    ((-0.5, -0.4), (0.5, -0.5), (0.35, 0.45), (-0.3, 0.3)),
+    ((-0.5, -0.3), (0.4, -0.5), (0.5, 0.5), (-0.15, 0.2)),
+    ((-0.5, -0.5), (0.5, -0.45), (0.1, -0.1), (-0.2, 0.5)),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something done to a run under way, `at` s after its first image.
+
+    what: "hold", "stop", "joints_end" (no joint states any more), "images_end" or "joints_stick".
+    """
+
+    what: str
+    at: float
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One run to be made: kind, its number, the experiment's keys, what is right, what is mended.
+
+    right: kinds of outcome that are right; 'converged' stands for 'converged up to ...' too.
+    mended: keys that change when the advice is followed, None for one that is left out; None:
+        there is nothing to follow.
+    """
+
+    kind: str
+    number: int
+    keys: Mapping[str, Any]
+    right: tuple[str, ...]
+    mended: Mapping[str, Any] | None = None
+    event: Event | None = None
+
+    @property
+    def mended_keys(self) -> dict[str, Any]:
+        """The experiment's keys once the advice is followed."""
+        return _changed(self.keys, self.mended or {})
+
+
+def _changed(keys: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Keys with changes, also of mappings within; None leaves a key out."""
+    result = dict(keys)
+    for name, value in changes.items():
+        if value is None:
+            result.pop(name, None)
+        elif isinstance(value, Mapping) and isinstance(result.get(name), Mapping):
+            result[name] = _changed(result[name], value)
+        else:
+            result[name] = value
+    return result
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of fault: how its experiments are drawn, and what is right of them."""
+
+    name: str
+    draw: Callable[[Draw], Changes]
+    right: tuple[str, ...]
+    mended: Mapping[str, Any] | None = None
+    event: Callable[[Draw], Event] | None = None
+    text: str = field(default="", compare=False)
+
+    def trial(self, seed: int, number: int) -> Trial:
+        """The trial of a number; the same for the same seed."""
+        random = np.random.default_rng([seed, number, *self.name.encode()])
+        keys = {"seed": int(random.integers(2**31)), **self.draw(random)}
+        event = None if self.event is None else self.event(random)
+        return Trial(self.name, number, keys, self.right, self.mended, event)
+
+
+KINDS: dict[str, Kind] = {}
+
+
+def kind(
+    *right: str,
+    mended: Mapping[str, Any] | None = None,
+    event: Callable[[Draw], Event] | None = None,
+) -> Callable[[Callable[[Draw], Changes]], Callable[[Draw], Changes]]:
+    """Enter a function that draws an experiment's keys as a kind of its name."""
+
+    def enter(draw: Callable[[Draw], Changes]) -> Callable[[Draw], Changes]:
+        name = draw.__name__
+        KINDS[name] = Kind(name, draw, right, mended, event, (draw.__doc__ or "").strip())
+        return draw
+
+    return enter
+
+
+# -- what experiments have in common -----------------------------------------------------------
+
+
+def sampler(random: Draw, height: tuple[float, float] = (0.2, 0.32)) -> Changes:
+    """Starts with the target in view, at other heights each."""
+    return {"height": list(height), "side": random.uniform(0.02, 0.05),
+            "turn": random.uniform(0.2, 0.8)}  # fmt: skip
+
+
+def placed(random: Draw, shape: Any = None, size: float | None = None) -> Changes:
+    """A target on the table, some way off its middle; without symmetry if no shape is named."""
+    size = float(random.uniform(0.05, 0.08)) if size is None else size
+    if shape is None:
+        outline = OUTLINES[random.integers(len(OUTLINES))]
+        shape = [[size * x, size * y] for x, y in outline]
+    x, y = random.uniform(-0.02, 0.02, 2)
+    return {"shape": shape, "size": [size, size],
+            "pose": [float(x), float(y), TABLE[2], 0.0, 0.0, float(random.uniform(-0.5, 0.5))]}
+
+
+def goal_above(random: Draw, tilt: float = 0.0) -> Changes:
+    """A camera's pose above the table's middle, at which the goal is shown."""
+    x, y = random.uniform(-0.01, 0.01, 2)
+    return {"pose": [float(x), float(y), TABLE[2] + float(random.uniform(0.24, 0.3)),
+                     DOWN + tilt * float(random.uniform(-1, 1)),
+                     tilt * float(random.uniform(-1, 1)), 0.0]}  # fmt: skip
+
+
+def healthy(random: Draw, plants: tuple[str, ...] = PLANTS,
+            schemes: tuple[str, ...] = ("points", "moments", "segments", "pose")) -> Changes:
+    """A run that nothing is wrong with."""
+    plant = str(random.choice(plants))
+    keys: Changes = {
+        "plant": plant, "scheme": str(random.choice(schemes)), "start": sampler(random),
+        "duration": 8.0, "linger": 0.3, "gain": float(random.uniform(1.5, 3.0)),
+    }  # fmt: skip
+    # The demo's two plates for those that are made for them, else four corners.
+    if keys["scheme"] not in ("points", "moments") or random.random() < 0.5:
+        keys |= {"target": placed(random), "goal": goal_above(random)}
+    return keys
+
+
+def pictured(random: Draw, **given: Any) -> Changes:
+    """The same by pictures; `pose` is left to targets that are large enough for it, or markers."""
+    given.setdefault("schemes", ("points", "moments", "segments"))
+    return {**healthy(random, **given), "features": "pictures"}
+
+
+# -- nothing wrong -----------------------------------------------------------------------------
+
+
+@kind("converged")
+def exact_features(random: Draw) -> Changes:
+    """Nothing wrong, exact features of any scheme."""
+    keys = healthy(random, ("chain", "free"), ("points", "moments", "segments", "lines", "pose"))
+    return {**keys, "features": "exact"}
+
+
+@kind("converged")
+def pictures(random: Draw) -> Changes:
+    """Nothing wrong, pictures."""
+    return pictured(random)
+
+
+@kind("converged")
+def noisy_pictures(random: Draw) -> Changes:
+    """Pictures with noise of 1 to 5 grey levels."""
+    return {**pictured(random), "noise": float(random.uniform(1.0, 5.0))}
+
+
+@kind("converged")
+def jittered_features(random: Draw) -> Changes:
+    """Exact features that jitter by 0.05 to 0.3 px."""
+    keys = healthy(random, ("chain", "free"))
+    return {**keys, "features": "exact", "jitter": float(random.uniform(0.05, 0.3))}
+
+
+@kind("converged")
+def small_target(random: Draw) -> Changes:
+    """A target of 25 to 45 mm, ten to twenty pixels wide, by pictures."""
+    keys = pictured(random)
+    return {**keys, "target": placed(random, size=float(random.uniform(0.025, 0.045))),
+            "goal": goal_above(random)}  # fmt: skip
+
+
+@kind("converged")
+def marker_target(random: Draw) -> Changes:
+    """Points or pose before a marker of 4 to 8 cm, by pictures with a little noise."""
+    keys = pictured(random, schemes=("points", "pose"))
+    return {**keys, "target": placed(random, "marker", float(random.uniform(0.04, 0.08))),
+            "goal": goal_above(random), "noise": float(random.uniform(0.0, 2.0))}  # fmt: skip
+
+
+@kind("converged")
+def wrong_depth(random: Draw) -> Changes:
+    """A believed depth between 0.6 and 1.6 times the true one."""
+    keys = healthy(random, ("chain", "free"))
+    return {**keys, "believed": {"depth": float(random.choice([0.6, 0.75, 1.3, 1.6]))}}
+
+
+@kind("converged")
+def rate_known(random: Draw) -> Changes:
+    """A target that moves at 30 mm/s, before a scheme that knows so."""
+    return {
+        "plant": str(random.choice(["chain", "free"])), "features": "exact",
+        "scheme": "outcome_campaign.schemes:Following", "target": {
+            **placed(random), "motion": {"velocity": [0.03, 0, 0, 0, 0, 0]}},
+        "goal": goal_above(random), "start": sampler(random), "duration": 6.0, "linger": 0.5,
+        "gain": 3.0,
+    }  # fmt: skip
+
+
+# -- a camera that is not as believed ----------------------------------------------------------
+
+
+@kind("converged")
+def goal_shown_by_wrong_focal(random: Draw) -> Changes:
+    """The goal shown by the camera itself; its focal length is believed 5 to 30 % off."""
+    keys = pictured(random)
+    focal = float(random.choice([0.8, 0.95, 1.05, 1.15, 1.3]))
+    return {**keys, "goal": goal_above(random, 0.05), "target": placed(random),
+            "believed": {"focal": focal}}  # fmt: skip
+
+
+@kind("converged")
+def goal_shown_by_wrong_centre(random: Draw) -> Changes:
+    """The goal shown by the camera itself; its principal point is believed 10 px off."""
+    keys = pictured(random)
+    return {**keys, "goal": goal_above(random, 0.05), "target": placed(random),
+            "believed": {"centre": [float(random.choice([-10, 10])), 6.0]}}  # fmt: skip
+
+
+@kind("converged", "wrong_camera_model")
+def goal_shown_by_wrong_mounting(random: Draw) -> Changes:
+    """The goal shown by the camera itself, which is mounted 5 to 12 degrees off."""
+    keys = healthy(random, ("chain", "bullet"))
+    turn = float(np.radians(random.uniform(5.0, 12.0)))
+    axis = random.choice(3)
+    return {**keys, "believed": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}
+
+
+@kind("wrong_camera_model", mended={"believed": None})
+def goal_of_another_camera(random: Draw) -> Changes:
+    """A goal worked out for the camera as it is; its focal length is believed 1.5 to 1.7."""
+    return {"plant": "chain", "features": "pictures", "scheme": "moments", "duration": 8.0,
+            "goal": "2016", "start": sampler(random), "linger": 0.3,
+            "believed": {"focal": float(random.uniform(1.5, 1.7))}}  # fmt: skip
+
+
+@kind("wrong_camera_model", mended={"believed": None})
+def camera_turned_in_its_mount(random: Draw) -> Changes:
+    """A camera that is mounted 35 to 50 degrees about its axis from where it is believed."""
+    keys = healthy(random, ("chain",), ("points",))
+    turn = float(np.radians(random.uniform(35.0, 50.0)) * random.choice([-1, 1]))
+    return {**keys, "features": "exact", "believed": {"rpy": [turn, 0.0, 0.0]}}
+
+
+# -- the target --------------------------------------------------------------------------------
+
+
+@kind("target_lost", mended={"target": {"motion": None}})
+def target_leaves(random: Draw) -> Changes:
+    """The target leaves the view faster than the camera follows."""
+    v = random.uniform(1.2, 1.8)
+    a = random.uniform(0, 2 * np.pi)
+    motion = {"velocity": [v * np.cos(a), v * np.sin(a), 0, 0, 0, 0],
+              "begin": float(random.uniform(0.3, 0.6))}  # fmt: skip
+    return {**healthy(random, ("chain",)), "goal": "2016", "target": {"motion": motion}}
+
+
+@kind("target_lost", mended={"target": {"motion": None}})
+def target_covered(random: Draw) -> Changes:
+    """Something is laid over the whole target while the arm servoes: no pictures of it remain."""
+    keys = pictured(random, plants=("chain",))
+    keys |= {"target": placed(random), "goal": goal_above(random)}
+    keys["target"]["motion"] = {"step": [3.0, 0.0, 0.0], "begin": float(random.uniform(0.3, 0.8))}
+    return keys
+
+
+@kind("target_moves", mended={"target": {"motion": None}})
+def target_drifts(random: Draw) -> Changes:
+    """The target moves steadily at 10 to 40 mm/s, which the scheme does not know."""
+    v, a = random.uniform(0.01, 0.04), random.uniform(0, 2 * np.pi)
+    target = placed(random)
+    target["motion"] = {"velocity": [v * np.cos(a), v * np.sin(a), 0, 0, 0, 0]}
+    return {**healthy(random, ("chain", "free")), "target": target, "goal": goal_above(random),
+            "duration": 6.0}  # fmt: skip
+
+
+@kind("target_moves", mended={"target": {"motion": None}})
+def target_swings(random: Draw) -> Changes:
+    """The target swings by 5 to 20 mm at 0.2 to 0.6 Hz."""
+    a, b = random.uniform(0.005, 0.02, 2)
+    target = placed(random)
+    target["motion"] = {"amplitude": [a, b, 0.0], "frequency": float(random.uniform(0.2, 0.6))}
+    return {**healthy(random, ("chain", "free")), "target": target, "goal": goal_above(random),
+            "duration": 8.0}  # fmt: skip
+
+
+@kind("converged")
+def target_pushed_once(random: Draw) -> Changes:
+    """The target is pushed by 1 to 2 cm while the arm servoes, and lies still again."""
+    target = placed(random)
+    a = random.uniform(0, 2 * np.pi)
+    target["motion"] = {"step": [0.015 * np.cos(a), 0.015 * np.sin(a), 0.0],
+                        "begin": float(random.uniform(0.3, 0.6))}  # fmt: skip
+    return {**healthy(random, ("chain", "free")), "target": target, "goal": goal_above(random)}
+
+
+@kind("wrong_object")
+def other_object(random: Draw) -> Changes:
+    """A long strip lies where the goal's target was."""
+    width = random.uniform(0.05, 0.07)
+    strip = [[-width, -0.008], [width, -0.008], [width, 0.008], [-width, 0.02]]
+    return {"plant": "chain", "scheme": "moments", "start": sampler(random), "duration": 8.0,
+            "linger": 0.3, "goal": "2016",
+            "target": {"shape": strip, "pose": [0.0, 0.0, 0.59, 0.0, 0.0, 0.0]}}  # fmt: skip
+
+
+@kind("converged")
+def same_from_four_sides(random: Draw) -> Changes:
+    """A square by points, from a start that is turned by 60 to 120 degrees: any of its four
+    headings looks like the goal."""
+    keys = healthy(random, ("chain", "free"), ("points",))
+    return {**keys, "features": "exact", "target": placed(random, "square"),
+            "goal": goal_above(random)}  # fmt: skip
+
+
+# -- the arm -----------------------------------------------------------------------------------
+
+
+@kind("out_of_reach", mended={"goal": "2016"})
+def goal_below_reach(random: Draw) -> Changes:
+    """A goal pose that the arm cannot take: too low over the table."""
+    z = float(random.uniform(0.66, 0.71))
+    return {**healthy(random, ("chain",), ("moments",)), "target": {},
+            "goal": {"pose": [0.0, 0.0, z, DOWN, 0.0, 0.0]}}  # fmt: skip
+
+
+@kind("joint_limit", mended={"options": None})
+def limit_in_the_way(random: Draw) -> Changes:
+    """The gantry's limit lies before the goal."""
+    upper = float(random.uniform(-0.12, -0.08))
+    return {"plant": "chain", "scheme": str(random.choice(["moments", "points"])),
+            "options": {"upper": {"gantry": upper}}, "goal": "2016",
+            "start": {"height": [0.2, 0.32], "side": 0.02, "turn": 0.8},
+            "duration": 8.0, "linger": 0.3}  # fmt: skip
+
+
+@kind("saturation", mended={"options": None})
+def joints_too_slow(random: Draw) -> Changes:
+    """Joints that may move at 5 to 12 mrad/s only."""
+    return {**healthy(random, ("chain",)),
+            "options": {"max_velocity": float(random.uniform(0.005, 0.012))}}  # fmt: skip
+
+
+@kind("joints_do_not_follow", mended={"lag": 0.04})
+def joints_stay_behind(random: Draw) -> Changes:
+    """Joints that follow their commands with a lag of 3 to 8 s."""
+    return {**healthy(random, ("chain",)), "lag": float(random.uniform(3.0, 8.0))}
+
+
+@kind("joints_do_not_follow", event=lambda random: Event("joints_stick", random.uniform(0.2, 0.5)))
+def joints_stick(random: Draw) -> Changes:
+    """All joints stand still from a moment on, whatever is commanded: a blocked arm."""
+    return healthy(random, ("chain",))
+
+
+# -- the loop ----------------------------------------------------------------------------------
+
+
+@kind("gain_too_high", mended={"gain": 2.0})
+def gain_far_too_high(random: Draw) -> Changes:
+    """A gain of 42 to 50 at 30 images a second."""
+    return {**healthy(random, ("chain",)), "gain": float(random.uniform(42.0, 50.0))}
+
+
+@kind("gain_too_high", mended={"gain": 1.0, "delay": 0.015})
+def delay_too_long(random: Draw) -> Changes:
+    """A delay of 0.25 to 0.4 s at a gain that swings with it."""
+    delay = float(random.uniform(0.25, 0.4))
+    return {**healthy(random, ("chain", "free")), "delay": delay,
+            "gain": float(random.uniform(1.3, 1.7) / delay)}  # fmt: skip
+
+
+@kind("converged", "too_few_images")
+def images_seldom(random: Draw) -> Changes:
+    """One and a half to two and a half images a second."""
+    rate = float(random.uniform(1.5, 2.5))
+    return {**healthy(random, ("chain", "free")), "features": "exact", "duration": 12.0,
+            "camera": {"horizontal_fov": 2.0, "update_rate": rate}}  # fmt: skip
+
+
+@kind("timed_out", mended={"gain": 3.0, "duration": 10.0})
+def gain_too_low(random: Draw) -> Changes:
+    """A gain of 0.1 to 0.2 for four seconds."""
+    return {**healthy(random, ("chain", "free")), "gain": float(random.uniform(0.1, 0.2)),
+            "duration": 4.0}  # fmt: skip
+
+
+@kind("too_few_images", "converged", mended={"camera": {"effects": None}, "gain": 2.0})
+def images_dropped(random: Draw) -> Changes:
+    """The camera drops 95 to 97 of 100 images."""
+    drop = float(random.uniform(0.95, 0.97))
+    return {**healthy(random, ("chain",)), "gain": 1.0,
+            "camera": {"horizontal_fov": 2.0, "effects": {"drop_probability": drop}}}  # fmt: skip
+
+
+@kind("too_few_images", event=lambda random: Event("images_end", random.uniform(0.3, 0.7)))
+def camera_dies(random: Draw) -> Changes:
+    """No image comes any more from a moment on."""
+    return {**healthy(random), "gain": 1.0}
+
+
+@kind("no_joint_states", event=lambda random: Event("joints_end", random.uniform(0.3, 0.7)))
+def joint_states_end(random: Draw) -> Changes:
+    """No joint states come any more from a moment on."""
+    return {**healthy(random, ("chain", "bullet")), "gain": 1.0}
+
+
+@kind("held", event=lambda random: Event("hold", random.uniform(0.2, 0.6)))
+def held_by_service(random: Draw) -> Changes:
+    """`hold` is called while the arm servoes."""
+    return {**healthy(random), "gain": 1.0}
+
+
+@kind("stopped", event=lambda random: Event("stop", random.uniform(0.2, 0.6)))
+def stopped_by_service(random: Draw) -> Changes:
+    """`stop` is called while the arm servoes."""
+    return {**healthy(random), "gain": 1.0}
+
+
+# -- the scheme --------------------------------------------------------------------------------
+
+
+@kind("scheme_fault", mended={"scheme": "points"})
+def scheme_raises(random: Draw) -> Changes:
+    """A scheme that raises."""
+    return {**healthy(random, ("chain", "free")), "scheme": "outcome_campaign.schemes:Broken"}
+
+
+@kind("scheme_fault", mended={"scheme": "points"})
+def scheme_not_finite(random: Draw) -> Changes:
+    """A feature that is NaN."""
+    return {**healthy(random, ("chain", "free")), "scheme": "outcome_campaign.schemes:NotFinite"}
+
+
+@kind("local_minimum")
+def features_contradict(random: Draw) -> Changes:
+    """Features that cannot all be at their goals."""
+    return {**healthy(random, ("chain",)), "scheme": "outcome_campaign.schemes:Contrary"}
+
+
+@kind("singular")
+def directions_unseen(random: Draw) -> Changes:
+    """Two independent features that are to move the camera in six directions."""
+    return {**healthy(random, ("chain",)), "scheme": "outcome_campaign.schemes:Dependent"}
+
+
+@kind("camera_retreat", "target_lost", mended={"options": {"interaction": "mean"}})
+def half_turn_by_points(random: Draw) -> Changes:
+    """Points from a start turned by 172 to 180 degrees about the optical axis, L current."""
+    goal = goal_above(random)
+    x, y, z, *_ = goal["pose"]
+    turn = float(np.radians(random.uniform(174.0, 180.0)))
+    return {"plant": "free", "features": "exact", "scheme": "points", "goal": goal,
+            "options": {"interaction": "current"}, "target": placed(random),
+            "start": {"pose": [x, y, z, DOWN, 0.0, turn]}, "duration": 10.0, "linger": 0.3,
+            "gain": 2.0}  # fmt: skip

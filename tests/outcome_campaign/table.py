@@ -1,0 +1,110 @@
+"""The campaign's table, its numbers and their bounds."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from .kinds import KINDS
+from .trial import Judged
+
+TABLE = Path(__file__).parents[2] / "docs" / "truth.md"
+TITLE = "## What the loop says of its runs"
+ALL, EACH = 0.95, 0.85  # least parts that are told right, of all runs and of each kind
+EXCEEDED, WORST = 0.005, 1.5  # of what is left open: part of the runs, and times of it
+WIDTH = 3.0  # times the median error that the median of what is left open may be
+
+
+def summary(found: Sequence[Judged]) -> dict[str, float]:
+    """The numbers that the bounds are for."""
+    by_kind = {name: [f.right for f in found if f.kind == name] for name in KINDS}
+    there = [f for f in found if f.converged]
+    excess = np.array([f.excess for f in there])
+    followed = [f.mended for f in found if f.mended is not None]
+    numbers = {
+        "runs": len(found),
+        "right": _part([f.right for f in found]),
+        "least_kind": min(_part(rights) for rights in by_kind.values() if rights),
+        "converged": len(there),
+        "exceeded": _part(list(excess > 1.0)),
+        "worst": float(excess.max(initial=0.0)),
+        "advice_followed": len(followed),
+        "advice_right": _part(followed),
+    }
+    for part in ("distance", "angle"):
+        errors = np.array([getattr(f, part) for f in there])
+        bounds = np.array([getattr(f, f"open_{part}") for f in there])
+        if len(there):
+            numbers[f"median_{part}"] = float(np.median(errors))
+            numbers[f"median_open_{part}"] = float(np.median(bounds))
+    return numbers
+
+
+def failures(numbers: dict[str, float]) -> list[str]:
+    """The bounds that are not met, in words."""
+    checks = {
+        f"right in {ALL:.0%} of all": numbers["right"] >= ALL,
+        f"right in {EACH:.0%} of each kind": numbers["least_kind"] >= EACH,
+        f"left open exceeded in {EXCEEDED:.1%} at most": numbers["exceeded"] <= EXCEEDED,
+        f"left open never exceeded {WORST:g} times": numbers["worst"] <= WORST,
+        f"advice right in {EACH:.0%}": numbers["advice_right"] >= EACH,
+    }
+    for part in ("distance", "angle"):
+        if f"median_{part}" in numbers:
+            width = numbers[f"median_open_{part}"] / max(numbers[f"median_{part}"], 1e-9)
+            checks[f"{part} left open within {WIDTH:g} times the median error"] = width <= WIDTH
+    return [name for name, met in checks.items() if not met]
+
+
+def markdown(found: Sequence[Judged]) -> str:
+    """A row for each kind, and a sentence of what is left open."""
+    rows = [
+        "| provoked | right is | said | right | advice followed |",
+        "|---|---|---|---|---|",
+    ]
+    for name, kind in KINDS.items():
+        of_kind = [f for f in found if f.kind == name]
+        if not of_kind:
+            continue
+        said = Counter("converged" if f.converged else f.said for f in of_kind)
+        words = ", ".join(f"{word} {count}" for word, count in said.most_common())
+        followed = [f.mended for f in of_kind if f.mended is not None]
+        advice = f"{sum(followed)} of {len(followed)} then converge" if followed else ""
+        text = kind.text.replace("\n    ", " ")
+        rows.append(
+            f"| {text} | {' or '.join(kind.right)} | {words} | "
+            f"{sum(f.right for f in of_kind)} of {len(of_kind)} | {advice} |"
+        )
+    numbers = summary(found)
+    text = "\n".join(rows)
+    if "median_distance" in numbers:
+        text += (
+            f"\n\nRight in {numbers['right']:.1%} of {numbers['runs']} runs. Of "
+            f"{numbers['converged']} that were called converged, {numbers['exceeded']:.1%} were "
+            f"farther from the goal than was left open, {numbers['worst']:.2f} times at most. "
+            f"Median error {1e3 * numbers['median_distance']:.2f} mm and "
+            f"{np.degrees(numbers['median_angle']):.3f} degrees, median of what is left open "
+            f"{1e3 * numbers['median_open_distance']:.2f} mm and "
+            f"{np.degrees(numbers['median_open_angle']):.3f} degrees."
+        )
+    return text
+
+
+def section(text: str, found: Sequence[Judged], seeds: Sequence[int]) -> str:
+    """A page's text with this campaign's section in place of the one before."""
+    before = text.partition(TITLE)[0].rstrip()
+    _, _, after = text.partition(TITLE)
+    _, mark, rest = after.partition("\n## ")
+    head = (
+        f"{TITLE}\n\nMade by `tests/outcomes --write`, seeds {' and '.join(map(str, seeds))}. "
+        "Faults of known kinds are provoked; which outcomes are right is written down before the "
+        "run. *converged* is right only where the camera stands within what is left open.\n\n"
+    )
+    return f"{before}\n\n{head}{markdown(found)}\n" + (mark + rest if mark else "")
+
+
+def _part(values: Sequence[bool]) -> float:
+    return float(np.mean(values)) if len(values) else 1.0

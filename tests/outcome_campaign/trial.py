@@ -1,0 +1,131 @@
+"""One trial carried out: the run, what was said of it, and what is true."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.plants import CameraReading
+from aras_visual_servo_bench.recording.run import Run
+from aras_visual_servo_bench.running.loop import Loop
+
+from .kinds import Event, Trial
+
+ONCE = ("hold", "stop")
+REFUSED = "refused"  # the experiment could not be made: never right
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What came of a trial.
+
+    said, reason, remedy: the loop's. distance, angle: of the true camera from its goal at the end,
+    m and rad. open_distance, open_angle: what 'converged' leaves open, m and rad; NaN without it.
+    right: whether what was said is what was written down before. mended: whether the run succeeds
+    once the advice is followed; None: not tried.
+    """
+
+    kind: str
+    number: int
+    said: str
+    reason: str
+    remedy: str
+    distance: float
+    angle: float
+    open_distance: float
+    open_angle: float
+    right: bool
+    mended: bool | None = None
+
+    @property
+    def converged(self) -> bool:
+        """Whether the loop held that it is at its goal."""
+        return self.said.startswith("converged")
+
+    @property
+    def excess(self) -> float:
+        """How many times what was left open the camera is off, the worse of the two parts."""
+        return max(self.distance / self.open_distance, self.angle / self.open_angle)
+
+
+class Disturbed:
+    """A plant to which an event happens; everything else is the plant's own."""
+
+    def __init__(self, plant: Any, event: Event) -> None:
+        self._plant, self._event = plant, event
+        self.happened = False
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._plant, name)
+
+    def advance(self, until_ns: int) -> list[Any]:
+        """As the plant's, without the readings that have ended."""
+        readings = self._plant.advance(until_ns)
+        if not self.happened:
+            return readings
+        ended = {"images_end": True, "joints_end": False}.get(self._event.what)
+        return [r for r in readings if ended is None or isinstance(r, CameraReading) != ended]
+
+    def command(self, kind: str, values: Any) -> None:
+        """As the plant's; joints that stick get none."""
+        if not (self.happened and self._event.what == "joints_stick"):
+            self._plant.command(kind, values)
+
+
+def carried_out(keys: Mapping[str, Any], event: Event | None = None) -> Run:
+    """The run of an experiment's keys, to which an event happens."""
+    experiment = Experiment.from_mapping(keys)
+    parts = assemble(experiment)
+    if event is not None:
+        parts.plant = Disturbed(parts.plant, event)
+    loop = Loop(experiment, parts)
+    try:
+        while not loop.over:
+            loop.to_image()
+            if event is not None and not parts.plant.happened and loop.servo_time >= event.at:
+                parts.plant.happened = True
+                if event.what in ONCE:
+                    getattr(loop.servo, event.what)(f"{event.what} was called")
+        return loop.result()
+    finally:
+        loop.close()
+
+
+def judged(trial: Trial, follow: bool) -> Judged:
+    """Carry a trial out and hold what was said against what is right and what is true.
+
+    Args:
+        follow: also follow the advice, where the kind says how.
+    """
+    try:
+        run = carried_out(trial.keys, trial.event)
+    except ExperimentError as error:
+        nothing = (np.nan,) * 4
+        return Judged(trial.kind, trial.number, REFUSED, str(error), "", *nothing, right=False)
+    found = Judged(
+        trial.kind, trial.number, run.outcome, run.reason, run.mend, run.verdict.distance,
+        run.verdict.angle, *left_open(run), right=False,
+    )  # fmt: skip
+    family = "converged" if found.converged else found.said
+    right = family in trial.right and not (found.converged and found.excess > 1.5)
+    mended = None
+    if follow and right and trial.mended is not None:
+        try:
+            mended = carried_out(trial.mended_keys).outcome.startswith("converged")
+        except ExperimentError:
+            mended = False
+    return Judged(**{**vars(found), "right": right, "mended": mended})
+
+
+def left_open(run: Run) -> tuple[float, float]:
+    """What the loop leaves open where it has converged, m and rad."""
+    if not run.outcome.startswith("converged"):
+        return np.nan, np.nan
+    # Of a loop that states no bound, the experiment's own idea of being there.
+    return getattr(run, "open_distance", 0.3e-3), getattr(run, "open_angle", 0.00524)

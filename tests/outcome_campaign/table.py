@@ -94,16 +94,20 @@ def markdown(found: Sequence[Judged]) -> str:
 
 
 def section(text: str, found: Sequence[Judged], seeds: Sequence[int]) -> str:
-    """A page's text with this campaign's section in place of the one before."""
+    """A page's text with this campaign's section, its last, in place of the one before."""
     before = text.partition(TITLE)[0].rstrip()
-    _, _, after = text.partition(TITLE)
-    _, mark, rest = after.partition("\n## ")
     head = (
         f"{TITLE}\n\nMade by `tests/outcomes --write`, seeds {' and '.join(map(str, seeds))}. "
         "Faults of known kinds are provoked; which outcomes are right is written down before the "
         "run. *converged* is right only where the camera stands within what is left open.\n\n"
     )
-    return f"{before}\n\n{head}{markdown(found)}\n" + (mark + rest if mark else "")
+    return f"{before}\n\n{head}{markdown(found)}\n"
+
+
+def section_of(text: str) -> str:
+    """This campaign's section of a page, with the empty line before; empty where it has none."""
+    _, title, section = text.partition(TITLE)
+    return f"\n{title}{section}" if title else ""
 
 
 def _part(values: Sequence[bool]) -> float:

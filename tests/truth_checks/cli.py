@@ -9,6 +9,8 @@ import sys
 import time
 from pathlib import Path
 
+from outcome_campaign.table import section_of
+
 from . import dynamics, joints, motion, repeats, storms, vision  # noqa: F401 (they enter their checks)
 from .check import CHECKS, Check, Row
 
@@ -66,7 +68,8 @@ def main(arguments: list[str] | None = None) -> int:
             print(line(check, row), flush=True)
         print(f"    {time.process_time() - began:.1f} s", flush=True)
     if options.write:
-        TABLE.write_text(_HEAD + "".join(markdown(c, r) for c, r in found) + _TAIL,
+        kept = section_of(TABLE.read_text(encoding="utf-8")) if TABLE.exists() else ""
+        TABLE.write_text(_HEAD + "".join(markdown(c, r) for c, r in found) + _TAIL + kept,
                          encoding="utf-8")
     failed = [f"{c.name}: {r.what}" for c, r in found if not r.passed]
     print(json.dumps({"rows": len(found), "failed": failed}))

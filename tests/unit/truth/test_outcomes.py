@@ -1,0 +1,109 @@
+"""The campaign that holds the loop's word against the truth: its kinds, events and sums."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import pytest
+
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.plants.base import CameraReading, JointReading
+from outcome_campaign import cli
+from outcome_campaign.kinds import KINDS, Event, Trial
+from outcome_campaign.table import TITLE, failures, markdown, section, section_of, summary
+from outcome_campaign.trial import Disturbed, Judged
+
+RIGHT = Judged("pictures", 0, "converged", "", "", 1e-4, 2e-3, 3e-4, 5e-3, True)
+LOST = Judged("target_leaves", 1, "target_lost", "gone", "teach", 0.4, 0.1, math.nan, math.nan,
+              True, True)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_every_kind_draws_experiments_that_there_are(name):
+    kind = KINDS[name]
+    trials = [kind.trial(5, number) for number in range(4)]
+    for trial in trials:
+        Experiment.from_mapping(trial.keys)
+        Experiment.from_mapping(trial.mended_keys)
+    assert kind.text and kind.right
+    assert len({json.dumps(trial.keys, sort_keys=True) for trial in trials}) == 4
+    assert kind.trial(5, 2) == trials[2] != kind.trial(6, 2)
+
+
+def test_there_are_at_least_25_kinds():
+    assert len(KINDS) >= 25
+
+
+def test_following_an_advice_changes_keys_within_and_leaves_others():
+    keys = {"gain": 4.0, "target": {"size": [1, 2], "motion": {"circle": 1}}, "believed": {"a": 1}}
+    mended = {"target": {"motion": None}, "believed": None, "delay": 0.1}
+    assert Trial("k", 0, keys, ("converged",), mended).mended_keys == {
+        "gain": 4.0, "target": {"size": [1, 2]}, "delay": 0.1,
+    }  # fmt: skip
+    assert keys["target"]["motion"] == {"circle": 1}
+
+
+class Plant:
+    """Gives one reading of each sort; keeps what it is commanded."""
+
+    def __init__(self):
+        self.commands = []
+
+    def advance(self, until_ns):
+        return [JointReading(until_ns, ("a",), [0.0], [0.0]), CameraReading(until_ns)]
+
+    def command(self, kind, values):
+        self.commands.append((kind, values))
+
+
+@pytest.mark.parametrize(
+    "what, left",
+    [("images_end", [JointReading]), ("joints_end", [CameraReading]),
+     ("joints_stick", [JointReading, CameraReading])],
+)  # fmt: skip
+def test_an_event_takes_away_what_it_says_once_it_has_happened(what, left):
+    plant = Plant()
+    disturbed = Disturbed(plant, Event(what, 0.5))
+    assert len(disturbed.advance(1)) == 2
+    disturbed.command("position", [1.0])
+    disturbed.happened = True
+    assert [type(reading) for reading in disturbed.advance(2)] == left
+    disturbed.command("position", [2.0])
+    assert len(plant.commands) == (1 if what == "joints_stick" else 2)
+
+
+def test_the_sums_are_those_of_the_runs():
+    wrong = replace(RIGHT, distance=6e-4, right=False)
+    numbers = summary([RIGHT, RIGHT, wrong, LOST])
+    assert numbers["right"] == 0.75 and numbers["least_kind"] == pytest.approx(2 / 3)
+    assert numbers["converged"] == 3 and numbers["exceeded"] == pytest.approx(1 / 3)
+    assert numbers["worst"] == pytest.approx(2.0)
+    assert numbers["median_distance"] == 1e-4 and numbers["median_open_angle"] == 5e-3
+    assert numbers["advice_followed"] == 1 and numbers["advice_right"] == 1.0
+    assert len(failures(numbers)) == 4
+
+
+def test_bounds_are_met_by_what_is_right():
+    assert failures(summary([RIGHT, LOST])) == []
+    wide = replace(RIGHT, open_distance=3.1e-4)
+    assert failures(summary([wide])) == ["distance left open within 3 times the median error"]
+    beyond, name = replace(RIGHT, angle=5.1e-3), "left open exceeded in 0.5% at most"
+    assert name in failures(summary([beyond] + [RIGHT] * 150))
+    assert name not in failures(summary([beyond] + [RIGHT] * 250))
+
+
+def test_the_section_takes_the_place_of_the_one_before_and_is_kept_by_other_tables():
+    page = section("# What is true\n\nrows\n", [RIGHT], (1, 2))
+    assert page.count(TITLE) == 1 and "seeds 1 and 2" in page and "1 of 1" in page
+    again = section(page, [replace(RIGHT, right=False)], (3,))
+    assert again.count(TITLE) == 1 and "0 of 1" in again and again.startswith("# What is true")
+    assert again == f"# What is true\n\nrows\n{section_of(again)}"
+    assert section_of("# nothing here") == ""
+    assert "converged 1" in markdown([RIGHT])
+
+
+def test_an_unknown_kind_is_named(capsys):
+    assert cli.main(["cold"]) == 2
+    assert "no kind 'cold'" in capsys.readouterr().err

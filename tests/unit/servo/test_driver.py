@@ -295,6 +295,103 @@ def test_standing_by_sends_nothing():
     assert bench.servo.phase == "stopped" and bench.at_rest()
 
 
+def servoing(**given):
+    """A bench that servoes slowly, far from its goal."""
+    bench = Bench(gain=1.0, **given)
+    bench.step(60)
+    assert bench.servo.phase == "servoing"
+    return bench
+
+
+@pytest.mark.parametrize("silence", [0, 60])
+@pytest.mark.parametrize("off", [0.053, -0.4])
+def test_a_robot_that_was_made_anew_is_taken_up_where_it_stands(silence, off):
+    """Its new controllers hold it where it was put, and the old command was never sent again: the
+    loop waited for a joint that was 0.053 behind for ever."""
+    bench = servoing()
+    bench.joints = bench.images = False
+    bench.step(silence)
+    bench.joints = bench.images = True
+    bench.q = bench.q + off * np.array([1.0, 0.5, 0.3, 0.2, -0.3, 0.4])
+    bench.command = bench.q.copy()  # nobody told them anything yet
+    count, stood = len(bench.sent), bench.q.copy()
+    bench.driver.joints(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.5 * DT)
+    bench.step(1)
+    bench.step(10)
+    first = bench.sent[count][1].positions
+    assert np.abs(first - stood).max() < 0.02, "the arm would jump"
+    bench.step(1100)
+    assert bench.states[-1].phase == "converged" and bench.off()[0] < 1e-4
+
+
+def test_it_goes_to_its_start_again_where_the_robot_is_made_anew_on_the_way():
+    bench = Bench(start="2015")
+    bench.step(60)
+    assert bench.servo.phase == "approaching"
+    bench.q = bench.q + 0.2 * np.eye(6)[0]
+    bench.command = bench.q.copy()
+    bench.driver.joints(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.5 * DT)
+    count, stood = len(bench.sent), bench.q.copy()
+    bench.step(30)
+    path = np.array([stood, *(command.positions for _, command in bench.sent[count:])])
+    assert np.abs(np.diff(path, axis=0)).max() < 0.05, "the arm would jump"
+    bench.step(600)
+    assert bench.states[-1].phase == "converged"
+
+
+def stuck(bench, seconds, drift=0.0):
+    """Instants at which a bench is told its command again while its joints do not move."""
+    count, before = len(bench.sent), bench.command.copy()
+    away = -drift * np.sign(bench.command - bench.q)
+    for k in range(int(seconds / DT)):
+        bench.t, bench.wall, bench.n = bench.t + DT, bench.wall + DT, bench.n + 1
+        bench.driver.joints(bench.arm.names, bench.q + away * k * DT, away, bench.t)
+        if bench.n % 3 == 0:
+            bench.look(bench.t)
+        bench.driver.watch()
+    times = [t for t, _ in bench.sent[count:] if t > bench.t - 0.5 * seconds]
+    assert all(np.abs(c.positions - before).max() < 0.2 for _, c in bench.sent[count:])
+    return times
+
+
+def test_a_command_that_a_joint_does_not_follow_is_sent_again_ten_times_a_second_at_most():
+    bench = servoing(lead=0.05)
+    bench.step(1)
+    times = stuck(bench, 4.0)
+    assert "waiting for" in bench.states[-1].reason
+    assert 15 <= len(times) <= 21 and np.diff(times).min() > 0.1 - 1e-9
+
+
+@pytest.mark.parametrize("why", ["held", "stopped", "pressed", "released", "foreign"])
+def test_a_command_is_not_sent_again_where_the_arm_is_not_to_move(why):
+    bench = servoing()
+    if why == "held":
+        bench.driver.hold()
+    elif why == "stopped":
+        bench.driver.stop()
+    elif why in ("pressed", "released"):
+        bench.driver.emergency_stop(True)
+        if why == "released":
+            bench.driver.emergency_stop(False)
+    # a foreign controller takes the joints away from their commands
+    assert not stuck(bench, 4.0, drift=0.1 if why == "foreign" else 0.0)
+    if why == "released":
+        bench.driver.start()
+        assert stuck(bench, 4.0)
+
+
+def test_a_late_image_is_told_from_an_answered_one_by_its_value():
+    bench = servoing()
+    latest = bench.servo.state
+    assert latest.answers_image
+    late = bench.servo.see(bench.driver.observer.of_moments(
+        bench.t - 5.0, None, False, "no target", CAMERA))  # fmt: skip
+    assert not late.answers_image and "late" in late.reason and bench.servo.state is latest
+    bench.images = False
+    bench.step(60)
+    assert not bench.states[-1].answers_image  # a report between images
+
+
 def test_a_dry_run_sends_nothing():
     bench = Bench(dry=True)
     bench.step(60)

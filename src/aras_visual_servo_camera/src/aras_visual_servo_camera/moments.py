@@ -378,9 +378,8 @@ def _polygon_table(p: Array, order: int, label: str) -> Array:
     cross = _cross(p, q)
     nodes = p[:, None, :] + _NODES[None, :, None] * (q - p)[:, None, :]
     k = np.arange(order + 1)
-    px = nodes[..., 0, None] ** k
-    py = nodes[..., 1, None] ** k
-    table = np.einsum("e,n,eni,enj->ij", cross, _WEIGHTS, px, py, optimize=True)
+    px, py = (np.reshape(nodes[..., axis, None] ** k, (-1, order + 1)) for axis in (0, 1))
+    table = (np.outer(cross, _WEIGHTS).reshape(-1, 1) * px).T @ py
     table /= k[:, None] + k[None, :] + 2.0
     extent = float(np.abs(p).max())
     if abs(table[0, 0]) <= 1e-14 * extent**2:

@@ -85,7 +85,7 @@ class Loop:
 
     def report(self, state: ServoState) -> None:
         """Keep the answer to an image; what is reported in between is for those who watch."""
-        if state is not self.servo.state or state is self.state:
+        if not state.answers_image:
             return
         self._answered = True
         if state.phase != CONVERGED:

@@ -41,7 +41,10 @@ REPORT_PERIOD = 1.0 / 30.0  # s; without images, reports need not be faster than
 SILENT = 0.05  # s without a joint state after which time goes on by the clock
 STANDING = 0.5  # s of wall time after which a clock that does not go on is worth a word
 SKEW = 0.5  # s; stamps further off the clock are of another clock, or of none
-AT_REST = (WAITING, HOLDING, STOPPED)
+REPEAT_PERIOD = 0.1  # s between two sendings of a command that a joint does not follow
+# Two joint states are no motion where they differ by more than this part of `lead`, and by more
+# than so many times the way at their greater speed.
+JUMP, JUMP_SPEEDS = 0.5, 4.0
 
 Look = Callable[[JointSample | None, tuple[JointSample, ...]], Observation]
 
@@ -80,7 +83,7 @@ class Driver:
         self._joints_heard = self._images_heard = self._answered = wall()
         self._said_silence = -1e9
         self._moved = wall()  # when the clock last went on
-        self._starved = False
+        self._starved = self._e_stopped = False
         self.beginnings = 0  # how often joint states began to come
         self.source = Source("features", f"{settings.namespace}/camera/moments", "the camera node")
         self._clear()
@@ -123,6 +126,8 @@ class Driver:
                 return
             if not len(velocities):
                 sample = self.history.with_speed(sample)
+            if self._discontinuous(sample):
+                self.servo.joints_jumped()
             self.history.add(sample)
             command = self._tick(stamp, sample)
             if not self.settings.lockstep:
@@ -153,7 +158,7 @@ class Driver:
             return  # whatever it shows, nothing is known of the joints any more
         since = self._commanded_since(stamp)
         state = self.servo.see(look(joints, since))
-        if state is not self.servo.state:
+        if not state.answers_image:
             return  # late, or seen before
         if state.fault:
             self._face.say(state.fault)
@@ -194,7 +199,7 @@ class Driver:
     def start(self) -> None:
         """Servo."""
         with self._lock:
-            self._starved = False
+            self._starved = self._e_stopped = False
             self._answered = self._wall()
             self.servo.start()
 
@@ -207,6 +212,11 @@ class Driver:
         """Come smoothly to rest and hold still until `start`."""
         with self._lock:
             self.servo.hold(reason)
+
+    def emergency_stop(self, pressed: bool) -> None:
+        """The arm's emergency stop; after it no command is repeated until `start`."""
+        with self._lock:
+            self._e_stopped |= pressed
 
     def change(self, apply: Callable[[Servo], None]) -> None:
         """Change something of the loop between two of its steps."""
@@ -224,6 +234,8 @@ class Driver:
         self._time: float | None = None  # that the loop was last told
         self._now: float | None = None
         self._sent: np.ndarray | None = None
+        self._sent_at = 0.0
+        self._behind: np.ndarray | None = None  # (n,) that the joints lacked when it came to rest
         self._reported = -1e9
 
     def _follow(self) -> float:
@@ -266,7 +278,7 @@ class Driver:
         self._now_and_then(command, None, reason)
 
     def _send(self, command: Command, repeat: bool = False) -> None:
-        """Send; positions only when they are new, for their controllers keep them."""
+        """Send; positions that are not new only where a joint does not follow them."""
         values = command.positions
         if values is None:
             values = command.velocities if command.velocities is not None else command.efforts
@@ -275,11 +287,41 @@ class Driver:
         if self._sent is None and self.servo.phase == STOPPED:
             return  # standing by: whoever commands the joints now goes on doing so
         same = self._sent is not None and values.tolist() == self._sent.tolist()
-        if same and command.positions is not None and not repeat:
+        if not same:
+            self._behind = None
+        elif command.positions is not None and not (repeat or self._due_again(command)):
             return
-        self._sent = values
+        self._sent, self._sent_at = values, command.stamp
         if not self.settings.dry:
             self._face.send(command)
+
+    def _due_again(self, command: Command) -> bool:
+        """Whether a controller may not have heard a position command, as one that was loaded anew.
+
+        A joint that goes away from its command is in other hands.
+        """
+        newest = self.history.newest
+        if newest is None or self._e_stopped or not self.servo.waits_for_joints:
+            return False
+        behind = np.abs(command.positions - newest.positions)
+        if self._behind is None:
+            self._behind = behind
+        if (behind > self._behind + JUMP * np.asarray(self.servo.settings.lead)).any():
+            return False
+        return command.stamp - self._sent_at >= REPEAT_PERIOD - 1e-9
+
+    def _discontinuous(self, sample: JointSample) -> bool:
+        """Whether the joints were not heard of for long, or jumped since."""
+        newest = self.history.newest
+        if newest is None:
+            return False
+        dt = sample.stamp - newest.stamp
+        way = np.abs(sample.positions - newest.positions)
+        speed = np.maximum(np.abs(sample.velocities), np.abs(newest.velocities))
+        far = JUMP * np.asarray(self.servo.settings.lead)
+        return dt > self.settings.watchdog or bool(
+            ((way > far) & (way > JUMP_SPEEDS * speed * dt)).any()
+        )
 
     def _now_and_then(self, command: Command, joints: JointSample | None, reason: str = "") -> None:
         """Report without an image, at a camera's pace."""

@@ -22,6 +22,7 @@ class Motion:
     Attributes:
         command: (n,) rad or m; None before `begin`.
         velocity: (n,) at which it moved last.
+        waiting: whether the last `advance` waited for a joint that lags.
     """
 
     def __init__(self, names: Sequence[str], limits: Limits, settings: ServoSettings) -> None:
@@ -33,6 +34,7 @@ class Motion:
         """Nothing is commanded."""
         self.command: np.ndarray | None = None
         self.velocity = np.zeros(len(self.names))
+        self.waiting = False
         self._brake: tuple[np.ndarray, float, float] | None = None
 
     def begin(self, positions: np.ndarray) -> None:
@@ -66,7 +68,8 @@ class Motion:
             self.command, self.velocity, velocities, measured, self.limits.lower,
             self.limits.upper, self._lead, self.settings.lag, dt,
         )  # fmt: skip
-        if len(late):
+        self.waiting = len(late) > 0
+        if self.waiting:
             self.brake(dt)
             return "; ".join(
                 f"waiting for {self.names[i]}, which is {abs(after[i] - measured[i]):.3f} behind "

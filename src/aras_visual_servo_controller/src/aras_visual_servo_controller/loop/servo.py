@@ -16,6 +16,7 @@ the stamps and `tick` say, simulated or not; nothing here reads a clock of its o
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -116,6 +117,7 @@ class Servo:
         self.phase, self.reason = WAITING, ""
         self.state: ServoState | None = None
         self._motion.reset()
+        self._jumped = False
         if self._approach is not None:
             self._approach.reset()
         self.diagnosis.reset()
@@ -136,9 +138,9 @@ class Servo:
     def start(self) -> None:
         """Go on after `stop` or `hold`; the goal is taken up anew."""
         self._held = ""
-        if self.phase == STOPPED and self._joints is not None:
-            self._motion.take_up(self._joints.positions)
         if self.phase in (STOPPED, HOLDING):
+            if self._joints is not None:
+                self._motion.take_up(self._joints.positions)
             self.phase, self.reason = WAITING, ""
         self.diagnosis.reset()
         self._pause()
@@ -151,6 +153,17 @@ class Servo:
         """Come smoothly to rest and hold still until `start`, whatever is seen."""
         self._held = reason or "held"
         self._halt(HOLDING, self._held)
+
+    def joints_jumped(self) -> None:
+        """The joints may be elsewhere: command them from where they are, once the arm moves on."""
+        self._jumped = True
+
+    @property
+    def waits_for_joints(self) -> bool:
+        """Whether the command rests, on the way, until joints have followed it."""
+        if self.phase == APPROACHING:
+            return bool(self._approach.reason)
+        return self.phase in (SERVOING, CONVERGED) and self._motion.waiting
 
     @property
     def approaching(self) -> bool:
@@ -317,6 +330,7 @@ class Servo:
                 self._motion.brake(dt)
                 return ""
             velocities, reason = asked
+            self._take_up_jumped(measured)
             self._late = self._motion.advance(velocities, measured.positions, dt)
             return "; ".join(text for text in (reason, self._late) if text)
         self._motion.brake(dt)
@@ -335,6 +349,8 @@ class Servo:
 
     def _approached(self, t: float, dt: float, measured: JointSample) -> Command:
         self.phase = APPROACHING
+        if self._take_up_jumped(measured):
+            self._approach.reset()
         command = self._approach.command(t, dt, measured.positions)
         if dt > 0.0:
             self._motion.velocity = (command - self._motion.command) / dt
@@ -346,6 +362,13 @@ class Servo:
         return self._sent(t, measured, self.reason)
 
     # -- shared ----------------------------------------------------------------------------
+
+    def _take_up_jumped(self, measured: JointSample) -> bool:
+        """Command the joints from where they are, if they have jumped; whether they had."""
+        jumped, self._jumped = self._jumped, False
+        if jumped:
+            self._motion.begin(measured.positions)
+        return jumped
 
     @property
     def _answers_joints(self) -> bool:
@@ -387,11 +410,11 @@ class Servo:
         state = ServoState.of(
             observation.stamp, self.phase, self.reason if reason is None else reason, decision,
             resolution, joints or observation.joints or self._joints, self.command, seconds, fault,
+            answers_image=reason is None,
         )  # fmt: skip
         if reason is None:
             outcome = self.diagnosis.see(state, observation, self.goal, self.scheme, faulty)
-            object.__setattr__(state, "outcome", outcome.kind)
-            object.__setattr__(state, "mend", outcome.mend)
+            state = replace(state, outcome=outcome.kind, mend=outcome.mend)
             if decision is not None and self.phase == SERVOING and (
                 0.0 < self.settings.duration <= observation.stamp - self._began
             ):

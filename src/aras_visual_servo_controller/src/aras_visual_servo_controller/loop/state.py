@@ -120,6 +120,7 @@ class ServoState:
         command: (n,) positions that the integration stands at; None before the first.
         computing: s that the scheme took, where a clock was handed in.
         fault: traceback of the scheme's fault, in the state where it came up first.
+        answers_image: False for an image that came late, and for a report between images.
     """
 
     stamp: float
@@ -133,6 +134,7 @@ class ServoState:
     command: np.ndarray | None = None
     computing: float = 0.0
     fault: str = ""
+    answers_image: bool = False
 
     @classmethod
     def of(
@@ -146,11 +148,13 @@ class ServoState:
         command: np.ndarray | None,
         computing: float = 0.0,
         fault: str = "",
+        answers_image: bool = True,
     ) -> ServoState:
         """In the order of what is known of an image."""
         return cls(
             float(stamp), phase, reason=reason, decision=decision, resolution=resolution,
             joints=joints, command=command, computing=computing, fault=fault,
+            answers_image=answers_image,
         )  # fmt: skip
 
     @property

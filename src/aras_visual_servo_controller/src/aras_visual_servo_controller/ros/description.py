@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import xml.etree.ElementTree as ElementTree
 
 import rospy
 
@@ -40,3 +41,10 @@ class DescriptionWatch:
         elif beginnings is not None:
             self._beginnings = beginnings
         return ""
+
+
+def e_stop_topic(urdf: str, namespace: str) -> str:
+    """Topic (std_msgs/Bool) of the robot's emergency stop; empty where it has none."""
+    plugins = ElementTree.fromstring(urdf).iter("eStopTopic")
+    topic = next((plugin.text.strip() for plugin in plugins if plugin.text), "")
+    return topic if not topic or topic.startswith("/") else f"{namespace.rstrip('/')}/{topic}"

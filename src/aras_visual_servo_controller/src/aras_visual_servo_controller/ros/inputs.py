@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import rospy
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
 
 from ..loop.driver import Driver
 from ..settings import Settings
@@ -14,7 +15,8 @@ from .pictures import PICTURED, PictureInput
 class Inputs:
     """Subscribers of one driver."""
 
-    def __init__(self, settings: Settings, driver: Driver) -> None:
+    def __init__(self, settings: Settings, driver: Driver, e_stop: str = "") -> None:
+        """`e_stop`: topic of the arm's emergency stop; empty: it has none."""
         self._driver = driver
         topic = f"{settings.namespace.rstrip('/')}/joint_states"
         joints = rospy.Subscriber(
@@ -23,6 +25,10 @@ class Inputs:
         )  # fmt: skip
         images = PictureInput if driver.observer.needs & PICTURED else MeasurementInput
         self._subscribers = [joints, *images(settings, driver).subscribers]
+        if e_stop:
+            self._subscribers.append(rospy.Subscriber(
+                e_stop, Bool, lambda message: driver.emergency_stop(message.data)
+            ))  # fmt: skip
 
     def close(self) -> None:
         """Hear nothing any more."""

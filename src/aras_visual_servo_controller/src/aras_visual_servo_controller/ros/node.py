@@ -15,7 +15,7 @@ from ..errors import ConfigurationError
 from ..loop.driver import Driver
 from ..settings import Settings
 from .control import Control
-from .description import DescriptionWatch
+from .description import DescriptionWatch, e_stop_topic
 from .face import RosFace
 from .given import given_settings, robot_name
 from .goal_topics import GoalTopics
@@ -58,7 +58,7 @@ class ControllerNode:
             self._control = Control(settings.namespace.rstrip("/"), self)
             self._gains = GainServer(self)
         self._goal.announce(servo)
-        self._inputs = Inputs(settings, self.driver)
+        self._inputs = Inputs(settings, self.driver, e_stop_topic(urdf, settings.namespace))
 
     def spin(self) -> int:
         """Watch until ROS shuts down, on wall time: simulated time may stop. Exit status."""

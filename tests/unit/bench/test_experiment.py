@@ -60,17 +60,17 @@ def test_a_changed_experiment_is_checked_again():
         ({"renderer": "exakt"}, r"renderer is 'exakt': did you mean 'exact'\?"),
         ({"commands": "frames"}, "commands is 'frames'"),
         ({"gain": "3"}, "gain is '3', must be a finite number"),
-        ({"gain": 0}, "gain is 0.0, must be above 0"),
+        ({"gain": 0}, "gain is 0.0, must be > 0"),
         ({"gain": math.nan}, "gain is nan, must be a finite number"),
         ({"seed": True}, "seed is True, must be a whole number"),
         ({"seed": -1}, "seed is -1"),
         ({"friction": 1}, "friction is 1, must be true or false"),
         ({"delay": -0.1}, "delay is -0.1"),
-        ({"duration": 0}, "duration is 0 s"),
-        ({"camera_xyz": [1, 2]}, "camera_xyz has 2 values, must have 3"),
+        ({"duration": 0}, "duration is 0.0, must be > 0 s"),
+        ({"camera_xyz": [1, 2]}, r"camera_xyz is \[1, 2\], must be a list of 3 finite numbers"),
         ({"start": [0, math.inf]}, r"start\[1\] is inf, must be a finite number"),
         ({"start": {"height": [0.3, 0.2]}}, "start.height is 0.3 to 0.2"),
-        ({"reached": [0, 0.1]}, "reached must hold"),
+        ({"reached": [0, 0.1]}, r"reached\[0\] is 0.0, must be > 0"),
         ({"features": "exact", "noise": 2.0}, "noise is for pictures: give jitter"),
         ({"target": {"shape": [[0, 0], [1, 0], [0, 1]], "motion": {"step": [1, 0, 0]}}},
          "give its shape a pose"),
@@ -79,7 +79,8 @@ def test_a_changed_experiment_is_checked_again():
         ({"jitter": 1}, "give noise"),
         ({"plant": "free", "target": {"motion": {"amplitude": [1, 0, 0]}}}, "needs a frequency"),
         ({"plant": "free", "target": {"shape": "squar"}}, "did you mean 'square'"),
-        ({"plant": "free", "target": {"shape": "square", "size": [9, 9]}}, "the table's"),
+        ({"plant": "free", "target": {"shape": "square", "size": [9, 9]}},
+         r"target.size\[0\] is 9.0, must be <= 2 m, the table's"),
         ({"plant": "free", "traced": True}, "no steps"),
         ({"believed": {"focal": 0}}, "believed.focal is 0"),
         ({"robot": "ur5"}, "robot is 'ur5', must be keys with values"),
@@ -95,7 +96,7 @@ def test_what_cannot_be_run_is_refused_in_one_line(values, complaint):
 def test_a_file_that_is_none_or_never_ends_is_refused(tmp_path):
     with pytest.raises(ExperimentError, match="cannot read"):
         Experiment.from_yaml(tmp_path / "none.yaml")
-    with pytest.raises(ExperimentError, match="more than 1000000 bytes"):
+    with pytest.raises(ExperimentError, match="no ordinary file"):
         Experiment.from_yaml("/dev/zero")
     broken = tmp_path / "broken.yaml"
     broken.write_text("gain: [1")

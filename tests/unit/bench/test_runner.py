@@ -235,7 +235,7 @@ def test_starts_in_every_form_are_one():
         ({"start": {"height": [3.0, 4.0], "attempts": 3}}, "no start found in 3 attempts"),
         ({"goal": [0.0] * 5}, "goal is .0.0, 0.0.*for each of gantry, J1"),
         ({"goal": [9.0, 0, 0, 0, 0, 0]}, "goal puts gantry at 9.0000, outside its limits"),
-        ({"gain": -1.0}, "gain is -1.0, must be above 0"),
+        ({"gain": -1.0}, "gain is -1.0, must be > 0"),
         ({"gain": 1e9}, "gain is 1e.09 1/s, more than 1000"),
         ({"robot": {"urdf": "/nowhere.urdf"}}, "there is no file /nowhere.urdf"),
         ({"robot": "/nowhere.urdf"}, "robot is '/nowhere.urdf', must be keys with values"),

@@ -267,7 +267,8 @@ def test_a_motion_by_words():
 @pytest.mark.parametrize(
     ("words", "told"),
     [(["circl=0.02"], "did you mean 'circle'"), (["circle=0.02"], "needs a frequency"),
-     ([], "nothing moves"), (["circle"], "key=value"), (["hold=-1"], "is below 0")],
+     ([], "nothing moves"), (["circle"], "key=value"),
+     (["hold=-1"], "motion.hold is -1.0, must be >= 0")],
 )  # fmt: skip
 def test_a_wrong_motion_is_told(words, told):
     with pytest.raises(ExperimentError, match=told):

@@ -139,8 +139,8 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
 
 
 @pytest.mark.parametrize(("changes", "complaint"), [
-    ({"repeats": 0}, "repeats is 0: a study of no runs"),
-    ({"samples": 0}, "samples is 0: a study of no runs"),
+    ({"repeats": 0}, "repeats is 0, must be >= 1"),
+    ({"samples": 0}, "samples is 0, must be >= 1"),
     ({"vary": {"gain": []}}, "vary.gain is an empty list: a study of no runs"),
     ({"repeats": 10**12}, "e.12 runs are more than 1e.08"),
     ({"vary": {"gian": [1.0]}}, "no 'gian': did you mean gain"),
@@ -149,8 +149,8 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     ({"vary": {"gain.deeper": [1.0]}}, "gain has no keys below it"),
     ({"cases": [{"laws": "PI"}], "vary": {}}, "no 'laws': did you mean law"),
     ({"cases": [{"gain": 2.0}]}, "'gain' stands both under vary and in cases"),
-    ({"vary": {"gain": {"uniform": [float("nan"), 2.0]}}}, "gain.uniform is .nan.*finite"),
-    ({"vary": {"gain": {"normal": [1.0, float("inf")]}}}, "gain.normal is .*finite"),
+    ({"vary": {"gain": {"uniform": [float("nan"), 2.0]}}}, "uniform.0. is nan, must be a finite"),
+    ({"vary": {"gain": {"normal": [1.0, float("inf")]}}}, "normal.1. is inf, must be a finite"),
     ({"vary": {"gain": {"normal": [1.0, -0.1]}}}, "deviation is -0.1, must be above 0"),
     ({"vary": {"gain": {"uniform": [2.0, 1.0]}}}, "2 to 1, must rise"),
     ({"vary": {"gain": {"loguniform": [0.0, 1.0]}}}, "must rise from above 0"),
@@ -181,7 +181,7 @@ def test_what_is_no_study_is_refused_in_a_line(tiny, changes, complaint):
 
 @pytest.mark.parametrize(("changes", "complaint"), [
     ({"experiment": {"plant": "fre"}}, "plant is 'fre'"),
-    ({"vary": {"gain": [1.0, -1.0]}}, "gain is -1.0, must be above 0"),
+    ({"vary": {"gain": [1.0, -1.0]}}, "gain is -1.0, must be > 0"),
     ({"vary": {"gain": [1.0, "high"]}}, "gain is 'high'"),
     ({"vary": {"gain": [1.0, float("nan")]}}, "gain is nan"),
     ({"vary": {"scheme": ["moments", "momments"]}}, "momments.*did you mean 'moments'"),
@@ -202,7 +202,7 @@ def test_every_value_is_tried_before_the_first_run(tiny, changes, complaint):
 @pytest.mark.parametrize(("words", "complaint"), [
     (["gain"], "'gain' is no override"),
     (["=2"], "no override"),
-    (["gain=[1"], "no YAML"),
+    (["gain=[1"], "not valid YAML"),
 ])  # fmt: skip
 def test_overrides_that_are_none(words, complaint):
     with pytest.raises(StudyError, match=complaint):

@@ -15,3 +15,9 @@ class ViewError(BenchError):
 
 class StudyError(BenchError):
     """A study that cannot be begun, gone on with or read as it is."""
+
+
+def require(condition: bool, text: str) -> None:
+    """Raise ExperimentError with this text unless the condition holds."""
+    if not condition:
+        raise ExperimentError(text)

@@ -10,11 +10,13 @@ import numpy as np
 
 from aras_sim_bridge.camera import CameraConfig
 from aras_sim_bridge.errors import CameraError
+from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.settings import check, parameter
+from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import CalibrationError
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..checked import nearest, read_yaml, require
-from ..errors import ExperimentError
+from ..errors import ExperimentError, require
 from .packages import PackagePath
 
 PRESETS = "config/cameras"
@@ -31,16 +33,15 @@ class Belief:
     depth: factor on the depth that the controller believes.
     """
 
-    focal: float = 1.0
+    focal: float = parameter(1.0, above=0.0)
     centre: tuple[float, float] = (0.0, 0.0)
     distortion: tuple[float, ...] | None = None
     xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    depth: float = 1.0
+    depth: float = parameter(1.0, above=0.0)
 
     def __post_init__(self) -> None:
-        require(self.focal > 0.0, f"believed.focal is {self.focal:g}, must be above 0")
-        require(self.depth > 0.0, f"believed.depth is {self.depth:g}, must be above 0")
+        check(self, ExperimentError, "believed")
 
     @property
     def moved(self) -> bool:
@@ -71,12 +72,12 @@ def preset(camera: str | Mapping[str, Any], packages: PackagePath, robot: str) -
     if isinstance(camera, Mapping):
         return dict(camera)
     if "/" in camera or camera.endswith((".yaml", ".yml")):
-        settings = read_yaml(packages.file(camera))
+        settings = read_yaml(packages.file(camera), ExperimentError)
     else:
         folder = packages.file(f"package://{robot}/package.xml").parent / PRESETS
         known = sorted(path.stem for path in folder.glob("*.yaml"))
         require(camera in known, f"camera '{camera}' is no preset: {nearest(camera, known)}")
-        settings = read_yaml(folder / f"{camera}.yaml")
+        settings = read_yaml(folder / f"{camera}.yaml", ExperimentError)
     require(isinstance(settings, Mapping), f"camera '{camera}' holds no keys with values")
     return dict(settings)
 

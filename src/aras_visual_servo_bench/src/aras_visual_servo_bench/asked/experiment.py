@@ -9,8 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from aras_sim_bridge.description.lights import SUN
+from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.settings import annotations, build, check, convert, parameter
+from aras_visual_servo_base.yaml_files import read_yaml
 
-from ..checked import annotations, build, convert, nearest, read_yaml, require
+from ..errors import ExperimentError, require
 from ..targets.geometry import Motion
 from .cameras import Belief
 from .robots import RobotSpec
@@ -40,19 +43,16 @@ class Sampler:
     """
 
     height: Pair = (0.15, 0.5)
-    side: float = 0.1
-    turn: float = 2.967  # 170 degrees
-    tilt: float = 0.0
-    margin: float = 2.0
-    attempts: int = 500
+    side: float = parameter(0.1, least=0.0)
+    turn: float = parameter(2.967, least=0.0)  # 170 degrees
+    tilt: float = parameter(0.0, least=0.0)
+    margin: float = parameter(2.0, least=0.0)
+    attempts: int = parameter(500, least=1)
 
     def __post_init__(self) -> None:
+        check(self, ExperimentError, "start")
         low, high = self.height
         require(0.0 < low <= high, f"start.height is {low:g} to {high:g}, must rise from above 0 m")
-        for name in ("side", "turn", "tilt", "margin"):
-            value = getattr(self, name)
-            require(value >= 0.0, f"start.{name} is {value:g}, must be 0 or more")
-        require(self.attempts >= 1, "start.attempts must be 1 or more")
 
 
 @dataclass(frozen=True)
@@ -71,11 +71,11 @@ class SunSpec:
     """
 
     direction: tuple[float, float, float] = SUN.direction
-    diffuse: float = SUN.diffuse[0]
+    diffuse: float = parameter(SUN.diffuse[0], least=0.0, most=1.0)
 
     def __post_init__(self) -> None:
+        check(self, ExperimentError, "sun")
         require(any(self.direction), "sun.direction must not be zero")
-        require(0.0 <= self.diffuse <= 1.0, f"sun.diffuse is {self.diffuse:g}, must be 0 to 1")
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class TargetSpec:
     """
 
     shape: str | tuple[Pair, ...] = "aras"
-    size: Pair = (0.2, 0.2)
+    size: Pair = parameter((0.2, 0.2), "m, the table's", above=0.0, most=LARGEST_TARGET)
     pose: Six = (0.0,) * 6
     motion: Motion = Motion()
     occluder: tuple[Pair, Pair] | None = None
@@ -107,11 +107,7 @@ class TargetSpec:
         return isinstance(self.shape, tuple) and not any(self.pose)
 
     def __post_init__(self) -> None:
-        require(
-            min(self.size) > 0.0 and max(self.size) <= LARGEST_TARGET,
-            f"target.size is {self.size}, must be above 0 and at most {LARGEST_TARGET:g} m, the "
-            "table's",
-        )
+        check(self, ExperimentError, "target")
         require(
             self.shape == "aras" or isinstance(self.shape, tuple) or named(self.shape),
             f"target.shape is '{self.shape}', must be a list of corners, the path of a picture or "
@@ -130,19 +126,14 @@ class Ideal:
         truth; it ends the run. farthest: times the first distance at which the run has failed.
     """
 
-    speed: Pair | None = None
-    stop: float | None = None
+    speed: Pair | None = parameter(None, above=0.0)
+    stop: float | None = parameter(None, above=0.0)
     unbounded: bool = False
-    enough: float | None = None
-    farthest: float | None = None
+    enough: float | None = parameter(None, above=0.0)
+    farthest: float | None = parameter(None, above=0.0)
 
     def __post_init__(self) -> None:
-        require(
-            self.speed is None or min(self.speed) > 0.0, "ideal.speed must hold m/s, rad/s above 0"
-        )
-        for name in ("stop", "enough", "farthest"):
-            value = getattr(self, name)
-            require(value is None or value > 0.0, f"ideal.{name} must be above 0, or null")
+        check(self, ExperimentError, "ideal")
 
 
 def named(shape: str) -> bool:
@@ -181,52 +172,41 @@ class Experiment:
     traced: note each joint's greatest speed at every step of the physics.
     """
 
-    plant: str = "bullet"
+    plant: str = parameter("bullet", choices=PLANTS)
     ideal: Ideal = Ideal()
     robot: RobotSpec = RobotSpec()
     friction: bool = True
-    lag: float = 0.04
+    lag: float = parameter(0.04, "s", least=0.0)
     target: TargetSpec = TargetSpec()
     sun: SunSpec = SunSpec()
     camera: str | Mapping[str, Any] = "original"
     camera_xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
     camera_rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
     believed: Belief = Belief()
-    features: str = "auto"
-    noise: float = 0.0
-    jitter: float = 0.0
-    delay: float = 0.015
-    commands: str = "joint_states"
-    start: str | tuple[float, ...] | CameraPose | Sampler = "2016"
-    goal: str | tuple[float, ...] | CameraPose = "auto"
-    scheme: str = "moments"
+    features: str = parameter("auto", choices=FEATURES)
+    noise: float = parameter(0.0, least=0.0)
+    jitter: float = parameter(0.0, "px", least=0.0)
+    delay: float = parameter(0.015, "s", least=0.0)
+    commands: str = parameter("joint_states", choices=COMMANDS)
+    start: str | tuple[float, ...] | CameraPose | Sampler = parameter("2016", name=True)
+    goal: str | tuple[float, ...] | CameraPose = parameter("auto", name=True)
+    scheme: str = parameter("moments", name=True)
     law: str = "proportional"
-    gain: float | None = None
-    options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    duration: float = 8.0
-    linger: float | None = 0.5
-    reached: Pair = (0.3e-3, 0.00524)  # m; rad, 0.3 degrees
-    seed: int = 0
-    renderer: str = "auto"
+    gain: float | None = parameter(None, "1/s", above=0.0)
+    options: Mapping[str, Any] = parameter({})
+    duration: float = parameter(8.0, "s", above=0.0)
+    linger: float | None = parameter(0.5, "s", least=0.0)
+    reached: Pair = parameter((0.3e-3, 0.00524), above=0.0)  # m; rad, 0.3 degrees
+    seed: int = parameter(0, least=0)
+    renderer: str = parameter("auto", choices=RENDERERS)
     traced: bool = False
 
     def __post_init__(self) -> None:
         for name, hint in annotations(type(self)).items():
             value = getattr(self, name)
             if isinstance(value, Mapping | list):  # as in a file: believed={"focal": 0.9}
-                object.__setattr__(self, name, convert(value, hint, name))
-        for name, known in (("plant", PLANTS), ("features", FEATURES), ("commands", COMMANDS),
-                            ("renderer", RENDERERS)):  # fmt: skip
-            value = getattr(self, name)
-            require(value in known, f"{name} is '{value}': {nearest(value, known)}")
-        for name in ("lag", "noise", "jitter", "delay"):
-            value = getattr(self, name)
-            require(value >= 0.0, f"{name} is {value:g}, must be 0 or more")
-        require(self.duration > 0.0, f"duration is {self.duration:g} s, must be above 0")
-        require(self.linger is None or self.linger >= 0.0, "linger must be 0 s or more, or null")
-        require(self.gain is None or self.gain > 0.0, f"gain is {self.gain}, must be above 0")
-        require(min(self.reached) > 0.0, "reached must hold a distance and an angle above 0")
-        require(self.seed >= 0, f"seed is {self.seed}, must be 0 or more")
+                object.__setattr__(self, name, convert(value, hint, name, ExperimentError))
+        check(self, ExperimentError)
         if self.plant == "bullet":
             own = not (self.target.motion.still and not any(self.target.pose))
             require(
@@ -272,14 +252,14 @@ class Experiment:
         Raises:
             ExperimentError: naming the key, what is wrong and what would be right.
         """
-        return build(cls, values)
+        return build(cls, values, "", ExperimentError)
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> Experiment:
         """An experiment of a YAML file; ExperimentError as above."""
-        return cls.from_mapping(read_yaml(path) or {})
+        return cls.from_mapping(read_yaml(path, ExperimentError) or {})
 
     def with_(self, **changes: Any) -> Experiment:
         """This experiment with some keys changed, checked as from a mapping."""
         here = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        return build(type(self), {**here, **changes})
+        return build(type(self), {**here, **changes}, "", ExperimentError)

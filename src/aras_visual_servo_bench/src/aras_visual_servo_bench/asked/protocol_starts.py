@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_controller.arm.poses import inverse, transform
 
-from ..checked import require
-from ..errors import ExperimentError
+from ..errors import ExperimentError, require
 from ..rigid import exponential, to_xyz_rpy
 from .experiment import CameraPose, Experiment
 
@@ -39,13 +40,13 @@ class Placing:
     box: Three = (0.6, 0.6, 0.15)
     radii: tuple[float, ...] = (0.08, 0.16, 0.24, 0.32)
     turn: float = 120.0
-    of: int = 100
-    scatter: tuple[float, float] = (0.0, 0.0)
+    of: int = parameter(100, least=1)
+    scatter: tuple[float, float] = parameter((0.0, 0.0), least=0.0)
     published: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        require(min(self.scatter) >= 0.0, "starts.scatter must be 0 or more")
-        require(self.of >= 1, "starts.of must be 1 or more")
+        check(self, ExperimentError, "starts")
+        require(self.kind in START_KINDS, f"starts: {nearest(self.kind, START_KINDS)}")
 
 
 def placed(experiment: Experiment, placing: Placing, seed: int) -> Experiment:

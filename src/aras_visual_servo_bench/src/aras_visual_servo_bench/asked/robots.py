@@ -13,12 +13,13 @@ import numpy as np
 
 from aras_sim_bridge.description import RobotDescription, parse_urdf
 from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.arm.poses import transform
 from aras_visual_servo_controller.errors import ConfigurationError
 
 from .. import rigid
-from ..checked import nearest, read_yaml
 from ..errors import ExperimentError
 from .packages import PackagePath
 
@@ -85,7 +86,7 @@ class Robot:
             self._plain = self._adapted("without_friction", self._plain)
         self._mount = transform(xyz, rpy)
         self.urdf = self._mounted(self._mount)
-        tree = read_yaml(self.packages.file(spec.config))
+        tree = read_yaml(self.packages.file(spec.config), ExperimentError)
         if not isinstance(tree, Mapping):
             raise ExperimentError(f"{spec.config} holds no controllers")
         for part in filter(None, spec.namespace.split("/")):
@@ -122,9 +123,9 @@ class Robot:
         kinds = set()
         for name in wanted:
             if name not in self.parameters:
-                known = ", ".join(self.parameters)
                 raise ExperimentError(
-                    f"controller '{name}' is not in {self.spec.config}: {nearest(name, known)}"
+                    f"controller '{name}' is not in {self.spec.config}: "
+                    + nearest(name, self.parameters)
                 )
             settings = self.parameters[name]
             if not isinstance(settings, Mapping):

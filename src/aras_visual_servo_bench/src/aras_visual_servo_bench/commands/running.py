@@ -9,8 +9,9 @@ from typing import Any
 
 import yaml
 
+from aras_visual_servo_base.names import nearest
+
 from ..asked.packages import PackagePath
-from ..checked import nearest
 from ..errors import StudyError
 from ..study import engine, overrides, tables
 from ..study.folder import Folder

@@ -16,12 +16,12 @@ from typing import Protocol
 
 import numpy as np
 
+from aras_visual_servo_base.names import nearest
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm.poses import pose_difference
 
 from ..asked.assembly import Assembly
 from ..asked.experiment import Experiment
-from ..checked import nearest
 from ..errors import StudyError, ViewError
 from ..recording.run import Run
 from ..targets.geometry import PlacedTarget

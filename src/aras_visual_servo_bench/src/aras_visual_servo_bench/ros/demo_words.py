@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from aras_visual_servo_base.names import nearest
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal, to_xyz_rpy
 from aras_visual_servo_controller.settings import Settings
@@ -18,7 +19,6 @@ from aras_visual_servo_controller.settings import Settings
 from ..asked.experiment import CameraPose, Experiment, TargetSpec
 from ..asked.packages import PackagePath
 from ..asked.robots import Robot, RobotSpec
-from ..checked import nearest
 from ..errors import ExperimentError
 from ..targets.outlines import NAMES, tracker_of
 

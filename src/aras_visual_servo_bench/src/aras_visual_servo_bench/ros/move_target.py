@@ -15,8 +15,8 @@ import sys
 import numpy as np
 
 from aras_sim_bridge.poses import Pose
+from aras_visual_servo_base.settings import build
 
-from ..checked import build
 from ..errors import ExperimentError, StudyError
 from ..rigid import to_xyz_rpy
 from ..study.overrides import parsed
@@ -30,7 +30,7 @@ POINT = PolygonTarget(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))  # its shape is none
 def motion_of(words: list[str]) -> Motion:
     """The motion that is written as key=value; ExperimentError naming what is wrong."""
     try:
-        motion = build(Motion, parsed(words), "motion")
+        motion = build(Motion, parsed(words), "motion", ExperimentError)
     except StudyError as error:
         raise ExperimentError(str(error)) from None
     if motion.still:

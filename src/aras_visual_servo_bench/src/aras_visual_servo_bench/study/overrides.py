@@ -8,10 +8,10 @@ import typing
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import yaml
+from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.yaml_files import parse_yaml
 
 from ..asked.experiment import Experiment
-from ..checked import nearest
 from ..errors import StudyError
 
 
@@ -26,10 +26,7 @@ def parsed(words: Iterable[str]) -> dict[str, Any]:
         key, equals, text = word.partition("=")
         if not (equals and key.strip()):
             raise StudyError(f"'{word}' is no override: write key=value, as in gain=2.0")
-        try:
-            found[key.strip()] = yaml.safe_load(text)
-        except yaml.YAMLError:
-            raise StudyError(f"the value of '{word}' is no YAML") from None
+        found[key.strip()] = parse_yaml(text, f"the value of '{key.strip()}'", StudyError)
     return found
 
 

@@ -15,8 +15,10 @@ from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Any
 
-from ..checked import nearest, read_yaml
-from ..errors import ExperimentError, StudyError
+from aras_visual_servo_base.settings import unknown_key
+from aras_visual_servo_base.yaml_files import read_yaml
+
+from ..errors import StudyError
 from . import rows, versions, work
 from .work import Task
 
@@ -329,16 +331,13 @@ async def _answering(address: str) -> None:
 
 def _named_cluster(path: str) -> tuple[Any, int]:
     """The cluster that a file names, and the most workers that it is to have, 0 if not told."""
-    try:
-        told = read_yaml(path)
-    except ExperimentError as error:
-        raise StudyError(str(error)) from None
+    told = read_yaml(path, StudyError)
     keys = ("class", "arguments", "workers")
     if not isinstance(told, Mapping) or "class" not in told:
         raise StudyError(f"{path} names no cluster: give class, arguments and workers")
     for key in told:
         if key not in keys:
-            raise StudyError(f"{path}: unknown key '{key}': {nearest(str(key), keys)}")
+            raise StudyError(unknown_key(f"{path}: ", key, keys))
     least, most = _asked_workers(path, told.get("workers", 0))
     module, _, name = str(told["class"]).rpartition(".")
     try:

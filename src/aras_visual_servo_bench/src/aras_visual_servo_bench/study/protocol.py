@@ -26,11 +26,14 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.settings import build, check, parameter
+from aras_visual_servo_base.yaml_files import read_yaml
+
 from ..asked.experiment import Experiment
 from ..asked.packages import PackagePath
-from ..asked.protocol_starts import START_KINDS, Placing, placed
-from ..checked import build, nearest, read_yaml, require
-from ..errors import ExperimentError
+from ..asked.protocol_starts import Placing, placed
+from ..errors import ExperimentError, require
 from ..numbers.measures import measures
 from ..running.loop import run
 from . import versions
@@ -73,14 +76,12 @@ class Protocol:
     cases: tuple[Case, ...] = (Case("base"),)
     conditions: tuple[Case, ...] = (Case("clean"),)
     starts: tuple[Placing, ...] = (Placing("given"),)
-    seeds: int = 1
-    first_seed: int = 0
+    seeds: int = parameter(1, least=1)
+    first_seed: int = parameter(0, least=0)
 
     def __post_init__(self) -> None:
-        require(self.seeds >= 1, "seeds must be 1 or more")
+        check(self, ExperimentError)
         require(len(self.cases) >= 1, "cases: at least one is needed")
-        for start in (*self.starts, *(start for case in self.cases for start in case.starts)):
-            require(start.kind in START_KINDS, f"starts: {nearest(start.kind, START_KINDS)}")
 
     @classmethod
     def load(cls, name: str) -> Protocol:
@@ -95,7 +96,7 @@ class Protocol:
             known = sorted(file.stem for file in folder.glob("*.yaml"))
             require(name in known, f"protocol '{name}' is none: {nearest(name, known)}")
             path = folder / f"{name}.yaml"
-        return build(cls, read_yaml(path) or {})
+        return build(cls, read_yaml(path, ExperimentError) or {}, "", ExperimentError)
 
     def runs(self) -> Iterator[Planned]:
         """Every run: what its row begins with, its experiment, and what is published of it.

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from ..checked import nearest
+from aras_visual_servo_base.names import nearest
+
 from ..errors import StudyError
 from ..numbers import metrics
 from ..numbers.metrics import Metric

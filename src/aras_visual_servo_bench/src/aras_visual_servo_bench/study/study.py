@@ -10,15 +10,17 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_base.settings import build, check, parameter
+from aras_visual_servo_base.yaml_files import read_yaml
+
 from ..asked.experiment import Experiment
-from ..checked import build, nearest, read_yaml
 from ..errors import ExperimentError, StudyError
 from ..numbers import metrics as known_metrics
 from .overrides import check_key, with_override
@@ -45,36 +47,27 @@ class Study:
     traces: keep errors, twists and poses of every image.
     """
 
-    experiment: Mapping[str, Any] | str = field(default_factory=dict)
-    vary: Mapping[str, Any] = field(default_factory=dict)
+    experiment: Mapping[str, Any] | str = parameter({})
+    vary: Mapping[str, Any] = parameter({})
     cases: tuple[Mapping[str, Any], ...] = ()
-    samples: int = 1
-    sampling: str = "random"
-    repeats: int = 1
-    seed: int = 0
-    seeds: str = "runs"
+    samples: int = parameter(1, least=1)
+    sampling: str = parameter("random", choices=SAMPLINGS)
+    repeats: int = parameter(1, least=1)
+    seed: int = parameter(0, least=0)
+    seeds: str = parameter("runs", choices=SEEDS)
     metrics: tuple[str, ...] = ()
-    chunk: int | None = None
+    chunk: int | None = parameter(None, "runs", least=1, most=LARGEST_CHUNK)
     traces: bool = False
 
     def __post_init__(self) -> None:
         if isinstance(self.experiment, str):
-            object.__setattr__(self, "experiment", read_yaml(self.experiment) or {})
+            given = read_yaml(self.experiment, StudyError) or {}
+            object.__setattr__(self, "experiment", given)
         if not isinstance(self.experiment, Mapping):
             raise StudyError("experiment must be keys with values, or the path of such a file")
-        for name, known in (("sampling", SAMPLINGS), ("seeds", SEEDS)):
-            value = getattr(self, name)
-            if value not in known:
-                raise StudyError(f"{name} is '{value}': {nearest(value, known)}")
-        for name in ("samples", "repeats"):
-            if getattr(self, name) < 1:
-                raise StudyError(f"{name} is {getattr(self, name)}: a study of no runs")
+        check(self, StudyError)
         if "seed" in self.experiment:
             raise StudyError("seed belongs to the study, not to its experiment: every run has one")
-        if self.seed < 0:
-            raise StudyError(f"seed is {self.seed}, must be 0 or more")
-        if self.chunk is not None and not 1 <= self.chunk <= LARGEST_CHUNK:
-            raise StudyError(f"chunk is {self.chunk}, must be from 1 to {LARGEST_CHUNK} runs")
         for key in self.keys:
             check_key(key)
         if self.samples > 1 and not self.draws:
@@ -96,10 +89,7 @@ class Study:
     @classmethod
     def from_mapping(cls, values: Any) -> Study:
         """A study of the keys that are given; StudyError naming what is wrong."""
-        try:
-            return build(cls, values)
-        except ExperimentError as error:
-            raise StudyError(str(error)) from error
+        return build(cls, values, "", StudyError)
 
     @classmethod
     def from_yaml(cls, path: str | Path, overrides: Mapping[str, Any] | None = None) -> Study:
@@ -112,18 +102,16 @@ class Study:
         Raises:
             StudyError: naming what is wrong.
         """
-        try:
-            values = read_yaml(path)
-            if not isinstance(values, Mapping):
-                raise StudyError(f"{path} holds no keys with values: it is no study")
-            values = dict(values)
-            base = values.get("experiment")
-            if isinstance(base, str):  # beside the study
-                beside = Path(path).parent / base
-                values["experiment"] = read_yaml(beside if beside.is_file() else base) or {}
-            return cls.from_mapping(_overridden(values, overrides or {}))
-        except ExperimentError as error:
-            raise StudyError(str(error)) from error
+        values = read_yaml(path, StudyError)
+        if not isinstance(values, Mapping):
+            raise StudyError(f"{path} holds no keys with values: it is no study")
+        values = dict(values)
+        base = values.get("experiment")
+        if isinstance(base, str):  # beside the study
+            beside = Path(path).parent / base
+            found = read_yaml(beside if beside.is_file() else base, StudyError)
+            values["experiment"] = found or {}
+        return cls.from_mapping(_overridden(values, overrides or {}))
 
     def to_mapping(self) -> dict[str, Any]:
         """Plain values from which `from_mapping` makes the same study."""

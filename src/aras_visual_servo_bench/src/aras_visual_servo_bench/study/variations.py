@@ -21,7 +21,9 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from ..checked import nearest
+from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.settings import convert
+
 from ..errors import StudyError
 
 BLOCK = 1024  # Sobol points made at a time
@@ -68,12 +70,7 @@ def variation(key: str, given: Any) -> Axis | Draw:
 
 
 def _numbers(key: str, kind: str, given: Any, count: int) -> list[float]:
-    good = isinstance(given, list | tuple) and len(given) == count and all(
-        isinstance(n, int | float) and not isinstance(n, bool) and math.isfinite(n) for n in given
-    )
-    if not good:
-        raise StudyError(f"vary.{key}.{kind} is {given!r}, must be {count} finite numbers")
-    return [float(n) for n in given]
+    return list(convert(given, tuple[(float,) * count], f"vary.{key}.{kind}", StudyError))
 
 
 def _ordered(key: str, kind: str, given: Any, above: float = -math.inf) -> tuple[float, float]:

@@ -18,8 +18,7 @@ import cv2
 import numpy as np
 
 from ..asked.experiment import Pair, TargetSpec
-from ..checked import require
-from ..errors import ExperimentError
+from ..errors import ExperimentError, require
 from .geometry import Target
 from .outlines import shape_of
 from .textures import TexturedTarget

@@ -12,14 +12,14 @@ from functools import cached_property
 
 import numpy as np
 
+from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_controller.arm.poses import inverse
 from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
 
 from .. import rigid
-from ..checked import require
-from ..errors import ViewError
+from ..errors import ExperimentError, ViewError, require
 
 NEAREST = 1e-3  # m before the camera; what is nearer has no view worth the name
 
@@ -153,16 +153,14 @@ class Motion:
 
     velocity: tuple[float, float, float, float, float, float] = (0.0,) * 6
     amplitude: tuple[float, float, float] = (0.0,) * 3
-    frequency: float = 0.0
-    circle: float = 0.0
+    frequency: float = parameter(0.0, "Hz", least=0.0)
+    circle: float = parameter(0.0, "m", least=0.0)
     step: tuple[float, float, float] = (0.0,) * 3
-    hold: float = 0.0
-    begin: float = 0.0
+    hold: float = parameter(0.0, "s", least=0.0)
+    begin: float = parameter(0.0, "s", least=0.0)
 
     def __post_init__(self) -> None:
-        for name in ("frequency", "circle", "hold", "begin"):
-            value = getattr(self, name)
-            require(value >= 0.0, f"target motion: {name} {value:g} is below 0")
+        check(self, ExperimentError, "motion")
         require(
             self.frequency > 0.0 or not (any(self.amplitude) or self.circle),
             "target motion: an amplitude, or a circle, needs a frequency above 0 Hz",

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from aras_visual_servo_base.names import nearest
 from aras_visual_servo_controller.settings import OUTLINE
 
-from ..checked import nearest, require
-from ..errors import ExperimentError
+from ..errors import ExperimentError, require
 from .geometry import ARAS, PolygonTarget, RoundTarget, Target
 from .textures import MADE, from_picture
 

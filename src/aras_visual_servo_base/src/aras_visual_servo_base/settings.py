@@ -1,0 +1,371 @@
+"""Settings as dataclasses: one reader for YAML files, ROS parameters, launch arguments, overrides.
+
+The annotation of a field says what kind of value it takes, its metadata (see `parameter`) what
+bounds it. Known annotations: float, int, bool, str, Path, Any, None, tuples (of fixed length, or
+`tuple[float, ...]`), Mapping, other dataclasses, and unions of these, tried in the order written.
+
+- A number is finite. A whole number is one too; true and false are none. What YAML 1.1 takes for a
+  text though it is a number (1e1, -.5) is a number.
+- A whole number is written as one: neither 10.0 nor 1e1.
+- A list of numbers may be given as a text, as in a launch argument: '0 0 0.05'.
+- Keys are texts; a whole number as a key is its digits.
+
+Every fault is one line: the full path of the key, its value, what is wanted, the nearest name.
+`fault` is the exception class that is raised, the caller's own.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import copyreg
+import dataclasses
+import functools
+import math
+import numbers
+import re
+import types
+import typing
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+from .names import likely, nearest
+
+T = TypeVar("T")
+Fault = type[Exception]
+NO_RULES: Mapping[str, Any] = types.MappingProxyType({})
+_MISSING = object()
+_WORDS = {
+    float: "a finite number", int: "a whole number", bool: "true or false", str: "a text",
+    Path: "a path",
+}  # fmt: skip
+# A number by YAML 1.2 that YAML 1.1 takes for a text, unless quoted.
+_TEXT_NUMBER = re.compile(r"[-+]?(\.\d+([eE][-+]?\d+)?|\d+(\.\d*)?[eE][-+]?\d+)", re.ASCII)
+LONGEST_VALUE = 200  # characters of a value that a message repeats
+
+
+def _view(values: dict[str, Any]) -> types.MappingProxyType:
+    return types.MappingProxyType(values)
+
+
+# Python does not pickle read-only views by itself; settings go to other processes.
+copyreg.pickle(types.MappingProxyType, lambda view: (_view, (dict(view),)))
+
+
+def parameter(
+    default: Any = dataclasses.MISSING,
+    unit: str = "",
+    text: str = "",
+    *,
+    least: float | None = None,
+    above: float | None = None,
+    most: float | None = None,
+    below: float | None = None,
+    choices: Iterable[str] = (),
+    wanted: str = "",
+    name: bool = False,
+    words: bool = False,
+    internal: bool = False,
+) -> Any:
+    """A dataclass field with what its table says.
+
+    Args:
+        least, above, most, below: bounds of a number, and of each in a list or mapping.
+        choices: the texts that there are.
+        wanted: what to say instead of the annotation's words.
+        name: a whole number stands for its digits: roslaunch makes one of start:=2016.
+        words: a text stands for the list of its words.
+        internal: not to be given from outside.
+    """
+    rules = {
+        "unit": unit, "text": text, "least": least, "above": above, "most": most, "below": below,
+        "choices": tuple(choices), "wanted": wanted, "name": name, "words": words,
+        "internal": internal,
+    }  # fmt: skip
+    if isinstance(default, dict):
+        return dataclasses.field(default_factory=lambda: _view(default), metadata=rules)
+    return dataclasses.field(default=default, metadata=rules)
+
+
+def default_of(field: dataclasses.Field) -> Any:
+    """The default of a field, whichever way it is kept."""
+    if field.default is not dataclasses.MISSING:
+        return field.default
+    return field.default_factory()
+
+
+def defaults(cls: type) -> dict[str, Any]:
+    """Default of every field that may be given and has one."""
+    return {
+        name: default_of(field)
+        for name, field in _known(cls).items()
+        if not _needed(field)
+    }
+
+
+def build(cls: type[T], values: Any, where: str, fault: Fault) -> T:
+    """Make a dataclass of a mapping.
+
+    Args:
+        where: the mapping's own name, for messages: '', 'start', 'parameter ~', 'goal.yaml: '.
+
+    Raises:
+        fault: an unknown or missing key, a wrong value, or what the class itself refuses.
+    """
+    found = converted(cls, values, where, fault)
+    for name, field in _known(cls).items():
+        if name not in found and _needed(field):
+            raise fault(f"{_place(where, name)} is missing, must be {_wanted(cls, field)}")
+    return cls(**found)
+
+
+def converted(cls: type, values: Any, where: str, fault: Fault) -> dict[str, Any]:
+    """The values as the dataclass's fields want them, by name; raises as `build`."""
+    if not isinstance(values, Mapping):
+        place = where.rstrip(": ~/") or cls.__name__
+        raise fault(f"{place} is {said(values)}, must be keys with values")
+    known, hints, found = _known(cls), annotations(cls), {}
+    for key, value in values.items():
+        if key not in known:
+            raise fault(unknown_key(where, key, known))
+        found[key] = convert(value, hints[key], _place(where, key), fault, known[key].metadata)
+    return found
+
+
+def read(
+    values: Mapping[str, Any],
+    key: str,
+    hint: Any,
+    where: str,
+    fault: Fault,
+    default: Any = _MISSING,
+) -> Any:
+    """One value of a mapping that may hold others' keys too, as of a ROS controller.
+
+    Args:
+        hint: annotation of what is wanted.
+        where: full name of the mapping on the parameter server.
+        default: where the key is absent; needed if there is none.
+
+    Raises:
+        fault: it is missing, or of another kind.
+    """
+    place = f"parameter {where}/{key}"
+    if key in values:
+        return convert(values[key], hint, place, fault)
+    if default is _MISSING:
+        raise fault(f"{place} is missing, must be {_words(hint)}")
+    return default
+
+
+def unknown_key(where: str, key: Any, known: Iterable[str]) -> str:
+    """What to say of a key that there is not."""
+    head, colon, path = _place(where, key).rpartition(": ")
+    kind = path if path.startswith("parameter ") else f"key '{path}'"
+    return f"{head}{colon}unknown {kind}: {nearest(key, known)}"
+
+
+@functools.lru_cache(maxsize=64)
+def annotations(cls: type) -> dict[str, Any]:
+    """Of a dataclass's fields, by name."""
+    return typing.get_type_hints(cls)
+
+
+@functools.lru_cache(maxsize=64)
+def _known(cls: type) -> dict[str, dataclasses.Field]:
+    return {
+        field.name: field
+        for field in dataclasses.fields(cls)
+        if field.init and not field.metadata.get("internal")
+    }
+
+
+def _needed(field: dataclasses.Field) -> bool:
+    return field.default is field.default_factory is dataclasses.MISSING
+
+
+def convert(
+    value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any] = NO_RULES
+) -> Any:
+    """The value as the annotation wants it, within the rules of `parameter`.
+
+    Raises:
+        fault: it cannot be.
+    """
+    if rules.get("name") and type(value) is int:
+        value = str(value)
+    if rules.get("words") and isinstance(value, str):
+        value = value.split()
+    found = _convert(value, hint, where, fault, rules)
+    if not dataclasses.is_dataclass(found):
+        _check_bounds(found, where, fault, rules)
+    return found
+
+
+def _convert(
+    value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any] = NO_RULES
+) -> Any:
+    origin = typing.get_origin(hint) or hint
+    if origin in (typing.Union, types.UnionType):
+        return _union(value, hint, where, fault, rules)
+    if origin is Any:
+        return value
+    if dataclasses.is_dataclass(hint):
+        return value if isinstance(value, hint) else build(hint, value, where, fault)
+    if origin is tuple:
+        return _tuple(value, hint, where, fault, rules)
+    if _is(hint, Mapping):
+        return _mapping(value, hint, where, fault)
+    if hint is float:
+        found = as_number(value)
+    elif hint is Path:
+        found = Path(value) if isinstance(value, str | Path) else None
+    elif hint is int:
+        fits = isinstance(value, numbers.Integral) and as_number(value) is not None
+        found = int(value) if fits else None
+    else:  # bool, str and None are taken as they are
+        found = value if isinstance(value, hint) else None
+    if found is None and hint is not type(None) or hint is type(None) and value is not None:
+        raise fault(f"{where} is {said(value)}, must be {rules.get('wanted') or _words(hint)}")
+    return found
+
+
+def as_number(value: Any) -> float | None:
+    """The finite number that a value is; None for what is none."""
+    if isinstance(value, str) and _TEXT_NUMBER.fullmatch(value):
+        value = float(value)
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _union(value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any]) -> Any:
+    kinds = typing.get_args(hint)
+    if isinstance(value, Mapping):
+        # A mapping was meant for the class whose keys are like its own: that one may complain.
+        classes = [kind for kind in kinds if dataclasses.is_dataclass(kind)]
+        if classes:
+            return build(max(classes, key=lambda cls: _likeness(value, cls)), value, where, fault)
+    wanted = Mapping if isinstance(value, Mapping) else tuple
+    alike = [kind for kind in kinds if _is(kind, wanted)]
+    if isinstance(value, Mapping | list | tuple) and len(alike) == 1:  # may complain likewise
+        return _convert(value, alike[0], where, fault, rules)
+    for kind in kinds:
+        with contextlib.suppress(fault):
+            return _convert(value, kind, where, fault)
+    raise fault(f"{where} is {said(value)}, must be {rules.get('wanted') or _words(hint)}")
+
+
+def _is(hint: Any, kind: type) -> bool:
+    origin = typing.get_origin(hint) or hint
+    return isinstance(origin, type) and issubclass(origin, kind)
+
+
+def _likeness(values: Mapping, cls: type) -> int:
+    """How many of the keys are a field of the class, or near to one."""
+    return sum(bool(likely(key, _known(cls))) for key in values)
+
+
+def _tuple(value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any]) -> tuple:
+    parts = typing.get_args(hint) or (Any, ...)
+    items = value
+    if isinstance(value, str) and parts[0] is float:
+        items = [_spelt(word) for word in value.split()]
+    if parts[-1] is Ellipsis and isinstance(items, list | tuple):
+        parts = (parts[0],) * len(items)
+    if not isinstance(items, list | tuple) or len(items) != len(parts):
+        raise fault(f"{where} is {said(value)}, must be {rules.get('wanted') or _words(hint)}")
+    return tuple(
+        _convert(item, part, f"{where}[{i}]", fault)
+        for i, (item, part) in enumerate(zip(items, parts, strict=True))
+    )
+
+
+def _spelt(word: str) -> float | str:
+    with contextlib.suppress(ValueError):
+        return float(word)
+    return word
+
+
+def _mapping(value: Any, hint: Any, where: str, fault: Fault) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise fault(f"{where} is {said(value)}, must be {_words(hint)}")
+    kind = (typing.get_args(hint) or (str, Any))[1]
+    found = {}
+    for key, item in value.items():
+        name = str(key) if type(key) is int else key
+        if not isinstance(name, str):
+            raise fault(f"{where} has the key {said(key)}, must be a text")
+        found[name] = item if kind is Any else _convert(item, kind, _place(where, name), fault)
+    return _view(found)
+
+
+def check(settings: Any, fault: Fault, where: str = "") -> None:
+    """Hold a dataclass to the bounds of its fields, however it was made.
+
+    Raises:
+        fault: naming the field, its value and the bound.
+    """
+    for name, field in _known(type(settings)).items():
+        _check_bounds(getattr(settings, name), _place(where, name), fault, field.metadata)
+
+
+def _check_bounds(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]) -> None:
+    if not rules:
+        return
+    if isinstance(value, tuple):
+        for i, item in enumerate(value):
+            _check_bounds(item, f"{where}[{i}]", fault, rules)
+    elif isinstance(value, Mapping):
+        for key, item in value.items():
+            _check_bounds(item, _place(where, key), fault, rules)
+    elif isinstance(value, str):
+        if (known := rules.get("choices")) and value not in known:
+            raise fault(f"{where} is {said(value)}: {nearest(value, known)}")
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        for name, sign, holds in _BOUNDS:
+            if (bound := rules.get(name)) is not None and not holds(value, bound):
+                unit = f" {rules['unit']}" if rules.get("unit") else ""
+                raise fault(f"{where} is {value}, must be {sign} {bound:g}{unit}")
+
+
+_BOUNDS = (
+    ("least", ">=", lambda value, bound: value >= bound),
+    ("above", ">", lambda value, bound: value > bound),
+    ("most", "<=", lambda value, bound: value <= bound),
+    ("below", "<", lambda value, bound: value < bound),
+)
+
+
+def said(value: Any) -> str:
+    """A value for a message: shortened, and of any size."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python refuses to write thousands of digits
+        return "a number of thousands of digits"
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
+
+
+def _place(where: str, key: Any) -> str:
+    return f"{where}.{key}" if where and where[-1] not in " ~/" else f"{where}{key}"
+
+
+def _wanted(cls: type, field: dataclasses.Field) -> str:
+    return field.metadata.get("wanted") or _words(annotations(cls)[field.name])
+
+
+def _words(hint: Any) -> str:
+    if hint in _WORDS:
+        return _WORDS[hint]
+    origin, parts = typing.get_origin(hint), typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        kinds = dict.fromkeys(_words(part) for part in parts if part is not type(None))
+        return " or ".join(kinds)
+    if origin is tuple:
+        of = {float: "finite numbers", int: "whole numbers", str: "texts"}.get(parts[0], "values")
+        return f"a list of {of}" if Ellipsis in parts else f"a list of {len(parts)} {of}"
+    return "keys with values"

@@ -25,8 +25,7 @@ from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.numbers.summary import summarise
-from aras_visual_servo_bench.recording.record import Record
-from aras_visual_servo_bench.recording.run import Details
+from aras_visual_servo_bench.recording.tracks import tracks
 from aras_visual_servo_bench.report.write import write_report
 from aras_visual_servo_bench.ros.bag import read_bag
 from aras_visual_servo_bench.ros.describe import launches
@@ -74,7 +73,7 @@ def description():
 
 
 def write_run(path, optical=True, seconds=3.0, described=False, compressed=False):
-    """Record a run of the runner as the recorder would; returns run, details, arm, last joints."""
+    """Record a run of the runner as the recorder would; returns run, arm, last joints."""
     experiment = Experiment(plant="chain", start="2016", duration=seconds, linger=None,
                             options={"smoothing": 0.05})  # fmt: skip
     loop = Loop(experiment, assemble(experiment))
@@ -139,15 +138,14 @@ def write_run(path, optical=True, seconds=3.0, described=False, compressed=False
             state.header.stamp = report.header.stamp = time
             bag.write(f"{NAMESPACE}/controller/state", state, later)
             bag.write(f"{NAMESPACE}/controller/diagnosis", report, later)
-    return loop.result(), loop.details(), arm, seen[-1][1]
+    return loop.result(), arm, seen[-1][1]
 
 
 @pytest.mark.parametrize("optical", [True, False])
 def test_bag_gives_the_run_back(tmp_path, optical):
     path = tmp_path / "run.bag"
-    result, details, arm, last = write_run(path, optical=optical)
-    record = read_bag(path)
-    run = record.run
+    result, arm, last = write_run(path, optical=optical)
+    run = read_bag(path)
     assert run.names == result.names and run.outcome == "converged"
     np.testing.assert_allclose(run.error, result.error)
     np.testing.assert_allclose(run.desired, result.desired)
@@ -156,20 +154,20 @@ def test_bag_gives_the_run_back(tmp_path, optical):
     np.testing.assert_allclose(run.measured[-1], last)
     np.testing.assert_allclose(run.true_pose[-1], arm.pose(last), atol=1e-6)
     assert run.phases == result.phases
-    np.testing.assert_allclose(record.details.filtered, details.filtered)
-    assert np.abs(details.filtered - run.error).max() > 0.01
-    np.testing.assert_allclose(record.details.singular_LJ, details.singular_LJ)
-    np.testing.assert_allclose(record.details.manipulability, details.manipulability)
-    assert record.units == ("m", "m", "m", "rad")
-    assert record.images.pictures[0][1].shape == (2, 4, 3)
-    assert record.images.pictures[0][1][0, 1, 2] == 5
-    column, row = record.camera.project([1.0], [0.0])  # 45 degrees to the right
+    np.testing.assert_allclose(run.filtered, result.filtered)
+    assert np.abs(run.filtered - run.error).max() > 0.01
+    np.testing.assert_allclose(run.singular_LJ, result.singular_LJ)
+    np.testing.assert_allclose(run.manipulability, result.manipulability)
+    assert run.units == ("m", "m", "m", "rad")
+    assert run.images.pictures[0][1].shape == (2, 4, 3)
+    assert run.images.pictures[0][1][0, 1, 2] == 5
+    column, row = run.camera.project([1.0], [0.0])  # 45 degrees to the right
     np.testing.assert_allclose([column[0], row[0]], [160 + 100 * np.pi / 4, 120])
-    found = {q.key: q.value for q in summarise(record)}
+    found = {q.key: q.value for q in summarise(run)}
     assert found["image_rate"] == pytest.approx(30.0, abs=0.01) and found["images_late"] == 0
     assert found["delay"] == pytest.approx(4.0, abs=0.01)
     assert np.isnan(found["final_distance"])  # nobody has told the goal
-    assert any("is of an older version" in note for note in record.notes)
+    assert any("is of an older version" in note for note in run.notes)
 
 
 def test_a_described_bag_tells_what_the_run_itself_tells(tmp_path):
@@ -180,25 +178,24 @@ def test_a_described_bag_tells_what_the_run_itself_tells(tmp_path):
     assert record.tolerances == (0.0005, 0.0005, 0.001, 0.005)
     assert record.joint_units == ("m", *("rad",) * 5)
     np.testing.assert_allclose(record.speed, [1.0, 2.0, 2.0, 2.0, 2.0, 2.0])
-    assert record.run.verdict.word == result.verdict.word == "goal_reached"
-    assert record.run.verdict.distance == pytest.approx(result.verdict.distance, abs=1e-6)
+    assert record.verdict.word == result.verdict.word == "goal_reached"
+    assert record.verdict.distance == pytest.approx(result.verdict.distance, abs=1e-6)
     # To the printed digits, from the first image on.
     found = {q.key: q for q in summarise(record)}
-    own = {q.key: q for q in summarise(Record("own", "", result, Details.unknown(result),
-                                              record.units))}  # fmt: skip
+    own = {q.key: q for q in summarise(result)}
     for key in ("error_settled", "decay_rate", "overshoot", "final_error_xn", "worst_error_alpha",
                 "servoing_time", "top_speed"):  # fmt: skip
         assert found[key].shown == own[key].shown, key
     assert found["settled"].value == pytest.approx(result.settled(), abs=0.04)
-    tracks = record.tracks()
-    assert tracks.names[-1] == "centre of gravity"
-    np.testing.assert_allclose(tracks.pixels[-1], tracks.desired, atol=0.5)
+    found = tracks(record)
+    assert found.names[-1] == "centre of gravity"
+    np.testing.assert_allclose(found.pixels[-1], found.desired, atol=0.5)
 
 
 def test_a_described_bag_gives_its_experiment_back(tmp_path):
     path = tmp_path / "run.bag"
     write_run(path, described=True)
-    told = Experiment.from_mapping(yaml.safe_load(read_bag(path).experiment))
+    told = Experiment.from_mapping(yaml.safe_load(read_bag(path).yaml))
     assert (told.scheme, told.start, told.camera) == ("moments", "2016", "fisheye")
     assert told.camera_xyz == (0.0, 0.03, 0.0) and told.seed == 7 and told.gain == 4.0
     assert told.options == {"smoothing": 0.02}
@@ -323,8 +320,8 @@ def test_where_the_clock_was_put_back_the_run_after_it_is_told(tmp_path, closed)
                 bag.write(topic, message, time)
     record, single = read_bag(path if closed else cut_off(path, 1.0)), read_bag(once)
     assert any("the clock was put back once" in note for note in record.notes)
-    np.testing.assert_array_equal(record.run.stamp, single.run.stamp)
-    np.testing.assert_array_equal(record.run.measured, single.run.measured)
+    np.testing.assert_array_equal(record.stamp, single.stamp)
+    np.testing.assert_array_equal(record.measured, single.measured)
     np.testing.assert_array_equal(record.images.stamp, single.images.stamp)
     assert [q.shown for q in summarise(record)] == [q.shown for q in summarise(single)]
 
@@ -345,7 +342,7 @@ def test_of_several_runs_the_last_is_told(tmp_path):
     record, single = read_bag(path), read_bag(once)
     assert any("holds 2 runs" in note for note in record.notes)
     assert not any("put back" in note for note in record.notes)
-    np.testing.assert_allclose(record.run.stamp, single.run.stamp + 10.0)
+    np.testing.assert_allclose(record.stamp, single.stamp + 10.0)
     found, own = ({q.key: q.shown for q in summarise(one)} for one in (record, single))
     for key in ("outcome", "settled", "error_settled", "final_error_xn", "path_ratio"):
         assert found.get(key) == own.get(key), key
@@ -371,7 +368,7 @@ def test_of_a_bag_that_was_cut_off_is_told_what_is_there(tmp_path, kept):
     before = cut.read_bytes()
     record = read_bag(cut)
     assert "was not closed" in record.notes[0]
-    assert 0.5 * kept * there < len(record.run.stamp) <= there
+    assert 0.5 * kept * there < len(record.stamp) <= there
     assert cut.read_bytes() == before  # nothing is done to the file
     assert write_report([record], tmp_path / "out", ())[0].is_file()
 
@@ -402,13 +399,13 @@ def test_a_bag_of_another_version_is_named_or_told_without_what_it_lacks(tmp_pat
     without = of_another_version(whole, tmp_path / "b.bag", report, "manipulability")
     record = read_bag(without)
     assert f"{report} is of another version" in "".join(record.notes)
-    assert not np.isfinite(record.details.manipulability).any()
-    assert record.run.stamp == pytest.approx(read_bag(whole).run.stamp)
+    assert not np.isfinite(record.scale).any()
+    assert record.stamp == pytest.approx(read_bag(whole).run.stamp)
     # What was added later and is not needed is not missed.
     without = of_another_version(whole, tmp_path / "c.bag", report, "filtered_error")
     record = read_bag(without)
     assert not any("another version of" in note for note in record.notes)
-    assert np.isfinite(record.details.manipulability).any()
+    assert np.isfinite(record.scale).any()
 
 
 def test_bags_that_cannot_be_reported_on_are_named(tmp_path):

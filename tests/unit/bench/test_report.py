@@ -19,11 +19,12 @@ from aras_visual_servo_bench.commands import analyzing, main
 from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.numbers import metrics, summary
 from aras_visual_servo_bench.pictures import curves, style, views
-from aras_visual_servo_bench.recording.record import Images, milestones, nearest
+from aras_visual_servo_bench.recording.run import CameraRecord, settling
+from aras_visual_servo_bench.recording.tracks import milestones, nearest, tracks
 from aras_visual_servo_bench.report import machine
 from aras_visual_servo_bench.report.time_axes import broken
 from aras_visual_servo_bench.report.write import FIGURES, NAMES, tables, write_report
-from aras_visual_servo_bench.study.replay import _with_pictures, carried_out
+from aras_visual_servo_bench.study.replay import carried_out, with_all_pictures
 
 SECONDS = 3.0
 
@@ -54,11 +55,11 @@ def values(record):
 
 def test_the_numbers_are_those_of_the_studies():
     experiment = Experiment(plant="chain", duration=1.0, linger=None)
-    finished, details, pictures = _with_pictures(experiment)
+    run = with_all_pictures(experiment)
     found = values(carried_out("again", experiment))
-    for name, metric in metrics.BUILT_IN.items():
-        assert found[name] == pytest.approx(metric.measure(finished), abs=0.0, nan_ok=True), name
-    assert len(pictures) == len(finished.run.stamp) == len(details.computing)
+    for name, metric in metrics.TABLE.items():
+        assert found[name] == pytest.approx(metric.measure(run), abs=0.0, nan_ok=True), name
+    assert [stamp for stamp, _ in run.images.pictures] == run.stamp.tolist()
 
 
 def test_summary_says_how_it_ended_with_units_and_definitions(moments):
@@ -76,11 +77,13 @@ def test_summary_says_how_it_ended_with_units_and_definitions(moments):
 
 
 def test_final_and_worst_errors_are_of_the_end_and_signed(moments):
-    run = moments.run
+    run = moments
     error = np.full_like(run.error, 5.0)
     late = run.stamp >= run.stamp[-1] - summary.FINAL_WINDOW
     error[late, 0], error[run.stamp >= run.stamp[-1] - summary.LAST, 1] = -2.0, -7.0
-    found = values(replace(moments, run=replace(run, error=error)))
+    found = values(replace(run, states=tuple(
+        replace(state, decision=replace(state.decision, error=e))
+        for state, e in zip(run.states, error, strict=True))))  # fmt: skip
     assert found["final_error_xn"] == pytest.approx(-2.0)
     assert found["worst_error_yn"] == pytest.approx(7.0)
 
@@ -88,18 +91,18 @@ def test_final_and_worst_errors_are_of_the_end_and_signed(moments):
 def test_settling_time_wants_the_error_to_stay_small():
     stamp = np.arange(6.0)
     size = np.array([1.0, 0.01, 0.5, 0.01, 0.015, 0.0])
-    assert summary.settling_time(stamp, size) == 3.0
-    assert np.isnan(summary.settling_time(stamp, size[[0, 1, 1, 1, 1, 0]]))
-    assert summary.settling_time(stamp, np.zeros(6)) == 0.0
+    assert settling(stamp, size) == 3.0
+    assert settling(stamp, size[[0, 1, 1, 1, 1, 0]]) == np.inf
+    assert settling(stamp, np.zeros(6)) == 0.0
 
 
-def test_late_and_missing_images_are_counted():
+def test_late_and_missing_images_are_counted(moments):
     stamp = np.delete(np.arange(30) / 30.0, [7, 8])
     arrival = stamp + 0.004
     arrival[12] += 0.06
-    figures = summary.image_figures(Images(stamp, arrival))
-    assert figures["late"] == 3  # two missing, one late
-    assert figures["rate"] == pytest.approx(27 / (29 / 30.0))
+    found = values(replace(moments, cameras={"camera": CameraRecord(None, stamp, arrival)}))
+    assert found["images_late"] == 3  # two missing, one late
+    assert found["image_rate"] == pytest.approx(27 / (29 / 30.0))
 
 
 def test_condition_is_the_largest_over_the_smallest_singular_value_of_each_image():
@@ -109,23 +112,24 @@ def test_condition_is_the_largest_over_the_smallest_singular_value_of_each_image
 
 
 def test_words_tell_a_failure_with_reason_and_mend(moments):
-    lost = replace(moments, run=replace(
-        moments.run, phases=("servoing",) * len(moments.run.stamp), outcome="target_lost",
-        reason="over the left border", mend="begin nearer",
-    ))  # fmt: skip
+    lost = replace(
+        moments, states=tuple(replace(state, phase="servoing") for state in moments.states),
+        outcome="target_lost", reason="over the left border", mend="begin nearer",
+    )  # fmt: skip
     told = summary.told(lost, summary.summarise(lost))
     assert "NO: target_lost (over the left border)" in told and "begin nearer" in told
     assert "yes, and held" in summary.told(moments, summary.summarise(moments))
-    doubted = replace(moments, run=replace(moments.run, outcome="wrong_camera_model"))
-    assert doubted.converged  # it is held at the goal all the same
+    doubted = replace(moments, outcome="wrong_camera_model")
+    assert doubted.held  # it is held at the goal all the same
     told = summary.told(doubted, summary.summarise(doubted))
     assert "yes, and held; yet wrong_camera_model" in told
-    noted = replace(moments, run=replace(moments.run, reason="as shown; yet", mend="calibrate"))
+    noted = replace(moments, reason="as shown; yet", mend="calibrate")
     told = summary.told(noted, summary.summarise(noted))
     assert "yes, and held; as shown; yet\n" in told and "calibrate" in told
-    nowhere = replace(moments.run, goal_pose=np.full((4, 4), np.nan))
-    blind = replace(moments, run=replace(nowhere, verdict=replace(
-        moments.run.verdict, word="", distance=np.nan, angle=np.nan)))  # fmt: skip
+    blind = replace(
+        moments, goal_pose=np.full((4, 4), np.nan),
+        verdict=replace(moments.verdict, word="", distance=np.nan, angle=np.nan),
+    )  # fmt: skip
     told = summary.told(blind, summary.summarise(blind))
     assert re.search(r"Camera off its goal by +unknown\n", told)
 
@@ -149,35 +153,37 @@ def test_the_best_of_each_row_is_marked_once_it_differs_in_print():
 
 
 def test_four_points_are_four_tracks_in_pixels(points):
-    tracks = points.tracks()
-    assert tracks.measured and tracks.names == ("point 0", "point 1", "point 2", "point 3")
-    x, y = points.run.features[5, 4:6]  # of point 2
-    np.testing.assert_allclose(tracks.pixels[5, 2], np.ravel(points.camera.project([x], [y])))
-    x, y = points.run.desired[-1, 2:4]
-    np.testing.assert_allclose(tracks.desired[1], np.ravel(points.camera.project([x], [y])))
+    found = tracks(points)
+    assert found.measured and found.names == ("point 0", "point 1", "point 2", "point 3")
+    x, y = points.features[5, 4:6]  # of point 2
+    np.testing.assert_allclose(found.pixels[5, 2], np.ravel(points.camera.project([x], [y])))
+    x, y = points.desired[-1, 2:4]
+    np.testing.assert_allclose(found.desired[1], np.ravel(points.camera.project([x], [y])))
 
 
 def test_other_schemes_show_the_targets_corners_and_its_centre(moments):
-    tracks = moments.tracks()
-    assert not tracks.measured and tracks.names[-1] == "centre of gravity"
-    assert len(tracks.names) == 9  # the two plates together have eight corners
+    found = tracks(moments)
+    assert not found.measured and found.names[-1] == "centre of gravity"
+    assert len(found.names) == 9  # the two plates together have eight corners
     # The run ends at its goal: so do the corners and the centre.
-    np.testing.assert_allclose(tracks.pixels[-1, :-1], tracks.desired[:-1], atol=0.2)
-    np.testing.assert_allclose(tracks.pixels[-1, -1], tracks.desired[-1], atol=0.2)
+    np.testing.assert_allclose(found.pixels[-1, :-1], found.desired[:-1], atol=0.2)
+    np.testing.assert_allclose(found.pixels[-1, -1], found.desired[-1], atol=0.2)
     # A turn by a turn of the camera: pixels at the start are those of the start's pose.
-    rim = moments.outline(moments.run.pose[0], moments.began)
+    rim = moments.outline(moments.pose[0], moments.began)
     low, high = rim.min(axis=0), rim.max(axis=0)
-    start = tracks.pixels[0]
+    start = found.pixels[0]
     assert (start >= low - 0.5).all() and (start <= high + 0.5).all()
 
 
 def test_pictures_are_chosen_by_what_is_left_of_the_error(moments):
-    run = moments.run
-    error = np.zeros((6, 4))
-    error[:, 0] = [1.0, 0.9, 0.5, 0.15, 0.01, 0.01]
-    short = replace(run, stamp=np.arange(6.0), error=error)
+    decision = moments.states[0].decision
+    short = replace(moments, states=tuple(
+        replace(moments.states[0], stamp=float(stamp), decision=replace(decision, error=error))
+        for stamp, error in enumerate(np.outer([1.0, 0.9, 0.5, 0.15, 0.01, 0.01], [1, 0, 0, 0]))
+    ))  # fmt: skip
     assert milestones(short, (1.0, 0.7, 0.2, 0.0)) == [0.0, 2.0, 3.0, 5.0]
-    assert milestones(replace(short, error=np.full((6, 4), np.nan))) == [0.0, 5.0]
+    blind = tuple(replace(state, decision=None) for state in short.states)
+    assert milestones(replace(short, states=blind)) == [0.0, 5.0]
     np.testing.assert_array_equal(nearest(np.array([0.0, 1.0, 4.0]), np.array([-1, 0.6, 2.4, 9])),
                                   [0, 1, 1, 2])  # fmt: skip
 
@@ -243,10 +249,10 @@ def test_curves_are_the_arrays(moments):
     with style.look():
         figure = curves.camera_twist([moments])
         full = [line for line in figure.axes[1].lines if line.get_label() == r"$\omega_y$"]
-        np.testing.assert_array_equal(full[0].get_ydata(), moments.run.achieved[:, 4])
-        np.testing.assert_array_equal(full[0].get_xdata(), moments.run.stamp - moments.run.stamp[0])
+        np.testing.assert_array_equal(full[0].get_ydata(), moments.achieved[:, 4])
+        np.testing.assert_array_equal(full[0].get_xdata(), moments.stamp - moments.stamp[0])
         figure = curves.pose_errors([moments])
-        distance = moments.run.way()[0][moments.servoing]
+        distance = moments.way()[0][moments.servoing]
         np.testing.assert_allclose(
             figure.axes[0].lines[0].get_ydata(), np.maximum(1e3 * distance, 1e-4)
         )
@@ -254,7 +260,7 @@ def test_curves_are_the_arrays(moments):
 
 
 def test_limits_that_are_near_are_lines_and_others_words(moments):
-    run = moments.run
+    run = moments
     top = float(run.measured[:, 0].max())
     near = (np.full(6, -50.0), np.r_[top + 0.001, np.full(5, 50.0)])
     with style.look():
@@ -331,14 +337,14 @@ def test_the_report_is_one_page_that_needs_nothing_else(moments, tmp_path):
 
 def test_tables_hold_the_arrays_with_units(moments):
     rows = list(csv.DictReader(tables(moments)["images"].splitlines()))
-    assert len(rows) == len(moments.run.stamp)
-    assert float(rows[7]["alpha error [rad]"]) == pytest.approx(moments.run.error[7, 3], rel=1e-8)
+    assert len(rows) == len(moments.stamp)
+    assert float(rows[7]["alpha error [rad]"]) == pytest.approx(moments.error[7, 3], rel=1e-8)
     assert float(rows[7]["wy achieved [rad/s]"]) == pytest.approx(
-        moments.run.achieved[7, 4], rel=1e-8)
+        moments.achieved[7, 4], rel=1e-8)
     assert rows[-1]["phase"] == "converged"
     joints = list(csv.DictReader(tables(moments)["joints"].splitlines()))
     assert float(joints[50]["J2 speed [rad/s]"]) == pytest.approx(
-        moments.run.measured_speed[50, 2], rel=1e-8)
+        moments.measured_speed[50, 2], rel=1e-8)
     assert "gantry [m]" in joints[0]
 
 

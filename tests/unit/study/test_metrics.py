@@ -7,17 +7,25 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import StudyError, ViewError
 from aras_visual_servo_bench.numbers import metrics
-from aras_visual_servo_bench.numbers.metrics import Finished
-from aras_visual_servo_bench.recording.run import Run, Verdict
+from aras_visual_servo_bench.recording.run import CameraRecord, Run, Verdict
+from aras_visual_servo_controller.loop.state import ServoState
+from aras_visual_servo_controller.schemes import Decision
 
 STAMP = np.arange(90) / 30.0  # of images
 TIME = np.arange(-20, 300) / 100.0  # of joint states, which come before the first image too
 
 
-def run(error=None, x=None, joints=None, speed=None, verdict="goal_reached", outcome="converged"):
+def state(stamp, error):
+    """Of two features; NaN: not seen in this image."""
+    names, zero = ("a", "b"), np.zeros(2)
+    decision = None if np.isnan(error).any() else Decision(names, error, zero, error)
+    return ServoState(stamp, "servoing", decision=decision)
+
+
+def run(error=None, x=None, joints=None, speed=None, verdict="goal_reached", outcome="converged",
+        **parts):  # fmt: skip
     """Two features, one joint; the camera moves along x to its goal at 0."""
     n, m = len(STAMP), len(TIME)
     error = np.zeros((n, 2)) if error is None else error
@@ -26,21 +34,17 @@ def run(error=None, x=None, joints=None, speed=None, verdict="goal_reached", out
     images = np.tile(np.eye(4), (n, 1, 1))
     column = np.zeros((m, 1))
     return Run(
-        stamp=STAMP, names=("a", "b"), features=error, desired=0 * error, error=error,
-        asked=np.zeros((n, 6)), achieved=np.zeros((n, 6)), pose=images, joints=np.zeros((n, 1)),
-        phases=("servoing",) * n, outcomes=("",) * n, reasons=("",) * n, rank=np.zeros(n, int),
-        smallest=np.zeros(n), joint_names=("j",), joint_stamp=TIME, measured=column,
-        measured_speed=column, true_joints=column if joints is None else joints[:, None],
-        true_speed=column if speed is None else speed[:, None], commanded=column, true_pose=poses,
+        states=tuple(map(state, STAMP, error)), pose=images, joint_names=("j",), joint_stamp=TIME,
+        measured=column, measured_speed=column, commanded=column,
+        true_joints=column if joints is None else joints[:, None],
+        true_speed=column if speed is None else speed[:, None], true_pose=poses,
         goal_pose=np.eye(4), outcome=outcome, reason="", mend="",
-        verdict=Verdict(verdict, 0.002, 0.03),
+        verdict=Verdict(verdict, 0.002, 0.03), limits=(np.array([-1.0]), np.array([2.0])), **parts,
     )  # fmt: skip
 
 
-def measured(name, result, **parts):
-    arm = SimpleNamespace(lower=np.array([-1.0]), upper=np.array([2.0]))
-    made = SimpleNamespace(servo=SimpleNamespace(arm=arm), **parts)
-    return metrics.find(name).measure(Finished(Experiment(), made, result))
+def measured(name, result):
+    return metrics.find(name).measure(result)
 
 
 def decay(rate, first=(1.0, 0.5)):
@@ -111,25 +115,76 @@ def test_excursion_is_the_farthest_corner_in_half_sizes_of_the_image():
     camera = SimpleNamespace(width=320, height=240, project=lambda x, y: (x, y))
     corners = np.array([[159.5, 119.5], [199.5, 149.5]])
 
-    def parts(points):
+    def seen(points):
         shape = SimpleNamespace(points=points)
         target = SimpleNamespace(shape=shape, seen_from=lambda pose, time: time)
-        return {"target": target, "plant": SimpleNamespace(camera=camera)}
+        return run(target=target, cameras={"camera": CameraRecord(camera)})
 
-    inside = parts(lambda time: corners)
-    assert measured("image_excursion", run(), **inside) == pytest.approx(0.25)
-    moving = parts(lambda time: corners - [[200.0 * (time == STAMP[7]), 0.0]])
-    assert measured("image_excursion", run(), **moving) == pytest.approx(1.25)
+    assert measured("image_excursion", seen(lambda time: corners)) == pytest.approx(0.25)
+    moving = seen(lambda time: corners - [[200.0 * (time == STAMP[7]), 0.0]])
+    assert measured("image_excursion", moving) == pytest.approx(1.25)
 
     def behind(time):
         raise ViewError("behind")
 
-    assert measured("image_excursion", run(), **parts(behind)) == np.inf
+    assert measured("image_excursion", seen(behind)) == np.inf
+    assert np.isnan(measured("image_excursion", run()))
+
+
+def test_depth_is_of_the_target_s_middle_along_the_optical_axis():
+    shape = SimpleNamespace(height=0.1)
+    placed = np.eye(4)
+    placed[:3, 3] = 0.3, -0.2, 0.5
+
+    def world_T_target(stamp):
+        moved = placed.copy()
+        moved[2, 3] += 0.25 * (stamp == STAMP[7])
+        return moved
+
+    result = run(target=SimpleNamespace(shape=shape, world_T_target=world_T_target))
+    result.pose[11, 2, 3] = -0.05
+    assert measured("largest_depth", result) == pytest.approx(0.85)
+    result.pose[11, 2, 3] = -0.3
+    assert measured("largest_depth", result) == pytest.approx(0.9)
+
+
+def test_the_start_is_where_the_first_image_finds_the_camera():
+    x = np.where(TIME < 0.0, 5.0, np.clip(0.1 - 0.1 * TIME, 0.0, 0.1))
+    assert measured("start_distance", run(x=x)) == pytest.approx(0.1)
+    assert measured("start_angle", run(x=x)) == 0.0
+    assert measured("iterations", run()) == len(STAMP) - 1
+
+
+@pytest.mark.parametrize(
+    ("outcome", "verdict", "expected"),
+    [("converged", "goal_reached", 0.0), ("converged", "goal_missed", 1.0),
+     ("timed_out", "goal_reached", 1.0), ("timed_out", "goal_missed", 0.0),
+     ("converged up to 180", "goal_missed", 0.0)],
+)  # fmt: skip
+def test_contradiction_is_a_word_against_the_physics(outcome, verdict, expected):
+    found = run(outcome=outcome, verdict=verdict)
+    assert measured("contradicts", found) == expected
+    assert measured("reached", found) == float(verdict == "goal_reached")
+
+
+def test_reduced_wants_both_distance_and_angle():
+    x = np.where(TIME < 0.0, 5.0, 0.03)
+    assert measured("reduced", run(x=x)) == 0.0  # 2 mm of 30 are little, 0.03 rad of 0 are not
+    turned = run(x=x)
+    turned.true_pose[:, :2, :2] = [[0.8, -0.6], [0.6, 0.8]]
+    assert measured("reduced", turned) == 1.0
+    turned.true_pose[:, 0, 3] = 0.01
+    assert measured("reduced", turned) == 0.0
+
+
+def test_nothing_is_a_success_where_the_goal_is_unknown():
+    for name in ("success", "reached", "reduced", "contradicts"):
+        assert np.isnan(measured(name, run(verdict="")))
 
 
 def test_metrics_say_what_they_are():
-    for name, metric in metrics.BUILT_IN.items():
+    for name, metric in metrics.TABLE.items():
         assert metric.name == name and metric.text.endswith(".")
-        assert metric.better in ("smaller", "greater") and metric.source
+        assert metric.better in ("smaller", "greater", "") and metric.source
     with pytest.raises(StudyError, match="better is 'less'"):
         metrics.metric("m", "less", "here")

@@ -282,8 +282,9 @@ def test_a_run_is_shown_again_as_it_was(tiny, tmp_path):
     in_process(study, tmp_path / "out")
     shown = replay.replay(Folder.open(tmp_path / "out"), 3)
     assert shown.changed == {} and shown.row["gain"] == 2.0
-    assert len(shown.pictures) == shown.row["images"]
-    assert shown.pictures[0].shape[2] == 3 and shown.pictures[0].min() < 128  # the target is there
+    pictures = [picture for _, picture in shown.run.images.pictures]
+    assert len(pictures) == shown.row["images"]
+    assert pictures[0].shape[2] == 3 and pictures[0].min() < 128  # the target is there
     names = {path.name for path in replay.write(shown, tmp_path / "show")}
     assert {"report.html", "summary.json", "video.mp4", "feature_errors.png"} <= names
     told = json.loads((tmp_path / "show" / "summary.json").read_text())
@@ -293,7 +294,7 @@ def test_a_run_is_shown_again_as_it_was(tiny, tmp_path):
     import cv2
 
     video = cv2.VideoCapture(str(tmp_path / "show" / "video.mp4"))
-    assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == len(shown.pictures)
+    assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == len(pictures)
     assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(30.0, abs=0.01)
     with pytest.raises(StudyError, match="no run 6: .* has runs 0 to 5"):
         replay.replay(Folder.open(tmp_path / "out"), 6)

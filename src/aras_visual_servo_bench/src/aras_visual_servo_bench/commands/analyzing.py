@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import BenchError, ExperimentError
-from ..recording.record import Record
+from ..recording.run import Run
 from ..study.progress import Bar
 
 RUN_OF_STUDY = re.compile(r"(.+):(\d+)$")
@@ -57,30 +57,30 @@ def carry_out(options: argparse.Namespace) -> int:
         raise BenchError(f"{len(names)} names for {len(options.runs)} runs")
     bar = Bar(sys.stderr)
     try:
-        records = []
+        runs = []
         for i, given in enumerate(options.runs):
             low, each = 0.5 * i / len(options.runs), 0.5 / len(options.runs)
-            record = read(given, lambda part, low=low, each=each, given=given: bar.show(
+            run = read(given, lambda part, low=low, each=each, given=given: bar.show(
                 low + each * part, f"reading {given}"))  # fmt: skip
-            record.name = names[i] if names else record.name
-            records.append(record)
-        _told_apart(records)
+            run.name = names[i] if names else run.name
+            runs.append(run)
+        _told_apart(runs)
         written = write_report(
-            records, options.out, kinds, options.paper,
+            runs, options.out, kinds, options.paper,
             lambda part, what: bar.show(0.5 + 0.5 * part, what),
         )  # fmt: skip
     finally:
         bar.close()
-    for record in records:
-        print(f"\n{record.name}:\n{told(record, summarise(record))}")
-        for note in record.notes:
+    for run in runs:
+        print(f"\n{run.name}:\n{told(run, summarise(run))}")
+        for note in run.notes:
             print(f"  Note: {note}")
     print(f"\n{len(written)} files, the page is {written[0]}")
     return 0
 
 
-def read(given: str, progress: Callable[[float], None]) -> Record:
-    """The record that a word on the command line names.
+def read(given: str, progress: Callable[[float], None]) -> Run:
+    """The run that a word on the command line names.
 
     Raises:
         BenchError: there is no such run, or it cannot be read.
@@ -120,12 +120,12 @@ def read(given: str, progress: Callable[[float], None]) -> Record:
     return read_bag(path, progress)
 
 
-def _told_apart(records: list[Record]) -> None:
+def _told_apart(runs: list[Run]) -> None:
     """Runs of one name get numbers."""
-    names = [record.name for record in records]
-    for i, record in enumerate(records):
-        if names.count(record.name) > 1:
-            record.name = f"{record.name} ({i + 1})"
+    names = [run.name for run in runs]
+    for i, run in enumerate(runs):
+        if names.count(run.name) > 1:
+            run.name = f"{run.name} ({i + 1})"
 
 
 def _convert(options: argparse.Namespace) -> int:

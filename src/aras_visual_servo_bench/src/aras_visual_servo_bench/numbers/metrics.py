@@ -1,94 +1,47 @@
-"""What is told of a run by one number, each a small function with its unit and source.
+"""What is told of a run by one number: the table of all metrics, each with unit and formula.
 
-A user's own is named 'package.module:function' and decorated the same way:
+Studies, protocols, reports and the analysis of bags read them here and nowhere else. A user's own
+is named 'package.module:function' and decorated the same way:
 
     @metric(unit="m", better="smaller", source="this paper, equation 3")
-    def closest(finished: Finished) -> float: ...
+    def closest(run: Run) -> float: ...
 """
 
 from __future__ import annotations
 
-import functools
 import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from aras_visual_servo_base.names import nearest
-from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm.poses import pose_difference
+from aras_visual_servo_controller.arm.poses import inverse, pose_difference
 
-from ..asked.assembly import Assembly
-from ..asked.experiment import Experiment
 from ..errors import StudyError, ViewError
-from ..recording.run import Run
-from ..targets.geometry import PlacedTarget
+from ..recording.run import Run, scaled, settling
 
-SMALLER, GREATER = "smaller", "greater"
+SMALLER, GREATER, NEITHER = "smaller", "greater", ""
 AT_LIMIT = 1e-3  # part of a joint's range
 SETTLED, DECAY_FROM, DECAY_TO = 0.02, 0.80, 0.15  # parts of the first error
-
-
-@dataclass(frozen=True)
-class Finished:
-    """A run that is over: what was asked, what it was made of, what it left."""
-
-    experiment: Experiment
-    parts: Assembly
-    run: Run
-
-    @functools.cached_property
-    def servoing(self) -> np.ndarray:
-        """(m,) bool, joint states since the first image."""
-        return self.run.servoing
-
-    @property
-    def limits(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least and greatest joints (j,), rad or m; empty where there are none."""
-        arm = self.parts.servo.arm
-        return tuple(np.asarray(getattr(arm, side, ()), float) for side in ("lower", "upper"))
-
-    @property
-    def target(self) -> PlacedTarget:
-        """In the world."""
-        return self.parts.target
-
-    @property
-    def camera(self) -> CameraModel:
-        """The true one."""
-        return self.parts.plant.camera
-
-
-class Judged(Protocol):
-    """What the built-in metrics ask of a run: a Finished has it, and a report's Record.
-
-    Attributes:
-        run: the arrays. servoing: (m,) bool, joint states since the first image.
-        limits: least and greatest joints (j,). target, camera: the true ones, or None.
-    """
-
-    run: Run
-    servoing: np.ndarray
-    limits: tuple[np.ndarray, np.ndarray]
-    target: PlacedTarget | None
-    camera: CameraModel | None
+REDUCED = 0.1  # part of the first distance and angle
+LATE = 1.5  # image periods
+Finished = Run  # its documented name
 
 
 @dataclass(frozen=True)
 class Metric:
-    """A function of a finished run; NaN where the run has no such number.
+    """A function of a run; NaN where the run has no such number.
 
-    name: column in the results. unit: '' for none. better: 'smaller' or 'greater'.
-    source: where it is defined. measure: the function.
+    name: column in the results. unit: '' for none. better: 'smaller', 'greater' or ''.
+    source: its formula, or where it is defined. measure: the function.
     """
 
     name: str
     unit: str
     better: str
     source: str
-    measure: Callable[[Finished], float]
+    measure: Callable[[Run], float]
 
     @property
     def text(self) -> str:
@@ -98,7 +51,7 @@ class Metric:
 
 def metric(unit: str, better: str, source: str) -> Callable[[Callable], Metric]:
     """Make a metric of a function that has a docstring."""
-    if better not in (SMALLER, GREATER):
+    if better not in (SMALLER, GREATER, NEITHER):
         raise StudyError(f"better is '{better}', must be {SMALLER} or {GREATER}")
     return lambda measure: Metric(measure.__name__, unit, better, source, measure)
 
@@ -111,9 +64,9 @@ def find(name: str) -> Metric:
     """
     module, colon, attribute = name.partition(":")
     if not colon:
-        if name not in BUILT_IN:
-            raise StudyError(f"unknown metric '{name}': {nearest(name, BUILT_IN)}")
-        return BUILT_IN[name]
+        if name not in TABLE:
+            raise StudyError(f"unknown metric '{name}': {nearest(name, TABLE)}")
+        return TABLE[name]
     try:
         found = getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError) as error:
@@ -123,24 +76,55 @@ def find(name: str) -> Metric:
     return found
 
 
+# -- how it ended ------------------------------------------------------------------------------
+
+
 @metric("", GREATER, "the loop's outcome and the physics' verdict together")
-def success(finished: Judged) -> float:
+def success(run: Run) -> float:
     """1 where the loop holds that it has converged and the camera truly stands at its goal."""
-    return float(finished.run.converged and finished.run.verdict.reached)
+    return _of_verdict(run, run.converged and run.verdict.reached)
+
+
+@metric("", GREATER, "the physics' verdict alone, within the experiment's `reached`")
+def reached(run: Run) -> float:
+    """1 where the camera truly stands at its goal, whatever the loop holds."""
+    return _of_verdict(run, run.verdict.reached)
+
+
+@metric("", GREATER, "final distance and angle over those of the start, both at most 0.1")
+def reduced(run: Run) -> float:
+    """1 where a tenth or less is left of both the distance and the angle of the start."""
+    distance, angle = _first_way(run)
+    near = run.verdict.distance <= REDUCED * distance and run.verdict.angle <= REDUCED * angle
+    return _of_verdict(run, near)
+
+
+@metric("", SMALLER, "success of the loop's word against the physics' verdict")
+def contradicts(run: Run) -> float:
+    """1 where the loop holds for reached what the physics knows is not, or the other way round.
+
+    A loop that has converged up to a motion that it names leaves open whether it is there.
+    """
+    up_to = run.outcome.startswith("converged up to ")
+    return _of_verdict(run, not up_to and run.converged != run.verdict.reached)
+
+
+@metric("", NEITHER, "images that were answered, less the one that ended the run")
+def iterations(run: Run) -> float:
+    """Motions until the last image."""
+    return float(max(len(run.stamp) - 1, 0))
 
 
 @metric("s", SMALLER, "control's 2 % band, of the camera's true way")
-def settled(finished: Judged) -> float:
+def settled(run: Run) -> float:
     """Time until the camera stays within 2 % of its first way."""
-    time = finished.run.settled()
-    return time if np.isfinite(time) else np.nan
+    return _known(run.settled())
 
 
 @metric("", SMALLER, "control's overshoot, of the worst feature")
-def overshoot(finished: Judged) -> float:
+def overshoot(run: Run) -> float:
     """How far a feature's error goes beyond its goal, as a part of its first error."""
-    error = finished.run.error
-    error = error[np.isfinite(error).all(axis=1)]
+    error = run.error[_measured(run)]
     if not error.size:
         return np.nan
     size = np.abs(error[0])
@@ -152,67 +136,69 @@ def overshoot(finished: Judged) -> float:
     return float(max(beyond.max(), 0.0))
 
 
+# -- places of the camera ----------------------------------------------------------------------
+
+
 @metric("m", SMALLER, "pose of the physics")
-def final_distance(finished: Judged) -> float:
+def final_distance(run: Run) -> float:
     """How far the camera is from its goal at the end."""
-    return finished.run.verdict.distance
+    return run.verdict.distance
 
 
 @metric("rad", SMALLER, "pose of the physics")
-def final_angle(finished: Judged) -> float:
+def final_angle(run: Run) -> float:
     """How far the camera is turned from its goal at the end."""
-    return finished.run.verdict.angle
+    return run.verdict.angle
 
 
-@metric("m", SMALLER, "pose of the physics")
-def path_length(finished: Judged) -> float:
+@metric("m", NEITHER, "pose of the physics at the first image, to the goal at the end")
+def start_distance(run: Run) -> float:
+    """How far the camera is from its goal at the first image."""
+    return _first_way(run)[0]
+
+
+@metric("rad", NEITHER, "pose of the physics at the first image, to the goal at the end")
+def start_angle(run: Run) -> float:
+    """How far the camera is turned from its goal at the first image."""
+    return _first_way(run)[1]
+
+
+@metric("m", SMALLER, "sum of the distances between joint states since the first image")
+def path_length(run: Run) -> float:
     """Length of the camera's way."""
-    places = finished.run.true_pose[finished.servoing, :3, 3]
+    places = run.true_pose[run.servoing, :3, 3]
+    if not len(places):
+        return np.nan
     return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
 
-@metric("", SMALLER, "pose of the physics; 1 is a straight line")
-def path_ratio(finished: Judged) -> float:
+@metric("", SMALLER, "path_length / start_distance; 1 is a straight line")
+def path_ratio(run: Run) -> float:
     """Length of the camera's way over the distance from its start to its goal."""
-    poses = finished.run.true_pose[finished.servoing]
-    if not len(poses):
+    straight = _first_way(run)[0]
+    return path_length.measure(run) / straight if straight > 1e-6 else np.nan
+
+
+@metric("m", SMALLER, "z of the target's middle in the true camera, greatest of all images")
+def largest_depth(run: Run) -> float:
+    """Farthest that the target has been along the optical axis."""
+    if run.target is None or not len(run.stamp):
         return np.nan
-    straight = pose_difference(finished.run.goal_pose, poses[0])[0]
-    return path_length.measure(finished) / straight if straight > 1e-6 else np.nan
-
-
-@metric("rad²/s", SMALLER, "integral of the squared joint speeds; m²/s for joints that slide")
-def energy(finished: Judged) -> float:
-    """What the joints' motion costs: the integral of the sum of their squared speeds."""
-    run, after = finished.run, finished.servoing
-    if after.sum() < 2:
-        return np.nan
-    power = np.square(run.true_speed[after]).sum(axis=1)
-    return float(np.trapezoid(power, run.joint_stamp[after]))
-
-
-@metric("s", SMALLER, "joints of the physics, limits of the description")
-def limit_time(finished: Judged) -> float:
-    """Time during which a joint stands at one of its limits."""
-    run, after = finished.run, finished.servoing
-    lower, upper = finished.limits
-    if after.sum() < 2 or lower.shape != run.true_joints.shape[1:]:
-        return 0.0
-    margin = AT_LIMIT * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
-    q = run.true_joints[after]
-    at = ((q <= lower + margin) | (q >= upper - margin)).any(axis=1)
-    return float(np.diff(run.joint_stamp[after])[at[:-1]].sum())
+    middle = np.array([0.0, 0.0, run.target.shape.height, 1.0])
+    seen = (inverse(pose) @ run.target.world_T_target(float(stamp)) @ middle
+            for pose, stamp in zip(run.pose, run.stamp, strict=True))  # fmt: skip
+    return float(max(z for _, _, z, _ in seen))
 
 
 @metric("", SMALLER, "exact projection of the target's corners by the true camera")
-def image_excursion(finished: Judged) -> float:
+def image_excursion(run: Run) -> float:
     """Farthest place of a corner from the image's centre, in half sizes: above 1 it was outside."""
-    target, camera = finished.target, finished.camera
+    target, camera = run.target, run.camera
     if target is None or camera is None:
         return np.nan
     half = np.array([camera.width, camera.height]) / 2.0
     worst = np.nan
-    for stamp, pose in zip(finished.run.stamp, finished.run.pose, strict=True):
+    for stamp, pose in zip(run.stamp, run.pose, strict=True):
         try:
             seen = target.shape.points(target.seen_from(pose, float(stamp)))
         except ViewError:
@@ -222,11 +208,41 @@ def image_excursion(finished: Judged) -> float:
     return float(worst)
 
 
+# -- joints ------------------------------------------------------------------------------------
+
+
+@metric("rad²/s", SMALLER, "integral of the squared joint speeds; m²/s for joints that slide")
+def energy(run: Run) -> float:
+    """What the joints' motion costs: the integral of the sum of their squared speeds."""
+    after = run.servoing
+    if after.sum() < 2:
+        return np.nan
+    power = np.square(run.true_speed[after]).sum(axis=1)
+    return float(np.trapezoid(power, run.joint_stamp[after]))
+
+
+@metric("s", SMALLER, "joints of the physics, limits of the description")
+def limit_time(run: Run) -> float:
+    """Time during which a joint stands at one of its limits."""
+    after = run.servoing
+    lower, upper = run.limits
+    if after.sum() < 2:
+        return np.nan
+    if lower.shape != run.true_joints.shape[1:]:
+        return 0.0
+    margin = AT_LIMIT * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+    q = run.true_joints[after]
+    at = ((q <= lower + margin) | (q >= upper - margin)).any(axis=1)
+    return float(np.diff(run.joint_stamp[after])[at[:-1]].sum())
+
+
+# -- errors of the features --------------------------------------------------------------------
+
+
 @metric("1/s", GREATER, "logarithm of the error between 80 and 15 % of its first value")
-def decay_rate(finished: Judged) -> float:
+def decay_rate(run: Run) -> float:
     """How fast the norm of the features' error, each in parts of its first, decays."""
-    run = finished.run
-    known = np.isfinite(run.error).all(axis=1)
+    known = _measured(run)
     stamp, error = run.stamp[known], run.error[known]
     if len(stamp) < 4:
         return np.nan
@@ -242,10 +258,145 @@ def decay_rate(finished: Judged) -> float:
     return float(-np.polyfit(stamp[begin:end], np.log(part[begin:end]), 1)[0])
 
 
+@metric("s", SMALLER, "2 % band of the norm of the errors, each in parts of its largest")
+def error_settled(run: Run) -> float:
+    """Time until the norm of the features' errors stays under 2 % of its first."""
+    known = _measured(run)
+    return _known(settling(run.stamp[known], np.linalg.norm(scaled(run.error[known]), axis=1)))
+
+
+# -- the loop ----------------------------------------------------------------------------------
+
+
+@metric("s", NEITHER, "stamps of the images")
+def servoing_time(run: Run) -> float:
+    """From the first image that was answered to the last."""
+    return float(np.ptp(run.stamp)) if len(run.stamp) else 0.0
+
+
+@metric("m/s", NEITHER, "translation of the twist that the joint velocities give")
+def top_speed(run: Run) -> float:
+    """Greatest speed of the camera that the joints were given."""
+    return float(np.nanmax(np.linalg.norm(run.achieved[:, :3], axis=1), initial=0.0))
+
+
+@metric("", GREATER, "L J of each image")
+def smallest_singular_value(run: Run) -> float:
+    """Least singular value of the task's Jacobian L J."""
+    return _known(np.nanmin(run.singular_LJ, initial=np.inf))
+
+
+@metric("", SMALLER, "largest over smallest singular value of L, greatest of all images")
+def condition_L(run: Run) -> float:
+    """Greatest condition number of L in the directions that are servoed."""
+    found = condition(run.singular_L)
+    return float(np.nanmax(found)) if not np.isnan(found).all() else np.nan
+
+
+@metric("", GREATER, "sqrt(det(L J J^T L^T)), least of all images")
+def manipulability(run: Run) -> float:
+    """Least product of the singular values of L J."""
+    return _known(np.nanmin(run.manipulability, initial=np.inf))
+
+
+@metric("", GREATER, "the resolver's, least of all images")
+def scale(run: Run) -> float:
+    """Least factor by which limits slowed the task; 1: never."""
+    return _known(np.nanmin(run.scale, initial=np.inf))
+
+
+# -- time and the machine ----------------------------------------------------------------------
+
+
+@metric("", NEITHER, "exposures")
+def images(run: Run) -> float:
+    """Images that were recorded."""
+    return float(len(run.images.stamp))
+
+
+@metric("Hz", NEITHER, "images a second of simulated time")
+def image_rate(run: Run) -> float:
+    """Images a second of simulated time."""
+    gaps = np.diff(run.images.stamp)
+    return float(gaps.size / gaps.sum()) if gaps.size else np.nan
+
+
+@metric("", SMALLER, "a gap of n periods counts n - 1, an image 1.5 periods after its exposure 1")
+def images_late(run: Run) -> float:
+    """Images that are missing, or came more than 1.5 periods after their exposure."""
+    gaps = np.diff(run.images.stamp)
+    if not gaps.size:
+        return 0.0
+    period = float(np.median(gaps))
+    missing = np.maximum(np.round(gaps / period) - 1.0, 0.0).sum()
+    return float(missing + np.count_nonzero(run.images.arrival - run.images.stamp > LATE * period))
+
+
+@metric("ms", NEITHER, "the recorder's clock")
+def delay(run: Run) -> float:
+    """Mean time from an exposure until the recorder had it."""
+    late = 1e3 * (run.images.arrival - run.images.stamp)
+    return float(late.mean()) if late.size else np.nan
+
+
+@metric("ms", NEITHER, "processor time")
+def computing(run: Run) -> float:
+    """Mean time that the scheme took for an image."""
+    known = run.computing[np.isfinite(run.computing)]
+    return 1e3 * float(known.mean()) if known.size else np.nan
+
+
+@metric("", NEITHER, "simulated over wall time")
+def real_time_factor(run: Run) -> float:
+    """Simulated over wall time while servoing."""
+    stamp, factor = run.pace.reshape(-1, 2).T
+    during = (stamp >= run.began) & np.isfinite(factor)
+    return float(factor[during].mean()) if during.any() else np.nan
+
+
+def condition(singular: np.ndarray) -> np.ndarray:
+    """Largest over smallest singular value of each image, (n, p) -> (n,); NaN where none is."""
+    if not singular.shape[1]:
+        return np.full(len(singular), np.nan)
+    least = np.nanmin(np.where(np.isnan(singular), np.inf, singular), axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(np.isfinite(least), singular[:, 0] / least, np.nan)
+
+
+def _first_way(run: Run) -> tuple[float, float]:
+    """Distance, m, and angle, rad, from the camera's place at the first image to its goal."""
+    poses = run.true_pose[run.servoing]
+    return pose_difference(run.goal_pose, poses[0]) if len(poses) else (np.nan, np.nan)
+
+
+def _of_verdict(run: Run, holds: bool) -> float:
+    """1 or 0; NaN where the goal, and so the verdict, is unknown."""
+    return float(holds) if run.verdict.word else np.nan
+
+
+def _measured(run: Run) -> np.ndarray:
+    """(n,) bool: images whose errors are all known."""
+    return np.isfinite(run.error).all(axis=1) & bool(run.names)
+
+
+def _known(value: float) -> float:
+    return float(value) if np.isfinite(value) else np.nan
+
+
+# What a study's rows have where it names no metrics.
 BUILT_IN: dict[str, Metric] = {
     m.name: m
     for m in (
         success, settled, overshoot, final_distance, final_angle, path_length, path_ratio, energy,
         limit_time, image_excursion, decay_rate,
+    )
+}  # fmt: skip
+TABLE: dict[str, Metric] = BUILT_IN | {
+    m.name: m
+    for m in (
+        reached, reduced, contradicts, iterations, start_distance, start_angle, largest_depth,
+        error_settled, servoing_time, top_speed, smallest_singular_value, condition_L,
+        manipulability, scale, images, image_rate, images_late, delay, computing,
+        real_time_factor,
     )
 }  # fmt: skip

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..recording.record import Record, scaled
+from ..recording.run import Run, scaled
 from ..report.time_axes import colours, curve, settled_mark, times, zero
 from .style import COLOURS, GOAL, canvas, heading, legend, logarithmic
 
@@ -31,10 +31,10 @@ def symbol(name: str) -> str:
     return SYMBOLS.get(name, name.replace("_", " "))
 
 
-def unit_groups(record: Record) -> list[tuple[str, list[int]]]:
+def unit_groups(run: Run) -> list[tuple[str, list[int]]]:
     """Features that share an axis, those of one unit: (unit, indexes)."""
     groups: dict[str, list[int]] = {}
-    for index, unit in enumerate(record.units):
+    for index, unit in enumerate(run.units):
         groups.setdefault(unit, []).append(index)
     return list(groups.items())
 
@@ -53,50 +53,50 @@ def _paint(axis: Axes, count: int) -> list[dict[str, object]]:
     ]
 
 
-def feature_errors(records: Sequence[Record]) -> Figure | None:
+def feature_errors(runs: Sequence[Run]) -> Figure | None:
     """s - s*: of one run a panel a unit, raw and filtered; of several a panel a feature."""
-    records = [r for r in records if r.run.names]
-    if not records:
+    runs = [r for r in runs if r.names]
+    if not runs:
         return None
-    if len(records) > 1:
-        return _compared_errors(records)
-    record = records[0]
-    groups = unit_groups(record)
+    if len(runs) > 1:
+        return _compared_errors(runs)
+    run = runs[0]
+    groups = unit_groups(run)
     figure, axes = canvas(len(groups) + 1, each=1.75)
     axes = axes[:, 0]
-    error, filtered = record.run.error, record.details.filtered
+    error, filtered = run.error, run.filtered
     smoothed = filtered.shape == error.shape and not np.allclose(filtered, error, equal_nan=True)
     for axis, (unit, members) in zip(axes, groups, strict=False):
-        bounds = {record.tolerances[i] for i in members} if record.tolerances else set()
+        bounds = {run.tolerances[i] for i in members} if run.tolerances else set()
         if len(bounds) == 1:
             axis.axhspan(-min(bounds), min(bounds), color=GOAL, alpha=0.13, lw=0)
         zero(axis)
         for i, style in zip(members, _paint(axis, len(members)), strict=True):
             if smoothed:
-                curve(axis, record.time, error[:, i], **{**style, "alpha": 0.35, "lw": 0.8})
-            curve(axis, record.time, filtered[:, i] if smoothed else error[:, i],
-                  label=symbol(record.run.names[i]), **style)  # fmt: skip
+                curve(axis, run.time, error[:, i], **{**style, "alpha": 0.35, "lw": 0.8})
+            curve(axis, run.time, filtered[:, i] if smoothed else error[:, i],
+                  label=symbol(run.names[i]), **style)  # fmt: skip
         axis.set_ylabel(with_unit("error", unit))
         if len(members) <= MOST_CURVES:
             legend(axis, 6)
     told = ["pale: as measured, full: filtered"] if smoothed else []
-    told += ["band: counts as reached"] if record.tolerances else []
+    told += ["band: counts as reached"] if run.tolerances else []
     heading(axes[0], "Feature errors s − s*" + (f"  ({'; '.join(told)})" if told else ""))
-    _norm(axes[-1], [record])
-    settled_mark(axes[-1], record)
-    times(axes, records)
+    _norm(axes[-1], [run])
+    settled_mark(axes[-1], run)
+    times(axes, runs)
     return figure
 
 
-def _norm(axis: Axes, records: Sequence[Record]) -> None:
+def _norm(axis: Axes, runs: Sequence[Run]) -> None:
     """Norm of the errors, each in parts of its largest: several units have no norm."""
-    for record, colour in zip(records, colours(records), strict=True):
-        size = np.linalg.norm(scaled(record.run.error), axis=1)
+    for run, colour in zip(runs, colours(runs), strict=True):
+        size = np.linalg.norm(scaled(run.error), axis=1)
         known = np.isfinite(size)
         if known.any():
             first = size[known][0] or 1.0
-            curve(axis, record.time, np.maximum(size / first, FLOOR), color=colour,
-                  label=record.name)  # fmt: skip
+            curve(axis, run.time, np.maximum(size / first, FLOOR), color=colour,
+                  label=run.name)  # fmt: skip
     axis.set_yscale("log")
     logarithmic(axis)
     axis.axhline(SETTLED, color=GOAL, ls="--", lw=0.9)
@@ -105,98 +105,98 @@ def _norm(axis: Axes, records: Sequence[Record]) -> None:
     axis.set_ylabel("norm, relative")
 
 
-def _compared_errors(records: Sequence[Record]) -> Figure:
+def _compared_errors(runs: Sequence[Run]) -> Figure:
     """A panel a feature where all runs have the same few, and the norm of each."""
-    names = records[0].run.names
-    same = all(r.run.names == names for r in records) and len(names) <= 6
+    names = runs[0].names
+    same = all(r.names == names for r in runs) and len(names) <= 6
     figure, axes = canvas(1 + (len(names) if same else 0), each=1.5)
     axes = axes[:, 0]
     if same:
         for i, axis in enumerate(axes[:-1]):
             zero(axis)
-            for record, colour in zip(records, colours(records), strict=True):
-                curve(axis, record.time, record.run.error[:, i], color=colour, label=record.name)
-            axis.set_ylabel(with_unit(symbol(names[i]), records[0].units[i]))
-    _norm(axes[-1], records)
+            for run, colour in zip(runs, colours(runs), strict=True):
+                curve(axis, run.time, run.error[:, i], color=colour, label=run.name)
+            axis.set_ylabel(with_unit(symbol(names[i]), runs[0].units[i]))
+    _norm(axes[-1], runs)
     heading(axes[0], "Feature errors s − s*" if same else "Feature errors, norm of each run")
     legend(axes[0])
-    times(axes, records)
+    times(axes, runs)
     return figure
 
 
-def features(records: Sequence[Record]) -> Figure | None:
+def features(runs: Sequence[Run]) -> Figure | None:
     """s (full) and s* (dashed), a panel a unit."""
-    if len(records) > 1 or not records[0].run.names:
+    if len(runs) > 1 or not runs[0].names:
         return None
-    record = records[0]
-    groups = unit_groups(record)
+    run = runs[0]
+    groups = unit_groups(run)
     figure, axes = canvas(len(groups), each=2.0)
     axes = axes[:, 0]
     for axis, (unit, members) in zip(axes, groups, strict=True):
         for i, style in zip(members, _paint(axis, len(members)), strict=True):
-            curve(axis, record.time, record.run.desired[:, i],
+            curve(axis, run.time, run.desired[:, i],
                   **{**style, "ls": "--", "lw": 1.0, "alpha": 0.8})  # fmt: skip
-            curve(axis, record.time, record.run.features[:, i],
-                  label=symbol(record.run.names[i]), **style)  # fmt: skip
+            curve(axis, run.time, run.features[:, i],
+                  label=symbol(run.names[i]), **style)  # fmt: skip
         axis.set_ylabel(with_unit("feature", unit))
         if len(members) <= MOST_CURVES:
             legend(axis, 6)
     heading(axes[0], "Features s  (dashed: desired s*)")
-    times(axes, records)
+    times(axes, runs)
     return figure
 
 
-def camera_twist(records: Sequence[Record]) -> Figure | None:
+def camera_twist(runs: Sequence[Run]) -> Figure | None:
     """Twist of the camera in its own frame, asked and achieved: linear above, angular below."""
     figure, axes = canvas(2, each=2.1)
     axes = axes[:, 0]
     for axis, begin, letter, unit in ((axes[0], 0, "v", "m/s"), (axes[1], 3, r"\omega", "rad/s")):
         zero(axis)
-        for record, colour in zip(records, colours(records), strict=True):
+        for run, colour in zip(runs, colours(runs), strict=True):
             part = slice(begin, begin + 3)
-            if len(records) > 1:
-                size = np.linalg.norm(record.run.achieved[:, part], axis=1)
-                curve(axis, record.time, size, color=colour, label=record.name)
+            if len(runs) > 1:
+                size = np.linalg.norm(run.achieved[:, part], axis=1)
+                curve(axis, run.time, size, color=colour, label=run.name)
                 continue
             for i in range(3):
-                curve(axis, record.time, record.run.asked[:, begin + i], color=COLOURS[i], ls="--",
+                curve(axis, run.time, run.asked[:, begin + i], color=COLOURS[i], ls="--",
                       lw=0.9, alpha=0.8)  # fmt: skip
-                curve(axis, record.time, record.run.achieved[:, begin + i], color=COLOURS[i],
+                curve(axis, run.time, run.achieved[:, begin + i], color=COLOURS[i],
                       label=f"${letter}_{'xyz'[i]}$")  # fmt: skip
-        symbols = f"|{letter}|" if len(records) > 1 else letter
+        symbols = f"|{letter}|" if len(runs) > 1 else letter
         axis.set_ylabel(f"${symbols}$ ({unit})")
     legend(axes[0])
-    if len(records) == 1:
+    if len(runs) == 1:
         legend(axes[1])
-    heading(axes[0], "Speed of the camera" if len(records) > 1 else
+    heading(axes[0], "Speed of the camera" if len(runs) > 1 else
             "Twist  (dashed: asked, full: given)")  # fmt: skip
-    times(axes, records)
+    times(axes, runs)
     return figure
 
 
-def pose_errors(records: Sequence[Record]) -> Figure | None:
+def pose_errors(runs: Sequence[Run]) -> Figure | None:
     """How far the camera is from its goal: distance above, angle below, logarithmic."""
-    records = [r for r in records if np.isfinite(r.run.goal_pose).all() and r.servoing.any()]
-    if not records:
+    runs = [r for r in runs if np.isfinite(r.goal_pose).all() and r.servoing.any()]
+    if not runs:
         return None
     figure, axes = canvas(2, each=1.9)
     axes = axes[:, 0]
-    for record, colour in zip(records, colours(records), strict=True):
-        distance, angle = record.run.way()
-        time, after = record.joint_time, record.servoing
+    for run, colour in zip(runs, colours(runs), strict=True):
+        distance, angle = run.way()
+        time, after = run.joint_time, run.servoing
         axes[0].semilogy(time[after], np.maximum(1e3 * distance[after], 1e-4), color=colour,
-                         label=record.name)  # fmt: skip
+                         label=run.name)  # fmt: skip
         axes[1].semilogy(time[after], np.maximum(np.degrees(angle[after]), 1e-4), color=colour)
     axes[0].set_ylabel("distance (mm)")
     axes[1].set_ylabel("angle (degrees)")
     for axis in axes:
         logarithmic(axis)
     heading(axes[0], "Way of the camera to its goal that is left")
-    if len(records) > 1:
+    if len(runs) > 1:
         legend(axes[0])
     else:
-        settled_mark(axes[0], records[0])
-    times(axes, records)
+        settled_mark(axes[0], runs[0])
+    times(axes, runs)
     return figure
 
 

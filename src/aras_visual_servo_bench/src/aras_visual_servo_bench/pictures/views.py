@@ -13,7 +13,9 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from aras_visual_servo_controller.arm.poses import rotation_vector
 
-from ..recording.record import Record, Tracks, milestones
+from ..recording.run import Run
+from ..recording.tracks import Tracks, milestones
+from ..recording.tracks import tracks as tracks_of
 from ..rigid import exponential
 from .style import COLOURS, FAINT, GOAL, INK, START, figure_width, heading, is_paper, sheet
 
@@ -24,10 +26,10 @@ AROUND = 1.5  # size of the goal's, that the one at the end does not hide it
 EDGE, TITLE = 0.03, 0.3  # inches round a strip of pictures, and above each row
 
 
-def image_trajectory(records: Sequence[Record]) -> Figure | None:
+def image_trajectory(runs: Sequence[Run]) -> Figure | None:
     """Where the target's points went in the image, over the last picture of the first run."""
-    found = [(record, record.tracks()) for record in records]
-    found = [(record, tracks) for record, tracks in found if tracks is not None]
+    found = [(run, tracks_of(run)) for run in runs]
+    found = [(run, tracks) for run, tracks in found if tracks is not None]
     if not found:
         return None
     camera = found[0][0].camera
@@ -42,8 +44,8 @@ def image_trajectory(records: Sequence[Record]) -> Figure | None:
     pictures = found[0][0].images.pictures
     if pictures and pictures[-1][1].shape[:2] == (camera.height, camera.width):
         axis.imshow((255.0 - FADED * (255.0 - pictures[-1][1])).astype(np.uint8))
-    for number, (record, tracks) in enumerate(found):
-        _tracks(axis, record, tracks, None if len(found) == 1 else COLOURS[number % len(COLOURS)])
+    for number, (run, tracks) in enumerate(found):
+        _tracks(axis, run, tracks, None if len(found) == 1 else COLOURS[number % len(COLOURS)])
     axis.set(xlabel="column (pixel)", ylabel="row (pixel)", aspect="equal",
              xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5))  # fmt: skip
     if len(found) == 1:
@@ -58,8 +60,8 @@ def image_trajectory(records: Sequence[Record]) -> Figure | None:
         kind = "points that the scheme sees" if tracks.measured else "target's corners and centre"
         heading(axis, f"Way of the {kind} in the image")
     else:
-        handles = [Line2D([], [], color=COLOURS[i % len(COLOURS)], label=record.name)
-                   for i, (record, _) in enumerate(found)]  # fmt: skip
+        handles = [Line2D([], [], color=COLOURS[i % len(COLOURS)], label=run.name)
+                   for i, (run, _) in enumerate(found)]  # fmt: skip
         heading(axis, "Ways of the target in the image")
     figure.legend(handles=handles, loc="lower center", ncols=min(len(handles), 5))
     return figure
@@ -72,7 +74,7 @@ def _colour(tracks: Tracks, i: int) -> str:
     return COLOURS[i % len(COLOURS)]
 
 
-def _tracks(axis: Axes, record: Record, tracks: Tracks, colour: str | None) -> None:
+def _tracks(axis: Axes, run: Run, tracks: Tracks, colour: str | None) -> None:
     for i in range(len(tracks.names)):
         pixels = tracks.pixels[:, i]
         known = np.isfinite(pixels).all(axis=1)
@@ -88,77 +90,77 @@ def _tracks(axis: Axes, record: Record, tracks: Tracks, colour: str | None) -> N
                       ms=9 if strong else 5, zorder=6)  # fmt: skip
 
 
-def filmstrip(records: Sequence[Record]) -> Figure | None:
+def filmstrip(runs: Sequence[Run]) -> Figure | None:
     """Pictures as the error shrinks, each with the outline that is wanted."""
-    records = [r for r in records if r.images.pictures]
-    if not records:
+    runs = [r for r in runs if r.images.pictures]
+    if not runs:
         return None
-    strips = [(r, milestones(r.run) or [r.images.pictures[0][0]]) for r in records]
+    strips = [(r, milestones(r) or [r.images.pictures[0][0]]) for r in runs]
     columns = max(len(stamps) for _, stamps in strips)
-    shape = records[0].images.pictures[0][1].shape
+    shape = runs[0].images.pictures[0][1].shape
     part = 0.66 if is_paper() else 1.0
     side, above, gap = part * EDGE, part * TITLE, part * 0.07
     each = (figure_width(wide=True) - 2.0 * side - (columns - 1) * gap) / columns
     tall = each * shape[0] / shape[1]
-    figure, _ = sheet(len(records) * (tall + above) + side, wide=True, left=EDGE, right=EDGE,
+    figure, _ = sheet(len(runs) * (tall + above) + side, wide=True, left=EDGE, right=EDGE,
                       top=TITLE, bottom=EDGE)  # fmt: skip
-    axes = figure.subplots(len(records), columns, squeeze=False,
+    axes = figure.subplots(len(runs), columns, squeeze=False,
                            gridspec_kw={"wspace": gap / each, "hspace": above / tall})  # fmt: skip
-    for row, (record, stamps) in zip(axes, strips, strict=True):
+    for row, (run, stamps) in zip(axes, strips, strict=True):
         for axis in row[len(stamps) :]:
             axis.set_visible(False)
         for axis, stamp in zip(row, stamps, strict=False):
-            axis.imshow(record.images.nearest(stamp))
+            axis.imshow(run.images.nearest(stamp))
             axis.set(xticks=[], yticks=[])
             axis.grid(False)
             for side in axis.spines.values():
                 side.set(visible=True, color=FAINT, linewidth=0.6)
-            wanted = record.outline(record.run.goal_pose, stamp)
+            wanted = run.outline(run.goal_pose, stamp)
             if wanted is not None:
                 axis.plot(*np.vstack([wanted, wanted[:1]]).T, color=GOAL, lw=1.1)
             axis.set(xlim=(-0.5, shape[1] - 0.5), ylim=(shape[0] - 0.5, -0.5))
-            axis.set_title(f"{stamp - record.began:.2f} s", fontweight="normal", loc="center",
+            axis.set_title(f"{stamp - run.began:.2f} s", fontweight="normal", loc="center",
                            fontsize=7 if is_paper() else 10, pad=3)  # fmt: skip
-        if len(records) > 1:
-            row[0].text(0.03, 0.95, record.name, transform=row[0].transAxes, va="top",
+        if len(runs) > 1:
+            row[0].text(0.03, 0.95, run.name, transform=row[0].transAxes, va="top",
                         fontsize=7 if is_paper() else 10,
                         bbox={"facecolor": "white", "alpha": 0.7, "pad": 0.5, "lw": 0})  # fmt: skip
     return figure
 
 
-def camera_path(records: Sequence[Record]) -> Figure | None:
+def camera_path(runs: Sequence[Run]) -> Figure | None:
     """The camera's path in the world, and the straight one with it, above the target."""
-    records = [r for r in records if len(_poses(r))]
-    if not records:
+    runs = [r for r in runs if len(_poses(r))]
+    if not runs:
         return None
     figure, width = sheet(0.72 * plt.rcParams["figure.figsize"][0], bottom=0.5)
     axis = figure.add_subplot(projection="3d", computed_zorder=False)
     shown: list[np.ndarray] = []
-    single = len(records) == 1
-    for number, record in enumerate(records):
-        poses = _poses(record)
+    single = len(runs) == 1
+    for number, run in enumerate(runs):
+        poses = _poses(run)
         colour = COLOURS[number % len(COLOURS)]
         path = poses[:, :3, 3]
         shown += [path]
         axis.plot(*path.T, color=colour, lw=2.0, zorder=4,
-                  label="camera" if single else record.name)  # fmt: skip
-        goal = record.run.goal_pose
+                  label="camera" if single else run.name)  # fmt: skip
+        goal = run.goal_pose
         if np.isfinite(goal).all():
             ideal = straight(poses[0], goal)
             axis.plot(*ideal[:, :3, 3].T, color=GOAL if single else colour, lw=1.1, ls="--",
                       zorder=3, label="straight" if single else None)  # fmt: skip
             shown.append(goal[None, :3, 3])
-    target = _target(axis, records[0])
+    target = _target(axis, runs[0])
     points = np.vstack(shown + ([target] if target is not None else []))
     low, high = points.min(axis=0), points.max(axis=0)
     size = max(float((high - low).max()), 1e-3)
-    for number, record in enumerate(records):
-        poses = _poses(record)
+    for number, run in enumerate(runs):
+        poses = _poses(run)
         colour = COLOURS[number % len(COLOURS)]
         _camera(axis, poses[0], FRUSTUM * size, START if single else colour, "start" if single
                 else None)  # fmt: skip
-        if np.isfinite(record.run.goal_pose).all():
-            _camera(axis, record.run.goal_pose, AROUND * FRUSTUM * size, GOAL if single else INK,
+        if np.isfinite(run.goal_pose).all():
+            _camera(axis, run.goal_pose, AROUND * FRUSTUM * size, GOAL if single else INK,
                     "goal" if number == 0 else None, "--")  # fmt: skip
         _camera(axis, poses[-1], FRUSTUM * size, colour, "end" if single else None)
     room = 0.5 * FRUSTUM * size
@@ -180,9 +182,9 @@ def camera_path(records: Sequence[Record]) -> Figure | None:
     return figure
 
 
-def _poses(record: Record) -> np.ndarray:
+def _poses(run: Run) -> np.ndarray:
     """Of the camera while servoing (m, 4, 4), those that are known."""
-    poses = record.run.true_pose[record.servoing]
+    poses = run.true_pose[run.servoing]
     return poses[np.isfinite(poses).all(axis=(1, 2))]
 
 
@@ -196,12 +198,12 @@ def straight(start: np.ndarray, goal: np.ndarray, count: int = 40) -> np.ndarray
     return poses
 
 
-def _target(axis: Axes, record: Record) -> np.ndarray | None:
+def _target(axis: Axes, run: Run) -> np.ndarray | None:
     """The target's face; its corners (c, 3) in the world."""
-    if record.target is None:
+    if run.target is None:
         return None
-    placed = record.target.world_T_target(record.began)
-    corners = record.target.shape.vertices() @ placed[:3, :3].T + placed[:3, 3]
+    placed = run.target.world_T_target(run.began)
+    corners = run.target.shape.vertices() @ placed[:3, :3].T + placed[:3, 3]
     if len(corners) > 2:
         axis.add_collection3d(Poly3DCollection([corners], facecolor=INK, edgecolor=INK, zorder=1))
     return corners

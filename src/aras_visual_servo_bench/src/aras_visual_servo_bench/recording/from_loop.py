@@ -1,32 +1,38 @@
-"""Collects a run while it goes on, and makes arrays of it at the end."""
+"""A run of the runner: collected while it goes on, with what it was made of at its end."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.loop.state import ServoState
+from aras_visual_servo_controller.schemes import JointController, Scheme
 
+from ..asked.assembly import Assembly
+from ..asked.experiment import Experiment
 from ..plants import Plant
-from .run import Details, Run
+from .run import CAMERA, CameraRecord, Run
 
 
-class History:
+class Recorder:
     """What was answered to each image, and where the plant was at each joint state."""
 
     def __init__(self, joints: int) -> None:
         """`joints`: how many there are."""
-        self._unknown = np.full(joints, np.nan)
-        self._states: list[tuple[ServoState, np.ndarray]] = []
+        self._states: list[ServoState] = []
+        self._poses: list[np.ndarray] = []
         self._stamps: list[float] = []
         self._joints: list[tuple[np.ndarray, ...]] = []
-        self._asked = self._unknown
+        self._count, self._asked = joints, np.full(joints, np.nan)
 
     def image(self, state: ServoState, pose: np.ndarray) -> None:
         """One answered image; pose: the true one then."""
-        self._states.append((state, pose))
+        self._states.append(state)
+        self._poses.append(pose)
 
     def commanded(self, values: np.ndarray) -> None:
         """What was sent last, (n,)."""
@@ -45,78 +51,46 @@ class History:
         self._stamps.append(stamp)
         self._joints.append((*measured, *true, self._asked))
 
-    def run(self, plant: Plant, **known: Any) -> Run:
-        """The arrays, with the poses of this plant; `known`: the fields that are not collected."""
-        states = [state for state, _ in self._states]
-        decisions = [state.decision for state in states]
-        names = next((tuple(d.names) for d in decisions if d is not None), ())
-        count, joints = len(names), len(self._unknown)
-
-        def rows(values: list, width: int) -> np.ndarray:
-            empty = np.full(width, np.nan)
-            known = [empty if value is None else value for value in values]
-            return np.array(known, float).reshape(len(values), width)
-
-        def of(attribute: str) -> np.ndarray:
-            return rows(
-                [
-                    getattr(d, attribute) if d is not None and len(d.names) == count else None
-                    for d in decisions
-                ],
-                count,
-            )
-
-        smallest = [s.singular_values_L[-1] if len(s.singular_values_L) else np.nan for s in states]
-        return Run(
-            stamp=np.array([state.stamp for state in states]),
-            names=names,
-            features=of("features"),
-            desired=of("desired"),
-            error=of("error"),
-            asked=rows([state.twist for state in states], 6),
-            achieved=rows([state.achieved for state in states], 6),
-            pose=np.array([pose for _, pose in self._states]).reshape(-1, 4, 4),
-            joints=rows([s.joints.positions if s.joints else None for s in states], joints),
-            phases=tuple(state.phase for state in states),
-            outcomes=tuple(state.outcome for state in states),
-            reasons=tuple(state.reason for state in states),
-            rank=np.array([state.rank for state in states], int),
-            smallest=np.array(smallest, float),
-            joint_stamp=np.array(self._stamps),
-            measured=rows([row[0] for row in self._joints], joints),
-            measured_speed=rows([row[1] for row in self._joints], joints),
-            true_joints=rows([row[2] for row in self._joints], joints),
-            true_speed=rows([row[3] for row in self._joints], joints),
-            commanded=rows([row[4] for row in self._joints], joints),
-            true_pose=plant.poses(np.array([row[2] for row in self._joints])),
-            **known,
-        )
-
-    def details(self) -> Details:
-        """What the loop worked out for the images besides; costs two decompositions an image."""
-        states = [state for state, _ in self._states]
-        decisions = [state.decision for state in states]
-        found = [state.resolution for state in states]
-        judged = [None if d is None else d.filtered_error if d.filtered_error is not None
-                  else d.error for d in decisions]  # fmt: skip
-        return Details(
-            filtered=padded(judged),
-            singular_L=padded(state.singular_values_L for state in states),
-            singular_LJ=padded(None if r is None else r.singular_values for r in found),
-            manipulability=_numbers(r and r.manipulability for r in found),
-            scale=_numbers(r and r.scale for r in found),
-            computing=_numbers(s.computing or None for s in states),
-        )
+    def run(self, plant: Plant, experiment: Experiment, parts: Assembly, **end: Any) -> Run:
+        """The run, with the poses of this plant; `end`: the fields of a Run that tell its end."""
+        columns = np.array(self._joints).reshape(len(self._joints), 5, self._count)
+        measured, measured_speed, true, true_speed, commanded = columns.swapaxes(0, 1)
+        scheme: Scheme | JointController = parts.servo.scheme
+        arm = parts.servo.arm
+        stamp = np.array([state.stamp for state in self._states])
+        limits = tuple(np.asarray(getattr(arm, side, ()), float) for side in ("lower", "upper"))
+        run = Run(
+            states=tuple(self._states), pose=np.array(self._poses).reshape(-1, 4, 4),
+            joint_stamp=np.array(self._stamps), measured=measured, measured_speed=measured_speed,
+            commanded=commanded, true_joints=true, true_speed=true_speed,
+            true_pose=plant.poses(true), units=tuple(scheme.units or ()),
+            tolerances=tuple(float(t) for t in scheme.tolerances), limits=limits,
+            cameras={CAMERA: CameraRecord(parts.plant.camera, stamp, stamp)},
+            target=parts.target, goal=parts.goal, settings=settings_of(experiment),
+            experiment=experiment, **end,
+        )  # fmt: skip
+        if isinstance(arm, Arm):
+            run.speed, run.joint_units = parts.settings.limits(arm).velocity, joint_units(arm)
+        if "xg" in run.names and "yg" in run.names:
+            run.centres = run.features[:, [run.names.index("xg"), run.names.index("yg")]]
+        return run
 
 
-def padded(values: Iterable[Sequence[float] | None]) -> np.ndarray:
-    """Rows of different lengths as one array (n, longest), NaN where there is nothing."""
-    rows = [np.zeros(0) if row is None else np.asarray(row, float) for row in values]
-    table = np.full((len(rows), max((len(row) for row in rows), default=0)), np.nan)
-    for i, row in enumerate(rows):
-        table[i, : len(row)] = row
-    return table
+def with_pictures(run: Run, pictures: Sequence[tuple[float, np.ndarray]]) -> Run:
+    """The run with pictures (stamp, rgb) of the camera that is servoed."""
+    seen = replace(run.images, pictures=tuple(pictures))
+    return replace(run, cameras={**run.cameras, CAMERA: seen})
 
 
-def _numbers(values: Iterable[float | None]) -> np.ndarray:
-    return np.array([np.nan if value is None else value for value in values], float)
+def settings_of(experiment: Experiment) -> dict[str, str]:
+    """What of an experiment a reader wants to see first, in words."""
+    asked = {key: getattr(experiment, key) for key in (
+        "plant", "scheme", "law", "gain", "start", "goal", "camera", "delay", "seed",
+    )}  # fmt: skip
+    asked["target"] = experiment.target.shape
+    return {key: str(value) for key, value in asked.items() if value is not None}
+
+
+def joint_units(arm: Arm) -> tuple[str, ...]:
+    """'m' for joints that slide, 'rad' for others."""
+    return tuple("m" if slides else "rad" for slides in arm.prismatic)

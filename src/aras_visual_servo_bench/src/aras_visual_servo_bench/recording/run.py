@@ -1,15 +1,28 @@
-"""What a run leaves: arrays of what was seen, decided and true, and what it came to."""
+"""One run: what the loop saw and decided, where the camera truly was, and what it came to.
+
+The same whether it comes from the runner (from_loop), a bag (from_bag) or a graph (from_graph).
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
+from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm.poses import pose_difference
+from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.loop.state import CONVERGED, ServoState
+
+from ..asked.experiment import Experiment
+from ..errors import ViewError
+from ..targets.geometry import PlacedTarget
 
 REACHED, MISSED = "goal_reached", "goal_missed"
 SETTLED = 0.02  # part of the way at the start
+CAMERA = "camera"  # name of the one camera that there is today
 
 
 @dataclass(frozen=True)
@@ -34,78 +47,66 @@ class Verdict:
 
 
 @dataclass(frozen=True, eq=False)
-class Details:
-    """What the loop worked out for each of n images besides; NaN where it did not.
+class CameraRecord:
+    """One camera of a run.
 
     Attributes:
-        filtered: (n, k) errors behind the scheme's filter; as measured where it has none.
-        singular_L: (n, p) singular values of L in its modelled directions, largest first.
-        singular_LJ: (n, q) of the task's Jacobian L J.
-        manipulability: (n,) product of the singular values of L J.
-        scale: (n,) 1, or the factor by which the task was slowed for limits.
-        computing: (n,) s that the scheme took.
+        model: the true one; None: unknown.
+        stamp: (p,) exposures, s. arrival: (p,) when the recorder had them, s of the same clock.
+        pictures: some of them, (stamp, (rows, columns, 3) rgb), in order.
     """
 
-    filtered: np.ndarray
-    singular_L: np.ndarray
-    singular_LJ: np.ndarray
-    manipulability: np.ndarray
-    scale: np.ndarray
-    computing: np.ndarray
+    model: CameraModel | None = None
+    stamp: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    arrival: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    pictures: tuple[tuple[float, np.ndarray], ...] = ()
 
-    @classmethod
-    def unknown(cls, run: Run) -> Details:
-        """Of a run of which no more is known than its arrays."""
-        none = np.full(len(run.stamp), np.nan)
-        return cls(run.error, run.smallest[:, None], none[:, None], none, none, none)
+    def nearest(self, stamp: float) -> np.ndarray | None:
+        """The picture that is next to a stamp (s); None where there is none."""
+        if not self.pictures:
+            return None
+        return min(self.pictures, key=lambda one: abs(one[0] - stamp))[1]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Run:
-    """A run as arrays; n images were answered, m joint states came.
+    """A run; n images were answered, m joint states came. What is not known is None, NaN or empty.
 
     Attributes:
-        stamp: (n,) exposures, s; the physics' clock.
-        names: of the k features.
-        features, desired, error: (n, k) s, s* and s - s* as measured; NaN where none.
-        asked, achieved: (n, 6) twists of the camera in its own frame, m/s and rad/s.
+        states: n records of the loop, one an image.
         pose: (n, 4, 4) true world_T_camera when each image's answer was given.
-        joints: (n, j) as the controller had them at the exposures.
-        phases, outcomes, reasons: n words of the loop.
-        rank: (n,) of the task; -1 where none. smallest: (n,) least singular value.
         joint_names: j names.
         joint_stamp: (m,) s. measured, measured_speed: (m, j) what the joint states say, rad, m, /s.
         commanded: (m, j) the latest command at each joint state; NaN before the first.
         true_joints, true_speed: (m, j) of the plant when each came: with physics a step later, for
-            joint states are taken before the step that they are sent in. true_pose: (m, 4, 4)
-            world_T_camera then.
+            joint states are taken before the step that they are sent in; of a bag, as measured.
+        true_pose: (m, 4, 4) world_T_camera then.
         goal_pose: (4, 4) where the camera ought to be at the end.
         outcome, reason, mend: of the whole run, as the loop gives them.
         verdict: what the physics knows.
         peak_speed: (j,) greatest speed at any step, or None where it was not traced.
+        name: of the run, in legends. source: where it is from, in words.
+        units, tolerances: (k,) of the features.
+        limits: least and greatest joints (j,), rad or m. speed: (j,) greatest speeds.
+        joint_units: (j,) 'rad' or 'm'.
+        cameras: what each saw, by name; the first is the one that is servoed.
+        target: in the world. goal: as the loop had it.
+        centres: (n, 2) measured centre of gravity of the target, normalised.
+        pace: (p, 2) stamp, s, and real-time factor then.
+        settings: what was asked for, in words, by name. versions: of what the numbers depend on.
+        notes: what a reader must know before believing the rest.
+        experiment: that was asked for. yaml: text that repeats the run; empty: it is not known.
     """
 
-    stamp: np.ndarray
-    names: tuple[str, ...]
-    features: np.ndarray
-    desired: np.ndarray
-    error: np.ndarray
-    asked: np.ndarray
-    achieved: np.ndarray
+    states: tuple[ServoState, ...]
     pose: np.ndarray
-    joints: np.ndarray
-    phases: tuple[str, ...]
-    outcomes: tuple[str, ...]
-    reasons: tuple[str, ...]
-    rank: np.ndarray
-    smallest: np.ndarray
     joint_names: tuple[str, ...]
     joint_stamp: np.ndarray
     measured: np.ndarray
     measured_speed: np.ndarray
+    commanded: np.ndarray
     true_joints: np.ndarray
     true_speed: np.ndarray
-    commanded: np.ndarray
     true_pose: np.ndarray
     goal_pose: np.ndarray
     outcome: str
@@ -113,16 +114,198 @@ class Run:
     mend: str
     verdict: Verdict
     peak_speed: np.ndarray | None = None
+    name: str = ""
+    source: str = ""
+    units: tuple[str, ...] = ()
+    tolerances: tuple[float, ...] = ()
+    limits: tuple[np.ndarray, np.ndarray] = (np.zeros(0), np.zeros(0))
+    speed: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    joint_units: tuple[str, ...] = ()
+    cameras: Mapping[str, CameraRecord] = field(default_factory=dict)
+    target: PlacedTarget | None = None
+    goal: Goal | None = None
+    centres: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    pace: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    settings: Mapping[str, str] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    experiment: Experiment | None = None
+    yaml: str = ""
+
+    def __post_init__(self) -> None:
+        count = len(self.names)
+        self.units = tuple(self.units) if len(self.units) == count else ("",) * count
+        if len(self.tolerances) != count:
+            self.tolerances = ()
+
+    @property
+    def run(self) -> Run:
+        """Itself: a user's metric, which was given a finished run with its parts, asks for it."""
+        return self
+
+    # -- images ----------------------------------------------------------------------------
+
+    @cached_property
+    def stamp(self) -> np.ndarray:
+        """(n,) exposures, s; the physics' clock."""
+        return np.array([state.stamp for state in self.states])
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of the k features."""
+        decisions = (state.decision for state in self.states)
+        return next((tuple(d.names) for d in decisions if d is not None), ())
+
+    def _of_features(self, field_name: str) -> np.ndarray:
+        """(n, k) of the decisions that have these features; NaN where there is none."""
+        return _table(
+            [getattr(state.decision, field_name)
+             if state.decision is not None and len(state.decision.names) == len(self.names)
+             else None for state in self.states],
+            len(self.names),
+        )  # fmt: skip
+
+    @cached_property
+    def features(self) -> np.ndarray:
+        """(n, k) s as measured; NaN where none."""
+        return self._of_features("features")
+
+    @cached_property
+    def desired(self) -> np.ndarray:
+        """(n, k) s*."""
+        return self._of_features("desired")
+
+    @cached_property
+    def error(self) -> np.ndarray:
+        """(n, k) s - s* as measured, angles wrapped."""
+        return self._of_features("error")
+
+    @cached_property
+    def filtered(self) -> np.ndarray:
+        """(n, k) errors behind the scheme's filter; as measured where it has none."""
+        found = self._of_features("filtered_error")
+        return np.where(np.isnan(found), self.error, found)
+
+    @cached_property
+    def asked(self) -> np.ndarray:
+        """(n, 6) twists of the camera in its own frame, m/s and rad/s."""
+        return _table([state.twist for state in self.states], 6)
+
+    @cached_property
+    def achieved(self) -> np.ndarray:
+        """(n, 6) of it that the joint velocities give."""
+        return _table([state.achieved for state in self.states], 6)
+
+    @cached_property
+    def joints(self) -> np.ndarray:
+        """(n, j) as the controller had them at the exposures."""
+        places = [None if s.joints is None else s.joints.positions for s in self.states]
+        return _table(places, len(self.joint_names))
+
+    @property
+    def phases(self) -> tuple[str, ...]:
+        """N words of the loop."""
+        return tuple(state.phase for state in self.states)
+
+    @property
+    def outcomes(self) -> tuple[str, ...]:
+        """N words: what the loop knew then."""
+        return tuple(state.outcome for state in self.states)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """N texts."""
+        return tuple(state.reason for state in self.states)
+
+    @cached_property
+    def rank(self) -> np.ndarray:
+        """(n,) of L in its modelled directions."""
+        return np.array([state.rank for state in self.states], int)
+
+    @cached_property
+    def singular_L(self) -> np.ndarray:
+        """(n, p) singular values of L in its modelled directions, largest first."""
+        return padded(state.singular_values_L for state in self.states)
+
+    @cached_property
+    def singular_LJ(self) -> np.ndarray:
+        """(n, q) of the task's Jacobian L J."""
+        return padded(
+            None if s.resolution is None else s.resolution.singular_values for s in self.states
+        )
+
+    @cached_property
+    def smallest(self) -> np.ndarray:
+        """(n,) least singular value of L."""
+        values = (state.singular_values_L for state in self.states)
+        return np.array([s[-1] if len(s) else np.nan for s in values], float)
+
+    @cached_property
+    def manipulability(self) -> np.ndarray:
+        """(n,) product of the singular values of L J."""
+        return self._of_resolution("manipulability")
+
+    @cached_property
+    def scale(self) -> np.ndarray:
+        """(n,) 1, or the factor by which the task was slowed for limits."""
+        return self._of_resolution("scale")
+
+    def _of_resolution(self, field_name: str) -> np.ndarray:
+        found = (state.resolution for state in self.states)
+        return np.array([np.nan if r is None else getattr(r, field_name) for r in found], float)
+
+    @cached_property
+    def computing(self) -> np.ndarray:
+        """(n,) s that the scheme took; NaN where no clock was handed in."""
+        return np.array([state.computing or np.nan for state in self.states], float)
+
+    # -- cameras ---------------------------------------------------------------------------
+
+    @property
+    def images(self) -> CameraRecord:
+        """Of the camera that is servoed."""
+        return next(iter(self.cameras.values()), CameraRecord())
+
+    @property
+    def camera(self) -> CameraModel | None:
+        """The true model of the camera that is servoed."""
+        return self.images.model
+
+    # -- the end ---------------------------------------------------------------------------
 
     @property
     def converged(self) -> bool:
-        """Whether the loop holds that it has reached its goal."""
+        """Whether the loop says that it has reached its goal."""
         return self.outcome.startswith("converged")
+
+    @property
+    def held(self) -> bool:
+        """Whether the camera was held at the goal in the end, whatever else the loop had to say."""
+        return self.converged or bool(self.states) and self.states[-1].phase == CONVERGED
+
+    # -- time ------------------------------------------------------------------------------
 
     @property
     def servoing(self) -> np.ndarray:
         """(m,) bool, joint states since the first image."""
         return self.joint_stamp >= (self.stamp[0] if len(self.stamp) else np.inf)
+
+    @property
+    def began(self) -> float:
+        """Stamp of the first image that was answered, s."""
+        return float(self.stamp[0]) if len(self.stamp) else 0.0
+
+    @property
+    def time(self) -> np.ndarray:
+        """(n,) s since then, of the images."""
+        return self.stamp - self.began
+
+    @property
+    def joint_time(self) -> np.ndarray:
+        """(m,) s since then, of the joint states."""
+        return self.joint_stamp - self.began
+
+    # -- the way ---------------------------------------------------------------------------
 
     def commanded_speed(self) -> np.ndarray:
         """Greatest speed (j,) at which position commands moved, rad/s or m/s."""
@@ -146,18 +329,36 @@ class Run:
             return float("inf")
         latest = 0.0
         for way, least in zip(self.way(), floor, strict=True):
-            latest = max(latest, _settling(self.joint_stamp[after], way[after], least))
+            latest = max(latest, settling(self.joint_stamp[after], way[after], least))
         return latest
 
     def feature_settling(self) -> dict[str, float]:
         """From the first image until each |error| stays within 2 % of its first, s; inf: never."""
         return {
-            name: _settling(self.stamp, np.abs(self.error[:, i]))
+            name: settling(self.stamp, np.abs(self.error[:, i]))
             for i, name in enumerate(self.names)
         }
 
+    # -- places ----------------------------------------------------------------------------
 
-def _settling(stamp: np.ndarray, values: np.ndarray, floor: float = 0.0) -> float:
+    def outline(self, pose: np.ndarray, stamp: float) -> np.ndarray | None:
+        """Pixels (c, 2) of the target's silhouette for world_T_camera (4, 4); None: unknown."""
+        if self.target is None or self.camera is None or not np.isfinite(pose).all():
+            return None
+        try:
+            rim = self.target.shape.outline(self.target.seen_from(pose, stamp))
+        except ViewError:
+            return None
+        return np.column_stack(self.camera.project(*np.asarray(rim, float).T))
+
+    def pose_at(self, stamp: float) -> np.ndarray:
+        """world_T_camera (4, 4) next to a stamp; NaN where none is known."""
+        if not len(self.joint_stamp):
+            return np.full((4, 4), np.nan)
+        return self.true_pose[int(np.argmin(np.abs(self.joint_stamp - stamp)))]
+
+
+def settling(stamp: np.ndarray, values: np.ndarray, floor: float = 0.0) -> float:
     """From stamp[0] until values (n,) stay within 2 % of the first or `floor`, s; inf: never."""
     known = np.isfinite(values)
     stamp, values = stamp[known], values[known]
@@ -168,3 +369,24 @@ def _settling(stamp: np.ndarray, values: np.ndarray, floor: float = 0.0) -> floa
         return 0.0
     after = int(above[-1]) + 1
     return float(stamp[after] - stamp[0]) if after < len(stamp) else float("inf")
+
+
+def scaled(error: np.ndarray) -> np.ndarray:
+    """Errors (n, k) in parts of the largest that each has had: comparable whatever their units."""
+    largest = np.nanmax(np.abs(error), axis=0, initial=0.0)
+    return error / np.where(largest > 0.0, largest, 1.0)
+
+
+def padded(values: Iterable[Sequence[float] | None]) -> np.ndarray:
+    """Rows of different lengths as one array (n, longest), NaN where there is nothing."""
+    rows = [np.zeros(0) if row is None else np.asarray(row, float) for row in values]
+    return _table(rows, max((len(row) for row in rows), default=0))
+
+
+def _table(rows: Sequence[Sequence[float] | None], width: int) -> np.ndarray:
+    """Rows as one array (n, width); NaN behind those that are shorter, or None."""
+    table = np.full((len(rows), width), np.nan)
+    for i, row in enumerate(rows):
+        if row is not None:
+            table[i, : len(row)] = row
+    return table

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..numbers.metrics import condition
 from ..pictures.style import (
     COLOURS,
     FAINT,
@@ -19,42 +20,42 @@ from ..pictures.style import (
     legend,
     logarithmic,
 )
-from ..recording.record import Record
+from ..recording.run import Run
 from .time_axes import colours, curve, times, zero
 
 UNLIMITED = 100.0  # rad or m beyond which a limit is none
 
 
-def joint_positions(records: Sequence[Record]) -> Figure | None:
+def joint_positions(runs: Sequence[Run]) -> Figure | None:
     """Each joint's position with its command and limits, and its speed with its limit beside."""
-    records = [r for r in records if r.run.joint_names]
-    if not records:
+    runs = [r for r in runs if r.joint_names]
+    if not runs:
         return None
-    names, single = records[0].run.joint_names, len(records) == 1
+    names, single = runs[0].joint_names, len(runs) == 1
     figure, axes = canvas(len(names), 2, each=1.25, wide=True)
     for j, name in enumerate(names):
         place, speed = axes[j]
-        for record, colour in zip(records, colours(records), strict=True):
-            if name not in record.run.joint_names:
+        for run, colour in zip(runs, colours(runs), strict=True):
+            if name not in run.joint_names:
                 continue
-            run, i = record.run, record.run.joint_names.index(name)
-            shown = record.joint_time >= -0.1
-            time, style = record.joint_time[shown], {"color": COLOURS[0] if single else colour}
-            place.plot(time, run.measured[shown, i], label="measured" if single else record.name,
+            i = run.joint_names.index(name)
+            shown = run.joint_time >= -0.1
+            time, style = run.joint_time[shown], {"color": COLOURS[0] if single else colour}
+            place.plot(time, run.measured[shown, i], label="measured" if single else run.name,
                        **style)  # fmt: skip
             if single:
                 place.plot(time, run.commanded[shown, i], color=COLOURS[1], lw=1.0, ls="--",
                            label="command")  # fmt: skip
             speed.plot(time, run.measured_speed[shown, i],
-                       label="measured" if single else record.name, **style)  # fmt: skip
+                       label="measured" if single else run.name, **style)  # fmt: skip
             if single and is_paper():
                 speed.plot([], [], color=COLOURS[1], lw=1.0, ls="--", label="command")
-        unit = dict(zip(names, records[0].joint_units, strict=False)).get(name, "rad")
+        unit = dict(zip(names, runs[0].joint_units, strict=False)).get(name, "rad")
         place.set_ylabel(f"{name} ({unit})")
         speed.set_ylabel(f"({unit}/s)")
         zero(speed)
-        _limits(place, *(bounds[j : j + 1] for bounds in records[0].limits))
-        top = records[0].speed[j : j + 1]
+        _limits(place, *(bounds[j : j + 1] for bounds in runs[0].limits))
+        top = runs[0].speed[j : j + 1]
         _limits(speed, -top, top)
     if single:
         heading(axes[0, 0], "Positions  (dashed: commanded)")
@@ -64,7 +65,7 @@ def joint_positions(records: Sequence[Record]) -> Figure | None:
     if is_paper() or not single:
         legend(axes[0, 1], 2 if single else 3, handlelength=1.2, columnspacing=0.8)
     for column in (0, 1):
-        times(axes[:, column], records, "time (s)" if is_paper() else TIME)
+        times(axes[:, column], runs, "time (s)" if is_paper() else TIME)
     return figure
 
 
@@ -96,104 +97,91 @@ def _limits(axis: Axes, lower: np.ndarray, upper: np.ndarray) -> None:
                       color=FAINT)  # fmt: skip
 
 
-def conditioning(records: Sequence[Record]) -> Figure | None:
+def conditioning(runs: Sequence[Run]) -> Figure | None:
     """Condition numbers of L and of L J, manipulability, and how much limits slowed the task."""
-    records = [r for r in records if np.isfinite(r.details.singular_L).any()]
-    if not records:
+    runs = [r for r in runs if np.isfinite(r.singular_L).any()]
+    if not runs:
         return None
     figure, axes = canvas(3, each=1.5)
     axes = axes[:, 0]
-    for record, colour in zip(records, colours(records), strict=True):
-        details, single = record.details, len(records) == 1
+    for run, colour in zip(runs, colours(runs), strict=True):
+        single = len(runs) == 1
         for values, name, shade, style in (
-            (details.singular_L, "L", COLOURS[0], "-"), (details.singular_LJ, "L J", COLOURS[1],
+            (run.singular_L, "L", COLOURS[0], "-"), (run.singular_LJ, "L J", COLOURS[1],
                                                          "--"),
         ):  # fmt: skip
             number = condition(values)
             if np.isfinite(number).any():
                 label = f"${name}$".replace(" ", r"\,") if single else \
-                    record.name if name == "L" else None
-                curve(axes[0], record.time, number, color=shade if single else colour, ls=style,
+                    run.name if name == "L" else None
+                curve(axes[0], run.time, number, color=shade if single else colour, ls=style,
                       label=label)  # fmt: skip
-        curve(axes[1], record.time, details.manipulability, color=colour)
-        curve(axes[2], record.time, details.scale, color=colour)
+        curve(axes[1], run.time, run.manipulability, color=colour)
+        curve(axes[2], run.time, run.scale, color=colour)
     axes[0].set_yscale("log")
     axes[0].set_ylabel("condition number")
     logarithmic(axes[0])
     axes[1].set_ylabel("manipulability")
     axes[2].set_ylabel("scale")
     axes[2].set_ylim(-0.05, 1.1)
-    heading(axes[0], "Conditioning" + ("  (full: L, dashed: L J)" if len(records) > 1 else ""))
+    heading(axes[0], "Conditioning" + ("  (full: L, dashed: L J)" if len(runs) > 1 else ""))
     heading(axes[2], "Factor by which limits slowed the task")
     legend(axes[0])
-    times(axes, records)
+    times(axes, runs)
     return figure
 
 
-def condition(singular: np.ndarray) -> np.ndarray:
-    """Largest over smallest singular value (n,) of rows (n, p); inf where one is 0; NaN: none."""
-    if not singular.size:
-        return np.full(len(singular), np.nan)
-    known = np.isfinite(singular).any(axis=1)
-    largest = np.where(known, np.nanmax(np.where(np.isfinite(singular), singular, -np.inf), 1),
-                       np.nan)  # fmt: skip
-    smallest = np.where(known, np.nanmin(np.where(np.isfinite(singular), singular, np.inf), 1),
-                        np.nan)  # fmt: skip
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return largest / smallest
-
-
-def timing(records: Sequence[Record]) -> Figure | None:
+def timing(runs: Sequence[Run]) -> Figure | None:
     """Intervals between images, delays, and the pace of simulated time, as far as recorded."""
-    records = [r for r in records if len(r.time) > 2]
-    panels = [panel for panel in (_intervals, _delays, _paces) if any(map(panel, records))]
+    runs = [r for r in runs if len(r.time) > 2]
+    panels = [panel for panel in (_intervals, _delays, _paces) if any(map(panel, runs))]
     if not panels:
         return None
     figure, axes = canvas(len(panels), each=1.5)
     axes = axes[:, 0]
     for axis, panel in zip(axes, panels, strict=True):
-        for record, colour in zip(records, colours(records), strict=True):
-            for i, (name, time, values) in enumerate(panel(record)):
-                single = len(records) == 1
+        for run, colour in zip(runs, colours(runs), strict=True):
+            for i, (name, time, values) in enumerate(panel(run)):
+                single = len(runs) == 1
                 axis.plot(time, values, "-" if panel is _paces else ".", ms=3, lw=1.0,
                           color=COLOURS[i] if single else colour,
-                          label=name if single else record.name if i == 0 else None)  # fmt: skip
+                          label=name if single else run.name if i == 0 else None)  # fmt: skip
         low, high = axis.get_ylim()
         axis.set_ylim(min(low, 0.0), 1.15 * high)
         axis.set_ylabel({_intervals: "interval (ms)", _delays: "delay (ms)",
                          _paces: "real-time factor"}[panel])  # fmt: skip
-        if len(records) == 1 and panel is _delays:
+        if len(runs) == 1 and panel is _delays:
             legend(axis)
     heading(axes[0], "Time between images")
-    if len(records) > 1:
+    if len(runs) > 1:
         legend(axes[0])
-    times(axes, records)
+    times(axes, runs)
     return figure
 
 
 Dots = list[tuple[str, np.ndarray, np.ndarray]]
 
 
-def _intervals(record: Record) -> Dots:
-    stamp = record.images.stamp if len(record.images.stamp) > 2 else record.run.stamp
-    time = stamp[1:] - record.began
+def _intervals(run: Run) -> Dots:
+    stamp = run.images.stamp if len(run.images.stamp) > 2 else run.stamp
+    time = stamp[1:] - run.began
     return [("interval", time[time >= 0.0], 1e3 * np.diff(stamp)[time >= 0.0])]
 
 
-def _delays(record: Record) -> Dots:
-    images, found = record.images, []
-    shown = images.stamp >= record.began
+def _delays(run: Run) -> Dots:
+    images, found = run.images, []
+    shown = images.stamp >= run.began
     if np.any(images.arrival > images.stamp):
         delay = 1e3 * (images.arrival - images.stamp)
-        found.append(("exposure to recorder", images.stamp[shown] - record.began, delay[shown]))
-    if np.isfinite(record.details.computing).any():
-        found.append(("scheme computing", record.time, 1e3 * record.details.computing))
+        found.append(("exposure to recorder", images.stamp[shown] - run.began, delay[shown]))
+    if np.isfinite(run.computing).any():
+        found.append(("scheme computing", run.time, 1e3 * run.computing))
     return found
 
 
-def _paces(record: Record) -> Dots:
-    if not len(record.pace):
+def _paces(run: Run) -> Dots:
+    if not len(run.pace):
         return []
-    stamp, factor = record.pace.T
-    shown = stamp >= record.began
-    return [("pace", stamp[shown] - record.began, factor[shown])] if shown.any() else []
+    stamp, factor = run.pace.T
+    shown = stamp >= run.began
+    return [("pace", stamp[shown] - run.began, factor[shown])] if shown.any() else []

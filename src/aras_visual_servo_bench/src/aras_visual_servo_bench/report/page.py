@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import jinja2
 
 from ..numbers.summary import Quantity, best
-from ..recording.record import Record
+from ..recording.run import Run
 from .template import PAGE
 
 # On the tiles: key, factor, unit of what is printed, words.
@@ -44,7 +44,7 @@ class Shown:
 
 def page(
     title: str,
-    records: Sequence[Record],
+    runs: Sequence[Run],
     summaries: Sequence[Sequence[Quantity]],
     figures: Sequence[Sequence[Shown]],
     footer: str,
@@ -52,30 +52,29 @@ def page(
     """The HTML text.
 
     Args:
-        summaries: of each record. figures: rows of one or two.
+        summaries: of each run. figures: rows of one or two.
     """
     made = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     return made.from_string(PAGE).render(
         title=title,
-        runs=[_run(record, quantities) for record, quantities in
-              zip(records, summaries, strict=True)],
-        tiles=_tiles(summaries[0]) if len(records) == 1 else [],
-        comparison=_comparison(records, summaries) if len(records) > 1 else [],
+        runs=[_run(run, quantities) for run, quantities in
+              zip(runs, summaries, strict=True)],
+        tiles=_tiles(summaries[0]) if len(runs) == 1 else [],
+        comparison=_comparison(runs, summaries) if len(runs) > 1 else [],
         figures=figures,
         footer=footer,
     )  # fmt: skip
 
 
-def _run(record: Record, quantities: Sequence[Quantity]) -> Mapping[str, object]:
-    run = record.run
-    told = ", ".join(f"{key} {value}" for key, value in list(record.settings.items())[:7])
+def _run(run: Run, quantities: Sequence[Quantity]) -> Mapping[str, object]:
+    told = ", ".join(f"{key} {value}" for key, value in list(run.settings.items())[:7])
     return {
-        "name": record.name, "outcome": run.outcome, "verdict": run.verdict.word,
-        "converged": record.converged, "reached": run.verdict.reached, "reason": run.reason,
-        "mend": run.mend, "notes": record.notes, "quantities": quantities,
-        "settings": list(record.settings.items()), "versions": list(record.versions.items()),
-        "experiment": record.experiment,
-        "meta": " · ".join(filter(None, (record.source, told))),
+        "name": run.name, "outcome": run.outcome, "verdict": run.verdict.word,
+        "converged": run.held, "reached": run.verdict.reached, "reason": run.reason,
+        "mend": run.mend, "notes": run.notes, "quantities": quantities,
+        "settings": list(run.settings.items()), "versions": list(run.versions.items()),
+        "experiment": run.yaml,
+        "meta": " · ".join(filter(None, (run.source, told))),
     }  # fmt: skip
 
 
@@ -90,7 +89,7 @@ def _tiles(quantities: Sequence[Quantity]) -> list[Mapping[str, str]]:
 
 
 def _comparison(
-    records: Sequence[Record], summaries: Sequence[Sequence[Quantity]]
+    runs: Sequence[Run], summaries: Sequence[Sequence[Quantity]]
 ) -> list[Mapping[str, object]]:
     """A row a quantity that at least two runs have, a column a run, the best marked."""
     columns = {str(i): list(qs) for i, qs in enumerate(summaries)}

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ..pictures.style import COLOURS, FAINT, GOAL, INK, TIME
-from ..recording.record import Record
+from ..recording.run import Run
 
 LONGEST, PERIODS = 0.3, 5.0  # s, and median steps, after which a curve is not joined any more
 RIGHT = 0.75  # part of the axis behind which words stand to the left of their line
@@ -33,21 +33,21 @@ def zero(axis: Axes) -> None:
     axis.axhline(0.0, color=FAINT, lw=0.8, zorder=1)
 
 
-def times(axes: Sequence[Axes], records: Sequence[Record], label: str = TIME) -> None:
+def times(axes: Sequence[Axes], runs: Sequence[Run], label: str = TIME) -> None:
     """Label and range of a column of axes."""
     axes[-1].set_xlabel(label)
-    axes[-1].set_xlim(0.0, _end(records))
+    axes[-1].set_xlim(0.0, _end(runs))
 
 
-def _end(records: Sequence[Record]) -> float:
-    return max([1e-3, *(float(r.time[-1]) for r in records if len(r.time))])
+def _end(runs: Sequence[Run]) -> float:
+    return max([1e-3, *(float(r.time[-1]) for r in runs if len(r.time))])
 
 
-def settled_mark(axis: Axes, record: Record) -> None:
+def settled_mark(axis: Axes, run: Run) -> None:
     """When the camera was there, if it ever was."""
-    settled = record.run.settled()
+    settled = run.settled()
     if np.isfinite(settled):
-        left = settled > RIGHT * _end([record])
+        left = settled > RIGHT * _end([run])
         axis.axvline(settled, color=GOAL, ls=":", lw=1.2)
         axis.annotate(
             f"settled after {settled:.2f} s", (settled, 1.0), xycoords=("data", "axes fraction"),
@@ -56,6 +56,6 @@ def settled_mark(axis: Axes, record: Record) -> None:
         )  # fmt: skip
 
 
-def colours(records: Sequence[Record]) -> list[str]:
+def colours(runs: Sequence[Run]) -> list[str]:
     """Of each run; one alone needs none."""
-    return [INK] if len(records) == 1 else [COLOURS[i % len(COLOURS)] for i in range(len(records))]
+    return [INK] if len(runs) == 1 else [COLOURS[i % len(COLOURS)] for i in range(len(runs))]

@@ -17,11 +17,11 @@ from matplotlib.figure import Figure
 from ..errors import BenchError
 from ..numbers.summary import Quantity, mapping, summarise
 from ..pictures import curves, style, views
-from ..recording.record import Record
+from ..recording.run import Run
 from . import machine
 from .page import Shown, page
 
-Drawing = Callable[[Sequence[Record]], Figure | None]
+Drawing = Callable[[Sequence[Run]], Figure | None]
 KINDS = ("png", "svg", "pdf")
 # name of the files, title, words below, drawing; rows of the page
 FIGURES: tuple[tuple[tuple[str, str, str, Drawing], ...], ...] = (
@@ -49,7 +49,7 @@ NAMES = tuple(name for row in FIGURES for name, *_ in row)
 
 
 def write_report(
-    records: Sequence[Record],
+    runs: Sequence[Run],
     out: Path,
     kinds: Sequence[str] = KINDS,
     paper: bool = False,
@@ -58,7 +58,7 @@ def write_report(
     """Write report.html, summary.json, summary.csv, figures/ and data/ into a folder.
 
     Args:
-        records: one run, or several to be compared.
+        runs: one run, or several to be compared.
         out: made if need be; files of the same names are overwritten.
         kinds: of png, svg, pdf; of figures as files. Those of the page are SVG if that is one.
         paper: figures as a paper's column has them, vector files alone; the page keeps its own.
@@ -73,10 +73,10 @@ def write_report(
     for kind in kinds:
         if kind not in KINDS:
             raise BenchError(f"no format '{kind}': there are {', '.join(KINDS)}")
-    if not records:
+    if not runs:
         raise BenchError("nothing to report on")
     try:
-        return _Report(records, out, kinds, paper, progress).write()
+        return _Report(runs, out, kinds, paper, progress).write()
     except OSError as error:
         raise BenchError(
             f"cannot write the report into {out}: {error.strerror or error}"
@@ -87,10 +87,10 @@ class _Report:
     """One report on its way."""
 
     def __init__(
-        self, records: Sequence[Record], out: Path, kinds: Sequence[str], paper: bool,
+        self, runs: Sequence[Run], out: Path, kinds: Sequence[str], paper: bool,
         progress: Callable[[float, str], None],
     ) -> None:  # fmt: skip
-        self.records, self.out, self.progress = list(records), out, progress
+        self.runs, self.out, self.progress = list(runs), out, progress
         self.kinds, self.paper = [k for k in kinds if not (paper and k == "png")], paper
         self.written: list[Path] = []
         self._steps, self._done = len(NAMES) * (2 if paper else 1) + 2, 0
@@ -100,11 +100,11 @@ class _Report:
         for folder in ("figures", "data"):
             (self.out / folder).mkdir(parents=True, exist_ok=True)
         self._next("numbers")
-        summaries = [summarise(record) for record in self.records]
+        summaries = [summarise(run) for run in self.runs]
         self._numbers(summaries)
-        for number, record in enumerate(self.records):
-            label = "" if len(self.records) == 1 else f"{number + 1}_"
-            for name, table in tables(record).items():
+        for number, run in enumerate(self.runs):
+            label = "" if len(self.runs) == 1 else f"{number + 1}_"
+            for name, table in tables(run).items():
                 self._text(self.out / "data" / f"{label}{name}.csv", table)
         with style.look():
             rows = [self._row(row) for row in FIGURES]
@@ -113,10 +113,10 @@ class _Report:
                 for row in FIGURES:
                     self._row(row, files=True)
         self._next("page")
-        names = [record.name for record in self.records]
+        names = [run.name for run in self.runs]
         title = names[0] if len(names) == 1 else "Comparison of " + ", ".join(names)
         footer = f"Written {datetime.now():%Y-%m-%d %H:%M} by aras_visual_servo_bench analyze."
-        text = page(title, self.records, summaries, [row for row in rows if row], footer)
+        text = page(title, self.runs, summaries, [row for row in rows if row], footer)
         self._text(self.out / "report.html", text)
         self.progress(1.0, "done")
         return [self.out / "report.html",
@@ -131,16 +131,16 @@ class _Report:
         self.written.append(path)
 
     def _numbers(self, summaries: Sequence[Sequence[Quantity]]) -> None:
-        told = [mapping(r, qs) for r, qs in zip(self.records, summaries, strict=True)]
+        told = [mapping(r, qs) for r, qs in zip(self.runs, summaries, strict=True)]
         text = json.dumps(told[0] if len(told) == 1 else told, indent=2, ensure_ascii=False)
         self._text(self.out / "summary.json", text + "\n")
         stream = io.StringIO()
         rows = csv.writer(stream)
         rows.writerow(["run", "quantity", "value", "unit", "what it is"])
-        for record, quantities in zip(self.records, summaries, strict=True):
+        for run, quantities in zip(self.runs, summaries, strict=True):
             for q in quantities:
                 value = "" if isinstance(q.value, float) and math.isnan(q.value) else q.value
-                rows.writerow([record.name, q.key, value, q.unit, q.text])
+                rows.writerow([run.name, q.key, value, q.unit, q.text])
         self._text(self.out / "summary.csv", stream.getvalue())
 
     def _row(self, row: Sequence[tuple], files: bool | None = None) -> list[Shown]:
@@ -149,7 +149,7 @@ class _Report:
         drawn = []
         for name, title, text, draw in row:
             self._next(title.lower())
-            figure = draw(self.records)
+            figure = draw(self.runs)
             if figure is not None:
                 drawn.append((name, title, text, figure))
         if drawn and not style.is_paper():
@@ -174,30 +174,29 @@ def _drawn(figure: Figure, kind: str) -> bytes:
     return stream.getvalue()
 
 
-def tables(record: Record) -> dict[str, str]:
+def tables(run: Run) -> dict[str, str]:
     """CSV texts: images (a row an image that was answered) and joints (one a joint state)."""
-    run, details = record.run, record.details
-    images: dict[str, np.ndarray] = {"time [s]": record.time, "stamp [s]": run.stamp}
+    images: dict[str, np.ndarray] = {"time [s]": run.time, "stamp [s]": run.stamp}
     for i, name in enumerate(run.names):
-        unit = f" [{record.units[i]}]" if record.units[i] else ""
+        unit = f" [{run.units[i]}]" if run.units[i] else ""
         images[f"{name}{unit}"] = run.features[:, i]
         images[f"{name} desired{unit}"] = run.desired[:, i]
         images[f"{name} error{unit}"] = run.error[:, i]
-        if details.filtered.shape == run.error.shape:
-            images[f"{name} filtered error{unit}"] = details.filtered[:, i]
+        if run.filtered.shape == run.error.shape:
+            images[f"{name} filtered error{unit}"] = run.filtered[:, i]
     for word, twist in (("asked", run.asked), ("achieved", run.achieved)):
         for i, axis in enumerate(("vx", "vy", "vz", "wx", "wy", "wz")):
             images[f"{axis} {word} [{'m/s' if i < 3 else 'rad/s'}]"] = twist[:, i]
-    images["condition of L"] = machine.condition(details.singular_L)
-    images["condition of L J"] = machine.condition(details.singular_LJ)
-    images["manipulability"], images["scale"] = details.manipulability, details.scale
-    images["computing [s]"] = details.computing
+    images["condition of L"] = machine.condition(run.singular_L)
+    images["condition of L J"] = machine.condition(run.singular_LJ)
+    images["manipulability"], images["scale"] = run.manipulability, run.scale
+    images["computing [s]"] = run.computing
     for i, axis in enumerate("xyz"):
         images[f"camera {axis} [m]"] = run.pose[:, i, 3]
     joints: dict[str, np.ndarray] = {
-        "time [s]": record.joint_time, "stamp [s]": run.joint_stamp,
+        "time [s]": run.joint_time, "stamp [s]": run.joint_stamp,
     }  # fmt: skip
-    units = dict(zip(run.joint_names, record.joint_units, strict=False))
+    units = dict(zip(run.joint_names, run.joint_units, strict=False))
     for i, name in enumerate(run.joint_names):
         unit = units.get(name, "rad")
         joints[f"{name} [{unit}]"] = run.measured[:, i]

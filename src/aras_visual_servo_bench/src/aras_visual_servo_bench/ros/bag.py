@@ -17,8 +17,9 @@ import numpy as np
 from aras_visual_servo_controller.arm.poses import optical
 
 from ..errors import BenchError
-from ..recording.record import Record, nearest
-from .bag_record import Messages
+from ..recording.from_bag import Messages
+from ..recording.run import Run
+from ..recording.tracks import nearest
 from .described import Described
 from .unclosed import UnclosedBag
 
@@ -50,7 +51,7 @@ OPTICAL, LINK = "camera_optical_frame", "camera_link"
 
 def read_bag(
     path: str | Path, progress: Callable[[float], None] = lambda part: None, name: str = ""
-) -> Record:
+) -> Run:
     """Read a bag that record.launch wrote.
 
     Args:
@@ -67,12 +68,12 @@ def read_bag(
         with bag:
             reader = Reader(bag, path)
             reader.read(progress)
-            record = Messages(reader).record(name or _name(path))
+            run = Messages(reader).run(name or _name(path))
     except (OSError, rosbag.ROSBagException, struct.error, ValueError, RuntimeError) as error:
         raise BenchError(f"cannot read the bag {path}: {error}") from error
     if note:
-        record.notes.insert(0, note)
-    return record
+        run.notes.insert(0, note)
+    return run
 
 
 def described(path: Path) -> Described:

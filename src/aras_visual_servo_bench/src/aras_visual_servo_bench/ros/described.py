@@ -22,7 +22,7 @@ from ..asked.experiment import Experiment
 from ..asked.packages import PackagePath
 from ..asked.robots import RobotSpec
 from ..errors import BenchError, ExperimentError
-from ..recording.of_run import settings_of
+from ..recording.from_loop import settings_of
 from .describe import at
 
 # Of the loop's node alone: an experiment has them elsewhere, or not at all.

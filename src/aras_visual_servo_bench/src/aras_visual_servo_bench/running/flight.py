@@ -8,6 +8,7 @@ depth). Scheme, law, goal, diagnosis and observations are those of every other r
 from __future__ import annotations
 
 import contextlib
+from dataclasses import replace
 
 import numpy as np
 
@@ -33,8 +34,8 @@ from ..asked.cameras import in_view
 from ..asked.experiment import Experiment
 from ..errors import ExperimentError, ViewError
 from ..plants.kinematic import FreeCamera
-from ..recording.from_loop import History
-from ..recording.run import Details, Run, Verdict
+from ..recording.from_loop import Recorder
+from ..recording.run import Run, Verdict
 from ..rigid import exponential
 
 NS = 1_000_000_000
@@ -90,7 +91,7 @@ class Flight:
         self._settings = ServoSettings(hold=parts.settings.hold)
         self._convergence = Convergence(parts.settings.hold)
         self._diagnosis = Diagnosis(self._settings)
-        self._history = History(0)
+        self._recorder = Recorder(0)
         self._poses: list[np.ndarray] = []
         self._images, self._blind = 0, 0
         self._converged_at: float | None = None
@@ -143,11 +144,11 @@ class Flight:
             reason = self._convergence.short
         else:
             self._convergence.clear()
-        state = ServoState.of(self.time, phase, reason, decision, None, None, None)
+        state = ServoState(self.time, phase, reason=reason, decision=decision, answers_image=True)
         found = self._diagnosis.see(state, observation, self.goal, self.scheme, faulty)
-        object.__setattr__(state, "outcome", found.kind)
-        self._history.image(state, self.pose)
-        self._history.joints(self.time, (NONE, NONE), (NONE, NONE))
+        state = replace(state, outcome=found.kind, mend=found.mend)
+        self._recorder.image(state, self.pose)
+        self._recorder.joints(self.time, (NONE, NONE), (NONE, NONE))
         self._poses.append(self.pose)
         self._end(decision, phase, found, faulty)
         if self.outcome is None and decision is not None:
@@ -274,21 +275,17 @@ class Flight:
         """World_T_camera (n, 4, 4) of every image: as a plant's, whose joints this one has not."""
         return np.array(self._poses)
 
-    def details(self) -> Details:
-        """What the scheme has worked out for each image besides."""
-        return self._history.details()
-
     def result(self) -> Run:
         """What the flight has come to."""
         target = self.parts.target
         moved = target.world_T_target(self.time) @ inverse(target.world_T_target(0.0))
         goal_pose = moved @ self.parts.goal_pose
-        return self._history.run(
-            self,
+        return self._recorder.run(
+            self, self.experiment, self.parts,
             goal_pose=goal_pose,
             joint_names=(),
             outcome=self.outcome.kind,
             reason=self.outcome.reason,
             mend=self.outcome.mend,
             verdict=Verdict.of(goal_pose, self.pose, self.experiment.reached),
-        )
+        )  # fmt: skip

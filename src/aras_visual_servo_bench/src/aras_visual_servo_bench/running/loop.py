@@ -15,8 +15,8 @@ from ..asked.assembly import Assembly, assemble
 from ..asked.experiment import Experiment
 from ..plants import CameraReading
 from ..plants.base import seconds
-from ..recording.from_loop import History
-from ..recording.run import Details, Run, Verdict
+from ..recording.from_loop import Recorder
+from ..recording.run import Run, Verdict
 from .flight import fly
 
 NS = 1_000_000_000
@@ -60,7 +60,7 @@ class Loop:
         self.plant, self.servo = parts.plant, parts.servo
         self.reading: CameraReading | None = None
         self.state: ServoState | None = None
-        self._history = History(len(self.plant.joint_names))
+        self._recorder = Recorder(len(self.plant.joint_names))
         # Wall time stands still: what is late here is late in simulated time.
         self._driver = Driver(
             parts.servo, parts.observer, parts.settings, self,
@@ -81,7 +81,7 @@ class Loop:
         ):
             if values is not None:
                 self.plant.command(kind, values)
-                self._history.commanded(values)
+                self._recorder.commanded(values)
 
     def report(self, state: ServoState) -> None:
         """Keep the answer to an image; what is reported in between is for those who watch."""
@@ -93,7 +93,7 @@ class Loop:
         elif self._converged_ns is None:
             self._converged_ns = self.plant.time_ns
         self.state = state
-        self._history.image(state, self.plant.pose())
+        self._recorder.image(state, self.plant.pose())
 
     def say(self, text: str) -> None:
         """Into the log."""
@@ -139,7 +139,7 @@ class Loop:
                 else:
                     driver.joints(reading.names, reading.positions, reading.velocities, stamp)
                     measured = reading.of(plant.joint_names)
-                    self._history.joints(stamp, measured, plant.joints())
+                    self._recorder.joints(stamp, measured, plant.joints())
         return self.state if self._answered else None
 
     def goal_pose(self) -> np.ndarray:
@@ -159,8 +159,8 @@ class Loop:
             # time asks for a measurement.
             self.servo.diagnosis.timed_out(self.experiment.duration)
         outcome = self.servo.outcome
-        return self._history.run(
-            self.plant,
+        return self._recorder.run(
+            self.plant, self.experiment, self.parts,
             goal_pose=self.goal_pose(),
             joint_names=self.plant.joint_names,
             outcome=outcome.kind,
@@ -168,11 +168,7 @@ class Loop:
             mend=outcome.mend,
             verdict=self.verdict(),
             peak_speed=getattr(self.plant, "peak_speed", None),
-        )
-
-    def details(self) -> Details:
-        """What the loop has worked out for each image besides."""
-        return self._history.details()
+        )  # fmt: skip
 
     def close(self) -> None:
         """Give back what the plant holds."""

@@ -17,6 +17,7 @@ import argparse
 import csv
 import hashlib
 import json
+import math
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -34,7 +35,7 @@ from ..asked.experiment import Experiment
 from ..asked.packages import PackagePath
 from ..asked.protocol_starts import Placing, placed
 from ..errors import ExperimentError, require
-from ..numbers.measures import measures
+from ..numbers import metrics
 from ..running.loop import run
 from . import versions
 
@@ -42,6 +43,12 @@ FOLDER = "package://aras_visual_servo_bench/package.xml"
 TABLE, BLOCKS, CODE = "table.csv", "blocks", "code.json"
 BLOCK = 25  # seeds that are run, and kept, together
 WITHIN = 0.01  # of a published number
+COLUMNS = {
+    "iterations": "iterations", "largest_depth": "largest_depth", "distance": "final_distance",
+    "angle": "final_angle", "settled": "settled", "path": "path_length",
+    "path_ratio": "path_ratio", "excursion": "image_excursion",
+    "start_distance": "start_distance", "reduced": "reduced", "start_angle": "start_angle",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -138,7 +145,12 @@ def row_of(
     """One run as a line of plain values; what cannot be run is an outcome as well."""
     row = dict(known)
     try:
-        row.update(measures(experiment, run(experiment)))
+        result = run(experiment)
+        row.update(outcome=result.outcome, verdict=result.verdict.word)
+        row.update((column, metrics.find(name).measure(result)) for column, name in COLUMNS.items())
+        row.update(iterations=int(row["iterations"]), reduced=row["reduced"] == 1.0)
+        row.update(angle=math.degrees(row["angle"]))
+        row.update(reason=result.reason)
     except ExperimentError as error:
         row.update(outcome="not_run", reason=str(error))
     for metric, wanted in published.items():

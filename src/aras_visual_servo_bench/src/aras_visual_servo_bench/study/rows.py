@@ -15,7 +15,7 @@ from ..asked.assembly import assemble
 from ..asked.experiment import Experiment
 from ..errors import ExperimentError
 from ..numbers import metrics as known_metrics
-from ..numbers.metrics import Finished
+from ..recording.run import Run
 from ..running.loop import carry_out
 from .study import Study
 from .variations import Axis, Draw
@@ -26,7 +26,7 @@ REFUSED, FAULT, DIED = "refused", "fault", "process_died"
 LONGEST_REASON = 500
 FIXED = {
     "run": pa.int64(), "point": pa.int64(), "repeat": pa.int64(), "seed": pa.int64(),
-    "outcome": pa.string(), "verdict": pa.string(), "reason": pa.string(),
+    "outcome": pa.string(), "verdict": pa.string(), "reason": pa.string(), "mend": pa.string(),
     "images": pa.int64(), "simulated": pa.float64(),
 }  # fmt: skip
 LABELS = ("code", "versions")  # the same in all rows of a study
@@ -81,7 +81,7 @@ def blank(study: Study, run: int) -> dict[str, Any]:
     return {
         "run": run, "point": point, "repeat": repeat, "seed": study.seed_of(run),
         **{key: _cell(value) for key, value in study.settings(point).items() if key != "seed"},
-        "outcome": "", "verdict": "", "reason": "", "images": 0, "simulated": 0.0,
+        "outcome": "", "verdict": "", "reason": "", "mend": "", "images": 0, "simulated": 0.0,
         **{column(name): float("nan") for name in study.metric_names},
     }  # fmt: skip
 
@@ -89,9 +89,7 @@ def blank(study: Study, run: int) -> dict[str, Any]:
 def _finished(
     study: Study, experiment: Experiment, run: int, traces: list[dict[str, Any]]
 ) -> dict[str, Any]:
-    parts = assemble(experiment)
-    result, simulated = carry_out(experiment, parts)
-    finished = Finished(experiment, parts, result)
+    result, simulated = carry_out(experiment, assemble(experiment))
     if study.traces:
         traces += (
             {"run": run, "stamp": float(result.stamp[i]), "phase": result.phases[i],
@@ -99,14 +97,18 @@ def _finished(
              "pose": result.pose[i].ravel().tolist()}
             for i in range(len(result.stamp))
         )  # fmt: skip
+    return {"seed": experiment.seed, "simulated": simulated, **told(study, result)}
+
+
+def told(study: Study, run: Run) -> dict[str, Any]:
+    """How a run went, by column."""
     return {
-        "seed": experiment.seed,
-        "outcome": result.outcome,
-        "verdict": result.verdict.word,
-        "reason": _line(result.reason),
-        "images": len(result.stamp),
-        "simulated": simulated,
-        **{column(name): float(known_metrics.find(name).measure(finished))
+        "outcome": run.outcome,
+        "verdict": run.verdict.word,
+        "reason": _line(run.reason),
+        "mend": _line(run.mend),
+        "images": len(run.stamp),
+        **{column(name): float(known_metrics.find(name).measure(run))
            for name in study.metric_names},
     }  # fmt: skip
 

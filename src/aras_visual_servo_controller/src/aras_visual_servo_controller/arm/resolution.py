@@ -1,5 +1,7 @@
 """What the resolver answers."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -30,6 +32,7 @@ class Resolution:
             but the task and what is held shapes its motion, nor will before then; else 0.
         L: (k, 6) of the task; jacobian: (6, n) of the arm; both in SI units.
         modelled: (6,) bool, of the task.
+        told: singular values of L and of L J where they were read back and not worked out.
     """
 
     velocities: np.ndarray
@@ -46,6 +49,28 @@ class Resolution:
     jacobian: np.ndarray
     modelled: np.ndarray
     lasts: float = 0.0
+    told: tuple[np.ndarray, np.ndarray] | None = None
+
+    @classmethod
+    def read_back(
+        cls,
+        velocities: np.ndarray,
+        asked: np.ndarray,
+        twist: np.ndarray,
+        singular_values: tuple[np.ndarray, np.ndarray],
+        scale: float = 1.0,
+    ) -> Resolution:
+        """What a message tells of a resolution; it holds neither L nor the arm's Jacobian.
+
+        Args:
+            singular_values: of L in its modelled directions, and of L J, largest first.
+        """
+        none = np.full(len(velocities), np.nan)
+        return cls(
+            velocities, none, asked, twist, np.full(6, np.nan), scale, none, (), "", (),
+            np.zeros((0, 6)), np.zeros((6, len(velocities))), np.ones(6, bool),
+            told=singular_values,
+        )  # fmt: skip
 
     @cached_property
     def _of_task(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -58,12 +83,12 @@ class Resolution:
     @property
     def singular_values_L(self) -> np.ndarray:
         """Of L in the directions that the task models, largest first."""
-        return self._of_task[1]
+        return self._of_task[1] if self.told is None else self.told[0]
 
     @property
     def singular_values(self) -> np.ndarray:
         """Of L J, largest first, (min(k, n),)."""
-        return self._of_arm[1]
+        return self._of_arm[1] if self.told is None else self.told[1]
 
     @property
     def rank(self) -> int:

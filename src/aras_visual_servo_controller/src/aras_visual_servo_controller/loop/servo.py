@@ -407,10 +407,12 @@ class Servo:
         faulty: bool = False,
     ) -> ServoState:
         """The state of this image, with what the diagnosis makes of it."""
-        state = ServoState.of(
-            observation.stamp, self.phase, self.reason if reason is None else reason, decision,
-            resolution, joints or observation.joints or self._joints, self.command, seconds, fault,
-            answers_image=reason is None,
+        state = ServoState(
+            float(observation.stamp), self.phase, reason=self.reason if reason is None else reason,
+            decision=decision, resolution=resolution,
+            joints=joints or observation.joints or self._joints, command=self.command,
+            computing=seconds, fault=fault, answers_image=reason is None,
+            scheme=self.name,
         )  # fmt: skip
         if reason is None:
             outcome = self.diagnosis.see(state, observation, self.goal, self.scheme, faulty)

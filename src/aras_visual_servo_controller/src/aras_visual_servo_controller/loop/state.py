@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arm.resolution import Resolution, rank
 from ..arm.task import Task
 from ..errors import ConfigurationError
 from ..schemes.base import Decision
@@ -15,7 +16,6 @@ from ..seeing.joint_sample import JointSample
 
 if TYPE_CHECKING:
     from ..arm.limits import Limits
-    from ..arm.resolution import Resolution
 
 WAITING, APPROACHING, SERVOING = "waiting", "approaching", "servoing"
 CONVERGED, HOLDING, STOPPED = "converged", "holding", "stopped"
@@ -114,8 +114,10 @@ class ServoState:
         stamp: of the exposure, s.
         phase: one of PHASES.
         outcome, reason, mend: what the loop knows of the run so far; see diagnosis.
+        scheme: its name; empty where the loop has not told it.
         decision: of the scheme; None where there is none.
         resolution: of the resolver for it: joint velocities, singular values of L J, and so on.
+            A state that was read from messages has Decision.task None: see Resolution.read_back.
         joints: measured, at the exposure.
         command: (n,) positions that the integration stands at; None before the first.
         computing: s that the scheme took, where a clock was handed in.
@@ -135,27 +137,7 @@ class ServoState:
     computing: float = 0.0
     fault: str = ""
     answers_image: bool = False
-
-    @classmethod
-    def of(
-        cls,
-        stamp: float,
-        phase: str,
-        reason: str,
-        decision: Decision | None,
-        resolution: Resolution | None,
-        joints: JointSample | None,
-        command: np.ndarray | None,
-        computing: float = 0.0,
-        fault: str = "",
-        answers_image: bool = True,
-    ) -> ServoState:
-        """In the order of what is known of an image."""
-        return cls(
-            float(stamp), phase, reason=reason, decision=decision, resolution=resolution,
-            joints=joints, command=command, computing=computing, fault=fault,
-            answers_image=answers_image,
-        )  # fmt: skip
+    scheme: str = ""
 
     @property
     def _task(self) -> Task | None:
@@ -164,7 +146,9 @@ class ServoState:
     @property
     def twist(self) -> np.ndarray:
         """(6,) asked of the camera, optical frame; zero where none was."""
-        return np.zeros(6) if self._task is None else self._task.twist
+        if self._task is None:
+            return np.zeros(6) if self.resolution is None else self.resolution.asked
+        return self._task.twist
 
     @property
     def achieved(self) -> np.ndarray:
@@ -174,12 +158,14 @@ class ServoState:
     @property
     def rank(self) -> int:
         """Of L in its modelled directions."""
-        return 0 if self._task is None else self._task.rank
+        return rank(self.singular_values_L)
 
     @property
     def singular_values_L(self) -> np.ndarray:
         """Of L in its modelled directions, largest first."""
-        return np.zeros(0) if self._task is None else self._task.singular_values
+        if self._task is None:
+            return np.zeros(0) if self.resolution is None else self.resolution.singular_values_L
+        return self._task.singular_values
 
     @property
     def error(self) -> np.ndarray | None:

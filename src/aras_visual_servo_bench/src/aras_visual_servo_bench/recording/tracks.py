@@ -1,0 +1,154 @@
+"""Where points of the target went in the camera's image; the instants worth a picture."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_camera.undistortion import CameraModel
+
+from ..errors import ViewError
+from ..targets.geometry import PlacedTarget, Target
+from .run import Run, scaled
+
+POINT = re.compile(r"([xy])_?(\d+)$")
+# Corners of a target that are drawn one by one; a disc has more, and none of them is a point.
+MOST_CORNERS = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Where points of the target went in the image.
+
+    Attributes:
+        names: of c points. stamp: (n,) s. pixels: (n, c, 2) column, row; NaN where unknown.
+        desired: (c, 2) pixels, NaN where unknown.
+        measured: whether the scheme saw them, or they are projected from true poses.
+    """
+
+    names: tuple[str, ...]
+    stamp: np.ndarray
+    pixels: np.ndarray
+    desired: np.ndarray
+    measured: bool
+
+
+def tracks(run: Run) -> Tracks | None:
+    """What the scheme's points did in the image, or the target's corners and its centre."""
+    if run.camera is None or not len(run.stamp):
+        return None
+    return _point_tracks(run) or _corner_tracks(run)
+
+
+def _point_tracks(run: Run) -> Tracks | None:
+    """Of features that are image points themselves: x0, y0, x1, ..."""
+    found = [POINT.match(name) for name in run.names]
+    if not found or not all(found):
+        return None
+    numbers = sorted({int(match[2]) for match in found})
+    at = {(match[1], int(match[2])): i for i, match in enumerate(found)}
+    if not all(("x", n) in at and ("y", n) in at for n in numbers):
+        return None
+    pairs = [(at["x", n], at["y", n]) for n in numbers]
+    seen = np.stack([_pixels(run.camera, run.features[:, pair]) for pair in pairs], 1)
+    known = np.flatnonzero(np.isfinite(run.desired).all(axis=1))
+    wanted = np.full((len(pairs), 2), np.nan)
+    if known.size:
+        last = run.desired[known[-1]]
+        wanted = np.concatenate([_pixels(run.camera, last[None, pair]) for pair in pairs])
+    names = tuple(f"point {n}" for n in numbers)
+    return Tracks(names, run.stamp, seen, wanted, measured=True)
+
+
+def _corner_tracks(run: Run) -> Tracks | None:
+    """Of the target's true corners, and of its measured centre of gravity, where they are known."""
+    stamps, poses = run.stamp, run.pose
+    names: list[str] = []
+    seen: list[np.ndarray] = []
+    wanted: list[np.ndarray] = []
+    shape = None if run.target is None else run.target.shape
+    corners = None if shape is None else _corners(shape, run.target, run.goal_pose, 0.0)
+    if corners is not None and len(corners) <= MOST_CORNERS:
+        tracked = [
+            _corners(shape, run.target, pose, float(stamp))
+            for pose, stamp in zip(poses, stamps, strict=True)
+        ]
+        tracked = [np.full(corners.shape, np.nan) if one is None else one for one in tracked]
+        for i in range(len(corners)):
+            names.append(f"corner {i}")
+            seen.append(_pixels(run.camera, np.array([one[i] for one in tracked])))
+            wanted.append(_pixels(run.camera, corners[i : i + 1])[0])
+    centres = run.centres
+    if shape is not None and not np.isfinite(centres).any():
+        centres = np.array([_centre(run.target, pose, float(stamp))
+                            for pose, stamp in zip(poses, stamps, strict=True)])  # fmt: skip
+    if len(centres) == len(stamps) and np.isfinite(centres).any():
+        names.append("centre of gravity")
+        seen.append(_pixels(run.camera, centres))
+        moments = None if run.goal is None else run.goal.moments
+        goal = [np.nan, np.nan] if moments is None else [moments.xg, moments.yg]
+        wanted.append(_pixels(run.camera, np.array([goal]))[0])
+    if not names:
+        return None
+    return Tracks(tuple(names), stamps, np.stack(seen, 1), np.array(wanted), measured=False)
+
+
+def _corners(
+    shape: Target, target: PlacedTarget, pose: np.ndarray, stamp: float
+) -> np.ndarray | None:
+    """Normalised corners (c, 2) from world_T_camera; None where one is not before the camera."""
+    if not np.isfinite(pose).all():
+        return None
+    try:
+        return shape.points(target.seen_from(pose, stamp))
+    except ViewError:
+        return None
+
+
+def _centre(target: PlacedTarget, pose: np.ndarray, stamp: float) -> np.ndarray:
+    """Of gravity of the silhouette (2,), normalised; NaN where it is not before the camera."""
+    if not np.isfinite(pose).all():
+        return np.full(2, np.nan)
+    try:
+        rim = target.shape.outline(target.seen_from(pose, stamp))
+    except ViewError:
+        return np.full(2, np.nan)
+    moments = Moments.from_polygon(np.asarray(rim, float), 2)
+    return np.array([moments.xg, moments.yg])
+
+
+def _pixels(camera: CameraModel, points: np.ndarray) -> np.ndarray:
+    """Columns and rows (n, 2) of normalised points (n, 2); NaN stays."""
+    found = np.full(points.shape, np.nan)
+    known = np.isfinite(points).all(axis=1)
+    if known.any():
+        found[known] = np.column_stack(camera.project(*points[known].T))
+    return found
+
+
+def milestones(run: Run, parts: Sequence[float] = (1.0, 0.7, 0.4, 0.2, 0.08, 0.0)) -> list[float]:
+    """Stamps (s) of the images at which these parts of the first error were left; 0: the last.
+
+    What happens is told by the way that is left, not by the clock: most of a run is waiting for
+    its end.
+    """
+    known = np.isfinite(run.error).all(axis=1) if run.error.size else np.zeros(0, bool)
+    if not known.any():
+        return [float(stamp) for stamp in run.stamp[[0, -1]]] if len(run.stamp) > 1 else []
+    stamp, size = run.stamp[known], np.linalg.norm(scaled(run.error[known]), axis=1)
+    size = size / max(size[0], 1e-300)
+    found = [float(stamp[int(np.argmax(size <= part))]) for part in parts[:-1]
+             if (size <= part).any()]  # fmt: skip
+    return sorted({*found, float(stamp[0]), float(stamp[-1])})
+
+
+def nearest(sorted_stamps: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Index of the entry next to each wanted one."""
+    at = np.searchsorted(sorted_stamps, wanted).clip(1, max(len(sorted_stamps) - 1, 1))
+    at = at.clip(max=len(sorted_stamps) - 1)
+    before = (at - 1).clip(0)
+    return np.where(wanted - sorted_stamps[before] < sorted_stamps[at] - wanted, before, at)

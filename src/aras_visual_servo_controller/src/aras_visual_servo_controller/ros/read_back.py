@@ -1,0 +1,59 @@
+"""From the messages of one image back to the loop's record of it; any version of their classes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..arm.resolution import Resolution
+from ..loop.state import ServoState as State
+from ..schemes.base import Decision
+from ..seeing.joint_sample import JointSample
+
+if TYPE_CHECKING:
+    from geometry_msgs.msg import Twist
+
+    from ..msg import ServoReport, ServoState
+
+
+def state_of(message: ServoState, report: ServoReport | None = None) -> State:
+    """The state that a message and the report of the same image tell; what no report tells is NaN.
+
+    Read back, a decision has no task and a resolution neither L nor Jacobian.
+    """
+    stamp, names = message.header.stamp.to_sec(), tuple(message.joint_names)
+    decision = resolution = joints = None
+    count = len(message.feature_names)
+    if count and all(len(values) == count for values in (
+        message.features, message.desired_features, message.error
+    )):  # fmt: skip
+        filtered = getattr(report, "filtered_error", ())
+        decision = Decision(
+            tuple(message.feature_names), np.array(message.features),
+            np.array(message.desired_features), np.array(message.error),
+            filtered_error=np.array(filtered) if len(filtered) == count else None,
+        )  # fmt: skip
+    if decision is not None and len(message.singular_values):
+        resolution = Resolution.read_back(
+            np.array(message.joint_velocities), twist_of(message.camera_twist),
+            np.full(6, np.nan) if report is None else twist_of(report.achieved),
+            (np.array([] if report is None else report.singular_values_l),
+             np.array(message.singular_values)),
+            np.nan if report is None else report.scale,
+        )  # fmt: skip
+    if len(message.joint_positions) == len(names):
+        joints = JointSample.of(stamp, names, message.joint_positions)
+    commanded = len(message.joint_commands) == len(names)
+    return State(
+        stamp, message.phase, "" if report is None else report.outcome, message.reason,
+        "" if report is None else report.mend, decision, resolution, joints,
+        np.array(message.joint_commands) if commanded else None,
+        np.nan if report is None else report.computing, scheme=message.scheme,
+    )  # fmt: skip
+
+
+def twist_of(message: Twist) -> np.ndarray:
+    """(6,) of a geometry_msgs/Twist."""
+    return np.array([getattr(part, axis) for part in (message.linear, message.angular)
+                     for axis in "xyz"])  # fmt: skip

@@ -42,13 +42,12 @@ from scenes import Bench, link_pose, looking, table_and_target  # noqa: E402
 from aras_sim_bridge.camera import CameraConfig, CameraSensor  # noqa: E402
 from aras_sim_bridge.camera.effects import EffectChain, Effects  # noqa: E402
 from aras_sim_bridge.description import Geometry, parse_urdf  # noqa: E402
-from aras_sim_bridge.poses import Pose  # noqa: E402
 from aras_sim_bridge.rendering import (  # noqa: E402
-    SENSOR_R_OPTICAL,
     Renderer,
     View,
     create_renderer,
 )
+from aras_visual_servo_base.poses import Pose, optical  # noqa: E402
 
 ROBOT = REPOSITORY / "src/aras_visual_servo_gazebo"
 NEAR, FAR = 0.02, 100.0
@@ -73,8 +72,7 @@ def robot_scene() -> tuple[Bench, np.ndarray]:
         "gantry": 0.1, "J2": 0.1745, "J3": -0.0873, "J5": -0.0873})
     target = parse_urdf((ROBOT / "targets/aras.urdf").read_text())
     bench.world.spawn(target, "target", Pose((0.0, 0.0, 0.591)))
-    T = np.array(model.link_pose("camera_link").matrix())
-    T[:3, :3] = T[:3, :3] @ SENSOR_R_OPTICAL
+    T = optical(model.link_pose("camera_link").matrix())
     return bench, T
 
 

@@ -14,9 +14,9 @@ from aras_visual_servo_controller.msg import ServoReport, ServoState
 from ros_graph import wait_for
 from sensor_msgs.msg import JointState
 
+from aras_visual_servo_base.poses import pose_difference, transform
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.poses import pose_difference, transform
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import create_scheme
 from aras_visual_servo_controller.seeing.observation import Need, Observer

@@ -33,9 +33,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
+from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.poses import pose_difference
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.setting_kinds import yaml_mapping
 

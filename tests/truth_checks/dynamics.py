@@ -128,7 +128,7 @@ def a_free_base() -> Iterator[Row]:
 def _pinocchio_free(robot: Robot, pose: Pose, linear: np.ndarray, angular: np.ndarray,
                     q: np.ndarray, v: np.ndarray, effort: np.ndarray
                     ) -> tuple[np.ndarray, np.ndarray]:
-    turn = np.array(pose.matrix())[:3, :3]
+    turn = pose.matrix()[:3, :3]
     velocity = robot.pin_vector(v)
     velocity[:3], velocity[3:6] = turn.T @ linear, turn.T @ angular
     found = pinocchio.aba(robot.pin, robot.data, robot.pin_state(q, pose), velocity,
@@ -141,7 +141,7 @@ def _pinocchio_free(robot: Robot, pose: Pose, linear: np.ndarray, angular: np.nd
 def _mujoco_free(robot: Robot, pose: Pose, linear: np.ndarray, angular: np.ndarray,
                  q: np.ndarray, v: np.ndarray, effort: np.ndarray
                  ) -> tuple[np.ndarray, np.ndarray]:
-    data, turn = robot.mj_data, np.array(pose.matrix())[:3, :3]
+    data, turn = robot.mj_data, pose.matrix()[:3, :3]
     data.qpos[:7] = [*pose.xyz, pose.quat[3], *pose.quat[:3]]
     data.qvel[:6] = [*linear, *(turn.T @ angular)]
     data.qpos[robot.mj_q], data.qvel[robot.mj_v] = q, v

@@ -109,7 +109,7 @@ def _momentum(robot: Robot) -> np.ndarray:
     """Linear and angular (about the centre of mass), world axes."""
     q, v, _ = robot.model.read_joints()
     pose, twist = robot.model.pose(), robot.model.twist()
-    turn = np.array(pose.matrix())[:3, :3]
+    turn = pose.matrix()[:3, :3]
     rates = robot.pin_vector(v)
     rates[:3], rates[3:6] = turn.T @ twist.linear, turn.T @ twist.angular
     found = pinocchio.computeCentroidalMomentum(robot.pin, robot.data, robot.pin_state(q, pose),

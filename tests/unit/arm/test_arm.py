@@ -7,14 +7,12 @@ import pytest
 from arms import NAMES, exact_urdf, make, urdf, within
 from closed_form import Kinematics
 
-from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.poses import (
+from aras_visual_servo_base.poses import (
     inverse,
     optical,
     pose_difference,
-    rotation_vector,
-    transform,
 )
+from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import (
     ConfigurationError,
     MeasurementError,
@@ -270,19 +268,3 @@ def test_a_loop_of_links_is_named():
     )
     with pytest.raises(ConfigurationError, match="hangs on itself"):
         Arm.from_urdf(loop)
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-5, 0.5, 3.0, np.pi - 1e-7, np.pi])
-def test_rotation_vectors(angle):
-    axis = np.array([1.0, -2.0, 0.5]) / np.sqrt(5.25)
-    rotation = pinocchio.exp3(axis * angle)
-    turn = rotation_vector(rotation)
-    assert np.abs(pinocchio.exp3(turn) - rotation).max() < 1e-9
-    assert np.linalg.norm(turn) == pytest.approx(angle, abs=1e-9)
-
-
-def test_roll_pitch_yaw_as_urdf_means_them():
-    pose = transform((1, 2, 3), (0.1, 0.2, 0.3))
-    assert np.abs(pose[:3, :3] - pinocchio.rpy.rpyToMatrix(0.1, 0.2, 0.3)).max() < 1e-15
-    assert pose[:3, 3].tolist() == [1, 2, 3]
-    assert np.abs(inverse(pose) @ pose - np.eye(4)).max() < 1e-15

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from arms import NAMES, make, urdf, within
 
+from aras_visual_servo_base.poses import pose_difference, rotation_vector
 from aras_visual_servo_controller.arm import (
     Arm,
     JointLimitAvoidance,
@@ -18,7 +19,6 @@ from aras_visual_servo_controller.arm import (
 )
 from aras_visual_servo_controller.arm.fold import find
 from aras_visual_servo_controller.arm.inversion import _joint_by_joint, _passes
-from aras_visual_servo_controller.arm.poses import pose_difference, rotation_vector
 from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.errors import ConfigurationError
 

@@ -5,11 +5,10 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
+from aras_visual_servo_base.poses import inverse, pose_difference, to_xyz_rpy
 from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.rigid import to_xyz_rpy
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.poses import inverse, pose_difference
 
 # Three slides and a wrist that carry the plate; the camera is fixed above them.
 ROBOT = """<robot name="portal"><link name="world"/><link name="eye"/>

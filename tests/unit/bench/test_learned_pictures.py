@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
+from aras_visual_servo_base.poses import exponential, inverse, logarithm
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.learning import learned_pictures
 from aras_visual_servo_bench.learning.learned_pictures import LearnedPose, PoseNetwork, inputs
-from aras_visual_servo_bench.rigid import exponential, logarithm
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.study.protocol import Protocol
-from aras_visual_servo_controller.arm.poses import inverse
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed

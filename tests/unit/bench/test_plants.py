@@ -5,7 +5,7 @@ import contextlib
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench import rigid
+from aras_visual_servo_base.poses import exponential, logarithm, transform
 from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
@@ -15,7 +15,6 @@ from aras_visual_servo_bench.plants.free_body import FreeBody
 from aras_visual_servo_bench.plants.kinematic import FreeCamera, KinematicChain, Sight
 from aras_visual_servo_bench.running.loop import Loop, run
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget
-from aras_visual_servo_controller.arm.poses import transform
 
 START = np.array([0.1, 0.0, 0.17, -0.09, -0.09, 0.3])
 SQUARE = PolygonTarget(((-0.02, -0.02), (0.02, -0.02), (0.02, 0.02), (-0.02, 0.02)))
@@ -129,7 +128,7 @@ def test_a_constant_twist_is_integrated_exactly_over_any_steps(arm, sight):
         for k in range(steps):
             until(camera, round((k + 1) * 1e9 / steps))
         ends.append(camera.pose())
-    np.testing.assert_allclose(ends[0], origin @ rigid.exponential(twist), atol=1e-12)
+    np.testing.assert_allclose(ends[0], origin @ exponential(twist), atol=1e-12)
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-12)
 
 
@@ -138,7 +137,7 @@ def test_a_free_bodys_jacobian_is_that_of_its_pose(arm):
     q, rate, h = np.array([0.1, -0.2, 0.05, 0.8, -0.5, 1.1]), np.arange(1.0, 7.0), 1e-6
     moved = np.linalg.solve(body.pose(q - h * rate), body.pose(q + h * rate))
     np.testing.assert_allclose(
-        rigid.logarithm(moved) / (2.0 * h), body.jacobian(q) @ rate, atol=1e-7
+        logarithm(moved) / (2.0 * h), body.jacobian(q) @ rate, atol=1e-7
     )
     np.testing.assert_allclose(body.coordinates(body.pose(q)), q, atol=1e-12)
 

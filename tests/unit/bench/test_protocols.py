@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
+from aras_visual_servo_base.poses import pose_difference, transform
 from aras_visual_servo_bench.asked.experiment import CameraPose, Experiment
 from aras_visual_servo_bench.asked.protocol_starts import Placing, placed
 from aras_visual_servo_bench.errors import ExperimentError
@@ -20,7 +21,6 @@ from aras_visual_servo_bench.pictures.schemes_page import speed_part, succeeded
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.study import protocol as protocols
 from aras_visual_servo_bench.study.protocol import Protocol, main, met
-from aras_visual_servo_controller.arm.poses import pose_difference, transform
 
 PROTOCOLS = Path(__file__).parents[3] / "src" / "aras_visual_servo_bench" / "protocols"
 SHIPPED = sorted(PROTOCOLS.glob("*.yaml"))

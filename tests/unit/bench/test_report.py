@@ -189,7 +189,7 @@ def test_pictures_are_chosen_by_what_is_left_of_the_error(moments):
 
 
 def test_the_straight_way_begins_and_ends_where_it_must():
-    from aras_visual_servo_controller.arm.poses import transform
+    from aras_visual_servo_base.poses import transform
 
     a, b = transform((0.1, 0.2, 0.5), (3.0, 0.1, 0.3)), transform((0.0, 0.0, 0.3), (3.1, 0.0, -0.4))
     way = views.straight(a, b, 21)

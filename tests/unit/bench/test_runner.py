@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_bench.asked.assembly import check
 from aras_visual_servo_bench.asked.cameras import Belief
 from aras_visual_servo_bench.asked.experiment import CameraPose, Experiment, Sampler, TargetSpec
@@ -12,7 +13,6 @@ from aras_visual_servo_bench.asked.sampling import FOUND, _within_limits
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import Loop, assemble, run
 from aras_visual_servo_bench.targets.geometry import Motion
-from aras_visual_servo_controller.arm.poses import inverse
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features import Feature
 from aras_visual_servo_controller.features.base import Measured
@@ -211,7 +211,7 @@ def test_starts_in_every_form_are_one():
     free = assemble(FREE).plant
     np.testing.assert_allclose(free.pose(), named.pose(), atol=1e-12)
     x, y, z = named.pose()[:3, 3].tolist()
-    from aras_visual_servo_bench.rigid import to_xyz_rpy
+    from aras_visual_servo_base.poses import to_xyz_rpy
 
     xyz, rpy = to_xyz_rpy(named.pose())
     posed = assemble(CHAIN.with_(start=dataclasses.asdict(CameraPose((*xyz, *rpy))))).plant

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from aras_visual_servo_base.poses import transform
 from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import TARGETS, Experiment
 from aras_visual_servo_bench.asked.loop_settings import settings_of
@@ -24,7 +25,6 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.trackers import TRACKERS as KNOWN
 from aras_visual_servo_camera.trackers import DotTracker, LineTracker, MarkerTracker
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm.poses import transform
 from aras_visual_servo_controller.features.registry import create_feature
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed

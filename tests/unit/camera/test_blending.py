@@ -7,8 +7,8 @@ from scenes import link_pose, looking
 from aras_sim_bridge.blending import blended, blended_poses
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.camera.effects import EffectChain, Effects
-from aras_sim_bridge.poses import Pose, quaternion_from_rpy
 from aras_sim_bridge.rendering import create_renderer
+from aras_visual_servo_base.poses import Pose, quaternion_from_rpy
 
 MS = 1_000_000
 

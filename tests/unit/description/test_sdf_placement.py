@@ -7,8 +7,8 @@ import pytest
 
 from aras_sim_bridge.description import Inertial, parse_sdf
 from aras_sim_bridge.errors import DescriptionError
-from aras_sim_bridge.poses import Pose
 from aras_sim_bridge.world import World
+from aras_visual_servo_base.poses import Pose
 
 EYE = ("<sensor name='{0}' type='camera'><pose>1 2 3 0.1 0.2 0.3</pose><camera><image><width>32"
        "</width><height>24</height></image></camera></sensor>")

@@ -17,9 +17,9 @@ from aras_sim_bridge.description import (
 )
 from aras_sim_bridge.description.mesh import Mesh, _unique_rows, from_corners, from_indices
 from aras_sim_bridge.errors import DescriptionError
-from aras_sim_bridge.poses import Pose, quaternion_from_rpy
 from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.world import World
+from aras_visual_servo_base.poses import Pose, quaternion_from_rpy
 
 BOX = Geometry("box", size=(0.2, 0.4, 0.6))
 
@@ -81,7 +81,7 @@ def test_a_mirrored_mesh_keeps_its_outside_outside():
 def test_a_stretched_ball_s_normals_stand_on_its_surface(scale):
     (ball,) = shapes.triangles(Geometry("sphere", radius=0.5))
     turn = Pose.from_rpy((1, 2, 3), (0.1, 0.2, 0.3))
-    T = np.array(turn.matrix())
+    T = turn.matrix()
     stretch = np.diag([*scale, 1.0])
     for moved in (ball.transformed(T, scale), ball.placed(T @ stretch)):
         local = (moved.positions - T[:3, 3]) @ T[:3, :3]

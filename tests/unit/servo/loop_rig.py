@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
+from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm, Limits, Posture, Resolver
 from aras_visual_servo_controller.arm.fold import find
-from aras_visual_servo_controller.arm.poses import pose_difference
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Law, Proportional
 from aras_visual_servo_controller.loop.servo import Servo

@@ -8,8 +8,8 @@ import pytest
 from free_camera import exponential
 from loop_rig import CAMERA, STARTS, Rig, lost, scaled, the_arm, the_goal, the_limits, the_servo
 
+from aras_visual_servo_base.poses import transform
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.arm.poses import body_motion, transform
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features import Feature, Measured, Stack
 from aras_visual_servo_controller.judging.diagnosis import KINDS, Diagnosis, Outcome
@@ -426,11 +426,6 @@ def test_an_oscillation_is_told_in_noise_and_while_it_grows(growth):
         wave = 12.0 * np.exp(growth * (t - 1.0)) * np.sin(2 * np.pi * 2.5 * t)
         found = oscillation.add(t, np.array([wave + random.normal(0.0, 3.0)]))
     assert found == pytest.approx(2.5, rel=0.1)
-
-
-def test_the_logarithm_of_a_small_motion():
-    twist = np.array([0.02, -0.01, 0.03, 0.05, -0.08, 0.06])
-    np.testing.assert_allclose(body_motion(exponential(twist)), twist, atol=1e-6)
 
 
 def test_no_evidence_is_no_fault():

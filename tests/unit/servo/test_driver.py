@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm.poses import pose_difference
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.loop.driver import Driver
 from aras_visual_servo_controller.seeing.joint_history import FARTHEST, JointHistory

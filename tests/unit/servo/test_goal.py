@@ -9,11 +9,11 @@ import pytest
 import yaml
 from loop_rig import CAMERA, CONFIG, the_arm, the_goal
 
+from aras_visual_servo_base.poses import pose_difference, to_xyz_rpy, transform
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.poses import pose_difference, transform
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
-from aras_visual_servo_controller.goals.goal import Goal, to_xyz_rpy
+from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import create_scheme
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 from aras_visual_servo_controller.seeing.observation import Observer

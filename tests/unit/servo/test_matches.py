@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from free_camera import pose
 
+from aras_visual_servo_base.poses import inverse, rotation_vector
 from aras_visual_servo_bench.targets.textures import poster
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm.poses import inverse, rotation_vector
 from aras_visual_servo_controller.features.registry import create_feature
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed

@@ -18,8 +18,8 @@ from loop_rig import (
     the_servo,
 )
 
+from aras_visual_servo_base.poses import transform
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.arm.poses import transform
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.judging.convergence import Convergence
 from aras_visual_servo_controller.judging.remaining_error import Standing

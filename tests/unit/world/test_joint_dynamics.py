@@ -13,10 +13,10 @@ from aras_robot import URDF, ArasRobot, description
 
 import aras_sim_bridge.world.world as world_module
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.poses import Pose
 from aras_sim_bridge.world import World
 from aras_sim_bridge.world.changes import with_joint
 from aras_sim_bridge.world.joint_space import JointSpace
+from aras_visual_servo_base.poses import Pose
 
 DT = 0.001
 GRAVITY = np.array([0.0, 0.0, -9.8])
@@ -113,7 +113,7 @@ def test_gravity_is_turned_into_a_tilted_root(make):
     tilt = Pose.from_rpy((1.0, 2.0, 3.0), (0.5, -0.8, 2.0))
     space.place(tilt, tuple(GRAVITY))
     reference = Reference(text, described.moving_joints())
-    reference.model.gravity.linear = np.array(tilt.matrix())[:3, :3].T @ GRAVITY
+    reference.model.gravity.linear = tilt.matrix()[:3, :3].T @ GRAVITY
     q = np.linspace(-1, 1, 8)
     space.state[0] = q
     np.testing.assert_allclose(space.bias_efforts(), reference.bias(q, 0 * q), atol=1e-11)
@@ -127,7 +127,7 @@ def test_a_push_from_outside_acts_through_the_link_s_jacobian(make):
     reference = Reference(text, names)
     root = Pose.from_rpy((0.3, -0.2, 0.7), (0.4, 0.2, -1.0))
     space.place(root, (0.0, 0.0, 0.0))
-    turn = np.array(root.matrix())[:3, :3]
+    turn = root.matrix()[:3, :3]
     q = np.linspace(-0.7, 0.9, 8)
     force, torque, point = (3.0, -4.0, 5.0), (0.5, 1.0, -2.0), (0.4, 0.6, 1.1)
     space.state[0] = q

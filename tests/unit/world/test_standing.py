@@ -390,11 +390,11 @@ def test_what_touches_a_base_adds_up_to_a_torque_and_a_force_in_its_axes():
     root = Pose.from_rpy((0.3, -0.2, 0.5), (0.4, -0.7, 1.1))
     pushes = rng.normal(size=(5, 15))
     touch = np.zeros(6)
-    standing._add_up(pushes, np.array(root.matrix())[:3], touch)
+    standing._add_up(pushes, root.matrix()[:3], touch)
     force = np.einsum("is,isk->ik", pushes[:, 3::4],
                       np.stack([pushes[:, 4 + k:7 + k] for k in (0, 4, 8)], axis=1))
     torque = np.cross(pushes[:, :3] - root.xyz, force)
-    turn = np.array(root.matrix())[:3, :3]
+    turn = root.matrix()[:3, :3]
     assert touch == pytest.approx(np.concatenate([torque.sum(0) @ turn, force.sum(0) @ turn]))
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from aras_visual_servo_base.poses import quaternion_from_matrix
+
 from .compiled import compiled
-from .poses import quaternion_from_matrix
 
 
 @compiled("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8")

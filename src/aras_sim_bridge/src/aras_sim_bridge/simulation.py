@@ -22,10 +22,10 @@ from aras_sim_bridge.errors import (
     SimError,
     WorldError,
 )
-from aras_sim_bridge.poses import IDENTITY
 from aras_sim_bridge.rendering import Renderer, Sun, create_renderer
 from aras_sim_bridge.strides import make_steps
 from aras_sim_bridge.world import Model, Pose, World
+from aras_visual_servo_base.poses import IDENTITY
 
 log = logging.getLogger(__name__)
 

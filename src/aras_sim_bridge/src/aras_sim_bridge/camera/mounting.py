@@ -39,7 +39,7 @@ class MountedCamera:
         self.model = model
         self.link = link
         self.on_frame: Callable[[Frame], None] | None = None
-        self._fixed = None if pose is None else np.array(pose.matrix())
+        self._fixed = None if pose is None else pose.matrix()
         self._enabled = False
         self._fresh = False
         self._trouble = ""

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aras_visual_servo_base.poses import Pose, optical
+
 from ..blending import blended
 from ..errors import CameraError, RenderingError
-from ..poses import Pose
-from ..rendering import SENSOR_R_OPTICAL, Renderer, View
+from ..rendering import Renderer, View
 from ..rendering.tiles import Tiles, shared
 from . import formats
 from .config import CameraConfig
@@ -264,6 +265,4 @@ class CameraSensor:
 
 def mounting(xyz: tuple[float, float, float], rpy: tuple[float, float, float]) -> np.ndarray:
     """link_T_optical (4, 4) of a sensor mounted at xyz (m), rpy (fixed axes, rad) in its link."""
-    T = np.array(Pose.from_rpy(xyz, rpy).matrix())
-    T[:3, :3] = T[:3, :3] @ SENSOR_R_OPTICAL
-    return T
+    return optical(Pose.from_rpy(xyz, rpy).matrix())

@@ -36,7 +36,7 @@ from aras_sim_bridge.description.types import (
 )
 from aras_sim_bridge.description.urdf import root_link
 from aras_sim_bridge.errors import DescriptionError
-from aras_sim_bridge.poses import Pose
+from aras_visual_servo_base.poses import Pose
 
 _MODEL_TAGS = {"static", "pose", "link", "joint", "plugin", "self_collide", "allow_auto_disable",
                "enable_wind"}

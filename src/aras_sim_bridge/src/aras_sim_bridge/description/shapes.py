@@ -9,7 +9,7 @@ import numpy as np
 from aras_sim_bridge.description import mesh_files
 from aras_sim_bridge.description.mesh import Mesh, from_corners
 from aras_sim_bridge.description.types import Geometry, Vector3
-from aras_sim_bridge.poses import quaternion_to, rotate
+from aras_visual_servo_base.poses import quaternion_to, rotate
 
 
 def triangles(geometry: Geometry) -> tuple[Mesh, ...]:

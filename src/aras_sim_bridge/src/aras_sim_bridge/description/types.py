@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Self
 
-from aras_sim_bridge.poses import Pose, Vector3
+from aras_visual_servo_base.poses import Pose, Vector3
 
 Rgba = tuple[float, float, float, float]
 

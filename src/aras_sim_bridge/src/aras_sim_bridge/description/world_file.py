@@ -11,7 +11,7 @@ from xml.etree.ElementTree import Element
 from aras_sim_bridge.description import Light, RobotDescription, read_sdf, safe_xml
 from aras_sim_bridge.description.lights import SUN
 from aras_sim_bridge.errors import DescriptionError, SimError
-from aras_sim_bridge.poses import Pose, Vector3
+from aras_visual_servo_base.poses import Pose, Vector3
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,9 @@ import numpy as np
 
 from ..errors import RenderingError
 from ..world import World
-from .view import SENSOR_R_OPTICAL, Sun, View
+from .view import Sun, View
 
-__all__ = ["RENDERERS", "SENSOR_R_OPTICAL", "Renderer", "Sun", "View", "create_renderer"]
+__all__ = ["RENDERERS", "Renderer", "Sun", "View", "create_renderer"]
 
 RENDERERS = ("exact", "tiny")
 # What launch files of earlier versions ask for.

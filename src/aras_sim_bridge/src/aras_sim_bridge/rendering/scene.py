@@ -151,7 +151,7 @@ class Scene:
                     _log.warning("%s is not drawn: %s", self._names[row], error)
                 self._warned.add(str(error))
                 continue
-            link_T_visual = np.array(visual.pose.matrix())
+            link_T_visual = visual.pose.matrix()
             for mesh in meshes:
                 rgba = colour or mesh.rgba or WHITE
                 if rgba[3] > 0.0:

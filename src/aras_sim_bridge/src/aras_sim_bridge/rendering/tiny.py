@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 
 from aras_sim_bridge.world.bullet import pybullet
+from aras_visual_servo_base.poses import quaternion_from_matrix
 
 from ..errors import RenderingError
-from ..poses import quaternion_from_matrix
 from ..world import World
 from .scene import Part, Scene
 from .view import Sun, View

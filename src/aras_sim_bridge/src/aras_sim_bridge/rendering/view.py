@@ -8,13 +8,12 @@ from functools import cached_property
 
 import numpy as np
 
+from aras_visual_servo_base.poses import inverse
+
 from ..description.types import Rgba
 from ..errors import RenderingError
 from .tiles import Tiles, shared
 
-# sensor frame (x forward, y left, z up; Gazebo's cameras) -> optical frame (z forward, x right,
-# y down; REP 103)
-SENSOR_R_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 
 @dataclass(frozen=True)
 class View:
@@ -48,11 +47,7 @@ class View:
     @property
     def optical_T_world(self) -> np.ndarray:  # noqa: N802
         """(4, 4), inverse of world_T_optical."""
-        R, t = self.world_T_optical[:3, :3], self.world_T_optical[:3, 3]
-        out = np.eye(4)
-        out[:3, :3] = R.T
-        out[:3, 3] = -t @ R
-        return out
+        return inverse(self.world_T_optical)
 
     @property
     def rays_key(self) -> Hashable:

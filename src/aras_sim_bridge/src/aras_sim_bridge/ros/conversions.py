@@ -1,6 +1,7 @@
 """Between ROS messages and the plain numbers of the simulation.
 
-Times are integer nanoseconds of simulated time, poses poses.Pose, twists poses.Twist.
+Times are integer nanoseconds of simulated time, poses and twists those of
+aras_visual_servo_base.poses.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import Twist as TwistMessage
 
 from aras_sim_bridge.errors import WorldError
-from aras_sim_bridge.poses import Pose, Twist, checked_pose, checked_vector
+from aras_visual_servo_base.poses import Pose, Twist, checked_pose, checked_vector
 
 LARGEST = 1e9  # m, m/s, rad/s, N: what a client may ask for; squares of more leave the floats
 
@@ -49,12 +50,13 @@ def from_pose(message: PoseMessage, what: str) -> Pose:
     """
     p, q = message.position, message.orientation
     from_vector(p, f"{what}: position")
-    return checked_pose(((p.x, p.y, p.z), (q.x, q.y, q.z, q.w)), what, zero_is_identity=True)
+    pose = (p.x, p.y, p.z), (q.x, q.y, q.z, q.w)
+    return checked_pose(pose, what, WorldError, zero_is_identity=True)
 
 
 def from_vector(message: Vector3 | Point, what: str) -> tuple[float, float, float]:
     """Return (x, y, z); raises WorldError naming `what`: one is not finite or beyond LARGEST."""
-    return bounded(checked_vector((message.x, message.y, message.z), what), what)
+    return bounded(checked_vector((message.x, message.y, message.z), what, WorldError), what)
 
 
 def bounded(values: tuple[float, ...], what: str) -> tuple[float, ...]:

@@ -6,8 +6,8 @@ import numpy as np
 
 from aras_sim_bridge.description.inertia import tensor
 from aras_sim_bridge.description.types import Inertial, RobotDescription, Vector3
-from aras_sim_bridge.poses import IDENTITY, Pose
 from aras_sim_bridge.world.joint_dynamics import FASTEST, LOWER, OFFSET, RATIO, RETURN, UPPER
+from aras_visual_servo_base.poses import IDENTITY, Pose
 
 _BODY = 50  # numbers of a body
 _RETURN_SPEED = 1.0  # rad/s or m/s, of a joint without a velocity limit back into its limits
@@ -62,7 +62,7 @@ class Articulation:
     def _add_mass(self, body: int, inertial: Inertial, pose: Pose, gravity: bool) -> None:
         """Add a link's inertia to the body's; `pose` is the link's frame in the joint's."""
         frame = pose @ inertial.pose
-        turn = np.array(frame.matrix())[:3, :3]
+        turn = frame.matrix()[:3, :3]
         centre = np.array(frame.xyz)
         about_centre = turn @ tensor(inertial.inertia) @ turn.T
         second = about_centre + inertial.mass * (
@@ -78,7 +78,7 @@ class Articulation:
 
     def _set_frame(self, body: int, at: Pose, axis: Vector3) -> None:
         """Put the joint's frame at `at` in the parent's."""
-        turn, u = np.array(at.matrix())[:3, :3], np.array(axis)
+        turn, u = at.matrix()[:3, :3], np.array(axis)
         along = np.outer(u, u)
         skew = np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
         row = self.bodies[body]

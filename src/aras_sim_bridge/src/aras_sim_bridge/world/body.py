@@ -2,9 +2,9 @@
 
 from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import WorldError
-from aras_sim_bridge.poses import IDENTITY, Pose
 from aras_sim_bridge.world import bullet_file
 from aras_sim_bridge.world.bullet import pybullet
+from aras_visual_servo_base.poses import IDENTITY, Pose
 
 DEFAULT_FRICTION = 1.0  # Gazebo's
 _UNBOUNDED_VELOCITY = 1e9  # Bullet would cut joint velocities at 100 rad/s

@@ -31,7 +31,7 @@ from aras_sim_bridge.description.types import (
     Vector3,
     Visual,
 )
-from aras_sim_bridge.poses import Pose, quaternion_from_matrix
+from aras_visual_servo_base.poses import Pose, quaternion_from_matrix
 
 # Of a link without a visual Bullet makes pictures of the collisions: 4 ms for a plane.
 _NOTHING = '<visual><geometry><box size="0 0 0"/></geometry></visual>'

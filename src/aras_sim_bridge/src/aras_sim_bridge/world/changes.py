@@ -10,7 +10,7 @@ from types import MappingProxyType
 from aras_sim_bridge.description.inertia import checked_inertial
 from aras_sim_bridge.description.types import JointLimits, RobotDescription
 from aras_sim_bridge.errors import WorldError
-from aras_sim_bridge.poses import Vector3, checked_vector
+from aras_visual_servo_base.poses import Vector3, checked_vector
 
 
 def with_link(description: RobotDescription, link: str, mass: float, com: Vector3,
@@ -29,9 +29,9 @@ def with_link(description: RobotDescription, link: str, mass: float, com: Vector
     if link not in description.links:
         raise WorldError(f"link '{link}' does not exist; there are: {', '.join(description.links)}")
     where = f"link '{link}'"
-    (mass,) = checked_vector((mass,), f"{where}: mass", 1)
-    com = checked_vector(com, f"{where}: com")
-    inertia = checked_vector(inertia, f"{where}: inertia", 6)
+    (mass,) = checked_vector((mass,), f"{where}: mass", WorldError, 1)
+    com = checked_vector(com, f"{where}: com", WorldError)
+    inertia = checked_vector(inertia, f"{where}: inertia", WorldError, 6)
     if mass <= 0.0:
         raise WorldError(f"{where}: mass is {mass} kg; it must be positive")
     inertial = checked_inertial(where, mass, com, (0.0, 0.0, 0.0), inertia, [])

@@ -5,16 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from aras_sim_bridge.description.types import RobotDescription
-from aras_sim_bridge.poses import (
-    IDENTITY,
-    Pose,
-    Vector3,
-    add,
-    conjugate,
-    cross,
-    rotate,
-    subtract,
-)
 from aras_sim_bridge.world import joint_dynamics
 from aras_sim_bridge.world.articulation import Articulation, joint_rows
 from aras_sim_bridge.world.joint_dynamics import (
@@ -27,6 +17,16 @@ from aras_sim_bridge.world.joint_dynamics import (
     TARGET,
 )
 from aras_sim_bridge.world.link_poses import LinkPoses
+from aras_visual_servo_base.poses import (
+    IDENTITY,
+    Pose,
+    Vector3,
+    add,
+    conjugate,
+    cross,
+    rotate,
+    subtract,
+)
 
 
 class JointSpace:

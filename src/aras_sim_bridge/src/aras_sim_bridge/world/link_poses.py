@@ -6,7 +6,7 @@ import numpy as np
 
 from aras_sim_bridge.compiled import compiled
 from aras_sim_bridge.description.types import RobotDescription
-from aras_sim_bridge.poses import IDENTITY, Pose
+from aras_visual_servo_base.poses import IDENTITY, Pose
 
 
 class LinkPoses:

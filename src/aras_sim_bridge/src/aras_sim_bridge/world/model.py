@@ -7,10 +7,19 @@ from types import MappingProxyType
 
 from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import UnknownLinkError
-from aras_sim_bridge.poses import Pose, Quaternion, Twist, Vector3, add, cross, rotate, subtract
 from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.model_joints import ModelJoints
+from aras_visual_servo_base.poses import (
+    Pose,
+    Quaternion,
+    Twist,
+    Vector3,
+    add,
+    cross,
+    rotate,
+    subtract,
+)
 
 
 class Model:

@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 
 from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import UnknownJointError, WorldError
-from aras_sim_bridge.poses import Pose, Vector3
 from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.free_damping import FreeDamping
 from aras_sim_bridge.world.joint_dynamics import FASTEST_SPEED
 from aras_sim_bridge.world.joint_space import JointSpace
+from aras_visual_servo_base.poses import Pose, Vector3
 
 NO_LIMIT_FORCE = 1e18
 

@@ -8,7 +8,9 @@ import math
 from typing import NamedTuple
 
 from aras_sim_bridge.description.types import Joint
-from aras_sim_bridge.poses import (
+from aras_sim_bridge.world.bullet import pybullet
+from aras_sim_bridge.world.model import Model
+from aras_visual_servo_base.poses import (
     Quaternion,
     Vector3,
     add,
@@ -16,8 +18,6 @@ from aras_sim_bridge.poses import (
     rotate,
     scaled,
 )
-from aras_sim_bridge.world.bullet import pybullet
-from aras_sim_bridge.world.model import Model
 
 # m: Bullet's own margins, and stops that give way a little
 MARGIN = 0.1

@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from aras_sim_bridge.poses import Vector3, add, cross, scaled, subtract
 from aras_sim_bridge.world.bullet import contacts_of, pybullet
 from aras_sim_bridge.world.model import Model
+from aras_visual_servo_base.poses import Vector3, add, cross, scaled, subtract
 
 _SLOW = 5e-3  # m/s; slower bodies are left to Bullet, which brings them to rest
 _SLOW_TURN = 5e-2  # rad/s

@@ -18,10 +18,10 @@ import numpy as np
 
 from aras_sim_bridge.compiled import compiled
 from aras_sim_bridge.description import Geometry, shapes
-from aras_sim_bridge.poses import Pose, Twist, rotate
 from aras_sim_bridge.world.body import LINK_MARGIN
 from aras_sim_bridge.world.bullet import contacts_of, pybullet
 from aras_sim_bridge.world.model import Model
+from aras_visual_servo_base.poses import Pose, Twist, rotate
 
 LOOK_EVERY = 50  # steps
 PATIENCE = 1000  # steps after which a base that the floor could not hold is looked at again
@@ -137,7 +137,7 @@ class Standing:
         self.mass = ground[0]
         self.grounds = grounds
         self._ground, self._corners = ground, corners
-        self._root = np.array(model.pose().matrix())[:3]
+        self._root = model.pose().matrix()[:3]
         self._touch, self._load = np.zeros(6), np.zeros(6)
         self._base = model.base_links()
         self.arrays: tuple[np.ndarray, ...] = ()
@@ -345,7 +345,7 @@ def _feet(model: Model, point: np.ndarray, normal: np.ndarray) -> np.ndarray:
         near = _TOUCHING + (0.0 if index == -1 else LINK_MARGIN)
         for part in model.description.links[name].collisions if index in base else ():
             at = model.link_pose(name) @ part.pose
-            matrix = np.array(at.matrix())
+            matrix = at.matrix()
             for own in _corners(part.geometry):
                 corners = own @ matrix[:3, :3].T + matrix[:3, 3]
                 above = (corners - point) @ normal

@@ -16,7 +16,6 @@ from aras_sim_bridge.description.types import (
     Visual,
 )
 from aras_sim_bridge.errors import UnknownJointError, UnknownModelError, WorldError
-from aras_sim_bridge.poses import IDENTITY, Pose, Twist, checked_pose, checked_vector
 from aras_sim_bridge.world import bullet_file
 from aras_sim_bridge.world.bullet import pybullet, quiet
 from aras_sim_bridge.world.checks import LARGEST, check_simulable
@@ -25,6 +24,7 @@ from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.reach import leave_out_pairs, out_of_touch
 from aras_sim_bridge.world.sliding import SlidingFriction
 from aras_sim_bridge.world.standing import FreeBases
+from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, checked_pose, checked_vector
 
 # Steps of one model by JointSpace.arrays, Standing.arrays (None: it is bolted down) and the time
 # step, s; returns what the last joint_dynamics.advance said and whether the ground bore it.
@@ -172,7 +172,7 @@ class World:
             raise WorldError(f"a model named '{name}' exists already; delete it or take another")
         check_simulable(description, name)
         mesh_files.read_all(description, name)
-        pose = checked_pose(pose, f"model '{name}'", zero_is_identity=True)
+        pose = checked_pose(pose, f"model '{name}'", WorldError, zero_is_identity=True)
         if math.hypot(*pose.xyz) > LARGEST:
             raise WorldError(f"model '{name}': position {pose.xyz} is beyond {LARGEST:.0e} m")
         start = _start_positions(description, name, joint_positions or {})
@@ -356,7 +356,7 @@ def _checked_step(value: float) -> float:
 
 
 def _checked_gravity(value: tuple) -> tuple[float, float, float]:
-    gravity = checked_vector(value, "gravity")
+    gravity = checked_vector(value, "gravity", WorldError)
     if max(abs(g) for g in gravity) > GRAVITY_BOUND:
         raise WorldError(f"gravity {gravity} is beyond ±{GRAVITY_BOUND} m/s²")
     return gravity

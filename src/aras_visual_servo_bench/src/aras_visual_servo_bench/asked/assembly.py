@@ -11,10 +11,10 @@ import numpy as np
 
 from aras_sim_bridge.description import Light
 from aras_sim_bridge.description.lights import SUN
+from aras_visual_servo_base.poses import transform
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.poses import transform
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError, UnreachableError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.goals.starts import start_joints

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.poses import exponential, relative, to_xyz_rpy, transform
 from aras_visual_servo_base.settings import check, parameter
-from aras_visual_servo_controller.arm.poses import inverse, transform
 
 from ..errors import ExperimentError, require
-from ..rigid import exponential, to_xyz_rpy
 from .experiment import CameraPose, Experiment
 
 Three = tuple[float, float, float]
@@ -93,7 +92,7 @@ def _plane(
     placing: Placing, goal: np.ndarray, target: np.ndarray, seed: int, random: np.random.Generator
 ) -> np.ndarray:
     """The camera gone round the target: to it, the target's plane is turned about its x axis."""
-    centred = inverse(target) @ goal
+    centred = relative(target, goal)
     angle = np.radians(placing.angle)
     return target @ exponential((0.0, 0.0, 0.0, angle, 0.0, 0.0)) @ centred
 

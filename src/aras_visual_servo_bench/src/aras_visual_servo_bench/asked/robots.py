@@ -14,12 +14,11 @@ import numpy as np
 from aras_sim_bridge.description import RobotDescription, parse_urdf
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.poses import to_xyz_rpy, transform
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.poses import transform
 from aras_visual_servo_controller.errors import ConfigurationError
 
-from .. import rigid
 from ..errors import ExperimentError
 from .packages import PackagePath
 
@@ -156,7 +155,7 @@ class Robot:
         """The description with camera_link moved as the launch files do it."""
         if np.array_equal(link_T_link, np.eye(4)):
             return self._plain
-        texts = (" ".join(map(repr, numbers)) for numbers in rigid.to_xyz_rpy(link_T_link))
+        texts = (" ".join(map(repr, numbers)) for numbers in to_xyz_rpy(link_T_link))
         try:
             return self._adapted("mounted", self._plain, *texts)
         except ValueError as error:

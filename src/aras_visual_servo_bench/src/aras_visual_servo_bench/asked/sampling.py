@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pinocchio
 
+from aras_visual_servo_base.poses import exponential, rotation_from_rpy
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.arm.inversion import least_squares
-from aras_visual_servo_controller.arm.poses import rotation_rpy
 from aras_visual_servo_controller.errors import ServoError, UnreachableError
 
-from .. import rigid
 from ..errors import ExperimentError, ViewError
 from ..plants.free_body import FreeBody
 from ..targets.geometry import PlacedTarget
@@ -120,10 +119,10 @@ def drawn_pose(
     height = random.uniform(*sampler.height)
     turn = random.uniform(-sampler.turn, sampler.turn)
     pose = np.eye(4)
-    pose[:3, :3] = rotation_rpy(0.0, 0.0, turn) @ goal_pose[:3, :3]
+    pose[:3, :3] = rotation_from_rpy(0.0, 0.0, turn) @ goal_pose[:3, :3]
     pose[:3, 3] = middle + (x, y, height)
     if sampler.tilt:
         lean, towards = random.uniform(0.0, sampler.tilt), random.uniform(-np.pi, np.pi)
         axis = lean * np.array([np.cos(towards), np.sin(towards), 0.0])
-        pose = pose @ rigid.exponential((0.0, 0.0, 0.0, *axis))
+        pose = pose @ exponential((0.0, 0.0, 0.0, *axis))
     return pose, turn

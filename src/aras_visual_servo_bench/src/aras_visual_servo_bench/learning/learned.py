@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
+from aras_visual_servo_base.poses import relative
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.arm.poses import inverse
 from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features.base import wrap
@@ -123,7 +123,7 @@ def pictures(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
         reading = sight.look(pose, 0, random)
         seen = observer.of_image(float(len(x)), reading.picture, parts.camera)
         if seen.valid:
-            c_T_g = inverse(pose) @ parts.goal_pose
+            c_T_g = relative(pose, parts.goal_pose)
             x.append(inputs(seen.moments))
             y.append([*c_T_g[:3, 3], c_T_g[0, 0], c_T_g[1, 0]])
     return np.array(x), np.array(y)

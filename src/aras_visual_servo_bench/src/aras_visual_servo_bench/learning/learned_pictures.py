@@ -22,18 +22,24 @@ from typing import Any
 import cv2
 import numpy as np
 
+from aras_visual_servo_base.poses import (
+    exponential,
+    inverse,
+    logarithm,
+    relative,
+    rotation_vector,
+    rotation_vector_rate,
+    transform,
+)
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm.poses import inverse, rotation_vector, transform
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.features.base import Feature, Measured
 from aras_visual_servo_controller.features.luminance import grey_of
-from aras_visual_servo_controller.features.pose import turn_rate
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.seeing.observation import Need, Observation
 
 from ..asked.packages import PackagePath
 from ..errors import ExperimentError
-from ..rigid import exponential, logarithm
 from .regressor import Regressor, fitted
 
 WEIGHTS = Path(PackagePath().find("aras_visual_servo_bench")) / "config" / "learned_pictures.npz"
@@ -101,7 +107,7 @@ class LearnedPose(Feature):
         g_T_c = self._goal_T_reference @ seen
         turn = rotation_vector(g_T_c[:3, :3])
         s, L = np.concatenate([g_T_c[:3, 3], turn]), np.zeros((6, 6))
-        L[:3, :3], L[3:, 3:] = g_T_c[:3, :3], turn_rate(turn)
+        L[:3, :3], L[3:, 3:] = g_T_c[:3, :3], rotation_vector_rate(turn)
         return Measured(s, np.zeros(6), s, L)
 
 
@@ -128,7 +134,7 @@ def pictures(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
         # Seeds far from those that the protocol runs.
         start = placed(base, protocol.starts[0], 1_000_000 * (seed + 1) + number)
         pose = start.start.pose
-        way = logarithm(inverse(goal) @ transform(pose[:3], pose[3:]))
+        way = logarithm(relative(goal, transform(pose[:3], pose[3:])))
         for step in range(1 + BETWEEN):
             part = 1.0 if step == 0 else random.uniform(0.0, 1.0)
             off = random.normal(size=6) * part * np.repeat((NEAR[0], np.radians(NEAR[1])), 3)

@@ -16,7 +16,7 @@ from aras_sim_bridge.description.mesh import Mesh
 from aras_sim_bridge.description.packages import ResolvePackage, find
 from aras_sim_bridge.description.shapes import triangles
 from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_controller.arm.poses import transform
+from aras_visual_servo_base.poses import transform
 
 Colour = tuple[float, ...]  # red, green, blue, opacity, 0 to 1
 GREY = (0.7, 0.7, 0.72, 1.0)  # of what has no colour

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aras_visual_servo_base.names import nearest
-from aras_visual_servo_controller.arm.poses import inverse, pose_difference
+from aras_visual_servo_base.poses import inverse, pose_difference
 
 from ..errors import StudyError, ViewError
 from ..recording.run import Run, scaled, settling

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aras_visual_servo_controller.arm.poses import inverse
+from aras_visual_servo_base.poses import inverse
 
 from ..running.loop import run
 from ..study.protocol import Protocol

@@ -11,12 +11,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from aras_visual_servo_controller.arm.poses import rotation_vector
+from aras_visual_servo_base.poses import exponential, rotation_vector
 
 from ..recording.run import Run
 from ..recording.tracks import Tracks, milestones
 from ..recording.tracks import tracks as tracks_of
-from ..rigid import exponential
 from .style import COLOURS, FAINT, GOAL, INK, START, figure_width, heading, is_paper, sheet
 
 FADED = 0.35  # of a picture's contrast behind curves

@@ -13,15 +13,13 @@ import numpy as np
 from aras_sim_bridge.description import Light, RobotDescription, parse_urdf
 from aras_sim_bridge.description.lights import SUN
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.poses import Pose
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world.model import Model
-from aras_visual_servo_controller.arm.poses import inverse, transform
+from aras_visual_servo_base.poses import Pose, exponential, logarithm, relative, transform
 
 from ..asked import cameras
 from ..asked.robots import Robot
 from ..errors import ExperimentError
-from ..rigid import exponential, logarithm, to_xyz_rpy
 from ..targets.geometry import PlacedTarget
 from .base import CameraReading, JointReading, Plant, Reading
 from .kinematic import Sight
@@ -45,7 +43,7 @@ class ShownTarget:
     def pose(self, time: float) -> Pose:
         """The model's in the world at `time` (s)."""
         world_T_target = self.placed.world_T_target(time)
-        return Pose.from_rpy(*to_xyz_rpy(world_T_target @ transform(self.lies_at, (0.0,) * 3)))
+        return Pose.from_matrix(world_T_target @ transform(self.lies_at, (0.0,) * 3))
 
 
 class BulletArm(Plant):
@@ -177,15 +175,15 @@ class BulletArm(Plant):
 
     def pose(self) -> np.ndarray:
         """world_T_camera (4, 4) from the physics; in the target's link where the arm moves that."""
-        pose = np.array(self._model.link_pose(self._link).matrix()) @ self._link_T_camera
+        pose = self._model.link_pose(self._link).matrix() @ self._link_T_camera
         if not self._carrier:
             return pose
-        return inverse(np.array(self._model.link_pose(self._carrier).matrix())) @ pose
+        return relative(self._model.link_pose(self._carrier).matrix(), pose)
 
     def poses(self, positions: np.ndarray) -> np.ndarray:
         """See Plant.poses; by the true robot's description, which spares Bullet being asked in
         between."""
-        root = np.array(self._model.pose().matrix())
+        root = self._model.pose().matrix()
         return np.array([root @ self._arm.pose(q) for q in positions]).reshape(-1, 4, 4)
 
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
@@ -227,7 +225,7 @@ class BulletArm(Plant):
         before = self.pose()
         step()
         part = (due - began) / self._simulation.step_ns
-        pose = before @ exponential(part * logarithm(inverse(before) @ self.pose()))
+        pose = before @ exponential(part * logarithm(relative(before, self.pose())))
         self._readings.append(self._sight.look(pose, due, self._random))
         self._exposures += 1
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import pinocchio
 
-from aras_visual_servo_controller.arm.poses import inverse
+from aras_visual_servo_base.poses import exponential, logarithm, relative
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
-
-from .. import rigid
 
 NAMES = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -41,15 +40,15 @@ class FreeBody:
 
     def pose(self, q: np.ndarray) -> np.ndarray:
         """world_T_camera (4, 4)."""
-        return self.origin @ rigid.exponential(q)
+        return self.origin @ exponential(q)
 
     def coordinates(self, world_T_camera: np.ndarray) -> np.ndarray:
         """The q (6,) of a pose (4, 4)."""
-        return rigid.logarithm(inverse(self.origin) @ world_T_camera)
+        return logarithm(relative(self.origin, world_T_camera))
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
         """(6, 6): the camera's twist in its own frame is jacobian(q) @ q_dot."""
-        return rigid.right_jacobian(q)
+        return pinocchio.Jexp6(np.asarray(q, float))
 
     def view(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """pose and jacobian."""

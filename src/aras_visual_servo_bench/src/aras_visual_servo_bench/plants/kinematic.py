@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aras_visual_servo_base.poses import exponential
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
 
-from .. import rigid
 from ..asked import cameras
 from ..errors import ExperimentError, ViewError
 from ..targets.geometry import PlacedTarget, project
@@ -235,4 +235,4 @@ class FreeCamera(KinematicPlant):
         return self.arm.jacobian(self._q) @ rates
 
     def _displace(self, moved: np.ndarray) -> None:
-        self._q = self.arm.coordinates(self.pose() @ rigid.exponential(moved))
+        self._q = self.arm.coordinates(self.pose() @ exponential(moved))

@@ -11,8 +11,8 @@ from functools import cached_property
 
 import numpy as np
 
+from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm.poses import pose_difference
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.loop.state import CONVERGED, ServoState
 

@@ -24,7 +24,7 @@ from gazebo_msgs.srv import DeleteModel, GetModelState, SpawnModel
 from geometry_msgs.msg import Pose
 from std_srvs.srv import Empty, Trigger
 
-from aras_visual_servo_controller.arm.poses import transform
+from aras_visual_servo_base.poses import transform
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws.registry import LAWS

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from aras_visual_servo_controller.arm.poses import optical
+from aras_visual_servo_base.poses import Pose, normalised, optical
 
 from ..errors import BenchError
 from ..recording.from_bag import Messages
@@ -305,15 +305,7 @@ def _stamp(data: bytes) -> int:
 def _matrix(transform: Any) -> np.ndarray:
     """(4, 4) of a geometry_msgs/Transform."""
     q, t = transform.rotation, transform.translation
-    x, y, z, w = np.array([q.x, q.y, q.z, q.w]) / np.linalg.norm([q.x, q.y, q.z, q.w])
-    matrix = np.eye(4)
-    matrix[:3, :3] = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    matrix[:3, 3] = t.x, t.y, t.z
-    return matrix
+    return Pose((t.x, t.y, t.z), normalised((q.x, q.y, q.z, q.w))).matrix()
 
 
 def _rgb(message: Any) -> np.ndarray | None:

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.poses import to_xyz_rpy
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_controller.goals.goal import Goal, to_xyz_rpy
+from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.settings import Settings
 
 from ..asked.experiment import CameraPose, Experiment, TargetSpec

@@ -15,9 +15,9 @@ import rospy
 from aras_visual_servo_camera.msg import ImageMoments
 from aras_visual_servo_controller.msg import ServoReport, ServoState
 from geometry_msgs.msg import PolygonStamped, PoseStamped, Twist
-from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, JointState
 
+from aras_visual_servo_base.poses import Pose, normalised
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.messages import outline_of
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -145,10 +145,9 @@ class Listener:
 
     def _on_goal(self, message: PoseStamped) -> None:
         place, turn = message.pose.position, message.pose.orientation
-        pose = np.eye(4)
-        with contextlib.suppress(ValueError):  # a quaternion of no length
-            pose[:3, :3] = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
-            pose[:3, 3] = place.x, place.y, place.z
+        with contextlib.suppress(ZeroDivisionError):  # a quaternion of no length
+            quat = normalised((turn.x, turn.y, turn.z, turn.w))
+            pose = Pose((place.x, place.y, place.z), quat).matrix()
             if np.isfinite(pose).all():
                 self._goal = pose
 

@@ -12,13 +12,10 @@ from __future__ import annotations
 import argparse
 import sys
 
-import numpy as np
-
-from aras_sim_bridge.poses import Pose
+from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.settings import build
 
 from ..errors import ExperimentError, StudyError
-from ..rigid import to_xyz_rpy
 from ..study.overrides import parsed
 from ..targets.geometry import Motion, PlacedTarget, PolygonTarget
 
@@ -81,11 +78,11 @@ def _move(motion: Motion, model: str) -> int:
         )
     place, turn = found.pose.position, found.pose.orientation
     pose = Pose((place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w))
-    target = PlacedTarget(POINT, np.array(pose.matrix()), motion)
+    target = PlacedTarget(POINT, pose.matrix(), motion)
     ask = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState, persistent=True)
     began, rate = rospy.get_time(), rospy.Rate(RATE)
     while not rospy.is_shutdown():
-        moved = Pose.from_rpy(*to_xyz_rpy(target.world_T_target(rospy.get_time() - began)))
+        moved = Pose.from_matrix(target.world_T_target(rospy.get_time() - began))
         state = ModelState(model_name=model, reference_frame="world")
         state.pose.position, state.pose.orientation = Point(*moved.xyz), Quaternion(*moved.quat)
         try:

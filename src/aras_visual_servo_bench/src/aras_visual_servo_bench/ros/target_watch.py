@@ -9,7 +9,7 @@ import rospy
 from geometry_msgs.msg import PoseStamped
 
 from aras_sim_bridge.errors import DescriptionError
-from aras_sim_bridge.poses import Pose
+from aras_visual_servo_base.poses import Pose
 
 from ..live.outlines import NOTHING, Drawing, drawing_of
 from ..live.story import Story
@@ -60,7 +60,7 @@ class TargetWatch:
             return None
         place, turn = found.pose.position, found.pose.orientation
         pose = Pose((place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w))
-        return np.array(pose.matrix())
+        return pose.matrix()
 
     def _on_target(self, message: PoseStamped) -> None:
         self._told = message

@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from aras_visual_servo_base.poses import exponential, inverse, pose_difference, relative, transform
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_controller.arm.poses import inverse, pose_difference, transform
 from aras_visual_servo_controller.errors import MeasurementError, ServoError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.judging.convergence import Convergence
@@ -36,7 +36,6 @@ from ..errors import ExperimentError, ViewError
 from ..plants.kinematic import FreeCamera
 from ..recording.from_loop import Recorder
 from ..recording.run import Run, Verdict
-from ..rigid import exponential
 
 NS = 1_000_000_000
 PATIENCE = 5  # images without a measurement after which nothing new will come: the camera stands
@@ -266,8 +265,8 @@ class Flight:
 
     def _distance(self, pose: np.ndarray | None = None) -> float:
         """Of the target's origin along the optical axis, m."""
-        seen = inverse(self.pose if pose is None else pose) @ self.parts.target.world_T_target(
-            self.time
+        seen = relative(
+            self.pose if pose is None else pose, self.parts.target.world_T_target(self.time)
         )
         return float(seen[2, 3])
 

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from aras_visual_servo_controller.arm.poses import inverse
+from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_controller.loop.driver import Driver
 from aras_visual_servo_controller.loop.state import CONVERGED, Command, ServoState
 

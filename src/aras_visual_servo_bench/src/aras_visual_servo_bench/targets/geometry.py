@@ -12,13 +12,12 @@ from functools import cached_property
 
 import numpy as np
 
+from aras_visual_servo_base.poses import exponential, inverse
 from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_controller.arm.poses import inverse
 from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
 
-from .. import rigid
 from ..errors import ExperimentError, ViewError, require
 
 NEAREST = 1e-3  # m before the camera; what is nearer has no view worth the name
@@ -180,7 +179,7 @@ class Motion:
         if self.still or since < 0.0:
             return moved
         velocity = np.asarray(self.velocity)
-        moved[:3, :3] = rigid.exponential((0.0, 0.0, 0.0, *(velocity[3:] * since)))[:3, :3]
+        moved[:3, :3] = exponential((0.0, 0.0, 0.0, *(velocity[3:] * since)))[:3, :3]
         phase = 2.0 * np.pi * self.frequency * since
         moved[:3, 3] = velocity[:3] * since + np.asarray(self.amplitude) * np.sin(phase)
         moved[:2, 3] += self.circle * np.array([np.sin(phase), 1.0 - np.cos(phase)])

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aras_visual_servo_base.poses import exponential, optical, transform
+
 from ..errors import ConfigurationError
-from .poses import LINK_R_OPTICAL, transform
 
 MOVING = ("revolute", "continuous", "prismatic")
 OPTICAL, LINK = "_optical_frame", "_link"
@@ -43,15 +44,12 @@ class DescribedJoint:
 
     def at(self, position: float) -> np.ndarray:
         """`parent_T_child` (4, 4) with the joint at a position, rad or m."""
-        joint_T_child = np.eye(4)
+        moved = np.zeros(6)
         if self.kind == "prismatic":
-            joint_T_child[:3, 3] = position * self.axis
+            moved[:3] = position * self.axis
         elif self.kind in MOVING:
-            x, y, z = self.axis
-            cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-            joint_T_child[:3, :3] += np.sin(position) * cross
-            joint_T_child[:3, :3] += (1.0 - np.cos(position)) * cross @ cross
-        return self.origin @ joint_T_child
+            moved[3:] = position * self.axis
+        return self.origin @ exponential(moved)
 
 
 class Description:
@@ -115,12 +113,10 @@ class Description:
         """
         camera = link.removesuffix(OPTICAL) + LINK
         if link not in self.links and link.endswith(OPTICAL) and camera in self.links:
-            link_T_optical = np.eye(4)
-            link_T_optical[:3, :3] = LINK_R_OPTICAL
-            optical = DescribedJoint(
-                f"{camera}_to_{link}", "fixed", camera, link, link_T_optical, np.eye(3)[0]
+            looking = DescribedJoint(
+                f"{camera}_to_{link}", "fixed", camera, link, optical(np.eye(4)), np.eye(3)[0]
             )
-            return [*self.way(base, camera), optical]
+            return [*self.way(base, camera), looking]
         joints = self.up(link)
         if not base or (joints and joints[0].parent == base) or base == link:
             return [] if base == link else joints

@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from aras_visual_servo_base.poses import rotation_vector
 from aras_visual_servo_camera.compiled import MATRIX, NUMBER, compiled
-
-from .poses import rotation_vector
 
 
 class Held(NamedTuple):

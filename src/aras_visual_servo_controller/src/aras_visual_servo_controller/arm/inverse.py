@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import least_squares
 
+from aras_visual_servo_base.poses import rotation_vector, rotation_vector_rate, skew
+
 from ..errors import UnreachableError
-from .poses import rotation_vector
 
 if TYPE_CHECKING:
     from .arm import Arm
@@ -81,21 +82,6 @@ def _derivative(q: np.ndarray, arm: "Arm", goal: np.ndarray) -> np.ndarray:
     place = pose[:3, :3].T @ (goal[:3, 3] - pose[:3, 3])
     turn = rotation_vector(camera_R_goal)
     rows = np.empty_like(jacobian)
-    rows[:3] = -jacobian[:3] + _cross(place) @ jacobian[3:]
-    rows[3:] = -LENGTH * _left_inverse(turn) @ jacobian[3:]
+    rows[:3] = -jacobian[:3] + skew(place) @ jacobian[3:]
+    rows[3:] = -LENGTH * rotation_vector_rate(turn).T @ jacobian[3:]
     return rows
-
-
-def _cross(v: np.ndarray) -> np.ndarray:
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-def _left_inverse(turn: np.ndarray) -> np.ndarray:
-    """Inverse left Jacobian (3, 3) of a rotation vector."""
-    angle = float(np.linalg.norm(turn))
-    cross = _cross(turn)
-    if angle < 1e-4:
-        return np.eye(3) - 0.5 * cross + cross @ cross / 12.0
-    half = 0.5 * angle
-    return np.eye(3) - 0.5 * cross + (1.0 - half / np.tan(half)) / angle**2 * cross @ cross

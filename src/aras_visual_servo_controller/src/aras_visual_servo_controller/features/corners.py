@@ -15,6 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from aras_visual_servo_base.poses import skew
 from aras_visual_servo_camera.interaction import Plane
 
 from ..errors import ConfigurationError, MeasurementError
@@ -354,8 +355,7 @@ class VanishingPoints(CornerFeature):
             by_direction = np.array([
                 [-W * X / a**3, -W * Y / a**3, 1.0 / a], [-Y / a**2, X / a**2, 0.0]
             ])  # fmt: skip
-            cross = np.array([[0.0, -W, Y], [W, 0.0, -X], [-Y, X, 0.0]])
-            L[i, :, 3:] = by_direction @ cross
+            L[i, :, 3:] = by_direction @ skew((X, Y, W))
         return L.reshape(-1, 6)
 
     @staticmethod

@@ -16,7 +16,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..arm.poses import rotation_vector
+from aras_visual_servo_base.poses import exponential, rotation_vector, rotation_vector_rate, skew
+
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Observation
@@ -98,7 +99,7 @@ class ThetaU(RelativePose):
     def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See RelativePose.of_pose."""
         turn = rotation_vector(c_T_g[:3, :3].T)
-        return turn, np.hstack([np.zeros((3, 3)), turn_rate(turn)])
+        return turn, np.hstack([np.zeros((3, 3)), rotation_vector_rate(turn)])
 
 
 class Translation(RelativePose):
@@ -126,7 +127,7 @@ class TranslationCamera(RelativePose):
     def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See RelativePose.of_pose."""
         place = c_T_g[:3, :3] @ origin + c_T_g[:3, 3]
-        return place, np.hstack([-np.eye(3), cross(place)])
+        return place, np.hstack([-np.eye(3), skew(place)])
 
 
 class Pose(RelativePose):
@@ -167,22 +168,6 @@ class TwoAndHalfD(RelativePose):
         L_point = point_interaction(np.array([[x, y]]), np.array([1.0 / Z]))
         L_depth = np.array([[0.0, 0.0, -1.0 / Z, -y, x, 0.0]])
         return np.array([x, y, np.log(Z), *turn]), np.vstack([L_point, L_depth, L_turn])
-
-
-def cross(v: np.ndarray) -> np.ndarray:
-    """[v]x (3, 3): cross(v) @ w is v x w."""
-    x, y, z = v
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-def turn_rate(turn: np.ndarray) -> np.ndarray:
-    """(3, 3): d(theta u)/dt of g_R_c is turn_rate(theta u) @ omega, omega in the camera's frame."""
-    angle, K = float(np.linalg.norm(turn)), cross(turn)
-    if angle < 1e-4:
-        factor = 1.0 / 12.0
-    else:
-        factor = 1.0 / angle**2 - 0.5 * np.cos(0.5 * angle) / (angle * np.sin(0.5 * angle))
-    return np.eye(3) + 0.5 * K + factor * K @ K
 
 
 def pose_of_plane(places: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -232,21 +217,13 @@ def _refined(
         # The target moves against the camera: hence the sign of L.
         L = -point_interaction(seen, 1.0 / P[:, 2])
         step = np.linalg.lstsq(L, (points - seen).ravel(), rcond=None)[0]
-        turned = _rotation(step[3:])
+        turned = exponential((0.0, 0.0, 0.0, *step[3:]))[:3, :3]
         R, t = turned @ R, turned @ t + step[:3]
         if np.abs(step).max() < REFINED:
             break
     c_T_g = np.eye(4)
     c_T_g[:3, :3], c_T_g[:3, 3] = R, t
     return c_T_g
-
-
-def _rotation(turn: np.ndarray) -> np.ndarray:
-    """R (3, 3) of a rotation vector (3,), rad."""
-    angle, K = float(np.linalg.norm(turn)), cross(turn)
-    if angle < 1e-8:
-        return np.eye(3) + K
-    return np.eye(3) + np.sin(angle) / angle * K + (1.0 - np.cos(angle)) / angle**2 * K @ K
 
 
 def _joined(*parts: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

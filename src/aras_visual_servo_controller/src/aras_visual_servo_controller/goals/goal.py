@@ -29,13 +29,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
+from aras_visual_servo_base.poses import pose_difference, to_xyz_rpy
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.kernel import kernel_of_outline
 from aras_visual_servo_camera.moments import MAX_ORDER, Moments, Pinhole
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..arm.poses import pose_difference
 from ..errors import ConfigurationError, ServoError, UnreachableError
 from ..seeing.observation import Observation
 from ..seeing.target_geometry import TargetGeometry
@@ -345,20 +345,6 @@ class Goal:
         return comment + yaml.safe_dump(data, sort_keys=False, width=96)
 
 
-def to_xyz_rpy(a_T_b: np.ndarray) -> tuple[list[float], list[float]]:
-    """Place (m) and fixed-axis roll, pitch, yaw (rad) of a pose (4, 4), as URDF has them."""
-    R = a_T_b[:3, :3]
-    across = float(np.hypot(R[0, 0], R[1, 0]))
-    pitch = float(np.arctan2(-R[2, 0], across))
-    if across > 1e-9:
-        roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
-    else:  # roll and yaw turn about one axis: all of it is yaw
-        roll, yaw = 0.0, np.arctan2(-R[0, 1], R[1, 1])
-    return [float(v) for v in a_T_b[:3, 3]], [float(roll), pitch, float(yaw)]
-
-
 def _pose_entry(a_T_b: np.ndarray) -> dict[str, list[float]]:
     xyz, rpy = to_xyz_rpy(a_T_b)
     return {"xyz": xyz, "rpy": rpy}
-
-

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_base.poses import transform
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import MAX_ORDER, Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..arm.poses import transform
 from ..errors import ConfigurationError
 from ..seeing.observation import implausible
 from ..seeing.target_geometry import TargetGeometry

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_base.poses import transform
+
 from ..arm import Arm
-from ..arm.poses import transform
 from ..errors import ConfigurationError, UnreachableError
 from ..setting_kinds import is_number, suggestion, yaml_mapping
 

@@ -10,11 +10,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from aras_visual_servo_base.poses import logarithm
 from aras_visual_servo_camera.compiled import MATRIX, NUMBER, VECTOR, compiled
 from aras_visual_servo_camera.degeneracy import anisotropy, gyration_radius
 from aras_visual_servo_camera.moments import Moments
 
-from ..arm.poses import body_motion
 from ..goals.goal import Goal
 from ..schemes.base import Decision
 from ..seeing.joint_sample import JointSample
@@ -249,7 +249,7 @@ class CameraEvidence:
             self._begin(error)
             return
         self._parts, predicted, wrapped = _advanced(
-            *before, error, L, body_motion(moved), tolerances, self._parts
+            *before, error, L, logarithm(moved), tolerances, self._parts
         )
         if wrapped:
             self._begin(error)

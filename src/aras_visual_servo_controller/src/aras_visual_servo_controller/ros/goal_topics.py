@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import rospy
-from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped
-from scipy.spatial.transform import Rotation
+from geometry_msgs.msg import Point, Point32, PolygonStamped, PoseStamped, Quaternion
+
+from aras_visual_servo_base.poses import Pose
 
 from ..loop.servo import Servo
 
@@ -36,10 +37,8 @@ def pose_message(a_T_b: np.ndarray, frame: str) -> PoseStamped:
     """geometry_msgs/PoseStamped of (4, 4) in the frame a."""
     message = PoseStamped()
     message.header.frame_id = frame
-    place, turn = message.pose.position, message.pose.orientation
-    place.x, place.y, place.z = (float(v) for v in a_T_b[:3, 3])
-    turn.x, turn.y, turn.z, turn.w = (float(v) for v in Rotation.from_matrix(
-        a_T_b[:3, :3]).as_quat())
+    pose = Pose.from_matrix(a_T_b)
+    message.pose.position, message.pose.orientation = Point(*pose.xyz), Quaternion(*pose.quat)
     return message
 
 

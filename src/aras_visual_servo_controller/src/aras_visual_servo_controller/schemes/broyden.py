@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arm.poses import body_motion
+from aras_visual_servo_base.poses import logarithm
+
 from ..features.base import Measured
 from ..seeing.observation import Observation
 
@@ -59,7 +60,7 @@ class Broyden:
         change = error - before[1] - np.asarray(measured.rate) * observation.dt
         if np.abs(change).max() > LONGEST_JUMP:
             return self._L
-        v = body_motion(moved)
+        v = logarithm(moved)
         weighted = self._weights * v
         misfit = change - self._L @ v
         scale = self.gain / (self.floor**2 + float(v @ weighted))

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aras_visual_servo_camera.compiled import MATRIX, compiled
+from aras_visual_servo_base.poses import relative
 from aras_visual_servo_camera.contour import corners_of, outline_of
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import Image
@@ -294,7 +294,7 @@ class Observer:
         if self._stamp is not None and stamp > self._stamp:
             dt = stamp - self._stamp
             if pose is not None and self._pose is not None:
-                moved = _relative(self._pose, pose)
+                moved = relative(self._pose, pose)
                 moved.setflags(write=False)
         if self._stamp is None or stamp > self._stamp:
             self._stamp, self._pose = stamp, pose
@@ -302,19 +302,6 @@ class Observer:
             stamp, dt, valid, reason, camera, joints, pose,
             previous_T_camera=moved, commands=tuple(commands), **seen,
         )  # fmt: skip
-
-
-@compiled(MATRIX, MATRIX)
-def _relative(a_T_b, a_T_c):
-    """`b_T_c` (4, 4) of two rigid poses."""
-    b_T_c = np.eye(4)
-    for i in range(3):
-        for j in range(4):
-            b_T_c[i, j] = 0.0
-            for k in range(3):
-                place = a_T_b[k, 3] if j == 3 else 0.0
-                b_T_c[i, j] += a_T_b[k, i] * (a_T_c[k, j] - place)
-    return b_T_c
 
 
 def implausible(moments: Moments) -> str:

@@ -15,8 +15,8 @@ from geometry_msgs.msg import TransformStamped
 from tf2_msgs.msg import TFMessage
 
 from aras_sim_bridge.camera.mounting import MountedCamera
-from aras_sim_bridge.poses import quaternion_from_matrix
 from aras_sim_bridge.ros.camera.info import prefixed
+from aras_visual_servo_base.poses import quaternion_from_matrix
 
 _lock = threading.Lock()
 _frames: dict[str, TransformStamped] = {}

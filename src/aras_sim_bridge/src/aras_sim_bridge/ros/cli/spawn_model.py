@@ -11,8 +11,8 @@ from gazebo_msgs.msg import ModelStates
 from gazebo_msgs.srv import DeleteModel, SetModelConfiguration, SpawnModel
 from std_srvs.srv import Empty
 
-from aras_sim_bridge.poses import Pose
 from aras_sim_bridge.ros.conversions import to_pose
+from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_ros.shutdown import begin_node
 
 

@@ -6,9 +6,9 @@ A link is named `model::link`, or plainly `link` when that is enough (first hit 
 from __future__ import annotations
 
 from aras_sim_bridge.errors import WorldError
-from aras_sim_bridge.poses import IDENTITY, Pose, Twist, conjugate, rotate, subtract
 from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world import Model
+from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, conjugate, rotate, subtract
 
 WORLD_ALIASES = ("", "world", "map", "/map")
 

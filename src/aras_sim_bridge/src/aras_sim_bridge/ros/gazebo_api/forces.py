@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from gazebo_msgs.srv import ApplyBodyWrench, ApplyJointEffort, BodyRequest, JointRequest
 
 from aras_sim_bridge.errors import WorldError
-from aras_sim_bridge.poses import add, cross, rotate, subtract
 from aras_sim_bridge.ros.conversions import bounded, from_time, from_vector
 from aras_sim_bridge.ros.gazebo_api import entities
 from aras_sim_bridge.ros.runtime.services import Fields, serves
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world import Model
+from aras_visual_servo_base.poses import add, cross, rotate, subtract
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,12 @@ from gazebo_msgs.srv import (
 from geometry_msgs.msg import Point, Pose, Quaternion
 
 from aras_sim_bridge.errors import SimError, WorldError
-from aras_sim_bridge.poses import Twist, subtract
 from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.gazebo_api import entities
 from aras_sim_bridge.ros.runtime.services import Fields, serves
 from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world.changes import with_joint, with_link
+from aras_visual_servo_base.poses import Twist, subtract
 
 JOINT_TYPES = {
     "revolute": GetJointPropertiesResponse.REVOLUTE,

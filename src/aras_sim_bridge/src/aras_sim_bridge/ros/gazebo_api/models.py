@@ -19,7 +19,6 @@ from std_msgs.msg import Header
 
 from aras_sim_bridge.description import Light, packages
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.poses import Pose, Twist, rotate
 from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.camera import settings
 from aras_sim_bridge.ros.gazebo_api import descriptions, entities
@@ -29,6 +28,7 @@ from aras_sim_bridge.ros.runtime.services import Fields, serves
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world import Model
+from aras_visual_servo_base.poses import Pose, Twist, rotate
 from aras_visual_servo_ros.parameters import namespace_of
 
 SPAWN_TIMEOUT = 60.0  # seconds of wall time: a large mesh takes its time

@@ -1,0 +1,357 @@
+"""Rotations, rigid poses and twists: the one home of their arithmetic.
+
+`a_T_b` maps coordinates in b to a, `a_R_b` directions. Lengths are in m, angles in rad; quaternions
+are (x, y, z, w), of unit length. Two forms, for two uses: plain floats (`Pose` and the functions
+above LINK_R_OPTICAL) for single poses in a 1 kHz loop, where NumPy is slow; arrays, (4, 4) and
+(3, 3), for what is multiplied with Jacobians and points.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+class Twist(NamedTuple):
+    """Velocity of a frame: linear (m/s) of its origin, angular (rad/s), in world axes."""
+
+    linear: Vector3 = (0.0, 0.0, 0.0)
+    angular: Vector3 = (0.0, 0.0, 0.0)
+
+
+class Pose(NamedTuple):
+    """Position (m) and orientation; unpacks as (xyz, quat)."""
+
+    xyz: Vector3 = (0.0, 0.0, 0.0)
+    quat: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+    @classmethod
+    def from_rpy(cls, xyz: Vector3, rpy: Vector3) -> Pose:
+        """Pose from URDF's fixed-axis roll, pitch, yaw (rad)."""
+        return cls(tuple(xyz), quaternion_from_rpy(*rpy))
+
+    @classmethod
+    def from_matrix(cls, a_T_b: np.ndarray) -> Pose:
+        """Pose of a rigid (4, 4)."""
+        x, y, z = a_T_b[:3, 3].tolist()
+        return cls((x, y, z), quaternion_from_matrix(a_T_b[:3, :3].tolist()))
+
+    @property
+    def rpy(self) -> Vector3:
+        """The orientation as URDF's roll, pitch, yaw, rad."""
+        return rpy_from_rotation(rotation_from_quaternion(self.quat))
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """a_T_b @ b_T_c = a_T_c."""
+        moved = rotate(self.quat, other.xyz)
+        return Pose(add(self.xyz, moved), normalised(multiply(self.quat, other.quat)))
+
+    def inverse(self) -> Pose:
+        """b_T_a of a_T_b."""
+        back = conjugate(self.quat)
+        return Pose(scaled(rotate(back, self.xyz), -1.0), back)
+
+    def apply(self, point: Vector3) -> Vector3:
+        """`point` of b in a."""
+        return add(self.xyz, rotate(self.quat, point))
+
+    def matrix(self) -> np.ndarray:
+        """Homogeneous (4, 4)."""
+        first, second, third = rotation_from_quaternion(self.quat)
+        x, y, z = self.xyz
+        return np.array([[*first, x], [*second, y], [*third, z], [0.0, 0.0, 0.0, 1.0]])
+
+
+IDENTITY = Pose()
+
+
+def add(a: Vector3, b: Vector3) -> Vector3:
+    """a + b."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def subtract(a: Vector3, b: Vector3) -> Vector3:
+    """a - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+def scaled(a: Vector3, factor: float) -> Vector3:
+    """factor * a."""
+    return (a[0] * factor, a[1] * factor, a[2] * factor)
+
+
+def cross(a: Vector3, b: Vector3) -> Vector3:
+    """a x b."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def conjugate(q: Quaternion) -> Quaternion:
+    """Inverse of a unit quaternion."""
+    return (-q[0], -q[1], -q[2], q[3])
+
+
+def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Hamilton product a b: first b, then a."""
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    return (
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+        aw * bw - ax * bx - ay * by - az * bz,
+    )
+
+
+def rotate(q: Quaternion, v: Vector3) -> Vector3:
+    """`v` turned by the unit quaternion `q`."""
+    x, y, z, w = q
+    tx = 2.0 * (y * v[2] - z * v[1])
+    ty = 2.0 * (z * v[0] - x * v[2])
+    tz = 2.0 * (x * v[1] - y * v[0])
+    return (
+        v[0] + w * tx + y * tz - z * ty,
+        v[1] + w * ty + z * tx - x * tz,
+        v[2] + w * tz + x * ty - y * tx,
+    )
+
+
+def normalised(q: Quaternion) -> Quaternion:
+    """`q` at unit length; exactly unit quaternions are returned unchanged."""
+    norm = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    if norm == 1.0:
+        return q
+    return (q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm)
+
+
+def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
+    """Rz(yaw) Ry(pitch) Rx(roll)."""
+    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
+    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
+    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
+    return (
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+        cr * cp * cy + sr * sp * sy,
+    )
+
+
+def quaternion_to(direction: Vector3) -> Quaternion:
+    """Turns z onto a unit vector, the shortest way."""
+    x, y, z = direction
+    return normalised((-y, x, 0.0, 1.0 + z)) if z > -1.0 else (1.0, 0.0, 0.0, 0.0)
+
+
+def quaternion_from_matrix(rotation: Sequence[Sequence[float]]) -> Quaternion:
+    """Unit quaternion of a (3, 3) rotation, from its largest component (Shepperd 1978)."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = ([float(v) for v in row] for row in rotation)
+    squares = (1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz, 1.0 + xx + yy + zz)
+    rows = (
+        (squares[0], xy + yx, xz + zx, zy - yz),
+        (xy + yx, squares[1], yz + zy, xz - zx),
+        (xz + zx, yz + zy, squares[2], yx - xy),
+        (zy - yz, xz - zx, yx - xy, squares[3]),
+    )
+    return normalised(rows[squares.index(max(squares))])
+
+
+def rotation_from_quaternion(q: Quaternion) -> tuple[Vector3, Vector3, Vector3]:
+    """Rows of the (3, 3) rotation of a unit quaternion."""
+    x, y, z = (rotate(q, axis) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+    return (x[0], y[0], z[0]), (x[1], y[1], z[1]), (x[2], y[2], z[2])
+
+
+def rpy_from_rotation(R: Sequence[Sequence[float]]) -> Vector3:
+    """Fixed-axis roll, pitch, yaw (rad) of a (3, 3) rotation; roll is 0 at a pitch of ±90°."""
+    (xx, xy, _), (yx, yy, _), (zx, zy, zz) = ([float(v) for v in row] for row in R)
+    across = math.hypot(xx, yx)
+    pitch = math.atan2(-zx, across)
+    if across > 1e-9:
+        return math.atan2(zy, zz), pitch, math.atan2(yx, xx)
+    return 0.0, pitch, math.atan2(-xy, yy)  # roll and yaw turn about one axis: all of it is yaw
+
+
+def checked_vector(
+    values: object, what: str, fault: type[Exception], count: int = 3
+) -> tuple[float, ...]:
+    """`count` finite floats as a tuple; raises `fault` naming `what` otherwise."""
+    try:
+        result = tuple(float(v) for v in values)
+    except (TypeError, ValueError):
+        raise fault(f"{what}: {values!r} is not a sequence of {count} numbers") from None
+    if len(result) != count:
+        raise fault(f"{what}: needs {count} numbers, got {len(result)}")
+    if not math.isfinite(sum(abs(v) for v in result)):
+        raise fault(f"{what}: {result} holds a number that is not finite")
+    return result
+
+
+def checked_pose(
+    pose: object, what: str, fault: type[Exception], zero_is_identity: bool = False
+) -> Pose:
+    """A finite pose with its quaternion normalised.
+
+    Args:
+        pose: (xyz, quat).
+        what: whose pose, for the message.
+        fault: what is raised.
+        zero_is_identity: whether (0, 0, 0, 0) means no rotation, as an unset message field does.
+
+    Raises:
+        fault: not finite, wrong length, or a quaternion far from unit length.
+    """
+    try:
+        xyz, quat = pose
+    except (TypeError, ValueError):
+        raise fault(f"{what}: {pose!r} is not (position, quaternion)") from None
+    xyz = checked_vector(xyz, f"{what}: position", fault)
+    quat = checked_vector(quat, f"{what}: orientation", fault, 4)
+    norm = math.hypot(*quat)
+    if zero_is_identity and norm == 0.0:
+        return Pose(xyz)
+    if not 1e-6 <= norm <= 1e6:
+        raise fault(f"{what}: orientation {quat} is no unit quaternion; use (0, 0, 0, 1) for none")
+    return Pose(xyz, normalised(quat))
+
+
+# Gazebo's camera link looks along +x with z up; the optical frame looks along +z with y down.
+LINK_R_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+LINK_R_OPTICAL.setflags(write=False)
+
+
+def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
+    """Rotation matrix (3, 3) of fixed-axis roll, pitch, yaw (rad), as URDF writes them."""
+    cr, sr = np.cos(roll), np.sin(roll)
+    cp, sp = np.cos(pitch), np.sin(pitch)
+    cy, sy = np.cos(yaw), np.sin(yaw)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def transform(xyz: Sequence[float], rpy: Sequence[float]) -> np.ndarray:
+    """Pose (4, 4) of a URDF `<origin>`: xyz in m, fixed-axis roll, pitch, yaw in rad."""
+    a_T_b = np.eye(4)
+    a_T_b[:3, :3] = rotation_from_rpy(*rpy)
+    a_T_b[:3, 3] = xyz
+    return a_T_b
+
+
+def inverse(a_T_b: np.ndarray) -> np.ndarray:
+    """`b_T_a` (4, 4) of a rigid pose."""
+    b_T_a = np.eye(4)
+    b_T_a[:3, :3] = a_T_b[:3, :3].T
+    b_T_a[:3, 3] = -a_T_b[:3, :3].T @ a_T_b[:3, 3]
+    return b_T_a
+
+
+def relative(a_T_b: np.ndarray, a_T_c: np.ndarray) -> np.ndarray:
+    """`b_T_c` (4, 4) of two rigid poses."""
+    b_R_a = a_T_b[:3, :3].T
+    b_T_c = np.eye(4)
+    b_T_c[:3, :3] = b_R_a @ a_T_c[:3, :3]
+    b_T_c[:3, 3] = b_R_a @ (a_T_c[:3, 3] - a_T_b[:3, 3])
+    return b_T_c
+
+
+def to_xyz_rpy(a_T_b: np.ndarray) -> tuple[list[float], list[float]]:
+    """Place (m) and fixed-axis roll, pitch, yaw (rad) of a pose (4, 4), as URDF has them."""
+    return a_T_b[:3, 3].tolist(), list(rpy_from_rotation(a_T_b[:3, :3]))
+
+
+def optical(a_T_link: np.ndarray) -> np.ndarray:
+    """`a_T_optical` (4, 4) of a camera that looks along its link's +x, z up, as Gazebo's do."""
+    a_T_optical = np.array(a_T_link, float)
+    a_T_optical[:3, :3] = a_T_link[:3, :3] @ LINK_R_OPTICAL
+    return a_T_optical
+
+
+def pose_difference(a_T_b: np.ndarray, a_T_c: np.ndarray) -> tuple[float, float]:
+    """Distance (m) and rotation angle (rad) between two poses (4, 4) in one frame."""
+    distance = float(np.linalg.norm(a_T_b[:3, 3] - a_T_c[:3, 3]))
+    return distance, float(np.linalg.norm(rotation_vector(a_T_b[:3, :3].T @ a_T_c[:3, :3])))
+
+
+def rotation_vector(R: np.ndarray) -> np.ndarray:
+    """Axis times angle (3,), rad, of a rotation matrix (3, 3); the angle in [0, pi]."""
+    # The antisymmetric part keeps its precision where arccos of the trace loses it.
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist()
+    x, y, z = zy - yz, xz - zx, yx - xy
+    sine, cosine = 0.5 * math.hypot(x, y, z), 0.5 * (xx + yy + zz - 1.0)
+    angle = math.atan2(sine, cosine)
+    if sine > 1e-4 or cosine > 0.0:
+        factor = 0.5 * angle / sine if sine > 1e-6 else 0.5
+        return np.array([factor * x, factor * y, factor * z])
+    # Near half a turn the symmetric part keeps it: (R + R^T) / 2 - cosine = (1 - cosine) u u^T.
+    outer = 0.5 * (R + R.T) - cosine * np.eye(3)
+    axis = outer[:, int(np.argmax(np.diag(outer)))]
+    if axis @ (x, y, z) < 0.0:
+        axis = -axis
+    return angle * axis / np.linalg.norm(axis)
+
+
+def rotation_vector_rate(turn: np.ndarray) -> np.ndarray:
+    """(3, 3) inverse right Jacobian J: the rotation vector `turn` of a_R_b changes with J @ omega,
+    omega (rad/s) of b in b's axes. Its transpose takes omega in a's axes."""
+    K = skew(turn)
+    return np.eye(3) + 0.5 * K + _half_cotangent(float(np.linalg.norm(turn))) * K @ K
+
+
+def skew(v: Sequence[float]) -> np.ndarray:
+    """[v]x (3, 3): skew(v) @ w is v x w."""
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def exponential(twist: Sequence[float]) -> np.ndarray:
+    """a_T_b (4, 4) after one second of a constant twist (6,) of b in b, from b = a."""
+    vx, vy, vz, x, y, z = (float(rate) for rate in twist)
+    square = x * x + y * y + z * z
+    angle = math.sqrt(square)
+    if angle > 1e-8:
+        first = math.sin(angle) / angle
+        second = 0.5 * (math.sin(0.5 * angle) / (0.5 * angle)) ** 2  # (1 - cos) / angle^2
+        third = (1.0 - first) / square
+    else:
+        first, second, third = 1.0, 0.5, 1.0 / 6.0
+    along = third * (x * vx + y * vy + z * vz)
+    return np.array([
+        [1.0 - second * (y * y + z * z), second * x * y - first * z, second * x * z + first * y,
+         first * vx + second * (y * vz - z * vy) + along * x],
+        [second * x * y + first * z, 1.0 - second * (x * x + z * z), second * y * z - first * x,
+         first * vy + second * (z * vx - x * vz) + along * y],
+        [second * x * z - first * y, second * y * z + first * x, 1.0 - second * (x * x + y * y),
+         first * vz + second * (x * vy - y * vx) + along * z],
+        [0.0, 0.0, 0.0, 1.0],
+    ])  # fmt: skip
+
+
+def logarithm(a_T_b: np.ndarray) -> np.ndarray:
+    """The twist (6,) that makes this motion in one second, see exponential; rotations up to pi."""
+    a, b, c = rotation_vector(a_T_b[:3, :3]).tolist()
+    x, y, z = a_T_b[:3, 3].tolist()
+    along, square = a * x + b * y + c * z, a * a + b * b + c * c
+    factor = _half_cotangent(math.sqrt(square))
+    # p - w x p / 2 + factor w x (w x p)
+    return np.array([
+        x - 0.5 * (b * z - c * y) + factor * (a * along - x * square),
+        y - 0.5 * (c * x - a * z) + factor * (b * along - y * square),
+        z - 0.5 * (a * y - b * x) + factor * (c * along - z * square),
+        a, b, c,
+    ])  # fmt: skip
+
+
+def _half_cotangent(angle: float) -> float:
+    """(1 - angle/2 cot(angle/2)) / angle^2, in the inverses of an exponential's derivatives."""
+    half = 0.5 * angle
+    return (1.0 - half / math.tan(half)) / angle**2 if angle > 1e-4 else 1.0 / 12.0

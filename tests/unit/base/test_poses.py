@@ -1,0 +1,189 @@
+"""Rotations, poses and twists against their definitions, at their poles and half turns too."""
+
+import itertools
+import math
+
+import numpy as np
+import pinocchio
+import pytest
+from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
+
+from aras_visual_servo_base.poses import (
+    LINK_R_OPTICAL,
+    Pose,
+    checked_pose,
+    checked_vector,
+    exponential,
+    inverse,
+    logarithm,
+    optical,
+    pose_difference,
+    quaternion_from_matrix,
+    quaternion_from_rpy,
+    quaternion_to,
+    relative,
+    rotate,
+    rotation_vector,
+    rotation_vector_rate,
+    skew,
+    to_xyz_rpy,
+    transform,
+)
+
+ANGLES = list(itertools.product((-2.0, 0.0, 0.7), (-math.pi / 2, -0.4, 1.1, math.pi / 2),
+                                (-3.0, 0.0, 1.3)))
+TURNS = [0.0, 1e-9, 3e-8, 1e-5, 1e-3, 0.5, 3.0, np.pi - 1e-5, np.pi - 1e-7]  # rad
+AXIS = np.array([1.0, -2.0, 0.5]) / np.sqrt(5.25)
+A = transform((1.0, -2.0, 0.5), (0.3, -0.8, 2.5))
+B = transform((-0.4, 0.7, 3.0), (-1.1, 0.6, 0.2))
+
+
+def about(axis, angle):
+    """(3, 3) rotation about x, y or z, from its definition."""
+    c, s = math.cos(angle), math.sin(angle)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    R = np.eye(3)
+    R[i, i] = R[j, j] = c
+    R[i, j], R[j, i] = -s, s
+    return R
+
+
+def matrix(rpy):
+    """(3, 3) of URDF's fixed axes: roll about x first, yaw about z last."""
+    return about(2, rpy[2]) @ about(1, rpy[1]) @ about(0, rpy[0])
+
+
+def moved(twist):
+    """(4, 4) after one second of a body twist (6,), by the series of the matrix exponential."""
+    turning = np.cross(twist[3:], np.eye(3)).T  # turning @ p is omega x p
+    return expm(np.block([[turning, np.c_[twist[:3]]], [np.zeros((1, 4))]]))
+
+
+@pytest.mark.parametrize("rpy", ANGLES)
+def test_angles_survive_quaternions_and_matrices(rpy):
+    """At a pitch of ±90° many angles are one rotation, so rotations are compared."""
+    R = matrix(rpy)
+    np.testing.assert_allclose(Pose.from_rpy((1, 2, 3), rpy).matrix()[:3, :3], R, atol=1e-15)
+    np.testing.assert_allclose(transform((1, 2, 3), rpy)[:3, :3], R, atol=1e-15)
+    quat = quaternion_from_rpy(*rpy)
+    np.testing.assert_allclose(matrix(Pose((1, 2, 3), quat).rpy), R, atol=2e-9)
+    back = quaternion_from_matrix(R)
+    assert abs(np.dot(back, quat)) == pytest.approx(1.0, abs=1e-14)
+    xyz, again = to_xyz_rpy(transform((1.0, -2.0, 0.5), rpy))
+    assert xyz == [1.0, -2.0, 0.5] and all(type(angle) is float for angle in xyz + again)
+    np.testing.assert_allclose(matrix(again), R, atol=2e-9)
+
+
+def test_angles_come_back_as_they_were():
+    assert to_xyz_rpy(A)[1] == pytest.approx([0.3, -0.8, 2.5], abs=1e-14)
+    assert Pose.from_matrix(A).rpy == pytest.approx((0.3, -0.8, 2.5), abs=1e-14)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_half_turns_have_a_quaternion(axis):
+    quat = quaternion_from_matrix(about(axis, math.pi))
+    np.testing.assert_allclose(np.abs(quat), np.eye(4)[axis], atol=1e-12)
+
+
+@pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (0.6, 0.0, -0.8), (0.0, 0.0, -1.0)])
+def test_z_is_turned_onto_a_direction(direction):
+    assert rotate(quaternion_to(direction), (0.0, 0.0, 1.0)) == pytest.approx(direction)
+
+
+def test_poses_of_floats_are_those_of_arrays():
+    a, b = Pose.from_matrix(A), Pose.from_matrix(B)
+    np.testing.assert_allclose(a.matrix(), A, atol=1e-15)
+    np.testing.assert_allclose((a @ b).matrix(), A @ B, atol=1e-14)
+    np.testing.assert_allclose(a.inverse().matrix(), inverse(A), atol=1e-14)
+    assert a.apply((3.0, 1.0, -2.0)) == pytest.approx((A @ (3.0, 1.0, -2.0, 1.0))[:3])
+
+
+def test_what_one_pose_is_to_another():
+    np.testing.assert_allclose(inverse(A), np.linalg.inv(A), atol=1e-15)
+    np.testing.assert_allclose(relative(A, B), np.linalg.inv(A) @ B, atol=1e-14)
+    distance, angle = pose_difference(A, B)
+    assert distance == pytest.approx(np.linalg.norm(A[:3, 3] - B[:3, 3]))
+    assert angle == pytest.approx(
+        Rotation.from_matrix(A[:3, :3].T @ B[:3, :3]).magnitude()
+    )
+
+
+def test_the_optical_frame_looks_along_the_link():
+    seen = optical(A)
+    np.testing.assert_array_equal(seen[:3, 2], A[:3, 0])  # forward
+    np.testing.assert_array_equal(seen[:3, 0], -A[:3, 1])  # right
+    np.testing.assert_array_equal(seen[:3, 1], -A[:3, 2])  # down
+    np.testing.assert_array_equal(seen[:3, 3], A[:3, 3])
+    with pytest.raises(ValueError, match="read-only"):
+        LINK_R_OPTICAL[0, 0] = 1.0
+
+
+@pytest.mark.parametrize("angle", [*TURNS, np.pi])
+def test_rotation_vectors(angle):
+    rotation = pinocchio.exp3(AXIS * angle)
+    turn = rotation_vector(rotation)
+    np.testing.assert_allclose(pinocchio.exp3(turn), rotation, atol=1e-11)
+    assert np.linalg.norm(turn) == pytest.approx(angle, abs=1e-11)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_half_a_turn_has_a_rotation_vector(axis):
+    turn = rotation_vector(about(axis, math.pi))
+    np.testing.assert_allclose(np.abs(turn), math.pi * np.eye(3)[axis], atol=1e-12)
+
+
+@pytest.mark.parametrize("angle", TURNS)
+def test_motions_of_constant_twists_and_their_logarithms(angle):
+    twist = np.array([0.4, -0.1, 0.7, *(angle * AXIS)])
+    after = moved(twist)
+    np.testing.assert_allclose(exponential(twist), after, atol=1e-14)
+    np.testing.assert_allclose(logarithm(after), twist, atol=1e-13)
+
+
+@pytest.mark.parametrize("turn", [(0.0, 0.0, 0.0), (2e-5, 1e-5, -3e-5), (0.3, -1.1, 0.7)])
+def test_the_rate_of_a_rotation_vector_is_its_derivative(turn):
+    omega, h = np.array([0.4, -0.7, 0.2]), 1e-6
+    R = Rotation.from_rotvec(turn).as_matrix()
+    there, back = (Rotation.from_rotvec(sign * h * omega).as_matrix() for sign in (1.0, -1.0))
+    in_b = (rotation_vector(R @ there) - rotation_vector(R @ back)) / (2.0 * h)
+    in_a = (rotation_vector(there @ R) - rotation_vector(back @ R)) / (2.0 * h)
+    J = rotation_vector_rate(np.array(turn))
+    np.testing.assert_allclose(J @ omega, in_b, atol=1e-9)
+    np.testing.assert_allclose(J.T @ omega, in_a, atol=1e-9)
+
+
+def test_the_rate_stays_exact_to_nearly_half_a_turn():
+    turn = 3.1 * AXIS
+    np.testing.assert_allclose(rotation_vector_rate(turn),
+                               pinocchio.Jlog3(pinocchio.exp3(turn)), atol=1e-12)
+
+
+def test_a_skew_matrix_is_a_cross_product():
+    v, w = np.array([0.3, -1.1, 0.7]), np.array([2.0, 0.4, -0.9])
+    np.testing.assert_allclose(skew(v) @ w, np.cross(v, w), atol=1e-15)
+
+
+class VectorError(Exception):
+    """What a caller wants to be told with."""
+
+
+@pytest.mark.parametrize(("values", "words"), [
+    (3.0, "pull: 3.0 is not a sequence of 3 numbers"), ((1, "a", 2), "not a sequence of 3"),
+    ((1.0, 2.0), "pull: needs 3 numbers, got 2"), ((1.0, math.nan, 0.0), "not finite"),
+])  # fmt: skip
+def test_vectors_are_checked(values, words):
+    with pytest.raises(VectorError, match=words):
+        checked_vector(values, "pull", VectorError)
+    assert checked_vector([1, 2, 3, 4], "plane", VectorError, 4) == (1.0, 2.0, 3.0, 4.0)
+
+
+def test_poses_are_checked():
+    pose = checked_pose(((1, 2, 3), (0, 0, 2, 0)), "model 'a'", VectorError)
+    assert pose == Pose((1.0, 2.0, 3.0), (0.0, 0.0, 1.0, 0.0))
+    nothing = (1, 2, 3), (0, 0, 0, 0)
+    assert checked_pose(nothing, "model 'a'", VectorError, zero_is_identity=True) == Pose((1, 2, 3))
+    for wrong, words in ((nothing, r"no unit quaternion; use \(0, 0, 0, 1\) for none"),
+                         (((1, 2), (0, 0, 0, 1)), "position: needs 3 numbers"), (7, "is not")):
+        with pytest.raises(VectorError, match=f"model 'a'.*{words}"):
+            checked_pose(wrong, "model 'a'", VectorError)

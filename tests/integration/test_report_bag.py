@@ -251,6 +251,7 @@ def test_foxgloves_own_reader_reads_the_conversion(tmp_path, closed, capsys):
     write_run(path)
     with rosbag.Bag(str(path)) as bag:
         written = [(t, raw[1], time.to_nsec()) for t, raw, time in bag.read_messages(raw=True)]
+        sums = {raw[2] for _, raw, _ in bag.read_messages(raw=True)}
     if not closed:
         path = cut_off(path, 1.0)
     assert main(["convert", str(path)]) == 0
@@ -264,6 +265,9 @@ def test_foxgloves_own_reader_reads_the_conversion(tmp_path, closed, capsys):
         assert summary.statistics.message_count == len(written)
         assert summary.statistics.message_start_time == min(time for *_, time in written)
         assert summary.statistics.message_end_time == max(time for *_, time in written)
+        assert {chunk.compression for chunk in summary.chunk_indexes} == {"zstd"}
+        assert {c.metadata["md5sum"] for c in summary.channels.values()} == sums
+        assert [m.name for m in made.iter_metadata()] == ["bag"]
         read = [(c.topic, m.data, m.log_time) for _, c, m in made.iter_messages()]
         assert sorted(read) == sorted(written)
         decoded = {c.topic: d for _, c, _, d in made.iter_decoded_messages()}

@@ -135,7 +135,7 @@ def _convert(options: argparse.Namespace) -> int:
     try:
         from ..ros.mcap import convert
     except ImportError as error:
-        raise BenchError(f"bags need ROS's Python packages: {error}") from None
+        raise BenchError(f"needs ROS's Python packages and mcap, see ./setup.sh: {error}") from None
     out = options.out or options.bag.with_name(options.bag.name.split(".")[0] + ".mcap")
     bar = Bar(sys.stderr)
     try:

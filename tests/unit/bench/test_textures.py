@@ -1,11 +1,14 @@
 """Targets with pictures and by name, and what trackers find of them against the exact points."""
 
+import struct
+import zlib
+
 import cv2
 import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.assembly import assemble, check
 from aras_visual_servo_bench.asked.experiment import TARGETS, Experiment
 from aras_visual_servo_bench.asked.loop_settings import settings_of
 from aras_visual_servo_bench.errors import ExperimentError
@@ -268,6 +271,10 @@ def test_what_is_not_there_is_said(tracker, shape, view, told):
          [(-0.5, -0.25), (0.5, -0.25), (0.5, 0.25), (-0.5, 0.25)]),
         ('<path d="M 0,0 L 4,0 4,2 H 0 Z"/>',
          [(-0.5, -0.25), (0.5, -0.25), (0.5, 0.25), (-0.5, 0.25)]),
+        ('<g transform="rotate(90)"><polygon points="0,0 4,0 4,2" transform="scale(1 2)"/></g>',
+         [(0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]),
+        ('<path d="M0 0 m1 1 4 0v2z"/>', [(-0.5, -0.25), (0.5, -0.25), (0.5, 0.25)]),
+        ('<line x2="9"/><path d="M0 0H4V2ZM7 7"/>', [(-0.5, -0.25), (0.5, -0.25), (0.5, 0.25)]),
     ],
 )  # fmt: skip
 def test_an_outline_of_an_svg(tmp_path, body, corners):
@@ -284,10 +291,34 @@ def test_curves_of_an_svg(tmp_path):
     assert np.ptp(points[:, 1]) == pytest.approx(1.5 / 4.0, rel=0.01)
 
 
+@pytest.mark.parametrize("body", [
+    '<circle cx="3" cy="1" r="2" transform="skewX(30)"/>',
+    '<path d="M1 1 A2 2 0 0 1 5 1 A2 2 0 0 1 1 1 Z" transform="skewX(30)"/>',
+    '<path d="M1 1 A2 2 0 0 0 5 1 A2 2 0 0 0 1 1 Z" transform="skewX(30)"/>',
+])  # fmt: skip
+def test_arcs_of_an_svg_lie_where_their_transform_puts_them(tmp_path, body):
+    file = tmp_path / "a.svg"
+    file.write_text(f"<svg>{body}</svg>")
+    points = np.array(svg_outline(file))
+    assert len(points) == 180
+    # The circle about 0 that the shear by tan 30 degrees was done to.
+    x, y = points.T
+    radius = np.hypot(x - np.tan(np.pi / 6) * y, y)
+    assert radius == pytest.approx(np.full(180, radius[0]), rel=1e-9)
+    assert np.ptp(x) == pytest.approx(1.0) and np.ptp(y) == pytest.approx(np.sqrt(0.75), rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "told"),
     [
-        ("a.svg", "<svg><path d='M0 0 A 1 1 0 0 0 2 2'/></svg>", "not understood"),
+        ("a.svg", "<svg><path d='M0 0 L 4 0 4 4 X 2 2'/></svg>", "command 'X' is not understood"),
+        ("a.svg", "<svg><path d='M0 0 L 4 0 4 4 2'/></svg>", "outline: numbers are missing"),
+        ("a.svg", "<svg><path/></svg>", "wrong outline"),
+        ("a.svg", "<svg><rect width='1e400' height='2'/></svg>", "has no area"),
+        ("a.svg", "<svg><rect width='3' height='2'/><circle r='1'/></svg>", "holds 2 outlines"),
+        ("a.svg", "<svg><path d='M0 0h9v9zM5 1h2v2z'/></svg>", "holds 2 outlines, .* leave one"),
+        ("a.svg", "<svg><polygon points='0,0 1e400,0 4,4'/></svg>", "has no area"),
+        ("a.svg", "<html/>", "is no SVG: its root"),
         ("a.svg", "<svg><text>hm</text></svg>", "holds no outline"),
         ("a.svg", "no xml", "is no SVG"),
         ("a.png", "no picture", "no picture that can be read"),
@@ -295,8 +326,9 @@ def test_curves_of_an_svg(tmp_path):
 )
 def test_a_file_that_cannot_be_used_is_one_line(tmp_path, name, content, told):
     (tmp_path / name).write_text(content)
-    with pytest.raises(ExperimentError, match=told):
+    with pytest.raises(ExperimentError, match=told) as caught:
         shape_of(str(tmp_path / name), SIZE)
+    assert "\n" not in str(caught.value)
     with pytest.raises(ExperimentError, match="there is no file"):
         shape_of(str(tmp_path / f"missing{name}"), SIZE)
 
@@ -365,6 +397,20 @@ def test_a_picture_that_is_cut_off_is_one_line(tmp_path, capfd):
     with pytest.raises(ExperimentError, match="no picture that can be read"):
         shape_of(str(file), SIZE)
     assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("side", [8001, 12_000, 20_000])
+def test_a_picture_too_large_is_refused_by_its_header(tmp_path, side):
+    """Its first bytes are all that there is: who decoded it would say that it cannot be read."""
+    header = b"IHDR" + struct.pack(">IIBBBBB", side, side, 8, 0, 0, 0, 0)
+    file = tmp_path / "large.png"
+    file.write_bytes(
+        b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + header
+        + struct.pack(">I", zlib.crc32(header)) + struct.pack(">I", 9) + b"IDAT"
+    )  # fmt: skip
+    experiment = Experiment.from_mapping({**RUN, "target": {"shape": str(file)}})
+    with pytest.raises(ExperimentError, match="has more than 64000000 pixels: make it smaller"):
+        check(experiment)
 
 
 def test_an_unknown_robot_names_the_nearest():

@@ -17,6 +17,7 @@ KEYS = {
     "cv2": "python3-opencv",
     "gymnasium": "python3-gymnasium-pip",
     "genpy": "genpy",
+    "mcap": "python3-mcap-pip",
     "mpl_toolkits": "python3-matplotlib",
     "pybullet": "python3-pybullet-pip",
     "pinocchio": "pinocchio",
@@ -26,6 +27,7 @@ KEYS = {
                      "pyarrow", "rospkg", "scipy", "tornado")
     },
     "sklearn": "python3-sklearn",
+    "svgelements": "python3-svgelements-pip",
     "yaml": "python3-yaml",
 }
 ELSEWHERE = {"arm_parts", "gantry_parts", "mesh_primitives"}  # scripts beside the importing one

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import re
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +18,9 @@ from aras_visual_servo_controller.settings import OUTLINE
 from ..errors import ExperimentError, require
 from .geometry import ARAS, PolygonTarget, RoundTarget, Target
 from .textures import MADE, from_picture
+
+if TYPE_CHECKING:
+    from svgelements import Shape
 
 CIRCLE_EDGES = 180
 LARGEST_SVG = 1_000_000  # bytes
@@ -83,94 +89,70 @@ def _scaled(
 
 
 def svg_outline(path: Path) -> tuple[tuple[float, float], ...]:
-    """Corners of the first outline in an SVG file, fitted into a square of side 1 about 0.
+    """Corners of the one outline in an SVG file, fitted into a square of side 1 about 0.
 
-    Understood are polygon, polyline, rect, circle, ellipse and the first closed part of a path.
+    Understood are polygon, polyline, rect, circle, ellipse and path, where their transforms put
+    them. A curve becomes SAMPLES edges, an arc CIRCLE_EDGES a turn.
 
     Raises:
-        ExperimentError: it is no SVG, or holds no such outline.
+        ExperimentError: it is no SVG, or holds none or several outlines.
     """
-    if path.stat().st_size > LARGEST_SVG:
-        raise ExperimentError(f"target.shape: {path} is larger than {LARGEST_SVG} bytes")
+    from svgelements import SVG, Shape
+
+    where = f"target.shape: {path}"
+    require(path.stat().st_size <= LARGEST_SVG, f"{where} is larger than {LARGEST_SVG} bytes")
     try:
-        root = ElementTree.parse(path).getroot()
+        drawing = SVG.parse(str(path), reify=False, on_error="raise")
+        require(isinstance(drawing, SVG), f"{where} is no SVG: its root is not <svg>")
+        shapes = [element for element in drawing.elements() if isinstance(element, Shape)]
+        found = [corners for shape in shapes for corners in _outlines(shape)]
     except ElementTree.ParseError as error:
-        raise ExperimentError(f"target.shape: {path} is no SVG: {error}") from None
-    for element in root.iter():
-        try:
-            found = _points_of(element)
-        except (KeyError, ValueError, IndexError) as error:
-            raise ExperimentError(f"target.shape: {path} has a wrong outline: {error}") from None
-        if found is not None and len(found) >= 3:
-            points = found if not np.allclose(found[0], found[-1]) else found[:-1]
-            low, high = points.min(axis=0), points.max(axis=0)
-            require(bool((high > low).all()), f"target.shape: the outline in {path} has no area")
-            points = (points - 0.5 * (low + high)) / (high - low).max()
-            return tuple((float(x), float(y)) for x, y in points)
-    raise ExperimentError(
-        f"target.shape: {path} holds no outline: a polygon, rect, circle, ellipse or closed path"
+        raise ExperimentError(f"{where} is no SVG: {error}") from None
+    except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
+        why = str(error) or "numbers are missing"
+        raise ExperimentError(f"{where} has a wrong outline: {why}") from None
+    require(
+        bool(found),
+        f"{where} holds no outline: a polygon, rect, circle, ellipse or closed path",
     )
+    require(
+        len(found) == 1,
+        f"{where} holds {len(found)} outlines, and a target has one: leave one in the file",
+    )
+    points = found[0]
+    low, high = points.min(axis=0), points.max(axis=0)
+    require(bool((high > low).all()), f"target.shape: the outline in {path} has no area")
+    points = (points - 0.5 * (low + high)) / (high - low).max()
+    return tuple((float(x), float(y)) for x, y in points)
 
 
-def _points_of(element: ElementTree.Element) -> np.ndarray | None:
-    tag = element.tag.rpartition("}")[2]
-    if tag in ("polygon", "polyline"):
-        return np.array(_numbers(element.attrib["points"])).reshape(-1, 2)
-    if tag == "rect":
-        x, y = (float(element.get(k, 0.0)) for k in ("x", "y"))
-        w, h = (float(element.attrib[k]) for k in ("width", "height"))
-        return np.array([[x, y], [x + w, y], [x + w, y + h], [x, y + h]])
-    if tag in ("circle", "ellipse"):
-        rx = float(element.get("r") or element.attrib["rx"])
-        ry = float(element.get("r") or element.attrib["ry"])
-        ring = 2.0 * np.array(_ring(CIRCLE_EDGES))
-        return ring * (rx, ry) + [float(element.get(k, 0.0)) for k in ("cx", "cy")]
-    return _path(element.attrib["d"]) if tag == "path" else None
-
-
-def _numbers(text: str) -> list[float]:
-    return [float(n) for n in re.findall(r"[-+]?(?:\d*\.\d+|\d+\.?)(?:[eE][-+]?\d+)?", text)]
-
-
-_COUNTS = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "Q": 4, "Z": 0}
-
-
-def _path(d: str) -> np.ndarray:
-    """Points (n, 2) of a path's first part; curves in SAMPLES pieces.
+def _outlines(shape: Shape) -> Iterator[np.ndarray]:
+    """Corners (n, 2), n >= 3, of each part of a shape.
 
     Raises:
-        ValueError: a command that is not understood.
+        ValueError: a path that is wrong.
     """
-    points: list[np.ndarray] = []
-    here = np.zeros(2)
-    for command, text in re.findall(r"([A-DF-Za-df-z])([^A-DF-Za-df-z]*)", d):
-        kind = command.upper()
-        if kind not in _COUNTS:
-            raise ValueError(f"path command '{command}' is not understood: use M L H V C Q Z")
-        if kind == "Z":
-            break
-        values = np.array(_numbers(text)).reshape(-1, _COUNTS[kind])
-        for row in values:
-            base = here if command.islower() else np.zeros(2)
-            if kind in "HV":
-                axis = "HV".index(kind)
-                end = here.copy()
-                end[axis] = row[0] + base[axis]
-                points.append(end)
-            else:
-                controls = row.reshape(-1, 2) + base
-                if kind in "ML":
-                    points.append(controls[0])
-                else:
-                    points.extend(_bezier(np.vstack([here, controls])))
-            here = points[-1]
-    return np.array(points)
+    from svgelements import Arc, Close, Line, Move
+    from svgelements import Path as Curve
 
-
-def _bezier(controls: np.ndarray) -> np.ndarray:
-    """Points on a Bezier curve after its first one."""
-    p = np.repeat(controls[None], SAMPLES, axis=0)
-    t = (np.arange(1, SAMPLES + 1) / SAMPLES)[:, None, None]
-    while p.shape[1] > 1:
-        p = (1.0 - t) * p[:, :-1] + t * p[:, 1:]
-    return p[:, 0]
+    unknown = re.search(r"[^MZLHVCSQTAE\d\s,.+-]", str(shape.values.get("d", "")), re.IGNORECASE)
+    if unknown:
+        raise ValueError(f"path command '{unknown[0]}' is not understood")
+    parts: list[list[tuple[float, float]]] = [[]]
+    for segment in Curve(shape).segments(transformed=False):
+        if isinstance(segment, Move | Close):
+            parts.append([])
+        count = 1
+        if isinstance(segment, Arc):
+            count = math.ceil(abs(segment.sweep) / (2.0 * np.pi) * CIRCLE_EDGES)
+        elif not isinstance(segment, Move | Close | Line):
+            count = SAMPLES
+        for k in range(count):
+            end = segment.point((k + 1) / count) if count > 1 else segment.end
+            parts[-1].append(shape.transform.point_in_matrix_space(end))
+    for part in parts:
+        corners = np.array([(point.x, point.y) for point in part]).reshape(-1, 2)
+        if len(corners) and np.allclose(corners[0], corners[-1]):
+            corners = corners[:-1]
+        if len(corners) >= 3:
+            yield corners

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -9,10 +10,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..errors import ExperimentError, ViewError
+from ..errors import ExperimentError, ViewError, require
 from .geometry import NEAREST, Target, project
 
 GROUND = 255  # grey level beyond the picture, as the renderer's table
@@ -126,23 +128,27 @@ def _behind(scale: np.ndarray, height: float) -> np.ndarray:
 
 
 def from_picture(path: Path, size: tuple[float, float]) -> TexturedTarget:
-    """A target with a PNG, a JPEG or whatever OpenCV reads.
+    """A target with a PNG, a JPEG or whatever Pillow and OpenCV read.
 
     Raises:
-        ExperimentError: it cannot be read, or is too large.
+        ExperimentError: it cannot be read, or is too large, by its header, before it is decoded.
     """
-    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    too_large = f"target.texture: {path} has more than {LARGEST} pixels: make it smaller"
     try:
-        pixels = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    finally:
-        cv2.utils.logging.setLogLevel(level)
+        with warnings.catch_warnings(action="error"), Image.open(path) as picture:
+            require(picture.width * picture.height <= LARGEST, too_large)
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning):
+        raise ExperimentError(too_large) from None
+    except (OSError, ValueError, SyntaxError, Warning):
+        pixels = None
+    else:
+        level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+        try:
+            pixels = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        finally:
+            cv2.utils.logging.setLogLevel(level)
     if pixels is None or pixels.size == 0:
         raise ExperimentError(f"target.texture: {path} is no picture that can be read: give a PNG")
-    if pixels.size > LARGEST:
-        raise ExperimentError(
-            f"target.texture: {path} has {pixels.size} pixels, at most {LARGEST} are taken: "
-            "make it smaller"
-        )
     return TexturedTarget(pixels, size)
 
 

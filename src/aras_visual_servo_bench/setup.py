@@ -6,5 +6,7 @@ from setuptools import find_packages, setup
 setup(**generate_distutils_setup(
     packages=find_packages("src"),
     package_dir={"": "src"},
-    package_data={"aras_visual_servo_bench.live": ["page/*"]},
+    package_data={
+        "aras_visual_servo_bench.live": ["page/*"], "aras_visual_servo_bench.report": ["page.html"],
+    },
 ))  # fmt: skip

@@ -41,6 +41,8 @@ def test_installed_programs_start_at_once_with_this_python(tmp_path):
     assert {f.name: f.read_bytes() for f in (library / page).iterdir()} == {
         f.name: f.read_bytes() for f in source.iterdir()
     }
+    report = "aras_visual_servo_bench/report/page.html"  # the template of a report
+    assert (library / report).read_bytes() == (source.parents[1] / "report/page.html").read_bytes()
     # compiled loops are there, those of the workspace as they were: no start compiles them
     for package in ("aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller"):
         compiled = {path.name: path.read_bytes() for path in (library / package).rglob("*.nbi")}

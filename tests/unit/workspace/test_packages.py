@@ -2,6 +2,7 @@
 
 import ast
 import sys
+import tomllib
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -63,6 +64,23 @@ def test_manifest_names_what_is_imported(package):
     assert needed - named(package) == set()
     surplus = {key for key in named(package) - needed if key.startswith("python3-")}
     assert surplus == set(), "named but never imported"
+
+
+def test_what_is_no_python_is_installed_with_its_package():
+    """By pip, by pyproject.toml's patterns, and by catkin, by setup.py's."""
+    data = tomllib.loads((SOURCES.parent / "pyproject.toml").read_text())
+    patterns = data["tool"]["setuptools"]["package-data"]
+    found = set()
+    for package in PACKAGES:
+        for path in package.glob("src/**/*"):
+            if path.is_file() and path.suffix not in (".py", ".pyc", ".nbi", ".nbc"):
+                module = next(up for up in path.parents if (up / "__init__.py").is_file())
+                name = ".".join(module.relative_to(package / "src").parts)
+                found.add(name)
+                assert any(path.match(f"{module}/{p}") for p in patterns.get(name, ())), path
+                setup = (package / "setup.py").read_text()
+                assert all(f'"{p}"' in setup for p in (name, *patterns[name])), path
+    assert found == {"aras_visual_servo_bench.live", "aras_visual_servo_bench.report"}
 
 
 def test_no_package_needs_itself_by_way_of_others():

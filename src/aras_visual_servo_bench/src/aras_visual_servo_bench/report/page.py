@@ -6,12 +6,12 @@ import base64
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import jinja2
 
 from ..numbers.summary import Quantity, best
 from ..recording.run import Run
-from .template import PAGE
 
 # On the tiles: key, factor, unit of what is printed, words.
 TILES = (
@@ -54,8 +54,11 @@ def page(
     Args:
         summaries: of each run. figures: rows of one or two.
     """
-    made = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    return made.from_string(PAGE).render(
+    made = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True, trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    return made.get_template("page.html").render(
         title=title,
         runs=[_run(run, quantities) for run, quantities in
               zip(runs, summaries, strict=True)],

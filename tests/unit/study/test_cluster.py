@@ -6,7 +6,9 @@ import io
 import json
 import os
 import signal
+import threading
 
+import dask
 import distributed
 import pytest
 
@@ -55,6 +57,37 @@ def test_two_workers_one_killed_and_all_made_anew_end_with_the_bytes_of_one_proc
         assert not set(before.values()) & set(pool._client.run(os.getpid).values())
     assert done.runs == study.runs
     assert parts(here) == parts(there)
+
+
+def test_a_worker_that_stands_still_for_a_while_is_slow_and_not_dead(tiny, tmp_path, monkeypatch):
+    """As on a machine that bears twenty times its load; the scheduler gave workers 2 s here."""
+    dask.config.set({"distributed.scheduler.worker-ttl": "2s"})
+    monkeypatch.setattr(pools, "APPEAR", 1.0)
+    monkeypatch.setattr(pools, "LOOK", 0.2)
+    study = tiny(chunk=1)
+    with DaskPool(1) as pool:
+        (worker,) = pool._client.run(os.getpid).values()
+        os.kill(worker, signal.SIGSTOP)
+        threading.Timer(8.0, os.kill, (worker, signal.SIGCONT)).start()
+        progress = Progress(study.runs, out=io.StringIO())
+        done = engine.carry_out(Folder.create(tmp_path / "out", study, ""), pool, progress)
+        assert done.runs == study.runs
+        assert set(pool._client.run(os.getpid).values()) == {worker}
+
+
+def test_a_run_that_hangs_in_a_worker_ends_as_a_row(tiny, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "my_hanging.py").write_text(
+        "from aras_visual_servo_bench.numbers.metrics import metric\n"
+        "@metric('', 'smaller', 'me')\ndef hanging(run):\n    'Never ends at a gain of 2.'\n"
+        "    while run.experiment.gain == 2.0:\n        pass\n    return 0.0\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+    study = tiny(metrics=["my_hanging:hanging"], repeats=1, chunk=1, limit=8.0)
+    made = Folder.create(tmp_path / "out", study, "")
+    with DaskPool(1) as pool:
+        engine.carry_out(made, pool, Progress(study.runs, out=io.StringIO()))
+    assert made.results()["outcome"].to_pylist() == ["timed_out", "time_limit", "timed_out"]
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere", "http://127.0.0.1:9"])

@@ -11,6 +11,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 
 import pyarrow.parquet as pq
 import pytest
@@ -30,6 +31,23 @@ def killing(finished):
     """Ends the process at a gain of 2."""
     if finished.experiment.gain == 2.0:
         os.kill(os.getpid(), signal.SIGKILL)
+    return 0.0
+
+
+@metric("", "smaller", "these tests")
+def hanging(finished):
+    """Never comes back at a gain of 2."""
+    while finished.experiment.gain == 2.0:
+        pass
+    return 0.0
+
+
+@metric("", "smaller", "these tests")
+def deaf(finished):
+    """Never comes back at a gain of 2, and hears no signal."""
+    if finished.experiment.gain == 2.0:
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM})
+        time.sleep(1e6)
     return 0.0
 
 
@@ -136,6 +154,36 @@ def test_a_part_that_was_changed_is_noticed(tiny, tmp_path):
     pq.write_table(table, made.part(1), compression="gzip")
     with pytest.raises(StudyError, match="000001.parquet is not as it was written"):
         Folder.open(tmp_path).results()
+
+
+def test_a_part_of_other_runs_is_run_again_and_not_taken_for_its_own(tiny, tmp_path):
+    """In a study that is done, and in one that is under way."""
+    whole = carried(tiny(), tmp_path / "whole")
+    begun = Folder.create(tmp_path / "begun", tiny(), "")
+    for chunk in (0, 1):
+        begun.write(chunk, work.carry_out(work.Task(json.dumps(tiny().to_mapping()), chunk)))
+    for made, foreign, own in ((whole, 1, 2), (begun, 0, 1)):
+        made.part(own).write_bytes(made.part(foreign).read_bytes())
+        with pytest.raises(StudyError, match=f"00000{own}.parquet is not as it was written"):
+            Folder.open(made.path).results()
+        again = Folder.open(made.path)
+        assert own in again.missing()
+        engine.carry_out(again, ThisProcess(), quiet(tiny()))
+        assert again.results()["run"].to_pylist() == list(range(tiny().runs))
+    assert hashes(whole.path) == hashes(begun.path)
+
+
+def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path, monkeypatch):
+    """Here, in a process of its own, and there without its alarm."""
+    monkeypatch.setattr(work.sys, "path", [*work.sys.path, os.path.dirname(__file__)])
+    monkeypatch.setattr(work, "GRACE", 15.0)
+    for name, pool in (("hanging", ThisProcess()), ("hanging", Dying()), ("deaf", Dying())):
+        study = tiny(metrics=["success", f"test_engine:{name}"], chunk=3, repeats=1, limit=1.5)
+        made = carried(study, tmp_path / f"{name}-{type(pool).__name__}", pool)
+        table = made.results()
+        assert table["outcome"].to_pylist() == ["timed_out", rows.LATE, "timed_out"]
+        assert table["reason"][1].as_py() == "not done after 1.5 s of wall time"
+        assert "limit" in table["mend"][1].as_py()
 
 
 def test_a_folder_of_another_study_is_refused_with_the_difference(tiny, tmp_path):

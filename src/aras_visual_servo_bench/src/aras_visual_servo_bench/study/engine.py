@@ -48,7 +48,7 @@ def check_study(study: Study) -> None:
 def succeeded(values: dict[str, object]) -> bool:
     """Whether a row's run did what it was to do."""
     return values.get(success.name, 1.0) == 1.0 and values["outcome"] not in (
-        rows.REFUSED, rows.FAULT, rows.DIED,
+        rows.REFUSED, rows.FAULT, rows.DIED, rows.LATE,
     )  # fmt: skip
 
 

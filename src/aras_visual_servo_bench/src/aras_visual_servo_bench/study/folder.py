@@ -1,6 +1,7 @@
 """A study's folder: its file, its results part by part, and the manifest that says what is what.
 
     study.yaml            as it was given
+    sha256sums.txt        the hash of every part, a line when it is written
     manifest.json         what it is, with which code, and in the end the hash of every part
     parts/000012.parquet  results of a chunk, a row a run
     times/                wall times of the same runs, which are never the same twice
@@ -31,7 +32,8 @@ from .study import Study
 
 STUDY, MANIFEST, LOCK = "study.yaml", "manifest.json", ".lock"
 PARTS, TIMES, TRACES = "parts", "times", "traces"
-FORMAT = 1
+SUMS = "sha256sums.txt"
+FORMAT = 2
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -98,7 +100,10 @@ class Folder:
         except (ValueError, KeyError, TypeError):
             raise StudyError(f"{path / MANIFEST} is damaged: it is no study's manifest") from None
         if manifest.get("format") != FORMAT:
-            raise StudyError(f"{path} was written in format {manifest.get('format')}, not {FORMAT}")
+            raise StudyError(
+                f"{path} was written in format {manifest.get('format')}, not {FORMAT}: read it "
+                "with the version that wrote it, or run the study anew"
+            )
         if manifest.get("chunk") != study.chunk_size:
             raise StudyError(f"{path} was cut into other chunks: begin it anew")
         return cls(path, study, manifest)
@@ -151,12 +156,16 @@ class Folder:
         return self.path / kind / f"{chunk:06d}.parquet"
 
     def missing(self) -> list[int]:
-        """Chunks whose part is not there or cannot be read; the leavings of a crash are removed."""
+        """Chunks whose part is not there, or is not the one that was written for it.
+
+        The leavings of a crash are removed.
+        """
         for leaving in self.path.glob("*/.*.new"):
             leaving.unlink(missing_ok=True)
         folder = self.path / PARTS
         there = {int(p.stem) for p in folder.glob("*.parquet")} if folder.is_dir() else set()
-        return [c for c in range(self.study.chunks) if c not in there or not self._whole(c)]
+        sums = self._sums()
+        return [c for c in range(self.study.chunks) if c not in there or not self._whole(c, sums)]
 
     def write(self, chunk: int, done: rows.Rows) -> None:
         """Keep a chunk's rows; StudyError where the disk is full."""
@@ -169,12 +178,12 @@ class Folder:
 
     def finish(self) -> None:
         """Write into the manifest what every part's hash is."""
-        hashes = {}
-        for kind in (PARTS, TRACES) if self.study.traces else (PARTS,):
-            for chunk in range(self.study.chunks):
-                path = self.part(chunk, kind)
-                name = str(path.relative_to(self.path))
-                hashes[name] = hashlib.sha256(path.read_bytes()).hexdigest()
+        sums = self._sums()
+        names = (
+            self._name(self.part(chunk, kind)) for kind in self._kinds
+            for chunk in range(self.study.chunks)
+        )  # fmt: skip
+        hashes = {name: sums[name] for name in names}
         with _writing(self.path):
             self.manifest = {**self.manifest, "parts": hashes}
             _write(self.path / MANIFEST, _json(self.manifest))
@@ -193,32 +202,62 @@ class Folder:
         paths = sorted((self.path / kind).glob("*.parquet"))
         if not paths:
             raise StudyError(f"{self.path} has no {kind} yet")
-        hashes: Mapping[str, str] = self.manifest.get("parts", {})
-        tables = []
+        sums, tables = self._sums(), []
         for path in paths:
-            name = str(path.relative_to(self.path))
             try:
                 data = path.read_bytes()
-                if name in hashes and hashlib.sha256(data).hexdigest() != hashes[name]:
-                    raise StudyError(f"{path} is not as it was written: delete it, then resume")
+                if kind in self._kinds and hashlib.sha256(data).hexdigest() != sums.get(
+                    self._name(path)
+                ):
+                    raise StudyError(f"{path} is not as it was written: resume the study")
                 tables.append(pq.read_table(pa.BufferReader(data)))
             except (OSError, pa.ArrowException) as error:
                 raise StudyError(f"cannot read {path}: {_first(error)}; resume the study") from None
         return pa.concat_tables(tables)
 
-    def _whole(self, chunk: int) -> bool:
+    @property
+    def _kinds(self) -> tuple[str, ...]:
+        """Those files that are the same whenever they are written; wall times are not."""
+        return (PARTS, TRACES) if self.study.traces else (PARTS,)
+
+    def _name(self, path: Path) -> str:
+        return str(path.relative_to(self.path))
+
+    def _sums(self) -> dict[str, str]:
+        """Hash of each file by its name, as it was written last."""
         try:
-            data = pq.read_metadata(self.part(chunk))
+            lines = (self.path / SUMS).read_text(encoding="utf-8").splitlines()
+        except FileNotFoundError:
+            return {}
+        pairs = (line.split("  ", 1) for line in lines if "  " in line)
+        return {name: told for told, name in pairs}
+
+    def _whole(self, chunk: int, sums: Mapping[str, str]) -> bool:
+        """Whether all files of a chunk are as they were written, and hold its own runs."""
+        try:
+            for kind in self._kinds:
+                path = self.part(chunk, kind)
+                data = path.read_bytes()
+                if hashlib.sha256(data).hexdigest() != sums.get(self._name(path)):
+                    return False
+                if kind == PARTS:
+                    runs = pq.read_table(pa.BufferReader(data), columns=["run"])["run"]
+                    if runs.to_pylist() != list(self.study.chunk_runs(chunk)):
+                        return False
         except (OSError, pa.ArrowException):
             return False
-        return data.num_rows == len(self.study.chunk_runs(chunk))
+        return True
 
     def _put(self, kind: str, chunk: int, table: pa.Table) -> None:
         sink = pa.BufferOutputStream()
         pq.write_table(table, sink, compression="zstd")
-        path = self.part(chunk, kind)
+        path, data = self.part(chunk, kind), sink.getvalue().to_pybytes()
         path.parent.mkdir(exist_ok=True)
-        _write(path, sink.getvalue().to_pybytes())
+        if kind in self._kinds:
+            # Before the file, which is the one that says that the chunk is done.
+            with open(self.path / SUMS, "a", encoding="utf-8") as sums:
+                sums.write(f"{hashlib.sha256(data).hexdigest()}  {self._name(path)}\n")
+        _write(path, data)
 
 
 def difference(old: Study, new: Study) -> str:

@@ -27,6 +27,8 @@ APPEAR = 300.0  # s until a worker must be there, of a cluster or after the last
 LOOK = 2.0  # s between two counts of the workers: a cluster's come and go
 POLL = 0.02  # s between two looks for a chunk that is done; every worker has another to go on with
 RENEWED = 500  # chunks of a worker after which all are made anew
+BEGINNING = ("init", "starting", "running", "undefined")  # of a nanny
+SLOW = "600s"  # that a process of this machine may take to connect, whatever else runs on it
 TICK = "10s"  # between two looks of a worker, or the scheduler, at itself
 DEATHS = 5  # of workers over one chunk, guarded or not, after which the cluster is to blame
 
@@ -110,7 +112,7 @@ class DaskPool(Pool):
         """
         self._distributed = _configured()
         self._renew = renew
-        self._most = 0
+        self._most, self._here = 0, not (scheduler or cluster)
         self._cluster: Any = None
         self._scratch = tempfile.TemporaryDirectory(prefix="bench-")
         self._client: Any = None
@@ -269,10 +271,15 @@ class DaskPool(Pool):
             raise self._lost(error) from error
         if there:
             self._seen = now
-        elif now - self._seen > APPEAR:
+        elif now - self._seen > APPEAR and not self._watched():
             raise StudyError(
                 f"no worker has been there for {APPEAR:g} s: look at the workers' logs, start some"
             )
+
+    def _watched(self) -> bool:
+        """Whether a nanny of this process still watches a worker: it is slow, and not gone."""
+        nannies = self._cluster.workers.values() if self._here else ()
+        return any(nanny.status.name in BEGINNING for nanny in nannies)
 
     def _make_anew(self) -> None:
         """End the workers that a nanny begins again; the others nobody would."""
@@ -314,7 +321,11 @@ def _configured() -> Any:
         "distributed.admin.tick.cycle": "60s",
         "distributed.admin.tick.limit": "1h",
         "distributed.admin.system-monitor.interval": TICK,
-        "distributed.comm.timeouts.connect": "10s",
+        # A machine with twenty times the load that it can bear is slow, and not dead: a worker
+        # that says nothing for minutes stays, and one that begins is waited for.
+        "distributed.scheduler.worker-ttl": None,
+        "distributed.comm.timeouts.connect": SLOW,
+        "distributed.comm.timeouts.tcp": SLOW,
     })
     return distributed
 

@@ -76,7 +76,7 @@ class Results:
             found = self.numbers(metrics.success.name)
             return np.where(np.isnan(found), 0.0, found)
         return np.array([
-            float(outcome not in (rows.REFUSED, rows.FAULT, rows.DIED))
+            float(outcome not in (rows.REFUSED, rows.FAULT, rows.DIED, rows.LATE))
             for outcome in self.column("outcome")
         ])  # fmt: skip
 

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import faulthandler
 import json
+import os
+import signal
+import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,8 +26,8 @@ from .study import Study
 from .variations import Axis, Draw
 
 # Outcomes that are no loop's: a run whose values do not go together, one that raised, one that
-# ended its process.
-REFUSED, FAULT, DIED = "refused", "fault", "process_died"
+# ended its process, one that took too long.
+REFUSED, FAULT, DIED, LATE = "refused", "fault", "process_died", "time_limit"
 LONGEST_REASON = 500
 FIXED = {
     "run": pa.int64(), "point": pa.int64(), "repeat": pa.int64(), "seed": pa.int64(),
@@ -63,7 +68,11 @@ def row_of(study: Study, run: int, worker: str = "") -> Rows:
     traces: list[dict[str, Any]] = []
     try:
         experiment = study.experiment_of(run)
-        values |= _finished(study, experiment, run, traces)
+        with limited(study.limit):
+            values |= _finished(study, experiment, run, traces)
+    except OverTime:
+        values |= over_time(study)
+        traces = []
     except ExperimentError as error:
         values |= {"outcome": REFUSED, "reason": _line(error)}
     except Exception as error:  # a fault of the code, or of a user's: the other runs go on
@@ -73,6 +82,46 @@ def row_of(study: Study, run: int, worker: str = "") -> Rows:
         "processor": time.process_time() - used, "worker": worker,
     }  # fmt: skip
     return Rows([values], [times], traces)
+
+
+class OverTime(BaseException):
+    """A run takes longer than it may; no Exception, so that no scheme's own handler takes it."""
+
+
+@contextlib.contextmanager
+def limited(seconds: float) -> Iterator[None]:
+    """Raise OverTime in what takes longer (s of wall time).
+
+    Signals come to a process's main thread alone: in a worker of Dask, which runs chunks in
+    another thread, the process is ended; the chunk is then repeated, each run in a child process.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        with open(os.devnull, "w", encoding="utf-8") as nowhere:
+            faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
+            try:
+                yield
+            finally:
+                faulthandler.cancel_dump_traceback_later()
+        return
+
+    def over(number: int, frame: object) -> None:
+        raise OverTime
+
+    before = signal.signal(signal.SIGALRM, over)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def over_time(study: Study) -> dict[str, Any]:
+    """What is told of a run that took too long."""
+    return {
+        "outcome": LATE, "reason": f"not done after {study.limit:g} s of wall time",
+        "mend": "look for what hangs, or give the study a greater limit",
+    }  # fmt: skip
 
 
 def blank(study: Study, run: int) -> dict[str, Any]:

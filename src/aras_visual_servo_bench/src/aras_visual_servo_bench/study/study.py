@@ -45,6 +45,7 @@ class Study:
     metrics: names, or 'package.module:function'; empty: all that are built in.
     chunk: runs that are one task and one file; None: by the number of runs.
     traces: keep errors, twists and poses of every image.
+    limit: of a run's wall time, s; one that takes longer has the outcome 'time_limit'.
     """
 
     experiment: Mapping[str, Any] | str = parameter({})
@@ -58,6 +59,7 @@ class Study:
     metrics: tuple[str, ...] = ()
     chunk: int | None = parameter(None, "runs", least=1, most=LARGEST_CHUNK)
     traces: bool = False
+    limit: float = parameter(900.0, "s", above=0.0)
 
     def __post_init__(self) -> None:
         if isinstance(self.experiment, str):

@@ -10,6 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, BinaryIO
@@ -24,6 +25,7 @@ ONE_THREAD = {
     "BLIS_NUM_THREADS": "1", "VECLIB_MAXIMUM_THREADS": "1", "NUMEXPR_NUM_THREADS": "1",
     "NUMBA_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1", "LP_NUM_THREADS": "1",
 }  # fmt: skip
+GRACE = 60.0  # s beyond a run's limit, in which a child process is begun
 TRIES = 2  # of a run that ended its process: someone may have killed it by mistake
 
 
@@ -95,36 +97,51 @@ def _guarded(task: Task) -> rows.Rows:
     done, tries, end = rows.Rows(), 0, ""
     todo = task.runs
     while len(todo):
-        finished, end = _in_child(task.study, todo)
+        finished, end = _in_child(task.study, todo, study.limit + GRACE)
         done.add(finished)
         todo = todo[len(finished.values):]
         tries = 1 if finished.values else tries + 1
-        if len(todo) and tries >= TRIES:
-            lost = {**rows.blank(study, todo[0]), "outcome": rows.DIED, "reason": end}
+        if len(todo) and (tries >= TRIES or end is None):
+            told = {"outcome": rows.DIED, "reason": end} if end else rows.over_time(study)
+            lost = {**rows.blank(study, todo[0]), **told}
             times = {"run": todo[0], "worker": worker_name()}
             done.add(rows.Rows([lost], [times]))
             todo, tries = todo[1:], 0
     return done
 
 
-def _in_child(study: str, todo: range) -> tuple[rows.Rows, str]:
-    """The rows that a child process gave before it ended, and how it ended."""
+def _in_child(study: str, todo: range, limit: float) -> tuple[rows.Rows, str | None]:
+    """The rows that a child process gave before it ended, and how it ended.
+
+    None: it was ended here, for it gave no row for `limit`, s: it did not hear its own alarm.
+    """
     environment = {**os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join(sys.path)}
     child = subprocess.Popen(
         [sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         env=environment,
     )  # fmt: skip
-    done = rows.Rows()
+    done, hangs = rows.Rows(), threading.Event()
+
+    def end() -> None:
+        hangs.set()
+        child.kill()
+
+    watch = threading.Timer(limit, end)
+    watch.start()
     try:
         with child.stdin as pipe:
             pickle.dump((study, todo.start, todo.stop), pipe)
         for one in _pickles(child.stdout):
             done.add(one)
+            watch.cancel()
+            watch = threading.Timer(limit, end)
+            watch.start()
     except BrokenPipeError:
         pass  # it ended before it began: how is told below
     finally:
         code = child.wait()
-    return done, _ended(code)
+        watch.cancel()
+    return done, None if hangs.is_set() else _ended(code)
 
 
 def _pickles(pipe: BinaryIO) -> Iterator[Any]:

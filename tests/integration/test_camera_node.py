@@ -227,8 +227,8 @@ def test_waits_for_images_and_says_so(ros_node, start) -> None:
 @pytest.mark.parametrize(
     ("parameters", "text"),
     [
-        ({"treshold": 3}, "unknown parameter ~treshold; did you mean 'threshold'"),
-        ({"threshold": "high"}, "~threshold must be a number"),
+        ({"treshold": 3}, "unknown parameter ~treshold: did you mean 'threshold'"),
+        ({"threshold": "high"}, "~threshold is 'high', must be a finite number"),
         ({"mask_image": "/nowhere.png"}, "cannot read an image from '/nowhere.png'"),
     ],
 )

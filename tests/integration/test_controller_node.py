@@ -34,10 +34,10 @@ from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
 from aras_visual_servo_base.poses import pose_difference
+from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.setting_kinds import yaml_mapping
 
 SPEED = 1.0  # simulated seconds per second of wall time
 PERIOD = 1.0 / 90.0  # of the joint states; every third carries an image
@@ -46,10 +46,10 @@ CONFIG = SOURCES / "aras_visual_servo_controller" / "config"
 URDF = (SOURCES / "aras_visual_servo_gazebo/robots/aras_visual_servo.urdf").read_text()
 NAMESPACE = "/aras_visual_servo"
 ARM = Arm.from_urdf(URDF)
-CONTROLLERS = yaml_mapping(CONFIG / "robots" / "aras_visual_servo.yaml")["controllers"]
+CONTROLLERS = read_yaml(CONFIG / "robots" / "aras_visual_servo.yaml", ValueError)["controllers"]
 STARTS = {
     name: np.array([joints[joint] for joint in ARM.names])
-    for name, joints in yaml_mapping(CONFIG / "starts.yaml").items()
+    for name, joints in read_yaml(CONFIG / "starts.yaml", ValueError).items()
 }
 GOAL = Goal.load(CONFIG / "goal_2016.yaml")
 NODE = [

@@ -55,11 +55,15 @@ def test_settings_are_found_by_name_and_the_rest_is_told():
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        ("widht", 3, "width"), ("width", "3", "whole number"), ("depth", 1, "true nor false"),
-        ("xyz", [1, 2], "3 finite numbers"), ("effects", 5, "noise_stddev"), ("format", 8, "text"),
-        ("camera_matrix", {"fx": 1}, "fx, fy, cx, cy"), ("pose", "here", "m and rad"),
-        ("pose", {"xyz": 5}, "m and rad"), ("pose", {"xyz": [1, 2, 3, 4], "rpy": [5, 6]}, "m and"),
-        ("pose", {"xyz": [0, 0, float("nan")]}, "m and rad"), ("link", "arm", "leave the key out"),
+        ("widht", 3, "width"), ("width", "3", "whole number"),
+        ("depth", 1, "must be true or false"),
+        ("xyz", [1, 2], "3 finite numbers"), ("effects", 5, "must be keys with values"),
+        ("format", 8, "text"),
+        ("camera_matrix", {"fx": 1}, "fy is missing"), ("pose", "here", "m and rad"),
+        ("pose", {"xyz": 5}, "3 finite numbers"),
+        ("pose", {"xyz": [1, 2, 3, 4], "rpy": [5, 6]}, "3 finite"),
+        ("pose", {"xyz": [0, 0, float("nan")]}, "must be a finite number"),
+        ("link", "arm", "leave the key out"),
         ("parent", "moon", "world"), ("seed", 1.5, "whole number"),
     ],
 )  # fmt: skip

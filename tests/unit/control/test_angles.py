@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+import aras_visual_servo_base
 from aras_sim_bridge import angles
 
 
@@ -94,5 +95,6 @@ def test_nothing_of_ros_is_needed():
         "import sys; sys.modules['angles'] = sys.modules['rospy'] = None; "
         "import aras_sim_bridge.simulation, aras_sim_bridge.control.controllers"
     )
+    libraries = (Path(module.__file__).parents[1] for module in (angles, aras_visual_servo_base))
     subprocess.run([sys.executable, "-c", code], check=True, env={
-        "PYTHONPATH": str(Path(angles.__file__).parents[1]), "PATH": os.environ["PATH"]})
+        "PYTHONPATH": ":".join(map(str, libraries)), "PATH": os.environ["PATH"]})

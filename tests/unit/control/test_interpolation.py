@@ -230,5 +230,5 @@ def test_the_set_point_stays_within_the_limits_and_state_shows_it(make_rig, make
 
 
 def test_an_ill_typed_parameter_is_named(rig_of):
-    with pytest.raises(Exception, match="/robot/c/interpolate must be true or false"):
+    with pytest.raises(Exception, match="/robot/c/interpolate is .*, must be true or false"):
         rig_of(interpolate=1)

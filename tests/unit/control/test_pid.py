@@ -126,10 +126,10 @@ def test_parameters_are_read_as_control_toolbox_does(parameters, expected):
     ("parameters", "text"),
     [
         ({}, "/r/c/pid/p"),
-        ({"p": "much"}, "/r/c/pid/p must be a number"),
-        ({"p": True}, "/r/c/pid/p must be a number"),
-        ({"p": 1, "i": nan}, "/r/c/pid/i must be finite"),
-        ({"p": 1, "antiwindup": 1}, "/r/c/pid/antiwindup must be true or false"),
+        ({"p": "much"}, "parameter /r/c/pid/p is 'much', must be a finite number"),
+        ({"p": True}, "/r/c/pid/p is True, must be a finite number"),
+        ({"p": 1, "i": nan}, "/r/c/pid/i is nan, must be a finite number"),
+        ({"p": 1, "antiwindup": 1}, "/r/c/pid/antiwindup is 1, must be true or false"),
     ],
 )
 def test_bad_parameters_are_named(parameters, text):

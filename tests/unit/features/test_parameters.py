@@ -23,26 +23,26 @@ def test_values_arrive() -> None:
     )
     assert parameters.settings.layout == "kernel"
     assert parameters.settings.segmentation.threshold == 90.0
-    assert parameters.desired_outline == ((0, 0), (1, 0), (1, 1))
+    assert parameters.desired_corners == ((0, 0), (1, 0), (1, 1))
 
 
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        ({"treshold": 3}, "unknown parameter ~treshold; did you mean 'threshold'"),
+        ({"treshold": 3}, "unknown parameter ~treshold: did you mean 'threshold'"),
         ({"xyz": 3}, "unknown parameter ~xyz"),
-        ({"threshold": "high"}, "~threshold must be a number, got 'high'"),
-        ({"threshold": True}, "~threshold must be a number"),
-        ({"threshold": 256}, "outside 0.0 ... 255.0"),
-        ({"threshold": float("nan")}, "outside"),
-        ({"order": 3.5}, "~order must be a whole number"),
-        ({"order": 9}, "outside 3 ... 6"),
-        ({"dark_target": 1}, "~dark_target must be true or false"),
-        ({"layout": "points"}, "must be one of"),
-        ({"layout": 4}, "~layout must be a text"),
+        ({"threshold": "high"}, "~threshold is 'high', must be a finite number"),
+        ({"threshold": True}, "~threshold is True, must be a finite number"),
+        ({"threshold": 256}, "~threshold is 256.0, must be <= 255"),
+        ({"threshold": float("nan")}, "~threshold is nan, must be a finite number"),
+        ({"order": 3.5}, "~order is 3.5, must be a whole number"),
+        ({"order": 9}, "~order is 9, must be <= 6"),
+        ({"dark_target": 1}, "~dark_target is 1, must be true or false"),
+        ({"layout": "points"}, "~layout is 'points': did you mean 'moments'"),
+        ({"layout": 4}, "~layout is 4, must be a text"),
         ({"component": "mask"}, "~mask_image must name"),
         ({"colour_low": [1, 2]}, "hue 0-179"),
-        ({"colour_low": "red"}, "a list of numbers"),
+        ({"colour_low": "red"}, "~colour_low.0. is 'red', must be a finite number"),
         ({"desired_outline": [0, 0, 1, 1]}, "at least three corners"),
         ({"desired_outline": [0, 0, 1, 1, 2]}, "at least three corners"),
         ({"adaptive_block": 10}, "must be odd"),

@@ -46,7 +46,7 @@ def test_pace_is_the_parameter_s_times_the_world_s(mode, rate, factor):
 def test_parameters_that_cannot_be_are_named(given, name):
     with pytest.raises(InvalidParameterError) as caught:
         NodeParameters.from_mapping(given, "/gazebo")
-    assert caught.value.name == f"/gazebo/{name}"
+    assert f"parameter /gazebo/{name}" in str(caught.value)
 
 
 def test_parameters_of_others_are_left_and_limits_are_inside():

@@ -44,7 +44,7 @@ def test_without_them_a_push_does(make, switch):
 
 
 @pytest.mark.parametrize(("options", "error", "reason"), [
-    ({"switch": "yes"}, HardwareError, "hard_velocity_limits must be true or false"),
+    ({"switch": "yes"}, HardwareError, "hard_velocity_limits is 'yes', must be true or false"),
     ({"switch": True, "bolted": False}, WorldError, "bolted down"),
     ({"switch": True, "velocity": "0"}, WorldError, "positive"),
 ])

@@ -6,10 +6,6 @@ the ROS skin logs the text or returns it as a service's status message, unchange
 
 from collections.abc import Iterable
 
-# What a user's class or module may raise: it must neither end the simulation nor leave a caller
-# without an answer, sys.exit no more than the rest.
-USER_FAULTS = (Exception, SystemExit)
-
 
 class SimError(Exception):
     """Base of every fault that the bridge reports to its user."""

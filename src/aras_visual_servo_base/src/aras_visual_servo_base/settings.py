@@ -65,6 +65,7 @@ def parameter(
     wanted: str = "",
     name: bool = False,
     words: bool = False,
+    infinite: bool = False,
     internal: bool = False,
 ) -> Any:
     """A dataclass field with what its table says.
@@ -75,15 +76,16 @@ def parameter(
         wanted: what to say instead of the annotation's words.
         name: a whole number stands for its digits: roslaunch makes one of start:=2016.
         words: a text stands for the list of its words.
+        infinite: infinity is a number too.
         internal: not to be given from outside.
     """
     rules = {
         "unit": unit, "text": text, "least": least, "above": above, "most": most, "below": below,
         "choices": tuple(choices), "wanted": wanted, "name": name, "words": words,
-        "internal": internal,
+        "infinite": infinite, "internal": internal,
     }  # fmt: skip
     if isinstance(default, dict):
-        return dataclasses.field(default_factory=lambda: _view(default), metadata=rules)
+        return dataclasses.field(default_factory=lambda: dict(default), metadata=rules)
     return dataclasses.field(default=default, metadata=rules)
 
 
@@ -122,7 +124,7 @@ def build(cls: type[T], values: Any, where: str, fault: Fault) -> T:
 def converted(cls: type, values: Any, where: str, fault: Fault) -> dict[str, Any]:
     """The values as the dataclass's fields want them, by name; raises as `build`."""
     if not isinstance(values, Mapping):
-        place = where.rstrip(": ~/") or cls.__name__
+        place = where.rstrip(": ~") or cls.__name__
         raise fault(f"{place} is {said(values)}, must be keys with values")
     known, hints, found = _known(cls), annotations(cls), {}
     for key, value in values.items():
@@ -145,17 +147,27 @@ def read(
     Args:
         hint: annotation of what is wanted.
         where: full name of the mapping on the parameter server.
-        default: where the key is absent; needed if there is none.
+        default: where the key is absent, or null; needed if there is none.
 
     Raises:
         fault: it is missing, or of another kind.
     """
     place = f"parameter {where}/{key}"
-    if key in values:
+    if values.get(key) is not None:
         return convert(values[key], hint, place, fault)
     if default is _MISSING:
         raise fault(f"{place} is missing, must be {_words(hint)}")
     return default
+
+
+def look_up(values: Mapping[str, Any], path: str) -> Any:
+    """The value at 'a/b/c'; None where a step is missing or is no mapping."""
+    node: Any = values
+    for key in path.strip("/").split("/"):
+        if not isinstance(node, Mapping) or key not in node:
+            return None
+        node = node[key]
+    return node
 
 
 def unknown_key(where: str, key: Any, known: Iterable[str]) -> str:
@@ -217,7 +229,7 @@ def _convert(
     if _is(hint, Mapping):
         return _mapping(value, hint, where, fault)
     if hint is float:
-        found = as_number(value)
+        found = as_number(value, bool(rules.get("infinite")))
     elif hint is Path:
         found = Path(value) if isinstance(value, str | Path) else None
     elif hint is int:
@@ -230,8 +242,8 @@ def _convert(
     return found
 
 
-def as_number(value: Any) -> float | None:
-    """The finite number that a value is; None for what is none."""
+def as_number(value: Any, infinite: bool = False) -> float | None:
+    """The finite number (or infinity, where that is allowed) that a value is; None for none."""
     if isinstance(value, str) and _TEXT_NUMBER.fullmatch(value):
         value = float(value)
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
@@ -240,7 +252,7 @@ def as_number(value: Any) -> float | None:
         number = float(value)
     except OverflowError:
         return None
-    return number if math.isfinite(number) else None
+    return number if math.isfinite(number) or infinite and math.isinf(number) else None
 
 
 def _union(value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any]) -> Any:
@@ -293,7 +305,7 @@ def _spelt(word: str) -> float | str:
 
 def _mapping(value: Any, hint: Any, where: str, fault: Fault) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
-        raise fault(f"{where} is {said(value)}, must be {_words(hint)}")
+        raise fault(f"{where.rstrip(': ')} is {said(value)}, must be {_words(hint)}")
     kind = (typing.get_args(hint) or (str, Any))[1]
     found = {}
     for key, item in value.items():

@@ -13,20 +13,24 @@ import yaml
 LARGEST_FILE = 1_000_000  # bytes
 
 
-def read_yaml(path: str | Path, fault: type[Exception]) -> Any:
+def read_yaml(path: str | Path, fault: type[Exception], what: str = "") -> Any:
     """What a YAML file holds; None for an empty one.
+
+    Args:
+        what: the file is, for messages, as 'the goal'.
 
     Raises:
         fault: it is no ordinary file, cannot be read, is too large, or is no YAML.
     """
     path = Path(path).expanduser()
+    cannot = " ".join(filter(None, ("cannot read", what, str(path))))
     try:
         if not stat.S_ISREG(path.stat().st_mode):  # a pipe would be waited for
-            raise fault(f"cannot read {path}: it is no ordinary file")
+            raise fault(f"{cannot}: it is no ordinary file")
         with open(path, "rb") as file:
             data = file.read(LARGEST_FILE + 1)
     except (OSError, ValueError) as error:  # a null byte in the name is a ValueError
-        raise fault(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+        raise fault(f"{cannot}: {getattr(error, 'strerror', None) or error}") from None
     if len(data) > LARGEST_FILE:
         raise fault(f"{path} holds more than {LARGEST_FILE} bytes: no such file is meant")
     try:

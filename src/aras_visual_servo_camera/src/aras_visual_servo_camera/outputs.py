@@ -43,7 +43,7 @@ class Outputs:
         self._kernel = rospy.Publisher(SPACE + "kernel", KernelFeatures, queue_size=1)
         self._binary = rospy.Publisher(SPACE + "thresholded_image", ImageMessage, queue_size=1)
         self._overlay = rospy.Publisher(SPACE + "overlay", ImageMessage, queue_size=1)
-        self._desired = parameters.desired_outline
+        self._desired = parameters.desired_corners
         if not self._desired:
             rospy.Subscriber(OUTLINE_TOPIC, PolygonStamped, self._on_outline, queue_size=1)
 

@@ -5,6 +5,7 @@ The node, the runner and the tests build their loop from the same `Settings`, so
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -12,6 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.settings import converted, default_of, defaults, parameter
+from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.trackers import TRACKERS, Tracker
 
 from .arm import (
@@ -36,7 +40,6 @@ from .loop.servo import Servo
 from .loop.state import ServoSettings
 from .schemes import JointController, Scheme, create_scheme
 from .seeing.observation import Observer
-from .setting_kinds import LEGAL, checked, default_of, parameter, suggestion, yaml_mapping
 
 # Parameters that laws take by these names.
 LAW_GAINS = {
@@ -56,6 +59,16 @@ OUTLINE = "outline"  # the tracker that takes the corners of what was segmented
 LOOP = ServoSettings  # its defaults are those of the parameters
 # Names of former versions.
 ALIASES = {"pitch_gain": "hold_gain"}
+# Parameters that are names on a ROS graph.
+NAMES = ("namespace", "camera_namespace", "command_topic", "description")
+LEGAL = re.compile(r"[~/]?[A-Za-z][\w/]*", re.ASCII)
+ByJoint = float | tuple[float, ...] | Mapping[str, float]
+
+
+def by_joint(default: float | None, unit: str, text: str) -> Any:
+    """A parameter that may be said for each joint."""
+    wanted = "a number, a list of numbers in the arm's order, or {joint: number}"
+    return parameter(default, unit, text, wanted=wanted)
 
 
 @dataclass(frozen=True)
@@ -67,10 +80,11 @@ class Settings:
     """
 
     scheme: str = parameter("moments", "", "feature, scheme, several joined by '+', or "
-                            "'package.module:Class'")  # fmt: skip
+                            "'package.module:Class'", name=True)  # fmt: skip
     interaction: str = parameter("current", "", "L at the view: current, desired, mean, estimated")
     tracker: str = parameter(OUTLINE, "", "of a target's points: outline, dots, marker, lines")
-    weights: tuple = parameter((), "", "of stacked features, one each; empty: all alike")
+    weights: tuple[float, ...] = parameter((), "", "of stacked features, one each; empty: "
+                                           "all alike")  # fmt: skip
     smoothing: float = parameter(0.0, "s", "time constant of a low-pass on the errors; 0: none",
                                  least=0.0, most=10.0)  # fmt: skip
     law: str = parameter("proportional", "", "proportional, adaptive, diagonal, pi, sliding_mode, "
@@ -79,29 +93,35 @@ class Settings:
     gain_zero: float = parameter(5.0, "1/s", "of the adaptive law at the goal", above=0.0)
     gain_infinity: float = parameter(2.0, "1/s", "of the adaptive law far from it", above=0.0)
     gain_slope: float = parameter(30.0, "1/(s m)", "of the adaptive law", above=0.0)
-    law_options: dict = parameter({}, "", "other arguments of the law, by name")
+    law_options: Mapping[str, int | float | Any] = parameter({}, "", "other arguments of the "
+                                                             "law, by name")  # fmt: skip
     continuous_start: float = parameter(0.0, "1/s", "rate at which the first speed is let in; "
                                         "0: at once", least=0.0)  # fmt: skip
     ramp: float = parameter(0.0, "s", "time constant with which the gain rises; 0: none", least=0.0)
     start: Any = parameter("none", "", "initial pose: a name, none, joints, or {xyz, rpy} of the "
-                           "camera")  # fmt: skip
-    desired: str = parameter("auto", "", "goal: auto (that of the start), a name, or a YAML file")
+                           "camera", name=True)  # fmt: skip
+    desired: str = parameter("auto", "", "goal: auto (that of the start), a name, or a YAML file",
+                             name=True)  # fmt: skip
     hold: float = parameter(LOOP.hold, "s", "over which the mean error has to be small", above=0.0)
     duration: float = parameter(0.0, "s", "of servoing before it has timed out; 0: no end",
                                 least=0.0)  # fmt: skip
-    max_velocity: Any = parameter(None, "m/s, rad/s", "of each joint; the description's, and "
-                                  "needed where that says none")  # fmt: skip
-    max_acceleration: Any = parameter(None, "m/s^2, rad/s^2", "of each joint; no limit")
-    lower: Any = parameter(None, "m, rad", "least position of each joint; the description's")
-    upper: Any = parameter(None, "m, rad", "greatest position of each joint; the description's")
+    max_velocity: ByJoint | None = by_joint(None, "m/s, rad/s", "of each joint; the description's, "
+                                            "and needed where that says none")  # fmt: skip
+    max_acceleration: ByJoint | None = by_joint(None, "m/s^2, rad/s^2", "of each joint; no limit")
+    lower: ByJoint | None = by_joint(None, "m, rad", "least position of each joint; the "
+                                     "description's")  # fmt: skip
+    upper: ByJoint | None = by_joint(None, "m, rad", "greatest position of each joint; the "
+                                     "description's")  # fmt: skip
     hold_gain: float = parameter(3.0, "1/s", "at which what the scheme does not model is kept as "
                                  "at the goal", least=0.0, most=GREATEST_GAIN)  # fmt: skip
-    posture: dict = parameter({}, "m, rad", "positions that joints are drawn to, where free")
+    posture: Mapping[str, float] = parameter({}, "m, rad", "positions that joints "
+                                            "are drawn to, where free")  # fmt: skip
     posture_gain: float = parameter(1.0, "1/s", "at which", least=0.0, most=GREATEST_GAIN)
     limit_avoidance: bool = parameter(True, "", "keep joints away from their limits, where free")
     singularity_avoidance: bool = parameter(False, "", "climb manipulability, where free")
-    elbow: Any = parameter(None, "", "side to which stretched elbows bend: -1 or 1, or by joint")
-    lead: Any = parameter(LOOP.lead, "m, rad", "by which a command may be ahead of its joint")
+    elbow: ByJoint | None = by_joint(None, "", "side to which stretched elbows bend: -1 or 1, or "
+                                     "by joint")  # fmt: skip
+    lead: ByJoint = by_joint(LOOP.lead, "m, rad", "by which a command may be ahead of its joint")
     lag: float = parameter(LOOP.lag, "s", "of joint speed by which it may be ahead besides",
                            least=0.0)  # fmt: skip
     approach_speed: float = parameter(LOOP.approach_speed, "", "part of max_velocity on the way to "
@@ -114,16 +134,18 @@ class Settings:
     stop_time: float = parameter(LOOP.stop_time, "s", "in which a stop comes to rest", above=0.0,
                                  most=10.0)  # fmt: skip
     output: str = parameter(LOOP.output, "", "what is commanded: position, velocity or effort")
-    stiffness: Any = parameter(LOOP.stiffness, "N/m, N m/rad", "of the effort output")
-    damping: Any = parameter(LOOP.damping, "N s/m, N m s/rad", "of the effort output")
+    stiffness: ByJoint = by_joint(LOOP.stiffness, "N/m, N m/rad", "of the effort output")
+    damping: ByJoint = by_joint(LOOP.damping, "N s/m, N m s/rad", "of the effort output")
     camera_frame: str = parameter("camera_optical_frame", "", "of the camera, in the description")
     base_frame: str = parameter("", "", "link that the arm stands on; empty: the root")
     target_frame: str = parameter("", "", "link that carries the target, where the arm moves it")
-    joints: tuple = parameter((), "", "names of the joints to use; empty: all that move the camera")
+    joints: tuple[str, ...] = parameter((), "", "names of the joints to use; empty: all that move "
+                                        "the camera")  # fmt: skip
     namespace: str = parameter("/aras_visual_servo", "", "of joint states, features and commands")
     camera_namespace: str = parameter("/labrob/camera", "", "of image_raw, camera_info and "
                                       "depth/image_raw, for schemes that want them")  # fmt: skip
-    controllers: dict = parameter({}, "", "name of each joint's controller, in the namespace")
+    controllers: Mapping[str, Any] = parameter({}, "", "name of each joint's controller, in the "
+                                               "namespace")  # fmt: skip
     command_topic: str = parameter("", "", "one topic of a group of joints, instead of one each")
     description: str = parameter("robot_description", "", "parameter that holds the URDF")
     listeners: float = parameter(0.0, "", "subscribers of controller/state to wait for, 5 s at "
@@ -137,23 +159,32 @@ class Settings:
     package: Path = parameter(Path("."), "", "directory of this package", internal=True)
 
     @classmethod
-    def from_mapping(cls, raw: Mapping[str, Any], package: Path = Path(".")) -> Settings:
+    def from_mapping(
+        cls, raw: Mapping[str, Any], package: Path = Path("."), file: str = ""
+    ) -> Settings:
         """Check what the parameter server holds.
 
         Args:
             raw: name to value, as rosparam gives them.
             package: directory of this package, where config/ is.
+            file: that holds them, for messages; '': the parameter server.
 
         Raises:
             ConfigurationError: naming the parameter, what is wrong and what would be right.
         """
-        known = {f.name: f for f in fields(cls) if not f.metadata.get("internal")}
-        values: dict[str, Any] = {}
-        for given, value in raw.items():
-            name = ALIASES.get(given, given)
-            if name not in known:
-                raise ConfigurationError(f"unknown parameter ~{given}: {suggestion(name, known)}")
-            values[name] = checked(known[name], value)
+        where = f"{file}: parameter ~" if file else "parameter ~"
+        if isinstance(raw, Mapping):
+            raw = {ALIASES.get(key, key): value for key, value in raw.items()}
+        values = converted(cls, raw, where, ConfigurationError)
+        known = defaults(cls)
+        for name, value in values.items():
+            if value == "" and known[name] != "":
+                raise ConfigurationError(f"{where}{name} is '', must be a text that is not empty")
+            if name in NAMES and not LEGAL.fullmatch(value or "x"):
+                raise ConfigurationError(
+                    f"{where}{name} is '{value}', which is no name on a ROS graph: letters, "
+                    "digits, _ and / are"
+                )
         return cls(**values, package=package)
 
     def for_robot(self, name: str, given: Mapping[str, Any] | None = None) -> Settings:
@@ -166,7 +197,9 @@ class Settings:
         path = self.package / "config" / "robots" / f"{Path(name).name}.yaml"
         if not name or not path.is_file():
             return self
-        of_robot = Settings.from_mapping(yaml_mapping(path), self.package)
+        of_robot = Settings.from_mapping(
+            read_yaml(path, ConfigurationError), self.package, str(path)
+        )
         plain = Settings(package=self.package)
         if given is None:
             given = [
@@ -195,7 +228,7 @@ class Settings:
             known = arm.names if joint in arm.names else Description(urdf).joints
             if joint not in known:
                 raise ConfigurationError(
-                    f"parameter ~controllers names the joint {joint}: {suggestion(joint, known)}"
+                    f"parameter ~controllers names the joint {joint}: {nearest(joint, known)}"
                 )
             if not (isinstance(controller, str) and LEGAL.fullmatch(controller)):
                 raise ConfigurationError(
@@ -271,7 +304,7 @@ class Settings:
             shipped = self._shipped("").parent.glob("goal_*.yaml")
             names = sorted(file.stem.removeprefix("goal_") for file in shipped)
             raise ConfigurationError(
-                f"unknown goal '{path}': {suggestion(str(path), names)} (or the path of a YAML "
+                f"unknown goal '{path}': {nearest(str(path), names)} (or the path of a YAML "
                 "file)"
             )
         return Goal.load(path)
@@ -283,7 +316,7 @@ class Settings:
         """The resolver with its secondary tasks; ConfigurationError for unknown joints."""
         sides = self.elbow
         folds = find(arm)
-        if isinstance(sides, int | float):
+        if isinstance(sides, float):
             sides = {arm.names[fold.joint]: sides for fold in folds}
         if not isinstance(sides, Mapping | None):
             raise ConfigurationError(
@@ -354,7 +387,7 @@ class Settings:
         """What finds the points of the target; None: the outline's corners."""
         if self.tracker not in TRACKERS:
             raise ConfigurationError(
-                f"unknown tracker '{self.tracker}': {suggestion(self.tracker, TRACKERS)}"
+                f"unknown tracker '{self.tracker}': {nearest(self.tracker, TRACKERS)}"
             )
         made = TRACKERS[self.tracker]
         return None if made is None else made()
@@ -367,7 +400,7 @@ def per_joint(name: str, value: Any, arm: Arm) -> Any:
     for joint in value:
         if joint not in arm.names:
             raise ConfigurationError(
-                f"parameter ~{name} names the joint {joint}: {suggestion(joint, arm.names)}"
+                f"parameter ~{name} names the joint {joint}: {nearest(joint, arm.names)}"
             )
     other = default_of(Settings.__dataclass_fields__[name])
     return tuple(float(value.get(joint, other)) for joint in arm.names)

@@ -52,11 +52,11 @@ class Field:
         if self.type == "str":
             return str(value)
         if isinstance(value, str):
-            raise InvalidParameterError(self.name, f"is '{value}'; give a {self.type}")
+            raise InvalidParameterError(f"{self.name} is '{value}', must be a {self.type}")
         if self.type == "bool":
             return bool(value)
         if value != value:
-            raise InvalidParameterError(self.name, "is NaN; give a number")
+            raise InvalidParameterError(f"{self.name} is NaN, must be a number")
         limited = min(max(value, self.minimum), self.maximum)
         return int(limited) if self.type == "int" else float(limited)
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from aras_visual_servo_base.settings import build, parameter
+from aras_visual_servo_base.settings import check as hold_to_bounds
+
 from ..description import CameraDescription
 from ..errors import CameraError
-from .effects import Effects, hint, is_number
+from .effects import Effects
 from .formats import encoding_of
 from .intrinsics import CameraIntrinsics, CameraModel, camera_matrix, projection_matrix
 from .lens import COEFFICIENTS, RADIUS, REACH, BrownLens, FisheyeLens, check_fisheye
@@ -21,6 +23,19 @@ from .lens import fisheye_coefficients as ideal_coefficients
 LARGEST_SIDE = 16384  # px
 LARGEST_AREA = 1 << 25  # px; drawing a frame of this size takes 0.5 GB
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)  # a part of a name in the ROS graph
+
+
+Three = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class MatrixEntry:
+    """A camera matrix as it may be written: focal lengths and principal point, px."""
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
 
 
 @dataclass(frozen=True)
@@ -44,28 +59,28 @@ class CameraConfig:
 
     name: str = "camera"
     link: str = ""
-    width: int = 320
-    height: int = 240
+    width: int = parameter(320, "px", least=1, most=LARGEST_SIDE)
+    height: int = parameter(240, "px", least=1, most=LARGEST_SIDE)
     horizontal_fov: float = 1.047
-    update_rate: float = 30.0
+    update_rate: float = parameter(30.0, "Hz", above=0.0)
     format: str = "R8G8B8"
-    near: float = 0.1
-    far: float = 100.0
-    xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    lens: str = "pinhole"
+    near: float = parameter(0.1, "m", above=0.0)
+    far: float = parameter(100.0, "m", above=0.0)
+    xyz: Three = (0.0, 0.0, 0.0)
+    rpy: Three = (0.0, 0.0, 0.0)
+    lens: str = parameter("pinhole", choices=RADIUS)
     camera_matrix: tuple[float, float, float, float] | None = None
-    distortion_model: str = ""
+    distortion_model: str = parameter("", choices=("", *COEFFICIENTS))
     distortion_coefficients: tuple[float, ...] = ()
     cutoff_angle: float | None = None
     hack_baseline: float = 0.0
     legacy_camera_info: bool = False
-    declared: tuple[float, ...] = (0.0,) * 8
+    declared: tuple[float, float, float, float, float, float, float, float] = (0.0,) * 8
     depth: bool = False
     segmentation: bool = False
     effects: Effects = field(default_factory=Effects)
-    latency: float = 0.0
-    seed: int = 0
+    latency: float = parameter(0.0, "s", least=0.0)
+    seed: int = parameter(0, least=0)
     # Names for the ROS side, not used here.
     camera_name: str = ""
     robot_namespace: str = ""
@@ -76,23 +91,14 @@ class CameraConfig:
 
     def __post_init__(self) -> None:
         self._fill_in_lens()
+        hold_to_bounds(self, CameraError, f"camera '{self.name}': ")
         check = self._check
-        check(isinstance(self.width, int) and isinstance(self.height, int)
-              and self.width >= 1 and self.height >= 1,
-              f"an image of {self.width} x {self.height} pixels: give whole numbers above 0")
-        check(max(self.width, self.height) <= LARGEST_SIDE
-              and self.width * self.height <= LARGEST_AREA,
-              f"an image of {self.width} x {self.height} pixels: {LARGEST_SIDE} a side and "
-              f"{LARGEST_AREA} in all are possible; make width and height smaller")
-        check(self.seed >= 0, f"seed {self.seed}: give a whole number of 0 or more")
-        check(math.isfinite(self.hack_baseline),
-              f"hack_baseline {self.hack_baseline} m: give a finite number")
+        check(self.width * self.height <= LARGEST_AREA,
+              f"an image of {self.width} x {self.height} pixels: {LARGEST_AREA} in all are "
+              "possible; make width and height smaller")
         self._check_names()
-        check(math.isfinite(self.update_rate) and self.update_rate > 0.0,
-              f"update_rate {self.update_rate} Hz: give a rate above 0")
-        check(0.0 < self.near < self.far < math.inf,
+        check(self.near < self.far,
               f"clip distances near={self.near} far={self.far}: need 0 < near < far")
-        check(0.0 <= self.latency < math.inf, f"latency {self.latency} s: give 0 or more")
         check(0.0 <= self.effects.exposure_time < 1.0 / self.update_rate,
               f"exposure_time {self.effects.exposure_time} s: has to be shorter than the period of "
               f"{1.0 / self.update_rate:g} s")
@@ -100,9 +106,8 @@ class CameraConfig:
         self._check_lens()
         if self.camera_matrix is not None:
             fx, fy, cx, cy = self.camera_matrix
-            check(fx > 0 and fy > 0 and all(map(math.isfinite, self.camera_matrix)),
-                  f"camera_matrix fx={fx} fy={fy} cx={cx} cy={cy}: give finite numbers, focal "
-                  "lengths above 0")
+            check(fx > 0 and fy > 0,
+                  f"camera_matrix fx={fx} fy={fy} cx={cx} cy={cy}: give focal lengths above 0")
         if isinstance(self.model.lens, FisheyeLens):
             check_fisheye(self.model.lens, self.name)
         else:
@@ -122,16 +127,12 @@ class CameraConfig:
 
     def _check_lens(self) -> None:
         check = self._check
-        check(self.lens in RADIUS, f"there is no lens '{self.lens}'; there are {', '.join(RADIUS)}")
-        check(self.distortion_model in COEFFICIENTS,
-              f"there is no distortion_model '{self.distortion_model}'; there are "
-              + ", ".join(COEFFICIENTS))
         check((self.lens == "pinhole") != (self.distortion_model == "equidistant"),
               f"distortion_model '{self.distortion_model}' does not go with lens '{self.lens}'; "
               "take equidistant for wide-angle lenses, plumb_bob or rational_polynomial else")
         D = self.distortion_coefficients
         counts = COEFFICIENTS[self.distortion_model]
-        check(len(D) in (0, *counts) and all(map(math.isfinite, D)),
+        check(len(D) in (0, *counts),
               f"distortion_coefficients {list(D)}: {self.distortion_model} takes "
               f"{' or '.join(map(str, counts))} finite numbers")
         check(not any(D) or self.lens in ("pinhole", "equidistant"),
@@ -217,23 +218,25 @@ class CameraConfig:
                          overrides: Mapping[str, object] | None = None) -> CameraConfig:
         """Settings of a description's camera with the keys of a preset laid over it.
 
-        Raises CameraError for an unknown key, naming the nearest one there is.
+        Raises CameraError naming the key that is wrong.
         """
         from .from_description import settings
 
-        values = settings(camera)
-        return cls.from_mapping({**values, **_checked(overrides or {}, values["name"])})
+        return cls.from_mapping({**settings(camera), **(overrides or {})})
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, object]) -> CameraConfig:
         """Settings from a preset file's keys.
 
         camera_matrix is a mapping fx, fy, cx, cy or four numbers; effects a mapping of
-        effects.Effects' fields.
+        effects.Effects' fields. Raises CameraError naming the key that is wrong.
         """
-        name = str(values.get("name", "camera"))
-        values = _checked(values, name)
-        return cls(**_all_converted(values, name))
+        where = f"camera '{values.get('name', 'camera')}': "
+        matrix = values.get("camera_matrix")
+        if isinstance(matrix, Mapping):
+            given = build(MatrixEntry, matrix, f"{where}camera_matrix", CameraError)
+            values = {**values, "camera_matrix": (given.fx, given.fy, given.cx, given.cy)}
+        return build(cls, values, where, CameraError)
 
     @property
     def topic_root(self) -> str:
@@ -250,69 +253,3 @@ class CameraConfig:
 
 def _absolute(*names: str) -> str:
     return "/" + "/".join(part for name in names for part in name.split("/") if part)
-
-
-def _checked(values: Mapping[str, object], name: str) -> dict[str, object]:
-    known = {f.name for f in fields(CameraConfig)}
-    for key in values:
-        if key not in known:
-            near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.0)[0]
-            raise CameraError(f"camera '{name}': unknown setting '{key}'; the nearest is '{near}'")
-    return dict(values)
-
-
-_NUMBERS = {"horizontal_fov", "update_rate", "near", "far", "cutoff_angle", "hack_baseline",
-            "latency"}
-_WHOLE = {"width", "height", "seed"}
-_TRUTHS = {"legacy_camera_info", "depth", "segmentation"}
-_LISTS = {"xyz": 3, "rpy": 3, "camera_matrix": 4, "distortion_coefficients": None,
-          "declared": 8}
-
-
-def _all_converted(values: Mapping[str, object], name: str) -> dict[str, object]:
-    """Settings as YAML gives them, in the types the config wants. Raises CameraError."""
-    try:
-        return {key: _converted(key, value) for key, value in values.items()}
-    except (TypeError, ValueError, CameraError) as error:
-        raise CameraError(f"camera '{name}': {error}") from None
-
-
-def _converted(key: str, value: object) -> object:
-    if key == "effects":
-        if isinstance(value, Effects):
-            return value
-        if not isinstance(value, Mapping):
-            raise TypeError(f"effects {value!r}: give keys with values, as noise_stddev: 5.0")
-        return Effects.from_mapping(value)
-    if key in ("camera_matrix", "cutoff_angle") and value is None:
-        return None
-    if key == "camera_matrix" and isinstance(value, Mapping):
-        if set(value) != {"fx", "fy", "cx", "cy"}:
-            raise TypeError(f"camera_matrix has the keys {sorted(value)}; give fx, fy, cx, cy")
-        value = [value[k] for k in ("fx", "fy", "cx", "cy")]
-    if key in _LISTS:
-        return _numbers(key, value, _LISTS[key])
-    if key in _NUMBERS:
-        if not is_number(value):
-            raise TypeError(f"{key} {value!r} is not a number{hint(value)}")
-        return float(value)
-    if key in _WHOLE and (not isinstance(value, int) or isinstance(value, bool)):
-        raise TypeError(f"{key} {value!r} is not a whole number")
-    if key in _TRUTHS and not isinstance(value, bool):
-        raise TypeError(f"{key} {value!r} is neither true nor false")
-    if key not in _WHOLE | _TRUTHS and not isinstance(value, str):
-        raise TypeError(f"{key} {value!r} is not a text")
-    return value
-
-
-def _numbers(key: str, value: object, count: int | None) -> tuple[float, ...]:
-    """A list, or a text such as '0 0 0.05' from a launch argument, as finite numbers."""
-    items = value.split() if isinstance(value, str) else value
-    wanted = "finite numbers" if count is None else f"{count} finite numbers"
-    try:
-        numbers = tuple(float(item) for item in items)
-    except (TypeError, ValueError):
-        numbers = (math.nan,)
-    if not all(map(math.isfinite, numbers)) or (count is not None and len(numbers) != count):
-        raise TypeError(f"{key} {value!r}: give {wanted}")
-    return numbers

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
+
+from aras_visual_servo_base.settings import check, parameter
 
 from ..compiled import compiled, inlined
 from ..errors import CameraError
@@ -21,35 +22,6 @@ _C1, _C3, _C5, _C7 = (np.float32(c) for c in (1.65999598, 0.09039413, -0.0356714
 _DROP, _NOISE = 0, 1
 
 
-def is_number(value: object) -> bool:
-    """Whether a setting is a number; true and false are none."""
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def hint(value: object) -> str:
-    """How to mend a setting that is a text where a number is wanted: YAML reads 1e-3 as one."""
-    try:
-        float(value if isinstance(value, str) else "")
-    except ValueError:
-        return ""
-    return "; write it without quotes, and with a point before an exponent, as 1.0e-3"
-
-
-_NOT_NEGATIVE = (lambda value: value >= 0.0, "a number of 0 or more")
-_POSITIVE = (lambda value: value > 0.0, "a number above 0")  # at 0 all pictures were black
-_LIMITS = {
-    "noise_mean": (lambda value: -255.0 <= value <= 255.0, "a number in -255..255"),
-    "noise_stddev": _NOT_NEGATIVE,
-    "shot_noise": _NOT_NEGATIVE,
-    "exposure": _POSITIVE,
-    "gain": _POSITIVE,
-    "vignetting": (lambda value: 0.0 <= value <= 1.0, "a number in 0..1"),
-    "exposure_time": _NOT_NEGATIVE,
-    "drop_probability": (lambda value: 0.0 <= value < 1.0,
-                         "a number from 0 to below 1; at 1 no frame would ever come"),
-}
-
-
 @dataclass(frozen=True)
 class Effects:
     """noise_mean, noise_stddev: Gaussian noise, grey levels of 255, independent in every channel
@@ -60,36 +32,18 @@ class Effects:
     exposure_samples pictures averaged. drop_probability: share of frames that are never sent.
     """
 
-    noise_mean: float = 0.0
-    noise_stddev: float = 0.0
-    shot_noise: float = 0.0
-    exposure: float = 1.0
-    gain: float = 1.0
-    vignetting: float = 0.0
-    exposure_time: float = 0.0
-    exposure_samples: int = 5
-    drop_probability: float = 0.0
+    noise_mean: float = parameter(0.0, least=-255.0, most=255.0)
+    noise_stddev: float = parameter(0.0, least=0.0)
+    shot_noise: float = parameter(0.0, least=0.0)
+    exposure: float = parameter(1.0, above=0.0)  # at 0 all pictures were black
+    gain: float = parameter(1.0, above=0.0)
+    vignetting: float = parameter(0.0, least=0.0, most=1.0)
+    exposure_time: float = parameter(0.0, "s", least=0.0)
+    exposure_samples: int = parameter(5, least=1, most=64)
+    drop_probability: float = parameter(0.0, "(no frame would ever come)", least=0.0, below=1.0)
 
     def __post_init__(self) -> None:
-        for name, (accepted, wanted) in _LIMITS.items():
-            value = getattr(self, name)
-            if not is_number(value) or not math.isfinite(value) or not accepted(value):
-                raise CameraError(f"effects: {name} {value!r} has to be {wanted}{hint(value)}")
-        samples = self.exposure_samples
-        if not isinstance(samples, int) or isinstance(samples, bool) or not 1 <= samples <= 64:
-            raise CameraError(f"effects: exposure_samples {samples!r} has to be 1..64, whole")
-
-    @classmethod
-    def from_mapping(cls, values: Mapping[str, object]) -> Effects:
-        """Effects from a preset's keys.
-
-        Raises CameraError for a key that is not there and for a value out of its limits.
-        """
-        known = [f.name for f in fields(cls)]
-        for key in values:
-            if key not in known:
-                raise CameraError(f"effects: unknown key '{key}'; there are {', '.join(known)}")
-        return cls(**values)
+        check(self, CameraError, "effects")
 
 
 class EffectChain:

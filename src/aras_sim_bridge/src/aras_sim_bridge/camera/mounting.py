@@ -10,16 +10,27 @@ from __future__ import annotations
 import logging
 import zlib
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor, Frame
+from aras_sim_bridge.camera.config import Three
 from aras_sim_bridge.description import CameraDescription
 from aras_sim_bridge.errors import CameraError, RenderingError
 from aras_sim_bridge.world import Model, Pose
+from aras_visual_servo_base.settings import build, convert
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class PlaceEntry:
+    """A pose as it may be written: xyz, m, and rpy about fixed axes, rad."""
+
+    xyz: Three = (0.0, 0.0, 0.0)
+    rpy: Three = (0.0, 0.0, 0.0)
 log = logging.getLogger(__name__)
 
 WORLD = "world"
@@ -211,19 +222,10 @@ def _check_link(own: Mapping[str, object], name: str) -> None:
 
 
 def _pose_of(value: object, name: str) -> Pose:
-    parts = [value]
-    if isinstance(value, Mapping) and set(value) <= {"xyz", "rpy"}:
-        parts = [value.get("xyz", (0.0,) * 3), value.get("rpy", (0.0,) * 3)]
-    try:
-        # A launch argument gives a text such as '0 0 1 0 0 0'.
-        lists = [part.split() if isinstance(part, str) else part for part in parts]
-        numbers = [[float(number) for number in part] for part in lists]
-    except (TypeError, ValueError):
-        numbers = []
-    together = sum(numbers, [])
-    if len({len(part) for part in numbers}) != 1 or len(together) != 6 \
-            or not np.isfinite(together).all():
-        raise CameraError(
-            f"camera '{name}': pose {value!r}; give [x, y, z, roll, pitch, yaw] in m and rad"
-        )
-    return Pose.from_rpy(together[:3], together[3:])
+    where = f"camera '{name}': pose"
+    if isinstance(value, Mapping):
+        pose = build(PlaceEntry, value, where, CameraError)
+        return Pose.from_rpy(pose.xyz, pose.rpy)
+    wanted = {"wanted": "[x, y, z, roll, pitch, yaw] in m and rad"}
+    numbers = convert(value, tuple[(float,) * 6], where, CameraError, wanted)
+    return Pose.from_rpy(numbers[:3], numbers[3:])

@@ -6,7 +6,6 @@ applies them. Order, limits and emergency stop are gazebo_ros_control's.
 
 from collections.abc import Callable, Iterable, Mapping
 
-from aras_sim_bridge import parameters as params
 from aras_sim_bridge.control.drives import (
     Drive,
     EffortDrive,
@@ -30,6 +29,7 @@ from aras_sim_bridge.control.limits import rule_for
 from aras_sim_bridge.control.pid import Pid
 from aras_sim_bridge.description.types import RobotDescription, Transmission
 from aras_sim_bridge.errors import ControllerError, HardwareError
+from aras_visual_servo_base.settings import look_up, read
 
 _PREFIX = "hardware_interface/"
 _GAINS = "gazebo_ros_control/pid_gains"
@@ -86,9 +86,11 @@ class RobotHardware:
                 f"transmissions of {', '.join(unprefixed)}: <hardwareInterface> without "
                 f"'{_PREFIX}' is deprecated"
             )
-        own = params.section(self._parameters, "gazebo_ros_control",
-                             self._namespace, HardwareError)
-        if params.flag(own, _HARD, f"{self._namespace}/gazebo_ros_control", False, HardwareError):
+        where = f"{self._namespace}/gazebo_ros_control"
+        own = read(
+            self._parameters, "gazebo_ros_control", Mapping, self._namespace, HardwareError, {}
+        )
+        if read(own, _HARD, bool, where, HardwareError, False):
             for name, limits in self.limits.items():
                 if limits is not None and limits.max_velocity is not None:
                     model.bound_speed(name, limits.max_velocity)
@@ -134,7 +136,7 @@ class RobotHardware:
             raise HardwareError(f"{label}: joint '{joint_name}' has a transmission already")
         handle = JointHandle(joint_name, joint.kind, joint.limits, joint.soft_limits, short)
         where = f"{self._namespace}/joint_limits/{joint_name}"
-        overrides = params.lookup(self._parameters, f"joint_limits/{joint_name}")
+        overrides = look_up(self._parameters, f"joint_limits/{joint_name}")
         limits = resolve_limits(joint, overrides or {}, where, self._warn)
         self.handles[joint_name] = handle
         self.limits[joint_name] = limits
@@ -150,7 +152,7 @@ class RobotHardware:
 
     def _pid(self, joint: str) -> Pid | None:
         where = f"{self._namespace}/{_GAINS}/{joint}"
-        gains = params.lookup(self._parameters, f"{_GAINS}/{joint}")
+        gains = look_up(self._parameters, f"{_GAINS}/{joint}")
         if gains is None:
             return None
         if not isinstance(gains, Mapping) or "p" not in gains:

@@ -8,9 +8,9 @@ neither sees the other. Units: rad or m, rad/s or m/s, N m or N.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from aras_sim_bridge import parameters as params
 from aras_sim_bridge.description.types import Joint, JointLimits
 from aras_sim_bridge.errors import HardwareError
+from aras_visual_servo_base.settings import read
 
 EFFORT = "EffortJointInterface"
 POSITION = "PositionJointInterface"
@@ -114,7 +114,7 @@ def resolve_limits(
     for quantity, keys in _OVERRIDES.items():
         _override(values, overrides, quantity, keys, where, warn)
     if "min_position" not in values:
-        wrap = params.flag(overrides, "angle_wraparound", where, None, HardwareError)
+        wrap = read(overrides, "angle_wraparound", bool, where, HardwareError, None)
         if wrap is not None:
             values["angle_wraparound"] = wrap
     limits = Limits(**values)
@@ -131,14 +131,14 @@ def _override(
     warn: Callable[[str], None],
 ) -> None:
     switch = f"has_{quantity}_limits"
-    wanted = params.flag(overrides, switch, where, None, HardwareError)
+    wanted = read(overrides, switch, bool, where, HardwareError, None)
     given = [key for key in keys if key in overrides]
     if wanted is False:
         for key in keys:
             values.pop(key, None)
     elif wanted and len(given) == len(keys):
         for key in keys:
-            values[key] = params.number(overrides, key, where, fault=HardwareError)
+            values[key] = read(overrides, key, float, where, HardwareError)
     elif wanted:
         warn(f"{where}/{switch} is true but {' and '.join(keys)} not all set: limit unchanged")
     elif given:

@@ -8,7 +8,6 @@ update(), so one asked for while the simulation is paused simply stays open: not
 from collections.abc import Callable, Mapping, Sequence
 from math import inf
 
-from aras_sim_bridge import parameters as params
 from aras_sim_bridge.control.controllers import Registry
 from aras_sim_bridge.control.controllers.base import Context, Controller
 from aras_sim_bridge.control.controllers.registry import BASE_CLASS
@@ -24,7 +23,9 @@ from aras_sim_bridge.control.switching import (
     SwitchRequest,
     plan_switch,
 )
-from aras_sim_bridge.errors import USER_FAULTS, ControllerError
+from aras_sim_bridge.errors import ControllerError
+from aras_visual_servo_base.names import USER_FAULTS
+from aras_visual_servo_base.settings import look_up
 
 CLASSES = "controller_classes"
 _ENTERED_BY = {RUNNING: "starting", STOPPED: "stopping"}
@@ -78,7 +79,7 @@ class ControllerManager:
         """
         if name in self._entries:
             raise ControllerError(f"controller '{name}' is already loaded")
-        own = params.lookup(self.parameters, name) if name else None
+        own = look_up(self.parameters, name) if name else None
         where = f"{self.namespace}/{name}"
         if not isinstance(own, Mapping) or not isinstance(own.get("type"), str) or not own["type"]:
             raise ControllerError(

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from math import isfinite
 from typing import NamedTuple
 
-from aras_sim_bridge import parameters as params
 from aras_sim_bridge.errors import ControllerError
+from aras_visual_servo_base.settings import read
 
 _INF = float("inf")
 
@@ -81,18 +82,19 @@ class Pid:
             raise ControllerError(
                 f"no proportional gain: set parameter {where}/p (and i, d, i_clamp as needed)"
             )
-        clamp = abs(params.number(parameters, "i_clamp", where, 0.0))
-        i_min = params.number(parameters, "i_clamp_min", where, clamp)
-        i_max = params.number(parameters, "i_clamp_max", where, clamp)
+        given = partial(read, parameters, where=where, fault=ControllerError)
+        clamp = abs(given("i_clamp", float, default=0.0))
+        i_min = given("i_clamp_min", float, default=clamp)
+        i_max = given("i_clamp_max", float, default=clamp)
         pid = cls(
-            params.number(parameters, "p", where),
-            params.number(parameters, "i", where, 0.0),
-            params.number(parameters, "d", where, 0.0),
+            given("p", float),
+            given("i", float, default=0.0),
+            given("d", float, default=0.0),
             abs(i_max),
             -abs(i_min),
-            bool(params.flag(parameters, "antiwindup", where)),
+            given("antiwindup", bool, default=False),
         )
-        pid.publish_state = bool(params.flag(parameters, "publish_state", where))
+        pid.publish_state = given("publish_state", bool, default=False)
         return pid
 
     def set_gains(self, gains: Gains) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 from collections.abc import Sequence
 from pathlib import Path
 
 from aras_sim_bridge.description import packages as environment
 from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base.names import likely
 
 from ..errors import ExperimentError
 
@@ -57,9 +57,9 @@ class PackagePath:
             path = Path(text).expanduser()
         if not path.is_file():
             beside = [file.name for file in path.parent.glob(f"*{path.suffix}") if path.suffix]
-            near = difflib.get_close_matches(path.name, beside, 1)
+            near = likely(path.name, beside)
             raise ExperimentError(
                 f"there is no file {path}" + ("" if str(path) == text else f" (given as {text})")
-                + (f": did you mean '{near[0]}'?" if near else "")
+                + (f": did you mean '{near}'?" if near else "")
             )
         return path

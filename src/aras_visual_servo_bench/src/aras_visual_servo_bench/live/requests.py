@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import math
 import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
+
+from aras_visual_servo_base.names import likely
 
 from ..errors import BenchError
 
@@ -102,9 +103,9 @@ def read_request(text: str | bytes, choices: Mapping[str, Collection[str]]) -> R
         raise RefusedError("a request is a JSON object with a key 'do'")
     do = data.pop("do")
     if do not in REQUESTS:
-        near = difflib.get_close_matches(do, REQUESTS, 1)
+        near = likely(do, REQUESTS)
         raise RefusedError(f"there is no request '{do[:40]}'" + (
-            f": did you mean '{near[0]}'?" if near else f"; there are {', '.join(REQUESTS)}"))
+            f": did you mean '{near}'?" if near else f"; there are {', '.join(REQUESTS)}"))
     specs = REQUESTS[do]
     for name in data:
         if name not in specs:

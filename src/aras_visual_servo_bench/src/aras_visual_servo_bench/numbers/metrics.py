@@ -9,13 +9,12 @@ is named 'package.module:function' and decorated the same way:
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.names import imported, nearest
 from aras_visual_servo_base.poses import inverse, pose_difference
 
 from ..errors import StudyError, ViewError
@@ -62,15 +61,11 @@ def find(name: str) -> Metric:
     Raises:
         StudyError: there is none, with the nearest name.
     """
-    module, colon, attribute = name.partition(":")
-    if not colon:
+    if ":" not in name:
         if name not in TABLE:
             raise StudyError(f"unknown metric '{name}': {nearest(name, TABLE)}")
         return TABLE[name]
-    try:
-        found = getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
-        raise StudyError(f"metric {name}: {error}; is its folder on PYTHONPATH?") from None
+    found = imported("metric", name, StudyError)
     if not isinstance(found, Metric):
         raise StudyError(f"{name} is no metric: decorate it with @metric(unit, better, source)")
     return found

@@ -15,7 +15,6 @@ import rosnode
 import rospkg
 import rospy
 import rosservice
-import yaml
 from aras_sim_bridge.srv import StepWorld
 from controller_manager_msgs.srv import ListControllers, LoadController, SwitchController
 from dynamic_reconfigure.msg import Config, DoubleParameter
@@ -25,6 +24,7 @@ from geometry_msgs.msg import Pose
 from std_srvs.srv import Empty, Trigger
 
 from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws.registry import LAWS
@@ -66,7 +66,9 @@ class Actions:
     def choices(self) -> dict[str, list[str]]:
         """What may be chosen now."""
         gazebo = Path(self._packages.get_path("aras_visual_servo_gazebo"))
-        starts = yaml.safe_load((self._settings.package / "config" / "starts.yaml").read_text())
+        starts = read_yaml(
+            self._settings.package / "config" / "starts.yaml", ConfigurationError
+        )
         shipped = sorted(p.stem[5:] for p in self._settings.package.glob("config/goal_*.yaml"))
         own = sorted(p.stem for p in self.directory.glob("goals/*.yaml"))
         given = self.given()
@@ -213,7 +215,9 @@ class Actions:
     def camera(self, preset: str) -> str:
         """The robot taken away and put back with another camera; its controllers with it."""
         gazebo = Path(self._packages.get_path("aras_visual_servo_gazebo"))
-        settings = yaml.safe_load((gazebo / "config" / "cameras" / f"{preset}.yaml").read_text())
+        settings = read_yaml(
+            gazebo / "config" / "cameras" / f"{preset}.yaml", ConfigurationError
+        )
         manager = f"{self._space}/controller_manager"
         with self._lock:
             there = self._call(f"{manager}/list_controllers", ListControllers,

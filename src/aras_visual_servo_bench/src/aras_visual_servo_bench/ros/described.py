@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import yaml
 
+from aras_visual_servo_base.yaml_files import parse_yaml, read_yaml
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_controller.goals.goal import Goal
@@ -38,7 +39,7 @@ def preset_of(settings: Mapping[str, Any]) -> str | dict[str, Any]:
     """The name of the shipped preset with these settings; the settings where it is none."""
     folder = Path(PackagePath().find(RobotSpec().cameras)) / "config" / "cameras"
     for file in sorted(folder.glob("*.yaml")):
-        if yaml.safe_load(file.read_text(encoding="utf-8")) == dict(settings):
+        if read_yaml(file, ExperimentError) == dict(settings):
             return file.stem
     return dict(settings) if settings else "original"
 
@@ -116,7 +117,7 @@ class Described:
             self.notes.append(f"the goal {name} was not recorded")
             return None
         with self._told("the recorded goal cannot be used"):
-            goal = Goal.from_mapping(yaml.safe_load(text), name)
+            goal = Goal.from_mapping(parse_yaml(text, name, ExperimentError), name)
             return goal if self.arm is None else goal.for_arm(self.arm)
         return None
 
@@ -147,7 +148,7 @@ class Described:
         """What fails within becomes a note."""
         try:
             yield
-        except (ServoError, ValueError, TypeError, yaml.YAMLError) as error:
+        except (ServoError, BenchError, ValueError, TypeError) as error:
             self.notes.append(f"{what}: {error}")
 
     # -- the experiment --------------------------------------------------------------------

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from ..naming import construct, find_class
+from aras_visual_servo_base.names import construct, find_class
+
+from ..errors import ConfigurationError
 from .base import Feature
 from .corners import (
     Depth,
@@ -60,4 +62,5 @@ def create_feature(name: str) -> Feature:
     Raises:
         ConfigurationError: unknown feature, or what its constructor raised.
     """
-    return construct("feature", name, find_class("feature", name, FEATURES, (Feature,)))
+    cls = find_class("feature", name, FEATURES, (Feature,), ConfigurationError)
+    return construct("feature", name, cls, ConfigurationError)

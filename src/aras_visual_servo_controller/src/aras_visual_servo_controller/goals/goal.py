@@ -20,7 +20,6 @@ anew.
 from __future__ import annotations
 
 import contextlib
-import stat
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -30,6 +29,7 @@ import numpy as np
 import yaml
 
 from aras_visual_servo_base.poses import pose_difference, to_xyz_rpy
+from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.kernel import kernel_of_outline
@@ -39,21 +39,17 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from ..errors import ConfigurationError, ServoError, UnreachableError
 from ..seeing.observation import Observation
 from ..seeing.target_geometry import TargetGeometry
-from ..setting_kinds import parsed_yaml
 
 if TYPE_CHECKING:
     from ..arm import Arm
     from ..schemes.base import JointController, Scheme
 
-LARGEST = 1_000_000  # bytes of a goal file
 REACHABLE = 2e-3  # m, and 0.1 m x rad, from which on a pose counts as beyond the arm's reach
 # Beyond these the camera is mounted elsewhere than when the goal was taught, m and rad.
 SAME_PLACE, SAME_ANGLE = 1e-4, 1e-3
 # Sine of the angle between line of sight and target's plane below which nothing is seen of it.
 EDGE_ON = 0.05
 ELLIPSE_CORNERS = 32
-KEYS = ("joints", "camera_pose", "depth", "plane", "moments", "kernel", "camera", "features",
-        "target", "mounting")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -274,23 +270,7 @@ class Goal:
         Raises:
             ConfigurationError: it cannot be read, is too large, is not YAML, or a key is wrong.
         """
-        path = Path(path).expanduser()
-        try:
-            if not stat.S_ISREG(path.stat().st_mode):
-                raise ConfigurationError(f"the goal {path} is no ordinary file")
-            with path.open("rb") as file:
-                content = file.read(LARGEST + 1)
-            if len(content) > LARGEST:
-                raise ConfigurationError(
-                    f"the goal {path} is larger than {LARGEST // 1000} kB: is it a goal?"
-                )
-            data = parsed_yaml(content.decode("utf-8"))
-        except (OSError, UnicodeDecodeError) as error:
-            raise ConfigurationError(f"cannot read the goal {path}: {error}") from error
-        except (yaml.YAMLError, RecursionError) as error:
-            place = " ".join(str(error).split())
-            raise ConfigurationError(f"{path} is not valid YAML: {place}") from error
-        return cls.from_mapping(data, path.name)
+        return cls.from_mapping(read_yaml(path, ConfigurationError, "the goal"), Path(path).name)
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], name: str = "goal") -> Goal:

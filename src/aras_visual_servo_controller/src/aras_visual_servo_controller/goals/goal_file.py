@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.settings import build, parameter
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import MAX_ORDER, Moments
@@ -18,110 +19,107 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from ..errors import ConfigurationError
 from ..seeing.observation import implausible
 from ..seeing.target_geometry import TargetGeometry
-from .goal import EDGE_ON, KEYS, Goal, GoalKernel
+from .goal import EDGE_ON, Goal, GoalKernel
+from .starts import PoseEntry, Three
 
 NEAREST, FARTHEST = 1e-3, 100.0  # m that a target may be from the camera
+Matrix = tuple[float, float, float, float, float, float, float, float, float]
+
+
+@dataclass(frozen=True)
+class MomentsEntry:
+    """Moments of a file, normalised coordinates."""
+
+    order: int = parameter(least=1, most=MAX_ORDER)
+    m: tuple[float, ...] = parameter()
+    mu: tuple[float, ...] = parameter()
+
+
+@dataclass(frozen=True)
+class KernelEntry:
+    """Kernel features of a file. K: intrinsics by rows, px."""
+
+    width: int
+    height: int
+    K: Matrix
+    features: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class CameraEntry:
+    """The camera of a file. K: intrinsics by rows, px. D: coefficients of the model."""
+
+    width: int
+    height: int
+    K: Matrix
+    D: tuple[float, ...] | None = ()
+    model: str = "plumb_bob"
+
+
+@dataclass(frozen=True)
+class GoalEntries:
+    """What a goal file may hold; see goal.py."""
+
+    joints: Mapping[str, float] | None = None
+    camera_pose: PoseEntry | None = None
+    depth: float | None = parameter(None, "m: is it in metres?", least=NEAREST, most=FARTHEST)
+    plane: Three | None = None
+    moments: MomentsEntry | None = None
+    kernel: KernelEntry | None = None
+    camera: CameraEntry | None = None
+    features: Mapping[str, Mapping[str, Any]] | None = None
+    target: Mapping[str, Any] | None = None
+    mounting: PoseEntry | None = None
 
 
 def read_goal(data: Any, name: str) -> Goal:
     """A Goal of a mapping as YAML gives it; see Goal.from_mapping."""
-    if not isinstance(data, Mapping):
-        raise ConfigurationError(f"{name}: a goal is a mapping with the keys {', '.join(KEYS)}")
-    for key in data:
-        if key not in KEYS:
-            near = difflib.get_close_matches(str(key), KEYS, 1)
-            hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(KEYS)}"
-            raise ConfigurationError(f"{name}: unknown key '{key}': {hint}")
-    depth = data.get("depth")
-    if depth is not None:
-        depth = float(numbers([depth], 1, f"{name}: 'depth'")[0])
-        if not depth > 0.0:
-            raise ConfigurationError(f"{name}: 'depth' is {depth}, it must be above 0 m")
-        if not NEAREST <= depth <= FARTHEST:
-            raise ConfigurationError(
-                f"{name}: 'depth' is {depth:g}, it must be {NEAREST:g} to {FARTHEST:g} m: is it in "
-                "metres?"
-            )
-    plane = data.get("plane")
-    if plane is not None:
-        plane = Plane(*numbers(plane, 3, f"{name}: 'plane'").tolist())
-        if not 1.0 / FARTHEST <= plane.C <= 1.0 / NEAREST:
-            raise ConfigurationError(
-                f"{name}: 'plane' ends with {plane.C:g}, which must be 1/Z of a target {NEAREST:g} "
-                f"to {FARTHEST:g} m before the camera"
-            )
-        if plane.C / math.hypot(*plane) < EDGE_ON:
-            raise ConfigurationError(
-                f"{name}: 'plane' is {list(plane)}: the camera looks along it, not on it"
-            )
-    features = data.get("features") or {}
-    if not (
-        isinstance(features, Mapping) and all(isinstance(v, Mapping) for v in features.values())
-    ):
-        raise ConfigurationError(f"{name}: 'features' must hold a mapping for each feature")
-    target = data.get("target")
+    given = build(GoalEntries, data, f"{name}: ", ConfigurationError)
+    target = given.target
     return Goal(
         name=name,
-        joints=_joints(data.get("joints") or {}, name),
-        world_T_camera=_pose(data.get("camera_pose"), f"{name}: 'camera_pose'"),
-        depth=depth,
-        plane=plane,
-        moments=_moments(data.get("moments"), name),
-        kernel=_kernel(data.get("kernel"), name),
-        camera=_camera(data.get("camera"), name),
-        features=dict(features),
-        target=None if target is None else TargetGeometry.from_mapping(target, f"{name}: 'target'"),
-        mounting=_pose(data.get("mounting"), f"{name}: 'mounting'"),
+        joints=dict(given.joints or {}),
+        world_T_camera=_pose(given.camera_pose),
+        depth=given.depth,
+        plane=_plane(given.plane, name),
+        moments=_moments(given.moments, name),
+        kernel=_kernel(given.kernel),
+        camera=_camera(given.camera, name),
+        features={key: dict(taught) for key, taught in (given.features or {}).items()},
+        target=None if target is None else TargetGeometry.from_mapping(target, f"{name}: target"),
+        mounting=_pose(given.mounting),
     )
 
 
-def numbers(values: Any, count: int, where: str) -> np.ndarray:
-    """`count` finite numbers (count,), read-only.
-
-    Raises:
-        ConfigurationError: beginning with `where`.
-    """
-    wrong = ConfigurationError(f"{where} must be {count} finite number(s)")
-    if not isinstance(values, list | tuple) or len(values) != count:
-        raise wrong
-    if any(isinstance(value, bool) or not isinstance(value, int | float) for value in values):
-        raise wrong
-    array = np.array(values, float)
-    if not np.isfinite(array).all():
-        raise wrong
-    array.setflags(write=False)
-    return array
-
-
-def _joints(data: Any, name: str) -> dict[str, float]:
-    if not isinstance(data, Mapping):
-        raise ConfigurationError(f"{name}: 'joints' must be a mapping of joint names to numbers")
-    return {
-        str(joint): float(numbers([value], 1, f"{name}: joint '{joint}'")[0])
-        for joint, value in data.items()
-    }
-
-
-def _pose(data: Any, where: str) -> np.ndarray | None:
-    if data is None:
+def _plane(given: Three | None, name: str) -> Plane | None:
+    if given is None:
         return None
-    if not isinstance(data, Mapping) or set(data) != {"xyz", "rpy"}:
-        raise ConfigurationError(f"{where} must hold xyz (m) and rpy (rad)")
-    return transform(*(numbers(data[key], 3, f"{where}, {key}") for key in ("xyz", "rpy")))
+    plane = Plane(*given)
+    if not 1.0 / FARTHEST <= plane.C <= 1.0 / NEAREST:
+        raise ConfigurationError(
+            f"{name}: plane ends with {plane.C:g}, which must be 1/Z of a target {NEAREST:g} "
+            f"to {FARTHEST:g} m before the camera"
+        )
+    if plane.C / math.hypot(*plane) < EDGE_ON:
+        raise ConfigurationError(
+            f"{name}: plane is {list(plane)}: the camera looks along it, not on it"
+        )
+    return plane
 
 
-def _moments(data: Any, name: str) -> Moments | None:
-    if data is None:
+def _pose(given: PoseEntry | None) -> np.ndarray | None:
+    return None if given is None else transform(given.xyz, given.rpy)
+
+
+def _moments(given: MomentsEntry | None, name: str) -> Moments | None:
+    if given is None:
         return None
-    if not isinstance(data, Mapping) or set(data) != {"order", "m", "mu"}:
-        raise ConfigurationError(f"{name}: 'moments' must hold order, m and mu")
-    order = data["order"]
-    if isinstance(order, bool) or not isinstance(order, int) or not 1 <= order <= MAX_ORDER:
-        raise ConfigurationError(f"{name}: the moments' order is {order!r}, 1 to {MAX_ORDER}")
-    count = (order + 1) * (order + 2) // 2
-    m, mu = (numbers(data[key], count, f"{name}: 'moments.{key}'") for key in ("m", "mu"))
+    count = (given.order + 1) * (given.order + 2) // 2
+    for key in ("m", "mu"):
+        if len(getattr(given, key)) != count:
+            raise ConfigurationError(f"{name}: moments.{key} must be {count} finite numbers")
     try:
-        moments = Moments.from_arrays(m, mu, order)
+        moments = Moments.from_arrays(np.array(given.m), np.array(given.mu), given.order)
     except VisionError as error:
         raise ConfigurationError(f"{name}: {error}") from error
     if fault := implausible(moments):
@@ -129,36 +127,19 @@ def _moments(data: Any, name: str) -> Moments | None:
     return moments
 
 
-def _kernel(data: Any, name: str) -> GoalKernel | None:
-    if data is None:
+def _kernel(given: KernelEntry | None) -> GoalKernel | None:
+    if given is None:
         return None
-    if not isinstance(data, Mapping):
-        raise ConfigurationError(f"{name}: 'kernel' must hold width, height, K and features")
-    size = numbers([data.get("width"), data.get("height")], 2, f"{name}: 'kernel' width, height")
-    return GoalKernel(
-        width=int(size[0]),
-        height=int(size[1]),
-        K=numbers(data.get("K"), 9, f"{name}: 'kernel.K'").reshape(3, 3),
-        features=numbers(data.get("features"), 4, f"{name}: 'kernel.features'"),
-    )
+    K, features = np.array(given.K).reshape(3, 3), np.array(given.features)
+    for array in (K, features):
+        array.setflags(write=False)
+    return GoalKernel(given.width, given.height, K, features)
 
 
-def _camera(data: Any, name: str) -> CameraModel | None:
-    if data is None:
+def _camera(given: CameraEntry | None, name: str) -> CameraModel | None:
+    if given is None:
         return None
-    if not isinstance(data, Mapping):
-        raise ConfigurationError(f"{name}: 'camera' must hold width, height, K, D and model")
-    size = numbers([data.get("width"), data.get("height")], 2, f"{name}: 'camera' width, height")
-    D = data.get("D") or []
-    if not isinstance(D, list | tuple):
-        raise ConfigurationError(f"{name}: 'camera.D' must be a list of numbers")
     try:
-        return CameraModel(
-            int(size[0]),
-            int(size[1]),
-            tuple(numbers(data.get("K"), 9, f"{name}: 'camera.K'").tolist()),
-            tuple(numbers(D, len(D), f"{name}: 'camera.D'").tolist()),
-            str(data.get("model", "plumb_bob")),
-        )
+        return CameraModel(given.width, given.height, given.K, given.D or (), given.model)
     except VisionError as error:
         raise ConfigurationError(f"{name}: {error}") from error

@@ -3,18 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.settings import build, convert
+from aras_visual_servo_base.yaml_files import read_yaml
 
 from ..arm import Arm
 from ..errors import ConfigurationError, UnreachableError
-from ..setting_kinds import is_number, suggestion, yaml_mapping
 
 NONE = "none"
+Three = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class PoseEntry:
+    """A pose as it is written: xyz, m, and fixed-axis rpy, rad, as in a URDF."""
+
+    xyz: Three
+    rpy: Three
 
 
 def start_joints(start: Any, arm: Arm, package: Path) -> np.ndarray | None:
@@ -31,9 +43,9 @@ def start_joints(start: Any, arm: Arm, package: Path) -> np.ndarray | None:
             out of its reach.
     """
     if isinstance(start, str):
-        words = start.replace(",", " ").strip("[] ").split()
-        if len(words) > 1:
-            start = [_number(word, start) for word in words]
+        words = start.replace(",", " ").strip("[] ")
+        if len(words.split()) > 1:
+            start = _numbers(words, "parameter ~start")
         elif start == NONE:
             return None
         else:
@@ -42,61 +54,50 @@ def start_joints(start: Any, arm: Arm, package: Path) -> np.ndarray | None:
         if set(start) == {"xyz", "rpy"}:
             return _of_pose(start, arm)
         return _by_joint(start, arm, f"{dict(start)}")
-    if not (
-        isinstance(start, list | tuple)
-        and len(start) == len(arm.names)
-        and all(is_number(value) for value in start)
-    ):
+    if not (isinstance(start, list | tuple) and len(start) == len(arm.names)):
         raise ConfigurationError(
             f"parameter ~start is {start!r}, must be a name, none, {{xyz, rpy}} of the camera, or "
             f"a finite number for each of {', '.join(arm.names)}"
         )
-    return np.array(start, float)
+    return np.array(_numbers(start, "parameter ~start"))
 
 
 def _named(name: str, arm: Arm, package: Path) -> np.ndarray:
-    known = yaml_mapping(package / "config" / "starts.yaml")
+    path = package / "config" / "starts.yaml"
+    found = read_yaml(path, ConfigurationError)
+    known = convert(found, Mapping[str, Mapping[str, float]], f"{path}: ", ConfigurationError)
     if name not in known:
         raise ConfigurationError(
-            f"parameter ~start is '{name}': {suggestion(name, [*known, NONE])} (or a number for "
+            f"parameter ~start is '{name}': {nearest(name, [*known, NONE])} (or a number for "
             f"each of {', '.join(arm.names)})"
         )
     return _by_joint(known[name], arm, name)
 
 
 def _by_joint(values: Mapping[str, Any], arm: Arm, name: str) -> np.ndarray:
-    for joint, value in values.items():
+    values = convert(values, Mapping[str, float], "parameter ~start", ConfigurationError)
+    for joint in values:
         if joint not in arm.names:
             raise ConfigurationError(
                 f"parameter ~start is '{name}', which says where {joint} is: this arm's joints are "
                 f"{', '.join(arm.names)}; give theirs, or none"
             )
-        if not is_number(value):
-            raise ConfigurationError(f"parameter ~start: {joint} is {value!r}, must be a number")
     missing = [joint for joint in arm.names if joint not in values]
     if missing:
         raise ConfigurationError(
             f"parameter ~start is '{name}', which says nothing of {', '.join(missing)}"
         )
-    return np.array([values[joint] for joint in arm.names], float)
+    return np.array([values[joint] for joint in arm.names])
 
 
-def _of_pose(pose: Mapping[str, Any], arm: Arm) -> np.ndarray:
-    for key in ("xyz", "rpy"):
-        value = pose[key]
-        if not (isinstance(value, list | tuple) and len(value) == 3 and all(map(is_number, value))):
-            raise ConfigurationError(f"parameter ~start: {key} is {value!r}, must be three numbers")
+def _of_pose(given: Mapping[str, Any], arm: Arm) -> np.ndarray:
+    pose = build(PoseEntry, given, "parameter ~start", ConfigurationError)
     middle = np.clip(0.0, arm.lower, arm.upper)
     try:
-        return arm.inverse(transform(pose["xyz"], pose["rpy"]), middle)
+        return arm.inverse(transform(pose.xyz, pose.rpy), middle)
     except UnreachableError as error:
         raise ConfigurationError(f"parameter ~start: {error}") from error
 
 
-def _number(word: str, start: str) -> float:
-    try:
-        return float(word)
-    except ValueError as error:
-        raise ConfigurationError(
-            f"parameter ~start is '{start}': '{word}' is no number"
-        ) from error
+def _numbers(values: Any, where: str) -> tuple[float, ...]:
+    return convert(values, tuple[float, ...], where, ConfigurationError)

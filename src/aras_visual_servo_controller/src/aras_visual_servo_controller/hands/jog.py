@@ -10,10 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from aras_visual_servo_base.names import unknown
+
 from ..arm import Arm, Limits, Resolver
 from ..arm.task import Task
 from ..errors import ConfigurationError
-from ..naming import unknown
 
 LASTS = 0.3  # s for which a speed counts after it was asked for
 RISE = 0.25  # s in which a greatest speed is reached, and left again
@@ -66,7 +67,7 @@ class Jog:
             ConfigurationError: a joint that the arm has not, or no such part.
         """
         if name not in self.arm.names:
-            raise unknown("joint", name, self.arm.names)
+            raise ConfigurationError(unknown("joint", name, self.arm.names))
         if not -1.0 <= part <= 1.0:
             raise ConfigurationError(f"the speed of {name} is a part of -1 to 1, not {part}")
         row = self.arm.names.index(name)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from ..naming import construct, find_class
+from aras_visual_servo_base.names import construct, find_class
+
+from ..errors import ConfigurationError
 from .base import Law
 from .dynamic import ProportionalIntegral, SlidingMode
 from .proportional import Adaptive, Diagonal, Proportional
@@ -29,7 +31,8 @@ def create_law(name: str, continuous_start: float = 0.0, ramp: float = 0.0, **ga
     Raises:
         ConfigurationError: unknown law, or a gain that it refuses.
     """
-    law = construct("law", name, find_class("law", name, LAWS, (Law,)), **gains)
+    cls = find_class("law", name, LAWS, (Law,), ConfigurationError)
+    law = construct("law", name, cls, ConfigurationError, **gains)
     if ramp != 0.0:
         law = Ramp(law, ramp)
     return ContinuousStart(law, continuous_start) if continuous_start != 0.0 else law

@@ -21,11 +21,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import MeasurementError, SchemeError, ServoError
+from aras_visual_servo_base.names import unknown
+
+from ..errors import ConfigurationError, MeasurementError, SchemeError, ServoError
 from ..goals.goal import Goal
 from ..judging.convergence import Convergence
 from ..judging.diagnosis import Diagnosis, Outcome
-from ..naming import unknown
 from ..schemes.answer_checks import checked_decision, checked_goal, guarded
 from ..schemes.base import Decision, JointController, Scheme
 from ..seeing.joint_sample import JointSample
@@ -94,7 +95,9 @@ class Servo:
         checked_goal(self.name, scheme, self.goal)
         check_settings(self.settings, arm.names, resolver.limits)
         if self._answers_joints and scheme.output not in CONTROLLED:
-            raise unknown(f"output of scheme {self.name}", scheme.output, CONTROLLED)
+            raise ConfigurationError(
+                unknown(f"output of scheme {self.name}", scheme.output, CONTROLLED)
+            )
         joints = self.goal.joint_values(arm.names)
         resolver.goal = self.goal.world_T_camera if joints is None else arm.view(joints)[0]
         self._motion = Motion(arm.names, resolver.limits, self.settings)

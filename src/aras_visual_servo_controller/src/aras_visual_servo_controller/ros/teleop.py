@@ -14,12 +14,13 @@ from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
+from aras_visual_servo_base.names import unknown
+
 from ..arm import Resolver
 from ..errors import ConfigurationError, MeasurementError
 from ..hands import teleop
 from ..hands.gamepad import HELP, JoyDevice, twist_of
 from ..hands.jog import Jog
-from ..naming import unknown
 from ..settings import Settings
 from .commands import CommandTopics
 from .given import robot_name
@@ -46,7 +47,7 @@ class Teleop:
         }
         for name in self._joints.values():
             if name not in arm.names:
-                raise unknown("joint", name, arm.names)
+                raise ConfigurationError(unknown("joint", name, arm.names))
         self._jog = Jog(arm, self._limits, Resolver(arm, self._limits))
         self._keys = teleop.Keys(arm.names)
         self._topics = CommandTopics(settings, arm.names)

@@ -9,10 +9,11 @@ from typing import TypeVar
 
 import numpy as np
 
+from aras_visual_servo_base.names import words
+
 from ..arm.inversion import finite, task_finite
 from ..arm.task import Task
 from ..errors import ConfigurationError, MeasurementError, SchemeError
-from ..naming import words
 from .base import Decision, JointController, Scheme
 
 T = TypeVar("T")

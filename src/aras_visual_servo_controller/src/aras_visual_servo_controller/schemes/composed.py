@@ -7,13 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_base.names import unknown
+
 from ..arm.inversion import least_squares
 from ..arm.task import RANK_TOLERANCE, Task
 from ..errors import ConfigurationError, MeasurementError
 from ..features.base import Feature, Measured, Stack
 from ..goals.goal import Goal
 from ..laws import Law
-from ..naming import unknown
 from ..seeing.observation import SEGMENTED, Observation
 from .base import Decision, Scheme
 from .broyden import Broyden
@@ -52,7 +53,7 @@ class Composed(Scheme):
         parts = [features] if isinstance(features, Feature) else list(features)
         self.feature = parts[0] if len(parts) == 1 and weights is None else Stack(parts, weights)
         if interaction not in INTERACTIONS:
-            raise unknown("interaction", interaction, INTERACTIONS)
+            raise ConfigurationError(unknown("interaction", interaction, INTERACTIONS))
         if estimator is not None and interaction != "estimated":
             raise ConfigurationError(
                 f"an estimator is for interaction 'estimated', not '{interaction}'"

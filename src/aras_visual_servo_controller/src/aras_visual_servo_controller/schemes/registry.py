@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from aras_visual_servo_base.names import construct, find_class
+
 from ..errors import ConfigurationError
 from ..features.base import Feature
 from ..features.registry import FEATURES
 from ..laws import Law
-from ..naming import construct, find_class
 from .base import JointController, Scheme
 from .composed import Composed
 from .laboratory import Laboratory2016
@@ -44,7 +45,7 @@ def create_scheme(
     names = name.split("+") if isinstance(name, str) else list(name)
     names = [part.strip() for part in names]
     bases = (Scheme, JointController, Feature)
-    found = [find_class("scheme", part, SCHEMES, bases) for part in names]
+    found = [find_class("scheme", part, SCHEMES, bases, ConfigurationError) for part in names]
     if len(found) == 1 and not issubclass(found[0], Feature):
         cls = found[0]
         given = {k: v for k, v in options.items() if v not in (None, "", "current", 0.0)}
@@ -52,16 +53,22 @@ def create_scheme(
             raise ConfigurationError(
                 f"scheme '{name}' takes no {', '.join(given) or 'weights'}: it is no composition"
             )
-        made = construct("scheme", names[0], cls, *((law,) if issubclass(cls, Scheme) else ()))
+        own = (law,) if issubclass(cls, Scheme) else ()
+        made = construct("scheme", names[0], cls, ConfigurationError, *own)
         return checked(made, names[0])
     if wrong := [n for n, cls in zip(names, found, strict=True) if not issubclass(cls, Feature)]:
         raise ConfigurationError(f"scheme '{wrong[0]}' is no feature: it cannot be stacked")
-    features = [construct("scheme", n, cls) for n, cls in zip(names, found, strict=True)]
+    features = [
+        construct("scheme", n, cls, ConfigurationError)
+        for n, cls in zip(names, found, strict=True)
+    ]
     for feature, part in zip(features, names, strict=True):
         checked(feature, part)
     if len(features) == 1 and weights is None:
         options.setdefault("ratio", getattr(features[0], "ratio", None))
-    return construct("scheme", str(name), Composed, features, law, weights=weights, **options)
+    return construct(
+        "scheme", str(name), Composed, ConfigurationError, features, law, weights=weights, **options
+    )
 
 
 def checked(made: object, name: str) -> object:

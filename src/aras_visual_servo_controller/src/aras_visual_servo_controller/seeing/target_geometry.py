@@ -6,15 +6,28 @@ its outline a direction. Numbers come from goal files and experiments, none stan
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_base.settings import build, parameter
 from aras_visual_servo_camera.interaction import Plane
 
 from ..errors import ConfigurationError, ServoError
+
+Corner = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class GeometryEntry:
+    """A target's geometry as it is written; see TargetGeometry."""
+
+    boxes: tuple[tuple[Corner, Corner], ...]
+    ground: float = parameter(-math.inf, infinite=True)
+    surface: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,18 +51,12 @@ class TargetGeometry:
         Raises:
             ConfigurationError: beginning with `where`.
         """
-        if not isinstance(data, Mapping) or not {"boxes"} <= set(data) <= {
-            "boxes", "ground", "surface",
-        }:  # fmt: skip
-            raise ConfigurationError(f"{where} must hold boxes, ground and surface")
-        try:
-            boxes = np.array(data["boxes"], float)
-            top = boxes[0, 1, 2]
-            ground = float(data.get("ground", -np.inf))
-            surface = float(data.get("surface", top))
-        except (TypeError, ValueError, IndexError) as error:
-            raise ConfigurationError(f"{where}: {error}") from error
-        return cls.checked(boxes, ground, surface, where)
+        given = build(GeometryEntry, data, where, ConfigurationError)
+        boxes = np.array(given.boxes).reshape(-1, 2, 3)
+        surface = given.surface
+        if surface is None:
+            surface = boxes[0, 1, 2] if len(boxes) else 0.0
+        return cls.checked(boxes, given.ground, surface, where)
 
     @classmethod
     def checked(

@@ -39,6 +39,7 @@ from aras_sim_bridge.control.joints import JointHandle
 from aras_sim_bridge.control.pid import Pid
 from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import ControllerError
+from aras_visual_servo_base.settings import read
 
 STATE_EVERY = 10  # updates per published state, as in ros_controllers
 
@@ -189,6 +190,17 @@ class Controller:
                 f"{self.context.where} and at the robot's <transmission> tags"
             )
         return hardware.handles[joint]
+
+
+def names_of(parameters: Mapping, key: str, where: str) -> tuple[str, ...]:
+    """The joints that a parameter names: at least one, each once; ControllerError else."""
+    found = read(parameters, key, tuple[str, ...], where, ControllerError)
+    if not all(found) or not found or len(set(found)) < len(found):
+        raise ControllerError(
+            f"parameter {where}/{key} is {list(found)}, must be a non-empty list of names, none "
+            "twice"
+        )
+    return found
 
 
 def checked_number(value: object, controller: str, what: str = "command") -> float:

@@ -5,12 +5,12 @@ None of them zeroes its output when it stops, as upstream's do not.
 
 from collections.abc import Mapping, Sequence
 
-from aras_sim_bridge import parameters as params
-from aras_sim_bridge.control.controllers.base import Context, Controller, checked_number
+from aras_sim_bridge.control.controllers.base import Context, Controller, checked_number, names_of
 from aras_sim_bridge.control.controllers.registry import register
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.joints import EFFORT, POSITION, VELOCITY
 from aras_sim_bridge.errors import ControllerError
+from aras_visual_servo_base.settings import read
 
 # The handle's command that belongs to an interface.
 COMMAND_OF = {
@@ -37,9 +37,9 @@ class CommandedController(Controller):
         """Raises ControllerError for a missing joint."""
         super().init(hardware, parameters, context)
         if self.is_group:
-            self.joints = params.names(parameters, "joints", context.where)
+            self.joints = names_of(parameters, "joints", context.where)
         else:
-            self.joints = (params.name(parameters, "joint", context.where),)
+            self.joints = (read(parameters, "joint", str, context.where, ControllerError),)
         self.handles = [self.take_handle(hardware, joint) for joint in self.joints]
         self.target = COMMAND_OF[self.interface]
 

@@ -3,17 +3,18 @@
 from collections.abc import Mapping
 from math import inf
 
-from aras_sim_bridge import parameters as params
 from aras_sim_bridge.control.controllers.base import (
     ClaimedResources,
     Context,
     Controller,
     JointStates,
+    names_of,
 )
 from aras_sim_bridge.control.controllers.registry import register
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.joints import STATE
 from aras_sim_bridge.errors import ControllerError
+from aras_visual_servo_base.settings import read
 
 _NS_PER_S = 1_000_000_000
 
@@ -36,12 +37,12 @@ class JointStateController(Controller):
         """Raises ControllerError without publish_rate or with an unknown joint in `joints`."""
         super().init(hardware, parameters, context)
         where = context.where
-        rate = params.number(parameters, "publish_rate", where)
+        rate = read(parameters, "publish_rate", float, where, ControllerError)
         self._rate = rate
-        self.true_stamps = bool(params.flag(parameters, "true_stamps", where))
+        self.true_stamps = read(parameters, "true_stamps", bool, where, ControllerError, False)
         self._step_ns = _NS_PER_S / rate if rate > 0.0 else 0.0
         if "joints" in parameters:
-            names = list(params.names(parameters, "joints", where))
+            names = list(names_of(parameters, "joints", where))
         else:
             # Sorting by code point is sorting by byte for UTF-8.
             names = sorted(hardware.interfaces[STATE])
@@ -118,7 +119,7 @@ def _extra_joints(
         place = f"{where}/extra_joints[{k}]"
         if not isinstance(entry, Mapping):
             raise ControllerError(f"parameter {place} must hold a name, found {entry!r}")
-        name = params.name(entry, "name", place)
+        name = read(entry, "name", str, place, ControllerError)
         values = []
         for key in ("position", "velocity", "effort"):
             value = entry.get(key, 0.0)
@@ -126,7 +127,7 @@ def _extra_joints(
                 raise ControllerError(
                     f"parameter {place}/{key} must be a double, found {value!r}; write 0.0, not 0"
                 )
-            values.append(params.number(entry, key, place, 0.0))
+            values.append(read(entry, key, float, place, ControllerError, 0.0))
         if name not in taken:
             taken.add(name)
             extras.append((name, *values))

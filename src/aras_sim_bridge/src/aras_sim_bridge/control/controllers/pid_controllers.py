@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from math import inf
 
-from aras_sim_bridge import parameters as params
 from aras_sim_bridge.control.controllers.base import STATE_EVERY, Context, JointControllerState
 from aras_sim_bridge.control.controllers.forward import CommandedController
 from aras_sim_bridge.control.controllers.pid_loops import PositionLoop
@@ -11,6 +10,8 @@ from aras_sim_bridge.control.controllers.registry import register
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.joints import EFFORT, VELOCITY
 from aras_sim_bridge.control.pid import Pid
+from aras_sim_bridge.errors import ControllerError
+from aras_visual_servo_base.settings import read
 
 
 class PidController(CommandedController):
@@ -26,9 +27,10 @@ class PidController(CommandedController):
         for joint in self.joints:
             own, path = parameters, "pid"
             if self.is_group:
-                own, path = params.section(parameters, joint, context.where), f"{joint}/pid"
+                own = read(parameters, joint, Mapping, context.where, ControllerError, {})
+                path = f"{joint}/pid"
             where = f"{context.where}/{path}"
-            gains = params.section(own, "pid", where.removesuffix("/pid"))
+            gains = read(own, "pid", Mapping, where.removesuffix("/pid"), ControllerError, {})
             self.pids[path] = Pid.from_parameters(gains, where)
         # Never reset, so the first update of all is published and then every tenth.
         self._updates = 0
@@ -56,7 +58,7 @@ class PidPositionController(PidController):
     def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
         """Raises ControllerError for a missing joint, gain, or joint of that interface."""
         super().init(hardware, parameters, context)
-        interpolate = bool(params.flag(parameters, "interpolate", context.where))
+        interpolate = read(parameters, "interpolate", bool, context.where, ControllerError, False)
         self.loops = [
             PositionLoop(handle, pid, context.warn, context.name, interpolate)
             for handle, pid in zip(self.handles, self.pids.values(), strict=True)

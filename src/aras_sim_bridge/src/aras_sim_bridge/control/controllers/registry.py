@@ -9,11 +9,13 @@ A class of your own is found in one of two ways:
 import importlib
 import sys
 from collections.abc import Callable, Mapping
-from difflib import get_close_matches
+from types import ModuleType
 
 from aras_sim_bridge.control.controllers.base import Controller
-from aras_sim_bridge.errors import USER_FAULTS, ControllerError
+from aras_sim_bridge.errors import ControllerError
+from aras_visual_servo_base.names import imported, subclass, unknown
 
+KIND = "controller type"
 BASE_CLASS = "controller_interface::ControllerBase"
 
 _BUILTIN: dict[str, type[Controller]] = {}
@@ -64,39 +66,23 @@ class Registry:
             return self._import(type_name, path)
         if type_name in _BUILTIN:
             return _BUILTIN[type_name]
-        known = self.types(extra)
-        near = get_close_matches(type_name, known, n=1, cutoff=0.5)
-        hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known)}"
         raise ControllerError(
-            f"unknown controller type '{type_name}'; {hint} A class of your own is named in "
-            f"controller_classes as 'package.module:Class'"
+            f"{unknown(KIND, type_name, self.types(extra))}. A class of your own is named in "
+            "controller_classes as 'package.module:Class'"
         )
 
     def _import(self, type_name: str, path: object) -> type[Controller]:
-        module_name, _, class_name = str(path).partition(":")
-        if not module_name or not class_name:
-            raise ControllerError(
-                f"controller type '{type_name}': '{path}' is not of the form 'package.module:Class'"
-            )
-        try:
-            if module_name in self._reload and module_name in sys.modules:
-                module = importlib.reload(sys.modules[module_name])
-            else:
-                module = importlib.import_module(module_name)
-            self._reload.discard(module_name)
-            self._imported.add(module_name)
-            cls = getattr(module, class_name)
-        except USER_FAULTS as error:
-            raise ControllerError(
-                f"controller type '{type_name}': cannot import {path}: "
-                f"{type(error).__name__}: {error}"
-            ) from error
-        if not (isinstance(cls, type) and issubclass(cls, Controller)):
-            raise ControllerError(
-                f"controller type '{type_name}': {path} is no subclass of "
-                f"aras_sim_bridge.control.controllers.Controller"
-            )
-        return cls
+        found = imported(KIND, type_name, ControllerError, path, self._load)
+        return subclass(KIND, type_name, found, (Controller,), ControllerError)
+
+    def _load(self, module_name: str) -> ModuleType:
+        if module_name in self._reload and module_name in sys.modules:
+            module = importlib.reload(sys.modules[module_name])
+        else:
+            module = importlib.import_module(module_name)
+        self._reload.discard(module_name)
+        self._imported.add(module_name)
+        return module
 
     def reload(self, extra: Mapping | None = None) -> None:
         """Import the users' modules anew when they are next asked for."""

@@ -2,12 +2,13 @@
 
 from collections.abc import Mapping
 
-from aras_sim_bridge import parameters as params
 from aras_sim_bridge.control.controllers.forward import COMMAND_OF
 from aras_sim_bridge.control.controllers.registry import register
 from aras_sim_bridge.control.controllers.trajectory_core import JointTrajectoryController
 from aras_sim_bridge.control.joints import EFFORT, POSITION, VELOCITY
 from aras_sim_bridge.control.pid import Pid
+from aras_sim_bridge.errors import ControllerError
+from aras_visual_servo_base.settings import read
 
 
 @register("position_controllers/JointTrajectoryController", interface=POSITION)
@@ -29,19 +30,16 @@ class ClosedLoopTrajectoryController(JointTrajectoryController):
     """effort or velocity = velocity_ff · desired velocity + PID(position error, velocity error)."""
 
     def _init_output(self, parameters: Mapping, where: str) -> None:
-        gains = params.section(parameters, "gains", where)
-        forward = params.section(parameters, "velocity_ff", where)
+        gains = read(parameters, "gains", Mapping, where, ControllerError, {})
+        forward = read(parameters, "velocity_ff", Mapping, where, ControllerError, {})
         self._target = COMMAND_OF[self.interface]
-        self.pids = {
-            f"gains/{joint}": Pid.from_parameters(
-                params.section(gains, joint, f"{where}/gains"), f"{where}/gains/{joint}"
-            )
-            for joint in self.joints
-        }
-        self._loops = [
-            (handle, pid, params.number(forward, handle.name, f"{where}/velocity_ff", 0.0))
-            for handle, pid in zip(self._handles, self.pids.values(), strict=True)
-        ]
+        self.pids, self._loops = {}, []
+        for handle in self._handles:
+            joint = handle.name
+            own = read(gains, joint, Mapping, f"{where}/gains", ControllerError, {})
+            pid = self.pids[f"gains/{joint}"] = Pid.from_parameters(own, f"{where}/gains/{joint}")
+            factor = read(forward, joint, float, f"{where}/velocity_ff", ControllerError, 0.0)
+            self._loops.append((handle, pid, factor))
 
     def _start_output(self) -> None:
         for handle, pid, _ in self._loops:

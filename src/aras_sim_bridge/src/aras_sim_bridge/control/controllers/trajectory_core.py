@@ -6,10 +6,10 @@ clock that is set back does not lose the trajectory.
 """
 
 from collections.abc import Mapping
+from functools import partial
 
 from aras_sim_bridge import angles
-from aras_sim_bridge import parameters as params
-from aras_sim_bridge.control.controllers.base import Context, Controller
+from aras_sim_bridge.control.controllers.base import Context, Controller, names_of
 from aras_sim_bridge.control.controllers.splines import Segment, Waypoint
 from aras_sim_bridge.control.controllers.trajectory_plan import (
     JointSegments,
@@ -34,6 +34,7 @@ from aras_sim_bridge.control.controllers.trajectory_types import (
 )
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.errors import ControllerError
+from aras_visual_servo_base.settings import read
 
 _NS_PER_S = 1_000_000_000
 
@@ -72,19 +73,20 @@ class JointTrajectoryController(Controller):
         """Raises ControllerError on missing joints or gains and ill-typed parameters."""
         super().init(hardware, parameters, context)
         where = context.where
-        joints = params.names(parameters, "joints", where)
+        joints = names_of(parameters, "joints", where)
         self._handles = [self.take_handle(hardware, joint) for joint in joints]
         self.joints = joints
         self._wraps = [handle.kind == "continuous" for handle in self._handles]
-        self._partial = bool(params.flag(parameters, "allow_partial_joints_goal", where))
-        stop = params.number(parameters, "stop_trajectory_duration", where, 0.0)
+        given = partial(read, parameters, where=where, fault=ControllerError)
+        self._partial = given("allow_partial_joints_goal", bool, default=False)
+        stop = given("stop_trajectory_duration", float, default=0.0)
         if stop < 0.0:
             raise ControllerError(f"parameter {where}/stop_trajectory_duration is negative: {stop}")
         self._stop_ns = round(stop * _NS_PER_S)
-        self._state_timer = _Timer(params.number(parameters, "state_publish_rate", where, 50.0))
-        self._feedback_timer = _Timer(params.number(parameters, "action_monitor_rate", where, 20.0))
+        self._state_timer = _Timer(given("state_publish_rate", float, default=50.0))
+        self._feedback_timer = _Timer(given("action_monitor_rate", float, default=20.0))
         self._tolerances = Tolerances.from_parameters(
-            params.section(parameters, "constraints", where), f"{where}/constraints", joints
+            given("constraints", Mapping, default={}), f"{where}/constraints", joints
         )
         self._init_output(parameters, where)
         self._running = False

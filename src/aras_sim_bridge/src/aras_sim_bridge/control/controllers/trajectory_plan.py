@@ -3,10 +3,10 @@
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import fabs, isclose, isfinite, pi
 
 from aras_sim_bridge import angles
-from aras_sim_bridge import parameters as params
 from aras_sim_bridge.control.controllers.splines import Segment, Tolerance, Waypoint
 from aras_sim_bridge.control.controllers.trajectory_types import (
     ErrorCode,
@@ -17,6 +17,8 @@ from aras_sim_bridge.control.controllers.trajectory_types import (
     TrajectoryGoal,
     TrajectoryPoint,
 )
+from aras_sim_bridge.errors import ControllerError
+from aras_visual_servo_base.settings import read
 
 _NS_PER_S = 1e9
 
@@ -36,14 +38,15 @@ class Tolerances:
         cls, parameters: Mapping, where: str, joints: Sequence[str]
     ) -> "Tolerances":
         """Read the mapping `constraints`. Raises ControllerError on an ill-typed value."""
-        stopped = params.number(parameters, "stopped_velocity_tolerance", where, 0.01)
+        given = partial(read, parameters, where=where, fault=ControllerError)
+        stopped = given("stopped_velocity_tolerance", float, default=0.01)
         path, goal = [], []
         for joint in joints:
-            own = params.section(parameters, joint, where)
+            own = given(joint, Mapping, default={})
             place = f"{where}/{joint}"
-            path.append(Tolerance(params.number(own, "trajectory", place, 0.0)))
-            goal.append(Tolerance(params.number(own, "goal", place, 0.0), stopped))
-        time = params.number(parameters, "goal_time", where, 0.0)
+            path.append(Tolerance(read(own, "trajectory", float, place, ControllerError, 0.0)))
+            goal.append(Tolerance(read(own, "goal", float, place, ControllerError, 0.0), stopped))
+        time = given("goal_time", float, default=0.0)
         return cls(tuple(path), tuple(goal), round(time * _NS_PER_S))
 
     def overridden(self, goal: TrajectoryGoal, joints: Sequence[str]) -> "Tolerances":

@@ -15,9 +15,10 @@ import rospy
 from genpy import DeserializationError, Message
 from rospy.impl.tcpros_base import TCPROSTransport
 
-from aras_sim_bridge.errors import USER_FAULTS, SimError
+from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime.inbox import BUFFER_SIZE, Stream
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_visual_servo_base.names import USER_FAULTS
 
 COMPLAINT_PERIOD = 5.0  # seconds of wall time between two lines about the same fault
 CLOSED_PERIOD = 1.0  # seconds of wall time between two looks whether rospy closed a connection

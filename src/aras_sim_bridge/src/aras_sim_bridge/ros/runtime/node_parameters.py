@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
-from aras_visual_servo_ros.parameters import InvalidParameterError, read
+from aras_visual_servo_base.settings import build, parameter
+from aras_visual_servo_ros.parameters import InvalidParameterError
 
 LOG_LEVELS = ("debug", "info", "warn", "error")
 SPEED_MODES = ("real_time", "max", "lockstep")
@@ -22,18 +23,18 @@ class NodeParameters:
     gui: bool = False
     paused: bool = False
     world: str = ""
-    renderer: str = "auto"
-    speed_mode: str = "real_time"
-    clock_rate: float = 250.0
-    real_time_factor: float = 1.0
+    renderer: str = parameter("auto", choices=RENDERERS)
+    speed_mode: str = parameter("real_time", choices=SPEED_MODES)
+    clock_rate: float = parameter(250.0, "Hz; 0 for every step", least=0.0)
+    real_time_factor: float = parameter(1.0, above=0.0)
     seed: int = 0
     legacy_camera_info: bool = False
     enable_ros_network: bool = True
     pub_clock_frequency: float = -1.0
-    master_check_period: float = 2.0
-    log_level: str = "info"
+    master_check_period: float = parameter(2.0, "s", above=0.0)
+    log_level: str = parameter("info", choices=LOG_LEVELS)
     restore: bool = False
-    lockstep_topics: tuple[str, ...] = ()
+    lockstep_topics: tuple[str, ...] = parameter((), words=True)
     lockstep_period: float = 0.0
     lockstep_timeout: float = 5.0
 
@@ -41,28 +42,20 @@ class NodeParameters:
     def from_mapping(cls, values: Mapping[str, object], namespace: str) -> NodeParameters:
         """Return the parameters of a mapping as the parameter server gives it.
 
+        Whole namespaces in it are others', as are the names in FOREIGN.
+
         Raises:
             InvalidParameterError: naming the parameter and the mend.
         """
-        defaults = {field.name: field.default for field in fields(cls)}
-        parameters = cls(**read(values, defaults, namespace, FOREIGN))
-        parameters._check(namespace)
-        return parameters
+        own = {field.name for field in fields(cls)}
+        given = {
+            name: value
+            for name, value in values.items()
+            if name in own or name not in FOREIGN and not isinstance(value, Mapping)
+        }
+        return build(cls, given, f"parameter {namespace}/", InvalidParameterError)
 
     @property
     def effective_clock_rate(self) -> float:
         """The rate of /clock [Hz]: gazebo_ros's pub_clock_frequency where it is given."""
         return self.clock_rate if self.pub_clock_frequency < 0 else self.pub_clock_frequency
-
-    def _check(self, namespace: str) -> None:
-        def require(condition: bool, name: str, what: str) -> None:
-            if not condition:
-                value = getattr(self, name)
-                raise InvalidParameterError(f"{namespace}/{name}", f"is {value!r}; {what}")
-
-        require(self.speed_mode in SPEED_MODES, "speed_mode", f"choose one of {SPEED_MODES}")
-        require(self.renderer in RENDERERS, "renderer", f"choose one of {RENDERERS}")
-        require(self.log_level in LOG_LEVELS, "log_level", f"choose one of {LOG_LEVELS}")
-        require(self.clock_rate >= 0, "clock_rate", "give Hz, or 0 for every step")
-        require(self.real_time_factor > 0, "real_time_factor", "give a positive factor")
-        require(self.master_check_period > 0, "master_check_period", "give seconds above 0")

@@ -18,8 +18,9 @@ from dataclasses import dataclass
 import rospy
 from genpy import Message
 
-from aras_sim_bridge.errors import USER_FAULTS, SimError
+from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime.simulation_thread import SHUTTING_DOWN, SimulationThread
+from aras_visual_servo_base.names import USER_FAULTS
 
 log = logging.getLogger(__name__)
 

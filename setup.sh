@@ -347,7 +347,7 @@ compile_loops() {
     mapfile -t packages < <(printf '%s\n' "${packages[@]%%/*}" | sort -u)
     touch .venv/loops.begun &&
         PYTHONPATH=$(IFS=:; echo "${libraries[*]}") \
-            .venv/bin/python -m aras_visual_servo_ros.loops "${packages[@]}" &&
+            .venv/bin/python -m aras_visual_servo_base.loops "${packages[@]}" &&
         mv .venv/loops.begun .venv/loops.stamp
 }
 

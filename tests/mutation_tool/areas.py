@@ -85,7 +85,8 @@ AREAS = {
         Area("judging", (f"{CONTROLLER}/judging/*.py",), ("tests/unit/servo",)),
         Area("bench", (f"{BENCH}/**/*.py",), ("tests/unit/bench", "tests/unit/study"),
              without=(f"{BENCH}/ros/**/*.py",)),
-        Area("base", (f"{BASE}/*.py",), ("tests/unit/base", "tests/unit/workspace/test_moved")),
+        Area("base", (f"{BASE}/*.py",), ("tests/unit/base", "tests/unit/workspace/test_moved",
+              "tests/unit/workspace/test_loops")),
     )
 }
 

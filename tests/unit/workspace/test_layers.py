@@ -38,7 +38,7 @@ LONGEST_NODE = 99  # lines
 # The bridge's floors: a room imports from those below it, never from one beside it.
 FLOORS = (
     {"errors"},
-    {"angles", "compiled"},
+    {"angles"},
     {"blending"},
     {"description"},
     {"control", "world"},

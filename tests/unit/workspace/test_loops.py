@@ -7,14 +7,9 @@ from pathlib import Path
 
 import pytest
 
-LIBRARY = Path(__file__).parents[3] / "src" / "aras_visual_servo_ros" / "src"
-COMPILED = """
-import numba
-def compiled(types):
-    return numba.njit(f"({types},)", cache=True)
-"""
+LIBRARY = Path(__file__).parents[3] / "src" / "aras_visual_servo_base" / "src"
 TWICE = """
-from .compiled import compiled
+from aras_visual_servo_base.compiled import compiled
 @compiled("f8")
 def twice(x):
     return 2 * x
@@ -28,8 +23,7 @@ def packages(tmp_path: Path):
     for folder in ("source", "copy"):
         package = tmp_path / folder / "looping"
         (package / "part").mkdir(parents=True)
-        for name, text in (("__init__", ""), ("compiled", COMPILED), ("part/__init__", ""),
-                           ("part/twice", TWICE.replace(".comp", "..comp"))):  # fmt: skip
+        for name, text in (("__init__", ""), ("part/__init__", ""), ("part/twice", TWICE)):
             path = package / f"{name}.py"
             path.write_text(text)
             seconds = 1_700_000_000 if folder == "copy" else 1_700_000_000.25
@@ -50,9 +44,9 @@ def kept(folder: Path) -> dict[str, bytes]:
 
 def test_what_was_compiled_for_the_sources_serves_their_copies(packages):
     source, copy = packages / "source", packages / "copy"
-    assert run(source, "-m", "aras_visual_servo_ros.loops", "looping").returncode == 0
+    assert run(source, "-m", "aras_visual_servo_base.loops", "looping").returncode == 0
     assert len(kept(source)) == 2
-    done = run(copy, "-m", "aras_visual_servo_ros.loops", "--from", str(source), "looping")
+    done = run(copy, "-m", "aras_visual_servo_base.loops", "--from", str(source), "looping")
     assert done.returncode == 0, done.stderr
     assert kept(copy) == kept(source)  # nothing was compiled anew
     assert run(copy, "-c", ASK).stdout == "1 4.0\n"
@@ -60,15 +54,15 @@ def test_what_was_compiled_for_the_sources_serves_their_copies(packages):
 
 def test_other_text_is_compiled_anew(packages):
     source, copy = packages / "source", packages / "copy"
-    run(source, "-m", "aras_visual_servo_ros.loops", "looping")
+    run(source, "-m", "aras_visual_servo_base.loops", "looping")
     path = copy / "looping" / "part" / "twice.py"
     path.write_text(path.read_text().replace("2 * x", "3 * x"))
-    run(copy, "-m", "aras_visual_servo_ros.loops", "--from", str(source), "looping")
+    run(copy, "-m", "aras_visual_servo_base.loops", "--from", str(source), "looping")
     assert len(kept(copy)) == 2 and kept(copy) != kept(source)
     assert run(copy, "-c", ASK).stdout == "1 6.0\n"
 
 
 def test_several_packages_are_compiled_and_one_that_is_not_there_is_told(packages):
-    done = run(packages / "source", "-m", "aras_visual_servo_ros.loops", "looping", "nothing")
+    done = run(packages / "source", "-m", "aras_visual_servo_base.loops", "looping", "nothing")
     assert done.returncode == 1 and "no package nothing on PYTHONPATH" in done.stderr
     assert len(kept(packages / "source")) == 2

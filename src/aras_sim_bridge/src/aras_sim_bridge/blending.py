@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from aras_visual_servo_base.compiled import compiled
 from aras_visual_servo_base.poses import quaternion_from_matrix
-
-from .compiled import compiled
 
 
 @compiled("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8")

@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from aras_sim_bridge.compiled import compiled
 from aras_sim_bridge.control import stride
 from aras_sim_bridge.control.controllers.interpolation import ARRIVED, ROUNDING
 from aras_sim_bridge.control.controllers.pid_loops import PLAIN_DIFFERENCE
 from aras_sim_bridge.world import joint_dynamics, standing
+from aras_visual_servo_base.compiled import compiled
 
 cycle, advance, bears = stride.cycle, joint_dynamics.advance, standing.bears
 

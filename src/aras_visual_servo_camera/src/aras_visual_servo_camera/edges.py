@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from .compiled import INTEGER, MATRIX, compiled
+from aras_visual_servo_base.compiled import compiled
 
 
-@compiled(MATRIX)
+@compiled("f8[:,:]")
 def sides(weights):
     """(2, rows, columns) px: first moments of each pixel's covered part about the pixel's middle,
     along columns and along rows, of weights (rows, columns)."""
@@ -45,7 +45,7 @@ def sides(weights):
     return found
 
 
-@compiled(MATRIX, MATRIX, MATRIX, MATRIX, INTEGER, INTEGER)
+@compiled("f8[:,:], f8[:,:], f8[:,:], f8[:,:], i8, i8")
 def placed(x, y, area, weights, left, top):
     """(3, rows * columns): x, y and area of each pixel's covered part, by weights (rows, columns)
     of a crop that begins at column `left` and row `top` of a lens's tables of x, y and area."""

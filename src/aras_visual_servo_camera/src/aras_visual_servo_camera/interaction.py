@@ -28,7 +28,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .compiled import INTEGER, MATRIX, NUMBER, compiled
+from aras_visual_servo_base.compiled import compiled
+
 from .errors import FeatureError
 from .moments import DENSE, Array, Moments
 
@@ -65,7 +66,7 @@ class Plane(NamedTuple):
         return self.A * x + self.B * y + self.C
 
 
-@compiled(NUMBER, NUMBER, NUMBER, NUMBER, NUMBER)
+@compiled("f8, f8, f8, f8, f8")
 def image_velocity(A, B, C, x0, y0):
     """Velocity field of the image of the plane (A, B, C) about (x0, y0), a = x - x0, b = y - y0.
 
@@ -141,7 +142,7 @@ def _divergence(moments: Moments) -> float:
     return 1.0 if moments.kind == DENSE else 0.0
 
 
-@compiled(MATRIX, MATRIX, INTEGER, NUMBER)
+@compiled("f8[:,:], f8[:,:], i8, f8")
 def _rows(table, velocity, order, delta):
     """((order+1)(order+2)/2, 6) d(m_ij)/dt in exchange order, of moments (n, n) in a field of
     velocities (6, 15) as image_velocity() gives it."""
@@ -162,7 +163,7 @@ def _rows(table, velocity, order, delta):
     return rows
 
 
-@compiled(MATRIX, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, INTEGER, NUMBER)
+@compiled("f8[:,:], f8, f8, f8, f8, f8, i8, f8")
 def _about_centre(centred, A, B, C, xg, yg, order, delta):
     """(2, 6) d(xg)/dt and d(yg)/dt, and the rows of `_rows` of the centred moments (n, n)."""
     velocity = image_velocity(A, B, C, xg, yg)

@@ -23,7 +23,8 @@ from math import isfinite
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .compiled import MATRIX, NUMBER, compiled
+from aras_visual_servo_base.compiled import compiled
+
 from .edges import sides
 from .errors import MomentsError
 
@@ -294,7 +295,7 @@ def _triangle(table: Array, order: int) -> Array:
     return table * _triangle_mask(order)
 
 
-@compiled(MATRIX, NUMBER, NUMBER)
+@compiled("f8[:,:], f8, f8")
 def translate(table, dx, dy):
     """Moments of the shape moved by (dx, dy): sum of C(i,k) C(j,l) dx^(i-k) dy^(j-l) m_kl."""
     size = table.shape[0]

@@ -19,7 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .compiled import MATRIX, NUMBER, compiled
+from aras_visual_servo_base.compiled import compiled
+
 from .interaction import Plane
 from .moments import DENSE, Array, Moments, translate
 
@@ -109,7 +110,7 @@ def upright(moments: Moments, plane: Plane) -> Array:
     return translate(table, -float(table[1, 0]) / m00, -float(table[0, 1]) / m00)
 
 
-@compiled(NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER)
+@compiled("f8, f8, f8, f8, f8, f8, f8")
 def _in_plane(A, B, C, xg, yg, ex, ey):
     """G (2, 2): image offset to offset along two axes of the plane, the shortest turn away from
     the image's axes."""
@@ -128,7 +129,7 @@ def _in_plane(A, B, C, xg, yg, ex, ey):
     return G
 
 
-@compiled(MATRIX, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER, NUMBER)
+@compiled("f8[:,:], f8, f8, f8, f8, f8, f8")
 def _in_plane_moments(centred, A, B, C, xg, yg, shrinking):
     """(4, 4) moments about the point of the plane (A, B, C) at (0, 0): of
     (G d)^(i, j) / (1 + e.d)^k, with k = i + j + shrinking."""

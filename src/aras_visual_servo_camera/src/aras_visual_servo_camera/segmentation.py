@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import NUMBER, PIXELS, compiled
+from aras_visual_servo_base.compiled import compiled
+
 from .errors import SegmentationError
 
 Mask = NDArray[np.uint8]
@@ -303,7 +304,7 @@ def _square(band: int) -> Mask:
     return cv2.getStructuringElement(cv2.MORPH_RECT, (2 * band + 1, 2 * band + 1))
 
 
-@compiled(PIXELS, PIXELS, PIXELS)
+@compiled("u1[:,:], u1[:,:], u1[:,:]")
 def _levels(image, around, core):
     """Mean levels of the pixels (rows, columns) that are not around the target, and of its core; of
     none: the greatest and the least level there is."""
@@ -324,7 +325,7 @@ def _levels(image, around, core):
     return bg, fg
 
 
-@compiled(PIXELS, PIXELS, PIXELS, NUMBER, NUMBER)
+@compiled("u1[:,:], u1[:,:], u1[:,:], f8, f8")
 def _weights(image, around, core, bg, fg):
     """(rows, columns) 1 in the core, 0 where not around it, between the levels in between."""
     of_level = (bg - np.arange(256.0)) / (bg - fg)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from aras_visual_servo_base.compiled import compiled, inlined
 from aras_visual_servo_base.settings import check, parameter
 
-from ..compiled import compiled, inlined
 from ..errors import CameraError
 
 # A normal deviate is an odd polynomial of the sum of four uniform ones, fitted to the quantiles of

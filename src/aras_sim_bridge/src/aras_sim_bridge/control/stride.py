@@ -12,7 +12,6 @@ from math import isfinite
 
 import numpy as np
 
-from aras_sim_bridge.compiled import compiled
 from aras_sim_bridge.control.controllers.base import Controller
 from aras_sim_bridge.control.controllers.pid_controllers import PidPositionController
 from aras_sim_bridge.control.controllers.pid_loops import PositionLoop
@@ -20,6 +19,7 @@ from aras_sim_bridge.control.drives import EffortDrive
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.joints import EFFORT
 from aras_sim_bridge.control.pid import Gains
+from aras_visual_servo_base.compiled import compiled
 
 # Columns of a joint's row: what a stride goes by and changes (see PositionLoop.begin_stride),
 _MOVES, _LEFT, _LINE, _VALUE, _COMMAND, _RATE, _SET_POINT, _LAST_ERROR, _INTEGRAL = range(9)

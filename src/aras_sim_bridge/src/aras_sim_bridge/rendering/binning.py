@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_sim_bridge.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import compiled, inlined
 
 from .grouping import CLUSTER
 from .tiles import Tiles

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aras_sim_bridge.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import compiled, inlined
 
 # Groups of 32 draw 40 000 triangles as fast as those of 16 or 64, and the robot a tenth faster
 # than those of 128.

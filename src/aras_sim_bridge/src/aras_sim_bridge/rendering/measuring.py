@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aras_sim_bridge.compiled import compiled
+from aras_visual_servo_base.compiled import compiled
 
 from .binning import Seen
 from .sampling import Samples

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_sim_bridge.compiled import compiled
+from aras_visual_servo_base.compiled import compiled
 
 from .binning import Seen
 from .tiles import TILE, Tiles

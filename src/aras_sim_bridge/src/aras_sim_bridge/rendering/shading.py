@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aras_sim_bridge.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import compiled, inlined
 
 from .binning import Seen
 from .fragments import Fragments

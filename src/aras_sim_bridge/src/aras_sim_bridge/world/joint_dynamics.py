@@ -30,7 +30,7 @@ Rows of the arrays, one per joint unless said otherwise:
 
 from math import cos, inf, isfinite, sin, sqrt
 
-from aras_sim_bridge.compiled import compiled
+from aras_visual_servo_base.compiled import compiled
 
 # columns of `joints`
 DAMPING, FORCE, TARGET, LOWER, UPPER, RETURN, FASTEST, RATIO, OFFSET = range(9)

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aras_sim_bridge.compiled import compiled
 from aras_sim_bridge.description.types import RobotDescription
+from aras_visual_servo_base.compiled import compiled
 from aras_visual_servo_base.poses import IDENTITY, Pose
 
 

@@ -16,11 +16,11 @@ from collections.abc import Callable, Iterator, Mapping
 import cv2
 import numpy as np
 
-from aras_sim_bridge.compiled import compiled
 from aras_sim_bridge.description import Geometry, shapes
 from aras_sim_bridge.world.body import LINK_MARGIN
 from aras_sim_bridge.world.bullet import contacts_of, pybullet
 from aras_sim_bridge.world.model import Model
+from aras_visual_servo_base.compiled import compiled
 from aras_visual_servo_base.poses import Pose, Twist, rotate
 
 LOOK_EVERY = 50  # steps

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pinocchio
 
-from aras_visual_servo_camera.compiled import VECTOR, compiled
+from aras_visual_servo_base.compiled import compiled
 
 from ..errors import ConfigurationError, MeasurementError
 from ..seeing.joint_sample import JointSample
@@ -275,7 +275,7 @@ class Arm:
         )
 
 
-@compiled(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR)
+@compiled("f8[:], f8[:], f8[:], f8[:], f8[:]")
 def _implausible(q, velocities, least, most, fastest):
     """The first joint whose position, or else speed, is none; and whether it is the speed. -1: all
     are plausible. Numbers that are not finite fail every comparison."""

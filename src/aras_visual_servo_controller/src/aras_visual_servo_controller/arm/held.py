@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from aras_visual_servo_base.compiled import compiled
 from aras_visual_servo_base.poses import rotation_vector
-from aras_visual_servo_camera.compiled import MATRIX, NUMBER, compiled
 
 
 class Held(NamedTuple):
@@ -63,7 +63,7 @@ def held_at(
     return Held(_AXES[~modelled], off[~modelled], _AXES[modelled])
 
 
-@compiled(MATRIX, MATRIX, NUMBER)
+@compiled("f8[:,:], f8[:,:], f8")
 def _vertical(view, goal, length):
     """What keeps the reference's vertical where it is in the camera's frame at the goal.
 

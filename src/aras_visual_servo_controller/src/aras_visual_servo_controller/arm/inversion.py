@@ -5,7 +5,7 @@ The resolver's twists are scaled: the rotations by a length, so that all six num
 
 import numpy as np
 
-from aras_visual_servo_camera.compiled import FLAG, MASK, MATRIX, NUMBER, VECTOR, compiled
+from aras_visual_servo_base.compiled import compiled
 
 RANK_TOLERANCE = 1e-4  # below this part of the greatest singular value there is nothing but noise
 # From this part of L's greatest singular value on all twists are seen alike.
@@ -21,7 +21,7 @@ LASTING = 0.05  # s that steady velocities may be kept; a slow camera's image pe
 RIGHT_ANGLE, SWEEPS = 2e-15, 40
 
 
-@compiled(MATRIX)
+@compiled("f8[:,:]")
 def svd(a):
     """U (m, r), s (r,) largest first, V^T (r, n) of a (m, n), r = min(m, n); also of no rows.
 
@@ -91,7 +91,7 @@ def svd(a):
     return u, s, vt
 
 
-@compiled(MATRIX, MATRIX)
+@compiled("f8[:,:], f8[:,:]")
 def _times(a, b):
     """a @ b; BLAS takes longer to be called."""
     product = np.zeros((a.shape[0], b.shape[1]))
@@ -102,7 +102,7 @@ def _times(a, b):
     return product
 
 
-@compiled(MATRIX, VECTOR)
+@compiled("f8[:,:], f8[:]")
 def _applied(a, x):
     """a @ x."""
     product = np.zeros(a.shape[0])
@@ -112,7 +112,7 @@ def _applied(a, x):
     return product
 
 
-@compiled(MATRIX, VECTOR, NUMBER)
+@compiled("f8[:,:], f8[:], f8")
 def least_squares(L, e, tolerance):
     """L^+ e (n,) of L (k, n); singular values up to `tolerance` of the greatest count as 0."""
     u, s, vt = svd(L)
@@ -122,7 +122,7 @@ def least_squares(L, e, tolerance):
     return _applied(vt.T, parts)
 
 
-@compiled(MATRIX, VECTOR, MATRIX, VECTOR, MATRIX, MATRIX, NUMBER, NUMBER)
+@compiled("f8[:,:], f8[:], f8[:,:], f8[:], f8[:,:], f8[:,:], f8, f8")
 def _demanded(L, rate, held, speeds, free, scaled, least, fully):
     """Rows for a task, and those for what it does not model.
 
@@ -165,7 +165,7 @@ def _demanded(L, rate, held, speeds, free, scaled, least, fully):
     return basis, speed, weight
 
 
-@compiled(MATRIX, NUMBER)
+@compiled("f8[:,:], f8")
 def _all_above(a, bound):
     """Whether all singular values of a (m, n) are above the bound: then Cholesky's decomposition of
     its shorter side's squares, less the bound's, ends."""
@@ -184,7 +184,7 @@ def _all_above(a, bound):
     return True
 
 
-@compiled(MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, MASK, VECTOR, NUMBER, NUMBER)
+@compiled("f8[:,:], f8[:,:], f8[:], f8[:], f8[:], b1[:], f8[:], f8, f8")
 def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
     """Joint velocities for a demand, the others at their fixed ones, and what is free.
 
@@ -235,7 +235,7 @@ def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
     return primary, secondary
 
 
-@compiled(NUMBER, NUMBER, NUMBER)
+@compiled("f8, f8, f8")
 def _stoppable(room, acceleration, dt):
     """Greatest speed for dt (s) after which a joint still stops within its room.
 
@@ -249,7 +249,7 @@ def _stoppable(room, acceleration, dt):
     return 2.0 * room / (dt + np.sqrt(dt * dt + 2.0 * room / acceleration))
 
 
-@compiled(VECTOR, MATRIX, NUMBER)
+@compiled("f8[:], f8[:,:], f8")
 def _ranges(q, limits, dt):
     """Lowest and highest velocities (n,) that the ranges of the joints allow for dt (s).
 
@@ -263,7 +263,7 @@ def _ranges(q, limits, dt):
     return low, high
 
 
-@compiled(VECTOR, VECTOR)
+@compiled("f8[:], f8[:]")
 def _part(wanted, room):
     """Greatest part, up to 1, of wanted (n,) that the rooms (n,) >= 0 allow; and who limits it."""
     part, joint = 1.0, 0
@@ -274,7 +274,7 @@ def _part(wanted, room):
     return part, joint
 
 
-@compiled(VECTOR, VECTOR, VECTOR, VECTOR, MATRIX, NUMBER, FLAG, VECTOR, VECTOR, VECTOR)
+@compiled("f8[:], f8[:], f8[:], f8[:], f8[:,:], f8, b1, f8[:], f8[:], f8[:]")
 def _within(wanted, secondary, low, high, limits, dt, limited, previous, total, task):
     """Velocities within all limits.
 
@@ -314,7 +314,7 @@ def _within(wanted, secondary, low, high, limits, dt, limited, previous, total, 
     return base + part * towards, primary, scale, slowest
 
 
-@compiled(VECTOR, VECTOR, VECTOR, NUMBER, NUMBER)
+@compiled("f8[:], f8[:], f8[:], f8, f8")
 def _passes(q, fold, velocities, reach, dt):
     """Whether this step would take more than half of an elbow's small bend away."""
     bend, speed = q[int(fold[0])] - fold[1], velocities[int(fold[0])]
@@ -322,8 +322,8 @@ def _passes(q, fold, velocities, reach, dt):
     return abs(bend) < reach and speed * side < 0.0 and abs(speed) * dt > 0.5 * abs(bend)
 
 
-@compiled(MATRIX, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, MATRIX, MATRIX,
-          VECTOR, NUMBER, NUMBER, VECTOR)
+@compiled("f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:], f8[:,:], f8[:,:], "
+          "f8[:], f8, f8, f8[:]")
 def _joint_by_joint(scaled, bent, basis, wanted, weights, wish, low, high, folds, limits,
                     q, dt, reach, damping):
     """Solve again and again, until no joint passes its range and no elbow its straight.
@@ -373,20 +373,20 @@ def _joint_by_joint(scaled, bent, basis, wanted, weights, wish, low, high, folds
     return solution, spare, free, stopped[:stops], straight
 
 
-@compiled(VECTOR, VECTOR, VECTOR)
+@compiled("f8[:], f8[:], f8[:]")
 def finite(a, b, c):
     """Whether three arrays (k,) are all finite: 0 times what is not is NaN."""
     return (0.0 * a).sum() + (0.0 * b).sum() + (0.0 * c).sum() == 0.0
 
 
-@compiled(MATRIX, VECTOR)
+@compiled("f8[:,:], f8[:]")
 def task_finite(L, rate):
     """Whether L (k, 6) and rate (k,) are finite."""
     return (0.0 * L).sum() + (0.0 * rate).sum() == 0.0
 
 
-@compiled(VECTOR, MATRIX, MATRIX, MATRIX, VECTOR, MATRIX, VECTOR, MATRIX, VECTOR, MATRIX, MATRIX,
-          NUMBER, FLAG, VECTOR, VECTOR, VECTOR, VECTOR)
+@compiled("f8[:], f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:,:], "
+          "f8[:,:], f8, b1, f8[:], f8[:], f8[:], f8[:]")
 def resolved(q, jacobian, bent, L, rate, held, errors, free, wish, folds, limits,
              dt, limited, previous, total, task, settings):
     """What Resolver.resolve answers, in numbers.

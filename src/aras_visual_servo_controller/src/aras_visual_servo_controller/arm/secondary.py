@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from aras_visual_servo_camera.compiled import NUMBER, VECTOR, compiled
+from aras_visual_servo_base.compiled import compiled
 
 from ..errors import ConfigurationError
 from .arm import Arm
@@ -69,7 +69,7 @@ class JointLimitAvoidance(SecondaryTask):
         return _back(np.asarray(q, float), self._from, self._to, self.gain)
 
 
-@compiled(VECTOR, VECTOR, VECTOR, NUMBER)
+@compiled("f8[:], f8[:], f8[:], f8")
 def _back(q, low, high, gain):
     """(n,) towards the range from low to high, gain times the way."""
     return gain * (np.minimum(np.maximum(q, low), high) - q)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aras_visual_servo_camera.compiled import MATRIX, VECTOR, compiled
+from aras_visual_servo_base.compiled import compiled
 
 from ..seeing.ring_buffer import RecentErrors
 from .remaining_error import FORGIVEN, Standing
@@ -78,7 +78,7 @@ class Convergence:
         return self.reached
 
 
-@compiled(MATRIX, VECTOR)
+@compiled("f8[:,:], f8[:]")
 def _settled(errors, limit):
     """Whether errors (m, k) have means within the limits (k,) and scatter little about them."""
     count = errors.shape[0]

@@ -10,8 +10,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from aras_visual_servo_base.compiled import compiled
 from aras_visual_servo_base.poses import logarithm
-from aras_visual_servo_camera.compiled import MATRIX, NUMBER, VECTOR, compiled
 from aras_visual_servo_camera.degeneracy import anisotropy, gyration_radius
 from aras_visual_servo_camera.moments import Moments
 
@@ -48,7 +48,7 @@ class Oscillation:
         return frequency if frequency > 0.0 else None
 
 
-@compiled(VECTOR, VECTOR, NUMBER)
+@compiled("f8[:], f8[:], f8")
 def _standing_out(stamps, error, about):
     """The wave in an error (m,) beside a straight line: its frequency (Hz), near the one at which
     the error reverses, and the part of the error's square that it leaves. Its height may grow or
@@ -83,7 +83,7 @@ def _standing_out(stamps, error, about):
     return frequency, least
 
 
-@compiled(VECTOR, MATRIX, NUMBER, NUMBER)
+@compiled("f8[:], f8[:,:], f8, f8")
 def _ringing(stamps, errors, least, reversals):
     """Hz at which the loudest of the errors (m, k) rings, stamps (m,) in s; 0 where it does not."""
     count = len(stamps)
@@ -319,7 +319,7 @@ class CameraEvidence:
         )
 
 
-@compiled(MATRIX)
+@compiled("f8[:,:]")
 def _inverse(matrix):
     """Of a symmetric positive definite one (n, n), which needs no pivots; by Gauss and Jordan."""
     left, right = matrix.copy(), np.eye(len(matrix))
@@ -333,7 +333,7 @@ def _inverse(matrix):
     return right
 
 
-@compiled(MATRIX, VECTOR, *[NUMBER] * 7)
+@compiled("f8[:,:], f8[:], f8, f8, f8, f8, f8, f8, f8")
 def _scales(normal, right, square, rows, known, turned, off, deviations, quiet):
     """How far the features moved in each direction of the camera, beside what was expected.
 
@@ -388,7 +388,7 @@ def _scales(normal, right, square, rows, known, turned, off, deviations, quiet):
     return depth, misfit / square, rest, one, other, scale[max(one, 0)], beside
 
 
-@compiled(VECTOR, MATRIX, VECTOR, MATRIX, VECTOR, VECTOR, MATRIX)
+@compiled("f8[:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:]")
 def _advanced(error_before, L_before, error, L, motion, tolerances, before):
     """What each direction of the camera should have done to the features up to this image.
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aras_visual_servo_camera.compiled import INTEGER, MATRIX, VECTOR, compiled
+from aras_visual_servo_base.compiled import compiled
 
 from ..arm.inversion import svd
 from ..seeing.ring_buffer import RecentErrors
@@ -90,7 +90,7 @@ class Standing:
         )
 
 
-@compiled(MATRIX, INTEGER, INTEGER)
+@compiled("f8[:,:], i8, i8")
 def _since(rows, i, k):
     """The camera's motion (6,) since image i, in its own frame now; small, so a rotation's vector
     is its odd part. k: where in a row the pose begins."""
@@ -110,7 +110,7 @@ def _since(rows, i, k):
     return moved
 
 
-@compiled(MATRIX, MATRIX, MATRIX, INTEGER, VECTOR)
+@compiled("f8[:,:], f8[:,:], f8[:,:], i8, f8[:]")
 def _judged(rows, answer, seen, count, limit):
     """How far the camera is off, and how much of it is not known for noise.
 

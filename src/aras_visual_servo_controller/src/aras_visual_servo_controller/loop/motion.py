@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aras_visual_servo_camera.compiled import NUMBER, VECTOR, compiled
+from aras_visual_servo_base.compiled import compiled
 
 from ..seeing.joint_sample import JointSample
 from .state import Command, ServoSettings
@@ -149,7 +149,7 @@ class Motion:
         return velocities, "; ".join(reasons)
 
 
-@compiled(VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, NUMBER, NUMBER)
+@compiled("f8[:], f8[:], f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8")
 def _advanced(command, velocity, velocities, measured, lower, upper, lead, lag, dt):
     """One step of the command from its place (n,) and velocity (n,).
 

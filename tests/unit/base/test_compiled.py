@@ -6,9 +6,10 @@ import sys
 
 import numba
 import numpy as np
+import pytest
 from numba.core.dispatcher import Dispatcher
 
-from aras_sim_bridge import compiled
+from aras_visual_servo_base import compiled
 
 
 def test_without_a_place_to_keep_them_loops_work_all_the_same(monkeypatch, caplog):
@@ -35,18 +36,34 @@ def test_other_types_are_refused_instead_of_compiled_in_the_middle_of_a_run():
         raise AssertionError(f"{other.dtype} {other.shape} was taken")
 
 
+def test_arrays_in_any_order_are_only_read() -> None:
+    total = compiled.compiled("f8[:], b1")(lambda x, twice: x.sum() * (2.0 if twice else 1.0))
+    kept = np.arange(8.0)
+    kept.setflags(write=False)
+    assert total(kept[::2], False) == 12.0
+    assert total(kept, True) == 56.0
+
+    def written(x):
+        x[0] = 1.0
+
+    with pytest.raises(numba.TypingError, match="Cannot modify readonly array"):
+        compiled.compiled("f8[:]")(written)
+    compiled.compiled("f8[::1]")(written)(copy := kept.copy())
+    assert copy[0] == 1.0
+
+
 def test_a_changed_callee_of_another_module_counts(tmp_path, monkeypatch) -> None:
     """What was kept of a caller must not go on with what its callee was."""
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(numba.config, "CACHE_DIR", "")  # beside the sources, as it is by default
     (tmp_path / "calling_loop.py").write_text(
-        "from called_loop import add\nfrom aras_sim_bridge.compiled import compiled\n"
+        "from called_loop import add\nfrom aras_visual_servo_base.compiled import compiled\n"
         "@compiled('f8', calls=(add,))\ndef twice(x):\n    return 2.0 * add(x)\n"
     )
 
     def answer(constant: float) -> float:
         (tmp_path / "called_loop.py").write_text(
-            "from aras_sim_bridge.compiled import compiled\n"
+            "from aras_visual_servo_base.compiled import compiled\n"
             f"@compiled('f8')\ndef add(x):\n    return x + {constant}\n"
         )
         for name in ("calling_loop", "called_loop"):

@@ -1,6 +1,6 @@
 """Compile packages' loops (Numba) now, which their first start would do otherwise.
 
-    python -m aras_visual_servo_ros.loops [--from FOLDER] PACKAGE...
+    python -m aras_visual_servo_base.loops [--from FOLDER] PACKAGE...
 
 What set-up calls for the sources, and installing for the copies that it has made of them. There,
 `--from` names the folder with the packages' sources: what was compiled for those is taken over.

@@ -1,4 +1,4 @@
-"""Numba for loops over triangles, links and joints, where NumPy would make hundreds of small calls.
+"""Numba for small loops and matrices of a few rows, where NumPy's calls cost more than their work.
 
 Signatures are explicit, so everything is compiled when its module is imported and nothing in the
 middle of a run. What was compiled is kept in __pycache__ beside the source, or where
@@ -14,16 +14,24 @@ from functools import cache
 from pathlib import Path
 
 import numba
+from numba.core.sigutils import normalize_signature
 
 _log = logging.getLogger(__name__)
 
 
 def compiled(signature: str, calls: Sequence[Callable] = ()) -> Callable[[Callable], Callable]:
-    """Decorator for a function of these argument types, e.g. 'f8[:,::1], i8'.
+    """Decorator for a function of these argument types, in Numba's words: 'f8[:,::1], i8'.
+
+    Arrays in C order ('f8[:,::1]') may be written to. Those in any order ('f8[:,:]') are only read,
+    so read-only ones and views are taken too.
 
     calls: compiled functions of other modules that it calls; it is compiled anew when their
     sources change too.
     """
+    given, _ = normalize_signature(f"({signature},)")
+    arguments = tuple(
+        kind.copy(readonly=True) if getattr(kind, "layout", "") == "A" else kind for kind in given
+    )
 
     def compile_function(function: Callable) -> Callable:
         made = numba.njit(nogil=True, error_model="numpy")(function)
@@ -35,7 +43,7 @@ def compiled(signature: str, calls: Sequence[Callable] = ()) -> Callable[[Callab
             if "cannot cache" not in str(error):
                 raise
             _tell_once()
-        made.compile(f"({signature},)")
+        made.compile(arguments)
         made.disable_compile()
         return made
 

@@ -56,7 +56,8 @@ def of(values, where=""):
     ("key", "text", "expected"),
     [
         ("gain", "1e1", 10.0), ("gain", "5.e-1", 0.5), ("gain", ".5", 0.5), ("gain", "+.5", 0.5),
-        ("gain", "3", 3.0), ("part", "-.5", -0.5), ("part", "-1e-2", -0.01), ("count", "7", 7),
+        ("gain", "3", 3.0), ("count", "1", 1), ("lead", "0", 0.0),
+        ("part", "-.5", -0.5), ("part", "-1e-2", -0.01), ("count", "7", 7),
         ("quiet", "yes", True), ("quiet", "true", True), ("limit", "null", None),
         ("limit", "2e0", 2.0), ("pair", "[1e0, .5]", (1.0, 0.5)),
         ("pair", "'1 -2e-1'", (1.0, -0.2)),

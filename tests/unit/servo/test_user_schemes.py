@@ -9,7 +9,6 @@ import pytest
 from loop_rig import CAMERA, STARTS, Rig, lost, the_arm, the_goal, the_servo
 
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.goals.goal_file import read_goal
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.schemes import create_scheme
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
@@ -56,7 +55,7 @@ def taught(scheme):
     goal = Goal.teach(scheme, seen, "mine.yaml", depth=known.depth)
     import yaml
 
-    goal = read_goal(yaml.safe_load(goal.to_yaml("taught")), "mine.yaml")
+    goal = Goal.from_mapping(yaml.safe_load(goal.to_yaml("taught")), "mine.yaml")
     return replace(goal, target=known.target)
 
 

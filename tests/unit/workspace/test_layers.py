@@ -172,34 +172,36 @@ def imported_at_once(file: Path) -> set[str]:
     return names
 
 
-@pytest.mark.parametrize("package", sorted(LIBRARIES))
-def test_any_module_may_be_imported_first(package: str) -> None:
-    """No module comes back to itself by what it imports, the packages on the way included."""
-    root = LIBRARIES[package]
+def test_no_modules_import_each_other() -> None:
+    """No module comes back to itself by imports: those for types alone and those inside of
+    functions count too, and so do the packages that are made on the way."""
     modules = {}
-    for file in root.rglob("*.py"):
-        parts = file.relative_to(root.parent).with_suffix("").parts
-        modules[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
-    edges = {}
-    for name, file in modules.items():
-        edges[name] = set()
-        for wanted in imported_at_once(file) & set(modules):
-            # A module's packages are made first, but those that hold the importer are under way.
-            above = [wanted[:k] for k, c in enumerate(wanted) if c == "."] + [wanted]
-            edges[name] |= {a for a in above if a != name and not name.startswith(f"{a}.")}
-            if name.startswith(f"{wanted}."):
-                edges[name].discard(wanted)
+    for root in LIBRARIES.values():
+        for file in root.rglob("*.py"):
+            parts = file.relative_to(root.parent).with_suffix("").parts
+            modules[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = file
+    edges = {name: edges_of(name, file, set(modules)) for name, file in modules.items()}
     done: set[str] = set()
 
-    def visit(name: str, way: tuple[str, ...]) -> None:
-        assert name not in way, " -> ".join((*way[way.index(name):], name))
+    def visit(name: str, path: tuple[str, ...]) -> None:
+        assert name not in path, " -> ".join((*path[path.index(name):], name))
         if name not in done:
             for wanted in sorted(edges[name]):
-                visit(wanted, (*way, name))
+                visit(wanted, (*path, name))
             done.add(name)
 
     for name in sorted(modules):
         visit(name, ())
+
+
+def edges_of(name: str, file: Path, modules: set[str]) -> set[str]:
+    """The modules that module `name` imports, with the packages that Python makes for them; not
+    those that hold itself, which are under way."""
+    found = set()
+    for wanted in imports(file) & modules:
+        found |= {wanted[:k] for k, c in enumerate(wanted) if c == "."} | {wanted}
+    return {wanted for wanted in found & modules
+            if wanted != name and not name.startswith(f"{wanted}.")}
 
 
 def test_no_node_waits_for_scipys_optimisers_at_its_start() -> None:

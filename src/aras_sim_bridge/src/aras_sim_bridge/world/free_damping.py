@@ -12,23 +12,35 @@ Bullet applies URDF damping explicitly, tau = -d v, which rings past d dt / I = 
 The joints of a model that is bolted down have theirs from joint_dynamics.py.
 """
 
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
+from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
-
-if TYPE_CHECKING:
-    from aras_sim_bridge.world.model_joints import ModelJoints
 
 EXPLICIT_BOUND = 0.5
 CHECK_EVERY = 200  # steps; inertia changes with the configuration, slowly at 1 ms
 
 
+class DampedJoints(Protocol):
+    """What is needed of a model's joints: ModelJoints, which holds the damping. Joints are named
+    by their index in `damping_coefficients`, Nms/rad or Ns/m."""
+
+    body: Body
+    damping_coefficients: list[float]
+    dof_order: list[int]
+
+    def bullet_positions(self) -> list[float]: ...
+    def restore_friction(self, slot: int) -> None: ...
+    def set_bullet_damping(self, slot: int, damping: float) -> None: ...
+    def set_damping_motor(self, slot: int, share: float) -> None: ...
+
+
 class FreeDamping:
     """Applies the damping of one model's joints; made anew whenever the model is loaded."""
 
-    def __init__(self, joints: "ModelJoints") -> None:
+    def __init__(self, joints: DampedJoints) -> None:
         self._joints = joints
         self._countdown = 0
         self._motors: set[int] = set()

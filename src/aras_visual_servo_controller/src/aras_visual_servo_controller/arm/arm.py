@@ -232,9 +232,9 @@ class Arm:
         Raises:
             UnreachableError: no such joints were found; with how far the nearest is.
         """
-        from .inverse import solve  # here, because it works on this class
+        from .inverse import solve  # here, because SciPy's optimisers take a third of a second
 
-        return solve(self, world_T_camera, q0, tolerance)
+        return solve(self.view, self.lower, self.upper, world_T_camera, q0, tolerance)
 
     def _inner(self, q: np.ndarray) -> np.ndarray:
         """Joints in Pinocchio's order, as the array it wants."""

@@ -1,6 +1,6 @@
 """Joints for a pose of the camera, found numerically: for starts and goals given as poses."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -9,14 +9,16 @@ from aras_visual_servo_base.poses import rotation_vector, rotation_vector_rate, 
 
 from ..errors import UnreachableError
 
-if TYPE_CHECKING:
-    from .arm import Arm
-
 LENGTH = 0.1  # m that weigh as much as one radian
 ATTEMPTS = 16  # beginnings tried, the given one first
 
 
-def solve(arm: "Arm", world_T_camera: np.ndarray, q0: np.ndarray, tolerance: float) -> np.ndarray:
+# Pose (4, 4) and Jacobian (6, n) of the camera at joints (n,): Arm.view.
+View = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def solve(view: View, lower: np.ndarray, upper: np.ndarray, world_T_camera: np.ndarray,
+          q0: np.ndarray, tolerance: float) -> np.ndarray:
     """Joints (n,) within the limits, see `Arm.inverse`; redundant joints stay near q0.
 
     Raises:
@@ -28,8 +30,8 @@ def solve(arm: "Arm", world_T_camera: np.ndarray, q0: np.ndarray, tolerance: flo
     if not (np.isfinite(goal).all() and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)):
         raise ValueError("a pose of the camera has to be a rigid (4, 4) array")
     q0 = np.asarray(q0, float)
-    low = np.where(np.isfinite(arm.lower), arm.lower, q0 - 2.0 * np.pi)
-    high = np.where(np.isfinite(arm.upper), arm.upper, q0 + 2.0 * np.pi)
+    low = np.where(np.isfinite(lower), lower, q0 - 2.0 * np.pi)
+    high = np.where(np.isfinite(upper), upper, q0 + 2.0 * np.pi)
     random = np.random.default_rng(0)
     best: tuple[float, np.ndarray] | None = None
     begin = q0
@@ -41,7 +43,7 @@ def solve(arm: "Arm", world_T_camera: np.ndarray, q0: np.ndarray, tolerance: flo
             np.clip(begin, low + 1e-9, high - 1e-9),
             _derivative,
             bounds=(low, high),
-            args=(arm, goal),
+            args=(view, goal),
             xtol=1e-15,
             ftol=1e-15,
             gtol=1e-15,
@@ -55,7 +57,7 @@ def solve(arm: "Arm", world_T_camera: np.ndarray, q0: np.ndarray, tolerance: flo
         # A joint that may turn for ever is tried within a turn of where it was.
         reach = np.minimum(high - low, 2.0 * np.pi) * min(1.0, 0.2 + attempt / ATTEMPTS)
         begin = q0 + random.uniform(-0.5, 0.5, len(q0)) * reach
-    residual = _residual(best[1], arm, goal)
+    residual = _residual(best[1], view, goal)
     distance = float(np.linalg.norm(residual[:3]))
     turn = float(np.linalg.norm(residual[3:])) / LENGTH
     x, y, z = goal[:3, 3]
@@ -67,17 +69,17 @@ def solve(arm: "Arm", world_T_camera: np.ndarray, q0: np.ndarray, tolerance: flo
     )
 
 
-def _residual(q: np.ndarray, arm: "Arm", goal: np.ndarray) -> np.ndarray:
+def _residual(q: np.ndarray, view: View, goal: np.ndarray) -> np.ndarray:
     """What is left to the goal, in the camera's frame: place (m), then LENGTH x rotation."""
-    pose, _ = arm.view(q)
+    pose, _ = view(q)
     place = pose[:3, :3].T @ (goal[:3, 3] - pose[:3, 3])
     turn = rotation_vector(pose[:3, :3].T @ goal[:3, :3])
     return np.concatenate([place, LENGTH * turn])
 
 
-def _derivative(q: np.ndarray, arm: "Arm", goal: np.ndarray) -> np.ndarray:
+def _derivative(q: np.ndarray, view: View, goal: np.ndarray) -> np.ndarray:
     """Of the residual, (6, n)."""
-    pose, jacobian = arm.view(q)
+    pose, jacobian = view(q)
     camera_R_goal = pose[:3, :3].T @ goal[:3, :3]
     place = pose[:3, :3].T @ (goal[:3, 3] - pose[:3, 3])
     turn = rotation_vector(camera_R_goal)

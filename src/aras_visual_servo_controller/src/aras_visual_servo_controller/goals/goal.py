@@ -23,7 +23,7 @@ import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import yaml
@@ -39,27 +39,22 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from ..errors import ConfigurationError, ServoError, UnreachableError
 from ..seeing.observation import Observation
 from ..seeing.target_geometry import TargetGeometry
+from .goal_file import EDGE_ON, GoalKernel, goal_fields
 
 if TYPE_CHECKING:
     from ..arm import Arm
-    from ..schemes.base import JointController, Scheme
 
 REACHABLE = 2e-3  # m, and 0.1 m x rad, from which on a pose counts as beyond the arm's reach
 # Beyond these the camera is mounted elsewhere than when the goal was taught, m and rad.
 SAME_PLACE, SAME_ANGLE = 1e-4, 1e-3
-# Sine of the angle between line of sight and target's plane below which nothing is seen of it.
-EDGE_ON = 0.05
 ELLIPSE_CORNERS = 32
 
 
-@dataclass(frozen=True, eq=False)
-class GoalKernel:
-    """Kernel features (4,) at the goal, seen by the camera with these intrinsics K (3, 3)."""
+class Teaching(Protocol):
+    """What keeps something of an observation for its goal: a Scheme or a JointController."""
 
-    width: int
-    height: int
-    K: np.ndarray
-    features: np.ndarray
+    def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
+        """What its features want to keep, by their names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +90,7 @@ class Goal:
     @classmethod
     def teach(
         cls,
-        scheme: Scheme | JointController | None,
+        scheme: Teaching | None,
         observation: Observation,
         name: str = "goal",
         depth: float | None = None,
@@ -279,9 +274,7 @@ class Goal:
         Raises:
             ConfigurationError: naming the key, what is wrong and what would be right.
         """
-        from .goal_file import read_goal
-
-        return read_goal(data, name)
+        return cls(name, **goal_fields(data, name))
 
     def to_yaml(self, heading: str = "") -> str:
         """The file's text; heading becomes a comment at its top."""

@@ -19,11 +19,22 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from ..errors import ConfigurationError
 from ..seeing.observation import implausible
 from ..seeing.target_geometry import TargetGeometry
-from .goal import EDGE_ON, Goal, GoalKernel
 from .starts import PoseEntry, Three
 
+# Sine of the angle between line of sight and target's plane below which nothing is seen of it.
+EDGE_ON = 0.05
 NEAREST, FARTHEST = 1e-3, 100.0  # m that a target may be from the camera
 Matrix = tuple[float, float, float, float, float, float, float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class GoalKernel:
+    """Kernel features (4,) at the goal, seen by the camera with these intrinsics K (3, 3)."""
+
+    width: int
+    height: int
+    K: np.ndarray
+    features: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -72,23 +83,24 @@ class GoalEntries:
     mounting: PoseEntry | None = None
 
 
-def read_goal(data: Any, name: str) -> Goal:
-    """A Goal of a mapping as YAML gives it; see Goal.from_mapping."""
+def goal_fields(data: Any, name: str) -> dict[str, Any]:
+    """The fields of a Goal but its name, of a mapping as YAML gives it; see Goal.from_mapping."""
     given = build(GoalEntries, data, f"{name}: ", ConfigurationError)
     target = given.target
-    return Goal(
-        name=name,
-        joints=dict(given.joints or {}),
-        world_T_camera=_pose(given.camera_pose),
-        depth=given.depth,
-        plane=_plane(given.plane, name),
-        moments=_moments(given.moments, name),
-        kernel=_kernel(given.kernel),
-        camera=_camera(given.camera, name),
-        features={key: dict(taught) for key, taught in (given.features or {}).items()},
-        target=None if target is None else TargetGeometry.from_mapping(target, f"{name}: target"),
-        mounting=_pose(given.mounting),
-    )
+    return {
+        "joints": dict(given.joints or {}),
+        "world_T_camera": _pose(given.camera_pose),
+        "depth": given.depth,
+        "plane": _plane(given.plane, name),
+        "moments": _moments(given.moments, name),
+        "kernel": _kernel(given.kernel),
+        "camera": _camera(given.camera, name),
+        "features": {key: dict(taught) for key, taught in (given.features or {}).items()},
+        "target": None if target is None else TargetGeometry.from_mapping(
+            target, f"{name}: target"
+        ),
+        "mounting": _pose(given.mounting),
+    }
 
 
 def _plane(given: Three | None, name: str) -> Plane | None:

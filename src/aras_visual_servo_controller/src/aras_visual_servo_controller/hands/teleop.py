@@ -29,7 +29,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..arm import Limits
-from ..errors import ServoError
 from .jog import TWIST, Jog
 
 STEP = 0.05
@@ -141,22 +140,3 @@ def pressed(timeout: float) -> list[str]:
     if not select.select([sys.stdin], [], [], timeout)[0]:
         return []
     return keys_of(os.read(sys.stdin.fileno(), 64).decode(errors="replace")) or ["\x04"]
-
-
-def main() -> int:
-    """Run until q or ^C; returns the exit status."""
-    if not sys.stdin.isatty():
-        print("aras_teleop: needs a terminal for its keys: start it with rosrun", file=sys.stderr)
-        return 1
-    import rospy
-
-    from ..ros.teleop import Teleop
-
-    rospy.init_node("aras_teleop", anonymous=True, disable_signals=True)
-    try:
-        return Teleop().run()
-    except ServoError as error:
-        print(f"aras_teleop: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        return 0

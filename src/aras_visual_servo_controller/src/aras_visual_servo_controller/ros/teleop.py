@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 import threading
 import time
 from pathlib import Path
@@ -17,7 +18,7 @@ from std_srvs.srv import Trigger
 from aras_visual_servo_base.names import unknown
 
 from ..arm import Resolver
-from ..errors import ConfigurationError, MeasurementError
+from ..errors import ConfigurationError, MeasurementError, ServoError
 from ..hands import teleop
 from ..hands.gamepad import HELP, JoyDevice, twist_of
 from ..hands.jog import Jog
@@ -149,3 +150,18 @@ class Teleop:
     def _on_joy(self, message: Joy) -> None:
         if self._heard.is_set():
             self._drive(list(message.axes), list(message.buttons))
+
+
+def main() -> int:
+    """Run until q or ^C; returns the exit status."""
+    if not sys.stdin.isatty():
+        print("aras_teleop: needs a terminal for its keys: start it with rosrun", file=sys.stderr)
+        return 1
+    rospy.init_node("aras_teleop", anonymous=True, disable_signals=True)
+    try:
+        return Teleop().run()
+    except ServoError as error:
+        print(f"aras_teleop: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        return 0

@@ -145,6 +145,13 @@ EYE_TO_HAND = """<robot name="r"><link name="world"/><link name="camera_link"/><
 def test_eye_to_hand_is_the_motion_relative_to_the_target():
     arm = Arm.from_urdf(EYE_TO_HAND, target_frame="hand")
     assert arm.names == ("rail", "pan", "shoulder", "elbow")
+    assert arm.lower.tolist() == [-1.0, -np.inf, -2.0, -2.0]
+    assert arm.upper.tolist() == [1.0, np.inf, 2.0, 2.0]
+    assert arm.velocity.tolist() == arm.effort.tolist() == [1.0, np.inf, 1.0, 1.0]
+    pan = EYE_TO_HAND.replace('0 0 2"/>', '0 0 2"/><limit lower="-1" upper="1" velocity="3"/>')
+    endless = Arm.from_urdf(pan)
+    assert (endless.lower[1], endless.upper[1]) == (-np.inf, np.inf)
+    assert (endless.velocity[1], endless.effort[1]) == (3.0, np.inf)
     camera, hand = Arm.from_urdf(EYE_TO_HAND), Arm.from_urdf(EYE_TO_HAND, "hand")
 
     def relative(q):
@@ -218,18 +225,19 @@ def test_a_joint_pushed_a_little_over_its_limit_is_still_measured():
 
 
 CHANGES = [
-    ("<?xml", "<robot", "not XML"),
-    ("camera_optical_frame", "lens", "no link camera_optical_frame; there are base_link, slider"),
-    ('<parent link="link3"/>', "", "J5 lacks its parent"),
-    ('name="J5" type="revolute"', 'name="J5" type="floating"', "J5 .*'floating'"),
-    ('<limit lower="-3000" upper="3000" effort="50000" velocity="5"/>', "", "J6 has no <limit>"),
-    ('lower="-3000" upper="3000"', 'lower="3000" upper="-3000"', "J6: lower limit 3000"),
-    ('lower="-3000"', 'lower="many"', "J6: lower='many' must be a number"),
-    ('effort="80000" velocity="5"', 'effort="80000" velocity="-5"', "gantry: velocity='-5'"),
-    ('<axis xyz="0 -1 0"/>', '<axis xyz="0 0 0"/>', "J5 has an axis of no length"),
-    ('<axis xyz="0 -1 0"/>', '<axis xyz="0 0"/>', "J5: xyz='0 0' must be 3 finite numbers"),
-    ('<axis xyz="0 -1 0"/>', '<axis xyz="0 -1 0"/><mimic joint="J3"/>', "J5 mimics another"),
-    ('rpy="3.14 -1.57 0"', 'rpy="3.14 -1.57 nan"', "camera_joint: rpy='3.14 -1.57 nan'"),
+    ("<?xml", "<robot", "URDF: line 1, column"),
+    ("camera_optical_frame", "lens", "no link camera_optical_frame; known are base_link, slider"),
+    ('<parent link="link3"/>', "", "joint 'J5': has no <parent link=…>"),
+    ('name="J5" type="revolute"', 'name="J5" type="floating"', "'J5' on the path .*'floating'"),
+    ('<limit lower="-3000" upper="3000" effort="50000" velocity="5"/>', "", "'J6': .* needs <lim"),
+    ('lower="-3000" upper="3000"', 'lower="3000" upper="-3000"', "'J6': limit lower 3000.0"),
+    ('lower="-3000" upper="3000"', 'lower="2" upper="2"', "'J6': lower limit 2 must be below the"),
+    ('lower="-3000"', 'lower="many"', "'J6': limit lower: 'many' is not a number"),
+    ('effort="80000" velocity="5"', 'effort="80000" velocity="-5"', "'gantry': .* velocity -5"),
+    ('<axis xyz="0 -1 0"/>', '<axis xyz="0 0 0"/>', "joint 'J5': axis is zero"),
+    ('<axis xyz="0 -1 0"/>', '<axis xyz="0 0"/>', "'J5': axis: needs 3 numbers, got '0 0'"),
+    ('<axis xyz="0 -1 0"/>', '<axis xyz="0 -1 0"/><mimic joint="J3"/>', "'J5' mimics another"),
+    ('rpy="3.14 -1.57 0"', 'rpy="3.14 -1.57 nan"', "'camera_joint': origin rpy: nan"),
 ]
 
 
@@ -247,9 +255,9 @@ def test_what_is_wrong_with_a_description_is_said_in_a_line(old, new, words):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"camera_frame": "camera_lnk"}, "no link camera_lnk; did you mean camera_link"),
-        ({"base_frame": "lnk2"}, "does not hang on lnk2; did you mean link2"),
-        ({"target_frame": "slidr"}, "did you mean slider"),
+        ({"camera_frame": "camera_lnk"}, "no link camera_lnk; did you mean 'camera_link'"),
+        ({"base_frame": "lnk2"}, "is not below lnk2; did you mean 'link2'"),
+        ({"target_frame": "slidr"}, "did you mean 'slider'"),
         ({"joints": ("gantry", "J4")}, "no joint J4 moves the camera"),
         ({"joints": ("J1", "J1")}, "named twice"),
         ({"joints": ()}, "no joint moves the camera"),
@@ -266,5 +274,5 @@ def test_a_loop_of_links_is_named():
         "</robot>",
         '<joint name="j" type="fixed"><parent link="hand"/><child link="world"/></joint></robot>',
     )
-    with pytest.raises(ConfigurationError, match="hangs on itself"):
+    with pytest.raises(ConfigurationError, match="the joints form a loop"):
         Arm.from_urdf(loop)

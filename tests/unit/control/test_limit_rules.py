@@ -21,7 +21,7 @@ from aras_sim_bridge.control.limits import (
     VelocitySoft,
     rule_for,
 )
-from aras_sim_bridge.description.types import SoftLimits
+from aras_sim_bridge.description import SoftLimits
 from aras_sim_bridge.errors import HardwareError
 
 LIMITS = Limits(-2.0, 2.0, 5.0, None, 100.0)

@@ -6,13 +6,13 @@ import os
 import pytest
 
 from aras_sim_bridge.description import (
+    Joint,
     JointLimits,
     Mimic,
     SoftLimits,
     Transmission,
     parse_urdf,
 )
-from aras_sim_bridge.description.types import Joint
 from aras_sim_bridge.errors import DescriptionError
 
 LIMIT = "<limit lower='-1' upper='2' effort='3' velocity='4'/>"

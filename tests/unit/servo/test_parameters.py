@@ -176,7 +176,7 @@ def test_every_number_has_its_bound_and_takes_what_lies_at_it():
         ({"max_velocity": 9.0}, "beyond the robot's own"),
         ({"lead": {"J4": 0.1}}, "~lead names the joint J4"),
         ({"output": "torque"}, "output 'torque' is unknown"),
-        ({"camera_frame": "camera"}, "did you mean camera_link"),
+        ({"camera_frame": "camera"}, "did you mean 'camera_link'"),
     ],
 )
 def test_what_cannot_be_built_is_named(given, words):
@@ -225,6 +225,7 @@ def test_of_joints_that_are_not_used_the_robot_s_parameters_say_nothing(arm):
 def test_an_arm_whose_speed_nothing_limits_is_not_moved():
     """Else it would be driven to its start at 300 rad/s."""
     urdf = re.sub(r'( name="J2"(?:.|\n)*?<limit[^>]*?) velocity="[^"]*"', r"\1", URDF, count=1)
+    urdf = urdf.replace('name="J2" type="revolute"', 'name="J2" type="continuous"')
     settings = of(start="none", max_velocity={"J1": 1.0})
     arm = settings.arm(urdf)
     assert np.isinf(arm.velocity).tolist() == [False, False, True, False, False, False]

@@ -6,21 +6,8 @@ the ROS skin logs the text or returns it as a service's status message, unchange
 
 from collections.abc import Iterable
 
-
-class SimError(Exception):
-    """Base of every fault that the bridge reports to its user."""
-
-
-class DescriptionError(SimError):
-    """A robot or world description (URDF, SDF, mesh, package path) cannot be used.
-
-    fault: what is wrong, and where. mend: how to mend it; '' where the fault says so itself.
-    path: of the file that is at fault, '' where it is not known.
-    """
-
-    def __init__(self, fault: str, mend: str = "", path: str = "") -> None:
-        super().__init__(f"{fault}; {mend}" if mend else fault)
-        self.fault, self.mend, self.path = fault, mend, path
+from aras_visual_servo_base.errors import DescriptionError as DescriptionError
+from aras_visual_servo_base.errors import SimError as SimError
 
 
 class WorldError(SimError):

@@ -15,6 +15,7 @@ import numpy as np
 
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.settings import converted, default_of, defaults, parameter
+from aras_visual_servo_base.urdf import parse_tree
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.trackers import TRACKERS, Tracker
 
@@ -28,7 +29,6 @@ from .arm import (
     SecondaryTask,
     SingularityAvoidance,
 )
-from .arm.chain import Description
 from .arm.fold import find
 from .errors import ConfigurationError
 from .goals.goal import Goal
@@ -225,7 +225,7 @@ class Settings:
             urdf, self.camera_frame, self.base_frame, self.joints or None, self.target_frame
         )
         for joint, controller in self.controllers.items():
-            known = arm.names if joint in arm.names else Description(urdf).joints
+            known = arm.names if joint in arm.names else parse_tree(urdf).joints
             if joint not in known:
                 raise ConfigurationError(
                     f"parameter ~controllers names the joint {joint}: {nearest(joint, known)}"

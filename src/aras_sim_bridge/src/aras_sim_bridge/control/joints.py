@@ -8,9 +8,9 @@ neither sees the other. Units: rad or m, rad/s or m/s, N m or N.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from aras_sim_bridge.description.types import Joint, JointLimits
 from aras_sim_bridge.errors import HardwareError
 from aras_visual_servo_base.settings import read
+from aras_visual_servo_base.urdf import Joint, JointLimits
 
 EFFORT = "EffortJointInterface"
 POSITION = "PositionJointInterface"

@@ -7,8 +7,8 @@ nobody renews stays at its limited value. dt is the write period in s.
 from math import isnan, nan
 
 from aras_sim_bridge.control.joints import EFFORT, POSITION, JointHandle, Limits
-from aras_sim_bridge.description.types import SoftLimits
 from aras_sim_bridge.errors import HardwareError
+from aras_visual_servo_base.urdf import SoftLimits
 
 _INF = float("inf")
 

@@ -14,19 +14,16 @@ from aras_sim_bridge.description.types import (
     ControlPlugin,
     Geometry,
     Inertial,
-    Joint,
-    JointLimits,
     LensDescription,
     Light,
     Link,
-    Mimic,
     Noise,
     RobotDescription,
-    SoftLimits,
     Transmission,
     Visual,
 )
 from aras_sim_bridge.description.urdf import parse_urdf
+from aras_visual_servo_base.urdf import Joint, JointLimits, Mimic, SoftLimits
 
 __all__ = [
     "CameraDescription",

@@ -10,8 +10,8 @@ from __future__ import annotations
 import difflib
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.safe_xml import numbers, shorten, text_of
 from aras_sim_bridge.description.types import Rgba
+from aras_visual_servo_base.safe_xml import numbers, shorten, text_of
 
 WHITE: Rgba = (1.0, 1.0, 1.0, 1.0)
 

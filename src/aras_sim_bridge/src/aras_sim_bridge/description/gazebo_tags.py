@@ -1,10 +1,21 @@
 """The <gazebo> tags of a URDF: plugins, sensors, materials, link flags."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import gazebo_materials
-from aras_sim_bridge.description.safe_xml import (
+from aras_sim_bridge.description.types import (
+    CameraDescription,
+    CameraPlugin,
+    ControlPlugin,
+    LensDescription,
+    Link,
+    Noise,
+    Rgba,
+)
+from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base.safe_xml import (
     check_names,
     integer,
     number,
@@ -13,17 +24,7 @@ from aras_sim_bridge.description.safe_xml import (
     text_of,
     truth,
 )
-from aras_sim_bridge.description.types import (
-    CameraDescription,
-    CameraPlugin,
-    ControlPlugin,
-    Joint,
-    LensDescription,
-    Link,
-    Noise,
-    Rgba,
-)
-from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base.urdf import Joint
 
 CAMERA_KINDS = ("camera", "depth", "wideanglecamera")
 _LENSES = ("gnomonical", "stereographic", "equidistant", "equisolid_angle", "orthographic",
@@ -41,7 +42,7 @@ class GazeboTags:
     static: bool = False
 
 
-def parse(root: Element, links: dict[str, Link], joints: dict[str, Joint],
+def parse(root: Element, links: dict[str, Link], joints: Mapping[str, Joint],
           warnings: list[str]) -> GazeboTags:
     """Read every `<gazebo>` below `root`.
 

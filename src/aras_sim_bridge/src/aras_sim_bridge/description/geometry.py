@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.safe_xml import direction, numbers, shorten, text_of
 from aras_sim_bridge.description.types import Geometry
 from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base.safe_xml import direction, numbers, shorten, text_of
 
 SHAPES = ("box", "cylinder", "sphere", "capsule", "plane", "mesh")
 Resolve = Callable[[str, str], str]  # a mesh's URI and who names it -> the path of its file

@@ -11,10 +11,22 @@ from types import MappingProxyType
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import gazebo_materials, gazebo_tags, packages, safe_xml
+from aras_sim_bridge.description import gazebo_materials, gazebo_tags, packages
 from aras_sim_bridge.description.geometry import Resolve, sdf_geometry
 from aras_sim_bridge.description.inertia import checked_inertial
-from aras_sim_bridge.description.safe_xml import (
+from aras_sim_bridge.description.types import (
+    CameraDescription,
+    Collision,
+    Light,
+    Link,
+    Rgba,
+    RobotDescription,
+    Visual,
+)
+from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base import safe_xml
+from aras_visual_servo_base.poses import Pose
+from aras_visual_servo_base.safe_xml import (
     check_names,
     direction,
     number,
@@ -23,20 +35,7 @@ from aras_sim_bridge.description.safe_xml import (
     text_of,
     truth,
 )
-from aras_sim_bridge.description.types import (
-    CameraDescription,
-    Collision,
-    Joint,
-    JointLimits,
-    Light,
-    Link,
-    Rgba,
-    RobotDescription,
-    Visual,
-)
-from aras_sim_bridge.description.urdf import root_link
-from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_base.poses import Pose
+from aras_visual_servo_base.urdf import Joint, JointLimits, root_link
 
 _MODEL_TAGS = {"static", "pose", "link", "joint", "plugin", "self_collide", "allow_auto_disable",
                "enable_wind"}

@@ -1,16 +1,14 @@
 """The dataclasses of a robot description. SI units, radians; rotations as rpy, as in URDF."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Self
 
-from aras_visual_servo_base.poses import Pose, Vector3
+from aras_visual_servo_base.poses import Vector3
+from aras_visual_servo_base.urdf import ZERO, Joint, Placed
 
 Rgba = tuple[float, float, float, float]
 
-ZERO: Vector3 = (0.0, 0.0, 0.0)
-MOVING_KINDS = ("revolute", "continuous", "prismatic")
 
 
 @dataclass(frozen=True)
@@ -28,19 +26,6 @@ class Geometry:
     filename: str = ""
     scale: Vector3 = (1.0, 1.0, 1.0)
     normal: Vector3 = (0.0, 0.0, 1.0)
-
-
-class Placed:
-    """What has a frame: `origin_xyz` (m) and `origin_rpy` (rad) in that of what it belongs to."""
-
-    @property
-    def pose(self) -> Pose:
-        """The same as one pose."""
-        return Pose.from_rpy(self.origin_xyz, self.origin_rpy)
-
-    def at(self, pose: Pose) -> Self:
-        """A copy at another pose."""
-        return replace(self, origin_xyz=pose.xyz, origin_rpy=pose.rpy)
 
 
 @dataclass(frozen=True)
@@ -88,63 +73,6 @@ class Link:
     gravity: bool = True
     kinematic: bool = False
     mu: float | None = None
-
-
-@dataclass(frozen=True)
-class JointLimits:
-    """lower, upper: rad or m, None where the joint has no position limit (continuous).
-    effort: N m or N. velocity: rad/s or m/s."""
-
-    lower: float | None
-    upper: float | None
-    effort: float
-    velocity: float
-
-
-@dataclass(frozen=True)
-class SoftLimits:
-    """`<safety_controller>`: soft position limits (None where not given) and gains."""
-
-    lower: float | None
-    upper: float | None
-    k_position: float
-    k_velocity: float
-
-
-@dataclass(frozen=True)
-class Mimic:
-    """q = multiplier * q(joint) + offset."""
-
-    joint: str
-    multiplier: float = 1.0
-    offset: float = 0.0
-
-
-@dataclass(frozen=True)
-class Joint(Placed):
-    """A joint; kind is revolute, continuous, prismatic, fixed, floating or planar.
-
-    origin_*: the joint (= child link) frame in the parent link. axis: unit vector in that frame.
-    damping: N m s/rad or N s/m. friction: Coulomb, N m or N.
-    """
-
-    name: str
-    kind: str
-    parent: str
-    child: str
-    origin_xyz: Vector3 = ZERO
-    origin_rpy: Vector3 = ZERO
-    axis: Vector3 = (1.0, 0.0, 0.0)
-    limits: JointLimits | None = None
-    damping: float = 0.0
-    friction: float = 0.0
-    soft_limits: SoftLimits | None = None
-    mimic: Mimic | None = None
-
-    @property
-    def moves(self) -> bool:
-        """True for the kinds that have one degree of freedom."""
-        return self.kind in MOVING_KINDS
 
 
 @dataclass(frozen=True)

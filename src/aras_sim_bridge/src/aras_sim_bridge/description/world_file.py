@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import Light, RobotDescription, read_sdf, safe_xml
+from aras_sim_bridge.description import Light, RobotDescription, read_sdf
 from aras_sim_bridge.description.lights import SUN
 from aras_sim_bridge.errors import DescriptionError, SimError
+from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose, Vector3
 
 

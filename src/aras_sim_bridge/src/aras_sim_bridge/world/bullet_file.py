@@ -20,11 +20,9 @@ from aras_sim_bridge.description.gazebo_materials import WHITE
 from aras_sim_bridge.description.inertia import principal_axes
 from aras_sim_bridge.description.mesh_files import write_obj, write_stl
 from aras_sim_bridge.description.types import (
-    ZERO,
     Collision,
     Geometry,
     Inertial,
-    Joint,
     Link,
     Rgba,
     RobotDescription,
@@ -32,6 +30,7 @@ from aras_sim_bridge.description.types import (
     Visual,
 )
 from aras_visual_servo_base.poses import Pose, quaternion_from_matrix
+from aras_visual_servo_base.urdf import ZERO, Joint
 
 # Of a link without a visual Bullet makes pictures of the collisions: 4 ms for a plane.
 _NOTHING = '<visual><geometry><box size="0 0 0"/></geometry></visual>'

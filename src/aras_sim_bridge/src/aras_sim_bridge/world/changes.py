@@ -8,9 +8,10 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from aras_sim_bridge.description.inertia import checked_inertial
-from aras_sim_bridge.description.types import JointLimits, RobotDescription
+from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import WorldError
 from aras_visual_servo_base.poses import Vector3, checked_vector
+from aras_visual_servo_base.urdf import JointLimits
 
 
 def with_link(description: RobotDescription, link: str, mass: float, com: Vector3,

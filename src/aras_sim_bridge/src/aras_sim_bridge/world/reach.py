@@ -7,7 +7,6 @@ everything. An arm that hangs above the ground pays a tenth of its step for such
 import math
 from typing import NamedTuple
 
-from aras_sim_bridge.description.types import Joint
 from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.model import Model
 from aras_visual_servo_base.poses import (
@@ -18,6 +17,7 @@ from aras_visual_servo_base.poses import (
     rotate,
     scaled,
 )
+from aras_visual_servo_base.urdf import Joint
 
 # m: Bullet's own margins, and stops that give way a little
 MARGIN = 0.1

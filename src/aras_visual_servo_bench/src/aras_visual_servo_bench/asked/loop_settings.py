@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 from typing import Any
 
+from aras_visual_servo_base.urdf import robot_name
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import JointController, Scheme
@@ -52,8 +52,7 @@ def settings_of(experiment: Experiment, robot: Robot | None = None) -> Settings:
         settings = Settings.from_mapping(given, package)
         if experiment.plant in FLYING or robot is None:
             return settings
-        name = ElementTree.fromstring(robot.urdf).get("name", "")
-        return settings.for_robot(name, given)
+        return settings.for_robot(robot_name(robot.urdf), given)
     except ConfigurationError as error:
         raise ExperimentError(str(error)) from error
 

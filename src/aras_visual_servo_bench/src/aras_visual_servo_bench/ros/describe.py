@@ -87,7 +87,7 @@ def main() -> int:
     from geometry_msgs.msg import PoseStamped
     from std_msgs.msg import String
 
-    from aras_visual_servo_controller.ros.given import robot_name
+    from aras_visual_servo_base.urdf import robot_name
     from aras_visual_servo_ros.shutdown import begin_node
 
     from . import target_place

@@ -89,7 +89,7 @@ class Described:
         """Of the loop, as the node had them."""
         if not self.given:
             return None
-        from aras_visual_servo_controller.ros.given import robot_name
+        from aras_visual_servo_base.urdf import robot_name
 
         package = Path(PackagePath().find("aras_visual_servo_controller"))
         with self._told("the recorded parameters cannot be used"):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import threading
 import time
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from geometry_msgs.msg import PolygonStamped, PoseStamped, Twist
 from sensor_msgs.msg import CameraInfo, JointState
 
 from aras_visual_servo_base.poses import Pose, normalised
+from aras_visual_servo_base.urdf import robot_name
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.messages import outline_of
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -73,7 +73,7 @@ class Listener:
         """
         watched = None if self.story is None else self.beginnings
         if urdf := self._description.new(watched):
-            name = _name(urdf)
+            name = robot_name(urdf)
             arm = self.settings.for_robot(name, ()).arm(urdf)
             with self.lock:
                 self.urdf, self.story, self.robot = urdf, Story(arm), name
@@ -175,10 +175,6 @@ def listener_settings(given: dict[str, object]) -> Settings:
     """
     package = Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
     return Settings.from_mapping(given, package)
-
-
-def _name(urdf: str) -> str:
-    return ElementTree.fromstring(urdf).get("name", "")
 
 
 def _twist(message: Twist) -> tuple[float, ...]:

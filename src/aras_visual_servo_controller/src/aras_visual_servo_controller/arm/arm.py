@@ -7,14 +7,18 @@ import numpy as np
 import pinocchio
 
 from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.errors import DescriptionError
+from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.poses import exponential, transform
+from aras_visual_servo_base.urdf import MOVING_KINDS, Joint, UrdfTree, parse_tree
 
 from ..errors import ConfigurationError, MeasurementError
 from ..seeing.joint_sample import JointSample
-from .chain import DescribedJoint, Description, nearest
 
 # A measured position further outside its limits than their span, or a speed so many times the
 # joint's greatest, is no measurement. A joint without limits may have turned this far, rad or m.
 UNLIMITED_SPAN, IMPLAUSIBLE_SPEED = 1e4, 100.0
+OPTICAL, LINK = "_optical_frame", "_link"
 
 
 class Arm:
@@ -37,20 +41,20 @@ class Arm:
 
     def __init__(
         self,
-        camera_way: Sequence[DescribedJoint],
-        target_way: Sequence[DescribedJoint] = (),
+        camera_path: Sequence[Joint],
+        target_path: Sequence[Joint] = (),
         joints: Sequence[str] | None = None,
         locked: Mapping[str, float] | None = None,
     ) -> None:
-        """Build from the joints on the way to the camera, and to the target; see `from_urdf`."""
-        moving = [joint for joint in camera_way if joint.kind != "fixed"]
-        on_camera_way = {joint.name for joint in camera_way}
-        moving += [j for j in target_way if j.kind != "fixed" and j.name not in on_camera_way]
+        """Build from the joints on the paths to the camera and to the target; see `from_urdf`."""
+        moving = [joint for joint in camera_path if joint.kind != "fixed"]
+        shared = {joint.name for joint in camera_path}
+        moving += [j for j in target_path if j.kind != "fixed" and j.name not in shared]
         moving = _chosen(moving, joints)
         if not moving:
             raise ConfigurationError("robot description: no joint moves the camera")
-        for name in ("lower", "upper", "velocity", "effort"):
-            setattr(self, name, _fixed([getattr(joint, name) for joint in moving]))
+        limits = np.array(list(zip(*map(_limits, moving), strict=True)))
+        self.lower, self.upper, self.velocity, self.effort = map(_read_only, limits)
         span = np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, np.nan)
         self._least = np.nan_to_num(self.lower - span, nan=-UNLIMITED_SPAN)
         self._most = np.nan_to_num(self.upper + span, nan=UNLIMITED_SPAN)
@@ -60,14 +64,14 @@ class Arm:
         self.names = tuple(joint.name for joint in moving)
         self.prismatic = np.array([joint.kind == "prismatic" for joint in moving])
         self.prismatic.setflags(write=False)
-        self.camera_frame, self.base_frame = camera_way[-1].child, camera_way[0].parent
-        self.target_frame = target_way[-1].child if target_way else ""
+        self.camera_frame, self.base_frame = camera_path[-1].child, camera_path[0].parent
+        self.target_frame = target_path[-1].child if target_path else ""
 
         # Pinocchio keeps the joints in its own order; ours is a permutation of it.
         self._model = pinocchio.Model()
         ids: dict[str, int] = {}
-        self._camera = self._extend(camera_way, ids, locked or {})
-        self._target = self._extend(target_way, ids, locked or {}) if target_way else None
+        self._camera = self._extend(camera_path, ids, locked or {})
+        self._target = self._extend(target_path, ids, locked or {}) if target_path else None
         self._order = np.array([self._model.joints[ids[name]].idx_v for name in self.names])
         self._straight = bool((self._order == np.arange(len(self.names))).all())
         self._data = self._model.createData()
@@ -101,14 +105,19 @@ class Arm:
             ConfigurationError: the description cannot be used, with what is missing and the
                 nearest name.
         """
-        description = Description(urdf)
-        camera_way = description.way(base_frame, camera_frame)
-        if not camera_way:
+        try:
+            tree = parse_tree(urdf)
+            camera_path = _camera_path(tree, base_frame, camera_frame)
+            target_path = tree.path(base_frame, target_frame) if target_frame else []
+            for joint in [*camera_path, *target_path]:
+                _check(joint)
+        except DescriptionError as error:
+            raise ConfigurationError(f"robot description: {error}") from None
+        if not camera_path:
             raise ConfigurationError(
                 f"robot description: {camera_frame} is the base itself, no joint moves it"
             )
-        target_way = description.way(base_frame, target_frame) if target_frame else ()
-        return cls(camera_way, target_way, joints, locked)
+        return cls(camera_path, target_path, joints, locked)
 
     def __len__(self) -> int:
         """Number of joints."""
@@ -194,7 +203,7 @@ class Arm:
             missing = [name for name in self.names if name not in index]
             if missing:
                 raise MeasurementError(
-                    f"joint states lack {', '.join(missing)}{nearest(missing[0], names)}"
+                    f"joint states lack {', '.join(missing)}; {nearest(missing[0], names)}"
                 )
             self._told = names, [index[name] for name in self.names]
         return self._told[1]
@@ -248,14 +257,17 @@ class Arm:
         return inner
 
     def _extend(
-        self, way: Sequence[DescribedJoint], ids: dict[str, int], locked: Mapping[str, float]
+        self, path: Sequence[Joint], ids: dict[str, int], locked: Mapping[str, float]
     ) -> int:
-        """Add the joints of a way that are not there yet; returns the frame at its end."""
+        """Add the joints of a path that are not there yet; returns the frame at its end."""
         parent, parent_T_next = 0, pinocchio.SE3.Identity()
-        for joint in way:
+        for joint in path:
+            parent_T_next = parent_T_next * pinocchio.SE3(
+                transform(joint.origin_xyz, joint.origin_rpy)
+            )
             if joint.name not in self.names:
-                step = joint.at(locked.get(joint.name, 0.0))
-                parent_T_next = parent_T_next * _placement(step)
+                if joint.moves:
+                    parent_T_next = parent_T_next * _moved(joint, locked.get(joint.name, 0.0))
                 continue
             if joint.name not in ids:
                 kind = (
@@ -264,14 +276,11 @@ class Arm:
                     else pinocchio.JointModelRevoluteUnaligned
                 )
                 ids[joint.name] = self._model.addJoint(
-                    parent,
-                    kind(joint.axis),
-                    parent_T_next * _placement(joint.origin),
-                    joint.name,
+                    parent, kind(np.array(joint.axis)), parent_T_next, joint.name
                 )
             parent, parent_T_next = ids[joint.name], pinocchio.SE3.Identity()
         return self._model.addFrame(
-            pinocchio.Frame(way[-1].child, parent, parent_T_next, pinocchio.FrameType.OP_FRAME)
+            pinocchio.Frame(path[-1].child, parent, parent_T_next, pinocchio.FrameType.OP_FRAME)
         )
 
 
@@ -288,9 +297,61 @@ def _implausible(q, velocities, least, most, fastest):
     return -1, False
 
 
+def _camera_path(tree: UrdfTree, base: str, camera_frame: str) -> list[Joint]:
+    """The joints from the base to the camera's optical frame.
+
+    A frame `x_optical_frame` that is not described is put on the camera link `x_link`, which looks
+    along its +x, z up, as Gazebo's cameras do.
+    """
+    link = camera_frame.removesuffix(OPTICAL) + LINK
+    if camera_frame in tree.links or not camera_frame.endswith(OPTICAL) or link not in tree.links:
+        return tree.path(base, camera_frame)
+    turn = (-0.5 * np.pi, 0.0, -0.5 * np.pi)
+    optical = Joint(f"{link}_to_{camera_frame}", "fixed", link, camera_frame, origin_rpy=turn)
+    return [*tree.path(base, link), optical]
+
+
+def _check(joint: Joint) -> None:
+    """DescriptionError for a joint that moves the camera or the target and cannot be used."""
+    if not joint.moves and joint.kind != "fixed":
+        raise DescriptionError(
+            f"joint '{joint.name}' on the path to the camera is '{joint.kind}': "
+            f"{', '.join(MOVING_KINDS)} and fixed are known"
+        )
+    if joint.moves and joint.mimic is not None:
+        raise DescriptionError(
+            f"joint '{joint.name}' mimics another and moves the camera: chains with such joints "
+            "are not supported"
+        )
+    lower, upper, _, _ = _limits(joint)
+    if not lower < upper:
+        raise DescriptionError(
+            f"joint '{joint.name}': lower limit {lower:g} must be below the upper {upper:g}"
+        )
+
+
+def _limits(joint: Joint) -> tuple[float, float, float, float]:
+    """lower, upper, velocity, effort of a joint; infinite where there is no limit."""
+    if joint.limits is None:
+        return -np.inf, np.inf, np.inf, np.inf
+    lower, upper = joint.limits.lower, joint.limits.upper
+    return (
+        -np.inf if lower is None else lower, np.inf if upper is None else upper,
+        joint.limits.velocity, joint.limits.effort,
+    )  # fmt: skip
+
+
+def _moved(joint: Joint, position: float) -> pinocchio.SE3:
+    """Motion (SE3) of a joint at a position, rad or m, in its own frame."""
+    twist = np.zeros(6)
+    along = slice(0, 3) if joint.kind == "prismatic" else slice(3, 6)
+    twist[along] = position * np.array(joint.axis)
+    return pinocchio.SE3(exponential(twist))
+
+
 def _chosen(
-    moving: list[DescribedJoint], joints: Sequence[str] | None
-) -> list[DescribedJoint]:
+    moving: list[Joint], joints: Sequence[str] | None
+) -> list[Joint]:
     """The joints asked for, in the order asked for."""
     if joints is None:
         return moving
@@ -298,19 +359,11 @@ def _chosen(
     for name in joints:
         if name not in by_name:
             raise ConfigurationError(
-                f"no joint {name} moves the camera{nearest(name, by_name)}"
+                f"no joint {name} moves the camera; {nearest(name, by_name)}"
             )
     if len(set(joints)) != len(joints):
         raise ConfigurationError(f"joints {', '.join(joints)}: one is named twice")
     return [by_name[name] for name in joints]
-
-
-def _placement(a_T_b: np.ndarray) -> pinocchio.SE3:
-    return pinocchio.SE3(a_T_b[:3, :3].copy(), a_T_b[:3, 3].copy())
-
-
-def _fixed(values: Sequence[float]) -> np.ndarray:
-    return _read_only(np.array(values, float))
 
 
 def _read_only(array: np.ndarray) -> np.ndarray:

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aras_visual_servo_base.names import nearest
+
 from ..errors import ConfigurationError
 from .arm import Arm
-from .chain import nearest
 from .inversion import STRAIGHT
 
 PARALLEL = 1e-4  # rad; descriptions write pi as 3.1416
@@ -77,7 +78,8 @@ def find(arm: Arm, sides: dict[str, float] | None = None) -> tuple[Fold, ...]:
     known = [arm.names[fold.joint] for fold in folds]
     for name, side in sides.items():
         if name not in known:
-            raise ConfigurationError(f"joint {name} is no elbow of this arm{nearest(name, known)}")
+            hint = nearest(name, known)
+            raise ConfigurationError(f"joint {name} is no elbow of this arm; {hint}")
         if side not in (-1, 1):
             raise ConfigurationError(f"side of the elbow {name} is {side!r}: use -1 or 1")
     return tuple(folds)

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aras_visual_servo_base.names import nearest
+
 from ..errors import ConfigurationError
 from .arm import Arm
-from .chain import nearest
 
 # One number for all joints, one for each in the arm's order, or some by name.
 Given = float | Sequence[float] | Mapping[str, float] | None
@@ -91,7 +92,7 @@ def _merged(key: str, names: Sequence[str], own: np.ndarray, given: Given) -> np
             for name, value in given.items():
                 if name not in names:
                     raise ConfigurationError(
-                        f"limits: {key} of an unknown joint {name}{nearest(name, names)}"
+                        f"limits: {key} of an unknown joint {name}; {nearest(name, names)}"
                     )
                 values[names.index(name)] = float(value)
         elif np.ndim(given) == 0:

@@ -9,10 +9,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.names import nearest
 
 from ..errors import ConfigurationError
 from .arm import Arm
-from .chain import nearest
 from .limits import Limits
 
 
@@ -38,7 +38,7 @@ class Posture(SecondaryTask):
         for name, value in preferred.items():
             if name not in arm.names:
                 raise ConfigurationError(
-                    f"posture: unknown joint {name}{nearest(name, arm.names)}"
+                    f"posture: unknown joint {name}; {nearest(name, arm.names)}"
                 )
             joint = arm.names.index(name)
             number = isinstance(value, int | float | np.number) and not isinstance(value, bool)

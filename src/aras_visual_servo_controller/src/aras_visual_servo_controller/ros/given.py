@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
 import rospkg
@@ -27,11 +26,3 @@ def given_settings() -> tuple[Settings, dict[str, object]]:
     if settings.desired != "auto":
         settings.load_goal()
     return settings, given
-
-
-def robot_name(urdf: str) -> str:
-    """Of the robot in its description; empty for what is none: what is wrong, the arm says."""
-    try:
-        return ElementTree.fromstring(urdf).get("name", "")
-    except ElementTree.ParseError:
-        return ""

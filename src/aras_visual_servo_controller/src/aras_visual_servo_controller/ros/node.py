@@ -7,6 +7,7 @@ import time
 import numpy as np
 import rospy
 
+from aras_visual_servo_base.urdf import robot_name
 from aras_visual_servo_ros.connections import open_wide
 from aras_visual_servo_ros.master_watch import MasterWatch
 from aras_visual_servo_ros.shutdown import begin_node, end_without_master
@@ -17,7 +18,7 @@ from ..settings import Settings
 from .control import Control
 from .description import DescriptionWatch, e_stop_topic
 from .face import RosFace
-from .given import given_settings, robot_name
+from .given import given_settings
 from .goal_topics import GoalTopics
 from .inputs import Inputs
 from .reconfigure import GainServer

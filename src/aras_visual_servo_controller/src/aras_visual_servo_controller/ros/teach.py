@@ -9,6 +9,7 @@ from pathlib import Path
 import rospkg
 import rospy
 
+from aras_visual_servo_base.urdf import robot_name
 from aras_visual_servo_ros.shutdown import begin_node
 
 from ..errors import ServoError
@@ -18,7 +19,6 @@ from ..goals.teaching import Teacher, goal_of
 from ..seeing.observation import Need
 from ..settings import Settings
 from .commands import CommandTopics
-from .given import robot_name
 from .inputs import Inputs
 
 

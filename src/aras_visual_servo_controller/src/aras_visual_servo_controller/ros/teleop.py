@@ -16,6 +16,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from aras_visual_servo_base.names import unknown
+from aras_visual_servo_base.urdf import robot_name
 
 from ..arm import Resolver
 from ..errors import ConfigurationError, MeasurementError, ServoError
@@ -24,7 +25,6 @@ from ..hands.gamepad import HELP, JoyDevice, twist_of
 from ..hands.jog import Jog
 from ..settings import Settings
 from .commands import CommandTopics
-from .given import robot_name
 
 PERIOD = 0.02  # s of wall time between two commands
 

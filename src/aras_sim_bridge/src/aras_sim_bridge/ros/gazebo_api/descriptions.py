@@ -12,9 +12,9 @@ from aras_sim_bridge.description import (
     parse_sdf,
     parse_urdf,
     read_sdf,
-    safe_xml,
 )
 from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base import safe_xml
 
 
 def root_of(text: str) -> Element:

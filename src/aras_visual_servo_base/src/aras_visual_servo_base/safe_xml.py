@@ -4,7 +4,7 @@ import math
 from xml.etree.ElementTree import Element, TreeBuilder
 from xml.parsers import expat
 
-from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.poses import Vector3
 
 LARGEST_TEXT = 16 * 1024 * 1024  # characters; the largest robots in the wild have some 1e6

@@ -1,0 +1,17 @@
+"""Faults of what every package reads; each message says what is wrong, where, and the remedy."""
+
+
+class SimError(Exception):
+    """Base of every fault that the simulator reports to its user."""
+
+
+class DescriptionError(SimError):
+    """A robot or world description (URDF, SDF, mesh, package path) cannot be used.
+
+    fault: what is wrong, and where. mend: how to mend it; '' where the fault says so itself.
+    path: of the file that is at fault, '' where it is not known.
+    """
+
+    def __init__(self, fault: str, mend: str = "", path: str = "") -> None:
+        super().__init__(f"{fault}; {mend}" if mend else fault)
+        self.fault, self.mend, self.path = fault, mend, path

@@ -1,0 +1,323 @@
+"""The tree of a URDF: its links by name, its joints, and the path from one link to another.
+
+Follows http://wiki.ros.org/urdf/XML; where urdfdom would fail or guess, this says what is wrong.
+What a link weighs, looks like and touches is for the simulator to read.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Self
+from xml.etree.ElementTree import Element
+
+from aras_visual_servo_base import safe_xml
+from aras_visual_servo_base.errors import DescriptionError
+from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.poses import Pose, Vector3
+from aras_visual_servo_base.safe_xml import direction, number, numbers, shorten
+
+ZERO: Vector3 = (0.0, 0.0, 0.0)
+MOVING_KINDS = ("revolute", "continuous", "prismatic")
+JOINT_KINDS = (*MOVING_KINDS, "fixed", "floating", "planar")
+
+
+class Placed:
+    """What has a frame: `origin_xyz` (m) and `origin_rpy` (rad) in that of what it belongs to."""
+
+    @property
+    def pose(self) -> Pose:
+        """The same as one pose."""
+        return Pose.from_rpy(self.origin_xyz, self.origin_rpy)
+
+    def at(self, pose: Pose) -> Self:
+        """A copy at another pose."""
+        return replace(self, origin_xyz=pose.xyz, origin_rpy=pose.rpy)
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """lower, upper: rad or m, None where the joint has no position limit (continuous).
+    effort: N m or N. velocity: rad/s or m/s. Both infinite where a continuous joint has none."""
+
+    lower: float | None
+    upper: float | None
+    effort: float
+    velocity: float
+
+
+@dataclass(frozen=True)
+class SoftLimits:
+    """`<safety_controller>`: soft position limits (None where not given) and gains."""
+
+    lower: float | None
+    upper: float | None
+    k_position: float
+    k_velocity: float
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """q = multiplier * q(joint) + offset."""
+
+    joint: str
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
+@dataclass(frozen=True)
+class Joint(Placed):
+    """A joint; kind is revolute, continuous, prismatic, fixed, floating or planar.
+
+    origin_*: the joint (= child link) frame in the parent link. axis: unit vector in that frame.
+    damping: N m s/rad or N s/m. friction: Coulomb, N m or N.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    origin_xyz: Vector3 = ZERO
+    origin_rpy: Vector3 = ZERO
+    axis: Vector3 = (1.0, 0.0, 0.0)
+    limits: JointLimits | None = None
+    damping: float = 0.0
+    friction: float = 0.0
+    soft_limits: SoftLimits | None = None
+    mimic: Mimic | None = None
+
+    @property
+    def moves(self) -> bool:
+        """True for the kinds that have one degree of freedom."""
+        return self.kind in MOVING_KINDS
+
+
+@dataclass(frozen=True)
+class UrdfTree:
+    """Links and joints of a URDF; mappings keep the file's order and are read-only.
+
+    root: the one link without a parent. links: name -> its element. joints: by name.
+    """
+
+    name: str
+    root: str
+    links: Mapping[str, Element]
+    joints: Mapping[str, Joint]
+
+    def path(self, base: str, link: str) -> list[Joint]:
+        """The joints from a base link down to a link; base '': from the root.
+
+        Raises:
+            DescriptionError: the link is not there, or not below the base; with the nearest name.
+        """
+        where = f"robot '{shorten(self.name)}'"
+        if link not in self.links:
+            raise DescriptionError(f"{where} has no link {link}; {nearest(link, self.links)}")
+        above = {joint.child: joint for joint in self.joints.values()}
+        joints: list[Joint] = []
+        at, end = link, base or self.root
+        while at != end and at in above:
+            joints.append(above[at])
+            at = joints[-1].parent
+        if at != end:
+            known = [joint.parent for joint in reversed(joints)]
+            raise DescriptionError(f"{where}: {link} is not below {base}; {nearest(base, known)}")
+        return joints[::-1]
+
+
+def robot_name(urdf: str) -> str:
+    """The robot's name in its description; '' for what is no URDF with a name."""
+    try:
+        return _named(urdf)[1]
+    except DescriptionError:
+        return ""
+
+
+def parse_tree(xml: str | Element) -> UrdfTree:
+    """Read and check the tree of a URDF.
+
+    Args:
+        xml: the document, xacro already expanded, or what safe_xml.parse made of it.
+
+    Raises:
+        DescriptionError: naming the element, what is wrong with it and how to mend it.
+    """
+    robot, name = _named(xml)
+    links: dict[str, Element] = {}
+    for element in robot.findall("link"):
+        link = element.get("name")
+        if not link:
+            raise DescriptionError("URDF: a link has no name")
+        if len(link) > 256:
+            raise DescriptionError(f"URDF: a link name of {len(link)} characters; 256 are enough")
+        if link in links:
+            raise DescriptionError(f"URDF: two links are named '{link}'; rename one")
+        links[link] = element
+    if not links:
+        raise DescriptionError(f"URDF: robot '{name}' has no link")
+    joints: dict[str, Joint] = {}
+    for element in robot.findall("joint"):
+        joint = _joint(element)
+        if joint.name in joints:
+            raise DescriptionError(f"URDF: two joints are named '{joint.name}'; rename one")
+        joints[joint.name] = joint
+    root = root_link(links, joints, f"robot '{shorten(name)}'")
+    _check_mimics(joints)
+    return UrdfTree(name, root, MappingProxyType(links), MappingProxyType(joints))
+
+
+def _named(xml: str | Element) -> tuple[Element, str]:
+    """The <robot> and its name."""
+    robot = safe_xml.parse(xml, "URDF")
+    if robot.tag != "robot":
+        raise DescriptionError(f"URDF: the root element is <{shorten(robot.tag)}>, not <robot>")
+    name = robot.get("name")
+    if not name:
+        raise DescriptionError("URDF: <robot> has no name")
+    return robot, name
+
+
+def origin(element: Element, where: str) -> tuple[Vector3, Vector3]:
+    """xyz (m) and rpy (rad) of an element's <origin>; zeros where there is none."""
+    node = element.find("origin")
+    if node is None:
+        return ZERO, ZERO
+    return (
+        numbers(node.get("xyz"), 3, f"{where}: origin xyz", ZERO),
+        numbers(node.get("rpy"), 3, f"{where}: origin rpy", ZERO),
+    )
+
+
+def _joint(element: Element) -> Joint:
+    name = element.get("name")
+    if not name:
+        raise DescriptionError("URDF: a joint has no name")
+    where = f"joint '{shorten(name)}'"
+    kind = element.get("type")
+    if kind not in JOINT_KINDS:
+        raise DescriptionError(
+            f"{where}: type '{shorten(str(kind))}' is unknown; use one of {', '.join(JOINT_KINDS)}"
+        )
+    ends = []
+    for tag in ("parent", "child"):
+        node = element.find(tag)
+        if node is None or not node.get("link"):
+            raise DescriptionError(f"{where}: has no <{tag} link=…>")
+        ends.append(node.get("link"))
+    xyz, rpy = origin(element, where)
+    axis_node = element.find("axis")
+    axis = (1.0, 0.0, 0.0)
+    if axis_node is not None and kind in ("revolute", "continuous", "prismatic", "planar"):
+        axis = direction(axis_node.get("xyz"), f"{where}: axis", axis)
+    dynamics = element.find("dynamics")
+    damping = friction = 0.0
+    if dynamics is not None:
+        damping = number(dynamics.get("damping"), f"{where}: damping", 0.0)
+        friction = number(dynamics.get("friction"), f"{where}: friction", 0.0)
+        if damping < 0.0 or friction < 0.0:
+            raise DescriptionError(
+                f"{where}: damping {damping} and friction {friction} must be ≥ 0"
+            )
+    mimic = None
+    node = element.find("mimic")
+    if node is not None:
+        if not node.get("joint"):
+            raise DescriptionError(f"{where}: <mimic> names no joint")
+        mimic = Mimic(
+            node.get("joint"),
+            number(node.get("multiplier"), f"{where}: multiplier", 1.0),
+            number(node.get("offset"), f"{where}: offset", 0.0),
+        )
+    return Joint(name, kind, ends[0], ends[1], xyz, rpy, axis, _limits(element, kind, where),
+                 damping, friction, _soft_limits(element, where), mimic)
+
+
+def _limits(element: Element, kind: str, where: str) -> JointLimits | None:
+    node = element.find("limit")
+    if node is None:
+        if kind in ("revolute", "prismatic"):
+            raise DescriptionError(
+                f"{where}: a {kind} joint needs <limit lower= upper= effort= velocity=>"
+            )
+        return None
+    bounded = kind in ("revolute", "prismatic")
+    lower = number(node.get("lower"), f"{where}: limit lower", 0.0)
+    upper = number(node.get("upper"), f"{where}: limit upper", 0.0)
+    if bounded and lower > upper:
+        raise DescriptionError(f"{where}: limit lower {lower} is above upper {upper}")
+    required = None if bounded else math.inf  # what a continuous joint leaves open is free
+    effort = number(node.get("effort"), f"{where}: limit effort", required)
+    velocity = number(node.get("velocity"), f"{where}: limit velocity", required)
+    if effort < 0.0 or velocity < 0.0:
+        raise DescriptionError(
+            f"{where}: limit effort {effort} and velocity {velocity} must not be negative"
+        )
+    return JointLimits(lower if bounded else None, upper if bounded else None, effort, velocity)
+
+
+def _soft_limits(element: Element, where: str) -> SoftLimits | None:
+    node = element.find("safety_controller")
+    if node is None:
+        return None
+    bounds = [
+        None if node.get(key) is None else number(node.get(key), f"{where}: {key}")
+        for key in ("soft_lower_limit", "soft_upper_limit")
+    ]
+    return SoftLimits(bounds[0], bounds[1],
+                      number(node.get("k_position"), f"{where}: k_position", 0.0),
+                      number(node.get("k_velocity"), f"{where}: k_velocity"))
+
+
+def root_link(links: Iterable[str], joints: dict[str, Joint], where: str) -> str:
+    """The one link without a parent.
+
+    Raises:
+        DescriptionError: a joint's end that is no link, a second parent, a loop, several roots.
+    """
+    parents: dict[str, str] = {}
+    for joint in joints.values():
+        for end in (joint.parent, joint.child):
+            if end not in links:
+                raise DescriptionError(
+                    f"{where}, joint '{joint.name}': link '{shorten(end)}' does not exist"
+                )
+        if joint.child in parents:
+            raise DescriptionError(f"{where}, joint '{joint.name}': link '{joint.child}' has a "
+                                   "parent already; trees are possible, loops are not")
+        parents[joint.child] = joint.parent
+    roots = [name for name in links if name not in parents]
+    if len(roots) != 1:
+        found = ", ".join(f"'{shorten(r)}'" for r in roots[:5]) or "none (the joints form a loop)"
+        raise DescriptionError(f"{where}: needs exactly one root link, found {found}")
+    lost = _in_a_loop(links, parents)
+    if lost is not None:
+        raise DescriptionError(
+            f"{where}: link '{lost}' is in a loop of joints, not in the tree of '{roots[0]}'")
+    return roots[0]
+
+
+def _in_a_loop(names: Iterable[str], followed: Mapping[str, str]) -> str | None:
+    """A name that `followed` leads back to itself or into such a loop; None when there is none."""
+    settled: set[str] = set()
+    for name in names:
+        path: dict[str, None] = {}
+        at: str | None = name
+        while at is not None and at not in settled:
+            if at in path:
+                return name
+            path[at] = None
+            at = followed.get(at)
+        settled.update(path)
+    return None
+
+
+def _check_mimics(joints: dict[str, Joint]) -> None:
+    leaders = {joint.name: joint.mimic.joint for joint in joints.values()
+               if joint.mimic is not None}
+    for name, leader in leaders.items():
+        if leader not in joints or not joints[leader].moves:
+            raise DescriptionError(f"joint '{name}': mimics '{shorten(leader)}', which is not a "
+                                   "moving joint of this robot")
+    lost = _in_a_loop(leaders, leaders)
+    if lost is not None:
+        raise DescriptionError(f"joint '{lost}': its mimics form a loop")

@@ -26,7 +26,7 @@ for package in ("visual_servo_base", "sim_bridge", "visual_servo_camera",
     sys.path.append({str(SOURCES)!r} + f"/aras_{{package}}/src")
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.numbers import summary
-from aras_visual_servo_bench.recording import record
+from aras_visual_servo_bench.recording import from_bag
 from aras_visual_servo_bench.running.environment import ServoEnv
 from aras_visual_servo_bench.running.loop import run
 bullet = run(Experiment(duration=0.2))

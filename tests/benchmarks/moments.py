@@ -36,7 +36,7 @@ from aras_visual_servo_camera.features import PAPER, Reference, compute
 from aras_visual_servo_camera.images import decode
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments, Pinhole
-from aras_visual_servo_camera.pipeline import Pipeline, Settings
+from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings
 from aras_visual_servo_camera.segmentation import Segmentation, segment
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -96,9 +96,9 @@ def ours(grey: np.ndarray, repeats: int) -> dict[str, float]:
     def whole():
         return compute(moments_of(), PAPER, plane, reference)
 
-    pipeline = Pipeline(Settings())
+    pipeline = Pipeline(PipelineSettings())
     pipeline.set_camera(CameraModel(width, height, K))
-    lens = Pipeline(Settings())
+    lens = Pipeline(PipelineSettings())
     lens.set_camera(CameraModel(width, height, K, (-0.2, 0.05, 0, 0, 0)))
     return {
         "ours": clock(whole, repeats),

@@ -24,7 +24,7 @@ def watch(owner: threading.Thread) -> None:
     from aras_sim_bridge.control.loop import ControlLoop
     from aras_sim_bridge.control.manager import ControllerManager
     from aras_sim_bridge.control.pid import Pid
-    from aras_sim_bridge.simulation import Robot, Simulation
+    from aras_sim_bridge.simulation import ControlledModel, Simulation
     from aras_sim_bridge.world import Model, World
 
     told = set()
@@ -76,8 +76,8 @@ def watch(owner: threading.Thread) -> None:
         return bases.union(*map(family, cls.__subclasses__()))
 
     classes = set()
-    for cls in (Simulation, Robot, World, Model, RobotHardware, ControllerManager, Controller,
-                ControlLoop, Pid, MountedCamera, CameraSensor):  # fmt: skip
+    for cls in (Simulation, ControlledModel, World, Model, RobotHardware, ControllerManager,
+                Controller, ControlLoop, Pid, MountedCamera, CameraSensor):  # fmt: skip
         classes |= family(cls)
     # Bases first: what a subclass inherits for assignments is watched once.
     for cls in sorted(classes, key=lambda c: len(c.__mro__)):

@@ -11,7 +11,13 @@ from aras_sim_bridge.control.controllers.trajectory_types import (
     TrajectoryGoal,
     TrajectoryPoint,
 )
-from aras_sim_bridge.control.joints import POSITION, VELOCITY, JointHandle, Limits, resolve_limits
+from aras_sim_bridge.control.joints import (
+    POSITION,
+    VELOCITY,
+    JointBounds,
+    JointHandle,
+    resolve_limits,
+)
 from aras_sim_bridge.control.limits import PositionSaturation, PositionSoft, VelocitySoft
 from aras_sim_bridge.control.loop import ControlLoop
 from aras_sim_bridge.errors import HardwareError
@@ -112,7 +118,7 @@ def test_a_range_that_the_urdf_leaves_out_is_zero(make_joint, make_limits, kind)
 
 @pytest.mark.parametrize("command", [9.0, -9.0])
 def test_position_rules_without_a_range_limit_speed_alone(make_soft, command):
-    limits = Limits(max_velocity=5.0)
+    limits = JointBounds(max_velocity=5.0)
     for rule in (PositionSaturation, PositionSoft):
         joint = JointHandle("J", "continuous", None, make_soft(), POSITION)
         joint.position = 3.0  # beyond the soft limits, which need a range
@@ -121,12 +127,12 @@ def test_position_rules_without_a_range_limit_speed_alone(make_soft, command):
         assert joint.position_command == pytest.approx(3.0 + (0.5 if command > 0 else -0.5))
     free = JointHandle("J", "continuous", None, None, POSITION)
     free.position_command = command
-    PositionSaturation(Limits(), free).enforce(free, 0.1)
+    PositionSaturation(JointBounds(), free).enforce(free, 0.1)
     assert free.position_command == command
 
 
 @pytest.mark.parametrize("command", [9.0, -9.0])
-@pytest.mark.parametrize("limits", [Limits(max_velocity=5.0), Limits(-2.0, 2.0, 5.0)])
+@pytest.mark.parametrize("limits", [JointBounds(max_velocity=5.0), JointBounds(-2.0, 2.0, 5.0)])
 def test_soft_velocity_without_soft_limits_is_the_hard_one(make_soft, limits, command):
     """Even with a gain of zero, times an infinite distance."""
     joint = JointHandle("J", "revolute", None, make_soft(None, None, 0.0, 0.0), VELOCITY)

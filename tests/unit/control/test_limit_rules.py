@@ -8,8 +8,8 @@ from aras_sim_bridge.control.joints import (
     EFFORT,
     POSITION,
     VELOCITY,
+    JointBounds,
     JointHandle,
-    Limits,
     resolve_limits,
 )
 from aras_sim_bridge.control.limits import (
@@ -24,7 +24,7 @@ from aras_sim_bridge.control.limits import (
 from aras_sim_bridge.description import SoftLimits
 from aras_sim_bridge.errors import HardwareError
 
-LIMITS = Limits(-2.0, 2.0, 5.0, None, 100.0)
+LIMITS = JointBounds(-2.0, 2.0, 5.0, None, 100.0)
 DT = 0.1
 
 
@@ -79,7 +79,7 @@ def test_effort_soft(make_soft, proves, position, velocity, command, expected):
 def test_effort_soft_without_position_limits_bounds_velocity_only(make_soft):
     joint = handle(make_soft(), position=50.0, velocity=4.0)
     joint.effort_command = 60.0
-    EffortSoft(Limits(None, None, 5.0, None, 100.0), joint).enforce(joint, DT)
+    EffortSoft(JointBounds(None, None, 5.0, None, 100.0), joint).enforce(joint, DT)
     assert joint.effort_command == pytest.approx(20.0)  # -20 (4 - 5)
 
 
@@ -108,7 +108,7 @@ def test_position_saturation_steps_from_the_measured_position_then_from_its_own_
 def test_position_saturation_without_velocity_limit_jumps():
     joint = handle(interface=POSITION)
     joint.position_command = -9.0
-    PositionSaturation(Limits(-2.0, 2.0), joint).enforce(joint, DT)
+    PositionSaturation(JointBounds(-2.0, 2.0), joint).enforce(joint, DT)
     assert joint.position_command == -2.0
 
 
@@ -152,8 +152,8 @@ def test_what_holds_upwards_holds_downwards(rule):
         back = SoftLimits(-soft.upper, -soft.lower, soft.k_position, soft.k_velocity)
         joint = handle(soft, interface=RULES[rule])
         mirrored = handle(back, interface=RULES[rule])
-        one = rule(Limits(lower, upper, *rest), joint)
-        other = rule(Limits(-upper, -lower, *rest), mirrored)
+        one = rule(JointBounds(lower, upper, *rest), joint)
+        other = rule(JointBounds(-upper, -lower, *rest), mirrored)
         field = COMMANDS[RULES[rule]]
         for _ in range(6):
             joint.position, joint.velocity = draw.uniform(-2.5, 2.5), draw.uniform(-4.0, 4.0)
@@ -174,7 +174,7 @@ def test_what_holds_upwards_holds_downwards(rule):
 @pytest.mark.parametrize("rule", RULES)
 def test_a_rule_that_was_reset_is_as_new(make_soft, rule):
     joint = handle(make_soft(), 0.5, 0.0, RULES[rule])
-    limits, field = Limits(-2.0, 2.0, 5.0, 10.0, 100.0), COMMANDS[RULES[rule]]
+    limits, field = JointBounds(-2.0, 2.0, 5.0, 10.0, 100.0), COMMANDS[RULES[rule]]
     used, new = rule(limits, joint), rule(limits, joint)
     given = []
     for one, command in ((used, -9.0), (used, -9.0), (used, 9.0), (new, 9.0)):
@@ -195,7 +195,7 @@ def test_a_rule_that_was_reset_is_as_new(make_soft, rule):
 )
 def test_velocity_saturation(proves, acceleration, commands, expected):
     joint = handle(interface=VELOCITY)
-    rule = VelocitySaturation(Limits(-2.0, 2.0, 5.0, acceleration), joint)
+    rule = VelocitySaturation(JointBounds(-2.0, 2.0, 5.0, acceleration), joint)
     given = []
     for command in commands:
         joint.velocity_command = command
@@ -219,22 +219,23 @@ def test_velocity_saturation(proves, acceleration, commands, expected):
 def test_velocity_soft(make_soft, proves, acceleration, position, velocity, command, expected):
     joint = handle(make_soft(), position, velocity, VELOCITY)
     joint.velocity_command = command
-    VelocitySoft(Limits(-2.0, 2.0, 5.0, acceleration), joint).enforce(joint, DT)
+    VelocitySoft(JointBounds(-2.0, 2.0, 5.0, acceleration), joint).enforce(joint, DT)
     assert joint.velocity_command == pytest.approx(expected), proves
 
 
 def test_rules_name_the_limit_they_lack(make_soft):
     for interface, limits, soft, lacking in (
-        (EFFORT, Limits(max_effort=1.0), None, "max_velocity"),
-        (EFFORT, Limits(max_velocity=1.0), None, "max_effort"),
-        (EFFORT, Limits(max_velocity=1.0), make_soft(), "max_effort"),
-        (VELOCITY, Limits(), None, "max_velocity"),
-        (POSITION, Limits(-1.0, 1.0), make_soft(), "max_velocity"),
+        (EFFORT, JointBounds(max_effort=1.0), None, "max_velocity"),
+        (EFFORT, JointBounds(max_velocity=1.0), None, "max_effort"),
+        (EFFORT, JointBounds(max_velocity=1.0), make_soft(), "max_effort"),
+        (VELOCITY, JointBounds(), None, "max_velocity"),
+        (POSITION, JointBounds(-1.0, 1.0), make_soft(), "max_velocity"),
     ):
         with pytest.raises(HardwareError, match=f"'J'.*{lacking}"):
             rule_for(handle(soft, interface=interface), limits)
     assert rule_for(handle(), None) is None
-    assert isinstance(rule_for(handle(interface=POSITION), Limits(-1.0, 1.0)), PositionSaturation)
+    rule = rule_for(handle(interface=POSITION), JointBounds(-1.0, 1.0))
+    assert isinstance(rule, PositionSaturation)
 
 
 class TestResolving:
@@ -246,11 +247,11 @@ class TestResolving:
 
     def test_urdf_alone(self, make_joint):
         limits, _ = self.resolve(make_joint("J")[0], {})
-        assert limits == Limits(-2.0, 2.0, 5.0, None, 100.0, False)
+        assert limits == JointBounds(-2.0, 2.0, 5.0, None, 100.0, False)
 
     def test_continuous_has_no_range_but_wraps(self, make_joint):
         limits, _ = self.resolve(make_joint("J", "continuous")[0], {})
-        assert limits == Limits(None, None, 5.0, None, 100.0, True)
+        assert limits == JointBounds(None, None, 5.0, None, 100.0, True)
 
     def test_nothing_known_is_none(self, make_joint):
         assert self.resolve(make_joint("J", limits="none")[0], {})[0] is None
@@ -264,7 +265,7 @@ class TestResolving:
                 "max_acceleration": 3.0, "has_effort_limits": True, "max_effort": 7.0,
             },
         )
-        assert limits == Limits(-1.0, 1.0, None, 3.0, 7.0, False)
+        assert limits == JointBounds(-1.0, 1.0, None, 3.0, 7.0, False)
 
     def test_values_without_their_switch_are_ignored_aloud(self, make_joint):
         limits, said = self.resolve(make_joint("J")[0], {"max_effort": 7.0})

@@ -11,7 +11,7 @@ from feature_cases import RECTANGLE, grey_image
 
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.overlay import _text, _wrapped, draw
-from aras_visual_servo_camera.pipeline import Measurement, Pipeline, Settings
+from aras_visual_servo_camera.pipeline import Measurement, Pipeline, PipelineSettings
 from aras_visual_servo_camera.undistortion import CameraModel
 
 # Focal lengths and principal point differ, so that no two of them can stand for one another.
@@ -29,7 +29,7 @@ def grey() -> np.ndarray:
 
 
 def measured(grey: np.ndarray) -> Measurement:
-    pipeline = Pipeline(Settings())
+    pipeline = Pipeline(PipelineSettings())
     pipeline.set_camera(CAMERA)
     return pipeline.measure(Image(grey, "mono8"))
 

@@ -7,18 +7,18 @@ from pathlib import Path
 import pytest
 
 from aras_visual_servo_camera.errors import ParameterError
-from aras_visual_servo_camera.parameters import DEFAULTS, NodeParameters
+from aras_visual_servo_camera.parameters import DEFAULTS, VisionParameters
 
 README = Path(__file__).parents[3] / "src" / "aras_visual_servo_camera" / "README.md"
 
 
 def test_defaults_are_accepted() -> None:
-    assert NodeParameters.from_mapping({}) == NodeParameters.from_mapping(DEFAULTS)
-    assert NodeParameters.from_mapping({}).settings.original_threshold == 250.0
+    assert VisionParameters.from_mapping({}) == VisionParameters.from_mapping(DEFAULTS)
+    assert VisionParameters.from_mapping({}).settings.original_threshold == 250.0
 
 
 def test_values_arrive() -> None:
-    parameters = NodeParameters.from_mapping(
+    parameters = VisionParameters.from_mapping(
         {"layout": "kernel", "threshold": 90, "desired_outline": [0, 0, 1, 0, 1, 1]}
     )
     assert parameters.settings.layout == "kernel"
@@ -50,7 +50,7 @@ def test_values_arrive() -> None:
 )
 def test_wrong_parameters_are_refused(given, text: str) -> None:
     with pytest.raises(ParameterError, match=text):
-        NodeParameters.from_mapping(given)
+        VisionParameters.from_mapping(given)
 
 
 def test_readme_lists_every_parameter() -> None:

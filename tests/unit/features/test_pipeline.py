@@ -14,8 +14,8 @@ from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.overlay import draw
-from aras_visual_servo_camera.pipeline import Measurement, Pipeline, Settings, _unfit
-from aras_visual_servo_camera.segmentation import Segmentation, Target
+from aras_visual_servo_camera.pipeline import Measurement, Pipeline, PipelineSettings, _unfit
+from aras_visual_servo_camera.segmentation import Segmentation, SegmentedTarget
 from aras_visual_servo_camera.undistortion import CameraModel
 
 CAMERA = CameraModel(320, 240, (188.04, 0, 159.5, 0, 188.04, 119.5, 0, 0, 1), (0.0,) * 5)
@@ -29,7 +29,7 @@ def view(seed: int, tilt: float = 0.1) -> View:
 
 def measure(grey: np.ndarray, pipeline: Pipeline | None = None, **settings) -> Measurement:
     if pipeline is None:
-        pipeline = Pipeline(Settings(**settings))
+        pipeline = Pipeline(PipelineSettings(**settings))
         pipeline.set_camera(CAMERA)
     return pipeline.measure(Image(grey, "mono8"))
 
@@ -167,7 +167,7 @@ def test_diagonal_line_is_no_target() -> None:
 def test_a_line_is_told_by_its_slenderness_alone(scale: float, angle: float) -> None:
     """Whatever its size and direction: 1e-5 of its length is no width, 1e-3 is one."""
     turn = rotation([0, 0, angle])[:2, :2]
-    target = Target(white(), (10, 10, 20, 20), 400, 128.0)
+    target = SegmentedTarget(white(), (10, 10, 20, 20), 400, 128.0)
     for width, is_line in ((1e-5, True), (1e-3, False)):
         bar = scale * np.array([[-1, -width], [1, -width], [1, width], [-1, width]]) @ turn.T
         assert bool(_unfit(target, Moments.from_polygon(bar, 3))) is is_line
@@ -179,7 +179,7 @@ def test_target_at_the_border_keeps_its_moments_for_show() -> None:
 
 
 def test_without_camera_info() -> None:
-    pipeline = Pipeline(Settings())
+    pipeline = Pipeline(PipelineSettings())
     measured = pipeline.measure(Image(with_box(100, 100, 30, 40), "mono8"))
     assert not measured.valid and "no camera_info" in measured.reason
     with pytest.raises(CalibrationError, match="no camera_info"):
@@ -192,7 +192,7 @@ def test_without_camera_info() -> None:
 
 
 def test_size_that_changes_mid_run() -> None:
-    pipeline = Pipeline(Settings())
+    pipeline = Pipeline(PipelineSettings())
     pipeline.set_camera(CAMERA)
     assert measure(with_box(100, 100, 30, 40), pipeline).valid
     smaller = with_box(100, 100, 30, 40)[:200, :300]
@@ -205,7 +205,7 @@ def test_size_that_changes_mid_run() -> None:
 
 
 def test_nearest_component_follows_the_target() -> None:
-    pipeline = Pipeline(Settings(Segmentation(component="nearest")))
+    pipeline = Pipeline(PipelineSettings(Segmentation(component="nearest")))
     pipeline.set_camera(CAMERA)
     grey = with_box(100, 100, 30, 40)
     assert measure(grey, pipeline).target.box == (100, 100, 40, 30)
@@ -219,7 +219,7 @@ def test_nearest_component_follows_the_target() -> None:
     ids=["left", "right", "above", "below"],
 )
 def test_nearest_is_measured_from_the_middle_of_the_target(near, far) -> None:
-    pipeline = Pipeline(Settings(Segmentation(component="nearest")))
+    pipeline = Pipeline(PipelineSettings(Segmentation(component="nearest")))
     pipeline.set_camera(CAMERA)
     measure(with_box(100, 100, 30, 40), pipeline)  # its middle: column 119.5, row 114.5
     grey = white()
@@ -229,7 +229,7 @@ def test_nearest_is_measured_from_the_middle_of_the_target(near, far) -> None:
 
 
 def test_a_lost_target_is_looked_for_anew() -> None:
-    pipeline = Pipeline(Settings(Segmentation(component="nearest")))
+    pipeline = Pipeline(PipelineSettings(Segmentation(component="nearest")))
     pipeline.set_camera(CAMERA)
     grey = with_box(100, 20, 10, 10)
     measure(grey, pipeline)
@@ -244,7 +244,7 @@ def test_a_lost_target_is_looked_for_anew() -> None:
 @pytest.mark.parametrize("lens", [(0.0,) * 5, (1e-9, 0, 0, 0, 0)], ids=["pinhole", "lens"])
 def test_moments_of_a_rectangle_of_whole_pixels(height, width, weighting, lens) -> None:
     camera = CameraModel(320, 240, (200.0, 0, 159.5, 0, 160.0, 119.5, 0, 0, 1), lens)
-    pipeline = Pipeline(Settings(weighting=weighting))
+    pipeline = Pipeline(PipelineSettings(weighting=weighting))
     pipeline.set_camera(camera)
     moments = measure(with_box(70, 130, height, width), pipeline).moments
     a, b = width / 200.0, height / 160.0
@@ -266,11 +266,11 @@ def test_colour_segmentation_of_a_grey_image_is_refused() -> None:
 
 def test_original_arrays() -> None:
     grey = with_box(100, 100, 30, 40, level=249)  # only the original's threshold sees it
-    pipeline = Pipeline(Settings())
+    pipeline = Pipeline(PipelineSettings())
     pipeline.set_camera(CAMERA)
     numbers = pipeline.original(Image(grey, "mono8"))
     assert numbers == pytest.approx([(114.5 - 119.5) / 188.04, (119.5 - 159.5) / 188.04, 1200, 0])
-    assert len(Pipeline(Settings(layout="kernel")).original(Image(grey, "mono8"))) == 20
+    assert len(Pipeline(PipelineSettings(layout="kernel")).original(Image(grey, "mono8"))) == 20
     with pytest.raises(DegenerateFeatureError):
         pipeline.original(Image(white(), "mono8"))
 

@@ -13,7 +13,7 @@ from feature_cases import View as Pose
 from aras_visual_servo_camera.features import PAPER, Reference, compute
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.pipeline import Pipeline, Settings
+from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings
 from aras_visual_servo_camera.undistortion import CameraModel
 
 rendering = pytest.importorskip("aras_sim_bridge.rendering")
@@ -74,7 +74,7 @@ def pose(seed: int, tilt: float = 0.1) -> Pose:
 
 
 def measure(grey: np.ndarray, weighting: str = "coverage") -> Moments:
-    pipeline = Pipeline(Settings(weighting=weighting))
+    pipeline = Pipeline(PipelineSettings(weighting=weighting))
     pipeline.set_camera(CAMERA)
     measurement = pipeline.measure(Image(grey, "mono8"))
     assert measurement.valid, measurement.reason

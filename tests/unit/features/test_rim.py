@@ -3,7 +3,7 @@
 import numpy as np
 
 from aras_visual_servo_camera.images import Image
-from aras_visual_servo_camera.pipeline import Pipeline, Settings
+from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings
 from aras_visual_servo_camera.undistortion import CameraModel
 
 FISHEYE = CameraModel(320, 240, (106.0, 0, 159.5, 0, 106.0, 119.5, 0, 0, 1), (0.0,) * 4,
@@ -11,7 +11,7 @@ FISHEYE = CameraModel(320, 240, (106.0, 0, 159.5, 0, 106.0, 119.5, 0, 0, 1), (0.
 
 
 def measure(grey: np.ndarray):
-    pipeline = Pipeline(Settings())
+    pipeline = Pipeline(PipelineSettings())
     pipeline.set_camera(FISHEYE)
     return pipeline.measure(Image(grey, "mono8"))
 

@@ -11,7 +11,7 @@ from feature_cases import L_SHAPE, View, rotation
 from aras_visual_servo_camera.errors import CalibrationError
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.moments import Moments, exponents
-from aras_visual_servo_camera.pipeline import Pipeline, Settings
+from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings
 from aras_visual_servo_camera.undistortion import CameraModel, PixelTables, _distort_polynomial
 
 K = (195.0507, 0.0, 162.4058, 0.0, 195.0992, 127.1973, 0.0, 0.0, 1.0)
@@ -115,7 +115,7 @@ def test_a_small_target_far_from_the_axis(centre: tuple[float, float]) -> None:
     """The blur that is taken out is that of the pixels there, several times a central one's."""
     outline = 0.09 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1.0]]) + centre
     exact = Moments.from_polygon(outline)
-    pipeline = Pipeline(Settings())
+    pipeline = Pipeline(PipelineSettings())
     pipeline.set_camera(FISHEYE)
     moments = pipeline.measure(Image(through(FISHEYE, outline, 32), "mono8")).moments
     for i, j in ((2, 0), (0, 2)):
@@ -201,7 +201,7 @@ def through(camera: CameraModel, outline: np.ndarray, finer: int = 8) -> np.ndar
 def test_moments_through_a_lens_are_those_without(camera: CameraModel) -> None:
     view = View(L_SHAPE, rotation([0.1, -0.2, 0.5]), np.array([0.09, -0.06, 0.42]))
     exact = Moments.from_polygon(view.image)
-    pipeline = Pipeline(Settings())
+    pipeline = Pipeline(PipelineSettings())
     pipeline.set_camera(camera)
     measured = pipeline.measure(Image(through(camera, view.image), "mono8"))
     assert measured.valid, measured.reason
@@ -221,7 +221,7 @@ def test_no_distortion_takes_the_short_way_and_agrees() -> None:
     picture = Image(through(plain, view.image), "mono8")
     results = []
     for camera in (plain, nearly):
-        pipeline = Pipeline(Settings())
+        pipeline = Pipeline(PipelineSettings())
         pipeline.set_camera(camera)
         results.append(pipeline.measure(picture).moments)
     assert results[0].m00 == pytest.approx(results[1].m00, rel=1e-9)
@@ -234,7 +234,7 @@ def test_field_beyond_180_degrees_has_no_coordinates() -> None:
     assert wide.tables.area[120, 0] == 0.0 and wide.tables.area[120, 160] > 0.0
     grey = np.full((240, 320), 255, np.uint8)
     grey[100:130, 4:30] = 0
-    pipeline = Pipeline(Settings())
+    pipeline = Pipeline(PipelineSettings())
     pipeline.set_camera(wide)
     measured = pipeline.measure(Image(grey, "mono8"))
     assert not measured.valid and "normalised coordinates" in measured.reason

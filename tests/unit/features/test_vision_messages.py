@@ -21,7 +21,7 @@ from aras_visual_servo_camera.messages import (  # noqa: E402
     moments_message,
     outline_of,
 )
-from aras_visual_servo_camera.pipeline import Measurement, Pipeline, Settings  # noqa: E402
+from aras_visual_servo_camera.pipeline import Measurement, Pipeline, PipelineSettings  # noqa: E402
 from aras_visual_servo_camera.undistortion import CameraModel  # noqa: E402
 
 CAMERA = CameraModel(80, 60, (70.0, 0, 39.5, 0, 71.0, 29.5, 0, 0, 1), (0.1, 0, 0, 0, 0))
@@ -37,7 +37,7 @@ def generated(monkeypatch: pytest.MonkeyPatch) -> None:
 def measured(column: int = 20, camera: CameraModel | None = CAMERA) -> Measurement:
     grey = np.full((60, 80), 255, np.uint8)
     grey[10:30, column : column + 10] = 0
-    pipeline = Pipeline(Settings(weighting="binary"))
+    pipeline = Pipeline(PipelineSettings(weighting="binary"))
     if camera:
         pipeline.set_camera(camera)
     return pipeline.measure(Image(grey, "mono8"))

@@ -24,7 +24,7 @@ from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.judging.convergence import Convergence
 from aras_visual_servo_controller.judging.remaining_error import Standing
 from aras_visual_servo_controller.laws import Adaptive, ContinuousStart, Proportional
-from aras_visual_servo_controller.loop.motion import Motion
+from aras_visual_servo_controller.loop.motion import CommandMotion
 from aras_visual_servo_controller.loop.state import (
     APPROACHING,
     CONVERGED,
@@ -687,7 +687,7 @@ def test_reset_forgets_that_it_had_converged():
 
 def test_a_first_step_longer_than_the_lead_is_taken():
     """A flying camera that was asked for more than 5 rad/s from rest never set out."""
-    motion = Motion(the_arm().names, the_limits(), ServoSettings(lead=0.05))
+    motion = CommandMotion(the_arm().names, the_limits(), ServoSettings(lead=0.05))
     motion.begin(np.zeros(6))
     measured = np.zeros(6)
     for step in range(1, 4):
@@ -701,7 +701,7 @@ def test_a_first_step_longer_than_the_lead_is_taken():
 
 def test_the_command_brakes_as_gently_the_second_time():
     """Also where something else than `advance` set it going, as the way to the start does."""
-    motion = Motion(the_arm().names, the_limits(), ServoSettings(stop_time=0.1))
+    motion = CommandMotion(the_arm().names, the_limits(), ServoSettings(stop_time=0.1))
     motion.begin(np.zeros(6))
     for _ in range(2):
         motion.velocity = np.full(6, 0.5)
@@ -716,7 +716,7 @@ def test_the_command_brakes_as_gently_the_second_time():
 def test_the_command_stops_at_its_limits_by_itself(side, sign):
     """Whatever the resolver answers."""
     limits = the_limits(**{side: {"J1": sign * 0.1}})
-    motion = Motion(the_arm().names, limits, ServoSettings(lead=10.0))
+    motion = CommandMotion(the_arm().names, limits, ServoSettings(lead=10.0))
     motion.begin(np.zeros(6))
     for _ in range(30):
         said = motion.advance(np.full(6, sign * 0.5), np.zeros(6), 0.01)

@@ -26,7 +26,7 @@ from aras_visual_servo_bench.study.overrides import parsed
 from aras_visual_servo_bench.study.protocol import Protocol
 from aras_visual_servo_bench.study.study import Study
 from aras_visual_servo_camera.errors import ParameterError
-from aras_visual_servo_camera.parameters import NodeParameters as CameraParameters
+from aras_visual_servo_camera.parameters import VisionParameters
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
@@ -118,7 +118,7 @@ KINDS = {
                    bounded=False, strict=False),
     "controller": Kind(lambda values: Settings.from_mapping(values).gain, ConfigurationError,
                        "gain", "autostart", file=False),
-    "camera node": Kind(lambda values: CameraParameters.from_mapping(values).threshold,
+    "camera node": Kind(lambda values: VisionParameters.from_mapping(values).threshold,
                         ParameterError, "threshold", "dark_target", file=False),
     "bridge": Kind(lambda values: BridgeParameters.from_mapping(values, "/gazebo").real_time_factor,
                    InvalidParameterError, "real_time_factor", "gui", file=False),
@@ -233,6 +233,6 @@ def test_words_of_a_command_line_are_read_like_files():
         parsed([f"gain={DIGITS}"])
 
 
-@pytest.mark.parametrize("cls", [Experiment, Study, Settings, CameraParameters, BridgeParameters])
+@pytest.mark.parametrize("cls", [Experiment, Study, Settings, VisionParameters, BridgeParameters])
 def test_the_defaults_are_values_that_may_be_given(cls):
     assert build(cls, defaults(cls), "", AssertionError) == cls()

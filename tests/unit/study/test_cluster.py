@@ -128,7 +128,7 @@ def test_a_named_clusters_workers_are_used_when_they_come(tiny, tmp_path, monkey
     with DaskPool(cluster=str(file)) as pool:
         sent = 0
         while pool.room:
-            pool.submit(work.Task(json.dumps(study.to_mapping()), sent))
+            pool.submit(work.StudyTask(json.dumps(study.to_mapping()), sent))
             sent += 1
         assert sent == 4  # two for each that there may be
         for _ in range(sent):

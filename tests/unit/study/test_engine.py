@@ -161,7 +161,7 @@ def test_a_part_of_other_runs_is_run_again_and_not_taken_for_its_own(tiny, tmp_p
     whole = carried(tiny(), tmp_path / "whole")
     begun = Folder.create(tmp_path / "begun", tiny(), "")
     for chunk in (0, 1):
-        begun.write(chunk, work.carry_out(work.Task(json.dumps(tiny().to_mapping()), chunk)))
+        begun.write(chunk, work.carry_out(work.StudyTask(json.dumps(tiny().to_mapping()), chunk)))
     for made, foreign, own in ((whole, 1, 2), (begun, 0, 1)):
         made.part(own).write_bytes(made.part(foreign).read_bytes())
         with pytest.raises(StudyError, match=f"00000{own}.parquet is not as it was written"):
@@ -238,7 +238,7 @@ def test_other_code_does_not_go_on_with_a_study(tiny, tmp_path, monkeypatch):
     monkeypatch.setattr(folder.versions, "versions", lambda: there)
     with pytest.raises(StudyError, match="begun with other code .numpy 1.0 here and"):
         made.check_code()
-    task = work.Task("{}", 0, versions=tuple(made.manifest["versions"].items()))
+    task = work.StudyTask("{}", 0, versions=tuple(made.manifest["versions"].items()))
     with pytest.raises(StudyError, match="a worker has another version: numpy"):
         work.carry_out(task)
 
@@ -255,7 +255,7 @@ def test_changed_code_of_a_user_does_not_go_on_with_a_study(tiny, tmp_path, monk
     with pytest.raises(StudyError, match="begun with other code .my_own_metrics [0-9a-f]{16} here"):
         Folder.open(tmp_path / "out").check_code()
     known = tuple(made.manifest["versions"].items())
-    task = work.Task(json.dumps(made.study.to_mapping()), 0, versions=known)
+    task = work.StudyTask(json.dumps(made.study.to_mapping()), 0, versions=known)
     with pytest.raises(StudyError, match="a worker has another version: my_own_metrics"):
         work.carry_out(task)
 

@@ -109,13 +109,13 @@ def test_the_bridge_imports_go_down_from_floor_to_floor() -> None:
             assert floor(other) < floor(room), f"{file.relative_to(library)} imports {other}"
 
 
-def test_the_bridge_has_one_class_a_name() -> None:
-    """Whoever reads of a Geometry, a Light or Limits knows which."""
+def test_there_is_one_class_a_name() -> None:
+    """Whoever reads of a Geometry, a Light or Limits knows which, in the whole workspace."""
     places: dict[str, list[str]] = {}
-    for file in LIBRARIES["aras_sim_bridge"].rglob("*.py"):
+    for file in SOURCES.rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text(), str(file))):
             if isinstance(node, ast.ClassDef):
-                places.setdefault(node.name, []).append(file.name)
+                places.setdefault(node.name, []).append(str(file.relative_to(SOURCES)))
     assert {name: found for name, found in places.items() if len(found) > 1} == {}
 
 

@@ -48,7 +48,7 @@ class SimulationConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Robot:
+class ControlledModel:
     """A model under ros_control: one control plugin's hardware and controllers."""
 
     name: str
@@ -100,7 +100,7 @@ class Simulation:
         self.world = World(self.config.time_step, self.config.gravity, self.config.gui)
         self.time_ns = 0
         self.step_ns = round(self.config.time_step * 1e9)
-        self.robots: dict[str, Robot] = {}
+        self.robots: dict[str, ControlledModel] = {}
         self.cameras: list[MountedCamera] = []
         self.before_pictures: Callable[[int], None] | None = None
         self._renderer: Renderer | None = None
@@ -288,7 +288,7 @@ class Simulation:
 
     def _robot(
         self, model: Model, namespace: str, parameters: Mapping[str, object]
-    ) -> Robot | None:
+    ) -> ControlledModel | None:
         for plugin in model.description.control_plugins:
             hardware = RobotHardware(
                 model.description, model, parameters, namespace, log.warning
@@ -297,7 +297,7 @@ class Simulation:
             period = plugin.control_period
             period_ns = None if period is None else round(period * 1e9)
             loop = ControlLoop(hardware, manager, self.step_ns, period_ns)
-            return Robot(model.name, namespace, model, hardware, manager, loop)
+            return ControlledModel(model.name, namespace, model, hardware, manager, loop)
         return None
 
     def camera(self, name: str) -> MountedCamera:

@@ -49,7 +49,7 @@ def make_steps(cycles: stride.Stride, count: int, period: float, joints: tuple[n
     Args:
         cycles: begun; `rows` (m, 42) go on. period: of a cycle, s. dt: of a physics step, s.
         joints: JointSpace.arrays, whose state (3, n) goes on: rad or m, per s, N m or N.
-        stands: Standing.arrays; None: the model is bolted down.
+        stands: StandingBase.arrays; None: the model is bolted down.
 
     Returns:
         -1, or the number of a joint that diverged; whether the ground could bear the last step.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .errors import SegmentationError
 from .moments import Array
-from .segmentation import Target, coverage
+from .segmentation import SegmentedTarget, coverage
 from .undistortion import CameraModel
 
 # Of the outline's length: how far a side may bend before it counts as two.
@@ -24,7 +24,7 @@ PARTS = 128  # of the way round, at which an outline is compared with a model
 UNLIKE = 0.1  # of its radius that a corner may be off its model's, and a pixel
 
 
-def outline_of(grey: NDArray[np.uint8], target: Target, camera: CameraModel) -> Array:
+def outline_of(grey: NDArray[np.uint8], target: SegmentedTarget, camera: CameraModel) -> Array:
     """The outer outline (n, 2) of the target, normalised, one point a pixel of its edge.
 
     Args:

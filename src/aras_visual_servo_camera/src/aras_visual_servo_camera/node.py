@@ -16,7 +16,7 @@ from aras_visual_servo_ros.shutdown import begin_node, end_without_master
 from .errors import CalibrationError, VisionError
 from .images import decode
 from .outputs import Outputs
-from .parameters import NodeParameters
+from .parameters import VisionParameters
 from .pipeline import Pipeline
 from .undistortion import CameraModel
 
@@ -27,7 +27,7 @@ INFO_TOPIC = "/labrob/camera/camera_info"
 class CameraNode:
     """Thin skin over Pipeline; every fault becomes one log line at a bounded rate."""
 
-    def __init__(self, parameters: NodeParameters) -> None:
+    def __init__(self, parameters: VisionParameters) -> None:
         self.parameters = parameters
         self.pipeline = Pipeline(parameters.settings, parameters.region())
         self.pipeline.drop_camera(f"no camera_info on {rospy.resolve_name(INFO_TOPIC)} yet")
@@ -83,7 +83,7 @@ def main() -> int:
     open_wide()
     given = rospy.get_param("~", {})
     try:
-        node = CameraNode(NodeParameters.from_mapping(given if isinstance(given, dict) else {}))
+        node = CameraNode(VisionParameters.from_mapping(given if isinstance(given, dict) else {}))
     except VisionError as error:
         rospy.logfatal(str(error))
         return 1

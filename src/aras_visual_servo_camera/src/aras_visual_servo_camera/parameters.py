@@ -15,7 +15,7 @@ from aras_visual_servo_base.settings import build, defaults, parameter
 
 from .errors import ParameterError, SegmentationError
 from .moments import MAX_ORDER
-from .pipeline import LAYOUTS, WEIGHTINGS, Settings
+from .pipeline import LAYOUTS, WEIGHTINGS, PipelineSettings
 from .segmentation import COMPONENTS, METHODS, Segmentation
 
 _OF_SEGMENTATION = (
@@ -25,7 +25,7 @@ _OF_SEGMENTATION = (
 
 
 @dataclass(frozen=True)
-class NodeParameters:
+class VisionParameters:
     """Private parameters of the node; the README's table says what each one does.
 
     mask_image: file of the mask for the component 'mask', or ''.
@@ -60,12 +60,12 @@ class NodeParameters:
         _ = self.settings  # which refuses what does not go together
 
     @classmethod
-    def from_mapping(cls, given: Mapping[str, Any]) -> NodeParameters:
+    def from_mapping(cls, given: Mapping[str, Any]) -> VisionParameters:
         """Check a mapping of parameters. Raises ParameterError naming the one at fault."""
         return build(cls, given, "parameter ~", ParameterError)
 
     @cached_property
-    def settings(self) -> Settings:
+    def settings(self) -> PipelineSettings:
         """Of the pipeline; ParameterError where they do not go together."""
         try:
             segmentation = Segmentation(
@@ -73,7 +73,7 @@ class NodeParameters:
             )
         except SegmentationError as error:
             raise ParameterError(str(error)) from None
-        return Settings(
+        return PipelineSettings(
             segmentation,
             self.weighting,
             self.edge_band,
@@ -103,4 +103,4 @@ class NodeParameters:
         return mask
 
 
-DEFAULTS: dict[str, Any] = defaults(NodeParameters)
+DEFAULTS: dict[str, Any] = defaults(VisionParameters)

@@ -14,7 +14,7 @@ from .errors import CalibrationError, SegmentationError, VisionError
 from .images import Image
 from .kernel import kernel_features, moment_layout
 from .moments import Moments
-from .segmentation import Segmentation, Target, coverage, segment
+from .segmentation import Segmentation, SegmentedTarget, coverage, segment
 from .undistortion import CameraModel
 
 LAYOUTS = ("moments", "kernel")
@@ -22,7 +22,7 @@ WEIGHTINGS = ("coverage", "binary")
 
 
 @dataclass(frozen=True)
-class Settings:
+class PipelineSettings:
     """What the pipeline does; the node's README lists the same as parameters."""
 
     segmentation: Segmentation = field(default_factory=Segmentation)
@@ -31,6 +31,9 @@ class Settings:
     order: int = 6
     layout: str = "moments"
     original_threshold: float = 250.0
+
+
+Settings = PipelineSettings  # its documented name
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +51,7 @@ class Measurement:
 
     valid: bool
     reason: str
-    target: Target
+    target: SegmentedTarget
     moments: Moments | None
     camera: CameraModel | None
 
@@ -56,7 +59,7 @@ class Measurement:
 class Pipeline:
     """Measures image after image; remembers the camera and where the target was last."""
 
-    def __init__(self, settings: Settings, region: NDArray[np.uint8] | None = None) -> None:
+    def __init__(self, settings: PipelineSettings, region: NDArray[np.uint8] | None = None) -> None:
         """`region`: mask image (rows, columns) for the component choice 'mask'."""
         self.settings = settings
         self.region = region
@@ -139,7 +142,9 @@ class Pipeline:
         level = self.settings.original_threshold
         return cv2.threshold(image.grey, level, 255, cv2.THRESH_BINARY_INV)[1]
 
-    def _moments(self, grey: NDArray[np.uint8], target: Target, camera: CameraModel) -> Moments:
+    def _moments(
+        self, grey: NDArray[np.uint8], target: SegmentedTarget, camera: CameraModel
+    ) -> Moments:
         settings = self.settings
         weights, corner, full_scale = _binary(target)
         smooth = settings.weighting == "coverage" and settings.segmentation.method != "colour"
@@ -166,17 +171,17 @@ class Pipeline:
         return Moments.from_samples(x, y, weights.ravel() * area / full_scale, settings.order)
 
 
-def _binary(target: Target) -> tuple[NDArray[np.uint8], tuple[int, int], float]:
+def _binary(target: SegmentedTarget) -> tuple[NDArray[np.uint8], tuple[int, int], float]:
     column, row, width, height = target.box
     return target.mask[row : row + height, column : column + width], (column, row), 255.0
 
 
-def _middle(target: Target) -> tuple[float, float]:
+def _middle(target: SegmentedTarget) -> tuple[float, float]:
     column, row, width, height = target.box
     return column + 0.5 * (width - 1), row + 0.5 * (height - 1)
 
 
-def _unfit(target: Target, moments: Moments) -> str:
+def _unfit(target: SegmentedTarget, moments: Moments) -> str:
     if target.borders:
         return (
             f"the target touches the {' and '.join(target.borders)} border of the image "

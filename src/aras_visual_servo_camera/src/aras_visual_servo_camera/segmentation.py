@@ -81,7 +81,7 @@ class Segmentation:
 
 
 @dataclass(frozen=True, eq=False)
-class Target:
+class SegmentedTarget:
     """The target's pixels in one image.
 
     Attributes:
@@ -173,7 +173,7 @@ def segment(
     colour: NDArray[np.uint8] | None = None,
     previous: tuple[float, float] | None = None,
     region: Mask | None = None,
-) -> Target:
+) -> SegmentedTarget:
     """Threshold and choose the target component.
 
     Args:
@@ -186,16 +186,16 @@ def segment(
     mask, level, reason = threshold_image(grey, settings, colour)
     box = cv2.boundingRect(mask)
     if box[2] == 0:
-        return Target(mask, (0, 0, 0, 0), 0, level, (), reason or "no target in view")
+        return SegmentedTarget(mask, (0, 0, 0, 0), 0, level, (), reason or "no target in view")
     pieces = 1
     if settings.component != "all":
         mask, box, pieces = _choose(mask, box, settings, previous, region)
         if box[2] == 0:
-            return Target(mask, box, 0, level, (), "no target inside the mask image")
+            return SegmentedTarget(mask, box, 0, level, (), "no target inside the mask image")
     count = cv2.countNonZero(mask[_slices(box)])
     borders = _borders(box, mask.shape)
     unusable = _unusable(count, box, mask, settings)
-    return Target(mask, box, count, level, borders, unusable, pieces, settings.component)
+    return SegmentedTarget(mask, box, count, level, borders, unusable, pieces, settings.component)
 
 
 def _unusable(count: int, box: Box, mask: Mask, settings: Segmentation) -> str:
@@ -267,7 +267,7 @@ def _choose(
 
 
 def coverage(
-    grey: Mask, target: Target, band: int = 2
+    grey: Mask, target: SegmentedTarget, band: int = 2
 ) -> tuple[NDArray[np.float64], tuple[int, int], float, float]:
     """How much of each pixel the target covers.
 

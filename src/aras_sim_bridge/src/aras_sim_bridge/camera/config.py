@@ -16,7 +16,7 @@ from ..description import CameraDescription
 from ..errors import CameraError
 from .effects import Effects
 from .formats import encoding_of
-from .intrinsics import CameraIntrinsics, CameraModel, camera_matrix, projection_matrix
+from .intrinsics import CameraIntrinsics, CameraProjection, camera_matrix, projection_matrix
 from .lens import COEFFICIENTS, RADIUS, REACH, BrownLens, FisheyeLens, check_fisheye
 from .lens import fisheye_coefficients as ideal_coefficients
 
@@ -192,15 +192,15 @@ class CameraConfig:
         return camera_matrix(f, f, (self.width - 1) / 2, (self.height - 1) / 2)
 
     @property
-    def model(self) -> CameraModel:
+    def model(self) -> CameraProjection:
         """The projection that the pixels follow."""
         D = self.distortion_coefficients
         if self.lens == "pinhole":
-            return CameraModel(self.K, BrownLens((*D, *(0.0,) * (5 - len(D)))))
+            return CameraProjection(self.K, BrownLens((*D, *(0.0,) * (5 - len(D)))))
         reach = REACH[self.lens] if self.cutoff_angle is None else self.cutoff_angle
         if not D:
             D = ideal_coefficients(self.lens, REACH[self.lens])
-        return CameraModel(self.K, FisheyeLens(D, reach))
+        return CameraProjection(self.K, FisheyeLens(D, reach))
 
     def intrinsics(self) -> CameraIntrinsics:
         """What CameraInfo publishes: the rendered camera, or upstream's formulas on request."""

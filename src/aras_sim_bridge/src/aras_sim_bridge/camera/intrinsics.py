@@ -35,7 +35,7 @@ class CameraIntrinsics:
 
 
 @dataclass(frozen=True)
-class CameraModel:
+class CameraProjection:
     """Projection of the rendered picture: K (3, 3), px, and the lens at unit focal length."""
 
     K: np.ndarray

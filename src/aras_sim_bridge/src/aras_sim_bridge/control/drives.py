@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from aras_sim_bridge import angles
-from aras_sim_bridge.control.joints import JointHandle, Limits, Occurrence
+from aras_sim_bridge.control.joints import JointBounds, JointHandle, Occurrence
 from aras_sim_bridge.control.limits import EffortSaturation, LimitRule
 from aras_sim_bridge.control.pid import Pid
 
@@ -46,7 +46,7 @@ class Drive:
     def __init__(
         self,
         handle: JointHandle,
-        limits: Limits | None,
+        limits: JointBounds | None,
         rule: LimitRule | None,
         model: JointModel,
         warn: Callable[[str], None],
@@ -65,7 +65,7 @@ class Drive:
         self._good = 0.0
         self._limited = Occurrence(_PATIENCE[self.quantity])
         self._refused = Occurrence()
-        limits = limits or Limits()
+        limits = limits or JointBounds()
         self._max_effort = _INF if limits.max_effort is None else limits.max_effort
         self._max_velocity = _INF if limits.max_velocity is None else limits.max_velocity
         self._travel = (

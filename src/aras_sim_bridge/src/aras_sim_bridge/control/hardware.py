@@ -21,8 +21,8 @@ from aras_sim_bridge.control.joints import (
     POSITION,
     STATE,
     VELOCITY,
+    JointBounds,
     JointHandle,
-    Limits,
     resolve_limits,
 )
 from aras_sim_bridge.control.limits import rule_for
@@ -73,7 +73,7 @@ class RobotHardware:
         self.model = model
         self.e_stop = False
         self.handles: dict[str, JointHandle] = {}
-        self.limits: dict[str, Limits | None] = {}
+        self.limits: dict[str, JointBounds | None] = {}
         self.interfaces: dict[str, set[str]] = {n: set() for n in (*COMMAND_INTERFACES, STATE)}
         self.pids: dict[str, Pid] = {}
         self._namespace = namespace.rstrip("/")
@@ -145,7 +145,7 @@ class RobotHardware:
         self.drives.append(self._drive(handle, limits))
         return [] if interface.startswith(_PREFIX) else [joint_name]
 
-    def _drive(self, handle: JointHandle, limits: Limits | None) -> Drive:
+    def _drive(self, handle: JointHandle, limits: JointBounds | None) -> Drive:
         pid = None if handle.interface == EFFORT else self._pid(handle.name)
         kind = _DRIVES[handle.interface][pid is not None]
         return kind(handle, limits, rule_for(handle, limits), self.model, self._warn, pid)

@@ -67,7 +67,7 @@ class JointHandle:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class JointBounds:
     """What bounds a joint after URDF and parameters are merged; None means not limited."""
 
     min_position: float | None = None
@@ -92,7 +92,7 @@ _OVERRIDES = {
 
 def resolve_limits(
     joint: Joint, overrides: Mapping, where: str, warn: Callable[[str], None]
-) -> Limits | None:
+) -> JointBounds | None:
     """Merge the URDF's limits of `joint` with the parameters <ns>/joint_limits/<joint>.
 
     `joint` has name, kind and limits (description.Joint); `where` is the full name of
@@ -117,7 +117,7 @@ def resolve_limits(
         wrap = read(overrides, "angle_wraparound", bool, where, HardwareError, None)
         if wrap is not None:
             values["angle_wraparound"] = wrap
-    limits = Limits(**values)
+    limits = JointBounds(**values)
     _check(limits, joint.name, where)
     return limits
 
@@ -145,7 +145,7 @@ def _override(
         warn(f"{where}/{given[0]} is ignored: set {where}/{switch} to true to use it")
 
 
-def _check(limits: Limits, joint: str, where: str) -> None:
+def _check(limits: JointBounds, joint: str, where: str) -> None:
     if limits.has_position and limits.min_position > limits.max_position:
         raise HardwareError(
             f"joint '{joint}': lower position limit {limits.min_position} is above the upper "

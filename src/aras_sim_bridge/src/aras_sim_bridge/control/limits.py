@@ -6,7 +6,7 @@ nobody renews stays at its limited value. dt is the write period in s.
 
 from math import isnan, nan
 
-from aras_sim_bridge.control.joints import EFFORT, POSITION, JointHandle, Limits
+from aras_sim_bridge.control.joints import EFFORT, POSITION, JointBounds, JointHandle
 from aras_sim_bridge.errors import HardwareError
 from aras_visual_servo_base.urdf import SoftLimits
 
@@ -19,7 +19,7 @@ def _saturate(value: float, low: float, high: float) -> float:
     return high if value > high else value
 
 
-def _need(limits: Limits, handle: JointHandle, rule: str, *quantities: str) -> None:
+def _need(limits: JointBounds, handle: JointHandle, rule: str, *quantities: str) -> None:
     for quantity in quantities:
         if getattr(limits, quantity) is None:
             raise HardwareError(
@@ -42,7 +42,7 @@ class EffortSaturation(_Rule):
 
     __slots__ = ("_lower", "_upper", "_velocity", "_effort")
 
-    def __init__(self, limits: Limits, handle: JointHandle) -> None:
+    def __init__(self, limits: JointBounds, handle: JointHandle) -> None:
         _need(limits, handle, "effort saturation", "max_velocity", "max_effort")
         self._lower = limits.min_position if limits.has_position else -_INF
         self._upper = limits.max_position if limits.has_position else _INF
@@ -78,7 +78,7 @@ class _SoftBounds:
 
     __slots__ = ("_limited", "_lower", "_upper", "_gain", "_velocity")
 
-    def __init__(self, limits: Limits, soft: SoftLimits) -> None:
+    def __init__(self, limits: JointBounds, soft: SoftLimits) -> None:
         # A soft limit that the URDF does not give is none, not urdfdom's default of 0, which
         # would freeze the joint at 0.
         self._limited = limits.has_position
@@ -105,7 +105,7 @@ class EffortSoft(_Rule):
 
     __slots__ = ("_bounds", "_gain", "_effort")
 
-    def __init__(self, limits: Limits, handle: JointHandle) -> None:
+    def __init__(self, limits: JointBounds, handle: JointHandle) -> None:
         _need(limits, handle, "soft effort limit", "max_velocity", "max_effort")
         self._bounds = _SoftBounds(limits, handle.soft_limits)
         self._gain = handle.soft_limits.k_velocity
@@ -125,7 +125,7 @@ class PositionSaturation(_Rule):
 
     __slots__ = ("_lower", "_upper", "_velocity", "_previous")
 
-    def __init__(self, limits: Limits, handle: JointHandle) -> None:
+    def __init__(self, limits: JointBounds, handle: JointHandle) -> None:
         self._lower = limits.min_position if limits.has_position else -_INF
         self._upper = limits.max_position if limits.has_position else _INF
         self._velocity = limits.max_velocity
@@ -151,7 +151,7 @@ class PositionSoft(_Rule):
 
     __slots__ = ("_lower", "_upper", "_bounds", "_previous")
 
-    def __init__(self, limits: Limits, handle: JointHandle) -> None:
+    def __init__(self, limits: JointBounds, handle: JointHandle) -> None:
         _need(limits, handle, "soft position limit", "max_velocity")
         self._lower = limits.min_position if limits.has_position else -_INF
         self._upper = limits.max_position if limits.has_position else _INF
@@ -176,7 +176,7 @@ class VelocitySaturation(_Rule):
 
     __slots__ = ("_velocity", "_acceleration", "_previous")
 
-    def __init__(self, limits: Limits, handle: JointHandle) -> None:
+    def __init__(self, limits: JointBounds, handle: JointHandle) -> None:
         _need(limits, handle, "velocity saturation", "max_velocity")
         self._velocity = limits.max_velocity
         self._acceleration = limits.max_acceleration
@@ -202,7 +202,7 @@ class VelocitySoft(_Rule):
 
     __slots__ = ("_bounds", "_acceleration")
 
-    def __init__(self, limits: Limits, handle: JointHandle) -> None:
+    def __init__(self, limits: JointBounds, handle: JointHandle) -> None:
         _need(limits, handle, "soft velocity limit", "max_velocity")
         self._bounds = _SoftBounds(limits, handle.soft_limits)
         self._acceleration = limits.max_acceleration
@@ -221,7 +221,7 @@ LimitRule = (EffortSaturation | EffortSoft | PositionSaturation | PositionSoft
              | VelocitySaturation | VelocitySoft)
 
 
-def rule_for(handle: JointHandle, limits: Limits | None) -> LimitRule | None:
+def rule_for(handle: JointHandle, limits: JointBounds | None) -> LimitRule | None:
     """The rule of the joint's interface and limits, or None where nothing limits it.
 
     A <safety_controller> in the URDF makes it the soft rule. Raises HardwareError where a limit

@@ -15,7 +15,7 @@ from .finding import found_edges
 from .fragments import Edges
 from .measuring import measured
 from .recent import Recent
-from .sampling import Sampler, Samples
+from .sampling import PixelSampler, Samples
 from .scene import Scene
 from .shading import Shader, word
 from .tiles import Tiles
@@ -33,7 +33,7 @@ class _Canvas:
 
     def __init__(self, tiles: Tiles) -> None:
         self.tiles = tiles
-        self.sampler, self.shader, self.edges = Sampler(tiles), Shader(tiles), Edges(tiles)
+        self.sampler, self.shader, self.edges = PixelSampler(tiles), Shader(tiles), Edges(tiles)
         self.nbytes = tiles.nbytes + 8 * tiles.valid.size
 
 

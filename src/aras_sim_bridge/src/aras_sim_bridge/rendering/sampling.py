@@ -41,7 +41,7 @@ class Samples:
     touched: np.ndarray
 
 
-class Sampler:
+class PixelSampler:
     """Takes the samples of pictures through the same tiles."""
 
     def __init__(self, tiles: Tiles) -> None:

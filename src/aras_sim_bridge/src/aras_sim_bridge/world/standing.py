@@ -123,7 +123,7 @@ def _add_up(pushes, root, touch):
             touch[3 + k] += root[0, k] * fx + root[1, k] * fy + root[2, k] * fz
 
 
-class Standing:
+class StandingBase:
     """A free model that stands, held as if bolted down.
 
     Attributes:
@@ -143,7 +143,7 @@ class Standing:
         self.arrays: tuple[np.ndarray, ...] = ()
 
     @classmethod
-    def found(cls, model: Model, others: Mapping[int, Model]) -> Standing | None:
+    def found(cls, model: Model, others: Mapping[int, Model]) -> StandingBase | None:
         """How a free model stands; None where something that may move carries it.
 
         Args:
@@ -227,7 +227,7 @@ class FreeBases:
     def __init__(self, models: Mapping[str, Model], changed: Callable[[], None]) -> None:
         """`changed` tells the world that models were loaded anew."""
         self._models, self._changed = models, changed
-        self.held: list[Standing] = []
+        self.held: list[StandingBase] = []
         self.watched = self.fresh = False
         self._seen: dict[str, Pose] = {}
         self._countdown = LOOK_EVERY
@@ -267,7 +267,7 @@ class FreeBases:
     def _hold(self, free: list[Model]) -> bool:
         """Hold those of these models that stand; False, and nothing changed, where none does."""
         others = {model.body_id: model for model in self._models.values()}
-        found = [one for one in (Standing.found(model, others) for model in free) if one]
+        found = [one for one in (StandingBase.found(model, others) for model in free) if one]
         standing = [one.model for one in found]
         heaviest = max((model.mass for model in others.values()
                         if not model.fixed_base and model not in standing), default=0.0)

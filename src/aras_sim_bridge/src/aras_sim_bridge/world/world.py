@@ -26,8 +26,8 @@ from aras_sim_bridge.world.sliding import SlidingFriction
 from aras_sim_bridge.world.standing import FreeBases
 from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, checked_pose, checked_vector
 
-# Steps of one model by JointSpace.arrays, Standing.arrays (None: it is bolted down) and the time
-# step, s; returns what the last joint_dynamics.advance said and whether the ground bore it.
+# Steps of one model by JointSpace.arrays, StandingBase.arrays (None: it is bolted down) and the
+# time step, s; returns what the last joint_dynamics.advance said and whether the ground bore it.
 StepsInARow = Callable[
     [tuple[np.ndarray, ...], tuple[np.ndarray, ...] | None, float], tuple[int, bool]
 ]

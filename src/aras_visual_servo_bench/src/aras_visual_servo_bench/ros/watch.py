@@ -11,7 +11,7 @@ import rosgraph
 
 
 @dataclass
-class Progress:
+class WatchedRun:
     """Written by the subscriber, read by the demo; times in s.
 
     Attributes:
@@ -47,7 +47,7 @@ class Watch:
         from aras_visual_servo_controller.msg import ServoState
         from sensor_msgs.msg import JointState
 
-        self.progress = Progress()
+        self.progress = WatchedRun()
         self._lock = threading.Lock()
         rospy.init_node(
             "aras_visual_servo_demo", anonymous=True, disable_signals=True, disable_rostime=True

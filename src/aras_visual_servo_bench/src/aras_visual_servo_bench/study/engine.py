@@ -16,7 +16,7 @@ from .folder import Folder
 from .pools import Pool
 from .progress import Progress, duration
 from .study import Study
-from .work import Task
+from .work import StudyTask
 
 FIRST = 3  # runs that a dry run shows
 TRIALS = 200  # values of a grid that are tried before the first run, spread over all
@@ -74,7 +74,7 @@ def carry_out(
     stopped = None
     while todo or out:
         while todo and not stopped and pool.room:
-            pool.submit(Task(text, todo.popleft(), versions=known))
+            pool.submit(StudyTask(text, todo.popleft(), versions=known))
             out += 1
         if not out:
             break

@@ -20,7 +20,7 @@ from aras_visual_servo_base.yaml_files import read_yaml
 
 from ..errors import StudyError
 from . import rows, versions, work
-from .work import Task
+from .work import StudyTask
 
 ANSWER = 10.0  # s that a scheduler may take to answer
 APPEAR = 300.0  # s until a worker must be there, of a cluster or after the last one has gone
@@ -37,7 +37,7 @@ DEATHS = 5  # of workers over one chunk, guarded or not, after which the cluster
 class Done:
     """A chunk that is done. task: which. rows: None where its worker died."""
 
-    task: Task
+    task: StudyTask
     rows: rows.Rows | None
 
 
@@ -52,7 +52,7 @@ class Pool(ABC):
         """Whether it wants another chunk now."""
 
     @abstractmethod
-    def submit(self, task: Task) -> None:
+    def submit(self, task: StudyTask) -> None:
         """Take a chunk."""
 
     @abstractmethod
@@ -77,14 +77,14 @@ class ThisProcess(Pool):
     """One chunk after the other, here: for small studies, and to look into a fault."""
 
     def __init__(self) -> None:
-        self._waiting: deque[Task] = deque()
+        self._waiting: deque[StudyTask] = deque()
 
     @property
     def room(self) -> bool:
         """Whether the one before is done."""
         return not self._waiting
 
-    def submit(self, task: Task) -> None:
+    def submit(self, task: StudyTask) -> None:
         """Keep it until it is asked for."""
         self._waiting.append(task)
 
@@ -130,7 +130,7 @@ class DaskPool(Pool):
         except BaseException:
             self.close()
             raise
-        self._tasks: dict[Any, Task] = {}
+        self._tasks: dict[Any, StudyTask] = {}
         self._deaths: dict[int, int] = {}
         self._since = 0
         self._finished = self._distributed.as_completed(
@@ -151,7 +151,7 @@ class DaskPool(Pool):
             self._since = 0
         return len(self._tasks) < 2 * max(self.workers, self._most)
 
-    def submit(self, task: Task) -> None:
+    def submit(self, task: StudyTask) -> None:
         """Send it to a worker."""
         tries = self._deaths.get(task.chunk, 0)
         try:

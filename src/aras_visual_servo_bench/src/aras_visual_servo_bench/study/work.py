@@ -30,7 +30,7 @@ TRIES = 2  # of a run that ended its process: someone may have killed it by mist
 
 
 @dataclass(frozen=True)
-class Task:
+class StudyTask:
     """A chunk to be carried out.
 
     study: of `Study.to_mapping`, as JSON. guarded: each run in a process that may end.
@@ -48,7 +48,7 @@ class Task:
         return _study(self.study).chunk_runs(self.chunk)
 
 
-def carry_out(task: Task) -> rows.Rows:
+def carry_out(task: StudyTask) -> rows.Rows:
     """All runs of a chunk.
 
     Raises:
@@ -75,7 +75,7 @@ def _study(text: str) -> Study:
     return Study.from_mapping(json.loads(text))
 
 
-def _plain(task: Task) -> rows.Rows:
+def _plain(task: StudyTask) -> rows.Rows:
     study, here = _study(task.study), worker_name()
     done = rows.Rows()
     for run in task.runs:
@@ -91,7 +91,7 @@ def worker_name() -> str:
 # -- guarded -------------------------------------------------------------------------------
 
 
-def _guarded(task: Task) -> rows.Rows:
+def _guarded(task: StudyTask) -> rows.Rows:
     """The runs in child processes: one that ends is known, and is that run's outcome."""
     study = _study(task.study)
     done, tries, end = rows.Rows(), 0, ""

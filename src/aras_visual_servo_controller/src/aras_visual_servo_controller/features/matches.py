@@ -16,7 +16,7 @@ from ..seeing.observation import Observation
 from .base import Measured
 from .luminance import Luminance, grey_of
 from .points import point_interaction
-from .pose import Pose, pose_of_plane
+from .pose import PoseInGoalFrame, pose_of_plane
 
 RATIO = 0.8  # of the distances of the best and the second best match (Lowe 2004)
 LEAST = 8  # matches that agree, below which a picture tells nothing
@@ -140,11 +140,11 @@ class MatchesPose(Matches):
     """Position-based on the same matches: s = (g_t_c, theta u) of the plane's points."""
 
     name = "matches_pose"
-    names, tolerances, units = zip(*Pose.rows, strict=True)
+    names, tolerances, units = zip(*PoseInGoalFrame.rows, strict=True)
 
     def measure(self, observation: Observation, goal: Goal) -> Measured:
         """See Feature.measure."""
         points, desired = self._matched(observation, goal)
         places = self._places_3d(goal, desired)
-        s, L = Pose.of_pose(self, pose_of_plane(places, points), places.mean(axis=0))
+        s, L = PoseInGoalFrame.of_pose(self, pose_of_plane(places, points), places.mean(axis=0))
         return Measured(s, np.zeros(6), s, L)

@@ -130,7 +130,7 @@ class TranslationCamera(RelativePose):
         return place, np.hstack([-np.eye(3), skew(place)])
 
 
-class Pose(RelativePose):
+class PoseInGoalFrame(RelativePose):
     """Position-based: s = (g_t_c, theta u), translation in the goal's frame."""
 
     name = "pose"

@@ -36,7 +36,7 @@ from .moment_features import (
 )
 from .moments import ImageMoments
 from .points import Points
-from .pose import Pose, PoseCamera, ThetaU, Translation, TranslationCamera, TwoAndHalfD
+from .pose import PoseCamera, PoseInGoalFrame, ThetaU, Translation, TranslationCamera, TwoAndHalfD
 
 FEATURES: dict[str, type[Feature]] = {
     "moments": ImageMoments,
@@ -46,7 +46,8 @@ FEATURES: dict[str, type[Feature]] = {
         feature.name: feature
         for feature in (
             NumberedPoints, PolarPoints, Points3D, Depth, Lines, Segments, NormalisedSegments,
-            VanishingPoints, ThetaU, Translation, TranslationCamera, Pose, PoseCamera, TwoAndHalfD,
+            VanishingPoints, ThetaU, Translation, TranslationCamera, PoseInGoalFrame, PoseCamera,
+            TwoAndHalfD,
             BasicMoments, CentredMoments, GravityCentre, NormalisedGravityCentre, Area,
             NormalisedArea, Alpha, Ellipse, Invariants, Skewness, Symmetry, MomentsPitch,
             MomentsSix, Luminance, LuminanceDamped, LuminanceDCT, LuminancePCA, PhotometricMoments,

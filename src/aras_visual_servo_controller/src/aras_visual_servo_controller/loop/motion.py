@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ..arm.limits import Limits
 
 
-class Motion:
+class CommandMotion:
     """The command, which only moves on from where it is, whatever is asked.
 
     Attributes:

@@ -32,7 +32,7 @@ from ..schemes.base import Decision, JointController, Scheme
 from ..seeing.joint_sample import JointSample
 from ..seeing.observation import Observation
 from .approach import Approach
-from .motion import Motion
+from .motion import CommandMotion
 from .state import (
     APPROACHING,
     CONVERGED,
@@ -100,7 +100,7 @@ class Servo:
             )
         joints = self.goal.joint_values(arm.names)
         resolver.goal = self.goal.world_T_camera if joints is None else arm.view(joints)[0]
-        self._motion = Motion(arm.names, resolver.limits, self.settings)
+        self._motion = CommandMotion(arm.names, resolver.limits, self.settings)
         self._pursuit = Pursuit(self.name, scheme, resolver, self._motion, self.settings)
         self._approach = None
         if self.settings.start is not None:

@@ -12,7 +12,7 @@ from ..errors import ServoError
 from ..schemes.answer_checks import checked_joints, guarded
 from ..schemes.base import JointController, Scheme
 from ..seeing.joint_sample import JointSample
-from .motion import Motion
+from .motion import CommandMotion
 from .state import ServoSettings
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class Pursuit:
         name: str,
         scheme: Scheme | JointController,
         resolver: Resolver,
-        motion: Motion,
+        motion: CommandMotion,
         settings: ServoSettings,
     ) -> None:
         """`name`: of the scheme, for messages; `motion`: where the commands stand."""

@@ -22,8 +22,7 @@ from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.kernel import kernel_features
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.pipeline import Pipeline
-from aras_visual_servo_camera.pipeline import Settings as VisionSettings
+from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings
 from aras_visual_servo_camera.trackers import Tracker
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -111,14 +110,14 @@ class Observer:
         self,
         arm: Arm | None,
         needs: frozenset[Need] = frozenset((Need.MOMENTS,)),
-        vision: VisionSettings | None = None,
+        vision: PipelineSettings | None = None,
         tracker: Tracker | None = None,
     ) -> None:
         """`tracker`: of the points that count as corners; None: those of the outline."""
         self.arm = arm
         self.tracker = tracker
         self.needs = frozenset(needs)
-        self.pipeline = Pipeline(vision if vision is not None else VisionSettings())
+        self.pipeline = Pipeline(vision if vision is not None else PipelineSettings())
         self.reset()
 
     def reset(self) -> None:

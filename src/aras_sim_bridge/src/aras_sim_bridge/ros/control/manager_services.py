@@ -26,7 +26,7 @@ from aras_sim_bridge.ros.control.topics import ControllerTopics, PidTopics
 from aras_sim_bridge.ros.runtime.record import Record
 from aras_sim_bridge.ros.runtime.services import Fields, ServiceTable, handlers_in, serves
 from aras_sim_bridge.ros.runtime.simulation_thread import SHUTTING_DOWN, SimulationThread
-from aras_sim_bridge.simulation import Robot, Simulation
+from aras_sim_bridge.simulation import ControlledModel, Simulation
 from aras_visual_servo_ros.parameters import namespace_of
 
 T = TypeVar("T")
@@ -37,7 +37,7 @@ LOOK_PERIOD = 0.1  # seconds of wall time between two looks whether time was sto
 class ManagerServices:
     """Serves <namespace>/controller_manager/ and keeps the controllers' topics in step."""
 
-    def __init__(self, robot: Robot, thread: SimulationThread, record: Record) -> None:
+    def __init__(self, robot: ControlledModel, thread: SimulationThread, record: Record) -> None:
         """Advertise the services of `robot`, whose manager runs in `thread`."""
         self._record = record
         self._robot = robot

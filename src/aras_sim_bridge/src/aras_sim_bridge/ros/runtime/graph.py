@@ -14,7 +14,7 @@ from aras_sim_bridge.ros.camera.topics import CameraTopics
 from aras_sim_bridge.ros.control.manager_services import ManagerServices
 from aras_sim_bridge.ros.runtime.record import Record
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
-from aras_sim_bridge.simulation import Robot
+from aras_sim_bridge.simulation import ControlledModel
 
 log = logging.getLogger(__name__)
 
@@ -37,7 +37,7 @@ class OnGraph:
         self._before_frame = before_frame
         self._lock = threading.Lock()
         # By robot or camera; None: what could not be opened, which is not tried again.
-        self._faces: dict[Robot | MountedCamera, Face | None] = {}
+        self._faces: dict[ControlledModel | MountedCamera, Face | None] = {}
 
     def sync(self) -> None:
         """Open faces for what is new, close those of what is gone. Not for the simulation's thread:
@@ -46,7 +46,7 @@ class OnGraph:
         What cannot be opened is logged and stays without its face; the others get theirs.
         """
 
-        def present() -> list[Robot | MountedCamera]:
+        def present() -> list[ControlledModel | MountedCamera]:
             simulation = self._thread.simulation
             return [*simulation.robots.values(), *simulation.cameras]
 
@@ -57,22 +57,22 @@ class OnGraph:
                 if thing not in self._faces:
                     self._faces[thing] = self._opened(thing)
 
-    def _close_all_but(self, things: Iterable[Robot | MountedCamera]) -> None:
+    def _close_all_but(self, things: Iterable[ControlledModel | MountedCamera]) -> None:
         for thing in self._faces.keys() - set(things):
             face = self._faces.pop(thing)
             if face is not None:
                 face.shutdown()
 
-    def _opened(self, thing: Robot | MountedCamera) -> Face | None:
+    def _opened(self, thing: ControlledModel | MountedCamera) -> Face | None:
         """The face of a thing; None, with a log line, where its names cannot be had."""
         try:
-            if isinstance(thing, Robot):
+            if isinstance(thing, ControlledModel):
                 return ManagerServices(thing, self._thread, self.record)
             return CameraTopics(thing, self._thread, self._before_frame)
         except Exception as error:  # whatever it is, the faces of others must not suffer from it
             what = (
                 f"robot '{thing.name}'"
-                if isinstance(thing, Robot)
+                if isinstance(thing, ControlledModel)
                 else f"camera '{thing.sensor.config.name}'"
             )
             rospy.logerr(

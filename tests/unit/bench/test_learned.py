@@ -6,8 +6,8 @@ import pytest
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.learning import learned
+from aras_visual_servo_bench.learning.learned import SAMPLER
 from aras_visual_servo_bench.running.loop import run
-from aras_visual_servo_bench.studies.starts import SAMPLER
 from aras_visual_servo_controller.errors import ConfigurationError
 
 SCHEME = "aras_visual_servo_bench.learning.learned:Learned"

@@ -1,14 +1,17 @@
 """The pose that a network reads out of a picture: its weights, its rate, where it comes to."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import exponential, inverse, logarithm
+from aras_visual_servo_bench.commands.running import study_file
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.learning import learned_pictures
 from aras_visual_servo_bench.learning.learned_pictures import LearnedPose, PoseNetwork, inputs
 from aras_visual_servo_bench.running.loop import run
-from aras_visual_servo_bench.study.protocol import Protocol
+from aras_visual_servo_bench.study.study import Study
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
@@ -17,9 +20,10 @@ from aras_visual_servo_controller.seeing.observation import Observation
 
 def planned(seeds):
     """Runs of the protocol's learned case, clean."""
-    for row, experiment, _ in Protocol.load("convergence_domain").runs():
-        if (row["case"], row["condition"]) == ("learned pose", "clean") and row["seed"] in seeds:
-            yield experiment
+    study = Study.from_yaml(study_file(Path("convergence_domain")))
+    names = [(case.names["scheme"], case.names["condition"]) for case in study.combinations]
+    first = names.index(("learned pose", "clean")) * study.repeats
+    return (study.experiment_of(first + seed) for seed in sorted(seeds))
 
 
 def test_without_weights_one_line_says_how_to_make_them(monkeypatch, tmp_path):

@@ -2,7 +2,6 @@
 
 import csv
 import json
-import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,18 +11,20 @@ import pytest
 import yaml
 
 from aras_visual_servo_base.poses import pose_difference, transform
+from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import CameraPose, Experiment
-from aras_visual_servo_bench.asked.protocol_starts import Placing, placed
+from aras_visual_servo_bench.asked.relative_start import RelativeStart
+from aras_visual_servo_bench.commands.protocol import main
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.pictures import schemes_pictures
 from aras_visual_servo_bench.pictures.schemes_page import main as page
-from aras_visual_servo_bench.pictures.schemes_page import speed_part, succeeded
+from aras_visual_servo_bench.pictures.schemes_page import read, speed_part
 from aras_visual_servo_bench.running.loop import run
-from aras_visual_servo_bench.study import protocol as protocols
-from aras_visual_servo_bench.study.protocol import Protocol, main, met
+from aras_visual_servo_bench.study.results import met
+from aras_visual_servo_bench.study.study import Study
 
-PROTOCOLS = Path(__file__).parents[3] / "src" / "aras_visual_servo_bench" / "protocols"
-SHIPPED = sorted(PROTOCOLS.glob("*.yaml"))
+STUDIES = Path(__file__).parents[3] / "src/aras_visual_servo_bench/config/studies"
+SHIPPED = {path.stem: path for path in STUDIES.glob("*.yaml")}
 SQUARE = ((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1))
 GOAL = CameraPose((0.0, 0.0, -0.75, 0.0, 0.0, 0.0))
 FLIGHT = Experiment.from_mapping({
@@ -39,51 +40,68 @@ def table(folder):
         return list(csv.DictReader(file))
 
 
+def study_of(name):
+    return Study.from_yaml(SHIPPED[name])
+
+
+def rows_of(name, out, *arguments):
+    """Of a published protocol, as its command leaves them."""
+    assert main([name, "--out", str(out), "--in-process", *arguments]) == 0
+    return table(out)
+
+
 def test_visp_four_points_to_the_iteration(tmp_path):
-    assert main(["visp_four_points", "--out", str(tmp_path)]) == 0
-    rows = table(tmp_path)
+    rows = rows_of("visp_four_points", tmp_path)
     assert [int(row["iterations"]) for row in rows] == [191, 91, 98, 211, 203]
     assert {row["outcome"] for row in rows} == {"converged"}
-    assert all(row["met"] == "True" for row in rows)
+    assert all(row["met"] == "true" for row in rows)
+    # As the engine of the protocols had them that went before this one.
+    lengths = [0.369218, 0.369984, 0.365715, 0.421304, 0.350941]
+    assert [float(row["path_length"]) for row in rows] == pytest.approx(lengths, abs=1e-6)
+    depths = [1.011355, 1.011082, 1.008578, 1.0, 1.0]
+    assert [float(row["largest_depth"]) for row in rows] == pytest.approx(depths, abs=1e-6)
+    ratios = [1.0555, 1.0577, 1.0455, 1.2044, 1.0033]
+    assert [float(row["path_ratio"]) for row in rows] == pytest.approx(ratios, abs=1e-4)
 
 
 def test_camera_retreat(tmp_path):
     cases = ["--case", "L current, 40 ms", "--case", "L mean", "--case", "L desired"]
-    assert main(["camera_retreat", "--out", str(tmp_path), *cases]) == 0
-    rows = table(tmp_path)
+    rows = rows_of("camera_retreat", tmp_path, *cases)
     assert len(rows) == 18
-    assert [row["start"] for row in rows if row["met"] != "True"] == []
+    assert [row["start"] for row in rows if row["met"] != "true"] == []
     depth = {row["start"]: float(row["largest_depth"]) for row in rows[:6]}
     assert depth["120"] == pytest.approx(1.519, rel=0.01)
     assert rows[5]["outcome"] == "camera_retreat"
 
 
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_every_file_is_checked_before_its_first_run(path):
-    protocol = Protocol.load(str(path))
-    assert protocol.source
-    assert protocol.chosen
-    assert next(iter(protocol.runs()))
-
-
-@pytest.mark.parametrize("name", ["visp_four_points", "canonical"])
-def test_blocks_go_to_other_processes_as_they_are(name):
-    for block in protocols.blocks(replace(Protocol.load(name), seeds=1)):
-        assert pickle.loads(pickle.dumps(block)) == block
+@pytest.mark.parametrize("name", [
+    "camera_retreat", "canonical", "convergence_domain", "paper_basin", "visp_four_points",
+])  # fmt: skip
+def test_a_published_protocol_says_its_source_and_what_was_chosen(name):
+    study = study_of(name)
+    assert study.source
+    assert study.chosen
+    assert study.experiment_of(0).seed == 0
 
 
 @pytest.mark.parametrize(
     ("values", "named"),
     [
-        ({"source": "", "experiment": {"plnt": "ideal"}}, "plant"),
-        ({"source": "", "experiment": {}, "starts": [{"kind": "turnd"}]}, "turned"),
-        ({"source": "", "experiment": {}, "seeds": 0}, "seeds"),
-        ({"source": "", "experimnt": {}}, "experiment"),
+        ({"experiment": {}, "cases": {"start": [{"name": "a", "set": {"strt": 1}}]}}, "start"),
+        ({"cases": {"start": [{"name": "a", "set": {"start": {"kind": "turnd"}}}]}}, "turned"),
+        ({"cases": {"start": [{"name": "a"}, {"name": "a"}]}}, "'a' stands there twice"),
+        ({"cases": {"start": []}}, "cases.start: it is empty"),
+        ({"cases": {"start": [{"name": "a", "cases": {"strt": []}}]}}, "cases.strt: it is empty"),
+        ({"cases": {"start": [{"name": "a", "cases": {"strt": [{"name": "b"}]}}],
+                    "other": [{"name": "c"}]}}, "cases.start.a.cases"),
+        ({"cases": {"gain": [{"name": "a"}]}, "vary": {"gain": [1.0]}}, "both under vary and in"),
+        ({"repeats": 0}, "repeats"),
+        ({"sourc": ""}, "source"),
     ],
-)
+)  # fmt: skip
 def test_a_wrong_key_is_one_line(tmp_path, capsys, values, named):
     (tmp_path / "mine.yaml").write_text(yaml.safe_dump(values))
-    assert main([str(tmp_path / "mine.yaml"), "--out", str(tmp_path)]) == 1
+    assert main([str(tmp_path / "mine.yaml"), "--out", str(tmp_path / "out")]) == 1
     told = capsys.readouterr().err
     assert named in told
     assert told.count("\n") == 1
@@ -92,102 +110,56 @@ def test_a_wrong_key_is_one_line(tmp_path, capsys, values, named):
 def test_an_unknown_protocol_names_the_nearest(tmp_path, capsys):
     assert main(["visp_four_point", "--out", str(tmp_path)]) == 1
     assert "did you mean 'visp_four_points'?" in capsys.readouterr().err
-
-
-def test_what_cannot_be_run_is_an_outcome(tmp_path):
-    (tmp_path / "mine.yaml").write_text(
-        "source: mine\nexperiment: {plant: ideal, scheme: vanishing_points, features: exact,\n"
-        "  goal: {pose: [0,0,-1,0,0,0]}, start: {pose: [0,0,-1,0,0,0]},\n"
-        "  target: {shape: [[0,0],[.1,0],[.1,.1]]}}\n"
-    )
-    assert main([str(tmp_path / "mine.yaml"), "--out", str(tmp_path)]) == 0
-    row = table(tmp_path)[0]
-    assert row["outcome"] == "not_run"
-    assert "four corners" in row["reason"]
+    assert main(["visp_four_points", "--out", str(tmp_path), "--case", "lambda 5"]) == 1
+    assert "case 'lambda 5': " in capsys.readouterr().err
 
 
 MINE = {
-    "source": "mine", "seeds": 3, "starts": [{"kind": "turned", "angle": 5.0}],
+    "repeats": 3, "seeds": "counted", "seed": 4, "metrics": ["reached", "start_distance",
+                                                             "start_angle"],
     "experiment": {
         "plant": "ideal", "features": "exact", "scheme": "numbered_points", "duration": 0.2,
         "target": {"shape": [list(corner) for corner in SQUARE]},
         "goal": {"pose": [0.0, 0.0, -0.75, 0.0, 0.0, 0.0]},
     },
-    "cases": [{"name": "slow", "set": {"gain": 0.5}}, {"name": "fast", "set": {"gain": 2.0}}],
+    "cases": {
+        "scheme": [
+            {"name": "slow", "set": {"gain": 0.5}, "published": {"outcome": "timed_out"}},
+            {"name": "fast", "set": {"gain": 2.0}, "published": {"start_angle": 0.1},
+             "cases": {"start": [{"name": "back", "set": {"start": {"kind": "back",
+                                                                    "distance": 0.2}}}]}},
+        ],
+        "start": [
+            {"name": "turned", "set": {"start": {"kind": "turned", "angle": 5.0}}},
+            {"name": "fast", "set": {"start": {"kind": "turned", "angle": 9.0}, "gain": 4.0}},
+        ],
+    },
 }  # fmt: skip
 
 
-class Counted:
-    """In place of the runner: answers as it does, and notes what was run."""
-
-    def __init__(self):
-        self.gains = []
-
-    def __call__(self, experiment):
-        self.gains.append(experiment.gain)
-        if len(self.gains) == self.stop:
-            raise KeyboardInterrupt
-        return run(experiment)
-
-    stop = None
-
-
-@pytest.fixture
-def mine(tmp_path, monkeypatch):
-    """Runs the protocol of that content into one folder; answers what was run and the table."""
-    counted = Counted()
-    monkeypatch.setattr(protocols, "run", counted)
-
-    def carry_out(content=MINE, *arguments, stop=None):
-        (tmp_path / "mine.yaml").write_text(yaml.safe_dump(content))
-        counted.gains, counted.stop = [], stop
-        status = main([str(tmp_path / "mine.yaml"), "--out", str(tmp_path / "out"), *arguments])
-        return status, counted.gains, table(tmp_path / "out")
-
-    return carry_out
+def test_axes_of_cases_are_multiplied_and_a_case_may_have_its_own(tmp_path):
+    study = Study.from_mapping(MINE)
+    names = [tuple(case.names.values()) for case in study.combinations]
+    assert names == [("slow", "turned"), ("slow", "fast"), ("fast", "back")]
+    assert study.keys == ("scheme", "start")
+    # Of what two cases set, the later axis' holds.
+    assert [study.experiment_of(3 * point).gain for point in range(3)] == [0.5, 4.0, 2.0]
+    assert [study.seed_of(run) for run in range(9)] == [4, 5, 6] * 3
+    assert [study.experiment_of(run).seed for run in (0, 4, 8)] == [4, 5, 6]
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(MINE))
+    rows = rows_of(str(tmp_path / "mine.yaml"), tmp_path / "out")
+    assert [(row["scheme"], row["start"], row["seed"]) for row in rows[2:4]] == [
+        ("slow", "turned", "6"), ("slow", "fast", "4")]  # fmt: skip
+    assert [row["met"] for row in rows] == ["true"] * 6 + ["false"] * 3
+    assert rows[0]["published"] == "outcome timed_out"
+    assert float(rows[3]["start_angle"]) == pytest.approx(np.radians(9.0))
+    assert float(rows[6]["start_distance"]) == pytest.approx(0.2)
 
 
-def test_what_was_interrupted_goes_on_with_what_is_missing(mine):
-    status, _, rows = mine(stop=5)
-    assert status == 130
-    assert [row["case"] for row in rows] == ["slow"] * 3
-    status, ran, rows = mine()
-    assert (status, ran) == (0, [2.0] * 3)
-    assert [(row["case"], row["seed"]) for row in rows] == [
-        (case, str(seed)) for case in ("slow", "fast") for seed in range(3)
-    ]
-    assert mine()[1] == []
-
-
-def test_only_what_a_change_touches_is_run_again(mine):
-    _, _, before = mine()
-    changed = {**MINE, "cases": [MINE["cases"][0], {"name": "fast", "set": {"gain": 3.0}}]}
-    status, ran, rows = mine(changed)
-    assert (status, ran) == (0, [3.0] * 3)
-    assert rows[:3] == before[:3]
-    assert rows[3:] != before[3:]
-
-
-def test_cases_one_by_one_come_into_one_table(mine):
-    assert [row["case"] for row in mine(MINE, "--case", "fast")[2]] == ["fast"] * 3
-    assert [row["case"] for row in mine(MINE, "--case", "slow")[2]] == ["slow"] * 3 + ["fast"] * 3
-
-
-def test_rows_of_other_code_are_not_mixed_unasked(mine, monkeypatch, capsys):
-    mine()
-    versions = dict(protocols.versions.versions())
-    monkeypatch.setattr(protocols.versions, "versions", lambda: {**versions, "numpy": "0.1"})
-    assert mine()[0] == 1
-    assert "numpy 0.1 here" in capsys.readouterr().err
-    assert mine(MINE, "--mix")[0] == 0
-
-
-def test_a_cut_off_block_is_run_again(mine, tmp_path):
-    mine()
-    kept = sorted((tmp_path / "out" / "blocks").iterdir())
-    kept[0].write_text(kept[0].read_text()[:40])
-    status, ran, rows = mine()
-    assert (status, len(ran), len(rows)) == (0, 3, 6)
+def test_words_about_a_study_change_nothing_of_it():
+    other = Study.from_mapping({**MINE, "source": "a paper", "chosen": ["this"]})
+    assert other.digest == Study.from_mapping(MINE).digest
+    assert Study.from_mapping({**MINE, "seed": 5}).digest != other.digest
 
 
 @pytest.mark.parametrize(
@@ -203,32 +175,38 @@ def test_met(value, published, is_met):
 # -- starts ----------------------------------------------------------------------------------
 
 
-def start_of(placing, seed=0):
-    return transform(*np.split(np.array(placed(FLIGHT, placing, seed).start.pose), [3]))
+def start_of(start, seed=0):
+    pose = FLIGHT.with_(start=start, seed=seed).placed.start.pose
+    return transform(pose[:3], pose[3:])
+
+
+def test_a_start_about_a_goal_that_is_no_pose_is_refused():
+    with pytest.raises(ExperimentError, match="start.kind 'back' is relative to the goal"):
+        assemble(Experiment(start=RelativeStart("back")))
 
 
 GOAL_POSE = transform(GOAL.pose[:3], GOAL.pose[3:])
 
 
 def test_turned_stands_on_the_spot():
-    distance, angle = pose_difference(GOAL_POSE, start_of(Placing("turned", angle=70.0)))
+    distance, angle = pose_difference(GOAL_POSE, start_of(RelativeStart("turned", angle=70.0)))
     assert (distance, np.degrees(angle)) == pytest.approx((0.0, 70.0), abs=1e-9)
 
 
 def test_back_goes_along_the_axis_away_from_the_target():
-    start = start_of(Placing("back", distance=0.4))
+    start = start_of(RelativeStart("back", distance=0.4))
     assert start[:3, 3] == pytest.approx([0.0, 0.0, -1.15])
 
 
 def test_plane_keeps_the_distance_and_looks_at_the_target():
-    start = start_of(Placing("plane", angle=40.0))
+    start = start_of(RelativeStart("plane", angle=40.0))
     assert np.linalg.norm(start[:3, 3]) == pytest.approx(0.75)
     assert start[:3, :3].T @ -start[:3, 3] == pytest.approx([0, 0, 0.75], abs=1e-9)
     assert np.degrees(pose_difference(GOAL_POSE, start)[1]) == pytest.approx(40.0)
 
 
 def test_looking_is_in_its_box_looks_at_a_circle_and_turns_by_the_seed():
-    placing = Placing("looking", of=11)
+    placing = RelativeStart("looking", of=11)
     turns = []
     for seed in range(11):
         start = start_of(placing, seed)
@@ -245,7 +223,7 @@ def test_looking_is_in_its_box_looks_at_a_circle_and_turns_by_the_seed():
 
 
 def test_scatter_is_the_seed_s_own():
-    placing = Placing("turned", angle=20.0, scatter=(0.02, 3.0))
+    placing = RelativeStart("turned", angle=20.0, scatter=(0.02, 3.0))
     one, same, other = (start_of(placing, seed) for seed in (1, 1, 2))
     assert (one == same).all()
     assert not np.allclose(one, other)
@@ -321,8 +299,8 @@ def test_a_moving_target_stays_behind_by_speed_over_gain():
 
 
 FOUR = ((-0.1, -0.1), (0.1, -0.08), (0.08, 0.1), (-0.06, 0.06))  # without symmetry
-ASKEW = Placing("plane", angle=40.0, scatter=(0.01, 2.0))
-TURNED = Placing("turned", angle=90.0, scatter=(0.01, 2.0))
+ASKEW = RelativeStart("plane", angle=40.0, scatter=(0.01, 2.0))
+TURNED = RelativeStart("turned", angle=90.0, scatter=(0.01, 2.0))
 SKEWED = FLIGHT.with_(
     target={"shape": FOUR}, gain=2.0, duration=12.0,
     ideal={"unbounded": True, "speed": [1.0, 1.57]},
@@ -343,13 +321,13 @@ SKEWED = FLIGHT.with_(
     ],
 )
 def test_equal_features_of_another_pose_are_not_called_the_goal(scheme, start, outcome):
-    result = run(placed(SKEWED.with_(scheme=scheme), start, 0))
+    result = run(SKEWED.with_(scheme=scheme, start=start, seed=0))
     assert result.outcome == outcome, result.reason
     assert result.verdict.reached is (outcome == "converged")
 
 
 def test_a_flight_that_measures_nothing_any_more_has_lost_its_target():
-    turned = placed(SKEWED.with_(scheme="ellipse+alpha"), replace(TURNED, angle=180.0), 0)
+    turned = SKEWED.with_(scheme="ellipse+alpha", start=replace(TURNED, angle=180.0), seed=0)
     result = run(turned)
     assert result.outcome == "target_lost"
     assert "alpha_full" in result.reason
@@ -376,18 +354,20 @@ def test_enough_by_the_truth_ends_the_run_and_so_does_too_far():
 # -- the page --------------------------------------------------------------------------------------
 
 
-HEADS = "case,condition,start,seed,verdict,outcome,settled,distance,angle,path_ratio,excursion"
+HEADS = ("scheme,condition,start,seed,verdict,outcome,settled,final_distance,final_angle,"
+         "path_ratio,image_excursion,reached")  # fmt: skip
 
 
 def test_the_page_is_made_of_the_tables(tmp_path, capsys):
-    lines = [HEADS]
-    lines += [f"one,clean,turn 90,{n},goal_reached,converged,1.5,0.001,0.2,1.1,0.2" for n in "012"]
-    lines += ["one,clean,turn 90,3,goal_missed,camera_retreat,inf,2,9,,0.3"]
-    lines += [f"two,clean,turn 90,{n},goal_missed,ambiguous,inf,2,9,,0.3" for n in "0123"]
+    lines, angle = [HEADS], np.radians(0.2)
+    lines += [f"one,clean,turn 90,{n},goal_reached,converged,1.5,0.001,{angle},1.1,0.2,1"
+              for n in "012"]  # fmt: skip
+    lines += ["one,clean,turn 90,3,goal_missed,camera_retreat,nan,2,9,nan,0.3,0"]
+    lines += [f"two,clean,turn 90,{n},goal_missed,ambiguous,nan,2,9,nan,0.3,0" for n in "0123"]
     (tmp_path / "table.csv").write_text("\n".join(lines) + "\n")
-    heads = "case,condition,start,seed,verdict,outcome,reduced,iterations,path_ratio"
-    rows = ["feature points,clean,box,0,goal_missed,converged,True,40,1.2",
-            "feature points,clean,box,1,goal_missed,target_lost,False,9,1.4"]  # fmt: skip
+    heads = "scheme,condition,start,seed,verdict,outcome,reduced,iterations,path_ratio"
+    rows = ["feature points,clean,box,0,goal_missed,converged,1,40,1.2",
+            "feature points,clean,box,1,goal_missed,target_lost,0,9,1.4"]  # fmt: skip
     (tmp_path / "domain.csv").write_text("\n".join([heads, *rows]) + "\n")
     out = tmp_path / "page.md"
     tables = ["--canonical", str(tmp_path / "table.csv"), "--domain", str(tmp_path / "domain.csv")]
@@ -403,11 +383,12 @@ def test_the_page_is_made_of_the_tables(tmp_path, capsys):
     assert "cannot read" in capsys.readouterr().err
 
 
-def test_its_pictures_are_drawn(tmp_path, mine):
-    rows = mine()[2]
-    protocol = Protocol.load(str(tmp_path / "mine.yaml"))
-    schemes_pictures.ways(protocol, "turned", tmp_path / "ways.png")
-    schemes_pictures.success_map(rows, succeeded, tmp_path / "map.png")
+def test_its_pictures_are_drawn(tmp_path):
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump(MINE))
+    rows_of(str(tmp_path / "mine.yaml"), tmp_path / "out")
+    schemes_pictures.ways(Study.from_mapping(MINE), "turned", tmp_path / "ways.png")
+    rows = [{"condition": "", **row} for row in read(tmp_path / "out" / "table.csv")]
+    schemes_pictures.success_map(rows, tmp_path / "map.png")
     for name in ("ways.png", "map.png"):
         drawn = cv2.imread(str(tmp_path / name))
         assert min(drawn.shape[:2]) > 100

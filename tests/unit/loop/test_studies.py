@@ -1,19 +1,38 @@
 """A short choice of what the bench's studies show in full."""
 
-from types import SimpleNamespace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.studies import decay, failures, starts
+from aras_visual_servo_bench.commands.running import study_file
+from aras_visual_servo_bench.numbers import decay, metrics
+from aras_visual_servo_bench.recording.run import Run
+from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.study.study import Study
+
+
+def shipped(name):
+    return Study.from_yaml(study_file(Path(name)))
+
+
+def fitted(stamp: np.ndarray, error: np.ndarray) -> float:
+    """Decay (1/s) of an error (n,) between 80 and 15 % of its first value."""
+    part = np.abs(error) / abs(error[0])
+    begin, end = int(np.argmax(part < 0.80)), int(np.argmax(part < 0.15)) or len(part)
+    return float(-np.polyfit(stamp[begin:end], np.log(part[begin:end]), 1)[0])
 
 
 @pytest.mark.parametrize("gain", [1.0, 2.0])
 def test_features_decay_as_gain_and_delay_predict(gain):
-    result, rate = decay.decays(gain)
+    study = shipped("decay")
+    (point,) = (p for p in range(study.points) if study.settings(p)["gain"] == gain)
+    result: Run = run(study.experiment_of(point))
+    rate = metrics.find("decay_predicted").measure(result)
+    assert rate > gain
+    assert metrics.find("decay_rate").measure(result) == pytest.approx(rate, rel=0.05)
     for i, name in enumerate(result.names):
-        found = decay.fitted(result.stamp, result.error[:, i])
-        assert found == pytest.approx(rate, rel=0.05), name
+        assert fitted(result.stamp, result.error[:, i]) == pytest.approx(rate, rel=0.05), name
 
 
 def test_the_prediction_is_that_of_a_simulated_delay():
@@ -29,33 +48,23 @@ def test_the_prediction_is_that_of_a_simulated_delay():
         s += speed * step
         history.append((t, s))
     t, s = np.array(history).T
-    assert decay.fitted(t, s) == pytest.approx(decay.predicted(gain, tau), rel=0.02)
+    assert fitted(t, s) == pytest.approx(decay.predicted(gain, tau), rel=0.02)
     assert decay.predicted(gain, 0.0) == pytest.approx(-np.log(1 - gain * period) / period)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_loop_and_physics_agree_from_any_start(seed):
-    (line,) = starts.study(
-        starts.Experiment(plant="chain", start=starts.SAMPLER, duration=15.0), range(seed, seed + 1)
+@pytest.mark.parametrize("number", range(4))
+def test_loop_and_physics_agree_from_any_start(number):
+    result = run(shipped("starts").experiment_of(number).with_(plant="chain"))
+    assert metrics.find("contradicts").measure(result) == 0.0, (result.outcome, result.verdict)
+    assert result.verdict.reached
+
+
+def test_every_failure_of_the_study_is_provoked_by_itself():
+    study = shipped("failures")
+    assert len(study.combinations) == 12
+    assert all(
+        case.published == {"outcome": case.names["failure"]} for case in study.combinations
     )
-    assert not line["contradicts"], line
-    assert line["verdict"] == "goal_reached"
-
-
-@pytest.mark.parametrize(
-    ("outcome", "reached", "contradicts"),
-    [
-        ("converged", True, False), ("converged", False, True), ("target_lost", False, False),
-        ("timed_out", True, True), ("converged up to 90°", False, False),
-        ("converged up to 0.4 mm", True, False),
-    ],
-)  # fmt: skip
-def test_what_contradicts_what(outcome, reached, contradicts):
-    result = SimpleNamespace(
-        outcome=outcome, converged=outcome.startswith("converged"),
-        verdict=SimpleNamespace(reached=reached),
-    )  # fmt: skip
-    assert starts.contradicts(result) == contradicts
 
 
 @pytest.mark.parametrize(
@@ -64,5 +73,7 @@ def test_what_contradicts_what(outcome, reached, contradicts):
      "scheme_fault", "timed_out", "local_minimum"],
 )  # fmt: skip
 def test_a_provoked_failure_is_named(failure):
-    outcome, reason = failures.provoke(failure, seed=1)
-    assert outcome == failure, reason
+    study = shipped("failures")
+    names = [case.names["failure"] for case in study.combinations]
+    result = run(study.experiment_of(study.repeats * names.index(failure) + 1))
+    assert result.outcome == failure, result.reason

@@ -159,7 +159,8 @@ def test_the_start_is_where_the_first_image_finds_the_camera():
     ("outcome", "verdict", "expected"),
     [("converged", "goal_reached", 0.0), ("converged", "goal_missed", 1.0),
      ("timed_out", "goal_reached", 1.0), ("timed_out", "goal_missed", 0.0),
-     ("converged up to 180", "goal_missed", 0.0)],
+     ("converged up to 180", "goal_missed", 0.0),
+     ("converged up to 0.4 mm", "goal_reached", 0.0)],
 )  # fmt: skip
 def test_contradiction_is_a_word_against_the_physics(outcome, verdict, expected):
     found = run(outcome=outcome, verdict=verdict)

@@ -88,7 +88,7 @@ class _Builder:
     """Works out the parts one after the other; each is needed by the next."""
 
     def __init__(self, experiment: Experiment, scheme: Scheme | JointController | None) -> None:
-        self.experiment = experiment
+        self.experiment = experiment = experiment.placed
         self.robot = Robot(
             experiment.robot, experiment.camera_xyz, experiment.camera_rpy, experiment.friction
         )

@@ -10,12 +10,14 @@ from typing import Any
 
 from aras_sim_bridge.description.lights import SUN
 from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.poses import transform
 from aras_visual_servo_base.settings import annotations, build, check, convert, parameter
 from aras_visual_servo_base.yaml_files import read_yaml
 
 from ..errors import ExperimentError, require
 from ..targets.geometry import Motion
 from .cameras import Belief
+from .relative_start import RelativeStart
 from .robots import RobotSpec
 
 PLANTS = ("bullet", "chain", "free", "ideal")
@@ -162,7 +164,7 @@ class Experiment:
     delay: s from an exposure to its answer, computing included.
     commands: 'joint_states': streamed with each of them, as on a graph in real time; 'images':
         one an image, as on a graph in lockstep.
-    start: name of a pose, joints (rad, m), a CameraPose, or a Sampler.
+    start: name of a pose, joints (rad, m), a CameraPose, a Sampler, or a RelativeStart.
     goal: name or path of a goal file, joints, or a CameraPose, at which the goal is taught.
     scheme: name, or 'package.module:Class'. law: its name. gain: 1/s; None: the law's own.
     options: further parameters of the controller, by name, as its node has them.
@@ -188,7 +190,9 @@ class Experiment:
     jitter: float = parameter(0.0, "px", least=0.0)
     delay: float = parameter(0.015, "s", least=0.0)
     commands: str = parameter("joint_states", choices=COMMANDS)
-    start: str | tuple[float, ...] | CameraPose | Sampler = parameter("2016", name=True)
+    start: str | tuple[float, ...] | CameraPose | Sampler | RelativeStart = parameter(
+        "2016", name=True
+    )
     goal: str | tuple[float, ...] | CameraPose = parameter("auto", name=True)
     scheme: str = parameter("moments", name=True)
     law: str = "proportional"
@@ -258,6 +262,22 @@ class Experiment:
     def from_yaml(cls, path: str | Path) -> Experiment:
         """An experiment of a YAML file; ExperimentError as above."""
         return cls.from_mapping(read_yaml(path, ExperimentError) or {})
+
+    @property
+    def placed(self) -> Experiment:
+        """The same with the pose that a start about the goal's comes to.
+
+        Raises:
+            ExperimentError: its goal is no pose, to which the start could be relative.
+        """
+        if not isinstance(self.start, RelativeStart):
+            return self
+        require(
+            isinstance(self.goal, CameraPose),
+            f"start.kind '{self.start.kind}' is relative to the goal: give it as a pose",
+        )
+        poses = (transform(pose[:3], pose[3:]) for pose in (self.goal.pose, self.target.pose))
+        return self.with_(start=CameraPose(self.start.pose(*poses, self.seed)))
 
     def with_(self, **changes: Any) -> Experiment:
         """This experiment with some keys changed, checked as from a mapping."""

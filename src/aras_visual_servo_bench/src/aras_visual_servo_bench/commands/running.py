@@ -81,16 +81,17 @@ def _run(options: argparse.Namespace) -> int:
     text = options.study.read_text(encoding="utf-8")
     if changed or "experiment" in text and Study.from_yaml(options.study).digest != study.digest:
         text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
-    return _carry_out(Folder.create(options.out, study, text), options)
+    return carry_out(Folder.create(options.out, study, text), options)
 
 
 def _resume(options: argparse.Namespace) -> int:
     folder = Folder.open(options.folder)
     folder.check_file()
-    return _carry_out(folder, options)
+    return carry_out(folder, options)
 
 
-def _carry_out(folder: Folder, options: argparse.Namespace) -> int:
+def carry_out(folder: Folder, options: argparse.Namespace) -> int:
+    """Run what is missing of it, and report; returns the exit status."""
     if not options.mix:
         folder.check_code()
     with folder.locked():

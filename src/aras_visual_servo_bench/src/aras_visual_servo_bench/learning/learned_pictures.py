@@ -119,11 +119,12 @@ def pictures(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """
     from ..asked.assembly import assemble
     from ..asked.experiment import Experiment
-    from ..asked.protocol_starts import placed
-    from ..study.protocol import Protocol
+    from ..commands.running import study_file
+    from ..study.study import Study
 
-    protocol = Protocol.load(PROTOCOL)
-    base = Experiment.from_mapping({**protocol.experiment, "scheme": "luminance"})
+    study = Study.from_yaml(study_file(Path(PROTOCOL)))
+    starts = study.combinations[0].set["start"]
+    base = Experiment.from_mapping({**study.experiment, "scheme": "luminance", "start": starts})
     parts = assemble(base)
     poster, goal = parts.target.shape, parts.goal_pose
     camera = _smaller(parts.camera)
@@ -132,8 +133,7 @@ def pictures(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     x, y = [], []
     for number in range(-(-count // (1 + BETWEEN))):
         # Seeds far from those that the protocol runs.
-        start = placed(base, protocol.starts[0], 1_000_000 * (seed + 1) + number)
-        pose = start.start.pose
+        pose = base.with_(seed=1_000_000 * (seed + 1) + number).placed.start.pose
         way = logarithm(relative(goal, transform(pose[:3], pose[3:])))
         for step in range(1 + BETWEEN):
             part = 1.0 if step == 0 else random.uniform(0.0, 1.0)

@@ -19,6 +19,7 @@ from aras_visual_servo_base.poses import inverse, pose_difference
 
 from ..errors import StudyError, ViewError
 from ..recording.run import Run, scaled, settling
+from . import decay
 
 SMALLER, GREATER, NEITHER = "smaller", "greater", ""
 AT_LIMIT = 1e-3  # part of a joint's range
@@ -253,6 +254,15 @@ def decay_rate(run: Run) -> float:
     return float(-np.polyfit(stamp[begin:end], np.log(part[begin:end]), 1)[0])
 
 
+@metric("1/s", NEITHER, "slowest root of the sampled loop with its delay: numbers/decay.py")
+def decay_predicted(run: Run) -> float:
+    """How fast the errors ought to decay by the experiment's gain and delay."""
+    if run.experiment is None or run.experiment.gain is None or len(run.stamp) < 2:
+        return np.nan
+    period = float(np.median(np.diff(run.stamp)))
+    return decay.predicted(run.experiment.gain, decay.delay_of(run.experiment), period)
+
+
 @metric("s", SMALLER, "2 % band of the norm of the errors, each in parts of its largest")
 def error_settled(run: Run) -> float:
     """Time until the norm of the features' errors stays under 2 % of its first."""
@@ -382,16 +392,16 @@ def _known(value: float) -> float:
 BUILT_IN: dict[str, Metric] = {
     m.name: m
     for m in (
-        success, settled, overshoot, final_distance, final_angle, path_length, path_ratio, energy,
-        limit_time, image_excursion, decay_rate,
+        success, contradicts, settled, overshoot, final_distance, final_angle, path_length,
+        path_ratio, energy, limit_time, image_excursion, decay_rate,
     )
 }  # fmt: skip
 TABLE: dict[str, Metric] = BUILT_IN | {
     m.name: m
     for m in (
-        reached, reduced, contradicts, iterations, start_distance, start_angle, largest_depth,
-        error_settled, servoing_time, top_speed, smallest_singular_value, condition_L,
-        manipulability, scale, images, image_rate, images_late, delay, computing,
+        reached, reduced, iterations, start_distance, start_angle, largest_depth,
+        decay_predicted, error_settled, servoing_time, top_speed, smallest_singular_value,
+        condition_L, manipulability, scale, images, image_rate, images_late, delay, computing,
         real_time_factor,
     )
 }  # fmt: skip

@@ -13,18 +13,21 @@ import collections
 import csv
 import inspect
 import json
+import math
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from aras_visual_servo_controller.features.base import Feature
 from aras_visual_servo_controller.schemes.registry import SCHEMES
 
+from ..commands.running import study_file
 from ..errors import ExperimentError
 from ..numbers.statistics import compare_rates, holm, proportion
-from ..study.protocol import Protocol
+from ..study.study import Study
 from . import schemes_pictures as pictures
 
 HEAD = """# Schemes
@@ -34,18 +37,19 @@ aras_visual_servo_bench.pictures.schemes_page` from the tables that the protocol
 aras_visual_servo_bench protocol canonical --out DIR` makes those anew.
 
 """
-GOAL = "goal_reached"
-Row = Mapping[str, str]
+DEGREES = 180.0 / math.pi
+Row = Mapping[str, Any]
 Rows = Sequence[Row]
 
 
-def read(path: Path) -> list[dict[str, str]]:
-    """Rows of a table; ExperimentError: it cannot be read."""
+def read(path: Path, criterion: str = "reached") -> list[dict[str, Any]]:
+    """Rows of a table, `hit` where the metric of that name is 1; ExperimentError: unreadable."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
-            return list(csv.DictReader(file))
+            rows = list(csv.DictReader(file))
     except OSError as error:
         raise ExperimentError(f"cannot read {path}: {error.strerror}") from None
+    return [{**row, "hit": row[criterion] in ("1", "1.0")} for row in rows]
 
 
 def grouped(rows: Rows, *keys: str) -> dict[tuple[str, ...], list[Row]]:
@@ -56,56 +60,61 @@ def grouped(rows: Rows, *keys: str) -> dict[tuple[str, ...], list[Row]]:
     return groups
 
 
-def succeeded(row: Row) -> bool:
-    """Whether the run came to its protocol's goal.
-
-    Runs of a protocol that ends them by the truth are judged by its criterion: both distance and
-    angle are a tenth of what they were.
-    """
-    return row["verdict"] == GOAL or row.get("by_truth") == "True" and row["reduced"] == "True"
-
-
 def markdown(heads: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
     """A table."""
     written = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
     return "\n".join([*written, *("| " + " | ".join(line) + " |" for line in lines)]) + "\n"
 
 
+def _hits(rows: Rows) -> int:
+    return sum(row["hit"] for row in rows)
+
+
 def rate(rows: Rows) -> str:
     """Successes of so many, with Wilson's 95 % interval."""
-    hits = sum(map(succeeded, rows))
+    hits = _hits(rows)
     interval = proportion(hits, len(rows))
     return f"{hits} of {len(rows)} ({100 * interval.low:.0f}-{100 * interval.high:.0f} %)"
 
 
 def _middle(rows: Rows, key: str, form: str, factor: float = 1.0) -> str:
     """Median of a column, empty where nothing is known."""
-    values = [float(row[key]) for row in rows if row.get(key) not in ("", None, "inf")]
+    values = [float(row[key]) for row in rows if row.get(key) not in ("", None, "inf", "nan")]
     return form.format(factor * float(np.median(values))) if values else ""
 
 
-def overview(rows: Rows) -> str:
-    """Successes: a line for each case and condition, a column for each start."""
+def _elsewhere(study: Study, scheme: str, column: str) -> str:
+    """What others have published of a scheme, by condition, start, or condition and start."""
+    cases = {case.name: case for case in study.case_axes["scheme"]}
+    return str(cases[scheme].elsewhere.get(column, "")) if scheme in cases else ""
+
+
+def overview(rows: Rows, study: Study) -> str:
+    """Successes: a line for each scheme and condition, a column for each start."""
     starts = list(dict.fromkeys(row["start"] for row in rows))
     lines = []
-    for key, found in grouped(rows, "case", "condition").items():
+    for (scheme, condition), found in grouped(rows, "scheme", "condition").items():
         by_start = grouped(found, "start")
-        counts = [by_start.get((start,), []) for start in starts]
-        cells = [f"{sum(map(succeeded, c))}/{len(c)}" if c else "" for c in counts]
-        lines.append([*key, *cells])
+        cells = []
+        for start in starts:
+            some = by_start.get((start,), [])
+            theirs = _elsewhere(study, scheme, f"{condition}, {start}")
+            cells.append(f"{_hits(some)}/{len(some)}" * bool(some) + f" ({theirs})" * bool(theirs))
+        lines.append([scheme, condition, *cells])
     return markdown(["scheme", "condition", *starts], lines)
 
 
 def details(rows: Rows) -> str:
     """A line for each case, condition and start."""
     lines = []
-    for key, found in grouped(rows, "case", "condition", "start").items():
-        reached = [row for row in found if succeeded(row)]
-        others = collections.Counter(row["outcome"] for row in found if not succeeded(row))
+    for key, found in grouped(rows, "scheme", "condition", "start").items():
+        reached = [row for row in found if row["hit"]]
+        others = collections.Counter(row["outcome"] for row in found if not row["hit"])
         lines.append([
             *key, rate(found), _middle(reached, "settled", "{:.2f}"),
-            _middle(reached, "distance", "{:.3f}", 1e3), _middle(reached, "angle", "{:.3f}"),
-            _middle(reached, "path_ratio", "{:.2f}"), _middle(found, "excursion", "{:.2f}"),
+            _middle(reached, "final_distance", "{:.3f}", 1e3),
+            _middle(reached, "final_angle", "{:.3f}", DEGREES),
+            _middle(reached, "path_ratio", "{:.2f}"), _middle(found, "image_excursion", "{:.2f}"),
             ", ".join(f"{word} {count}" for word, count in others.most_common(3)),
         ])  # fmt: skip
     return markdown(
@@ -116,12 +125,12 @@ def details(rows: Rows) -> str:
 
 def paired(rows: Rows) -> str:
     """Each case against the first one, run by run from the same starts (McNemar, Holm)."""
-    cases = grouped(rows, "case")
+    cases = grouped(rows, "scheme")
     (first,), before = next(iter(cases.items()))
-    known = {_run(row): float(succeeded(row)) for row in before}
+    known = {_run(row): float(row["hit"]) for row in before}
     lines, chances = [], []
     for (case,), found in list(cases.items())[1:]:
-        pairs = [(known[_run(row)], float(succeeded(row))) for row in found if _run(row) in known]
+        pairs = [(known[_run(row)], float(row["hit"])) for row in found if _run(row) in known]
         if not pairs:
             continue
         one, other = np.array(pairs).T
@@ -139,13 +148,13 @@ def _run(row: Row) -> tuple[str, ...]:
     return row["condition"], row["start"], row["seed"]
 
 
-def domain(rows: Rows, elsewhere: Mapping[str, Mapping[str, str]]) -> str:
+def domain(rows: Rows, study: Study) -> str:
     """A line for each case and condition of a convergence domain, beside what others published."""
     lines = []
-    for (case, condition), found in grouped(rows, "case", "condition").items():
-        reached = [row for row in found if succeeded(row)]
-        others = collections.Counter(row["outcome"] for row in found if not succeeded(row))
-        published = elsewhere.get(case, {}).get(condition, "")
+    for (case, condition), found in grouped(rows, "scheme", "condition").items():
+        reached = [row for row in found if row["hit"]]
+        others = collections.Counter(row["outcome"] for row in found if not row["hit"])
+        published = _elsewhere(study, case, condition)
         lines.append([
             case, condition, rate(found), published, _middle(reached, "iterations", "{:.0f}"),
             _middle(reached, "path_ratio", "{:.2f}"),
@@ -169,18 +178,22 @@ def descriptions() -> str:
     return "\n".join(parts)
 
 
-def _chosen(protocol: Protocol) -> str:
-    text = f"Source: {protocol.source}.\n\nWhat was chosen where that leaves a choice:\n\n"
-    return text + "".join(f"- {line}\n" for line in protocol.chosen) + "\n"
+def _study(name: str) -> Study:
+    return Study.from_yaml(study_file(Path(name)))
+
+
+def _chosen(study: Study) -> str:
+    text = f"Source: {study.source}.\n\nWhat was chosen where that leaves a choice:\n\n"
+    return text + "".join(f"- {line}\n" for line in study.chosen) + "\n"
 
 
 def canonical_part(path: Path, images: Path | None) -> str:
     """Of the canonical tasks."""
-    protocol, rows = Protocol.load("canonical"), read(path)
-    page = "## Canonical tasks\n\n" + _chosen(protocol)
-    page += "Starts from which the goal was reached:\n\n" + overview(rows) + "\n"
+    study, rows = _study("canonical"), read(path)
+    page = "## Canonical tasks\n\n" + _chosen(study)
+    page += "Starts from which the goal was reached:\n\n" + overview(rows, study) + "\n"
     if images is not None:
-        pictures.ways(protocol, "turn 90", images / "schemes.png")
+        pictures.ways(study, "turn 90", images / "schemes.png")
         page += "Ways of the target's corners through the image, a turn of 90 degrees, first start:"
         page += "\n\n![ways through the image](images/schemes.png)\n\n"
     page += "Every scheme against the first one, over the same starts:\n\n" + paired(rows) + "\n"
@@ -189,14 +202,11 @@ def canonical_part(path: Path, images: Path | None) -> str:
 
 
 def domain_part(path: Path, images: Path | None) -> str:
-    """Of the rendered convergence domain."""
-    protocol, rows = Protocol.load("convergence_domain"), read(path)
-    rows = [{**row, "by_truth": "True"} for row in rows]
-    elsewhere = {case.name: case.elsewhere for case in protocol.cases}
-    page = "## Convergence domain, rendered\n\n" + _chosen(protocol)
-    page += domain(rows, elsewhere) + "\n"
+    """Of the rendered convergence domain, whose criterion is a reduction to a tenth."""
+    study, rows = _study("convergence_domain"), read(path, "reduced")
+    page = "## Convergence domain, rendered\n\n" + _chosen(study) + domain(rows, study) + "\n"
     if images is not None:
-        pictures.success_map(rows, succeeded, images / "convergence_domain.png")
+        pictures.success_map(rows, images / "convergence_domain.png")
         page += "Every start by its distance and angle from the goal; blue converged, red not:\n\n"
         page += "![convergence domain](images/convergence_domain.png)\n\n"
     return page
@@ -204,8 +214,8 @@ def domain_part(path: Path, images: Path | None) -> str:
 
 def basin_part(path: Path) -> str:
     """Of the paper's own case."""
-    protocol = Protocol.load("paper_basin")
-    return "## The paper's own case\n\n" + _chosen(protocol) + details(read(path)) + "\n"
+    rows = [{"condition": "", "start": "drawn", **row} for row in read(path)]
+    return "## The paper's own case\n\n" + _chosen(_study("paper_basin")) + details(rows) + "\n"
 
 
 def speed_part(path: Path) -> str:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from aras_visual_servo_base.poses import inverse
 
 from ..running.loop import run
-from ..study.protocol import Protocol
+from ..study.study import Study
 from ..targets.outlines import shape_of
 
 PANELS = 4  # in a row
@@ -41,16 +43,17 @@ def _save(figure: object, path: Path) -> None:
     pyplot.close(figure)
 
 
-def ways(protocol: Protocol, start: str, path: Path) -> None:
-    """How the target's corners went through the image, a panel for each case, from one start."""
-    first = protocol.conditions[0].name
-    chosen = [
-        (row, experiment) for row, experiment, _ in protocol.runs()
-        if row["start"] == start and row["condition"] == first
-        and row["seed"] == protocol.first_seed
+def ways(study: Study, start: str, path: Path) -> None:
+    """How the target's corners went through the image, a panel for each scheme, from one start."""
+    condition = next(iter(study.case_axes.get("condition", ())), None)
+    points = [
+        point for point in range(study.points)
+        if (names := study.combination(point).names)["start"] == start
+        and (condition is None or names["condition"] == condition.name)
     ]  # fmt: skip
-    figure, axes = _panels(len(chosen), 3.0, 2.6)
-    for axis, (row, experiment) in zip(axes, chosen, strict=True):
+    figure, axes = _panels(len(points), 3.0, 2.6)
+    for axis, point in zip(axes, points, strict=True):
+        experiment = study.experiment_of(point * study.repeats)
         result = run(experiment)
         corners = shape_of(experiment.target.shape, experiment.target.size).vertices()
         seen = np.array([_projected(corners, pose) for pose in result.pose])
@@ -59,7 +62,7 @@ def ways(protocol: Protocol, start: str, path: Path) -> None:
         axis.plot(seen[0, :, 0], seen[0, :, 1], "o", color="white", mec="black", ms=3.5)
         axis.plot(goal[:, 0], goal[:, 1], "x", color="black", ms=5.0)
         axis.plot(seen[-1, :, 0], seen[-1, :, 1], "o", color="black", ms=3.0)
-        axis.set_title(f"{row['case']}\n{result.outcome}", fontsize=7)
+        axis.set_title(f"{study.combination(point).names['scheme']}\n{result.outcome}", fontsize=7)
         axis.set_xlim(-0.4, 0.4)
         axis.set_ylim(0.3, -0.3)
         axis.set_aspect("equal")
@@ -75,23 +78,23 @@ def _projected(corners: np.ndarray, pose: np.ndarray) -> np.ndarray:
 
 
 def success_map(
-    rows: Sequence[Mapping[str, str]], succeeded: Callable[[Mapping[str, str]], bool], path: Path
+    rows: Sequence[Mapping[str, Any]], path: Path
 ) -> None:
-    """Starts by distance and angle from the goal, a panel for each case and condition."""
-    panels: dict[tuple[str, str], list[Mapping[str, str]]] = {}
+    """Starts by distance and angle from the goal, a panel for each scheme and condition."""
+    panels: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
-        if row.get("start_distance"):
-            panels.setdefault((row["case"], row["condition"]), []).append(row)
+        if row.get("start_distance") not in ("", "nan", None):
+            panels.setdefault((row["scheme"], row["condition"]), []).append(row)
     figure, axes = _panels(len(panels), 2.8, 2.4)
     for axis, ((case, condition), found) in zip(axes, panels.items(), strict=True):
         for wanted, colour, marker in ((True, BLUE, "o"), (False, RED, "x")):
-            some = [row for row in found if succeeded(row) is wanted]
+            some = [row for row in found if row["hit"] is wanted]
             axis.scatter(
                 [float(row["start_distance"]) for row in some],
-                [float(row["start_angle"]) for row in some],
+                [math.degrees(float(row["start_angle"])) for row in some],
                 s=12, c=colour, marker=marker, linewidths=1.0,
             )  # fmt: skip
-        hits = sum(map(succeeded, found))
+        hits = sum(row["hit"] for row in found)
         axis.set_title(f"{case}, {condition}: {hits} of {len(found)}", fontsize=7)
         axis.set_xlim(0.0, 0.9)
         axis.set_ylim(0.0, None)

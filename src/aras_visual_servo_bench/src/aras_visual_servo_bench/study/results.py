@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from pyarrow.csv import write_csv
 
 from aras_visual_servo_base.names import nearest
 
@@ -24,6 +25,33 @@ REAL_TIME = Metric(
     "real_time_multiple", "", metrics.GREATER, "wall time of the worker, in a file of its own",
     lambda finished: float("nan"),
 )  # fmt: skip
+
+
+WITHIN = 0.01  # of a published number
+
+
+def met(value: Any, published: Any) -> bool:
+    """Whether a value is as published; see Case."""
+    if value is None or isinstance(value, str) or isinstance(published, str):
+        return value == published
+    if isinstance(published, list | tuple):
+        return published[0] <= value <= published[1]
+    if isinstance(published, int):
+        return value == published
+    return abs(value - published) <= WITHIN * abs(published)
+
+
+def _with_published(study: Study, table: pa.Table) -> pa.Table:
+    """What is published of each run, and whether all of it is met, where the study says it."""
+    if not any(case.published for case in study.combinations):
+        return table
+    told, held = [], []
+    for row in table.to_pylist():
+        wanted = study.combination(row["point"]).published
+        told.append(", ".join(f"{key} {value}" for key, value in wanted.items()))
+        held.append(all(met(row.get(k), v) for k, v in wanted.items()) if wanted else None)
+    table = table.append_column("published", pa.array(told, pa.string()))
+    return table.append_column("met", pa.array(held, pa.bool_()))
 
 
 @dataclass(frozen=True)
@@ -44,7 +72,17 @@ class Results:
         simulated = zip(table["run"].to_pylist(), table["simulated"].to_pylist(), strict=True)
         multiple = [s / wall[run] if wall.get(run) else float("nan") for run, s in simulated]
         table = table.append_column(REAL_TIME.name, pa.array(multiple, pa.float64()))
+        table = _with_published(folder.study, table)
         return cls(Path(path).resolve().name, folder.study, table)
+
+    def write_csv(self, path: Path) -> int:
+        """A row a run, without what is the same in all; answers how many."""
+        columns = [name for name in self.table.column_names if name not in rows.LABELS]
+        try:
+            write_csv(self.table.select(columns), path)
+        except OSError as error:
+            raise StudyError(f"cannot write {path}: {error.strerror or error}") from None
+        return self.table.num_rows
 
     @property
     def metrics(self) -> tuple[Metric, ...]:

@@ -189,7 +189,9 @@ def table(study: Study, rows: Sequence[Mapping[str, Any]], labels: Mapping[str, 
 
 
 def _type(study: Study, key: str) -> pa.DataType:
-    values: list[Any] = [case[key] for case in study.cases if key in case]
+    if key in study.case_axes:
+        return pa.string()
+    values: list[Any] = [case.set[key] for case in study.combinations if key in case.set]
     for varied in (*study.axes, *study.draws):
         if varied.key == key:
             values += _values(varied)

@@ -9,7 +9,7 @@ import dataclasses
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from aras_visual_servo_base.settings import build, check, parameter
+from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.settings import build, check, convert, parameter
 from aras_visual_servo_base.yaml_files import read_yaml
 
 from ..asked.experiment import Experiment
@@ -28,7 +29,35 @@ from .variations import Axis, Draw, drawn, variation
 
 MOST_RUNS = 100_000_000  # 1e6 chunks of 100 runs: beyond that a scheduler chokes
 LARGEST_CHUNK = 10_000
-SAMPLINGS, SEEDS = ("random", "sobol"), ("runs", "repeats")
+SAMPLINGS, SEEDS = ("random", "sobol"), ("runs", "repeats", "counted")
+TOLD_APART = ("source", "chosen")  # words about a study, which change nothing of its runs
+
+
+@dataclass(frozen=True)
+class Case:
+    """One value of a named axis of cases.
+
+    set: dotted keys of the experiment.
+    published: metric, outcome or verdict, to what is published of it: a word, a whole number (to
+        be met exactly), any other number (within 1 %), or [least, greatest].
+    elsewhere: by the name of another axis' case, what others have published of the like.
+    cases: axes in place of the study's of that name, of this case alone.
+    """
+
+    name: str = parameter(name=True)
+    set: Mapping[str, Any] = parameter({})
+    published: Mapping[str, Any] = parameter({})
+    elsewhere: Mapping[str, Any] = parameter({})
+    cases: Mapping[str, Any] = parameter({})
+
+
+@dataclass(frozen=True)
+class Combination:
+    """Cases that are run together. names: by axis. set: dotted keys. published: by column."""
+
+    names: Mapping[str, str]
+    set: Mapping[str, Any]
+    published: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -37,11 +66,14 @@ class Study:
 
     experiment: keys of the base experiment, or the path of its YAML file.
     vary: by dotted key, what it takes in turn or is drawn from; see variations.py.
+    source: where it is published. chosen: what was chosen where that is ambiguous.
     cases: sets of keys with values that belong together, in turn; each with all that is varied.
+        Or named axes, each a list of Case: their product, the last axis runs fastest.
     samples: how often what has a distribution is drawn. sampling: 'random' or 'sobol'.
     repeats: runs of each point. seed: of all that is random.
     seeds: 'runs': every run has its own; 'repeats': repeat n of every point has the same, so that
-        points are compared over the same starts and the same noise.
+        points are compared over the same starts and the same noise; 'counted': repeat n of every
+        point has the seed `seed` + n.
     metrics: names, or 'package.module:function'; empty: all that are built in.
     chunk: runs that are one task and one file; None: by the number of runs.
     traces: keep errors, twists and poses of every image.
@@ -50,7 +82,7 @@ class Study:
 
     experiment: Mapping[str, Any] | str = parameter({})
     vary: Mapping[str, Any] = parameter({})
-    cases: tuple[Mapping[str, Any], ...] = ()
+    cases: tuple[Mapping[str, Any], ...] | Mapping[str, Any] = ()
     samples: int = parameter(1, least=1)
     sampling: str = parameter("random", choices=SAMPLINGS)
     repeats: int = parameter(1, least=1)
@@ -60,6 +92,8 @@ class Study:
     chunk: int | None = parameter(None, "runs", least=1, most=LARGEST_CHUNK)
     traces: bool = False
     limit: float = parameter(900.0, "s", above=0.0)
+    source: str = ""
+    chosen: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if isinstance(self.experiment, str):
@@ -71,7 +105,11 @@ class Study:
         if "seed" in self.experiment:
             raise StudyError("seed belongs to the study, not to its experiment: every run has one")
         for key in self.keys:
-            check_key(key)
+            if key not in self.case_axes:
+                check_key(key)
+        for combination in self.combinations:
+            for key in combination.set:
+                check_key(key)
         if self.samples > 1 and not self.draws:
             raise StudyError(
                 f"samples is {self.samples}, but nothing is drawn: say repeats, or give a key "
@@ -124,7 +162,8 @@ class Study:
     @cached_property
     def digest(self) -> str:
         """The same for the same study, whatever its file looks like."""
-        text = json.dumps(self.to_mapping(), sort_keys=True)
+        told = {k: v for k, v in self.to_mapping().items() if k not in TOLD_APART}
+        text = json.dumps(told, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
     # -- runs ------------------------------------------------------------------------------
@@ -144,9 +183,25 @@ class Study:
         return tuple(v for v in self._variations if isinstance(v, Draw))
 
     @cached_property
+    def case_axes(self) -> dict[str, tuple[Case, ...]]:
+        """The named axes of cases; none where `cases` is a list of sets."""
+        return _axes(self.cases) if isinstance(self.cases, Mapping) else {}
+
+    @cached_property
+    def combinations(self) -> tuple[Combination, ...]:
+        """Cases that are run together, in order; at least one, which may set nothing."""
+        if isinstance(self.cases, Mapping):
+            return tuple(_combined(self.case_axes))
+        return tuple(Combination({}, case, {}) for case in self.cases) or (Combination({}, {}, {}),)
+
+    @cached_property
     def keys(self) -> tuple[str, ...]:
-        """Dotted keys of all that differs between runs, in the order of the file."""
-        of_cases = dict.fromkeys(str(key) for case in self.cases for key in case)
+        """Columns of all that differs between runs, in the order of the file.
+
+        Dotted keys of the experiment, or the names of the axes of cases.
+        """
+        listed = () if self.case_axes else self.cases
+        of_cases = (*self.case_axes, *dict.fromkeys(str(key) for case in listed for key in case))
         both = [v.key for v in self._variations if v.key in of_cases]
         if both:
             raise StudyError(f"'{both[0]}' stands both under vary and in cases")
@@ -161,7 +216,7 @@ class Study:
     def points(self) -> int:
         """How many different settings there are."""
         grid = math.prod(len(axis.values) for axis in self.axes)
-        return max(len(self.cases), 1) * grid * self.samples
+        return len(self.combinations) * grid * self.samples
 
     @property
     def runs(self) -> int:
@@ -183,20 +238,30 @@ class Study:
         first = chunk * self.chunk_size
         return range(first, min(first + self.chunk_size, self.runs))
 
+    def combination(self, point: int) -> Combination:
+        """The cases of the point of that number."""
+        return self.combinations[point // (self.points // len(self.combinations))]
+
     def settings(self, point: int) -> dict[str, Any]:
-        """By dotted key, what the point of that number sets."""
+        """By column, what the point of that number sets."""
+        cases = self.combination(point)
+        found = {**(cases.names or cases.set), **self._varied(point)}
+        return {key: found[key] for key in self.keys if key in found}
+
+    def _varied(self, point: int) -> dict[str, Any]:
+        """By dotted key, what is varied at the point of that number."""
         rest, sample = divmod(point, self.samples)
         found: dict[str, Any] = {}
         for axis in reversed(self.axes):
             rest, index = divmod(rest, len(axis.values))
             found[axis.key] = axis.values[index]
-        if self.cases:
-            found.update(self.cases[rest])
         found.update(drawn(self.draws, self.sampling, self.seed, sample))
-        return {key: found[key] for key in self.keys if key in found}
+        return {v.key: found[v.key] for v in self._variations}
 
     def seed_of(self, run: int) -> int:
         """The seed of a run, from its number and the study's seed alone."""
+        if self.seeds == "counted":
+            return self.seed + run % self.repeats
         number = run % self.repeats if self.seeds == "repeats" else run
         sequence = np.random.SeedSequence(self.seed, spawn_key=(number,))
         # Of 63 bits: among 1e5 runs with 32 there would be two that are equal.
@@ -204,7 +269,9 @@ class Study:
 
     def experiment_of(self, run: int) -> Experiment:
         """The experiment of a run; ExperimentError where its values do not go together."""
-        return self._experiment(self.settings(run // self.repeats), self.seed_of(run))
+        point = run // self.repeats
+        settings = {**self.combination(point).set, **self._varied(point)}
+        return self._experiment(settings, self.seed_of(run))
 
     def _experiment(self, settings: Mapping[str, Any], seed: int) -> Experiment:
         values: dict[str, Any] = dict(self.experiment)
@@ -219,15 +286,46 @@ class Study:
         Raises:
             StudyError: one of them is no experiment, naming the key.
         """
-        first = self.settings(0)
-        different: list[dict[str, Any]] = [first]
+        varied = self._varied(0)
+        first = {**self.combinations[0].set, **varied}
+        different: list[dict[str, Any]] = [{**cases.set, **varied} for cases in self.combinations]
         different += [{**first, axis.key: v} for axis in self.axes for v in axis.values[1:]]
-        different += [{**first, **case} for case in self.cases[1:]]
         different += [{**first, draw.key: v} for draw in self.draws for v in draw.ends]
         try:
             return [self._experiment(settings, self.seed_of(0)) for settings in different]
         except ExperimentError as error:
             raise StudyError(str(error)) from error
+
+
+def _axes(cases: Mapping[str, Any]) -> dict[str, tuple[Case, ...]]:
+    """Named axes as they are written; StudyError where one has no case, or two of one name."""
+    axes = {}
+    for axis, given in cases.items():
+        found = axes[str(axis)] = convert(given, tuple[Case, ...], f"cases.{axis}", StudyError)
+        names = [case.name for case in found]
+        twice = [name for name in names if names.count(name) > 1]
+        if not names or twice:
+            what = f"'{twice[0]}' stands there twice" if twice else "it is empty"
+            raise StudyError(f"cases.{axis}: {what}")
+    return axes
+
+
+def _combined(axes: Mapping[str, tuple[Case, ...]]) -> Iterator[Combination]:
+    """The product of axes, of which a case may put others in the place of later ones."""
+    if not axes:
+        yield Combination({}, {}, {})
+        return
+    axis, *rest = axes
+    for case in axes[axis]:
+        own = _axes(case.cases)
+        for key in own:
+            if key not in rest:
+                raise StudyError(f"cases.{axis}.{case.name}.cases: {nearest(key, rest)}")
+        for others in _combined({key: own.get(key, axes[key]) for key in rest}):
+            yield Combination(
+                {axis: case.name, **others.names}, {**case.set, **others.set},
+                {**case.published, **others.published},
+            )  # fmt: skip
 
 
 def _overridden(values: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:

@@ -22,7 +22,7 @@ PACKAGES = (
     "aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller",
     "aras_visual_servo_bench", "aras_visual_servo_gazebo",
 )  # fmt: skip
-APART = "protocols"  # folder of what is run, which tells itself apart
+APART = "studies"  # folder of what is run, which tells itself apart
 READ = (
     ".py", ".yaml", ".urdf", ".world", ".dae", ".stl", ".obj", ".mtl", ".png", ".npz",
 )  # fmt: skip

@@ -1,0 +1,71 @@
+"""`protocol NAME --out DIR`: a published protocol, as `bench run` of the study of that name.
+
+Besides the study's folder it leaves table.csv, a row a run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from pathlib import Path
+
+import yaml
+
+from aras_visual_servo_base.names import nearest
+
+from ..errors import BenchError, StudyError
+from ..study import engine
+from ..study.folder import Folder
+from ..study.results import Results
+from ..study.study import Study
+from . import running
+
+TABLE = "table.csv"
+CHOICES = {"case": "scheme", "condition": "condition", "start": "start"}  # option: axis
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run a protocol; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="protocol", description=__doc__.splitlines()[0])
+    parser.add_argument("study", metavar="NAME", type=Path, help="of a shipped study, or a file")
+    parser.add_argument("--out", type=Path, required=True, help="folder of the results")
+    parser.add_argument("--seeds", type=int, help="fewer or more than the file says")
+    parser.add_argument("--first", type=int, help="first seed")
+    for option in CHOICES:
+        parser.add_argument(f"--{option}", action="append", help=f"only these {option}s")
+    parser.add_argument("--mix", action="store_true", help="go on although the code has changed")
+    running.add_workers(parser)
+    parser.set_defaults(fail_fast=False, no_report=True)
+    options = parser.parse_args(argv)
+    try:
+        study = _chosen(Study.from_yaml(running.study_file(options.study)), options)
+        engine.check_study(study)
+        text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
+        status = running.carry_out(Folder.create(options.out, study, text), options)
+        written = Results.read(options.out).write_csv(options.out / TABLE)
+    except BenchError as error:
+        print(f"protocol: {error}", file=sys.stderr)
+        return 1
+    print(f"wrote {options.out / TABLE}: {written} runs")
+    return status
+
+
+def _chosen(study: Study, options: argparse.Namespace) -> Study:
+    """The study with what the command line says; StudyError: a name that it has not."""
+    changes: dict[str, object] = {}
+    if options.seeds is not None:
+        changes["repeats"] = options.seeds
+    if options.first is not None:
+        changes["seed"] = options.first
+    for option, axis in CHOICES.items():
+        wanted = getattr(options, option)
+        if not wanted:
+            continue
+        known = [case.name for case in study.case_axes.get(axis, ())]
+        for name in wanted:
+            if name not in known:
+                raise StudyError(f"{option} '{name}': {nearest(name, known)}")
+        kept = [dict(case) for case in study.cases[axis] if case["name"] in wanted]
+        changes["cases"] = {**(changes.get("cases") or study.cases), axis: kept}
+    return dataclasses.replace(study, **changes)

@@ -1,1 +1,0 @@
-"""Studies: many experiments, one table; each is a command, `python3 -m ...studies.NAME`."""

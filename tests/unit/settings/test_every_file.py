@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from aras_visual_servo_bench.study.protocol import Protocol
 
 from aras_sim_bridge.camera import mounting
 from aras_sim_bridge.control.pid import Pid
@@ -23,7 +24,6 @@ from aras_visual_servo_bench.asked.packages import PackagePath
 from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.ros.move_target import motion_of
 from aras_visual_servo_bench.study.overrides import parsed
-from aras_visual_servo_bench.study.protocol import Protocol
 from aras_visual_servo_bench.study.study import Study
 from aras_visual_servo_camera.errors import ParameterError
 from aras_visual_servo_camera.parameters import VisionParameters

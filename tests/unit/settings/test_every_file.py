@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from aras_visual_servo_bench.study.protocol import Protocol
 
 from aras_sim_bridge.camera import mounting
 from aras_sim_bridge.control.pid import Pid
@@ -90,10 +89,6 @@ def first_trial(path: Path) -> float:
     return Study.from_yaml(path).trials()[0].delay
 
 
-def first_run(path: Path) -> float:
-    return next(Protocol.load(str(path)).runs())[1].delay
-
-
 KINDS = {
     "experiment": Kind(lambda path: Experiment.from_yaml(path).duration, BenchError, "duration",
                        "friction"),
@@ -106,8 +101,8 @@ KINDS = {
                                           "size: [{}, 0.1] }}"),
     "study": Kind(first_trial, BenchError, "delay", "friction",
                   "experiment: {{plant: chain, {}}}\nrepeats: 2"),
-    "protocol": Kind(first_run, BenchError, "delay", "friction",
-                     "source: here\nexperiment: {{plant: chain, {}}}"),
+    "published study": Kind(first_trial, BenchError, "delay", "friction",
+                            "source: here\nexperiment: {{plant: chain, {}}}"),
     "override": Kind(lambda values: Experiment.from_mapping(values).duration, BenchError,
                      "duration", "friction", file=False),
     "camera preset": Kind(world_preset, (BenchError, CameraError), "latency", "depth"),

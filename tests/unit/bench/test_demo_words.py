@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from aras_visual_servo_base.errors import DescriptionError
+from aras_visual_servo_bench.ros import demo_words
 from aras_visual_servo_bench.ros.demo_words import LAUNCH, STARTED, parse
 
 WORLD, LOOP = STARTED
@@ -63,6 +65,15 @@ def test_other_arguments_go_to_the_launch_file_that_has_them():
     assert further == {
         WORLD: {"joint_friction": "false", "gains": "/mine.yaml"}, LOOP: {"layout": "moments"},
     }  # fmt: skip
+
+
+def test_entities_of_a_launch_file_are_refused(tmp_path, monkeypatch):
+    (tmp_path / "a.launch").write_text(
+        "<!DOCTYPE a [<!ENTITY b 'ha'>]><launch><arg name='&b;'/></launch>"
+    )
+    monkeypatch.setattr(demo_words, "LAUNCH", f"{tmp_path}/")
+    with pytest.raises(DescriptionError, match="a.launch: line 1: document type and entity"):
+        demo_words._declared("a.launch")
 
 
 def test_every_option_that_is_a_launch_argument_is_declared_there():

@@ -14,9 +14,11 @@ import pytest
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
+from aras_sim_bridge.description import parse_urdf
+from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_bench.live.outbox import AHEAD
 from aras_visual_servo_bench.live.page import KEPT, Page
-from aras_visual_servo_bench.live.robot_model import robot_model
+from aras_visual_servo_bench.live.robot_model import parts, robot_model
 from aras_visual_servo_bench.live.server import PortTakenError, bound
 from aras_visual_servo_bench.live.story import Told
 
@@ -244,6 +246,12 @@ def test_what_nobody_fetches_does_not_grow(host):
         page.sample(replace(SAMPLE, stamp=i / 30), [])
     assert len(page.whole()["samples"]) == KEPT
     assert len(page.news(None, [], [], 0.0)["samples"]) <= KEPT
+
+
+def test_entities_of_a_description_are_refused(robot):
+    laughs = "<!DOCTYPE r [<!ENTITY a 'ha'><!ENTITY b '&a;&a;'>]><robot name='&b;'/>"
+    with pytest.raises(DescriptionError, match="entity declarations are refused"):
+        next(parts(parse_urdf(robot.urdf, robot.packages.find), laughs))
 
 
 def test_the_robots_model_is_the_descriptions(robot, host):

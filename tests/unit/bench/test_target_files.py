@@ -3,6 +3,7 @@
 import contextlib
 import io
 import runpy
+import struct
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -245,7 +246,7 @@ def test_a_name_comes_as_it_ships_or_in_another_size(tmp_path, outlines):
 @pytest.mark.parametrize(
     ("given", "told"),
     [("four_dot", "did you mean 'four_dots'"), ("/none.png", "there is no file"),
-     ("{}/text.png", "neither PNG nor JPEG"), ("{}/a.svg", "holds no outline"),
+     ("{}/text.png", "no picture that can be read"), ("{}/a.svg", "holds no outline"),
      ("{}/b.SVG", "is no SVG: ")],
 )  # fmt: skip
 def test_what_cannot_be_a_target_is_told(given, told, tmp_path, outlines):
@@ -254,6 +255,16 @@ def test_what_cannot_be_a_target_is_told(given, told, tmp_path, outlines):
     (tmp_path / "b.SVG").write_text("no tree at all")
     with pytest.raises(ValueError, match=told):
         SCRIPT["described"](given.format(tmp_path), (0.1, 0.1), tmp_path)
+
+
+def test_a_picture_too_large_is_told_before_anything_is_written(tmp_path, monkeypatch, capsys):
+    picture = tmp_path / "huge.bmp"
+    header = struct.pack("<2sIHHIIiiHHIIiiII", b"BM", 0, 0, 0, 54, 40, 9000, 8000, 1, 24, *6 * (0,))
+    picture.write_bytes(header)
+    monkeypatch.setattr("sys.argv", ["target_description", str(picture)])
+    assert SCRIPT["main"]() == 1
+    said = capsys.readouterr().err
+    assert said == f"target_description: {picture} has more than 64000000 pixels: make it smaller\n"
 
 
 # -- the node that moves one -----------------------------------------------------------------------

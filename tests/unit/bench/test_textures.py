@@ -308,6 +308,28 @@ def test_arcs_of_an_svg_lie_where_their_transform_puts_them(tmp_path, body):
     assert np.ptp(x) == pytest.approx(1.0) and np.ptp(y) == pytest.approx(np.sqrt(0.75), rel=1e-3)
 
 
+LAUGHS = "<!DOCTYPE svg [<!ENTITY a 'ha'><!ENTITY b '&a;&a;&a;'><!ENTITY c '&b;&b;&b;'>]>"
+
+
+def nested_uses(levels):
+    """An SVG of 10 ** levels copies of one rectangle."""
+    groups = "".join(
+        f"<g id='g{n}'>" + 10 * f"<use href='#g{n - 1}'/>" + "</g>" for n in range(1, levels + 1)
+    )
+    return (
+        "<svg xmlns:xlink='http://www.w3.org/1999/xlink'><defs>"
+        f"<rect id='g0' width='1' height='2'/>{groups}</defs><use href='#g{levels}'/></svg>"
+    )
+
+
+def test_an_outline_may_be_a_copy_in_a_file_with_a_document_type(tmp_path):
+    file = tmp_path / "a.svg"
+    file.write_text("<!DOCTYPE svg PUBLIC '-//W3C//DTD SVG 1.1//EN' 'http://no.such/svg11.dtd'>"
+                    + nested_uses(0).replace("<use href", "<use xlink:href"))  # fmt: skip
+    corners = np.array(svg_outline(file))
+    assert np.ptp(corners, axis=0) == pytest.approx([0.5, 1.0])
+
+
 @pytest.mark.parametrize(
     ("name", "content", "told"),
     [
@@ -321,6 +343,10 @@ def test_arcs_of_an_svg_lie_where_their_transform_puts_them(tmp_path, body):
         ("a.svg", "<html/>", "is no SVG: its root"),
         ("a.svg", "<svg><text>hm</text></svg>", "holds no outline"),
         ("a.svg", "no xml", "is no SVG"),
+        ("a.svg", LAUGHS + "<svg><path d='M0 0h9v9z' id='&c;'/></svg>", "entity declarations are"),
+        ("a.svg", nested_uses(5), "more than 10000 elements, copies by <use> counted"),
+        ("a.svg", nested_uses(5).replace("href", "xlink:href"), "more than 10000 elements"),
+        ("a.svg", "<svg><g id='a'><use href='#a'/></g></svg>", "more than 10000 elements"),
         ("a.png", "no picture", "no picture that can be read"),
     ],
 )

@@ -346,6 +346,19 @@ def test_many_triangles_at_one_point_are_read_in_our_lifetime():
     assert len(fan.triangles) == 60_000
 
 
+def test_a_texture_too_large_is_refused_before_it_is_decoded(tmp_path):
+    (tmp_path / "a.obj").write_text(
+        "mtllib a.mtl\nusemtl m\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
+        "f 1/1 2/2 3/3\n"
+    )
+    (tmp_path / "a.mtl").write_text("newmtl m\nmap_Kd huge.bmp\n")
+    (tmp_path / "huge.bmp").write_bytes(
+        struct.pack("<2sIHHIIiiHHIIiiII", b"BM", 0, 0, 0, 54, 40, 9000, 8000, 1, 24, *6 * (0,))
+    )
+    with pytest.raises(DescriptionError, match=r"huge.bmp has more than 64000000 pixels: make it"):
+        read(str(tmp_path / "a.obj"))
+
+
 def test_a_file_is_read_once_until_it_or_what_it_names_changes(tmp_path):
     path, colours = tmp_path / "a.obj", tmp_path / "a.mtl"
     path.write_bytes(b"mtllib a.mtl\nusemtl m\n" + obj())

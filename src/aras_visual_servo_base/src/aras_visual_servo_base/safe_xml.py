@@ -12,17 +12,20 @@ LARGEST_DEPTH = 64
 LARGEST_COUNT = 400_000
 
 
-def parse(xml: str | Element, what: str, largest: int = LARGEST_TEXT) -> Element:
+def parse(
+    xml: str | Element, what: str, largest: int = LARGEST_TEXT, doctype: bool = False
+) -> Element:
     """Root element of `xml`.
 
     Args:
         xml: the document; what this function made of one is returned as it is.
         what: its kind for messages, 'URDF' or 'SDF'.
         largest: how many characters it may have.
+        doctype: whether it may name its document type, as SVG files do; entities are refused still.
 
     Raises:
-        DescriptionError: not well formed, too big, too deep, or with a document type declaration
-            (the door to entity expansion and to other files).
+        DescriptionError: not well formed, too big, too deep, or with a document type or entity
+            declaration (the door to entity expansion and to other files).
     """
     if isinstance(xml, Element):
         return xml
@@ -70,7 +73,8 @@ def parse(xml: str | Element, what: str, largest: int = LARGEST_TEXT) -> Element
     parser.StartElementHandler = start
     parser.EndElementHandler = end
     parser.CharacterDataHandler = builder.data
-    parser.StartDoctypeDeclHandler = refuse
+    if not doctype:
+        parser.StartDoctypeDeclHandler = refuse
     parser.EntityDeclHandler = refuse
     try:
         parser.Parse(xml.strip(), True)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
-
 import cv2
 import numpy as np
+
+from aras_visual_servo_base.names import likely
 
 from ..errors import CameraError
 
@@ -30,7 +30,7 @@ def encoding_of(name: str, camera: str = "") -> str:
     if name in _GAZEBO:
         return _GAZEBO[name]
     known = [*ENCODINGS, *_GAZEBO]
-    near = difflib.get_close_matches(str(name), known, n=1, cutoff=0.0)[0]
+    near = likely(name, known, 0.0)
     raise CameraError(
         f"camera '{camera}': format '{name}' is not known; the nearest is '{near}', "
         f"and there are {', '.join(known)}"

@@ -7,10 +7,10 @@ are given by their mean colour.
 
 from __future__ import annotations
 
-import difflib
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description.types import Rgba
+from aras_visual_servo_base.names import likely
 from aras_visual_servo_base.safe_xml import numbers, shorten, text_of
 
 WHITE: Rgba = (1.0, 1.0, 1.0, 1.0)
@@ -65,7 +65,7 @@ def colour(name: str, link: str, warnings: list[str]) -> Rgba:
     `warnings` that names the nearest one.
     """
     if name not in COLOURS:
-        near = difflib.get_close_matches(f"Gazebo/{name.split('/')[-1]}", COLOURS, 1, 0.0)[0]
+        near = likely(f"Gazebo/{name.split('/')[-1]}", COLOURS, 0.0)
         warnings.append(f"link '{link}': material '{shorten(name)}' is none of Gazebo's; drawn "
                         f"white. The nearest is '{near}'")
     return COLOURS.get(name, WHITE)

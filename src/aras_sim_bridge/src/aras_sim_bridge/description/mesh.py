@@ -8,6 +8,7 @@ import numpy as np
 
 from aras_sim_bridge.description.types import Rgba
 from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base.picture_files import picture_size
 
 # Faces that meet at less than this angle are shaded as one smooth surface.
 CREASE_ANGLE = np.radians(35.0)
@@ -122,8 +123,8 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
     Normals are made where a corner has none; a texture without coordinates is left out.
 
     Raises:
-        DescriptionError: a position, coordinate or normal that is not there or out of reach, or no
-            triangle with an area.
+        DescriptionError: a position, coordinate or normal that is not there or out of reach, no
+            triangle with an area, or a texture that is too large to be decoded.
     """
     named = ("position", "texture coordinate", "normal")
     for part, (what, values) in enumerate(zip(named, (v, vt, vn), strict=True)):
@@ -133,7 +134,9 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
             raise DescriptionError(f"a face names {what} {numbers[wrong][0]} of {len(values)}")
         check_reach(values[numbers[numbers >= 0]], what)
     textured = texture is not None and len(vt) and (index[..., 1] >= 0).all()
-    if not textured:
+    if textured:
+        picture_size(texture)  # refused while the model is read, not where a camera draws it
+    else:
         texture = None
     given = len(vn) and (index[..., 2] >= 0).all()
     if not given and not textured:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import base64
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import cv2
 import numpy as np
@@ -16,6 +16,7 @@ from aras_sim_bridge.description.mesh import Mesh
 from aras_sim_bridge.description.packages import ResolvePackage, find
 from aras_sim_bridge.description.shapes import triangles
 from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import transform
 
 Colour = tuple[float, ...]  # red, green, blue, opacity, 0 to 1
@@ -60,7 +61,7 @@ def parts(robot: RobotDescription, urdf: str) -> Iterator[tuple[str, Colour, Mes
     """What is to be seen of a robot: link, colour, and triangles (m) in that link.
 
     Raises:
-        DescriptionError: one of its meshes cannot be used.
+        DescriptionError: the description, or one of its meshes, cannot be used.
     """
     colours = _colours(urdf)
     for link in robot.links.values():
@@ -97,7 +98,7 @@ def _colours(urdf: str) -> dict[tuple[str, int], tuple[float, ...]]:
 
     The simulator's cameras go by Gazebo's materials; a person wants to see what rviz shows.
     """
-    root = ElementTree.fromstring(urdf)
+    root = safe_xml.parse(urdf, "URDF")
     known = {m.get("name"): _rgba(m) for m in root.findall("material")}
     found = {}
     for link in root.findall("link"):
@@ -110,7 +111,7 @@ def _colours(urdf: str) -> dict[tuple[str, int], tuple[float, ...]]:
     return found
 
 
-def _rgba(material: ElementTree.Element) -> tuple[float, ...] | None:
+def _rgba(material: Element) -> tuple[float, ...] | None:
     colour = material.find("color")
     try:
         values = tuple(float(word) for word in colour.get("rgba", "").split())

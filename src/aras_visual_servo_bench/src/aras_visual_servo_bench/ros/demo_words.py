@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import to_xyz_rpy
 from aras_visual_servo_controller.errors import ConfigurationError
@@ -162,7 +162,8 @@ def _further(words: list[str]) -> dict[str, dict[str, str]]:
 
 def _declared(file: str) -> set[str]:
     """Names of a launch file's arguments."""
-    root = ElementTree.parse(PackagePath().file(LAUNCH + file)).getroot()
+    path = Path(PackagePath().file(LAUNCH + file))
+    root = safe_xml.parse(path.read_text(encoding="utf-8"), str(path))
     return {argument.attrib["name"] for argument in root.findall("arg")}
 
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
+from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from aras_visual_servo_base import safe_xml
+from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_controller.settings import OUTLINE
 
@@ -24,6 +27,7 @@ if TYPE_CHECKING:
 
 CIRCLE_EDGES = 180
 LARGEST_SVG = 1_000_000  # bytes
+MOST_ELEMENTS = 10_000  # of an SVG, with the copies that <use> makes
 SAMPLES = 24  # of each curve of an SVG path
 
 
@@ -95,19 +99,27 @@ def svg_outline(path: Path) -> tuple[tuple[float, float], ...]:
     them. A curve becomes SAMPLES edges, an arc CIRCLE_EDGES a turn.
 
     Raises:
-        ExperimentError: it is no SVG, or holds none or several outlines.
+        ExperimentError: it is no SVG, holds entities or too many copies, or none or several
+            outlines.
     """
     from svgelements import SVG, Shape
 
     where = f"target.shape: {path}"
     require(path.stat().st_size <= LARGEST_SVG, f"{where} is larger than {LARGEST_SVG} bytes")
     try:
-        drawing = SVG.parse(str(path), reify=False, on_error="raise")
+        text = path.read_text(encoding="utf-8")
+        count = _count_drawn(safe_xml.parse(text, f"{where} is no SVG", doctype=True))
+        require(
+            count <= MOST_ELEMENTS,
+            f"{where} draws more than {MOST_ELEMENTS} elements, copies by <use> counted: draw the "
+            "outline once, as one path",
+        )
+        drawing = SVG.parse(io.StringIO(text), reify=False, on_error="raise")
         require(isinstance(drawing, SVG), f"{where} is no SVG: its root is not <svg>")
         shapes = [element for element in drawing.elements() if isinstance(element, Shape)]
         found = [corners for shape in shapes for corners in _outlines(shape)]
-    except ElementTree.ParseError as error:
-        raise ExperimentError(f"{where} is no SVG: {error}") from None
+    except DescriptionError as error:
+        raise ExperimentError(str(error)) from None
     except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
         why = str(error) or "numbers are missing"
         raise ExperimentError(f"{where} has a wrong outline: {why}") from None
@@ -124,6 +136,21 @@ def svg_outline(path: Path) -> tuple[tuple[float, float], ...]:
     require(bool((high > low).all()), f"target.shape: the outline in {path} has no area")
     points = (points - 0.5 * (low + high)) / (high - low).max()
     return tuple((float(x), float(y)) for x, y in points)
+
+
+def _count_drawn(root: Element) -> int:
+    """Elements that are drawn, each copy that <use> makes counted; no further than to the limit."""
+    named = {element.get("id"): element for element in root.iter()}
+    waiting, count = [root], 0
+    while waiting and count <= MOST_ELEMENTS:
+        element = waiting.pop()
+        count += 1
+        waiting.extend(element)
+        if element.tag.endswith("use"):
+            used = (named.get(value.removeprefix("#")) for name, value in element.items()
+                    if name.endswith("href"))  # fmt: skip
+            waiting.extend(one for one in used if one is not None)
+    return count
 
 
 def _outlines(shape: Shape) -> Iterator[np.ndarray]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -10,16 +9,16 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from PIL import Image
 
+from aras_visual_servo_base.errors import DescriptionError
+from aras_visual_servo_base.picture_files import picture_size
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..errors import ExperimentError, ViewError, require
+from ..errors import ExperimentError, ViewError
 from .geometry import NEAREST, Target, project
 
 GROUND = 255  # grey level beyond the picture, as the renderer's table
 PIXELS = 1200  # of a made picture's longer side
-LARGEST = 64_000_000  # pixels of a picture that is read
 POSTER_SEED = 41
 FLIPPED = (1.0, -1.0)  # y of a picture runs down
 
@@ -133,15 +132,12 @@ def from_picture(path: Path, size: tuple[float, float]) -> TexturedTarget:
     Raises:
         ExperimentError: it cannot be read, or is too large, by its header, before it is decoded.
     """
-    too_large = f"target.texture: {path} has more than {LARGEST} pixels: make it smaller"
     try:
-        with warnings.catch_warnings(action="error"), Image.open(path) as picture:
-            require(picture.width * picture.height <= LARGEST, too_large)
-    except (Image.DecompressionBombError, Image.DecompressionBombWarning):
-        raise ExperimentError(too_large) from None
-    except (OSError, ValueError, SyntaxError, Warning):
-        pixels = None
-    else:
+        size_px = picture_size(path)
+    except DescriptionError as error:
+        raise ExperimentError(f"target.texture: {error}") from None
+    pixels = None
+    if size_px is not None:
         level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         try:
             pixels = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)

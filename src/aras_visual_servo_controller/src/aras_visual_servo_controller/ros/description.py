@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-import xml.etree.ElementTree as ElementTree
 
 import rospy
+
+from aras_visual_servo_base import safe_xml
 
 PERIOD = 0.2  # s of wall time between two looks
 
@@ -44,7 +45,11 @@ class DescriptionWatch:
 
 
 def e_stop_topic(urdf: str, namespace: str) -> str:
-    """Topic (std_msgs/Bool) of the robot's emergency stop; empty where it has none."""
-    plugins = ElementTree.fromstring(urdf).iter("eStopTopic")
+    """Topic (std_msgs/Bool) of the robot's emergency stop; empty where it has none.
+
+    Raises:
+        DescriptionError: the description cannot be read.
+    """
+    plugins = safe_xml.parse(urdf, "URDF").iter("eStopTopic")
     topic = next((plugin.text.strip() for plugin in plugins if plugin.text), "")
     return topic if not topic or topic.startswith("/") else f"{namespace.rstrip('/')}/{topic}"

@@ -15,7 +15,6 @@ from aras_visual_servo_controller.judging.evidence import (
     CameraEvidence,
     Oscillation,
     ShapeEvidence,
-    ViewEvidence,
 )
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 
@@ -258,7 +257,7 @@ def test_only_the_last_two_seconds_count():
     assert answer is None
 
 
-# -- is it the target, is it the view? -----------------------------------------------------------
+# -- is it the target? -----------------------------------------------------------
 
 CORNERS = np.array([[-0.10, -0.05], [0.12, -0.04], [0.08, 0.06], [-0.03, 0.09]])
 
@@ -280,30 +279,9 @@ def shaped(moments, order, j, by):
     return Moments(moments.order, moments.kind, moments.m00, moments.xg, moments.yg, centred)
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize(("order", "j"), [(2, 0), (2, 1), (2, 2), (3, 0), (3, 1), (3, 2), (3, 3)])
-def test_another_view_is_told_by_each_moment_of_second_and_third_order(order, j, sign):
-    wanted = of(CORNERS)
-    bound = ViewEvidence.THIRD
-    if order == 2:
-        second = [wanted.mu(2 - k, k) for k in range(3)]
-        bound = ViewEvidence.SECOND * np.abs(second).max() / wanted.m00**2
-    for distance in (1.0, 0.5):
-        here = scaled(wanted, distance)
-        strange = shaped(here, order, j, sign * 1.05 * bound)
-        assert said_of(ViewEvidence(), strange, wanted) == [False, False, True]
-        alike = shaped(here, order, j, sign * 0.95 * bound)
-        assert said_of(ViewEvidence(), alike, wanted, 6) == [False] * 6
-    # the bound is a part of the goal's greatest, whichever it is and whatever its sign
-    turned = of(CORNERS @ np.array([[0.6, -0.8], [0.8, 0.6]]) * [1.0, 4.0])
-    far = max(abs(turned.mu(2 - k, k)) for k in range(3)) / turned.m00**2 * ViewEvidence.SECOND
-    assert said_of(ViewEvidence(), shaped(turned, 2, 1, sign * 1.05 * far), turned)[-1]
-    assert not said_of(ViewEvidence(), shaped(turned, 2, 1, sign * 0.95 * far), turned)[-1]
-
-
 def test_three_strange_images_must_follow_each_other():
     wanted, other = of(CORNERS), of(CORNERS * [1.0, 0.2])
-    for evidence in (ViewEvidence(), ShapeEvidence()):
+    for evidence in (ShapeEvidence(),):
         assert not any(said_of(evidence, other, wanted, 2))
         assert not any(said_of(evidence, wanted, wanted, 1))
         assert not any(said_of(evidence, other, wanted, 2))
@@ -312,12 +290,9 @@ def test_three_strange_images_must_follow_each_other():
 
 def test_what_cannot_be_compared_is_not_judged():
     wanted, other = of(CORNERS), of(CORNERS * [1.0, 3.0])
-    empty = Moments(4, "dense", 0.0, 0.0, 0.0, np.zeros((5, 5)))
     points = Moments.from_points(CORNERS * [1.0, 3.0], 4)
-    for make in (ViewEvidence, ShapeEvidence):
-        for seen, goal in ((None, wanted), (other, None), (points, wanted)):
-            assert not any(said_of(make(), seen, goal, 5))
-    assert not any(said_of(ViewEvidence(), other, empty, 5))
+    for seen, goal in ((None, wanted), (other, None), (points, wanted)):
+        assert not any(said_of(ShapeEvidence(), seen, goal, 5))
 
 
 @pytest.mark.parametrize(("factor", "strange"), [(1.2, False), (1.3, True)])

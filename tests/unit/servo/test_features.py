@@ -11,7 +11,7 @@ from aras_visual_servo_camera.kernel import kernel_features, kernel_of_outline
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import Feature, Measured, Stack, create_feature
-from aras_visual_servo_controller.features.points import PointFeature, off_by, point_interaction
+from aras_visual_servo_controller.features.points import PointFeature, point_interaction
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.schemes import Composed, create_scheme
@@ -205,33 +205,6 @@ def test_a_square_is_followed_corner_by_corner():
         turns.append(np.angle(np.vdot(g, s)))
         assert measured.up_to == "90°"
     np.testing.assert_allclose(turns, np.radians([0, 30, 60, 90, 120, 95, 60, 25, -15]), atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("feature", "accuracy", "told"),
-    [
-        ("points", 0.0, "90°"), ("points", 1e-6, "90°"), ("points", 1e-4, "90° and 0.7 mm"),
-        ("numbered_points", 1e-4, "90° and 0.7 mm"), ("pose", 1e-4, "90° and 0.7 mm"),
-        ("segments", 2e-4, "90° and 1.3 mm"),
-    ],
-)  # fmt: skip
-def test_what_a_tracker_cannot_tell_is_said(feature, accuracy, told):
-    feature = create_feature(feature)
-    goal = taught(feature, SQUARE, pose((0, 0, 0.2), (0, 0, 0)))
-    view = look(feature.needs, pose((0.0, 0.001, 0.21), (0, 0, 0.1)), SQUARE)
-    view = replace(view, corner_accuracy=accuracy, pixel_count=100)
-    assert feature.measure(view, goal).up_to == told
-    assert feature.measure(replace(view, corner_accuracy=0.0), goal).up_to == "90°"
-
-
-@pytest.mark.parametrize(
-    ("scale", "accuracy", "told"),
-    [(1.0, 2e-4, "0.5 mm"), (1.0, 1e-4, ""), (10.0, 1e-3, "24.3 mm"), (0.01, 2e-2, "13.1 degrees")],
-)
-def test_how_far_off_a_camera_is_by_its_points(scale, accuracy, told):
-    """Four points at (+-0.25, +-0.25) of a plane at 0.2 m times scale."""
-    points = 0.25 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    assert off_by(points, np.full(4, 1.0 / (0.2 * scale)), accuracy) == told
 
 
 def test_depth_of_points_by_plane_by_depth_image_or_by_size():

@@ -21,6 +21,9 @@ BEND = 0.012
 MAX_CORNERS = 32
 FITS = 2  # of the sides' lines: between rough corners, and between those so found
 PARTS = 128  # of the way round, at which an outline is compared with a model
+# px rms, to which corners of squares of 15 to 55 px are found in pictures without noise, whoever
+# draws them (0.012 to 0.018).
+CORNER_ACCURACY = 0.018
 UNLIKE = 0.1  # of its radius that a corner may be off its model's, and a pixel
 
 

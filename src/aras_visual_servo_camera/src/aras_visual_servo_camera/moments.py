@@ -268,6 +268,10 @@ class Moments:
         y0 = (offset[1] + 0.5 * (rows - 1) - camera.cy) / camera.fy
         return cls._from_table(table, x0, y0, order, DENSE)
 
+    def plus(self, raw: Array) -> Moments:
+        """Of this shape and a change of it, which has raw moments (order+1, order+1) of its own."""
+        return self._from_table(self.raw + raw, 0.0, 0.0, self.order, self.kind)
+
     @classmethod
     def _from_table(cls, table: Array, x0: float, y0: float, order: int, kind: str) -> Moments:
         """From the moments (order+1, order+1) about the point (x0, y0)."""

@@ -16,7 +16,7 @@ from aras_visual_servo_base.poses import exponential, inverse, pose_difference, 
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_controller.errors import MeasurementError, ServoError
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.judging.convergence import Convergence
+from aras_visual_servo_controller.judging.arrival import NOT_ARRIVED, Arrival
 from aras_visual_servo_controller.judging.diagnosis import Diagnosis, Outcome
 from aras_visual_servo_controller.loop.state import (
     CONVERGED,
@@ -88,7 +88,7 @@ class Flight:
         believed = experiment.believed
         self._true_T_believed = transform(believed.xyz, believed.rpy)
         self._settings = ServoSettings(hold=parts.settings.hold)
-        self._convergence = Convergence(parts.settings.hold)
+        self._arrival = Arrival(parts.settings.hold)
         self._diagnosis = Diagnosis(self._settings)
         self._recorder = Recorder(0)
         self._poses: list[np.ndarray] = []
@@ -123,6 +123,7 @@ class Flight:
         self.time = self._images * self._period
         self._images += 1
         decision, phase, reason, faulty = None, HOLDING, "", False
+        arrived = NOT_ARRIVED
         observation = self._observed()
         try:
             decision = guarded(
@@ -135,15 +136,15 @@ class Flight:
         except (ServoError, ValueError, ArithmeticError, np.linalg.LinAlgError) as error:
             reason, faulty = str(error), True
         if decision is not None:
-            tolerances = np.asarray(self.scheme.tolerances)
-            if self._convergence.add(
-                self.time, decision.error, tolerances, decision, observation.world_T_camera
-            ):
+            arrived = self._arrival.add(decision, observation, self.goal, self.scheme)
+            if arrived.reached:
                 phase = CONVERGED
-            reason = self._convergence.short
+            reason = arrived.short
         else:
-            self._convergence.clear()
-        state = ServoState(self.time, phase, reason=reason, decision=decision, answers_image=True)
+            self._arrival.clear()
+        state = ServoState(
+            self.time, phase, reason=reason, decision=decision, answers_image=True, arrived=arrived
+        )
         found = self._diagnosis.see(state, observation, self.goal, self.scheme, faulty)
         state = replace(state, outcome=found.kind, mend=found.mend)
         self._recorder.image(state, self.pose)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -84,6 +85,14 @@ class Feature(ABC):
             "interaction 'current', or give it desired_interaction(goal)"
         )
 
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """How well s is measured in the image that was measured last, noise apart.
+
+        Answers (k, m): the effects on s of m independent errors, one standard deviation each; None
+        where s is exact, or nobody knows. It is asked for when the goal is reached.
+        """
+        return None
+
     def check(self, goal: Goal) -> None:
         """Refuse a goal that this feature cannot servo to, before anything moves.
 
@@ -159,6 +168,16 @@ class Stack(Feature):
     def desired_interaction(self, goal: Goal) -> np.ndarray:
         """See Feature.desired_interaction."""
         return np.vstack([f.desired_interaction(goal) for f in self.features])
+
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """See Feature.accuracy; errors of one part are none of another's."""
+        parts = [f.accuracy(observation, goal) for f in self.features]
+        if all(part is None for part in parts):
+            return None
+        return block_diag(*(
+            np.zeros((len(f.names), 0)) if part is None else part
+            for f, part in zip(self.features, parts, strict=True)
+        ))  # fmt: skip
 
     def check(self, goal: Goal) -> None:
         """See Feature.check."""

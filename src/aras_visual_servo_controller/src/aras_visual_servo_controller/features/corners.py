@@ -65,7 +65,7 @@ class NumberedPoints(PointFeature):
         w = self._inverse_depth(observation, goal, points, desired)
         s, goal_s = points.ravel(), desired.ravel()
         return Measured(s, goal_s, s - goal_s, point_interaction(points, w),
-                        up_to=self._up_to(up_to, observation, goal))  # fmt: skip
+                        up_to=up_to)  # fmt: skip
 
     @staticmethod
     def _goal_depth(goal: Goal, desired: np.ndarray) -> np.ndarray:
@@ -119,7 +119,22 @@ class CornerFeature(NumberedPoints):
                 every = slice(i, None, len(self.parts))
                 error[every] = wrap(error[every], period)
         return Measured(s, goal_s, error, self.interaction(points, w),
-                        up_to=self._up_to(up_to, observation, goal))  # fmt: skip
+                        up_to=up_to)  # fmt: skip
+
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """See Feature.accuracy; of each point's by differences."""
+        points = super().accuracy(observation, goal)
+        if points is None:
+            return None
+        desired = self.desired_points(goal)
+        w = self._goal_depth(goal, desired)
+        s = self.values(desired, w)
+        moved = np.transpose([self.values(desired + d.reshape(-1, 2), w) - s for d in points.T])
+        for i, period in enumerate(self.periods):
+            if period:
+                every = slice(i, None, len(self.parts))
+                moved[every] = wrap(moved[every], period)
+        return moved
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
         """See Feature.desired_interaction."""

@@ -105,6 +105,10 @@ class Kernel(Feature):
         error[3] = wrap(error[3], np.pi)
         return Measured(k, kernel.features, error, L / scale[:, None], up_to="180°")
 
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """See Feature.accuracy: whole pixels are counted, a row of them is about a tolerance."""
+        return np.diag(self.tolerances)
+
     @staticmethod
     def _same_camera(observation: Observation, goal: Goal) -> None:
         kernel: GoalKernel = goal.kernel

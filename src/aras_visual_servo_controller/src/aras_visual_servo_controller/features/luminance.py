@@ -26,6 +26,11 @@ from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
 from .base import Feature, Measured, other_camera
 
+GREY = 0.2  # grey levels: what rounding and drawing amount to in a fit of two pictures of one view
+TOGETHER = 3.5  # a smoothed pixel's error counts so much in a fit: its neighbours have it as well
+FOLDS = (8, 7, 6, 5, 4, 3, 2)  # of the symmetries that are looked for
+FARTHEST = 1e-3  # 1/m: of the plane is not looked at what is farther
+OVERLAP = 0.3  # part of the picture that has to be in view before and after the turn
 BORDER = 10  # pixels at the picture's rim that are left out: what comes in there was not seen
 FLAT = 1e-12  # part of the greatest eigenvalue of L^T L below which the picture tells nothing
 
@@ -92,6 +97,8 @@ class Luminance(Feature):
 
     def __init__(self) -> None:
         self._goal: Goal | None = None
+        self._rest: tuple[np.ndarray, np.ndarray] | None = None
+        self._up_to = ""
         self._rays: _Rays | None = None
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
@@ -129,12 +136,52 @@ class Luminance(Feature):
         if self._rays is None or self._rays.camera != observation.camera:
             self._same_camera(observation.camera, goal)
             self._rays = _Rays(observation.camera)
+            self._up_to = self._symmetry(goal.plane or Plane.fronto_parallel(goal.depth))
         plane = observation.plane or goal.plane or Plane.fronto_parallel(goal.depth)
         inside = self._rays.inside
         error = np.subtract(now[inside], self._desired[inside]).ravel()
         rms = float(np.sqrt(np.dot(error, error) / error.size))
-        s, L = self._reduced(error, self._rays.rows(now, plane))
-        return Measured(s, np.zeros_like(s), s, L, judged=np.array([rms]))
+        rows = self._rays.rows(now, plane)
+        self._rest = error, rows
+        s, L = self._reduced(error, rows)
+        return Measured(
+            s, np.zeros_like(s), s, L, judged=np.array([rms]), up_to=self._up_to
+        )
+
+    def _symmetry(self, plane: Plane) -> str:
+        """The turn of the target, lying in a plane at the goal, after which its picture counts as
+        the goal's: '90°'; empty where there is none."""
+        rays, camera = self._rays, self._rays.camera
+        wanted = self._desired[rays.inside]
+        normal = np.array(plane) / np.linalg.norm(plane)
+        directions = np.stack([rays.x.ravel(), rays.y.ravel(), np.ones(rays.x.size)])
+        depth = 1.0 / np.maximum(np.array(plane) @ directions, FARTHEST)
+        # A pixel covers an area of the plane that grows with the cube of the depth.
+        weight = np.abs(wanted - np.median(wanted)).ravel() * depth**3
+        middle = directions @ (weight * depth) / max(weight.sum(), FARTHEST)
+        for folds in FOLDS:
+            # X' = R (X - middle) + middle of the points of the plane, whose rays a homography maps.
+            turn = cv2.Rodrigues(2.0 * np.pi / folds * normal)[0]
+            X, Y, Z = (turn + np.outer(middle - turn @ middle, plane)) @ directions
+            u, v = (
+                np.asarray(part, np.float32).reshape(wanted.shape)
+                for part in camera.project(X / Z, Y / Z)
+            )
+            inside = (u >= 0) & (u <= camera.width - 1) & (v >= 0) & (v <= camera.height - 1)
+            apart = np.square(cv2.remap(self._desired, u, v, cv2.INTER_LINEAR) - wanted)[inside]
+            if inside.mean() > OVERLAP and np.sqrt(apart.mean()) < self.tolerances[0]:
+                return f"{360 / folds:.0f}°"
+        return ""
+
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """See Feature.accuracy: by the grey levels that the last image left, where edges are."""
+        return self._grey() * np.eye(6)
+
+    def _grey(self) -> float:
+        """What grey levels amount to in a fit."""
+        error, rows = self._rest
+        slope = np.square(rows[0]) + np.square(rows[1])
+        return float(np.hypot(GREY, TOGETHER * np.sqrt(slope @ np.square(error) / slope.sum())))
 
     @staticmethod
     def _same_camera(camera: CameraModel, goal: Goal) -> None:
@@ -189,6 +236,10 @@ class LuminanceMap(Luminance):
         """See Feature.check."""
         super().check(goal)
         self._basis = None
+
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """See Luminance.accuracy; the rows of the basis have length 1."""
+        return self._grey() * np.eye(len(self._basis))
 
     def _reduced(self, error: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if self._basis is None:

@@ -65,10 +65,16 @@ class Matches(Luminance):
         error = (points - desired).ravel()
         rms = float(np.sqrt(np.mean(error**2) * 2.0))
         w = self._inverse_depth(observation, goal, points, desired)
+        self._L = L = point_interaction(points, w)
+        self._missed = float(np.std(error - L @ np.linalg.lstsq(L, error, rcond=None)[0]))
         return Measured(
-            points.ravel(), desired.ravel(), error, point_interaction(points, w),
+            points.ravel(), desired.ravel(), error, L,
             judged=np.array([rms]),
         )  # fmt: skip
+
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """See Feature.accuracy: by how far the matches miss the plane's motion."""
+        return self._missed * np.eye(self._L.shape[0])
 
     def _inverse_depth(
         self, observation: Observation, goal: Goal, points: np.ndarray, desired: np.ndarray
@@ -145,6 +151,11 @@ class MatchesPose(Matches):
     def measure(self, observation: Observation, goal: Goal) -> Measured:
         """See Feature.measure."""
         points, desired = self._matched(observation, goal)
+        super().measure(observation, goal)
         places = self._places_3d(goal, desired)
         s, L = PoseInGoalFrame.of_pose(self, pose_of_plane(places, points), places.mean(axis=0))
         return Measured(s, np.zeros(6), s, L)
+
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """See Matches.accuracy; at the goal s is the camera's offset itself."""
+        return np.linalg.pinv(self._L) @ super().accuracy(observation, goal)

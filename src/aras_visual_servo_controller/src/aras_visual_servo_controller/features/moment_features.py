@@ -85,6 +85,10 @@ class MomentFeature(ImageMoments):
                 error[i], up_to = wrap(error[i], np.pi), "180°"
         return Measured(found.values, at.s, error, found.L, up_to=up_to)
 
+    @staticmethod
+    def _formulas(at: _GoalView) -> tuple[str, ...]:
+        return at.formulas
+
     def desired_interaction(self, goal: Goal) -> np.ndarray:
         """See Feature.desired_interaction."""
         return self._at(goal).L

@@ -67,8 +67,16 @@ class RelativePose(NumberedPoints):
         origin = places.mean(axis=0)
         s, L = self.of_pose(c_T_g, origin)
         desired, _ = self.of_pose(np.eye(4), origin)
-        up_to = self._up_to(up_to, observation, goal)
         return Measured(s, desired, s - desired, L, up_to=up_to)
+
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """See Feature.accuracy; the pose is that of the least squared distance of the points."""
+        points = super().accuracy(observation, goal)
+        if points is None:
+            return None
+        desired = self.desired_points(goal)
+        L = point_interaction(desired, self._goal_depth(goal, desired))
+        return self.desired_interaction(goal) @ np.linalg.pinv(L) @ points
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
         """See Feature.desired_interaction."""

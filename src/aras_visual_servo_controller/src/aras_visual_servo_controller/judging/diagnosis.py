@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +17,8 @@ from ..goals.goal import Goal
 from ..loop.state import CONVERGED, HOLDING, SERVOING, STOPPED, ServoSettings, ServoState
 from ..schemes.base import JointController, Scheme
 from ..seeing.observation import Observation
-from .evidence import CameraEvidence, Oscillation, ShapeEvidence, ViewEvidence
+from .arrival import Arrived
+from .evidence import CameraEvidence, Oscillation, ShapeEvidence
 
 if TYPE_CHECKING:
     from ..arm.resolution import Resolution
@@ -43,11 +45,17 @@ UNREACHED = 0.1
 
 @dataclass(frozen=True)
 class Outcome:
-    """One word for how it stands, the reason in words, and what would mend it."""
+    """One word for how it stands, the reason in words, and what would mend it.
+
+    open_distance, open_angle: of a camera that has arrived, 99.7 % bounds on how far it is from its
+    goal, m and rad; inf where it may be anywhere along a direction, NaN where nobody knows.
+    """
 
     kind: str = "running"
     reason: str = ""
     mend: str = ""
+    open_distance: float = nan
+    open_angle: float = nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +118,6 @@ class Diagnosis:
         self._oscillation = Oscillation()
         self._camera = CameraEvidence(self._jacobian)
         self._shape = ShapeEvidence()
-        self._view = ViewEvidence()
         self._touched: tuple[str, ...] = ()
         self._measured: float | None = None  # when the scheme could last answer, s
         self._ended: Outcome | None = None
@@ -211,11 +218,13 @@ class Diagnosis:
                 return replace(stalled, reason=f"{stalled.reason}; besides, {fault}")
             return Outcome("wrong_camera_model", fault, CALIBRATE)
         if state.phase == CONVERGED:
-            found = self._converged(state, observation, goal)
-            if not fault or found.kind != "converged":
+            found = _converged(state.arrived)
+            if not fault or found.kind == "ambiguous":
                 return found
-            return Outcome("converged", f"at the goal as this camera has shown it; yet {fault}",
-                           CALIBRATE)  # fmt: skip
+            return replace(
+                found, reason=f"at the goal as this camera has shown it; yet {fault}",
+                mend=CALIBRATE,
+            )  # fmt: skip
         ringing = self._oscillation.add(state.stamp, self._window[-1].error)
         if ringing is not None:
             found = Outcome(
@@ -227,25 +236,6 @@ class Diagnosis:
         if self._ringing is not None and state.stamp - self._ringing[0] < RINGS_ON:
             return self._ringing[1]
         return self._stalled(state)
-
-    def _converged(self, state: ServoState, observation: Observation, goal: Goal) -> Outcome:
-        """What it is worth that every feature is the goal's."""
-        if state.decision.up_to:
-            return Outcome(f"converged up to {state.decision.up_to}")
-        if unseen := _unseen(state):
-            return Outcome(
-                f"converged up to {unseen} direction{'s' if unseen > 1 else ''}",
-                f"L has rank {state.decision.task.rank} of {_modelled(state)}: there are motions "
-                "of the camera that no feature sees",
-                "add a feature for them, if the pose matters",
-            )
-        if self._view.add(observation, goal):
-            return Outcome(
-                "ambiguous", "every feature is the goal's, but the picture is not: another pose "
-                "has the same features",
-                "begin nearer to the goal, or use more features than directions",
-            )  # fmt: skip
-        return Outcome("converged")
 
     def _add(self, state: ServoState, tolerances: np.ndarray) -> None:
         decision = state.decision
@@ -375,17 +365,14 @@ def _within(seen: list[_Seen]) -> bool:
     return len({len(e) for e in errors}) == 1 and bool((np.abs(np.mean(errors, axis=0)) < 1).all())
 
 
-def _modelled(state: ServoState) -> int:
-    """How many directions of the camera the task speaks of."""
-    return int(state.decision.task.modelled.sum())
-
-
-def _unseen(state: ServoState) -> int:
-    """How many directions, of those that the camera can move in, change no feature."""
-    task, resolution = state.decision.task, state.resolution
-    if task is None:
-        return 0
-    missing = _modelled(state) - task.rank
-    if missing > 0 and resolution is not None:
-        return max(min(_modelled(state), resolution.jacobian.shape[1]) - resolution.rank, 0)
-    return missing
+def _converged(arrived: Arrived) -> Outcome:
+    """What an arrival is worth."""
+    if arrived.other_view:
+        return Outcome(
+            "ambiguous", "every feature is the goal's, but the picture is not: another pose has "
+            "the same features",
+            "begin nearer to the goal, or use more features than directions",
+        )  # fmt: skip
+    left = arrived.open
+    kind = f"converged up to {left.up_to}" if left.up_to else "converged"
+    return Outcome(kind, left.reason, left.mend, left.distance, left.angle)

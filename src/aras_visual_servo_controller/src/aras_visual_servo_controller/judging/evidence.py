@@ -13,7 +13,6 @@ import numpy as np
 from aras_visual_servo_base.compiled import compiled
 from aras_visual_servo_base.poses import logarithm
 from aras_visual_servo_camera.degeneracy import anisotropy, gyration_radius
-from aras_visual_servo_camera.moments import Moments
 
 from ..goals.goal import Goal
 from ..schemes.base import Decision
@@ -151,39 +150,6 @@ class ShapeEvidence:
             f"what is seen is not the goal's target: {ratio:.2f} times as spread out, its "
             f"length differs by {longer:.2f}"
         )
-
-
-class ViewEvidence:
-    """Whether a view in which every feature is the goal's is the goal's own: as many numbers as a
-    camera has directions can be the same from several poses, the outline is then not.
-
-    Compared are the central moments of second and third order, free of scale. Of converged runs
-    with five cameras, noise among them, they differ by 0.2 % and 6e-5; of the nearest pose that
-    was found wrong, 18 degrees off, by 0.6 % and 5e-4.
-    """
-
-    SECOND, THIRD = 0.02, 2.5e-4  # the first a part of the goal's greatest
-    IMAGES = 3
-
-    def __init__(self) -> None:
-        self._strange = 0
-
-    def add(self, observation: Observation, goal: Goal) -> bool:
-        """Take in an image of a converged loop; answers whether it shows another view."""
-        seen, wanted = observation.moments, goal.moments
-        if seen is None or wanted is None or seen.kind != wanted.kind or wanted.m00 <= 0.0:
-            return False
-        second, third = (_shape(seen, order) - _shape(wanted, order) for order in (2, 3))
-        strange = np.abs(second).max() > self.SECOND * _shape(wanted, 2).max()  # of squares
-        strange |= np.abs(third).max() > self.THIRD
-        self._strange = self._strange + 1 if strange else 0
-        return self._strange >= self.IMAGES
-
-
-def _shape(moments: Moments, order: int) -> np.ndarray:
-    """Central moments (order + 1,), free of scale."""
-    scale = moments.m00 ** (1.0 + 0.5 * order)
-    return np.array([moments.mu(order - j, j) for j in range(order + 1)]) / scale
 
 
 class CameraEvidence:

@@ -25,7 +25,7 @@ from aras_visual_servo_base.names import unknown
 
 from ..errors import ConfigurationError, MeasurementError, SchemeError, ServoError
 from ..goals.goal import Goal
-from ..judging.convergence import Convergence
+from ..judging.arrival import NOT_ARRIVED, Arrival, Arrived
 from ..judging.diagnosis import Diagnosis, Outcome
 from ..schemes.answer_checks import checked_decision, checked_goal, guarded
 from ..schemes.base import Decision, JointController, Scheme
@@ -108,7 +108,7 @@ class Servo:
             self._approach = Approach(
                 arm.names, limits.velocity, self.settings, limits.acceleration
             )
-        self._convergence = Convergence(self.settings.hold)
+        self._arrival = Arrival(self.settings.hold)
         self.beyond = self.goal.beyond(arm)
         self.diagnosis = Diagnosis(self.settings, arm.jacobian, self.beyond)
         self.reset()
@@ -231,7 +231,7 @@ class Servo:
             # The arm stands: integrals and the start's profile begin anew.
             self._began = observation.stamp
             guarded(self.name, self._begin_scheme)
-            self._convergence.clear()
+            self._arrival.clear()
         t = observation.stamp - self._began
         answer = self.scheme.see if self._answers_joints else self.scheme.compute
         decision = guarded(self.name, answer, observation, self.goal, t)
@@ -255,20 +255,19 @@ class Servo:
         self._paused, self._fault = False, ""
         self._fresh = True
         self._pursuit.ask(decision.task, resolution, stamp, self._now)
-        tolerances = np.asarray(self.scheme.tolerances)
-        reached = self._convergence.add(
-            stamp, decision.error, tolerances, decision, observation.world_T_camera
-        )
-        self.phase = CONVERGED if reached else SERVOING
+        arrived = self._arrival.add(decision, observation, self.goal, self.scheme, resolution)
+        self.phase = CONVERGED if arrived.reached else SERVOING
         reasons = [] if resolution is None else list(resolution.reasons)
-        reasons += [t for t in (*decision.notes, self._late, self._convergence.short) if t]
+        reasons += [t for t in (*decision.notes, self._late, arrived.short) if t]
         if seconds > self._period > 0.0:
             reasons.append(
                 f"scheme {self.name} took {seconds:.3f} s, longer than the image period of "
                 f"{self._period:.3f} s"
             )
         self.reason = "; ".join(dict.fromkeys(reasons))
-        return self._record(observation, joints, decision, resolution, seconds)
+        return self._record(
+            observation, joints, decision, resolution, seconds, arrived=arrived
+        )
 
     def _in_order(self, stamp: float) -> bool:
         if not np.isfinite(stamp):
@@ -393,7 +392,7 @@ class Servo:
     def _halt(self, phase: str, reason: str) -> None:
         self.phase, self.reason = phase, reason
         self._pause()
-        self._convergence.clear()
+        self._arrival.clear()
 
     def _sent(self, t: float, measured: JointSample | None, reason: str) -> Command:
         return self._motion.sent(t, measured, self.arm.effort, reason, self.phase)
@@ -408,6 +407,7 @@ class Servo:
         fault: str = "",
         reason: str | None = None,
         faulty: bool = False,
+        arrived: Arrived = NOT_ARRIVED,
     ) -> ServoState:
         """The state of this image, with what the diagnosis makes of it."""
         state = ServoState(
@@ -415,7 +415,7 @@ class Servo:
             decision=decision, resolution=resolution,
             joints=joints or observation.joints or self._joints, command=self.command,
             computing=seconds, fault=fault, answers_image=reason is None,
-            scheme=self.name,
+            scheme=self.name, arrived=arrived,
         )  # fmt: skip
         if reason is None:
             outcome = self.diagnosis.see(state, observation, self.goal, self.scheme, faulty)

@@ -11,6 +11,7 @@ import numpy as np
 from ..arm.resolution import Resolution, rank
 from ..arm.task import Task
 from ..errors import ConfigurationError
+from ..judging.arrival import NOT_ARRIVED, Arrived
 from ..schemes.base import Decision
 from ..seeing.joint_sample import JointSample
 
@@ -123,6 +124,7 @@ class ServoState:
         computing: s that the scheme took, where a clock was handed in.
         fault: traceback of the scheme's fault, in the state where it came up first.
         answers_image: False for an image that came late, and for a report between images.
+        arrived: whether the camera is at its goal by this image, and how much is left open.
     """
 
     stamp: float
@@ -138,6 +140,7 @@ class ServoState:
     fault: str = ""
     answers_image: bool = False
     scheme: str = ""
+    arrived: Arrived = NOT_ARRIVED
 
     @property
     def _task(self) -> Task | None:

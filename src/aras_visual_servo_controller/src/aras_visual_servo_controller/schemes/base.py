@@ -29,6 +29,8 @@ class Decision:
         error: (k,) s - s* as measured, angles wrapped: what is published and judged.
         task: what is asked of the arm; None for a controller that answers joints itself.
         L: (k, 6) as used by the law, for the record; None where there is none.
+        residual: (m,) what L, then (m, 6), belongs to where `error` is a summary of it, as of a
+            whole image; None: the error itself.
         filtered_error: (k,) where a filter stands before the law.
         up_to: a motion that the error cannot see, in words ('180°').
         notes: what is worth a word in the state.
@@ -40,6 +42,7 @@ class Decision:
     error: np.ndarray
     task: Task | None = None
     L: np.ndarray | None = None
+    residual: np.ndarray | None = None
     filtered_error: np.ndarray | None = None
     up_to: str = ""
     notes: tuple[str, ...] = field(default=())
@@ -86,6 +89,10 @@ class Scheme(ABC):
             ConfigurationError: what the goal lacks.
         """
 
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """How well the features of this image, the last one, are measured: see Feature.accuracy."""
+        return None
+
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
         """What to keep of the view at the goal, by feature's name: see Feature.teach."""
         return {}
@@ -131,6 +138,10 @@ class JointController(ABC):
 
     def check(self, goal: Goal) -> None:
         """As Scheme.check."""
+
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """As Scheme.accuracy."""
+        return None
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
         """As Scheme.teach."""

@@ -94,6 +94,10 @@ class Composed(Scheme):
         if self.interaction in ("desired", "mean"):
             self.feature.desired_interaction(goal)
 
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """See Scheme.accuracy."""
+        return self.feature.accuracy(observation, goal)
+
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
         """See Scheme.teach."""
         parts = self.feature.features if isinstance(self.feature, Stack) else (self.feature,)
@@ -121,7 +125,8 @@ class Composed(Scheme):
             desired=measured.desired if judged is None else np.zeros_like(judged),
             error=measured.error if judged is None else judged,
             task=Task.of(L, wanted - measured.rate, self._modelled, self.feature.weights),
-            L=L if judged is None else None,
+            L=L,
+            residual=None if judged is None else measured.error,
             filtered_error=filtered if self.smoothing > 0.0 and judged is None else None,
             up_to=measured.up_to,
             notes=measured.notes,

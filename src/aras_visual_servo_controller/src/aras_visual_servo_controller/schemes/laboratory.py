@@ -39,6 +39,10 @@ class Laboratory2016(Scheme):
         """See Scheme.check."""
         self.feature.check(goal)
 
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """See Scheme.accuracy."""
+        return self.feature.accuracy(observation, goal)
+
     def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
         """See Scheme.compute."""
         if not observation.valid:

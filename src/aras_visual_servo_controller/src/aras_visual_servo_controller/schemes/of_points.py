@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from ..errors import MeasurementError
 from ..features.base import Measured
 from ..features.corners import NumberedPoints
@@ -27,6 +29,10 @@ class OfPoints(Scheme):
         """See Scheme.check."""
         self.feature.check(goal)
         self._describe()
+
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """See Scheme.accuracy."""
+        return self.feature.accuracy(observation, goal)
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
         """See Scheme.teach."""

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aras_visual_servo_base.poses import relative
-from aras_visual_servo_camera.contour import corners_of, outline_of
+from aras_visual_servo_camera.contour import CORNER_ACCURACY, corners_of, outline_of
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.interaction import Plane
@@ -65,7 +65,7 @@ class Observation:
         moments: of the segmented target, normalised coordinates.
         contour: (n, 2) outline of the target, normalised, below a pixel exact.
         corners: (n, 2) of that outline, in its order, normalised.
-        corner_accuracy: normalised length to which a tracker finds them, noise apart; 0: exactly.
+        corner_accuracy: normalised length to which they are found, noise apart, rms; 0: exactly.
         pixel_count: pixels of the target, 0 where not known.
         touches: borders of the image that the target touches: left, right, top, bottom.
         image: (rows, columns) or (rows, columns, 3) RGB, uint8.
@@ -267,6 +267,7 @@ class Observer:
                 seen["contour"] = _frozen(contour)
                 if Need.CORNERS in needs:
                     seen["corners"] = _frozen(corners_of(contour))
+                    seen["corner_accuracy"] = CORNER_ACCURACY / camera.K[0]
             if Need.KERNEL in needs:
                 mask = self.pipeline.original_mask(image)
                 seen["kernel"] = _frozen(kernel_features(mask).layout())

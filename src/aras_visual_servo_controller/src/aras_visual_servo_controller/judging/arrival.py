@@ -1,0 +1,292 @@
+"""Is the camera at its goal, and how far may it be from it all the same?
+
+An error e = s - s* near the goal is L x, x the camera's offset from the goal (6,). Noise is
+averaged over images: as the camera moves meanwhile, each image's offset L^+ e is brought by
+kinematics to where the camera is now. Where the target moves along, offsets scatter less as they
+were measured, and are taken so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import nan
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import compiled
+
+from ..arm.inversion import least_squares, svd
+from ..seeing.ring_buffer import RecentErrors
+from .left_open import LeftOpen, Margin, Offsets, same_view, symmetric
+
+if TYPE_CHECKING:
+    from ..arm.resolution import Resolution
+    from ..goals.goal import Goal
+    from ..schemes.base import Decision, JointController, Scheme
+    from ..seeing.observation import Observation
+
+# Offset from the goal within which the camera counts as there, m and rad: somewhat less than 0.3
+# mm and 0.3 degrees, as pictures are not exact either. In a direction that changes the features
+# little, their tolerances alone may be 6 mm (four points of a plane that was turned by 40 degrees).
+ARRIVED = np.array([2e-4, 3.5e-3])
+STAYS = 1.5  # times tolerances and offset within which a camera that has arrived stays so
+DEVIATIONS = 2.0  # standard deviations of the mean within which it is taken as known
+# Errors may scatter about their mean by so many tolerances, rms: more is a motion, not noise.
+SCATTER = 3.0
+# With fewer images than FEW each has to be within its tolerances, and there have to be LEAST:
+# images that come seldom would else make a mean of a motion.
+FEW, LEAST = 5, 3
+# Largest averaging window, images. An image with a larger error than FAR tolerances (four times
+# what may be noise) empties it: the linearisation by L does not hold so far from the goal.
+WINDOW, FAR = 120, 12.0
+VIEWS = 3  # images in a row that show another view, from which on it is believed
+BLIND = 1e-6  # part of L's greatest singular value below which a direction is not seen
+TALL = 64  # rows of L from which on the normal equations are solved
+ROUNDING = 1e-9  # s
+
+
+@dataclass(frozen=True)
+class Arrived:
+    """What is known of the arrival as of one image.
+
+    Attributes:
+        reached: the camera is at its goal.
+        short: why it is not, in words, where the features' tolerances alone would do; else empty.
+        other_view: every feature is the goal's, and leaves no direction and no symmetry open, and
+            yet the outline is that of another view.
+        open: what the arrival leaves open; None until the goal is reached.
+    """
+
+    reached: bool = False
+    short: str = ""
+    other_view: bool = False
+    open: LeftOpen | None = None
+
+
+NOT_ARRIVED = Arrived()
+
+
+class Arrival:
+    """Judges the mean of the measured error over `hold` seconds; with hysteresis."""
+
+    def __init__(self, hold: float) -> None:
+        """`hold`: s; 0: every image is judged by itself."""
+        self.hold = float(hold)
+        self._errors, self._offsets = RecentErrors(), RecentErrors()
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what was seen: the loop was interrupted."""
+        self._errors.clear()
+        self._offsets.clear()
+        self._reached, self._strange = False, 0
+        self._margin: Margin | None = None
+
+    def add(
+        self,
+        decision: Decision,
+        observation: Observation,
+        goal: Goal,
+        scheme: Scheme | JointController,
+        resolution: Resolution | None = None,
+    ) -> Arrived:
+        """Take in one image.
+
+        Args:
+            resolution: of the decision's task: what the arm can move. None: a camera that is free.
+        """
+        error, tolerances = decision.error, np.asarray(scheme.tolerances, float)
+        if len(self._errors) and self._errors.errors.shape[1] != len(error):
+            self.clear()
+        self._errors.add(observation.stamp, error)
+        self._note(decision, observation, tolerances)
+        settled, short = self._settled(observation.stamp, tolerances), ""
+        offsets = None
+        if settled and len(self._offsets):
+            offsets, short = self._offset(decision)
+        self._reached = settled and not short
+        if not self._reached:
+            self._strange, self._margin = 0, None
+            return Arrived(short=short)
+        self._strange = 0 if same_view(observation, goal) else self._strange + 1
+        if offsets is None:
+            way, turn = symmetric(decision.up_to, goal) if decision.up_to else (nan, nan)
+            left, whole = LeftOpen(way, turn, decision.up_to), not decision.up_to
+        else:
+            if self._margin is None:
+                accuracy = scheme.accuracy(observation, goal)
+                error = self._errors.errors.mean(axis=0)
+                self._margin = Margin(decision, observation, goal, error, accuracy, resolution)
+            left = self._margin.left(observation, decision.up_to, offsets)
+            whole = not (decision.up_to or self._margin.blind)
+        return Arrived(True, "", whole and self._strange >= VIEWS, left)
+
+    def _note(
+        self, decision: Decision, observation: Observation, tolerances: np.ndarray
+    ) -> None:
+        """Note where the camera is by this image, if it is near the goal and L tells it."""
+        if (np.abs(decision.error) > FAR * tolerances).any():
+            self._offsets.clear()
+            return
+        offset = offset_of(decision)
+        if offset is None:
+            self._offsets.clear()
+            return
+        pose = observation.world_T_camera
+        known = np.full(16, np.nan) if pose is None else np.ravel(pose)
+        self._offsets.add(observation.stamp, np.concatenate([offset, known]))
+        self._offsets.drop(max(len(self._offsets) - WINDOW, 0))
+
+    def _settled(self, stamp: float, tolerances: np.ndarray) -> bool:
+        """Whether the mean error of the last `hold` seconds is within the tolerances (k,)."""
+        seen = self._errors
+        # One image at or before the window's beginning stays, to know that it is full.
+        before = int(np.searchsorted(seen.stamps, stamp - self.hold + ROUNDING, "right"))
+        least = LEAST if self.hold > 0.0 else 1
+        seen.drop(max(min(before - 1, len(seen) - least), 0))
+        if len(seen) < least or stamp - seen.stamps[0] < self.hold - ROUNDING:
+            self._reached = False
+            return False
+        limit = tolerances * (STAYS if self._reached else 1.0)
+        if not _within(seen.errors, limit):
+            return False
+        return len(seen) >= FEW or bool((np.abs(seen.errors) < limit).all())
+
+    def _offset(self, decision: Decision) -> tuple[Offsets, str]:
+        """The camera's mean offset, and why it is too much, in words."""
+        rows = self._offsets.errors
+        mean, scatter, count, enough = _averaged(
+            rows, _seen(decision), len(self._errors), ARRIVED / DEVIATIONS
+        )
+        off, unknown = _sizes(mean), DEVIATIONS * np.sqrt(_traces(scatter) / count)
+        offsets = Offsets(mean, scatter, count)
+        if not (enough or self._reached) and len(rows) < WINDOW:
+            return offsets, (
+                "the features are within their tolerances, but scatter: where the camera is, is "
+                f"known to {1e3 * unknown[0]:.2f} mm and {np.degrees(unknown[1]):.2f} degrees"
+            )
+        limit = STAYS * ARRIVED + unknown if self._reached else ARRIVED
+        if (off <= np.maximum(limit, unknown)).all():
+            return offsets, ""
+        return offsets, (
+            f"the features are within their tolerances, but by L the camera is {1e3 * off[0]:.2f} "
+            f"mm and {np.degrees(off[1]):.2f} degrees off"
+        )
+
+
+def offset_of(decision: Decision) -> np.ndarray | None:
+    """L^+ e (6,), the camera's offset from the goal by one image, in the directions that the task
+    models; None where the decision has no L of its error."""
+    L, task = decision.L, decision.task
+    error = decision.error if decision.residual is None else decision.residual
+    if L is None or task is None or np.shape(L) != (len(error), 6):
+        return None
+    L = np.where(task.modelled, L, 0.0)
+    if not (np.isfinite(L).all() and np.isfinite(error).all()):
+        return None
+    if len(L) > TALL:
+        return least_squares(L.T @ L, L.T @ error, BLIND**2)
+    return least_squares(L, np.asarray(error, float), BLIND)
+
+
+def _seen(decision: Decision) -> np.ndarray:
+    """L^+ L (6, 6): the part of a camera's motion that the modelled columns of L see."""
+    L = np.where(decision.task.modelled, decision.L, 0.0)
+    if len(L) > TALL:
+        L = np.linalg.cholesky(L.T @ L + np.finfo(float).tiny * np.eye(6)).T
+    _, s, vt = svd(L)
+    vt = vt[s > BLIND * s[0]]
+    return vt.T @ vt
+
+
+def _sizes(offset: np.ndarray) -> np.ndarray:
+    """Lengths (2,) of an offset's translation and rotation, m and rad."""
+    return np.array([np.linalg.norm(offset[:3]), np.linalg.norm(offset[3:])])
+
+
+def _traces(covariance: np.ndarray) -> np.ndarray:
+    """Variances (2,) of an offset's translation and rotation, m^2 and rad^2."""
+    variances = np.maximum(np.diag(covariance), 0.0)  # rounding leaves less than nothing
+    return np.array([variances[:3].sum(), variances[3:].sum()])
+
+
+@compiled("f8[:,:], f8[:]")
+def _within(errors, limit):
+    """Whether errors (m, k) have means within the limits (k,) and scatter little about them."""
+    count = errors.shape[0]
+    for k in range(errors.shape[1]):
+        mean, square = 0.0, 0.0
+        for i in range(count):
+            mean += errors[i, k]
+        mean /= count
+        for i in range(count):
+            square += (errors[i, k] - mean) ** 2
+        if not (abs(mean) < limit[k] and square / count < (SCATTER * limit[k]) ** 2):
+            return False
+    return True
+
+
+@compiled("f8[:,:], i8")
+def _since(rows, i):
+    """The camera's motion (6,) since image i, in its own frame now; small, so a rotation's vector
+    is its odd part. rows: (m, 22) offsets and poses."""
+    last, k = rows.shape[0] - 1, 6
+    moved, turned = np.empty(6), np.zeros((3, 3))
+    for a in range(3):
+        moved[a] = 0.0
+        for c in range(3):
+            moved[a] += rows[last, k + 4 * c + a] * (rows[last, k + 4 * c + 3]
+                                                     - rows[i, k + 4 * c + 3])
+        for b in range(3):
+            for c in range(3):
+                turned[a, b] += rows[i, k + 4 * c + a] * rows[last, k + 4 * c + b]
+    moved[3] = 0.5 * (turned[2, 1] - turned[1, 2])
+    moved[4] = 0.5 * (turned[0, 2] - turned[2, 0])
+    moved[5] = 0.5 * (turned[1, 0] - turned[0, 1])
+    return moved
+
+
+@compiled("f8[:,:], f8[:,:], i8, f8[:]")
+def _averaged(rows, seen, count, limit):
+    """The mean offset of the latest images, brought to where the camera is now.
+
+    Args:
+        rows: (m, 22) offsets and poses of images, the last one now.
+        seen: (6, 6) part of a motion that changes the offsets, L^+ L.
+        count: of the latest images, at least; more are taken until their mean's standard deviation
+            is at most the limit (2,), m and rad.
+
+    Returns:
+        (6,) the mean; (6, 6) the offsets' covariance; how many they are; whether the deviation of
+        the mean is within the limit.
+    """
+    m = rows.shape[0]
+    count = min(max(count, 1), m)
+    while True:
+        # Of the offsets as they were measured, and brought to where the camera is now.
+        total, square = np.zeros((2, 6)), np.zeros((2, 6, 6))
+        off = np.empty((2, 6))
+        for i in range(m - count, m):
+            moved = _since(rows, i)
+            for a in range(6):
+                off[0, a] = off[1, a] = rows[i, a]
+                for b in range(6):
+                    off[1, a] += seen[a, b] * moved[b]
+            for n in range(2):
+                for a in range(6):
+                    total[n, a] += off[n, a]
+                    for b in range(6):
+                        square[n, a, b] += off[n, a] * off[n, b]
+        scatter, variances = np.empty(2), np.zeros((2, 2))
+        for n in range(2):
+            for a in range(6):
+                mean = total[n, a] / count
+                variances[n, a // 3] += max(square[n, a, a] / count - mean * mean, 0.0) / count
+            scatter[n] = variances[n, 0] / limit[0] ** 2 + variances[n, 1] / limit[1] ** 2
+        n = 1 if scatter[1] <= scatter[0] else 0  # where poses are unknown that is no number
+        enough = variances[n, 0] <= limit[0] ** 2 and variances[n, 1] <= limit[1] ** 2
+        if enough or count == m:
+            mean = total[n] / count
+            return mean, square[n] / count - np.outer(mean, mean), count, enough
+        count = min(2 * count, m)

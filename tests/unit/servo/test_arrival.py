@@ -1,0 +1,452 @@
+"""Whether the camera is at its goal, and how far it may be from it all the same."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from loop_rig import scaled
+
+from aras_visual_servo_base.poses import transform
+from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.judging.arrival import Arrival
+from aras_visual_servo_controller.judging.left_open import (
+    SECOND,
+    THIRD,
+    same_view,
+    symmetric,
+    within,
+)
+
+DEEP = Goal(depth=0.5)
+
+
+def shown(arrival, stamp, error, L=None, modelled=(True,) * 6, pose=None, goal=DEEP, tolerance=1.0,
+          up_to="", accuracy=None, moments=None, resolution=None):  # fmt: skip
+    """What an Arrival says of one image with an error (k,), its L (k, 6), seen from a pose."""
+    error = np.asarray(error, float)
+    task = None if L is None else SimpleNamespace(modelled=np.array(modelled))
+    L = None if L is None else np.asarray(L, float)
+    decision = SimpleNamespace(L=L, task=task, error=error, residual=None, up_to=up_to)
+    seen = SimpleNamespace(stamp=stamp, world_T_camera=pose, moments=moments)
+    scheme = SimpleNamespace(
+        tolerances=tolerance * np.ones(len(error)), accuracy=lambda *_: accuracy
+    )
+    return arrival.add(decision, seen, goal, scheme, resolution)
+
+
+def feed(arrival, errors, begin=0.0, dt=0.1):
+    return [shown(arrival, begin + i * dt, [e]).reached for i, e in enumerate(errors)]
+
+
+@pytest.mark.parametrize("begin", [0.0, 73.4])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_arrival_needs_the_whole_hold(begin, sign):
+    assert feed(Arrival(0.5), [sign * 0.9] * 7, begin) == [False] * 5 + [True] * 2
+    assert feed(Arrival(0.5), [sign * 1.1] * 9, begin) == [False] * 9
+
+
+def test_arrival_judges_the_mean_and_refuses_a_swing():
+    noisy = [0.5, -1.4, 1.6, -0.7] * 4
+    assert feed(Arrival(0.5), noisy)[-1]
+    swing = [6.0, -6.0] * 8
+    assert not feed(Arrival(0.5), swing)[-1]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_arrival_has_hysteresis(sign):
+    arrival = Arrival(0.4)
+    assert feed(arrival, [sign * 0.9] * 6)[-1]
+    # what would not have been near enough to arrive is near enough to stay
+    assert feed(arrival, [sign * 1.4] * 5, 0.6) == [True] * 5
+    assert feed(arrival, [sign * 1.6] * 3, 1.1) == [True, True, False]  # means of five
+    # and once away, it has to come all the way back
+    assert not any(feed(arrival, [sign * 1.4] * 6, 1.4))
+    assert feed(arrival, [sign * 0.9] * 6, 2.0)[-1]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_images_that_come_seldom_have_no_mean(sign):
+    """A way past the goal, an image in 0.8 s, was taken for noise about it."""
+    passing = sign * np.array([-3.3, 0.6, -0.1, 0.1, 0.1])
+    assert feed(Arrival(2.0), passing, dt=0.8) == [False] * 4 + [True]
+    # however long the gap, two images show no rest; four that are near do, also of a fast camera
+    assert feed(Arrival(0.5), [sign * 0.9] * 3, dt=1.5) == [False, False, True]
+    assert feed(Arrival(0.3), sign * np.array([0.5, -1.1, 0.5, 0.5])) == [False] * 4
+    assert feed(Arrival(0.4), sign * np.array([0.5, -1.1, 0.5, 0.5, 0.5]))[-1]
+
+
+class Watched(Arrival):
+    """An Arrival that remembers what it said last, and how many images it was shown."""
+
+    fed, last = 0, None
+
+    @property
+    def reached(self):
+        return self.last.reached
+
+    @property
+    def short(self):
+        return self.last.short
+
+    @property
+    def kept(self):
+        """How many images are averaged at most."""
+        return len(self._offsets)
+
+
+def of_camera(errors, L, modelled=(True,) * 6, poses=None, begin=None, **more):
+    """A Watched that was shown errors (m, k) of tolerance 1, with L (k, 6), from poses."""
+    arrival = Watched(0.3) if begin is None else begin
+    for i, error in enumerate(errors):
+        arrival.fed += 1
+        pose = None if poses is None else poses[i]
+        arrival.last = shown(arrival, 0.1 * arrival.fed, error, L, modelled, pose, **more)
+    return arrival
+
+
+# A feature changes by 1 for 0.1 mm and 0.1 degrees of the camera, but for 5 mm along y.
+WEAK = np.diag([1e4, 200.0, 1e4, 573.0, 573.0, 573.0])
+
+
+@pytest.mark.parametrize("error", [(0, 0.5, 0, 0, 0, 0), (0, -0.5, 0, 0, 0, 0)])
+def test_arrival_asks_how_far_the_camera_is(error):
+    short = of_camera([error] * 6, WEAK)
+    assert not short.reached and "2.50 mm and 0.00 degrees off" in short.short
+    assert not of_camera([0.09 * np.array(error)] * 6, WEAK).reached  # 0.22 mm
+    near = of_camera([0.07 * np.array(error)] * 6, WEAK)
+    assert near.reached and not near.short
+    # not of a direction that the task does not speak of, nor of one that no feature sees
+    assert of_camera([error] * 6, WEAK, (True, False, True, True, True, True)).reached
+    assert of_camera([error] * 6, np.diag([1e4, 0.0, 1e4, 573.0, 573.0, 573.0])).reached
+    # and once it is there, half as far again, and no further
+    there = [0.07 * np.array(error)] * 6
+    stays = of_camera([*there, *[0.11 * np.array(error)] * 6], WEAK)
+    assert stays.reached and not stays.short
+    assert not of_camera([*there, *[0.13 * np.array(error)] * 6], WEAK).reached
+
+
+def test_arrival_asks_how_far_the_camera_is_turned():
+    L = np.diag([1e4, 1e4, 1e4, 573.0, 10.0, 573.0])
+    assert "0.00 mm and 2.86 degrees off" in of_camera([(0, 0, 0, 0, 0.5, 0)] * 6, L).short
+    assert of_camera([(0, 0, 0, 0, 0.03, 0)] * 6, L).reached
+    assert not of_camera([(0, 0, 0, 0, 0.04, 0)] * 6, L).reached  # 0.23 degrees
+
+
+def noisy(count, mean=(0.0,) * 6, seed=0):
+    return np.random.default_rng(seed).normal(0.0, 0.3, (count, 6)) + mean
+
+
+def test_noise_that_hides_where_the_camera_is_is_averaged_for_a_while():
+    """0.3 of WEAK's second are 1.5 mm: 0.2 mm would take 225 images, and 120 have to do."""
+    early = of_camera(noisy(40), WEAK)
+    assert not early.reached and "scatter: where the camera is, is known to" in early.short
+    assert not of_camera(noisy(119, seed=2), WEAK).reached
+    assert of_camera(noisy(120, seed=2), WEAK).reached
+    assert not of_camera(noisy(200, [0, 0.1, 0, 0, 0, 0]), WEAK).reached  # 0.5 mm off
+
+
+def test_noise_ends_nothing_that_has_converged():
+    """Of 25 converged runs with noise one or two were by chance not there at their last image."""
+    for seed in range(8):
+        L = np.diag([1e3, 1e3, 1e3, 25.0, 25.0, 25.0] if seed % 2 else [1e3] * 3 + [573.0] * 3)
+        arrival = of_camera(noisy(120, seed=seed), L)
+        while not arrival.reached:
+            of_camera(noisy(1, seed=arrival.fed), L, begin=arrival)
+        assert arrival.fed < 200
+        for error in noisy(400, seed=100 + seed):
+            of_camera([error], L, begin=arrival)
+            assert arrival.reached, seed
+
+
+@pytest.mark.parametrize(("axis", "limit", "unknown"), [(0, 2e-4, 1.5e-4), (4, 3.5e-3, 3e-3)])
+def test_how_far_a_camera_that_is_there_may_go(axis, limit, unknown):
+    """Half as far again as to arrive, and what the scatter of 120 images leaves open beside it."""
+    for off, there, stays in (
+        (0.9 * limit, False, True), (1.1 * limit, False, False), (1.4 * limit, True, True),
+        (1.5 * limit + 0.9 * unknown, True, True), (1.5 * limit + 1.1 * unknown, True, False),
+    ):  # fmt: skip
+        errors = np.zeros((120, 6))
+        errors[:, axis] = off + 0.5 * unknown * np.sqrt(120) * (-1) ** np.arange(120)
+        arrival = of_camera(errors[:119], np.eye(6))
+        arrival._reached = there
+        assert of_camera(errors[119:], np.eye(6), begin=arrival).reached == stays, (off, there)
+
+
+def at(x, y=0.0, turn=0.0):
+    pose = np.eye(4)
+    pose[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+    pose[:2, 3] = x, y
+    return pose
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.1])
+def test_errors_are_brought_to_where_the_camera_is_now(heading):
+    """A camera that wanders by 0.4 mm: by turns it is there, whatever the mean of the errors."""
+    L = 1e3 * np.diag([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])
+    base = at(0.3, -0.2, heading)
+    wander = [4e-4 * np.sin(0.5 * k) for k in range(60)]
+    turned = [2e-3 * np.cos(0.5 * k) for k in range(60)]
+    for last, there in ((50, True), (53, False)):  # 0.05 mm and 0.35 mm off
+        seen = range(last + 1)
+        poses = [base @ at(wander[k], 0.5 * wander[k], turned[k]) for k in seen]
+        errors = [L @ (wander[k], 0.5 * wander[k], 0, 0, 0, turned[k]) for k in seen]
+        errors = np.array(errors) + 0.2 * noisy(last + 1)
+        found = of_camera(errors, L, poses=poses)
+        assert (not found.short) == there, (last, found.short)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_errors_are_brought_round_to_where_the_camera_is_now(axis):
+    """A camera that turns to and fro by 0.4 degrees about one of its axes."""
+    L = np.diag([1e4, 1e4, 1e4, 100.0, 100.0, 100.0])
+    swing = np.zeros((60, 3))
+    swing[:, axis] = 7e-3 * np.sin(0.5 * np.arange(60))
+    for last, there in ((50, True), (54, False)):
+        seen = swing[: last + 1]
+        poses = [at(0.2) @ transform((0, 0, 0), turn) for turn in seen]
+        errors = np.column_stack([np.zeros_like(seen), 100.0 * seen]) + 0.2 * noisy(last + 1)
+        found = of_camera(errors, L, poses=poses)
+        assert (not found.short) == there, (last, found.short)
+
+
+def test_of_still_errors_the_latest_are_enough():
+    """A run that has come nearer by another way than L says is judged by where it is at last."""
+    L = np.diag([1e3, 1e3, 1e3, 573.0, 573.0, 573.0])
+    before, after = [(0.9, 0, 0, 0, 0, 0)] * 30, [(0.02, 0, 0, 0, 0, 0)] * 8
+    assert of_camera([*before, *after], L, poses=[at(0.0)] * 38).reached
+
+
+def test_what_was_seen_before_an_interruption_is_forgotten():
+    L = np.diag([1e3, 1e3, 1e3, 573.0, 573.0, 573.0])
+    arrival = of_camera(noisy(60, [0.9, 0, 0, 0, 0, 0]), L)
+    assert arrival.kept == 60
+    arrival.clear()
+    assert arrival.kept == 0
+    of_camera(noisy(9), L, begin=arrival)
+    assert arrival.kept == 9
+    of_camera([(12.1, 0, 0, 0, 0, 0)], L, begin=arrival)  # too far to be judged by L
+    assert arrival.kept == 0
+
+
+def test_a_target_that_moves_along_is_judged_by_the_errors_as_they_are():
+    poses = [at(0.01 * k) for k in range(12)]
+    L = np.diag([1e3, 1e3, 1e3, 573.0, 573.0, 573.0])
+    assert of_camera([(0.05, 0, 0, 0, 0, 0)] * 12, L, poses=poses).reached
+    assert not of_camera([(0.5, 0, 0, 0, 0, 0)] * 12, L, poses=poses).reached
+
+
+def test_what_is_far_and_what_was_before_does_not_count():
+    far = [(13.0, 0, 0, 0, 0, 0)] * 3
+    L = np.diag([1e3, 200.0, 1e4, 573.0, 573.0, 573.0])
+    still = [at(0.0)] * 9
+    after = of_camera([*far, *[(0.1, 0, 0, 0, 0, 0)] * 6], L, poses=still)
+    assert after.reached
+    after.clear()
+    of_camera([(0.1, 0, 0, 0, 0, 0)] * 3, L, begin=after)
+    assert not after.reached
+
+
+def test_an_interruption_begins_the_hold_anew():
+    arrival = Arrival(0.3)
+    assert feed(arrival, [0.1] * 4)[-1]
+    arrival.clear()
+    assert feed(arrival, [0.1] * 4, 0.4) == [False] * 3 + [True]
+
+
+def test_hold_of_zero_judges_each_image():
+    assert feed(Arrival(0.0), [2.0, 0.5, 1.2, 1.7, 0.5]) == [False, True, True, False, True]
+
+
+
+
+# -- what is left open -------------------------------------------------------------------------
+
+STILL = np.zeros((6, 6))
+STRONG = np.diag([1e3, 1e3, 1e3, 573.0, 573.0, 573.0])
+HERE = at(0.3, -0.2, 0.4)
+
+
+def left_by(errors, L, **more):
+    """What is left open after images with errors (m, k) of a camera that stands still."""
+    poses = more.pop("poses", [HERE] * len(errors))
+    arrival = of_camera(errors, L, poses=poses, **more)
+    assert arrival.reached, arrival.short
+    return arrival.last.open
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_more_than_three_of_a_thousand_are_longer(seed):
+    random = np.random.default_rng(seed)
+    spread = random.normal(size=(3, 3)) * ([1.0, 0.02, 0.01], 1.0, [1.0, 1.0, 0.1])[seed]
+    mean = random.normal(size=3) * (0.0, 1.0, 20.0)[seed]
+    drawn = np.linalg.norm(mean + random.normal(size=(400_000, 3)) @ spread.T, axis=1)
+    bound = within(mean, spread @ spread.T)
+    assert 0.002 < (drawn > bound).mean() < 0.004
+    assert within(mean, np.zeros((3, 3))) == pytest.approx(np.linalg.norm(mean))
+
+
+def test_an_exact_view_leaves_open_what_L_sees():
+    left = left_by([(0.1, -0.05, 0.0, 0.2, 0.0, 0.0)] * 6, STRONG)
+    assert left.distance == pytest.approx(np.hypot(1e-4, 5e-5))
+    assert left.angle == pytest.approx(0.2 / 573.0)
+    assert (left.up_to, left.reason, left.mend) == ("", "", "")
+
+
+def test_noise_leaves_its_mean_s_deviation_open():
+    """Of 60 images with a scatter of 0.3 mm along y: 0.3 / sqrt(60) x 3 (one direction)."""
+    errors = np.zeros((60, 6))
+    errors[:, 1] = 0.3 * np.tile([1.0, -1.0], 30)
+    arrival = of_camera(errors[:4] * 0.0, STRONG, poses=[HERE] * 4)
+    left = of_camera(errors, STRONG, poses=[HERE] * 60, begin=arrival).last.open
+    assert left.angle == pytest.approx(0.0, abs=1e-9)
+    counted = 3e-4 / np.sqrt(32) * 2.99  # as many images as hold and scatter ask for
+    assert 0.3 * counted < left.distance < 1.5 * counted
+
+
+def test_accuracy_counts_for_the_goal_too_and_in_pictures_noise_does_not_vanish():
+    exact = left_by([np.zeros(6)] * 6, STRONG, accuracy=None)
+    assert exact.distance == 0.0
+    left = left_by([np.zeros(6)] * 6, STRONG, accuracy=0.5 * np.eye(6)[:, [1, 4]])
+    assert left.distance == pytest.approx(np.sqrt(2.0) * 0.5e-3 * 2.985, rel=0.01)
+    assert left.angle == pytest.approx(np.sqrt(2.0) * 0.5 / 573.0 * 2.985, rel=0.01)
+    assert left.up_to == "2.2 mm" and "2.11 mm and 0.21 degrees" in left.reason
+    turned = left_by([np.zeros(6)] * 6, STRONG, accuracy=3.0 * np.eye(6)[:, [4]])
+    assert turned.up_to == "1.3 degrees"
+    noise = 0.1 * np.eye(6)[:, [1]] * np.tile([1.0, -1.0], 60)
+    clean, seen = (
+        left_by(noise.T, STRONG, accuracy=accuracy).distance
+        for accuracy in (None, np.zeros((6, 1)))
+    )
+    assert seen > 1.05 * clean
+
+
+def test_what_no_motion_explains_makes_the_accuracy_worse():
+    L = np.vstack([STRONG, STRONG[1]])
+    error = np.array([0.0, 0.2, 0.0, 0.0, 0.0, 0.0, -0.2])  # two rows that contradict each other
+    accuracy = 0.02 * np.eye(7)
+    good = left_by([0.0 * error] * 6, L, accuracy=accuracy)
+    bad = left_by([error] * 6, L, accuracy=accuracy)
+    rest = np.hypot(0.2, 0.2) / (np.sqrt(2.0) * 0.02)
+    assert bad.distance == pytest.approx(rest * good.distance, rel=1e-6)
+
+
+def test_directions_that_are_held_count_as_kinematics_has_them():
+    """A tilt of 2 mrad that is held, with the features at their goal: 1 mm aside at 0.5 m."""
+    modelled = (True, True, True, False, False, True)
+    L = np.zeros((4, 6))
+    L[0, [0, 4]], L[1, [1, 3]] = (-1e4, -0.5e4), (-1e4, 0.5e4)
+    L[2, 2], L[3, 5] = 1e4, -573.0
+    goal = Goal(depth=0.5, world_T_camera=transform((0.3, 0.1, 0.8), (np.pi, 0.0, 0.3)))
+    for tilt, wanted in (((0.002, 0.0), 1e-3), ((0.0, -0.001), 0.5e-3)):
+        here = goal.world_T_camera @ transform((0, 0, 0), (*tilt, 0.0))
+        left = left_by([np.zeros(4)] * 6, L, modelled=modelled, goal=goal, poses=[here] * 6)
+        assert left.angle == pytest.approx(max(np.abs(tilt)), rel=1e-3)
+        assert left.distance == pytest.approx(wanted, rel=1e-3)
+    there = left_by(
+        [np.zeros(4)] * 6, L, modelled=modelled, goal=goal, poses=[goal.world_T_camera] * 6
+    )
+    assert there.distance < 1e-9 and there.angle < 1e-9
+
+
+def test_a_direction_that_nothing_measures_is_left_open():
+    round_axis = np.diag([1e3, 1e3, 1e3, 573.0, 573.0, 0.0])
+    left = left_by([np.zeros(6)] * 6, round_axis)
+    assert left.up_to == "1 direction" and (left.distance, left.angle) == (0.0, np.pi)
+    lever = round_axis.copy()  # turns about an axis 2 cm beside the camera
+    lever[0, 5] = -20.0
+    left = left_by([np.zeros(6)] * 6, lever)
+    assert left.distance == pytest.approx(0.04) and left.angle == np.pi
+    along = left_by([np.zeros(6)] * 6, np.diag([1e3, 0.0, 1e3, 573.0, 573.0, 573.0]))
+    assert along.up_to == "1 direction" and along.distance == np.inf
+    assert left_by([np.zeros(4)] * 6, STRONG[[0, 1, 3, 4]]).up_to == "2 directions"
+    # what a direction changes is less than what the features are measured to
+    weak = np.diag([1e3, 1e3, 1e3, 573.0, 573.0, 0.05])
+    left = left_by([np.zeros(6)] * 6, weak, accuracy=0.01 * np.eye(6))
+    assert left.up_to == "1 direction" and left.angle == np.pi
+
+
+def test_an_arm_of_few_joints_leaves_open_what_it_can_move_alone():
+    jacobian = np.eye(6)[:, [0, 2, 5]]
+    arm = SimpleNamespace(jacobian=jacobian)
+    L = np.diag([1e3, 0.0, 1e3, 0.0, 0.0, 573.0])
+    assert left_by([np.zeros(6)] * 6, L, resolution=arm).up_to == ""
+    assert left_by([np.zeros(6)] * 6, L).up_to == "3 directions"
+
+
+@pytest.mark.parametrize(
+    ("up_to", "turn"), [("180°", np.pi), ("90°", np.pi), ("120°", 2.0 * np.pi / 3.0)]
+)
+def test_a_symmetric_target_is_the_same_from_round_its_axis(up_to, turn):
+    plane = Plane(0.0, 0.0, 4.0)  # level, at 0.25 m
+    goal = Goal(features={"points": {"points": [[0.1, 0.0], [0.3, 0.0], [0.2, 0.3]]}}, plane=plane)
+    beside = 0.25 * np.hypot(0.2, 0.1)
+    assert symmetric(up_to, goal) == pytest.approx((2.0 * beside * np.sin(turn / 2.0), turn))
+    left = left_by([np.zeros(6)] * 6, STRONG, up_to=up_to, goal=goal)
+    assert left.up_to == up_to and left.angle == pytest.approx(turn)
+    assert symmetric("", goal) == (0.0, 0.0)
+    assert symmetric("something else", goal) == (np.inf, np.pi)
+
+
+def test_without_L_nothing_is_known():
+    arrival = Arrival(0.3)
+    last = [shown(arrival, 0.1 * i, [0.1]) for i in range(6)][-1]
+    assert last.reached and np.isnan(last.open.distance) and last.open.up_to == ""
+
+
+# -- is it the goal's own view? -----------------------------------------------------------------
+
+CORNERS = np.array([[-0.10, -0.05], [0.12, -0.04], [0.08, 0.06], [-0.03, 0.09]])
+
+
+def of(corners):
+    return Moments.from_polygon(np.asarray(corners), 4)
+
+
+def alike(seen, wanted):
+    return same_view(SimpleNamespace(moments=seen), SimpleNamespace(moments=wanted))
+
+
+def shaped(moments, order, j, by):
+    """The moments with a central one of an order other by so much, free of scale."""
+    centred = moments.centred.copy()
+    centred[order - j, j] += by * moments.m00 ** (1.0 + 0.5 * order)
+    return Moments(moments.order, moments.kind, moments.m00, moments.xg, moments.yg, centred)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("order", "j"), [(2, 0), (2, 1), (2, 2), (3, 0), (3, 1), (3, 2), (3, 3)])
+def test_another_view_is_told_by_each_moment_of_second_and_third_order(order, j, sign):
+    wanted = of(CORNERS)
+    bound = THIRD
+    if order == 2:
+        second = [wanted.mu(2 - k, k) for k in range(3)]
+        bound = SECOND * np.abs(second).max() / wanted.m00**2
+    for distance in (1.0, 0.5):
+        here = scaled(wanted, distance)
+        assert not alike(shaped(here, order, j, sign * 1.05 * bound), wanted)
+        assert alike(shaped(here, order, j, sign * 0.95 * bound), wanted)
+    # the bound is a part of the goal's greatest, whichever it is and whatever its sign
+    turned = of(CORNERS @ np.array([[0.6, -0.8], [0.8, 0.6]]) * [1.0, 4.0])
+    far = max(abs(turned.mu(2 - k, k)) for k in range(3)) / turned.m00**2 * SECOND
+    assert not alike(shaped(turned, 2, 1, sign * 1.05 * far), turned)
+    assert alike(shaped(turned, 2, 1, sign * 0.95 * far), turned)
+
+
+def test_views_that_cannot_be_compared_are_not_judged():
+    wanted, other = of(CORNERS), of(CORNERS * [1.0, 3.0])
+    empty = Moments(4, "dense", 0.0, 0.0, 0.0, np.zeros((5, 5)))
+    points = Moments.from_points(CORNERS * [1.0, 3.0], 4)
+    for seen, goal in ((None, wanted), (other, None), (points, wanted), (other, empty)):
+        assert alike(seen, goal)
+
+
+def test_another_view_is_believed_from_the_third_image_in_a_row():
+    wanted, other = of(CORNERS), of(CORNERS * [1.0, 0.2])
+    goal, arrival = Goal(depth=0.5, moments=wanted), Watched(0.0)
+    said = [
+        of_camera([np.zeros(6)], STRONG, begin=arrival, goal=goal, moments=seen).last.other_view
+        for seen in (other, other, wanted, other, other, other)
+    ]
+    assert said == [False] * 5 + [True]

@@ -10,7 +10,23 @@ import numpy as np
 from aras_visual_servo_bench.live.page import Page
 from aras_visual_servo_bench.live.requests import RefusedError
 from aras_visual_servo_bench.live.robot_model import robot_model
-from aras_visual_servo_bench.live.story import Story, Told
+from aras_visual_servo_bench.live.story import Story
+from aras_visual_servo_controller.arm.resolution import Resolution
+from aras_visual_servo_controller.loop.state import ServoState
+from aras_visual_servo_controller.schemes import Decision
+
+
+def told(stamp=1.0, phase="servoing", names=("xn", "yn"), error=(0.01, -0.02), asked=(0.0,) * 6,
+         achieved=(0.0,) * 6, scheme="moments", **words):  # fmt: skip
+    """A state of the controller, as its messages tell it."""
+    error = np.array(error, float)
+    decision = Decision(tuple(names), error, 0.0 * error, error)
+    none = np.zeros(0)
+    resolution = Resolution.read_back(
+        np.zeros(6), np.array(asked), np.array(achieved), (none, none)
+    )
+    return ServoState(stamp, phase, **{"outcome": "running", **words}, decision=decision,
+                      resolution=resolution, scheme=scheme)  # fmt: skip
 
 
 class StandIn:
@@ -48,12 +64,12 @@ class StandIn:
             self.q = self.q + step
             twist = tuple(self.arm.jacobian(self.q) @ step * 30.0)
             error = tuple((self.goal - self.q)[:4])
-            told = Told(self.time, "moments", phase, "running", "", "", ("xn", "yn", "an", "alpha"),
-                        error, error, twist, tuple(0.97 * v for v in twist))  # fmt: skip
+            said = told(self.time, phase, ("xn", "yn", "an", "alpha"), error, twist,
+                        tuple(0.97 * v for v in twist))  # fmt: skip
             self.story.joints(self.q)
-            self.story.say(told, self.q)
+            self.story.say(said, self.q)
             self.story.see("centre", 0.5 * error[0], 0.4 * error[2])
-            self.page.sample(told, self.q)
+            self.page.sample(said, self.q)
 
     def news(self):
         with self.lock:

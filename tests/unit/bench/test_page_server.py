@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from page_host import told
 from tornado.httpclient import HTTPClientError, HTTPRequest
 from tornado.websocket import websocket_connect
 
@@ -20,9 +21,8 @@ from aras_visual_servo_bench.live.outbox import AHEAD
 from aras_visual_servo_bench.live.page import KEPT, Page
 from aras_visual_servo_bench.live.robot_model import parts, robot_model
 from aras_visual_servo_bench.live.server import PortTakenError, bound
-from aras_visual_servo_bench.live.story import Told
 
-SAMPLE = Told(1.0, "moments", "servoing", names=("xn", "yn"), error=(0.1, -0.2))
+SAMPLE = told(error=(0.1, -0.2))
 
 
 def get(server, path, **headers):
@@ -233,10 +233,10 @@ def test_what_is_no_more_is_taken_away_from_those_who_saw_it(host):
 def test_other_features_or_a_clock_that_went_back_begin_the_plots_anew(host):
     page = Page()
     page.sample(SAMPLE, [])
-    page.sample(replace(SAMPLE, stamp=1.5, names=("x0",), error=(float("nan"),)), [])
+    page.sample(told(1.5, names=("x0",), error=(float("nan"),)), [])
     assert page.news(None, [], [], 0.0)["samples"] == [["clear"], [1.5, [None], [0.0] * 6,
                                                                    [0.0] * 6, []]]  # fmt: skip
-    page.sample(replace(SAMPLE, stamp=0.1, names=("x0",), error=(1.0,)), [])
+    page.sample(told(0.1, names=("x0",), error=(1.0,)), [])
     assert len(page.whole()["samples"]) == 1
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from page_host import told
 
 from aras_visual_servo_bench.live import units
 from aras_visual_servo_bench.live.outlines import drawing_of
@@ -18,7 +19,7 @@ from aras_visual_servo_bench.live.shapes import (
     picture_border,
     picture_depth,
 )
-from aras_visual_servo_bench.live.story import FRUSTUM, LONGEST, SECONDS, Story, Told
+from aras_visual_servo_bench.live.story import FRUSTUM, LONGEST, SECONDS, Story
 from aras_visual_servo_bench.live.track import MOST, Pace, Track
 from aras_visual_servo_bench.live.units import feature_units
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -26,7 +27,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 GAZEBO = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
 STRAIGHT = np.array([0.1, 0.0, 0.3, -0.2, -0.1, 0.4])
 BENT = np.array([0.05, 0.1, 0.2, -0.2, -0.1, 0.2])
-SERVOING = Told(1.0, "moments", "servoing", "running", names=("xn", "yn"), error=(0.01, -0.02))
+SERVOING = told()
 
 
 @pytest.fixture
@@ -83,7 +84,7 @@ def test_a_clock_that_goes_back_leaves_nothing_of_the_run(story):
 def test_arrows_point_where_the_camera_is_to_go(story, arm):
     story.joints(STRAIGHT)
     twist = (0.05, -0.025, 0.1, 0.0, 0.0, 0.5)
-    story.say(replace(SERVOING, asked=twist, achieved=(0.0,) * 6), STRAIGHT)
+    story.say(told(asked=twist), STRAIGHT)
     tail, tip = shape(story, "asked velocity").points
     pose = arm.pose(STRAIGHT)
     np.testing.assert_allclose(tail, pose[:3, 3])
@@ -97,7 +98,7 @@ def test_arrows_point_where_the_camera_is_to_go(story, arm):
 
 def test_a_wild_twist_stays_in_the_room(story):
     story.joints(STRAIGHT)
-    story.say(replace(SERVOING, asked=(50.0, 0.0, 0.0, 0.0, np.nan, 0.0)), STRAIGHT)
+    story.say(told(asked=(50.0, 0.0, 0.0, 0.0, np.nan, 0.0)), STRAIGHT)
     arrow = shape(story, "asked velocity")
     assert arrow.kind == ARROW
     assert np.linalg.norm(arrow.points[1] - arrow.points[0]) == pytest.approx(LONGEST)
@@ -130,7 +131,7 @@ def test_points_in_the_picture_leave_trajectories(story):
     names = ("x0", "y0", "x1", "y1", "theta")
     for shift in (0.0, 0.1):
         values = (shift, 0.0, 0.5, shift, 1.0)
-        story.say(replace(SERVOING, names=names, features=values, error=values), STRAIGHT)
+        story.say(told(names=names, error=values), STRAIGHT)
     story.joints(STRAIGHT)
     drawn = [s.name for s in story.shapes() if s.name.startswith("trajectory")]
     assert drawn == ["trajectory point 0", "trajectory point 1"]
@@ -199,7 +200,7 @@ def test_words_and_page_have_the_units_of_what_ships_and_load_nobodys_class(monk
 
 def test_words_have_their_units(story):
     names = ("xn", "yn", "an", "alpha")
-    story.say(replace(SERVOING, names=names, error=(0.01, -0.02, 0.0, 0.5)), STRAIGHT)
+    story.say(told(names=names, error=(0.01, -0.02, 0.0, 0.5)), STRAIGHT)
     assert "xn +0.0100 m\n" in "\n".join(story.words())
     assert "alpha +0.5000 rad" in story.words()
 

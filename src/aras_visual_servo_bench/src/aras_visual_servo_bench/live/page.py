@@ -13,8 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_controller.loop.state import ServoState
+
 from .shapes import TEXT, Shape
-from .story import Story, Told
+from .story import Story
+from .units import feature_units
 
 KEPT = 900  # samples: half a minute at 30 images/s
 DIGITS = 5  # of a length, m; a pixel of the page is a millimetre
@@ -56,7 +59,7 @@ class Page:
             "velocity": finite(velocity), "prismatic": [bool(p) for p in prismatic],
         }  # fmt: skip
 
-    def sample(self, told: Told, joints: Sequence[float]) -> None:
+    def sample(self, told: ServoState, joints: Sequence[float]) -> None:
         """One state of the controller, for the plots."""
         anew = told.names != self._names or told.stamp - self._last < NEW_RUN
         self._names = told.names
@@ -64,8 +67,9 @@ class Page:
             self._samples.clear()
             self._fresh = [["clear"]]
         self._last = told.stamp
+        error = () if told.error is None else told.error
         row = [
-            round(told.stamp, 4), finite(told.error), finite(told.asked), finite(told.achieved),
+            round(told.stamp, 4), finite(error), finite(told.twist), finite(told.achieved),
             finite(joints),
         ]  # fmt: skip
         self._samples.append(row)
@@ -100,7 +104,8 @@ class Page:
             message["factor"] = None if story.factor is None else round(story.factor, 3)
             self._told = {
                 "scheme": told.scheme, "phase": told.phase, "outcome": told.outcome,
-                "reason": told.reason, "mend": told.mend, "units": list(told.units),
+                "reason": told.reason, "mend": told.mend,
+                "units": list(feature_units(told.scheme, len(told.names))),
             }  # fmt: skip
             self._changed(message, "told", self._told)
             shapes = self._changed_shapes(story.shapes())

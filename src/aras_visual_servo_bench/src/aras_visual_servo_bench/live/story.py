@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from aras_visual_servo_controller.loop.state import (
     SERVOING,
     STOPPED,
     WAITING,
+    ServoState,
 )
 
 from .shapes import (
@@ -58,33 +58,7 @@ MOST = 6  # errors that are read out
 POINT = re.compile(r"^(.*)x(\d+)$")  # x0 and y0 are a place in the picture
 
 
-@dataclass(frozen=True, eq=False)
-class Told:
-    """The latest of what the controller said.
-
-    Attributes:
-        stamp: of the image, s.
-        scheme, phase, outcome, reason, mend: its words.
-        names, error, features: of the k features.
-        asked, achieved: (6,) twists of the camera in its own frame, m/s and rad/s.
-    """
-
-    stamp: float = 0.0
-    scheme: str = ""
-    phase: str = ""
-    outcome: str = ""
-    reason: str = ""
-    mend: str = ""
-    names: tuple[str, ...] = ()
-    error: tuple[float, ...] = ()
-    features: tuple[float, ...] = ()
-    asked: tuple[float, ...] = (0.0,) * 6
-    achieved: tuple[float, ...] = (0.0,) * 6
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Of the k features; empty where they are not known."""
-        return feature_units(self.scheme, len(self.names))
+NOTHING = ServoState(0.0, "")  # before the controller has said anything
 
 
 class Story:
@@ -95,7 +69,7 @@ class Story:
         camera: what it looks through; None before it is known.
         goal: (4, 4) base_T_camera; None before it is known.
         outline: (n, 2) of the target at the goal, normalised.
-        told: by the controller.
+        told: the latest of what the controller said.
         factor: real-time factor, None while it is not known.
         target: its shapes in the arm's base; none where nothing is known of it.
     """
@@ -105,7 +79,7 @@ class Story:
         self.camera: CameraModel | None = None
         self.goal: np.ndarray | None = None
         self.outline = np.zeros((0, 2))
-        self.told = Told()
+        self.told = NOTHING
         self.factor: float | None = None
         self.target: tuple[Shape, ...] = ()
         self._pose: np.ndarray | None = None
@@ -114,7 +88,7 @@ class Story:
 
     def clear(self) -> None:
         """Forget the run, not the robot: for a clock that went back."""
-        self.told = Told()
+        self.told = NOTHING
         self.began: np.ndarray | None = None
         self._path = Track(3, NEAR)
         self._trajectories: dict[str, Track] = {}
@@ -135,7 +109,7 @@ class Story:
         """Where the joints are (n,), in the arm's order."""
         self._pose = self.arm.pose(np.asarray(positions, float))
 
-    def say(self, told: Told, positions: Sequence[float] = ()) -> None:
+    def say(self, told: ServoState, positions: Sequence[float] = ()) -> None:
         """A state of the controller, with the joints (n,) that it saw, where it saw some."""
         before, self.told = self.told, told
         moving = told.phase in (SERVOING, CONVERGED)
@@ -180,12 +154,12 @@ class Story:
             lines.append(told.outcome.replace("_", " "))
         if told.reason:
             lines.append(_folded(told.reason))
-        if told.error:
-            units = told.units or ("",) * len(told.names)
+        if told.names:
+            units = feature_units(told.scheme, len(told.names)) or ("",) * len(told.names)
             rows = zip(told.names[:MOST], told.error[:MOST], units, strict=False)
             lines += [f"{name} {error:+.4f} {unit}".rstrip() for name, error, unit in rows]
-            if len(told.error) > MOST:
-                lines.append(f"and {len(told.error) - MOST} more")
+            if len(told.names) > MOST:
+                lines.append(f"and {len(told.names) - MOST} more")
         if self.factor is not None:
             lines.append(f"real-time factor {self.factor:.2f}")
         return lines
@@ -234,7 +208,7 @@ class Story:
     def _arrows(self) -> list[Shape]:
         told, shapes = self.told, []
         for what, twist, move, turn in (
-            ("asked", told.asked, ASKED, ASKED_TURN),
+            ("asked", told.twist, ASKED, ASKED_TURN),
             ("achieved", told.achieved, ACHIEVED, ACHIEVED_TURN),
         ):
             width = 0.008 if what == "asked" else 0.012
@@ -254,9 +228,10 @@ class Story:
         return Shape(name, STRIP, points if len(points) > 1 else np.zeros((0, 3)), colour, width)
 
 
-def _points_of(told: Told) -> list[tuple[str, float, float]]:
+def _points_of(told: ServoState) -> list[tuple[str, float, float]]:
     """Features that are places in the picture: x0 and y0, x1 and y1, ..."""
-    values, found = dict(zip(told.names, told.features, strict=False)), []
+    features = () if told.decision is None else told.decision.features
+    values, found = dict(zip(told.names, features, strict=False)), []
     for name, x in values.items():
         match = POINT.match(name)
         y = values.get(f"{match[1]}y{match[2]}") if match else None

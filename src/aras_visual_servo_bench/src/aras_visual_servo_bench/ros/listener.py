@@ -13,7 +13,7 @@ import rospkg
 import rospy
 from aras_visual_servo_camera.msg import ImageMoments
 from aras_visual_servo_controller.msg import ServoReport, ServoState
-from geometry_msgs.msg import PolygonStamped, PoseStamped, Twist
+from geometry_msgs.msg import PolygonStamped, PoseStamped
 from sensor_msgs.msg import CameraInfo, JointState
 
 from aras_visual_servo_base.poses import Pose, normalised
@@ -22,10 +22,12 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.messages import outline_of
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import MeasurementError
+from aras_visual_servo_controller.loop.state import ServoState as State
 from aras_visual_servo_controller.ros.description import DescriptionWatch
+from aras_visual_servo_controller.ros.read_back import state_of
 from aras_visual_servo_controller.settings import Settings
 
-from ..live.story import Story, Told
+from ..live.story import NOTHING, Story
 from ..live.track import Pace
 
 SILENCE = 2.0  # s of wall time without a joint state after which nothing is known of the pace
@@ -37,7 +39,7 @@ class Listener:
     def __init__(self, settings: Settings) -> None:
         """`settings`: where the controller's topics, camera and description are."""
         self.settings = settings
-        self.hear: Callable[[Told, Sequence[float]], None] | None = None  # of each state
+        self.hear: Callable[[State, Sequence[float]], None] | None = None  # of each state
         self.robot, self.robots = "", 0  # its name, and how many there have been
         self.story: Story | None = None
         self.urdf = ""
@@ -99,7 +101,7 @@ class Listener:
         with self.lock:
             self.report = None
             if self.story is not None:
-                self.story.told = Told()
+                self.story.told = NOTHING
 
     def _read_joints(self, story: Story) -> None:
         content, self._joints = self._joints, b""
@@ -129,16 +131,11 @@ class Listener:
     def _on_state(self, message: ServoState) -> None:
         report = self.report
         same = report is not None and report.phase == message.phase
-        told = Told(
-            message.header.stamp.to_sec(), message.scheme, message.phase,
-            report.outcome if same else "", message.reason, report.mend if same else "",
-            tuple(message.feature_names), tuple(message.error), tuple(message.features),
-            _twist(message.camera_twist), _twist(report.achieved) if same else (0.0,) * 6,
-        )  # fmt: skip
+        told = state_of(message, report if same else None)
         with self.lock:
             if self.story is not None:
-                ours = tuple(message.joint_names) == self.story.arm.names
-                joints = message.joint_positions if ours else ()
+                ours = told.joints is not None and told.joints.names == self.story.arm.names
+                joints = told.joints.positions if ours else ()
                 self.story.say(told, joints)
                 if self.hear is not None:
                     self.hear(told, joints)
@@ -175,8 +172,3 @@ def listener_settings(given: dict[str, object]) -> Settings:
     """
     package = Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
     return Settings.from_mapping(given, package)
-
-
-def _twist(message: Twist) -> tuple[float, ...]:
-    v, w = message.linear, message.angular
-    return (v.x, v.y, v.z, w.x, w.y, w.z)

@@ -171,6 +171,11 @@ class ServoState:
         return self._task.singular_values
 
     @property
+    def names(self) -> tuple[str, ...]:
+        """Of the features; none without a decision."""
+        return () if self.decision is None else tuple(self.decision.names)
+
+    @property
     def error(self) -> np.ndarray | None:
         """(k,) as measured; None without a decision."""
         return None if self.decision is None else self.decision.error

@@ -550,7 +550,7 @@ def test_what_does_not_fit_the_robot_ends_the_node_in_one_line(plant, start):
     node = start("_camera_frame:=camera_lnk")
     assert node.process.wait(20.0 * PATIENCE) == 1
     lines = [line for line in node.output().splitlines() if line.strip()]
-    assert len(lines) == 1 and "no link camera_lnk; did you mean camera_link" in lines[0]
+    assert len(lines) == 1 and "no link camera_lnk; did you mean 'camera_link'" in lines[0]
 
 
 def test_master_gone_ends_the_node(start, tmp_path):

@@ -17,7 +17,8 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_controller.errors import MeasurementError, ServoError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.judging.arrival import NOT_ARRIVED, Arrival
-from aras_visual_servo_controller.judging.diagnosis import Diagnosis, Outcome
+from aras_visual_servo_controller.judging.diagnosis import Diagnosis
+from aras_visual_servo_controller.judging.outcomes import Outcome, outcome
 from aras_visual_servo_controller.loop.state import (
     CONVERGED,
     HOLDING,
@@ -216,9 +217,8 @@ class Flight:
         stop, linger = self.experiment.ideal.stop, self.experiment.linger
         self._blind = self._blind + 1 if decision is None else 0
         if faulty or self._blind >= PATIENCE:
-            self.outcome = found if found.kind != "running" else Outcome(
-                "target_lost", f"no measurement any more: {found.reason}",
-                "begin nearer to the goal, or with another scheme",
+            self.outcome = found if found.kind != "running" else outcome(
+                "target_lost", f"no measurement any more: {found.reason}"
             )  # fmt: skip
         elif stop is not None and decision is not None and (decision.error**2).sum() < stop:
             self.outcome = Outcome("converged")
@@ -248,9 +248,8 @@ class Flight:
         ):
             return Outcome("converged")
         if ideal.farthest is not None and way[0] > ideal.farthest * self._first[0]:
-            return Outcome(
-                "timed_out", f"the camera is {way[0]:.2f} m from its goal, more than at its start",
-                "begin nearer to the goal",
+            return outcome(
+                "no_progress", f"the camera is {way[0]:.2f} m from its goal, more than at its start"
             )  # fmt: skip
         return None
 
@@ -259,9 +258,8 @@ class Flight:
         farthest = max(self._depth)
         if farthest < RETREAT * max(self._depth[0], goal):
             return None
-        return Outcome(
-            "camera_retreat", f"the camera went back to {farthest:.2f} m from its target",
-            "L mean, polar points, or a start that is turned less",
+        return outcome(
+            "camera_retreat", f"the camera went back to {farthest:.2f} m from its target"
         )  # fmt: skip
 
     def _distance(self, pose: np.ndarray | None = None) -> float:

@@ -145,6 +145,10 @@ class Driver:
             if self._starved:
                 self._starved = False
                 self.servo.start()
+            newest = self.history.newest
+            silent = 0.0 if newest is None else stamp - newest.stamp
+            if silent > max(self.settings.watchdog, SILENT):
+                self._blind(stamp, f"no joint states for {silent:.2f} s")
             self._look(stamp, look)
 
     def _look(self, stamp: float, look: Look) -> None:
@@ -191,7 +195,8 @@ class Driver:
             if moving and wall - self._answered > self.settings.wall_watchdog:
                 self._starved = True
                 reason = f"no answer for {wall - self._answered:.1f} s of wall time"
-                self.servo.hold(f"{reason}: {self._standing() or self.source.missing()}")
+                reason = f"{reason}: {self._standing() or self.source.missing()}"
+                self.servo.hold(reason, "too_few_images")
             self._tell_silence(wall, now)
 
     # -- what is asked for -----------------------------------------------------------------

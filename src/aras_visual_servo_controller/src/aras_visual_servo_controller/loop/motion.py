@@ -22,7 +22,7 @@ class CommandMotion:
     Attributes:
         command: (n,) rad or m; None before `begin`.
         velocity: (n,) at which it moved last.
-        waiting: whether the last `advance` waited for a joint that lags.
+        late: (n,) bool, of joints that the last `advance` waited for.
     """
 
     def __init__(self, names: Sequence[str], limits: Limits, settings: ServoSettings) -> None:
@@ -34,7 +34,7 @@ class CommandMotion:
         """Nothing is commanded."""
         self.command: np.ndarray | None = None
         self.velocity = np.zeros(len(self.names))
-        self.waiting = False
+        self.late = np.zeros(len(self.names), bool)
         self._brake: tuple[np.ndarray, float, float] | None = None
 
     def begin(self, positions: np.ndarray) -> None:
@@ -68,13 +68,13 @@ class CommandMotion:
             self.command, self.velocity, velocities, measured, self.limits.lower,
             self.limits.upper, self._lead, self.settings.lag, dt,
         )  # fmt: skip
-        self.waiting = len(late) > 0
-        if self.waiting:
+        self.late = late
+        if late.any():
             self.brake(dt)
             return "; ".join(
                 f"waiting for {self.names[i]}, which is {abs(after[i] - measured[i]):.3f} behind "
                 "its command"
-                for i in late
+                for i in np.flatnonzero(late)
             )
         self._brake, self.velocity, self.command = None, speeds, after
         if not len(stopped):
@@ -155,7 +155,7 @@ def _advanced(command, velocity, velocities, measured, lower, upper, lead, lag, 
 
     Returns:
         Where it goes (n,), from beyond a limit back and not on; at which velocities (n,); indices
-        of the joints that a limit stops, and of those that do not follow.
+        of the joints that a limit stops; (n,) which do not follow.
     """
     after = np.empty(len(command))
     stopped, late = np.zeros(len(command), np.bool_), np.zeros(len(command), np.bool_)
@@ -168,4 +168,4 @@ def _advanced(command, velocity, velocities, measured, lower, upper, lead, lag, 
         # flying camera asked for more than 5 rad/s from rest never set out.
         known = before > 0.5 * lead[i]
         late[i] = known and ahead > lead[i] + lag * abs(velocity[i]) and ahead > before
-    return after, (after - command) / dt, np.flatnonzero(stopped), np.flatnonzero(late)
+    return after, (after - command) / dt, np.flatnonzero(stopped), late

@@ -26,7 +26,8 @@ from aras_visual_servo_base.names import unknown
 from ..errors import ConfigurationError, MeasurementError, SchemeError, ServoError
 from ..goals.goal import Goal
 from ..judging.arrival import NOT_ARRIVED, Arrival, Arrived
-from ..judging.diagnosis import Diagnosis, Outcome
+from ..judging.diagnosis import Diagnosis
+from ..judging.outcomes import Outcome
 from ..schemes.answer_checks import checked_decision, checked_goal, guarded
 from ..schemes.base import Decision, JointController, Scheme
 from ..seeing.joint_sample import JointSample
@@ -110,7 +111,7 @@ class Servo:
             )
         self._arrival = Arrival(self.settings.hold)
         self.beyond = self.goal.beyond(arm)
-        self.diagnosis = Diagnosis(self.settings, arm.jacobian, self.beyond)
+        self.diagnosis = Diagnosis(self.settings, arm.jacobian, self.beyond, arm.names)
         self.reset()
 
     # -- what the loop is told -------------------------------------------------------------
@@ -152,10 +153,14 @@ class Servo:
         """Come smoothly to rest and stay there until `start`."""
         self._halt(STOPPED, reason)
 
-    def hold(self, reason: str) -> None:
-        """Come smoothly to rest and hold still until `start`, whatever is seen."""
+    def hold(self, reason: str, kind: str = "held") -> None:
+        """Come smoothly to rest and hold still until `start`, whatever is seen.
+
+        `kind`: of the outcome, where it was nobody's wish.
+        """
         self._held = reason or "held"
         self._halt(HOLDING, self._held)
+        self.diagnosis.halted(kind, self._held)
 
     def joints_jumped(self) -> None:
         """The joints may be elsewhere: command them from where they are, once the arm moves on."""
@@ -166,7 +171,7 @@ class Servo:
         """Whether the command rests, on the way, until joints have followed it."""
         if self.phase == APPROACHING:
             return bool(self._approach.reason)
-        return self.phase in (SERVOING, CONVERGED) and self._motion.waiting
+        return self.phase in (SERVOING, CONVERGED) and bool(self._motion.late.any())
 
     @property
     def approaching(self) -> bool:
@@ -300,7 +305,9 @@ class Servo:
             except MeasurementError as error:
                 unmeasured = str(error)
         if unmeasured:
-            self._halt(HOLDING, unmeasured)
+            if self.phase != STOPPED and not self._held:
+                self._halt(HOLDING, unmeasured)
+                self.diagnosis.unmeasured(unmeasured)
             self._motion.brake(dt)
             return self._sent(t, self._joints, unmeasured)
         if self._joints is None:
@@ -418,6 +425,10 @@ class Servo:
             scheme=self.name, arrived=arrived,
         )  # fmt: skip
         if reason is None:
+            if self._joints is not None:
+                self.diagnosis.joints(
+                    state.stamp, self._motion.late, self._motion.velocity, self._joints.velocities
+                )
             outcome = self.diagnosis.see(state, observation, self.goal, self.scheme, faulty)
             state = replace(state, outcome=outcome.kind, mend=outcome.mend)
             if decision is not None and self.phase == SERVOING and (

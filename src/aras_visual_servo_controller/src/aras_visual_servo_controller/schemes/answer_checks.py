@@ -84,6 +84,9 @@ def checked_decision(name: str, decision: object, scheme: Scheme | JointControll
             f"has tolerances {getattr(scheme, 'tolerances', None)}: {count} numbers above 0 are "
             "needed, one for each name"
         )
+    own = _array(decision.rate)
+    if own is None or own.shape not in ((), (count,)) or not np.isfinite(own).all():
+        raise fault(f"answered the rate {decision.rate}: one finite number for each name")
     task = decision.task
     if isinstance(scheme, JointController):
         return dataclasses.replace(decision, task=None, **arrays)

@@ -31,6 +31,7 @@ class Decision:
         L: (k, 6) as used by the law, for the record; None where there is none.
         residual: (m,) what L, then (m, 6), belongs to where `error` is a summary of it, as of a
             whole image; None: the error itself.
+        rate: (k,) of the error that is not the camera's doing, as a target that moves; 1/s.
         filtered_error: (k,) where a filter stands before the law.
         up_to: a motion that the error cannot see, in words ('180°').
         notes: what is worth a word in the state.
@@ -43,6 +44,7 @@ class Decision:
     task: Task | None = None
     L: np.ndarray | None = None
     residual: np.ndarray | None = None
+    rate: np.ndarray | float = 0.0
     filtered_error: np.ndarray | None = None
     up_to: str = ""
     notes: tuple[str, ...] = field(default=())

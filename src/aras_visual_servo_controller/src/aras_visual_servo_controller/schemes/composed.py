@@ -127,6 +127,7 @@ class Composed(Scheme):
             task=Task.of(L, wanted - measured.rate, self._modelled, self.feature.weights),
             L=L,
             residual=None if judged is None else measured.error,
+            rate=measured.rate if judged is None else 0.0,
             filtered_error=filtered if self.smoothing > 0.0 and judged is None else None,
             up_to=measured.up_to,
             notes=measured.notes,

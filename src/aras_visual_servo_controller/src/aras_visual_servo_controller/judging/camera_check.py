@@ -1,8 +1,4 @@
-"""What the images say beyond the error: does it ring, is the camera as believed, is it the target.
-
-Each collects what a few images or the whole run show and answers only when it is sure: a healthy
-run must not be called ill.
-"""
+"""Whether the camera's motion explains how the features moved, with the camera as believed."""
 
 from __future__ import annotations
 
@@ -12,147 +8,14 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
 from aras_visual_servo_base.poses import logarithm
-from aras_visual_servo_camera.degeneracy import anisotropy, gyration_radius
 
-from ..goals.goal import Goal
+from ..arm.task import DIRECTIONS
 from ..schemes.base import Decision
 from ..seeing.joint_sample import JointSample
 from ..seeing.observation import Observation
-from ..seeing.ring_buffer import RecentErrors
-
-_CHANCE = 1e-8  # that noise passes for a wave, at one of the frequencies that are tried
-DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
 
 
-class Oscillation:
-    """Reversals of the error that are larger than tolerances explain and do not die away, at a
-    frequency that stands out: noise reverses as often, but at all frequencies alike.
-    """
-
-    SPAN = 2.0  # s that are looked at
-    LEAST = 6.0  # tolerances from peak to peak: noise has less
-    REVERSALS = 5
-
-    def __init__(self) -> None:
-        self._seen = RecentErrors()
-
-    def add(self, stamp: float, error: np.ndarray) -> float | None:
-        """Frequency (Hz) of an error (k,), in tolerances, that rings; None where it does not."""
-        seen = self._seen
-        seen.add(stamp, error)
-        seen.drop(int(np.searchsorted(seen.stamps, stamp - self.SPAN)))
-        if len(seen) < self.REVERSALS + 2:
-            return None
-        frequency = _ringing(seen.stamps, seen.errors, self.LEAST, self.REVERSALS)
-        return frequency if frequency > 0.0 else None
-
-
-@compiled("f8[:], f8[:], f8")
-def _standing_out(stamps, error, about):
-    """The wave in an error (m,) beside a straight line: its frequency (Hz), near the one at which
-    the error reverses, and the part of the error's square that it leaves. Its height may grow or
-    fall in a straight line."""
-    count = len(error)
-    time = stamps - stamps.mean()
-    rest = error - error.mean()
-    rest -= (rest * time).sum() / (time * time).sum() * time
-    whole = (rest * rest).sum()
-    frequency, least = about, 1.0
-    basis = np.empty((6, count))
-    for step in range(41):
-        tried = (0.7 + 0.0125 * step) * about
-        phase = 2.0 * np.pi * tried * time
-        basis[0], basis[1] = 1.0, time
-        basis[2], basis[3] = np.cos(phase), np.sin(phase)
-        basis[4], basis[5] = time * basis[2], time * basis[3]
-        left = whole
-        for i in range(6):
-            length = (basis[i] * basis[i]).sum()
-            for k in range(i):
-                basis[i] -= (basis[i] * basis[k]).sum() * basis[k]
-            square = (basis[i] * basis[i]).sum()
-            if square > 1e-9 * length:
-                basis[i] /= np.sqrt(square)
-                if i > 1:
-                    left -= (rest * basis[i]).sum() ** 2
-            else:
-                basis[i] = 0.0
-        if left < least * whole:
-            frequency, least = tried, left / whole
-    return frequency, least
-
-
-@compiled("f8[:], f8[:,:], f8, f8")
-def _ringing(stamps, errors, least, reversals):
-    """Hz at which the loudest of the errors (m, k) rings, stamps (m,) in s; 0 where it does not."""
-    count = len(stamps)
-    loudest, range_of = 0, -1.0
-    for column in range(errors.shape[1]):
-        late = errors[count // 2 :, column]
-        if late.max() - late.min() > range_of:
-            loudest, range_of = column, late.max() - late.min()
-    error = errors[:, loudest]
-    peaks, found = np.zeros(count, np.int64), 1
-    for i in range(1, count):
-        # A peak is where the way back has become longer than noise.
-        last = peaks[found - 1]
-        going = error[last] - error[peaks[found - 2]] if found > 1 else 0.0
-        step = error[i] - error[last]
-        if going == 0.0 or step * going < 0.0:
-            if abs(step) >= least:
-                peaks[found] = i
-                found += 1
-        else:
-            peaks[found - 1] = i
-    heights = np.abs(np.diff(error[peaks[:found]]))
-    if len(heights) < reversals or heights[-3:].max() < 0.5 * heights[:-2].max():
-        return 0.0
-    first, last = stamps[peaks[1]], stamps[peaks[found - 1]]
-    if last <= first:
-        return 0.0
-    about = 0.5 * (found - 2) / (last - first)
-    # Of a loop that swings from stop to stop only the last swings may be alike.
-    for begin in (0, count // 2):
-        free = count - begin - 6  # numbers less those of line and wave
-        if free < 6:
-            break
-        frequency, rest = _standing_out(stamps[begin:], error[begin:].copy(), about)
-        # At most half, and less than white noise leaves of itself at one frequency by chance.
-        if rest < min(0.5, _CHANCE ** (2.0 / free)):
-            return frequency
-    return 0.0
-
-
-class ShapeEvidence:
-    """Whether what is seen can be the goal's target, by two numbers that distance, place and turn
-    leave alone: how spread out it is, and how long."""
-
-    COMPACTNESS = 1.25  # ratio beyond which a tilt of 40 degrees is no excuse
-    ANISOTROPY = 0.3
-    IMAGES = 3
-
-    def __init__(self) -> None:
-        self._strange = 0
-
-    def add(self, observation: Observation, goal: Goal) -> str:
-        """Why it cannot be the target, in words; empty where it can."""
-        seen, wanted = observation.moments, goal.moments
-        if seen is None or wanted is None or seen.kind != wanted.kind:
-            return ""
-        ratio = (gyration_radius(seen) / gyration_radius(wanted)) ** 2 * wanted.m00 / seen.m00
-        longer = abs(anisotropy(seen) - anisotropy(wanted))
-        strange = not 1.0 / self.COMPACTNESS < ratio < self.COMPACTNESS
-        strange |= longer > self.ANISOTROPY
-        self._strange = self._strange + 1 if strange else 0
-        if self._strange < self.IMAGES:
-            return ""
-        return (
-            f"what is seen is not the goal's target: {ratio:.2f} times as spread out, its "
-            f"length differs by {longer:.2f}"
-        )
-
-
-class CameraEvidence:
+class CameraCheck:
     """Compares how the features moved with how L and the executed motion say they had to.
 
     A wrong depth makes all translations count too much or too little by one factor, and does no
@@ -167,6 +30,10 @@ class CameraEvidence:
     true one has scales 0.10 apart at 11 deviations where the camera comes down by a centimetre and
     moves aside; where it does one of the two alone, that cannot be told from another depth.
 
+    What a scheme says of the target's own motion (`Decision.rate`) is taken off first. Noise of the
+    picture is no wrong camera: what is not explained has to go on from row to row. Of a wrong
+    mounting it does by 0.8 (of 1), of noise by -0.5, of a target that was pushed once by 0.
+
     How the arm moved is known as well as its joints are at the exposures. Where their speeds at
     both ends do not explain their way (a loaded machine's late commands shake the arm between two
     joint states), the image weighs less, by how far the features may be off for it.
@@ -178,6 +45,7 @@ class CameraEvidence:
     PATH = 40.0  # tolerances of predicted way before anything is judged
     # Part of the motion's square that one depth does not explain, and in tolerances of an image.
     MISFIT, LOUD = 0.04, 1.5
+    SMOOTH = 0.2  # correlation of what is not explained with that of the next row
     # A scale counts as wrong when it is off by so much, and so many standard deviations more.
     OFF, DEVIATIONS = 0.04, 4.0
     # Tolerances that a direction alone moved the features, for its scale to be judged: of a
@@ -191,15 +59,19 @@ class CameraEvidence:
         """`jacobian`: (6, n) of the arm at joints (n,); None: its motion is taken as it is."""
         self._jacobian = jacobian
         self._joints: JointSample | None = None
-        self._before: tuple[np.ndarray, np.ndarray] | None = None
+        self._before: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._normal, self._right = np.zeros((6, 6)), np.zeros(6)
         self._square = self._path = 0.0
+        # Of each row with the one before it: sums as those above.
+        self._last: tuple[np.ndarray, np.ndarray] | None = None
+        self._next_normal, self._next_right = np.zeros((6, 6)), np.zeros(6)
+        self._next_square = 0.0
         self._rows = 0
         self._found: str | None = ""
 
     def interrupt(self) -> None:
         """An image without measurement: the next one has no predecessor."""
-        self._before = self._joints = None
+        self._before = self._joints = self._last = None
 
     def add(self, decision: Decision, observation: Observation, tolerances: np.ndarray) -> None:
         """Take in one image."""
@@ -209,14 +81,15 @@ class CameraEvidence:
         joints, self._joints = self._joints, observation.joints
         if L is None or np.shape(L) != (len(error), 6):
             return
-        L = np.asarray(L, float)
-        self._before = (error, L)
+        L, rate = np.asarray(L, float), np.broadcast_to(decision.rate, np.shape(error))
+        self._before = (error, L, rate)
         if before is None or moved is None or len(before[0]) != len(error):
             self._begin(error)
             return
         self._parts, predicted, wrapped = _advanced(
-            *before, error, L, logarithm(moved), tolerances, self._parts
+            *before[:2], error, L, logarithm(moved), tolerances, self._parts
         )
+        self._own = self._own + 0.5 * (before[2] + rate) * observation.dt
         if wrapped:
             self._begin(error)
             return
@@ -225,21 +98,28 @@ class CameraEvidence:
             self._shaking, self._shaken(joints, observation.joints, L, tolerances)
         )
         if predicted >= self.LEAST:
-            self._row(predicted, (error - self._from) / tolerances)
+            self._row(predicted, (error - self._from - self._own) / tolerances)
         if predicted >= self.LEAST or self._images >= self.TOGETHER:
             self._begin(error)
 
     def _begin(self, error: np.ndarray) -> None:
         """A row from this image on, where the error is (k,)."""
         self._from, self._parts = error, np.zeros((len(error), 6))
-        self._images, self._shaking = 0, 0.0
+        self._images, self._shaking, self._own = 0, 0.0, 0.0
 
     def _row(self, predicted: float, measured: np.ndarray) -> None:
         """Take in how far the features moved (k,), and had to at most, in tolerances."""
         weight = 1.0 / (1.0 + self.TYPICAL * self._shaking)
-        self._normal += weight**2 * (self._parts.T @ self._parts)
-        self._right += weight**2 * (self._parts.T @ measured)
-        self._square += weight**2 * float(measured @ measured)
+        parts, measured = weight * self._parts, weight * measured
+        self._normal += parts.T @ parts
+        self._right += parts.T @ measured
+        self._square += float(measured @ measured)
+        if self._last is not None and len(self._last[1]) == len(measured):
+            before, moved = self._last
+            self._next_normal += before.T @ parts
+            self._next_right += before.T @ measured + parts.T @ moved
+            self._next_square += float(moved @ measured)
+        self._last = parts, measured
         self._path += weight * predicted
         self._rows += len(measured)
         self._found = None
@@ -274,7 +154,7 @@ class CameraEvidence:
         words = "the features move otherwise than L and the arm's motion say"
         if depth <= 0.0:
             return f"{words}: against the camera's translation"
-        if misfit > self.MISFIT and rest > self.LOUD:
+        if misfit > self.MISFIT and rest > self.LOUD and self._smooth(depth, misfit):
             return f"{words}: {100.0 * misfit:.0f} % of the motion is not explained"
         if one < 0:
             return ""
@@ -283,6 +163,13 @@ class CameraEvidence:
             f"along {DIRECTIONS[one]} the features move {scale:.2f} times as far as L and "
             f"the arm's motion say, {elsewhere} {beside:.2f} times"
         )
+
+    def _smooth(self, depth: float, misfit: float) -> bool:
+        """Whether what one depth leaves unexplained, a part of the motion's square, goes on from
+        row to row."""
+        scale = np.array([depth] * 3 + [1.0] * 3)
+        product = self._next_square - scale @ self._next_right + scale @ self._next_normal @ scale
+        return bool(product > self.SMOOTH * misfit * self._square)
 
 
 @compiled("f8[:,:]")
@@ -308,7 +195,7 @@ def _scales(normal, right, square, rows, known, turned, off, deviations, quiet):
     Args:
         normal, right, square: (6, 6), (6,) of the normal equations, and the motion's square.
         rows: how many numbers went into them.
-        known, turned, off, deviations, quiet: as CameraEvidence has them.
+        known, turned, off, deviations, quiet: as CameraCheck has them.
 
     Returns:
         The factor of the translations, with rotations as they are expected; what it leaves

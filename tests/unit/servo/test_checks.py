@@ -10,12 +10,9 @@ from free_camera import exponential
 from loop_rig import scaled
 
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.judging.evidence import (
-    DIRECTIONS,
-    CameraEvidence,
-    Oscillation,
-    ShapeEvidence,
-)
+from aras_visual_servo_controller.judging.camera_check import DIRECTIONS, CameraCheck
+from aras_visual_servo_controller.judging.oscillation import Oscillation
+from aras_visual_servo_controller.judging.shape_check import ShapeCheck
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 
 # -- is the camera as believed? ------------------------------------------------------------------
@@ -32,6 +29,12 @@ class Rows:
         """A row is what happened from here on."""
         self.parts, self.moved, self.shaken, self.images = 0.0, 0.0, 0.0, 0
 
+    def smooth(self, off):
+        """Whether what is off in each row goes on in the next."""
+        off = np.split(off, np.cumsum([len(value) for value in self.values[1:]])[:-1])
+        together = sum(one @ other for one, other in zip(off, off[1:], strict=False))
+        return together > CameraCheck.SMOOTH * sum(each @ each for each in off)
+
     def add(self, before, now, twist, tolerances, shaken):
         (error_before, L_before), (error, L) = before, now
         moved = (error - error_before) / tolerances
@@ -42,22 +45,22 @@ class Rows:
         self.moved, self.shaken = self.moved + moved, max(self.shaken, shaken)
         self.images += 1
         predicted = np.abs(self.parts.sum(axis=1)).max()
-        if predicted >= CameraEvidence.LEAST:
-            weight = 1.0 / (1.0 + CameraEvidence.TYPICAL * self.shaken)
+        if predicted >= CameraCheck.LEAST:
+            weight = 1.0 / (1.0 + CameraCheck.TYPICAL * self.shaken)
             self.rows.append(weight * self.parts)
             self.values.append(weight * self.moved)
             self.path += weight * predicted
             self.begin()
-        elif self.images == CameraEvidence.TOGETHER:
+        elif self.images == CameraCheck.TOGETHER:
             self.begin()
 
     def fault(self):
         A, b = np.vstack(self.rows), np.concatenate(self.values)
-        if self.path <= CameraEvidence.PATH:
+        if self.path <= CameraCheck.PATH:
             return ""
         along, turning = A[:, :3].sum(axis=1), A[:, 3:].sum(axis=1)
         depth = 1.0
-        if along @ along > CameraEvidence.KNOWN**2:
+        if along @ along > CameraCheck.KNOWN**2:
             depth = along @ (b - turning) / (along @ along)
         if depth <= 0.0:
             return ("the features move otherwise than L and the arm's motion say: against the "
@@ -65,7 +68,8 @@ class Rows:
         expected = np.array([depth] * 3 + [1.0] * 3)
         off = b - A @ expected
         misfit = off @ off / (b @ b)
-        if misfit > CameraEvidence.MISFIT and np.sqrt(off @ off / len(b)) > CameraEvidence.LOUD:
+        loud = np.sqrt(off @ off / len(b)) > CameraCheck.LOUD
+        if misfit > CameraCheck.MISFIT and loud and self.smooth(off):
             return ("the features move otherwise than L and the arm's motion say: "
                     f"{100.0 * misfit:.0f} % of the motion is not explained")
         # One row more a direction, of little weight: where nothing was seen, it is as expected.
@@ -73,21 +77,21 @@ class Rows:
         known = np.vstack([A, weak])
         scale = np.linalg.lstsq(known, np.concatenate([b, weak @ expected]), rcond=None)[0]
         left = b - A @ scale
-        noise = max(np.sqrt(left @ left / max(len(b) - 6, 1)), CameraEvidence.QUIET)
+        noise = max(np.sqrt(left @ left / max(len(b) - 6, 1)), CameraCheck.QUIET)
         spread = np.linalg.inv(known.T @ known)
         found = []
         for one, other in [(1, 0), (2, 0), (2, 1), (3, 3), (4, 4), (5, 5)]:
             compared = np.zeros(6)
-            compared[one], unit, least = 1.0, 1.0, CameraEvidence.TURNED
+            compared[one], unit, least = 1.0, 1.0, CameraCheck.TURNED
             away = scale[one] - 1.0
             if one != other:
-                compared[other], unit, least = -1.0, depth, CameraEvidence.KNOWN
+                compared[other], unit, least = -1.0, depth, CameraCheck.KNOWN
                 away = scale[one] - scale[other]
             unknown = np.sqrt(compared @ spread @ compared)
-            doubt = CameraEvidence.DEVIATIONS * noise * unknown / unit
+            doubt = CameraCheck.DEVIATIONS * noise * unknown / unit
             if unknown <= 1.0 / least:
                 lowered = left @ left * unknown**2
-                found.append((abs(away) / unit - CameraEvidence.OFF - lowered - doubt, one, other))
+                found.append((abs(away) / unit - CameraCheck.OFF - lowered - doubt, one, other))
         over, one, other = max(found, default=(0.0, 0, 0))
         if over <= 0.0:
             return ""
@@ -103,13 +107,14 @@ class Rows:
 def judged(seed, jacobian=None):
     """(what the evidence says, what the rows say) of a run drawn by the seed."""
     random = np.random.default_rng(seed)
-    evidence, rows = CameraEvidence(None if jacobian is None else lambda q: jacobian), Rows()
+    evidence, rows = CameraCheck(None if jacobian is None else lambda q: jacobian), Rows()
     tolerances = 1e-3 * random.uniform(0.5, 2.0, 4)
     scale = np.ones(6)
     scale[:3] *= random.choice([-0.3, 0.6, 1.0, 1.5], p=[0.1, 0.3, 0.3, 0.3])
     scale[random.integers(6)] *= random.choice([1.0, 0.93, 1.1, 1.4])
     noise = random.choice([0.0, 0.3, 1.0, 4.0, 20.0], p=[0.1, 0.3, 0.3, 0.2, 0.1])
     size = random.choice([1e-3, 1e-2, 3e-2])
+    drift = random.choice([0.0, 40.0], p=[0.7, 0.3]) * tolerances * random.normal(size=4)
     error, pose, before, joints = random.normal(size=4), np.eye(4), None, None
     for k in range(int(random.integers(2, 30))):
         L = random.normal(size=(4, 6))
@@ -117,7 +122,7 @@ def judged(seed, jacobian=None):
         if before is not None:
             pose = exponential(twist)
             error = before[0] + 0.5 * (before[1] + L) * scale @ twist
-            error = error + noise * tolerances * random.normal(size=4)
+            error = error + noise * tolerances * random.normal(size=4) + drift
             if random.random() < 0.1:
                 error = error + 2.0  # an angle that wrapped round
         last, shaken = joints, 0.0
@@ -127,12 +132,12 @@ def judged(seed, jacobian=None):
             dt, change = joints.stamp - last.stamp, joints.velocities - last.velocities
             told = 0.5 * (last.velocities + joints.velocities) * dt
             doubt = np.abs(joints.positions - last.positions - told)
-            doubt = doubt + CameraEvidence.LATE * dt * np.abs(change)
+            doubt = doubt + CameraCheck.LATE * dt * np.abs(change)
             ways = np.abs(L @ jacobian * doubt) / tolerances[:, None]
             shaken = ways.max()
         evidence.add(
-            SimpleNamespace(L=L, error=error),
-            SimpleNamespace(previous_T_camera=pose, joints=joints), tolerances,
+            SimpleNamespace(rate=0.0, L=L, error=error),
+            SimpleNamespace(previous_T_camera=pose, dt=1 / 30, joints=joints), tolerances,
         )  # fmt: skip
         if before is not None:
             rows.add(before, (error, L), twist, tolerances, shaken)
@@ -159,10 +164,10 @@ def test_only_an_image_that_follows_another_counts():
     wrong = [-0.2 * k * np.ones(2) for k in range(8)]  # against the motion: found at once
 
     def said(change):
-        evidence = CameraEvidence()
+        evidence = CameraCheck()
         for k, error in enumerate(wrong):
-            decision = {"L": L, "error": error}
-            seen = {"previous_T_camera": exponential(twist), "joints": None}
+            decision = {"L": L, "error": error, "rate": 0.0}
+            seen = {"previous_T_camera": exponential(twist), "dt": 1 / 30, "joints": None}
             if k % 2:
                 change(decision, seen)
             evidence.add(SimpleNamespace(**decision), SimpleNamespace(**seen),
@@ -173,10 +178,10 @@ def test_only_an_image_that_follows_another_counts():
     assert not said(lambda decision, seen: decision.update(L=None))
     assert not said(lambda decision, seen: decision.update(L=np.ones((3, 6))))
     assert not said(lambda decision, seen: decision.update(L=np.ones((3, 6)), error=np.ones(3)))
-    evidence = CameraEvidence()
+    evidence = CameraCheck()
     for error in wrong:
-        evidence.add(SimpleNamespace(L=L, error=error),
-                     SimpleNamespace(previous_T_camera=None, joints=None), tolerances)
+        evidence.add(SimpleNamespace(rate=0.0, L=L, error=error),
+                     SimpleNamespace(previous_T_camera=None, dt=1 / 30, joints=None), tolerances)
     assert not evidence.fault()
 
 
@@ -281,7 +286,7 @@ def shaped(moments, order, j, by):
 
 def test_three_strange_images_must_follow_each_other():
     wanted, other = of(CORNERS), of(CORNERS * [1.0, 0.2])
-    for evidence in (ShapeEvidence(),):
+    for evidence in (ShapeCheck(),):
         assert not any(said_of(evidence, other, wanted, 2))
         assert not any(said_of(evidence, wanted, wanted, 1))
         assert not any(said_of(evidence, other, wanted, 2))
@@ -292,7 +297,7 @@ def test_what_cannot_be_compared_is_not_judged():
     wanted, other = of(CORNERS), of(CORNERS * [1.0, 3.0])
     points = Moments.from_points(CORNERS * [1.0, 3.0], 4)
     for seen, goal in ((None, wanted), (other, None), (points, wanted)):
-        assert not any(said_of(ShapeEvidence(), seen, goal, 5))
+        assert not any(said_of(ShapeCheck(), seen, goal, 5))
 
 
 @pytest.mark.parametrize(("factor", "strange"), [(1.2, False), (1.3, True)])
@@ -304,7 +309,7 @@ def test_how_spread_out_the_target_may_be(factor, strange):
         for i, j in ((2, 0), (1, 1), (0, 2)):
             centred[i, j] *= by
         spread = Moments(4, "dense", seen.m00, seen.xg, seen.yg, centred)
-        words = said_of(ShapeEvidence(), spread, wanted)[-1]
+        words = said_of(ShapeCheck(), spread, wanted)[-1]
         assert bool(words) is strange
         if strange:
             assert f"{by:.2f} times as spread out" in words and "differs by 0.00" in words
@@ -318,7 +323,7 @@ def test_how_long_the_target_may_be(longer, strange, way):
         centred[2, 0], centred[0, 2] = 0.5 + 0.5 * length, 0.5 - 0.5 * length
         return Moments(4, "dense", 2.0, 0.0, 0.0, centred)
 
-    words = said_of(ShapeEvidence(), of_length(0.5 + way * longer), of_length(0.5))[-1]
+    words = said_of(ShapeCheck(), of_length(0.5 + way * longer), of_length(0.5))[-1]
     assert bool(words) is strange
     if strange:
         assert f"its length differs by {longer:.2f}" in words

@@ -1,0 +1,150 @@
+"""Whether the error swings about its goal and does not die away."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import compiled
+
+from ..seeing.ring_buffer import RecentErrors
+
+# Probability that white noise passes for a wave, at one of the frequencies that are tried.
+CHANCE = 1e-8
+
+
+class Oscillation:
+    """Reversals of the error that are larger than tolerances explain and do not die away, at a
+    frequency that stands out: noise reverses as often, but at all frequencies alike.
+
+    A swing of unknown period is looked for within each of SPANS, the longer ones less often.
+    """
+
+    SPANS = (2.0, 5.0, 12.0)  # s; a delay of 0.4 s makes swings of 1.6 to 3 s
+    EVERY = (1, 6, 12)  # images from one look to the next
+    LEAST = 6.0  # tolerances from peak to peak: noise has less
+    REVERSALS = 5
+    SMOOTH = 4.0  # images from peak to peak, at least, for a swing that is told without a wave
+
+    def __init__(self) -> None:
+        self._seen, self._count = RecentErrors(), 0
+
+    def add(self, stamp: float, error: np.ndarray) -> float | None:
+        """Frequency (Hz) of an error (k,), in tolerances, that swings; None where it does not."""
+        seen = self._seen
+        seen.add(stamp, error)
+        seen.drop(int(np.searchsorted(seen.stamps, stamp - self.SPANS[-1])))
+        self._count += 1
+        for span, every in zip(self.SPANS, self.EVERY, strict=True):
+            first = int(np.searchsorted(seen.stamps, stamp - span))
+            if len(seen) - first < self.REVERSALS + 2 or self._count % every:
+                continue
+            frequency = _swinging(
+                seen.stamps[first:], seen.errors[first:], self.LEAST, self.REVERSALS
+            )
+            if frequency > 0.0:
+                return frequency
+        return None
+
+    @property
+    def swings(self) -> bool:
+        """Whether the error has gone to and fro lately, be it too seldom to tell a frequency."""
+        errors = self._seen.errors
+        if len(errors) < 3:
+            return False
+        error = errors[:, _loudest(errors)].copy()
+        peaks = _peaks(error, self.LEAST)[-4:]
+        sides = np.sign(error[peaks])
+        # Noise turns round at every second image.
+        return len(peaks) == 4 and bool(
+            (sides[1:] != sides[:-1]).all() and np.diff(peaks).mean() >= self.SMOOTH
+        )
+
+
+@compiled("f8[:], f8[:], f8")
+def _standing_out(stamps, error, about):
+    """The wave in an error (m,) beside a straight line: its frequency (Hz), near the one at which
+    the error reverses, and the part of the error's square that it leaves. Its height may grow or
+    fall in a straight line."""
+    count = len(error)
+    time = stamps - stamps.mean()
+    rest = error - error.mean()
+    rest -= (rest * time).sum() / (time * time).sum() * time
+    whole = (rest * rest).sum()
+    frequency, least = about, 1.0
+    basis = np.empty((6, count))
+    for step in range(41):
+        tried = (0.7 + 0.0125 * step) * about
+        phase = 2.0 * np.pi * tried * time
+        basis[0], basis[1] = 1.0, time
+        basis[2], basis[3] = np.cos(phase), np.sin(phase)
+        basis[4], basis[5] = time * basis[2], time * basis[3]
+        left = whole
+        for i in range(6):
+            length = (basis[i] * basis[i]).sum()
+            for k in range(i):
+                basis[i] -= (basis[i] * basis[k]).sum() * basis[k]
+            square = (basis[i] * basis[i]).sum()
+            if square > 1e-9 * length:
+                basis[i] /= np.sqrt(square)
+                if i > 1:
+                    left -= (rest * basis[i]).sum() ** 2
+            else:
+                basis[i] = 0.0
+        if left < least * whole:
+            frequency, least = tried, left / whole
+    return frequency, least
+
+
+@compiled("f8[:,:]")
+def _loudest(errors):
+    """Index of the column of errors (m, k) that has the greatest range in its later half."""
+    loudest, range_of = 0, -1.0
+    for column in range(errors.shape[1]):
+        late = errors[len(errors) // 2 :, column]
+        if late.max() - late.min() > range_of:
+            loudest, range_of = column, late.max() - late.min()
+    return loudest
+
+
+@compiled("f8[:], f8")
+def _peaks(error, least):
+    """Indices of the turning points of an error (m,), with its ends: a peak is where the way back
+    has become longer than `least`."""
+    peaks, found = np.zeros(len(error), np.int64), 1
+    for i in range(1, len(error)):
+        last = peaks[found - 1]
+        going = error[last] - error[peaks[found - 2]] if found > 1 else 0.0
+        step = error[i] - error[last]
+        if going == 0.0 or step * going < 0.0:
+            if abs(step) >= least:
+                peaks[found] = i
+                found += 1
+        else:
+            peaks[found - 1] = i
+    return peaks[:found]
+
+
+@compiled("f8[:], f8[:,:], f8, f8")
+def _swinging(stamps, errors, least, reversals):
+    """Hz at which the loudest of the errors (m, k) swings, stamps (m,) in s; 0: it does not."""
+    count = len(stamps)
+    error = errors[:, _loudest(errors)].copy()
+    peaks = _peaks(error, least)
+    heights = np.abs(np.diff(error[peaks]))
+    if len(heights) < reversals or heights[-3:].max() < 0.5 * heights[:-2].max():
+        return 0.0
+    since, until, swings = stamps[peaks[1]], stamps[peaks[-1]], len(peaks) - 2
+    # It has to go on until now: one and a half swings without a peak have ended it.
+    if until <= since or stamps[-1] - until > 1.5 * (until - since) / swings:
+        return 0.0
+    about = 0.5 * swings / (until - since)
+    # Of a loop that swings from stop to stop only the last swings may be alike.
+    for begin in (0, count // 2):
+        free = count - begin - 6  # numbers less those of line and wave
+        if free < 6:
+            break
+        frequency, rest = _standing_out(stamps[begin:], error[begin:].copy(), about)
+        # At most half, and less than white noise leaves of itself at one frequency by chance.
+        if rest < min(0.5, CHANCE ** (2.0 / free)):
+            return frequency
+    return 0.0

@@ -1,0 +1,198 @@
+"""Why the error does not shrink: from the images of the last WINDOW."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..loop.state import SERVOING, ServoState
+from .outcomes import Outcome, outcome
+
+if TYPE_CHECKING:
+    from ..arm.resolution import Resolution
+
+# s over which a lack of progress is judged, and the part of the error that has to be left of it.
+WINDOW, PROGRESS = 1.5, 0.9
+# The same of an error that would be at its goal with more time: a gain of 0.1 leaves 0.93.
+SLOWLY = 0.98
+# Part of the window's images in which a cause has to be there, to be the cause.
+MOST = 0.6
+# Asked speed of the camera that is worth a word, m/s and (rad/s) x 0.1 m.
+SLOW = 2e-4
+# Part of the wanted rate that L can give below which the error is no camera motion's.
+UNREACHED = 0.1
+# s between two images from which on it is their rate, and not the gain, that makes a run slow.
+SELDOM = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What one servoed image leaves behind; size and error (k,) in tolerances (k,)."""
+
+    stamp: float
+    size: float
+    state: ServoState
+    full_rank: int
+    error: np.ndarray
+    tolerances: np.ndarray
+
+    @property
+    def resolution(self) -> Resolution | None:
+        """Of the state."""
+        return self.state.resolution
+
+    @property
+    def rank(self) -> int:
+        """Of L; worked out when first asked for."""
+        return self.state.rank
+
+    @property
+    def asked(self) -> float:
+        """Speed of the camera that was asked for, m/s and (rad/s) x 0.1 m."""
+        twist = self.state.twist
+        return float(np.linalg.norm(twist[:3]) + 0.1 * np.linalg.norm(twist[3:]))
+
+    def reached(self) -> float:
+        """Part of the error that some twist could take away, by L (k, 6) in tolerances."""
+        L, norm = self.state.decision.L, float(np.linalg.norm(self.error))
+        if L is None or len(L) != len(self.error) or norm == 0.0:
+            return 1.0
+        L = L / self.tolerances[:, None]
+        answer = np.linalg.lstsq(L, self.error, rcond=1e-6)[0]
+        return float(np.linalg.norm(L @ answer)) / norm
+
+
+class Progress:
+    """The images of the last WINDOW, and what they say of the way to the goal."""
+
+    def __init__(self) -> None:
+        self._seen: deque[_Seen] = deque()
+
+    def clear(self) -> None:
+        """Forget what was seen: the loop was interrupted."""
+        self._seen.clear()
+
+    def add(self, state: ServoState, tolerances: np.ndarray) -> np.ndarray:
+        """Take in one image; its error (k,) in tolerances (k,)."""
+        decision = state.decision
+        error = decision.error / tolerances
+        size = max(map(abs, error.tolist()))
+        modelled = 6 if decision.task is None else int(decision.task.modelled.sum())
+        self._seen.append(
+            _Seen(state.stamp, size, state, min(modelled, len(error)), error, tolerances)
+        )
+        while self._seen[0].stamp < state.stamp - WINDOW:
+            self._seen.popleft()
+        return error
+
+    @property
+    def shrinks(self) -> bool:
+        """Whether the error has become less, or is within its tolerances but for noise."""
+        seen = list(self._seen)
+        half = len(seen) // 2
+        if half == 0:
+            return True
+        before, after = (max(s.size for s in part) for part in (seen[:half], seen[half:]))
+        return after < 1.0 or after < PROGRESS * before or _within(seen[half:])
+
+    @property
+    def period(self) -> float:
+        """Mean time between two images, s; 0 where there are none."""
+        seen = self._seen
+        return (seen[-1].stamp - seen[0].stamp) / (len(seen) - 1) if len(seen) > 1 else 0.0
+
+    def stalled(self, state: ServoState) -> Outcome:
+        """Why the error does not shrink; 'running' while it does."""
+        seen = list(self._seen)
+        if state.phase != SERVOING or seen[-1].stamp - seen[0].stamp < 0.9 * WINDOW or self.shrinks:
+            return Outcome("running", state.reason)
+        for cause in (_limit, _rank, _minimum, _reach, _saturation):
+            if (found := cause(seen)) is not None:
+                return found
+        return Outcome("running", state.reason or "the error does not shrink")
+
+    def unfinished(self, reason: str) -> Outcome:
+        """What a run is whose time is over, by its last images; `reason`: as known so far."""
+        if self.period > SELDOM:
+            return outcome(
+                "too_few_images", f"{reason}; images came every {self.period:.2f} s only"
+            )
+        if (found := _rank(self._seen)) is not None:
+            return found
+        seen = list(self._seen)
+        before, after = (
+            np.mean([s.size for s in part]) if part else 0.0
+            for part in (seen[: len(seen) // 2], seen[len(seen) // 2 :])
+        )
+        if self.shrinks or after < SLOWLY * before:
+            return outcome("timed_out", reason)
+        if "does not shrink" not in reason:
+            reason = f"{reason}; the error does not shrink"
+        return outcome("no_progress", reason)
+
+
+def _limit(seen: Sequence[_Seen]) -> Outcome | None:
+    stopped = [s.resolution.stopped for s in seen if s.resolution is not None]
+    if not seen or sum(bool(names) for names in stopped) < MOST * len(seen):
+        return None
+    joints = ", ".join(sorted({name for names in stopped for name in names}))
+    return outcome("joint_limit", f"{joints} at its limit: the goal lies beyond it on this way")
+
+
+def _rank(seen: Sequence[_Seen]) -> Outcome | None:
+    if not seen or sum(s.rank < s.full_rank for s in seen) < MOST * len(seen):
+        return None
+    return outcome(
+        "singular", f"L has rank {seen[-1].rank} of {seen[-1].full_rank}: some direction of the "
+        "camera is not seen",
+    )  # fmt: skip
+
+
+def _minimum(seen: Sequence[_Seen]) -> Outcome | None:
+    if not all(s.reached() < UNREACHED for s in seen[len(seen) // 2 :]):
+        return None
+    words = ""
+    resolution = seen[-1].resolution
+    if resolution is not None and resolution.null_direction is not None:
+        direction = np.round(np.asarray(resolution.null_direction), 2).tolist()
+        words = f"; null direction {direction}"
+    return outcome(
+        "local_minimum",
+        f"the camera stands still with an error {seen[-1].size:.0f} times its tolerance: L v "
+        f"gives {100.0 * seen[-1].reached():.0f} % of it{words}",
+    )
+
+
+def _reach(seen: Sequence[_Seen]) -> Outcome | None:
+    lost = 0
+    for s in seen:
+        if s.resolution is None or s.asked < SLOW:
+            continue
+        missing = np.asarray(s.resolution.lost)
+        amount = np.linalg.norm(missing[:3]) + 0.1 * np.linalg.norm(missing[3:])
+        lost += amount > 0.3 * s.asked
+    if lost < MOST * len(seen):
+        return None
+    resolution = seen[-1].resolution
+    missing = np.round(np.asarray(resolution.lost), 4).tolist()
+    if any("reach" in reason for reason in resolution.reasons):
+        return outcome("out_of_reach", f"the arm is stretched; lost of the asked twist: {missing}")
+    return outcome("singular", f"the arm has not the directions asked for; lost: {missing}")
+
+
+def _saturation(seen: Sequence[_Seen]) -> Outcome | None:
+    slowed = [s.resolution for s in seen if s.resolution and s.resolution.scale < 0.99]
+    if len(slowed) < MOST * len(seen):
+        return None
+    joint = slowed[-1].slowing
+    return outcome("saturation", f"{joint} at its limit of speed or acceleration, and no progress")
+
+
+def _within(seen: Sequence[_Seen]) -> bool:
+    """Whether errors are within their tolerances but for noise, which has no cause to be named."""
+    errors = [s.error for s in seen]
+    return len({len(e) for e in errors}) == 1 and bool((np.abs(np.mean(errors, axis=0)) < 1).all())

@@ -1,0 +1,215 @@
+"""Whether the target moves: a motion of its own, constant or periodic, explains how the features
+moved where the camera's motion does not."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from aras_visual_servo_base.poses import logarithm
+
+from ..features.points import point_interaction
+from ..goals.goal import Goal
+from ..schemes.base import Decision
+from ..seeing.observation import Observation
+
+
+@dataclass(frozen=True, eq=False)
+class _Row:
+    """What happened within PERIOD; k features, in tolerances.
+
+    moved: (k,) features. L: (k, 6) mean. motion: (6,) of the camera. drift: (k, 6) by which a
+    target of the twist 1 moves them in that time, world axes. stamp: s, of its middle.
+    """
+
+    stamp: float
+    moved: np.ndarray
+    L: np.ndarray
+    motion: np.ndarray
+    drift: np.ndarray
+
+
+class TargetCheck:
+    """Fits the features' motion by the camera's own and by the target's, over the last SPAN.
+
+    Compared are three explanations, each by what it leaves of the square of the features' motion:
+
+    - a target at rest before a camera as believed, but for one depth;
+    - a camera that is not as believed: every direction of translation mixed into every other, and
+      of rotation likewise (a mounting, a focal length);
+    - a target with a constant twist, or that swings at one frequency besides.
+
+    Measured on the campaign of outcomes (tests/outcomes; 30 images a second, chain and free): a
+    target that moves at 10 to 40 mm/s leaves 1e-5 by the third of what is left by the first, one
+    that swings by 5 to 20 mm at 0.2 to 0.6 Hz at most 0.035; a wrong mounting or focal length 0.2
+    at least, and noise of the picture 0.9.
+    """
+
+    PERIOD = 0.12  # s of one row at least
+    SPAN = 6.0  # s that are looked at
+    LEAST, EVERY = 10, 5  # rows before anything is said, and between two looks
+    NUMBERS = 60  # that the rows hold together, at least: 18 factors explain fewer of anything
+    SWING = 2.5  # s of rows before a swing is looked for
+    LOUD = 0.3  # tolerances, rms, that the camera's motion has to leave in a row
+    LEFT = 0.1  # part of that which the target's motion may leave, at most
+    BETTER = 0.5  # part of what another camera leaves that it may leave, at most
+    # The factor on the camera's translation that a wrong depth explains, at least. Where features
+    # move less than that, no camera explains it: it is the target that the camera follows.
+    DEPTH = 0.3
+    FASTEST = 1.5  # Hz of a swing that is looked for
+    TOLERANCE = 1e-3  # of the target's centre, normalised, where the scheme has no L of its view
+
+    def __init__(self) -> None:
+        self._rows: deque[_Row] = deque()
+        self._new = 0
+        self._moves = ""
+        self._before: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
+        self._begin()
+
+    def interrupt(self) -> None:
+        """An image without measurement: the next one has no predecessor."""
+        self._before = None
+        self._begin()
+
+    def add(
+        self,
+        decision: Decision,
+        observation: Observation,
+        goal: Goal,
+        tolerances: np.ndarray,
+        viewed: bool,
+    ) -> str:
+        """Take in one image; how the target moves, in words, empty where it does not.
+
+        Args:
+            tolerances: (k,) of the error.
+            viewed: whether the decision's L is that of this view.
+        """
+        error, L, rate = decision.error, decision.L, decision.rate
+        if not viewed or np.shape(L) != (len(error), 6):
+            error, L, rate = _centre(observation, goal)
+            tolerances = np.full(len(error), self.TOLERANCE)
+        L = np.asarray(L, float) / np.reshape(tolerances, (-1, 1))
+        now = error / tolerances, L, np.broadcast_to(rate, np.shape(error)) / tolerances, tolerances
+        before, self._before = self._before, now
+        moved, pose = observation.previous_T_camera, observation.world_T_camera
+        if (
+            before is None or moved is None or pose is None or len(before[0]) != len(error) or
+            not len(error) or np.abs((now[0] - before[0]) * tolerances).max() > 1.0
+        ):  # an angle that wrapped moves by more than any feature
+            self._begin()
+            return self._moves
+        dt, mean = observation.dt, 0.5 * (before[1] + L)
+        self._time += dt
+        self._images += 1
+        self._moved = self._moved + now[0] - before[0] - 0.5 * (before[2] + now[2]) * dt
+        self._L, self._motion = self._L + mean, self._motion + logarithm(moved)
+        if self._time >= self.PERIOD:
+            self._row(observation.stamp - 0.5 * self._time, pose[:3, :3].T)
+        return self._moves
+
+    def _begin(self) -> None:
+        """A row from this image on."""
+        self._time, self._images = 0.0, 0
+        self._moved, self._L, self._motion = 0.0, 0.0, np.zeros(6)
+
+    def _row(self, stamp: float, camera_R_world: np.ndarray) -> None:
+        L = self._L / self._images
+        # A target's twist is the camera's against it; about the camera's place, which does, as
+        # long as that changes little beside the target's.
+        drift = -self._time * np.hstack([L[:, :3] @ camera_R_world, L[:, 3:] @ camera_R_world])
+        rows = self._rows
+        if rows and len(rows[-1].moved) != len(self._moved):
+            rows.clear()
+        rows.append(_Row(stamp, self._moved, L, self._motion, drift))
+        while rows[0].stamp < stamp - self.SPAN:
+            rows.popleft()
+        self._begin()
+        self._new += 1
+        if len(rows) >= self.LEAST and self._new >= self.EVERY:
+            self._new = 0
+            self._moves = self._judged()
+
+    def _judged(self) -> str:
+        """How the target moves, in words; empty where it stands still."""
+        moved = np.concatenate([row.moved for row in self._rows])
+        parts = np.vstack([row.L * row.motion for row in self._rows])
+        along, turned = parts[:, :3].sum(axis=1), parts[:, 3:].sum(axis=1)
+        square = float(along @ along)
+        depth = along @ (moved - turned) / square if square > 0.0 else 1.0
+        still = moved - turned - max(depth, self.DEPTH) * along
+        left, count = float(still @ still), len(moved)
+        if count < self.NUMBERS or left < self.LOUD**2 * count:
+            return ""
+        if np.linalg.matrix_rank(self._rows[-1].L[:, :3]) < 2:
+            return ""  # one direction alone has no place of a target
+        drift = np.vstack([row.drift for row in self._rows])
+        known = np.column_stack([along, drift])
+        mixed = np.inf
+        if depth > self.DEPTH:
+            mixed, _ = _left(np.vstack([_mixed(row) for row in self._rows]), moved)
+        bound = min(self.LEFT * left, self.BETTER * mixed)
+        constant, velocity = _left(known[:, :4], moved - turned)
+        if constant < bound:
+            return f"it moves at {1e3 * float(np.linalg.norm(velocity[1:])):.1f} mm/s"
+        # Two numbers an image do not tell a turn from a translation.
+        known = known if count >= 6 * len(self._rows) else known[:, :4]
+        if _left(known, moved - turned)[0] < bound:
+            return "it turns"
+        stamps = np.repeat([row.stamp for row in self._rows], [len(r.moved) for r in self._rows])
+        return self._swing(stamps - stamps[0], known, moved - turned, bound)
+
+    def _swing(
+        self, time: np.ndarray, known: np.ndarray, moved: np.ndarray, bound: float
+    ) -> str:
+        """The swing (Hz) that leaves less than the bound of the features' motion (n,), in words.
+
+        Args:
+            time: (n,) s. known: (n, m) by which depth and the target's constant twist move them.
+        """
+        span = time[-1]
+        if span < self.SWING:
+            return ""
+        # What is not the swing's is taken off once: the frequencies share it.
+        base = np.linalg.qr(known)[0]
+        moved = moved - base @ (base.T @ moved)
+        least, found = np.inf, 0.0
+        for frequency in np.arange(1.0 / span, self.FASTEST, 0.25 / span):
+            phase = 2.0 * np.pi * frequency * time[:, None]
+            waves = np.hstack([known[:, 1:4] * np.cos(phase), known[:, 1:4] * np.sin(phase)])
+            left, _ = _left(waves - base @ (base.T @ waves), moved)
+            if left < least:
+                least, found = left, frequency
+        return f"it swings at {found:.2f} Hz" if least < bound else ""
+
+
+def _centre(observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarray, float]:
+    """The target's centre (2,) normalised, its L (2, 6), and its rate, by its moments; (0,), (0, 6)
+    where they are not known."""
+    seen, wanted = observation.moments, goal.moments
+    if seen is None or wanted is None or not goal.depth or seen.m00 <= 0.0:
+        return np.zeros(0), np.zeros((0, 6)), 0.0
+    depth = goal.depth * np.sqrt(wanted.m00 / seen.m00)
+    centre = np.array([[seen.xg, seen.yg]])
+    return centre[0], point_interaction(centre, np.array([1.0 / depth])), 0.0
+
+
+def _mixed(row: _Row) -> np.ndarray:
+    """(k, 18) by which each translation or rotation of the camera moves the features if it is one
+    along or about each axis."""
+    return np.hstack([
+        (row.L[:, first : first + 3, None] * row.motion[first : first + 3]).reshape(-1, 9)
+        for first in (0, 3)
+    ])  # fmt: skip
+
+
+def _left(columns: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:
+    """Square that columns (n, m) leave of values (n,), and their factors (m,), least squares."""
+    # A little weight against columns that are all but alike: they have no factor of their own.
+    normal = columns.T @ columns
+    normal += (1e-9 * np.trace(normal) + 1e-300) * np.eye(len(normal))
+    factors = np.linalg.solve(normal, columns.T @ values)
+    rest = values - columns @ factors
+    return float(rest @ rest), factors

@@ -17,7 +17,7 @@ from aras_visual_servo_controller.judging.camera_check import DIRECTIONS, Camera
 from aras_visual_servo_controller.judging.joint_check import JointCheck
 from aras_visual_servo_controller.judging.oscillation import Oscillation
 from aras_visual_servo_controller.judging.outcomes import ADVICE, KINDS, outcome
-from aras_visual_servo_controller.judging.progress import Progress
+from aras_visual_servo_controller.judging.progress_check import ProgressCheck
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.loop.state import CONVERGED
 from aras_visual_servo_controller.schemes import Composed
@@ -352,8 +352,8 @@ class Torn(Feature):
 
 @pytest.mark.parametrize(("after", "kind"), [(8.99, "running"), (9.0, "joint_limit")])
 def test_an_error_that_shrinks_by_less_than_a_tenth_is_stalled(monkeypatch, after, kind):
-    progress = Progress()
-    monkeypatch.setattr(judging.progress, "_limit", lambda seen: outcome("joint_limit"))
+    progress = ProgressCheck()
+    monkeypatch.setattr(judging.progress_check, "_limit", lambda seen: outcome("joint_limit"))
     decision = SimpleNamespace(error=np.zeros(1), task=None)
     for stamp in np.arange(0.0, 1.51, 0.25):
         state = SimpleNamespace(stamp=stamp, phase="servoing", decision=decision, reason="")
@@ -458,7 +458,7 @@ def test_a_joint_that_swings_by_itself_is_told_at_once_and_before_what_it_does_t
         check.add(t, np.zeros(3, bool), np.full(3, 0.3), 0.3 + swing)
         assert not check.reason or t > 0.3
     assert check.joints == "J2" and "on its own" in check.reason
-    check.clear()
+    check = JointCheck(("J1", "J2", "J3"))
     for k in range(60):  # one that follows a swinging command, late
         phase = 0.3 * k
         commanded, measured = (np.full(3, np.cos(phase - late)) for late in (0.0, 1.0))

@@ -22,7 +22,7 @@ from .camera_check import CameraCheck
 from .joint_check import JointCheck
 from .oscillation import Oscillation
 from .outcomes import CALIBRATE, Outcome, outcome
-from .progress import WINDOW, Progress
+from .progress_check import WINDOW, ProgressCheck
 from .shape_check import ShapeCheck
 from .target_check import TargetCheck
 
@@ -52,7 +52,7 @@ class Diagnosis:
     def reset(self) -> None:
         """A new run."""
         self.outcome = Outcome()
-        self._progress = Progress()
+        self._progress = ProgressCheck()
         self._oscillation = Oscillation()
         self._joints = JointCheck(self._names)
         self._target = TargetCheck()

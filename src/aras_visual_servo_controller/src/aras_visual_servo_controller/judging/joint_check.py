@@ -29,10 +29,6 @@ class JointCheck:
         self._new = 0
         self.joints, self.reason = "", ""
 
-    def clear(self) -> None:
-        """The arm was stopped, or begins anew."""
-        self.__init__(self._names)
-
     def add(
         self, stamp: float, late: np.ndarray, commanded: np.ndarray, measured: np.ndarray
     ) -> None:

@@ -66,7 +66,7 @@ class _Seen:
         return float(np.linalg.norm(L @ answer)) / norm
 
 
-class Progress:
+class ProgressCheck:
     """The images of the last WINDOW, and what they say of the way to the goal."""
 
     def __init__(self) -> None:

@@ -63,6 +63,7 @@ class FakeModel:
         self.calls.append(("position", joint, position))
         if joint not in self.stuck:
             self.q[self.joint_names.index(joint)] = position
+        return position
 
     def set_velocity_motor(self, joint, velocity, max_effort):
         self.calls.append(("velocity", joint, velocity, max_effort))

@@ -75,6 +75,24 @@ def test_it_loads_and_runs_without_a_line_changed_here(users_module, make_rig, m
     assert (controller.context.where, controller.command_kind) == ("/robot/mine", "float64")
 
 
+@pytest.mark.parametrize("classes", [
+    {"mine/sub/Mine": "users_controllers:Mine"},
+    {"mine": {"sub": {"Mine": "users_controllers:Mine"}}},  # as a parameter server nests it
+])
+def test_a_slash_in_a_users_type_may_nest(users_module, make_rig, make_joint, classes):
+    rig = make_rig([make_joint("a")], {
+        "controller_classes": classes, "own": {"type": "mine/sub/Mine"}})
+    assert rig.run("own").version == 1
+    assert ("mine/sub/Mine", "controller_interface::ControllerBase") in rig.manager.list_types()
+
+
+def test_a_users_type_without_a_class_is_named(users_module, make_rig, make_joint):
+    rig = make_rig([make_joint("a")], {
+        "controller_classes": {"mine": {"Mine": 7}}, "own": {"type": "mine/Mine"}})
+    with pytest.raises(ControllerError, match="'mine/Mine': '7' is not of the form"):
+        rig.manager.load("own")
+
+
 def test_reload_takes_the_new_source(users_module):
     registry = Registry()
     extra = {"mine/Mine": "users_controllers:Mine"}

@@ -358,6 +358,8 @@ class TestGoals:
         [
             (Trajectory(["a", "a"], [point(1, [1, 1])]), ErrorCode.INVALID_JOINTS, "twice"),
             (Trajectory([], [point(1, [])]), ErrorCode.INVALID_JOINTS, "none"),
+            (Trajectory(["a", "b"], []), ErrorCode.INVALID_JOINTS, "unknown are 'b'"),
+            (Trajectory([], []), ErrorCode.INVALID_JOINTS, "none"),
             (Trajectory(["a"], [point(1, [])]), ErrorCode.INVALID_GOAL, "0 positions for 1"),
             (Trajectory(["a"], [point(1, [1, 2])]), ErrorCode.INVALID_GOAL, "2 positions"),
             (Trajectory(["a"], [point(1, [1], [1, 2])]), ErrorCode.INVALID_GOAL, "2 velocities"),

@@ -135,3 +135,41 @@ def test_an_interruption_waits_for_no_lock_that_the_beginning_holds(tmp_path):
     )  # fmt: skip
     assert (ended.returncode, ended.stdout) == (130, "ended\n")
     assert "Traceback" not in ended.stderr
+
+
+BEGINNING = """
+from aras_visual_servo_ros.shutdown import begin_node
+
+print("up", flush=True)
+begin_node("waits", about="Waits for a master.")
+print("begun", flush=True)
+"""
+
+
+def node_without_a_master(*arguments):
+    """A node at a port where nobody answers."""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+                   "ROS_MASTER_URI": "http://127.0.0.1:1"}
+    return subprocess.Popen([sys.executable, "-c", BEGINNING, *arguments], env=environment,
+                            stdout=subprocess.PIPE, text=True)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_node_that_waits_for_its_master(number):
+    node = node_without_a_master()
+    try:
+        assert node.stdout.readline() == "up\n"
+        assert "Will keep trying" in node.stdout.readline()
+        node.send_signal(number)
+        output, _ = node.communicate(timeout=60.0)
+    finally:
+        node.kill()
+    assert (output, node.returncode) == ("", 128 + number)
+
+
+@pytest.mark.parametrize("flag", ["-h", "--help"])
+def test_help_is_given_without_a_master(flag):
+    output, _ = (node := node_without_a_master(flag)).communicate(timeout=30.0)
+    assert node.returncode == 0
+    assert "Waits for a master." in output
+    assert "begun" not in output

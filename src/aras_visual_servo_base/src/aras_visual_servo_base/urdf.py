@@ -91,6 +91,14 @@ class Joint(Placed):
         """True for the kinds that have one degree of freedom."""
         return self.kind in MOVING_KINDS
 
+    @property
+    def stops(self) -> tuple[float, float]:
+        """Lower and upper stop, rad or m; infinite where it has none, 0 where its `<limit>` says
+        nothing, as URDF has it."""
+        if self.limits is None or self.kind not in ("revolute", "prismatic"):
+            return -math.inf, math.inf
+        return self.limits.lower or 0.0, self.limits.upper or 0.0
+
 
 @dataclass(frozen=True)
 class UrdfTree:

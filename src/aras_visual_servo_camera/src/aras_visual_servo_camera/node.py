@@ -79,7 +79,7 @@ class CameraNode:
 
 def main() -> int:
     """Run the node; exit status 1 if its parameters are wrong."""
-    begin_node("aras_visual_servo_camera")
+    begin_node("aras_visual_servo_camera", __doc__)
     open_wide()
     given = rospy.get_param("~", {})
     try:

@@ -14,6 +14,11 @@ import rospy
 from .master_watch import MasterWatch
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM)
+HELP = {"-h", "--help"}
+# What rospy may need to take down what begin_node began [s]: without a master it never comes to it.
+PATIENCE = 2.0
+_began = threading.Event()
+_began.set()
 CLOSED = "publish() to a closed topic"  # what rospy says of it
 
 
@@ -25,12 +30,17 @@ class _OrderlyEnd(logging.Filter):
         return not (rospy.is_shutdown() and CLOSED in record.getMessage())
 
 
-def begin_node(name: str, **options: bool) -> None:
+def begin_node(name: str, about: str = "", **options: bool) -> None:
     """rospy.init_node(name, **options) that may be interrupted at any moment; in the main thread.
 
+    `about`, of a program without options of its own, answers --help, and the program ends there.
     A Ctrl-C in the middle of it ends the program as one just before or after does: it waits for no
     lock that rospy holds there, and what rospy raises then, which no program awaits, is not told.
     """
+    if about and HELP & set(sys.argv[1:]):
+        print(f"{about.strip()}\n\nTakes no options: its parameters are ROS's (_name:=value).")
+        sys.exit(0)
+    _began.clear()
     end_on_signals()
     try:
         rospy.init_node(name, disable_signals=True, **options)
@@ -39,6 +49,7 @@ def begin_node(name: str, **options: bool) -> None:
             raise
     if rospy.core.is_shutdown_requested():
         sys.exit(128 + signal.SIGINT)
+    _began.set()
 
 
 def end_on_signals() -> None:
@@ -66,6 +77,10 @@ def _end(hear: int) -> None:
     ending = threading.Thread(target=rospy.signal_shutdown, args=(reason,), name="shutdown")
     ending.daemon = False  # as this one is, it would be by default
     ending.start()
+    if not _began.is_set():
+        ending.join(PATIENCE)
+        if ending.is_alive():  # for the lock that init_node holds while it waits for a master
+            os._exit(128 + number)
 
 
 def end_without_master(watch: MasterWatch) -> bool:

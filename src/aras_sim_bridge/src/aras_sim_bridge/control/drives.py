@@ -28,8 +28,8 @@ class JointModel(Protocol):
     def apply_effort(self, joint: str, effort: float) -> None:
         """Apply an effort during the next physics step."""
 
-    def set_position(self, joint: str, position: float) -> None:
-        """Put the joint at a position."""
+    def set_position(self, joint: str, position: float) -> float:
+        """Put the joint at a position, or at its stop where that is beyond; returns where."""
 
     def set_velocity_motor(self, joint: str, velocity: float, max_effort: float) -> None:
         """Drive the joint at a velocity with at most this effort."""
@@ -150,7 +150,11 @@ class PositionDrive(Drive):
 
     def write(self, time_ns: int, dt: float, stopped: bool) -> None:
         """Limit the command and set the joint's position."""
-        self._set_position(self.handle.name, self._command(time_ns, dt, stopped))
+        command = self._command(time_ns, dt, stopped)
+        reached = self._set_position(self.handle.name, command)
+        if reached != command and self._limited.note(time_ns):
+            self._warn(f"joint '{self.handle.name}': position command {command:g} is beyond its "
+                       f"stop at {reached:g}, where it rests; lower the command, or joint_limits")
 
     def _command(self, time_ns: int, dt: float, stopped: bool) -> float:
         handle = self.handle

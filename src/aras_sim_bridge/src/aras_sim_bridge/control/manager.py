@@ -5,7 +5,7 @@ unloading take effect at once; a switch is checked at once and carried out at th
 update(), so one asked for while the simulation is paused simply stays open: nothing here blocks.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import inf
 
 from aras_sim_bridge.control.controllers import Registry
@@ -33,6 +33,15 @@ _ENTERED_BY = {RUNNING: "starting", STOPPED: "stopping"}
 
 def _ignore(text: str) -> None:
     """Stand-in for a logger."""
+
+
+def _flat(classes: Mapping, above: str = "") -> Iterator[tuple[str, object]]:
+    """Type names and their paths."""
+    for name, path in classes.items():
+        if isinstance(path, Mapping):
+            yield from _flat(path, f"{above}{name}/")
+        else:
+            yield f"{above}{name}", path
 
 
 class ControllerManager:
@@ -63,13 +72,14 @@ class ControllerManager:
         self._time_ns = 0
 
     def _classes(self) -> Mapping:
+        """Paths of the users' classes by type name; the parameter server nests at each slash."""
         classes = self.parameters.get(CLASSES) or {}
         if not isinstance(classes, Mapping):
             raise ControllerError(
                 f"parameter {self.namespace}/{CLASSES} must map type names to "
                 f"'package.module:Class', found {classes!r}"
             )
-        return classes
+        return dict(_flat(classes))
 
     def load(self, name: str) -> Controller:
         """Make and initialise the controller `name` from the parameters under its name.

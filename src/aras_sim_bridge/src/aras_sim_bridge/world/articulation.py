@@ -101,8 +101,7 @@ def joint_rows(description: RobotDescription, names: Sequence[str], tree: np.nda
         limits = joint.limits
         rows[k, RETURN] = _RETURN_SPEED
         if limits is not None:
-            if joint.kind in ("revolute", "prismatic"):
-                rows[k, LOWER], rows[k, UPPER] = limits.lower or 0.0, limits.upper or 0.0
+            rows[k, LOWER], rows[k, UPPER] = joint.stops
             if limits.velocity > 0.0:
                 rows[k, RETURN] = limits.velocity
         ratio, offset, seen = 1.0, 0.0, {name}

@@ -47,6 +47,7 @@ class ModelJoints:
         self._mimics = [joint.mimic for joint in joints]
         self._slot = {name: slot for slot, name in enumerate(self.names)}
         self._indices = [body.joint_indices[name] for name in self.names]
+        self._stops = [joint.stops for joint in joints]
         self._motors = [(0.0, joint.friction) for joint in joints]
         jointed = bool(self.names)
         self.space = JointSpace(description, self.names) if jointed and body.fixed_base else None
@@ -148,7 +149,7 @@ class ModelJoints:
     def _diverged(self, slot: int) -> WorldError:
         return WorldError(
             f"model '{self.body.name}', joint '{self.names[slot]}': the simulation diverged; lower "
-            "the gains or the time step, then call reset_simulation"
+            "the gains or the time step, then call reset_simulation and unpause_physics"
         )
 
     def apply_effort(self, joint: str, effort: float) -> None:
@@ -234,8 +235,9 @@ class ModelJoints:
             self._set_state(slot, position, velocity)
         self._cache = None
 
-    def set_position(self, joint: str, position: float) -> None:
-        """Put `joint` there at rest, kinematically, as Gazebo's Joint::SetPosition does.
+    def set_position(self, joint: str, position: float) -> float:
+        """Put `joint` there at rest, kinematically, as Gazebo's Joint::SetPosition does: at its
+        stop where `position` is beyond. Returns where it was put.
 
         For drives that do so every step.
 
@@ -243,9 +245,12 @@ class ModelJoints:
             WorldError: unknown joint or a number that is not finite; nothing is changed then.
         """
         self._place({joint: position})
+        low, high = self._stops[self._slot[joint]]
+        return min(max(position, low), high)
 
     def set_joint_positions(self, positions: dict[str, float]) -> None:
-        """Put joints at `positions` (rad or m), at rest; the others stay.
+        """Put joints at `positions` (rad or m), at rest, at their stops where those are beyond;
+        the others stay.
 
         Mimicking joints follow unless they are listed themselves.
 
@@ -265,7 +270,8 @@ class ModelJoints:
                     f"model '{self.body.name}', joint '{joint}': position {position} is not finite"
                 )
         for slot, value in self._with_followers(slots).items():
-            self._set_state(slot, value)
+            low, high = self._stops[slot]
+            self._set_state(slot, min(max(value, low), high))
         self._cache = None
 
     def _with_followers(self, slots: dict[int, float]) -> dict[int, float]:

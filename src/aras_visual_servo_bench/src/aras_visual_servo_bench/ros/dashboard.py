@@ -169,7 +169,7 @@ def own_parameters(given: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any
 
 def main() -> int:
     """Run the node; returns its exit status."""
-    begin_node("aras_visual_servo_dashboard", disable_rostime=True)
+    begin_node("aras_visual_servo_dashboard", __doc__, disable_rostime=True)
     open_wide()
     try:
         from ..live.server import serve

@@ -27,7 +27,7 @@ def decompressed(message: CompressedImage) -> Image | None:
 
 def main() -> int:
     """The node `decompress`: from ~camera/image_raw/compressed to ~camera/image_raw."""
-    begin_node("decompress")
+    begin_node("decompress", __doc__)
     topic = rospy.get_param("~camera", "/labrob/camera").rstrip("/") + "/image_raw"
     publisher = rospy.Publisher(topic, Image, queue_size=2)
 

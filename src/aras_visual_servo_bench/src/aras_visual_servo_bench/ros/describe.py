@@ -92,7 +92,7 @@ def main() -> int:
 
     from . import target_place
 
-    begin_node("describe", disable_rostime=True)
+    begin_node("describe", __doc__, disable_rostime=True)
     controller = rospy.get_param("~controller", CONTROLLER)
     publisher = rospy.Publisher(TOPIC, String, queue_size=1, latch=True)
     target = rospy.Publisher(target_place.TOPIC, PoseStamped, queue_size=1, latch=True)

@@ -60,7 +60,7 @@ def markers(shapes: list[Shape], frame: str, before: set[str]) -> MarkerArray:
 
 def main() -> int:
     """Run the node; returns its exit status."""
-    begin_node("aras_visual_servo_markers", disable_rostime=True)
+    begin_node("aras_visual_servo_markers", __doc__, disable_rostime=True)
     open_wide()
     try:
         settings = listener_settings(rospy.get_param("~", {}))

@@ -87,7 +87,7 @@ class ControllerNode:
 
 def main() -> int:
     """Run the node; returns its exit status."""
-    begin_node("aras_visual_servo_controller")
+    begin_node("aras_visual_servo_controller", __doc__)
     open_wide()
     try:
         settings, given = given_settings()

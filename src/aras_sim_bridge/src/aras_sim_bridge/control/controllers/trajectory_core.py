@@ -274,10 +274,11 @@ class JointTrajectoryController(Controller):
         try:
             if goal is not None:
                 tolerances = tolerances.overridden(goal.goal, self.joints)
+            if goal is not None or len(trajectory.points):  # a command without points names none
+                columns = joint_columns(trajectory.joint_names, self.joints, self._partial)
             if not len(trajectory.points):
                 self._hold(self._uptime_ns, goal, tolerances)
                 return set(range(len(self.joints)))
-            columns = joint_columns(trajectory.joint_names, self.joints, self._partial)
             check_points(trajectory)
             next_ns = self._uptime_ns + self._period_ns
             start_ns = next_ns

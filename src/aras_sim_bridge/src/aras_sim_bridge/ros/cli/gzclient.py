@@ -9,7 +9,7 @@ from aras_visual_servo_ros.shutdown import begin_node
 
 def main() -> int:
     """Say so and stay, as launch files may require the node; returns the exit status."""
-    begin_node("gazebo_gui", anonymous=True, disable_rostime=True)
+    begin_node("gazebo_gui", __doc__, anonymous=True, disable_rostime=True)
     rospy.loginfo("there is no Gazebo window: look with rviz, or start with gui:=true for Bullet's")
     rospy.spin()
     return 0

@@ -191,7 +191,7 @@ def main(given: Mapping[str, object] = MappingProxyType({})) -> int:
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
     # Without rospy's own subscription to /clock: this node makes the time that others wait for.
-    begin_node("gazebo", disable_rostime=True)
+    begin_node("gazebo", __doc__, disable_rostime=True)
     open_wide()
     ending = _Ending()
     try:

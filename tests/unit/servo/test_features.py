@@ -207,6 +207,60 @@ def test_a_square_is_followed_corner_by_corner():
     np.testing.assert_allclose(turns, np.radians([0, 30, 60, 90, 120, 95, 60, 25, -15]), atol=1e-9)
 
 
+@pytest.mark.parametrize("name", ["points", "numbered_points", "segments", "polar_points", "pose"])
+def test_accuracy_of_corners_goes_through_the_feature(name):
+    """Each column is what the feature makes of one corner coordinate that is off."""
+    feature = create_feature(name)
+    tilted = pose((0.01, -0.02, 0.2), (0.1, -0.2, 0.3))
+    goal = replace(taught(feature, SQUARE, tilted), camera=None)
+    feature.check(goal)
+    view = look(feature.needs, tilted, SQUARE)
+    assert feature.accuracy(view, goal) is None  # exact
+    size = 1e-5
+    found = feature.accuracy(replace(view, corner_accuracy=size), goal)
+    corners = feature.desired_points(goal)
+    for k in range(corners.size):
+        off = np.zeros(corners.size)
+        off[k] = size
+        seen = replace(view, corners=corners + off.reshape(-1, 2))
+        np.testing.assert_allclose(
+            found[:, k], feature.measure(seen, goal).error, atol=2e-3 * np.abs(found).max()
+        )
+
+
+def test_a_goal_that_this_camera_has_shown_has_the_errors_of_the_same_view():
+    feature = create_feature("points")
+    goal = taught(feature, SQUARE, pose((0, 0, 0.2), (0, 0, 0)))
+    feature.check(goal)
+    view = replace(look(feature.needs, pose((0, 0, 0.2), (0, 0, 0)), SQUARE), corner_accuracy=1e-4)
+    width = np.ptp(feature.desired_points(goal), axis=0).mean() * view.camera.K[0]
+    shown = feature.accuracy(view, replace(goal, camera=view.camera))
+    other = feature.accuracy(view, replace(goal, camera=None))
+    np.testing.assert_allclose(other, 1e-4 * np.eye(8))
+    np.testing.assert_allclose(shown, max((16.0 / width) ** 3, 0.05) * other)
+
+
+@pytest.mark.parametrize("name", ["moments", "moments_six"])
+def test_accuracy_of_moments_is_that_of_the_outline(name):
+    """An outline that is wider all round by d: what the first column says."""
+    feature = create_feature(name)
+    goal = replace(taught(feature), camera=None)
+    feature.check(goal)
+    view = look(feature.needs, GOAL, dense(OUTLINE))
+    assert feature.accuracy(view, goal) is None
+    found = feature.accuracy(replace(view, pixel_count=900), goal)
+    assert found.shape == (len(feature.names), 9)
+    wider = goal.outline()
+    middle, d = wider.mean(axis=0), 0.03 / 30.0 / view.camera.K[0]
+    area = goal.moments.m00
+    length = np.linalg.norm(wider - np.roll(wider, -1, axis=0), axis=1).sum()
+    # Z sqrt(a* / a) of an area that has grown by its outline's length times d
+    at_an = list(feature.names).index("an")
+    assert found[at_an, 0] == pytest.approx(-0.5 * goal.depth * length * d / area, rel=0.02)
+    assert np.abs(found[0, 1]) > 5.0 * np.abs(found[0, 2])  # cos phi moves it along x
+    assert middle.shape == (2,)
+
+
 def test_depth_of_points_by_plane_by_depth_image_or_by_size():
     feature = create_feature("points")
     goal = taught(feature, view=pose((0, 0, 0.2), (0, 0, 0)))

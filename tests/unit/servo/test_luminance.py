@@ -157,6 +157,28 @@ def test_the_camera_flies_to_where_the_picture_was_taken(name):
     assert np.linalg.norm(place @ np.linalg.inv(GOAL) - np.eye(4)) < 0.1 * first
 
 
+@pytest.mark.parametrize(
+    ("sides", "told"), [((0.11, 0.11), "90°"), ((0.14, 0.08), "180°"), (None, "")]
+)
+def test_a_picture_that_looks_the_same_when_turned_says_so(sides, told, monkeypatch):
+    """Of a rectangle beside the axis of a tilted camera; a photograph looks like nothing else."""
+    if sides is not None:
+
+        def rectangle(X, Y):
+            edge = 5e-3  # m over which it fades, about a pixel
+            inside = [
+                np.clip(0.5 + (half - np.abs(V - middle)) / edge, 0.0, 1.0)
+                for V, half, middle in ((X, sides[0], 0.01), (Y, sides[1], -0.015))
+            ]
+            return 250.0 - 200.0 * inside[0] * inside[1]
+
+        monkeypatch.setitem(globals(), "texture", rectangle)
+    feature = create_feature("luminance")
+    seen = look(PINHOLE, VIEW, feature.needs)
+    goal = Goal.teach(Composed(feature), seen)
+    assert feature.measure(seen, goal).up_to == told
+
+
 def test_each_that_needs_pictures_is_here():
     assert {n for n, feature in FEATURES.items() if Need.IMAGE in feature.needs} == {
         *ALL, "matches", "matches_orb", "matches_pose",  # tests/unit/bench/test_textures.py

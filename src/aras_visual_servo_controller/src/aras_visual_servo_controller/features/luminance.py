@@ -175,13 +175,10 @@ class Luminance(Feature):
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Feature.accuracy: by the grey levels that the last image left, where edges are."""
-        return self._grey() * np.eye(6)
-
-    def _grey(self) -> float:
-        """What grey levels amount to in a fit."""
         error, rows = self._rest
         slope = np.square(rows[0]) + np.square(rows[1])
-        return float(np.hypot(GREY, TOGETHER * np.sqrt(slope @ np.square(error) / slope.sum())))
+        left = np.sqrt(slope @ np.square(error) / slope.sum())
+        return float(np.hypot(GREY, TOGETHER * left)) * np.eye(6)
 
     @staticmethod
     def _same_camera(camera: CameraModel, goal: Goal) -> None:
@@ -238,8 +235,8 @@ class LuminanceMap(Luminance):
         self._basis = None
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """See Luminance.accuracy; the rows of the basis have length 1."""
-        return self._grey() * np.eye(len(self._basis))
+        """See Feature.accuracy; the rows of the basis have length 1."""
+        return GREY * np.eye(len(self._basis))
 
     def _reduced(self, error: np.ndarray, L: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         if self._basis is None:

@@ -8,8 +8,9 @@ were measured, and are taken so.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import nan
+from math import hypot, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 # Offset from the goal within which the camera counts as there, m and rad: somewhat less than 0.3
 # mm and 0.3 degrees, as pictures are not exact either. In a direction that changes the features
 # little, their tolerances alone may be 6 mm (four points of a plane that was turned by 40 degrees).
-ARRIVED = np.array([2e-4, 3.5e-3])
+ARRIVED = (2e-4, 3.5e-3)
 STAYS = 1.5  # times tolerances and offset within which a camera that has arrived stays so
 DEVIATIONS = 2.0  # standard deviations of the mean within which it is taken as known
 # Errors may scatter about their mean by so many tolerances, rms: more is a motion, not noise.
@@ -118,7 +119,7 @@ class Arrival:
                 accuracy = scheme.accuracy(observation, goal)
                 error = self._errors.errors.mean(axis=0)
                 self._margin = Margin(decision, observation, goal, error, accuracy, resolution)
-            left = self._margin.left(observation, decision.up_to, offsets)
+            left = self._margin.left(observation, offsets)
             whole = not (decision.up_to or self._margin.blind)
         return Arrived(True, "", whole and self._strange >= VIEWS, left)
 
@@ -157,17 +158,22 @@ class Arrival:
         """The camera's mean offset, and why it is too much, in words."""
         rows = self._offsets.errors
         mean, scatter, count, enough = _averaged(
-            rows, _seen(decision), len(self._errors), ARRIVED / DEVIATIONS
+            rows, _seen(decision), len(self._errors), np.array(ARRIVED) / DEVIATIONS
         )
-        off, unknown = _sizes(mean), DEVIATIONS * np.sqrt(_traces(scatter) / count)
+        off = _size(mean.tolist())
+        # Rounding may leave less than nothing of a variance.
+        deviations = np.sqrt(np.maximum(np.diag(scatter), 0.0) / count)
+        unknown = _size((DEVIATIONS * deviations).tolist())
         offsets = Offsets(mean, scatter, count)
         if not (enough or self._reached) and len(rows) < WINDOW:
             return offsets, (
                 "the features are within their tolerances, but scatter: where the camera is, is "
                 f"known to {1e3 * unknown[0]:.2f} mm and {np.degrees(unknown[1]):.2f} degrees"
             )
-        limit = STAYS * ARRIVED + unknown if self._reached else ARRIVED
-        if (off <= np.maximum(limit, unknown)).all():
+        limits = [STAYS * a + u if self._reached else max(a, u) for a, u in zip(
+            ARRIVED, unknown, strict=True
+        )]  # fmt: skip
+        if off[0] <= limits[0] and off[1] <= limits[1]:
             return offsets, ""
         return offsets, (
             f"the features are within their tolerances, but by L the camera is {1e3 * off[0]:.2f} "
@@ -200,15 +206,9 @@ def _seen(decision: Decision) -> np.ndarray:
     return vt.T @ vt
 
 
-def _sizes(offset: np.ndarray) -> np.ndarray:
-    """Lengths (2,) of an offset's translation and rotation, m and rad."""
-    return np.array([np.linalg.norm(offset[:3]), np.linalg.norm(offset[3:])])
-
-
-def _traces(covariance: np.ndarray) -> np.ndarray:
-    """Variances (2,) of an offset's translation and rotation, m^2 and rad^2."""
-    variances = np.maximum(np.diag(covariance), 0.0)  # rounding leaves less than nothing
-    return np.array([variances[:3].sum(), variances[3:].sum()])
+def _size(offset: Sequence[float]) -> tuple[float, float]:
+    """Lengths of an offset's translation and rotation, m and rad."""
+    return hypot(*offset[:3]), hypot(*offset[3:])
 
 
 @compiled("f8[:,:], f8[:]")

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from aras_visual_servo_base.compiled import compiled
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments
 
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
     from ..seeing.observation import Observation
 
 PLAIN = (3e-4, radians(0.3))  # m and rad: plain 'converged' leaves open no more than this
+# m and rad that a camera which stands still is known to: its joints move between images.
+STILL = (1e-5, 1e-4)
 Z_997 = 2.748  # of a normal distribution: 99.7 % are below
 # Part of one image's scatter that averaging does not take away: noise is cut at black and white,
 # and so moves what is measured. Corners and markers in noise of 5 grey levels, averaged over 25
@@ -45,6 +48,7 @@ STRAIGHT = 20.0
 # they differ by 0.2 % and 6e-5; of the nearest pose that was found wrong, 18 degrees off, by 0.6 %
 # and 5e-4.
 SECOND, THIRD = 0.02, 2.5e-4
+MOST = 64  # numbers that are looked at for what no motion explains; more say so themselves
 LARGER = "a larger target, a shorter distance or a longer lens, or less noise"
 
 
@@ -96,11 +100,14 @@ class Margin:
             resolution: says what an arm of few joints can move; None: all six directions.
         """
         self._goal, self._modelled = goal, decision.task.modelled
+        self._up_to, self._round = decision.up_to, symmetric(decision.up_to, goal)
         self._lasting = 0.0 if accuracy is None else LASTING
         self._depth = depth = _plane(goal).C ** -1.0
         scale = self._scale = np.array([1.0] * 3 + [depth] * 3)
         L = np.asarray(decision.L, float) / scale
-        if accuracy is not None and decision.residual is None:
+        if decision.residual is not None:
+            error = decision.residual
+        if accuracy is not None and len(error) <= MOST:
             accuracy = accuracy * max(unexplained(L, error, accuracy), 1.0)
         if len(L) > 6:  # the same least squares with six rows
             Q, L = np.linalg.qr(L)
@@ -132,18 +139,15 @@ class Margin:
         """Whether there are directions that nothing measures."""
         return len(self._unseen) > 0
 
-    def left(
-        self, observation: Observation, up_to: str, offsets: Offsets
-    ) -> LeftOpen:
-        """What is left open as of an image; up_to: a motion that the error cannot see, as the
-        decision has it."""
+    def left(self, observation: Observation, offsets: Offsets) -> LeftOpen:
+        """What is left open as of an image."""
         held = np.zeros(6) if self._few else self._held(observation)[0]
-        known = offsets.mean * self._scale + self._coupling @ held
         part = 1.0 / max(offsets.count - 1, 1) + self._lasting**2
-        covariance = part * offsets.scatter * np.outer(self._scale, self._scale) + self._measured
-        distance = within(known[:3], covariance[:3, :3])
-        angle = within(known[3:], covariance[3:, 3:]) / self._depth
-        words = [up_to] if up_to else []
+        distance, angle = _bounds(
+            offsets.mean, offsets.scatter, self._measured, part, self._coupling, held, self._scale
+        )
+        distance, angle = distance + STILL[0], angle / self._depth + STILL[1]
+        words = [self._up_to] if self._up_to else []
         reason = mend = ""
         if count := len(self._unseen):
             words.append(f"{count} direction{'s' if count > 1 else ''}")
@@ -156,8 +160,9 @@ class Margin:
                 f"mm and {np.degrees(angle):.2f} degrees from its goal"
             )
             mend = LARGER
-        for way, turn in (self._anywhere(), symmetric(up_to, self._goal)):
-            distance, angle = distance + way, min(angle + turn, pi)
+        if words:
+            for way, turn in (self._anywhere(), self._round):
+                distance, angle = distance + way, min(angle + turn, pi)
         return LeftOpen(distance, angle, " and ".join(words), reason, mend)
 
     def _held(self, observation: Observation) -> tuple[np.ndarray, np.ndarray]:
@@ -188,18 +193,45 @@ def unexplained(L: np.ndarray, error: np.ndarray, accuracy: np.ndarray) -> float
     return float(np.linalg.norm(rest @ error)) / expected if expected > 0.0 else 0.0
 
 
-def within(mean: np.ndarray, covariance: np.ndarray) -> float:
-    """Length that 99.7 % of normally distributed vectors (3,) do not exceed.
+@compiled("f8[:], f8[:,:]")
+def within(mean, covariance):
+    """Length that 99.7 % of normally distributed vectors of three numbers do not exceed.
 
     Their squared length is taken for a scaled chi square of the same mean and variance (P. Patnaik,
     Biometrika 36, 1949), whose quantile is that of E. Wilson and M. Hilferty, 1931.
+
+    Args:
+        mean, covariance: (3,), (3, 3).
     """
-    square = max(float(mean @ mean + np.trace(covariance)), 0.0)
-    variance = float(2.0 * (covariance * covariance).sum() + 4.0 * mean @ covariance @ mean)
-    if variance <= 0.0 or square == 0.0:
-        return sqrt(square)
+    square, variance = 0.0, 0.0
+    for i in range(3):
+        square += mean[i] * mean[i] + covariance[i, i]
+        for j in range(3):
+            variance += 2.0 * covariance[i, j] ** 2 + 4.0 * mean[i] * covariance[i, j] * mean[j]
+    if variance <= 0.0 or square <= 0.0:
+        return np.sqrt(max(square, 0.0))
     inverse = variance / (9.0 * square * square)  # 2 / (9 degrees of freedom)
-    return sqrt(square * (1.0 - inverse + Z_997 * sqrt(inverse)) ** 3)
+    return np.sqrt(square * (1.0 - inverse + Z_997 * np.sqrt(inverse)) ** 3)
+
+
+@compiled("f8[:], f8[:,:], f8[:,:], f8, f8[:,:], f8[:], f8[:]")
+def _bounds(mean, scatter, measured, part, coupling, held, scale):
+    """m (scaled) that an offset's translation and rotation do not exceed.
+
+    Args:
+        mean, scatter: (6,), (6, 6) of the offset by images, m and rad.
+        measured: (6, 6) covariance of what the accuracy of the features leaves open, scaled.
+        part: of the scatter that is left in the mean.
+        coupling, held: (6, 6), (6,) of the held directions, scaled.
+        scale: (6,).
+    """
+    known, covariance = np.empty(6), np.empty((6, 6))
+    for i in range(6):
+        known[i] = mean[i] * scale[i]
+        for j in range(6):
+            known[i] += coupling[i, j] * held[j]
+            covariance[i, j] = part * scale[i] * scale[j] * scatter[i, j] + measured[i, j]
+    return within(known[:3], covariance[:3, :3]), within(known[3:], covariance[3:, 3:])
 
 
 def symmetric(up_to: str, goal: Goal) -> tuple[float, float]:

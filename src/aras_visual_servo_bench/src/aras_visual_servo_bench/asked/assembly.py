@@ -107,7 +107,7 @@ class _Builder:
         if Need.CORNERS in self.needs and isinstance(self.target.shape, RoundTarget):
             raise ExperimentError(
                 f"target '{self.experiment.target.shape}' has no corners, which scheme "
-                f"'{self.experiment.scheme}' needs: use ellipse or another one of moments"
+                f"'{self.experiment.scheme}' needs: use area"
             )
         try:
             return self._assembled()

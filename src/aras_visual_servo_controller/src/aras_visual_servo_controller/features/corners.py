@@ -42,8 +42,8 @@ class NumberedPoints(PointFeature):
         """See PointFeature.points."""
         if observation.corners is None:
             raise MeasurementError(
-                f"{self.name}: no corners in this observation: has the target any? (moments and "
-                "ellipse need none)"
+                f"{self.name}: no corners in this observation: has the target any? (area needs "
+                "none)"
             )
         return observation.corners
 

@@ -1,12 +1,10 @@
-"""A run of a bag: its messages parsed into the loop's own records, beside the joints' and tf's."""
+"""A run of messages, of a bag or heard on a graph: parsed into the loop's own records."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Any, Protocol
 
 import numpy as np
 
@@ -21,6 +19,7 @@ from aras_visual_servo_controller.ros.read_back import state_of
 from ..errors import BenchError
 from ..ros.described import Described
 from ..targets.geometry import BoxesTarget, PlacedTarget
+from .from_graph import Heard
 from .from_loop import joint_units, with_pictures
 from .run import CAMERA, CameraRecord, Run, Verdict
 from .tracks import milestones, nearest
@@ -29,33 +28,8 @@ REACHED_WITHIN = (0.3e-3, float(np.radians(0.3)))  # m and rad of the camera
 SERVOED = ("servoing", "converged", "holding", "stopped")
 
 
-class Heard(Protocol):
-    """What was read of a bag.
-
-    Attributes:
-        states, joints: messages. reports, moments: the same by stamp, ns. info: of the camera.
-        pace: stamp, s, and real-time factor. stamps: exposure and arrival of each image, s.
-        poses: stamp, s, and base_T_optical by tf. described: the experiment's text.
-    """
-
-    path: Path
-    states: list[Any]
-    reports: dict[int, Any]
-    moments: dict[int, Any]
-    joints: list[Any]
-    pace: list[tuple[float, float]]
-    stamps: list[tuple[float, float, Any]]
-    poses: list[tuple[float, np.ndarray]]
-    info: Any
-    described: str
-    notes: list[str]
-
-    def pictures(self, stamps: Iterable[float]) -> Iterator[tuple[float, np.ndarray]]:
-        """The pictures that are next to these exposures, as rgb."""
-
-
 class Messages:
-    """The messages of a bag, as a run."""
+    """Messages as a run."""
 
     def __init__(self, read: Heard) -> None:
         self._read = read

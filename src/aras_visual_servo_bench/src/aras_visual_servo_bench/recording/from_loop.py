@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.loop.state import ServoState
+from aras_visual_servo_controller.loop.state import APPROACHING, ServoState
 from aras_visual_servo_controller.schemes import JointController, Scheme
 
 from ..asked.assembly import Assembly
@@ -57,10 +57,14 @@ class Recorder:
         measured, measured_speed, true, true_speed, commanded = columns.swapaxes(0, 1)
         scheme: Scheme | JointController = parts.servo.scheme
         arm = parts.servo.arm
-        stamp = np.array([state.stamp for state in self._states])
+        # A run begins where servoing does: behind the way to the start, if the loop went there.
+        ways = [i for i, state in enumerate(self._states) if state.phase == APPROACHING]
+        first = ways[-1] + 1 if ways else 0
+        states, poses = self._states[first:], self._poses[first:]
+        stamp = np.array([state.stamp for state in states])
         limits = tuple(np.asarray(getattr(arm, side, ()), float) for side in ("lower", "upper"))
         run = Run(
-            states=tuple(self._states), pose=np.array(self._poses).reshape(-1, 4, 4),
+            states=tuple(states), pose=np.array(poses).reshape(-1, 4, 4),
             joint_stamp=np.array(self._stamps), measured=measured, measured_speed=measured_speed,
             commanded=commanded, true_joints=true, true_speed=true_speed,
             true_pose=plant.poses(true), units=tuple(scheme.units or ()),

@@ -18,6 +18,7 @@ from aras_visual_servo_base.poses import Pose, normalised, optical
 
 from ..errors import BenchError
 from ..recording.from_bag import Messages
+from ..recording.from_graph import Heard
 from ..recording.run import Run
 from ..recording.tracks import nearest
 from .described import Described
@@ -144,11 +145,12 @@ class _Topics:
         )  # fmt: skip
 
 
-class Reader:
+class Reader(Heard):
     """Reads once all but the pictures, and then the few pictures that are shown."""
 
     def __init__(self, bag: rosbag.Bag | UnclosedBag, path: Path) -> None:
-        self._bag, self.path = bag, path
+        super().__init__(path)
+        self._bag = bag
         info = bag.get_type_and_topic_info().topics
         self._topics = _Topics.of({topic: one.msg_type for topic, one in info.items()})
         if not self._topics.state:
@@ -158,17 +160,7 @@ class Reader:
                 f"{there}"
             )
         self._counts = {topic: one.message_count for topic, one in info.items()}
-        self.states: list[Any] = []
-        self.reports: dict[int, Any] = {}
-        self.moments: dict[int, Any] = {}
-        self.joints: list[Any] = []
-        self.pace: list[tuple[float, float]] = []
-        self.stamps: list[tuple[float, float, Any]] = []  # exposure, arrival, arrival as written
-        self.poses: list[tuple[float, np.ndarray]] = []
         self._transforms: dict[str, tuple[str, np.ndarray]] = {}
-        self.info: Any = None
-        self.described = ""
-        self.notes: list[str] = []
 
     # -- reading ---------------------------------------------------------------------------
 
@@ -176,8 +168,8 @@ class Reader:
         """All but the pictures' own bytes."""
         t = self._topics
         takers: dict[str, Callable[[Any], None]] = {
-            t.state: self.states.append, t.report: self._take_report,
-            t.moments: self._take_moments, t.joints: self.joints.append,
+            t.state: self.states.append, t.report: self.take_report,
+            t.moments: self.take_moments, t.joints: self.joints.append,
             t.info: self._take_info, t.metrics: self._take_metrics,
             t.experiment: self._take_experiment, "/tf": self._take_tf, "/tf_static": self._take_tf,
         }  # fmt: skip
@@ -233,13 +225,6 @@ class Reader:
             "this bag was recorded: what is here is what came after"
         )
         return written[back[-1]][0]
-
-    def _take_report(self, message: Any) -> None:
-        self.reports[message.header.stamp.to_nsec()] = message
-
-    def _take_moments(self, message: Any) -> None:
-        if message.valid:
-            self.moments[message.header.stamp.to_nsec()] = message
 
     def _take_metrics(self, message: Any) -> None:
         self.pace.append((message.header.stamp.to_sec(), message.real_time_factor))

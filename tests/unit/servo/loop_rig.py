@@ -97,7 +97,9 @@ class Rig:
 
     def __post_init__(self) -> None:
         self.q = np.array(self.q, float)
-        self.observer = Observer(self.servo.arm, self.servo.scheme.needs)
+        self.observer = Observer(
+            self.servo.arm, self.servo.scheme.needs, plane_from=self.servo.goal.plane_from
+        )
         self.now = 0.0
         self._target, self._speed = self.q.copy(), np.zeros(len(self.q))
         self._pending: list[Observation] = []

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from free_camera import exponential, pose
@@ -11,7 +12,7 @@ from aras_visual_servo_camera.kernel import kernel_features, kernel_of_outline
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import Feature, Measured, Stack, create_feature
-from aras_visual_servo_controller.features.points import PointFeature, point_interaction
+from aras_visual_servo_controller.features.points import PointFeature
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Proportional
 from aras_visual_servo_controller.schemes import Composed, create_scheme
@@ -261,26 +262,108 @@ def test_accuracy_of_moments_is_that_of_the_outline(name):
     assert middle.shape == (2,)
 
 
-def test_depth_of_points_by_plane_by_depth_image_or_by_size():
-    feature = create_feature("points")
-    goal = taught(feature, view=pose((0, 0, 0.2), (0, 0, 0)))
-    view = pose((0, 0, 0.3), (0, 0, 0))
-    known = look(feature.needs, view)
-    plain = look(feature.needs, view, plane=False)
-    depth = Observer(None, feature.needs | {Need.DEPTH}).of_image(
-        0.0, np.zeros((240, 320), np.uint8), CAMERA, depth=np.full((240, 320), 0.3, np.float32)
-    )
-    from dataclasses import replace
+TILTED = pose((0.012, -0.02, 0.3), (0.25, -0.3, 0.4))
 
-    with_depth = replace(plain, depth=depth.depth)
-    for seen in (known, plain, with_depth):
-        np.testing.assert_allclose(
-            feature.measure(seen, goal).L,
-            point_interaction(seen.corners, np.full(8, 1 / 0.3)), rtol=1e-6, atol=1e-9,
-        )  # fmt: skip
-    holed = replace(with_depth, depth=np.full((240, 320), np.nan, np.float32))
-    with pytest.raises(MeasurementError, match="no depth"):
-        feature.measure(holed, goal)
+
+def depth_image(camera_T_object, mask=True):
+    """(240, 320) m of the object's plane; the ground 5 cm behind where it is not `mask`."""
+    u, v = np.meshgrid(np.arange(320), np.arange(240))
+    x, y, _ = CAMERA.normalise(u.ravel(), v.ravel())
+    plane = Plane.from_pose(camera_T_object[:3, :3], camera_T_object[:3, 3])
+    depth = 1.0 / (plane.A * x + plane.B * y + plane.C).reshape(240, 320)
+    return np.where(mask, depth, depth + 0.05).astype(np.float32)
+
+
+@pytest.mark.parametrize("name", ["points", "points_3d", "lines"])
+def test_the_plane_is_that_of_goal_and_kinematics(name):
+    feature = create_feature(name)
+    goal = taught(feature)
+    feature.check(goal)
+    observer = Observer(None, feature.needs, plane_from=goal.plane_from)
+    known = look(feature.needs, TILTED)
+    found = look(feature.needs, TILTED, plane=False, observer=observer)
+    np.testing.assert_allclose(found.plane, known.plane, rtol=1e-9)
+    assert not found.plane_measured
+    np.testing.assert_allclose(
+        feature.measure(found, goal).L, feature.measure(known, goal).L, rtol=1e-7, atol=1e-9
+    )
+
+
+def test_the_plane_is_known_from_both_its_sides_and_not_in_it():
+    goal = Goal(plane=Plane(0.0, 0.0, 5.0), world_T_camera=np.eye(4))
+    for depth in (0.19, 0.21):
+        seen = goal.plane_from(pose((0.0, 0.0, depth), (0.1, 0, 0)))
+        np.testing.assert_allclose(seen, np.array([0.0, np.sin(0.1), np.cos(0.1)]) / (0.2 - depth))
+    assert goal.plane_from(pose((0.1, 0.3, 0.2), (0.1, 0, 0))) is None
+    assert replace(goal, plane=None).plane_from(np.eye(4)) is None
+    assert replace(goal, world_T_camera=None).plane_from(np.eye(4)) is None
+
+
+@pytest.mark.parametrize("name", ["points", "lines"])
+def test_a_plane_behind_the_camera_is_refused_where_points_are_to_lie_in_it(name):
+    feature = create_feature(name)
+    goal = taught(feature)
+    with pytest.raises(MeasurementError, match="behind the camera"):
+        feature.measure(replace(look(feature.needs, GOAL), plane=Plane(0.0, 0.0, -5.0)), goal)
+
+
+def test_moments_take_the_depth_from_the_area_where_no_plane_is_measured():
+    """By it the loop tells a wrong focal length, which a plane of kinematics hides."""
+    feature = create_feature("moments")
+    goal = taught(feature)
+    seen = look(feature.needs, TILTED)
+    assert seen.plane_measured
+    by_area = feature.measure(replace(seen, plane=None, plane_measured=False), goal).L
+    for plane, measured in ((Plane(0.0, 0.0, -5.0), True), (Plane(0.1, 0.2, 9.0), False)):
+        told = replace(seen, plane=plane, plane_measured=measured)
+        np.testing.assert_array_equal(feature.measure(told, goal).L, by_area)
+    assert not np.allclose(feature.measure(seen, goal).L, by_area)
+
+
+@pytest.mark.parametrize("name", ["points", "numbered_points", "points_3d", "lines"])
+def test_without_a_plane_nothing_of_points_is_measured(name):
+    feature = create_feature(name)
+    goal = taught(feature)
+    with pytest.raises(MeasurementError, match="nothing tells the target's plane"):
+        feature.measure(look(feature.needs, TILTED, plane=False), goal)
+
+
+def seen_with_depth(depth, needs=frozenset((Need.CORNERS, Need.DEPTH)), **options):
+    """An image of the outline at TILTED, dark on white, with a depth image."""
+    known = look(needs, TILTED)
+    pixels = np.column_stack(CAMERA.project(*dense(known.contour).T))
+    image = np.full((240, 320), 255, np.uint8)
+    cv2.fillPoly(image, [np.round(pixels).astype(np.int32)], 0)
+    return Observer(None, needs, **options).of_image(0.0, image, CAMERA, depth=depth), known
+
+
+def test_the_plane_is_that_of_the_depth_image_where_it_is_asked_for():
+    goal = taught(create_feature("points"))
+    hull = cv2.convexHull(np.column_stack(
+        CAMERA.project(*look(frozenset(), TILTED).contour.T)).astype(np.float32))  # fmt: skip
+    target = np.zeros((240, 320), np.uint8)
+    cv2.fillConvexPoly(target, np.round(hull).astype(np.int32), 1)
+    target = cv2.dilate(target, np.ones((5, 5))).astype(bool)
+    for needs in ((Need.CORNERS,), (Need.MOMENTS,), (Need.CONTOUR, Need.MOMENTS)):
+        # The goal's plane would be wrong: it is nearer, and the camera's pose is not known.
+        seen, known = seen_with_depth(
+            depth_image(TILTED, target), frozenset((*needs, Need.DEPTH)), plane_from=goal.plane_from
+        )
+        assert seen.valid, seen.reason
+        np.testing.assert_allclose(seen.plane, known.plane, rtol=1e-4, atol=1e-4)
+    seen, _ = seen_with_depth(depth_image(TILTED, target), frozenset((Need.CORNERS,)))
+    assert seen.plane is None and seen.depth is None
+
+
+def test_pixels_without_depth_do_not_count():
+    depth = depth_image(TILTED)
+    depth[::2], depth[1::4] = np.nan, 0.0
+    seen, known = seen_with_depth(depth)
+    np.testing.assert_allclose(seen.plane, known.plane, rtol=1e-4, atol=1e-4)
+    feature = create_feature("points")
+    seen, _ = seen_with_depth(np.full((240, 320), np.inf, np.float32))
+    with pytest.raises(MeasurementError, match="the depth image knows no depth at the target"):
+        feature.measure(replace(seen, world_T_camera=np.eye(4)), taught(feature))
 
 
 def test_points_that_do_not_fit_the_goal_are_refused():

@@ -206,7 +206,9 @@ def test_bad_pictures_are_one_line():
     exact = Observer(None, feature.needs).of_exact(0.0, PINHOLE)
     with pytest.raises(MeasurementError, match="no picture"):
         feature.measure(exact, goal)
-    plain = Observer(None, feature.needs).of_image(0.0, np.full((120, 160), 90, np.uint8), PINHOLE)
+    plain = Observer(None, feature.needs).of_image(
+        0.0, np.full((120, 160), 90, np.uint8), PINHOLE, plane=goal.plane
+    )
     with pytest.raises(MeasurementError, match="too little texture"):
         feature.measure(plain, goal)
     with pytest.raises(ConfigurationError, match="teach it"):

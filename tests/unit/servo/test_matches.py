@@ -8,6 +8,7 @@ from aras_visual_servo_base.poses import inverse, rotation_vector
 from aras_visual_servo_bench.targets.textures import poster
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features.registry import create_feature
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.schemes import Composed
@@ -60,10 +61,9 @@ def test_points_their_error_and_their_rate_are_those_of_the_plane(name, most, pi
         assert rows[1] == pytest.approx([0, -1 / Z, y / Z, 1 + y * y, -x * y, -x], abs=1e-6)
 
 
-def test_where_the_plane_is_not_known_depths_come_from_the_matches(picture):
-    found = measured("matches", picture, known=False)
-    s = found.s.reshape(-1, 2)
-    assert -1.0 / found.L[0::2, 0] == pytest.approx(on_plane(s, NOW)[:, 2], rel=0.01)
+def test_where_the_plane_is_not_known_nothing_is_measured(picture):
+    with pytest.raises(MeasurementError, match="nothing tells the target's plane"):
+        measured("matches", picture, known=False)
 
 
 def test_judged_is_the_root_of_the_mean_squared_distance(picture):

@@ -39,7 +39,7 @@ from .laws.proportional import GREATEST_GAIN
 from .loop.servo import Servo
 from .loop.state import ServoSettings
 from .schemes import JointController, Scheme, create_scheme
-from .seeing.observation import Observer
+from .seeing.observation import Need, Observer
 
 # Parameters that laws take by these names.
 LAW_GAINS = {
@@ -83,6 +83,8 @@ class Settings:
                             "'package.module:Class'", name=True)  # fmt: skip
     interaction: str = parameter("current", "", "L at the view: current, desired, mean, estimated")
     tracker: str = parameter(OUTLINE, "", "of a target's points: outline, dots, marker, lines")
+    depth_image: bool = parameter(False, "", "the target's plane is taken from the camera's depth "
+                                  "image, in place of goal and kinematics")  # fmt: skip
     weights: tuple[float, ...] = parameter((), "", "of stacked features, one each; empty: "
                                            "all alike")  # fmt: skip
     smoothing: float = parameter(0.0, "s", "time constant of a low-pass on the errors; 0: none",
@@ -342,6 +344,7 @@ class Settings:
         goal: Goal | None = None,
         clock: Callable[[], float] | None = None,
         scheme: Scheme | JointController | None = None,
+        resolver: Resolver | None = None,
     ) -> Servo:
         """The loop that these parameters describe.
 
@@ -350,6 +353,7 @@ class Settings:
             goal: None: the one that `desired` names.
             clock: s, to tell a scheme that takes too long.
             scheme: None: the one that `scheme` names.
+            resolver: None: the one that these parameters describe.
 
         Raises:
             ConfigurationError: what cannot be, and what would be right.
@@ -373,15 +377,19 @@ class Settings:
             scheme,
             arm,
             goal,
-            self.resolver(arm, limits),
+            self.resolver(arm, limits) if resolver is None else resolver,
             settings,
             clock,
             self.scheme,
         )
 
-    def observer(self, arm: Arm, scheme: Scheme | JointController) -> Observer:
-        """What makes observations for that scheme."""
-        return Observer(arm, scheme.needs, tracker=self.make_tracker())
+    def observer(
+        self, arm: Arm, scheme: Scheme | JointController, goal: Goal | None = None
+    ) -> Observer:
+        """What makes observations for that scheme; `goal`: as the loop has it."""
+        depth = frozenset((Need.DEPTH,)) if self.depth_image else frozenset()
+        plane_from = None if goal is None else goal.plane_from
+        return Observer(arm, scheme.needs | depth, None, self.make_tracker(), plane_from)
 
     def make_tracker(self) -> Tracker | None:
         """What finds the points of the target; None: the outline's corners."""

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from aras_sim_bridge.description import Light
-from aras_sim_bridge.description.lights import SUN
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import inverse, transform
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
@@ -25,26 +23,24 @@ from aras_visual_servo_controller.settings import Settings
 
 from ..errors import ExperimentError, ViewError
 from ..plants import CameraReading, Plant
-from ..plants.bullet_arm import BulletArm, ShownTarget
 from ..plants.free_body import FreeBody
-from ..plants.kinematic import FreeCamera, KinematicChain, Sight
-from ..targets.files import description_file
+from ..plants.ideal import ExactResolver, IdealCamera
 from ..targets.geometry import PlacedTarget, RoundTarget
 from ..targets.outlines import shape_of
-from ..targets.textures import TexturedTarget
 from . import cameras
-from .experiment import FLYING, CameraPose, Experiment, Sampler, SunSpec
-from .loop_settings import named_goal, named_scheme, settings_of
+from .experiment import FLYING, CameraPose, Experiment, Sampler
+from .loop_settings import named_goal, settings_of
+from .plant_making import PlantMaker
 from .robots import Robot
 from .sampling import draw_start
 
-PATIENCE_NS = 1_000_000_000  # for the one picture that a goal is taught by
 # What is taught from a picture as the loop will see it: its own errors are then none of the goal.
 PICTURED = {Need.IMAGE, Need.CONTOUR, Need.CORNERS}
-CHANCE = {"noise_stddev", "shot_noise", "drop_probability"}  # of a camera's effects
-# The demo's target as the launch files put it into the world: a model whose origin lies there.
-PLATES = "package://aras_visual_servo_gazebo/targets/aras.urdf"
-PLATES_AT = (0.0, 0.0, 0.591)
+OF_PICTURES = {Need.IMAGE, Need.KERNEL}  # exact features have none
+ELSEWHERE = "give a goal from where the camera sees it, or move the target"
+
+
+Wrap = Callable[[Scheme | JointController], Scheme | JointController]
 
 
 @dataclass
@@ -54,7 +50,8 @@ class Assembly:
     Attributes:
         plant: at its start. settings: of the loop. servo: the loop. observer: of its images.
         camera: as the controller believes it. goal: of the loop.
-        goal_pose: world_T_camera (4, 4) where the true camera sees the goal. target: in the world.
+        goal_pose: world_T_camera (4, 4) where the true camera was when the goal was shown; of one
+            that is computed, where it says. target: in the world.
     """
 
     plant: Plant
@@ -68,108 +65,186 @@ class Assembly:
 
     @property
     def needs(self) -> frozenset[Need]:
-        """What the scheme wants of an image."""
+        """What the loop wants of an image."""
         return self.observer.needs
 
     def observe(self, reading: CameraReading, joints: Any, commands: tuple = ()) -> Observation:
-        """The observation of a camera's reading, as the controller makes it."""
-        stamp = reading.stamp
-        if reading.pictured:
-            return self.observer.of_image(
-                stamp, reading.picture, self.camera, joints, commands, reading.depth
-            )
-        return self.observer.of_exact(
-            stamp, self.camera, joints, contour=reading.outline, points=reading.points,
-            commands=commands,
+        """The observation of a camera's reading, as the controller makes it.
+
+        The ideal camera's kinematics are exact, and its plane counts as measured.
+        """
+        plane = None
+        if isinstance(self.plant, IdealCamera):
+            plane = self.servo.goal.plane_from(self.servo.arm.pose(joints.positions))
+        return _observed(
+            self.observer, reading, self.plant.camera, self.camera, joints=joints,
+            commands=commands, plane=plane,
         )  # fmt: skip
+
+
+def _observed(
+    observer: Observer,
+    reading: CameraReading,
+    true_camera: CameraModel,
+    camera: CameraModel,
+    **known: Any,
+) -> Observation:
+    """What the true camera has delivered, read through the one that the controller believes in.
+
+    Args:
+        known: further arguments of `Observer.of_image` and `of_exact`.
+    """
+    if reading.pictured:
+        return observer.of_image(
+            reading.stamp, reading.picture, camera, depth=reading.depth, **known
+        )
+    return observer.of_exact(
+        reading.stamp, camera,
+        contour=cameras.read(reading.outline, true_camera, camera, closed=True),
+        points=cameras.read(reading.points, true_camera, camera), **known,
+    )  # fmt: skip
 
 
 class _Builder:
     """Works out the parts one after the other; each is needed by the next."""
 
-    def __init__(self, experiment: Experiment, scheme: Scheme | JointController | None) -> None:
+    def __init__(self, experiment: Experiment, wrap: Wrap | None = None) -> None:
         self.experiment = experiment = experiment.placed
         self.robot = Robot(
             experiment.robot, experiment.camera_xyz, experiment.camera_rpy, experiment.friction
         )
-        self.settings = cameras.preset(
+        settings = cameras.preset(
             experiment.camera, self.robot.packages, experiment.robot.cameras
         )
         self.true_arm = self.robot.arm()
-        self.true_camera = cameras.model_of(self.settings)
+        self.true_camera = cameras.model_of(settings)
+        self.camera = experiment.believed.camera(self.true_camera)
         self.target = _target(experiment)
-        self.scheme = named_scheme(experiment) if scheme is None else scheme
         self.loop_settings = settings_of(experiment, self.robot)
-        self.needs = frozenset(self.scheme.needs)
+        try:
+            self.scheme = self.loop_settings.make_scheme()
+            if wrap is not None:
+                self.scheme = wrap(self.scheme)
+            self.needs = self.loop_settings.observer(self.true_arm, self.scheme).needs
+        except ConfigurationError as error:
+            raise ExperimentError(str(error)) from error
+        self.plants = PlantMaker(
+            experiment, self.robot, settings, self.true_camera, self.target, self.needs
+        )
 
     def assemble(self) -> Assembly:
         """All of it; ExperimentError for what cannot be."""
-        if Need.CORNERS in self.needs and isinstance(self.target.shape, RoundTarget):
-            raise ExperimentError(
-                f"target '{self.experiment.target.shape}' has no corners, which scheme "
-                f"'{self.experiment.scheme}' needs: use area"
-            )
+        self._check_scheme()
         try:
             return self._assembled()
         except (ServoError, ViewError) as error:
             raise ExperimentError(str(error)) from error
 
     def _assembled(self) -> Assembly:
-        experiment, believed = self.experiment, self.experiment.believed
-        goal = self._goal()
-        if experiment.plant in FLYING:
-            if goal.world_T_camera is None:
-                goal = goal.for_arm(self.true_arm)
-            arm: Arm | FreeBody = FreeBody(goal.world_T_camera)
-            believed_arm = arm
-            goal = replace(goal, joints={})
+        pose, joints, named = self._wanted()
+        arm, believed_arm = self._arms(pose)
+        goal = None if named is None else self._computed(named, believed_arm)
+        if goal is None:
+            rest, mounting = np.zeros(len(arm.names)), np.eye(4)
+            if believed_arm is not arm:
+                mounting = inverse(arm.pose(rest)) @ believed_arm.pose(rest)
+            goal = self._shown(pose, mounting, joints, "goal" if named is None else named.name)
         else:
-            arm = self.true_arm
-            believed_arm = self.robot.believed_arm(believed.xyz, believed.rpy)
-        goal = goal.for_arm(believed_arm)
-        if goal.world_T_camera is None:
-            raise ExperimentError(f"the goal {goal.name} says neither joints nor camera_pose")
-        goal = self._taught(goal)
-        goal_pose = np.array(goal.world_T_camera)
-        if believed.depth != 1.0:
-            goal = _deeper(goal, believed.depth)
-        start = self._start(arm, goal_pose)
-        camera = believed.camera(self.true_camera)
-        if goal.camera == self.true_camera:  # it was taught here, by a camera believed like this
-            goal = replace(goal, camera=camera)
-        servo = self.loop_settings.build(believed_arm, goal, scheme=self.scheme)
-        observer = self.loop_settings.observer(believed_arm, self.scheme)
-        plant = self._plant(arm, start)
+            pose = goal.world_T_camera
+        if self.experiment.believed.depth != 1.0:
+            goal = _deeper(goal, self.experiment.believed.depth)
+        start = self._start(arm, pose)
+        resolver = None
+        if self.experiment.plant == "ideal":
+            resolver = ExactResolver(
+                believed_arm, self.plants.rate, self.experiment.ideal.speed
+            )
+        servo = self.loop_settings.build(
+            believed_arm, goal, scheme=self.scheme, resolver=resolver
+        )
+        observer = self.loop_settings.observer(believed_arm, self.scheme, servo.goal)
+        plant = self.plants.plant(arm, start)
         return Assembly(
-            plant, self.loop_settings, servo, observer, camera, goal, goal_pose, self.target
+            plant, self.loop_settings, servo, observer, self.camera, goal, pose, self.target
         )
 
     def check(self) -> None:
         """ExperimentError for what is wrong before a world is made: names, files, poses."""
         experiment = self.experiment
         try:
+            self._check_scheme()
             if not isinstance(experiment.start, Sampler | CameraPose):
                 self._start(self.true_arm, np.eye(4))
-            if isinstance(experiment.goal, str):
-                self._goal()
-            elif not isinstance(experiment.goal, CameraPose):
-                self._goal_joints()
-            experiment.believed.camera(self.true_camera)
+            pose, _, named = self._wanted()
+            if named is None:
+                self._check_view(pose)
         except (ServoError, ViewError) as error:
             raise ExperimentError(str(error)) from error
 
+    def _check_scheme(self) -> None:
+        """ExperimentError for a scheme that can do nothing with what it will be given."""
+        experiment = self.experiment
+        if Need.CORNERS in self.needs and isinstance(self.target.shape, RoundTarget):
+            raise ExperimentError(
+                f"target '{experiment.target.shape}' has no corners, which scheme "
+                f"'{experiment.scheme}' needs: use area"
+            )
+        if experiment.plant == "ideal" and isinstance(self.scheme, JointController):
+            raise ExperimentError(
+                f"scheme '{experiment.scheme}' answers joints, the ideal camera has none: "
+                "use plant bullet, chain or free"
+            )
+        if self.needs & OF_PICTURES and not experiment.pictures:
+            raise ExperimentError(
+                f"scheme '{experiment.scheme}' looks at pictures, and there are none with exact "
+                "features: give features: pictures"
+            )
+
+    def _check_view(self, pose: np.ndarray) -> None:
+        """ExperimentError for a goal that is shown where the target is not in view."""
+        try:
+            outline = self.target.shape.outline(self.target.seen_from(pose))
+        except ViewError as error:
+            raise ExperimentError(f"goal: {error}: {ELSEWHERE}") from error
+        if self.experiment.pictures:
+            seen = (cameras.draw(outline, self.true_camera) < cameras.WHITE).any()
+        else:
+            seen = self.plants.unbounded or cameras.in_view(outline, self.true_camera, 0.0)
+        if not seen:
+            raise ExperimentError(
+                f"the goal is shown where the target is not in the camera's view: {ELSEWHERE}"
+            )
+
     # -- goal ------------------------------------------------------------------------------
 
-    def _goal(self) -> Goal:
-        """The goal as named, or as taught at a pose."""
-        goal = self.experiment.goal
-        if isinstance(goal, str):
-            return named_goal(self.experiment, self.loop_settings)
-        if isinstance(goal, CameraPose):
-            return self._teach(transform(goal.pose[:3], goal.pose[3:]), {})
-        joints = self._goal_joints()
-        by_name = dict(zip(self.true_arm.names, joints.tolist(), strict=True))
-        return self._teach(self.true_arm.pose(joints), by_name)
+    def _arms(self, pose: np.ndarray) -> tuple[Arm | FreeBody, Arm | FreeBody]:
+        """The true arm and the believed one; of a camera that flies, about the goal's pose."""
+        believed = self.experiment.believed
+        if self.experiment.plant not in FLYING:
+            return self.true_arm, self.robot.believed_arm(believed.xyz, believed.rpy)
+        body = FreeBody(pose)
+        if not believed.moved:
+            return body, body
+        return body, FreeBody(pose, transform(believed.xyz, believed.rpy))
+
+    def _wanted(self) -> tuple[np.ndarray, Mapping[str, float], Goal | None]:
+        """Where the true camera is at the goal, world_T_camera (4, 4); the joints there, by name,
+        where they are known; and the goal that is named, None: it is shown."""
+        wanted, flies = self.experiment.goal, self.experiment.plant in FLYING
+        if isinstance(wanted, CameraPose):
+            return transform(wanted.pose[:3], wanted.pose[3:]), {}, None
+        if not isinstance(wanted, str):
+            joints = self._goal_joints()
+            named = dict(zip(self.true_arm.names, joints.tolist(), strict=True))
+            return self.true_arm.pose(joints), {} if flies else named, None
+        goal = here = named_goal(self.experiment, self.loop_settings)
+        if not flies or goal.world_T_camera is None:
+            here = goal.for_arm(self.true_arm)
+        if here.world_T_camera is None:
+            raise ExperimentError(f"the goal {goal.name} says neither joints nor camera_pose")
+        if flies:
+            goal = here = replace(here, joints={})
+        return np.array(here.world_T_camera), here.joints, goal
 
     def _goal_joints(self) -> np.ndarray:
         """The joints (n,) that the goal is taught at, where it names joints."""
@@ -180,55 +255,38 @@ class _Builder:
         self._within(joints, "goal")
         return joints
 
-    def _taught(self, goal: Goal) -> Goal:
-        """The goal, with what the scheme's features need of it, from its own pose."""
+    def _computed(self, goal: Goal, arm: Arm | FreeBody) -> Goal | None:
+        """A named goal as the believed arm sees it; None where it lacks what the scheme needs."""
+        goal = goal.for_arm(arm)
         try:
             self.scheme.check(goal)
         except ConfigurationError:
-            seen = self._teach(goal.world_T_camera, goal.joints)
-            return replace(seen, name=goal.name)
+            return None
         return goal
 
-    def _teach(self, pose: np.ndarray, joints: Mapping[str, float]) -> Goal:
-        """What the true camera sees from a pose (4, 4), as a goal."""
-        seen_from = self.target.seen_from(pose)
-        plane = self.target.shape.plane(seen_from)
-        observer = Observer(None, self.needs, tracker=self.loop_settings.make_tracker())
-        if self.experiment.plant == "bullet" and self.experiment.pictures and self.needs & PICTURED:
-            reading = self._picture(pose, joints)
-        else:
-            sight = self._sight(exactly=True)
-            reading = sight.look(pose, 0, np.random.default_rng(0))
-        if reading.pictured:
-            observation = observer.of_image(
-                0.0, reading.picture, self.true_camera, depth=reading.depth, plane=plane,
-                world_T_camera=pose,
-            )  # fmt: skip
-        else:
-            observation = observer.of_exact(
-                0.0, self.true_camera, world_T_camera=pose, contour=reading.outline,
-                points=reading.points, plane=plane,
-            )  # fmt: skip
-        depth = self.target.shape.depth(seen_from)
-        goal = Goal.teach(self.scheme, observation, "goal", depth)
-        return replace(goal, joints=dict(joints))
+    def _shown(
+        self, pose: np.ndarray, mounting: np.ndarray, joints: Mapping[str, float], name: str
+    ) -> Goal:
+        """What the controller makes of the true camera's view at the goal.
 
-    def _picture(self, pose: np.ndarray, joints: Mapping[str, float]) -> CameraReading:
-        """The first picture of an arm that stands at the goal."""
-        if not joints:
-            start = np.zeros(len(self.true_arm.names))
-            found = self.true_arm.inverse(pose, start)
-            joints = dict(zip(self.true_arm.names, found.tolist(), strict=True))
-        q = np.array([joints[name] for name in self.true_arm.names])
-        plant = self._plant(self.true_arm, q, exactly=True)
-        try:
-            while plant.time_ns < PATIENCE_NS:
-                for reading in plant.advance(PATIENCE_NS):
-                    if isinstance(reading, CameraReading):
-                        return reading
-        finally:
-            plant.close()
-        raise ExperimentError("the camera delivers no picture within 1 s to teach the goal by")
+        Args:
+            pose: world_T_camera (4, 4) of the true camera.
+            mounting: (4, 4) of the believed camera in the true one.
+        """
+        self._check_view(pose)
+        believed = pose @ mounting
+        seen_from = self.target.seen_from(believed)
+        if self.experiment.plant == "bullet" and self.experiment.pictures and self.needs & PICTURED:
+            reading = self.plants.picture(pose, joints)
+        else:
+            reading = self.plants.sight(exactly=True).look(pose, 0, np.random.default_rng(0))
+        observer = self.loop_settings.observer(None, self.scheme)
+        observation = _observed(
+            observer, reading, self.true_camera, self.camera, world_T_camera=believed,
+            plane=self.target.shape.plane(seen_from),
+        )  # fmt: skip
+        goal = Goal.teach(self.scheme, observation, name, self.target.shape.depth(seen_from))
+        return replace(goal, joints=dict(joints))
 
     # -- start -----------------------------------------------------------------------------
 
@@ -265,62 +323,6 @@ class _Builder:
                 f"{arm.lower[i]:.4f} to {arm.upper[i]:.4f}"
             )
 
-    # -- plant -----------------------------------------------------------------------------
-
-    def _sight(self, exactly: bool = False) -> Sight:
-        """How plants without a renderer see; `exactly`: as for teaching, without noise."""
-        experiment = self.experiment
-        pictures = experiment.pictures and not (exactly and experiment.plant == "bullet")
-        target = self.target
-        if experiment.target.perturbed and not exactly:
-            if not isinstance(target.shape, TexturedTarget):
-                raise ExperimentError(
-                    f"target '{experiment.target.shape}' has no picture that could be perturbed: "
-                    "use poster or a PNG"
-                )
-            target = replace(target, shape=target.shape.perturbed(experiment.seed))
-        return Sight(
-            self.true_camera,
-            target,
-            float(self.settings.get("update_rate", 30.0)),
-            pictures=pictures or (exactly and Need.IMAGE in self.needs),
-            grey_noise=0.0 if exactly else experiment.noise,
-            jitter=0.0 if exactly else experiment.jitter,
-            depth=Need.DEPTH in self.needs,
-            occluder=experiment.target.occluder,
-            drop=float(dict(self.settings.get("effects", {})).get("drop_probability", 0.0)),
-        )
-
-    def _spawned(self, exactly: bool) -> ShownTarget | None:
-        """The target that is put into the simulated world, None where the robot brings its own."""
-        spec = self.experiment.target
-        if spec.described or self.experiment.robot.target_frame:
-            return None
-        if spec.shape == "aras":
-            return ShownTarget(self.target, self.robot.packages.file(PLATES), PLATES_AT)
-        seed = self.experiment.seed if spec.perturbed and not exactly else None
-        return ShownTarget(self.target, description_file(spec, seed))
-
-    def _plant(self, arm: Arm | FreeBody, start: np.ndarray, exactly: bool = False) -> Plant:
-        experiment = self.experiment
-        if experiment.plant == "bullet":
-            settings = dict(self.settings)
-            effects = dict(settings.get("effects", {}))
-            if exactly:  # one picture teaches the goal, and its noise would stay in it
-                settings["effects"] = {k: v for k, v in effects.items() if k not in CHANCE}
-            elif experiment.noise:
-                settings["effects"] = {**effects, "noise_stddev": experiment.noise}
-            if Need.DEPTH in self.needs:
-                settings["depth"] = True
-            joints = dict(zip(arm.names, start.tolist(), strict=True))
-            return BulletArm(
-                self.robot, settings, joints, experiment.seed, experiment.renderer,
-                experiment.traced, self._spawned(exactly),
-                None if experiment.pictures else self._sight(), (_sun(experiment.sun),),
-            )  # fmt: skip
-        kind = FreeCamera if experiment.plant in FLYING else KinematicChain
-        return kind(arm, start, self._sight(), lag=experiment.lag, seed=experiment.seed)
-
 
 @lru_cache(maxsize=32)
 def _joints_of(urdf: str, frames: tuple[str, str], pose: bytes) -> tuple[float, ...] | None:
@@ -337,32 +339,25 @@ def _joints_of(urdf: str, frames: tuple[str, str], pose: bytes) -> tuple[float, 
 
 def check(experiment: Experiment) -> None:
     """ExperimentError for what cannot be of an experiment, found without making its plant."""
-    _Builder(experiment, None).check()
+    _Builder(experiment).check()
 
 
-def assemble(experiment: Experiment, scheme: Scheme | JointController | None = None) -> Assembly:
+def assemble(experiment: Experiment, wrap: Wrap | None = None) -> Assembly:
     """The parts of an experiment, at its start.
 
     Args:
-        scheme: to be used in place of the one that the experiment names.
+        wrap: makes the loop's scheme of the one that the experiment names; None: it is that.
 
     Raises:
         ExperimentError: what of it cannot be, and what would be right.
     """
-    return _Builder(experiment, scheme).assemble()
-
+    return _Builder(experiment, wrap).assemble()
 
 
 def _target(experiment: Experiment) -> PlacedTarget:
     spec = experiment.target
     shape = shape_of(spec.shape, spec.size)
     return PlacedTarget(shape, transform(spec.pose[:3], spec.pose[3:]), spec.motion)
-
-
-def _sun(spec: SunSpec) -> Light:
-    """The world's sun, of that direction and strength."""
-    strength = (spec.diffuse,) * 3
-    return replace(SUN, direction=spec.direction, diffuse=(*strength, 1.0))
 
 
 def _deeper(goal: Goal, factor: float) -> Goal:

@@ -29,7 +29,8 @@ class Belief:
 
     focal: factor on the focal length. centre: of the principal point, px (right, down).
     distortion: coefficients that the controller uses; None: the true ones.
-    xyz, rpy: where the camera is believed to sit, off its true place in camera_link, m and rad.
+    xyz, rpy: where the camera is believed to sit, off its true place, m and rad: in camera_link,
+        or of a camera that flies in its own optical frame.
     depth: factor on the depth that the controller believes.
     """
 
@@ -94,6 +95,24 @@ def model_of_info(info: Any) -> CameraModel:
     """Intrinsics of a simulated sensor's `info`."""
     K = tuple(float(k) for k in np.ravel(info.K))
     return CameraModel(info.width, info.height, K, tuple(map(float, info.D)), info.model)
+
+
+def read(
+    pixels: np.ndarray | None, true: CameraModel, believed: CameraModel, closed: bool = False
+) -> np.ndarray | None:
+    """Normalised points (n, 2) for which a believed camera takes pixels (n, 2) of the true one;
+    NaN where it has no ray for them, None for None.
+
+    closed: they are an outline, whose straight edges another lens would bend: it gets points along
+        them.
+    """
+    if pixels is None:
+        return None
+    if closed and true != believed and (true.distorted or believed.distorted):
+        x, y, _ = true.normalise(*pixels.T)
+        pixels = np.column_stack(true.project(*_dense(np.column_stack([x, y])).T))
+    x, y, valid = believed.normalise(*pixels.T)
+    return np.column_stack([np.where(valid, x, np.nan), np.where(valid, y, np.nan)])
 
 
 def in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) -> bool:

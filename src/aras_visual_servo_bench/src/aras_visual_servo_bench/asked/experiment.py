@@ -119,7 +119,7 @@ class TargetSpec:
 
 @dataclass(frozen=True)
 class Ideal:
-    """How the ideal camera flies; see plants and `flight`.
+    """How the ideal camera flies, and when its run is over.
 
     speed: m/s and rad/s; where a component of the twist is beyond, the whole twist is scaled.
     stop: sum of the squared errors at which the run has converged; None: as every loop.
@@ -149,7 +149,7 @@ class Experiment:
 
     plant: 'bullet' (simulated arm), 'chain' (arm without dynamics), 'free' (flying camera with
         the servo loop's ticks, limits and delay) or 'ideal' (the scheme's own twist, one exact
-        motion an image, with the target's true plane: what papers compute).
+        motion an image: what papers compute).
     ideal: see Ideal.
     robot: see RobotSpec. friction: of its joints (bullet). lag: of each joint (chain, free), s.
     target: see TargetSpec; 'aras' is part of the Bullet arm's description, others are put into the

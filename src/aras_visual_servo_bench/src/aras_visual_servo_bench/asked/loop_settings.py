@@ -9,7 +9,6 @@ from typing import Any
 from aras_visual_servo_base.urdf import robot_name
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.schemes import JointController, Scheme
 from aras_visual_servo_controller.settings import Settings
 
 from ..errors import ExperimentError
@@ -20,6 +19,8 @@ from .robots import Robot
 
 # A camera without an arm has no limits to keep away from and no elbow.
 FREE: dict[str, Any] = {"limit_avoidance": False, "output": "velocity"}
+# The ideal camera does at once what it is told, and its coordinates never wait for it.
+IDEAL: dict[str, Any] = {"delay": 0.0, "lockstep": False, "stop_time": 1e-6, "lead": 1e6}
 
 
 def settings_of(experiment: Experiment, robot: Robot | None = None) -> Settings:
@@ -44,6 +45,7 @@ def settings_of(experiment: Experiment, robot: Robot | None = None) -> Settings:
         "lockstep": experiment.commands == "images",
         "tracker": tracker_of(experiment.target.shape),
         **(FREE if experiment.plant in FLYING else {}),
+        **(IDEAL if experiment.plant == "ideal" else {}),
         **experiment.options,
     }
     if experiment.gain is not None:
@@ -61,11 +63,3 @@ def named_goal(experiment: Experiment, settings: Settings) -> Goal:
     """The goal that is given by name or path; ConfigurationError where there is none."""
     start = experiment.start if isinstance(experiment.start, str) else "none"
     return dataclasses.replace(settings, desired=experiment.goal, start=start).load_goal()
-
-
-def named_scheme(experiment: Experiment) -> Scheme | JointController:
-    """The scheme that the experiment names, with its law; ExperimentError where it is none."""
-    try:
-        return settings_of(experiment).make_scheme()
-    except ConfigurationError as error:
-        raise ExperimentError(str(error)) from error

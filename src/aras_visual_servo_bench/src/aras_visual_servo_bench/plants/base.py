@@ -56,7 +56,7 @@ class CameraReading:
     """What the camera delivers: a picture, or exact features where there are no pictures.
 
     stamp_ns: of the exposure. image: (rows, columns[, 3]) uint8 and its encoding, or None.
-    depth: (rows, columns) m or None. outline: (n, 2), points: (m, 2) normalised, None: not in view.
+    depth: (rows, columns) m or None. outline: (n, 2), points: (m, 2), px; None: not in view.
     """
 
     stamp_ns: int

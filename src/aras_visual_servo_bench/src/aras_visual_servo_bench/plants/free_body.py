@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pinocchio
 
-from aras_visual_servo_base.poses import exponential, logarithm, relative
+from aras_visual_servo_base.poses import exponential, inverse, logarithm, relative
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 
@@ -15,7 +15,8 @@ NAMES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 class FreeBody:
-    """Kinematics of a flying camera: q (6,) is the logarithm of its pose relative to its origin.
+    """Kinematics of a flying camera: q (6,) is the logarithm of its body's pose relative to its
+    origin. The body is the camera itself, unless the camera is believed elsewhere.
 
     What a loop asks of an `Arm` it answers too, so that a scheme meets no difference. The
     coordinates are single-valued up to a turn by pi against the origin.
@@ -26,9 +27,13 @@ class FreeBody:
     names = NAMES
     camera_frame, base_frame, target_frame = "camera_optical_frame", "world", ""
 
-    def __init__(self, origin: np.ndarray) -> None:
-        """`origin`: world_T_camera (4, 4) at q = 0."""
-        self.origin = np.array(origin, float)
+    def __init__(self, origin: np.ndarray, mounting: np.ndarray | None = None) -> None:
+        """Args:
+            origin: world_T_body (4, 4) at q = 0.
+            mounting: body_T_camera (4, 4), where the camera is believed elsewhere; None: it is the
+                body.
+        """
+        self.origin, self.mounting = np.array(origin, float), mounting
         self.upper = np.full(6, np.inf)
         self.lower = -self.upper
         self.velocity = self.effort = self.upper
@@ -40,15 +45,22 @@ class FreeBody:
 
     def pose(self, q: np.ndarray) -> np.ndarray:
         """world_T_camera (4, 4)."""
-        return self.origin @ exponential(q)
+        body = self.origin @ exponential(q)
+        return body if self.mounting is None else body @ self.mounting
 
     def coordinates(self, world_T_camera: np.ndarray) -> np.ndarray:
         """The q (6,) of a pose (4, 4)."""
-        return logarithm(relative(self.origin, world_T_camera))
+        body = world_T_camera
+        if self.mounting is not None:
+            body = world_T_camera @ inverse(self.mounting)
+        return logarithm(relative(self.origin, body))
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
         """(6, 6): the camera's twist in its own frame is jacobian(q) @ q_dot."""
-        return pinocchio.Jexp6(np.asarray(q, float))
+        rates = pinocchio.Jexp6(np.asarray(q, float))
+        if self.mounting is None:
+            return rates
+        return pinocchio.SE3(self.mounting).actionInverse @ rates
 
     def view(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """pose and jacobian."""

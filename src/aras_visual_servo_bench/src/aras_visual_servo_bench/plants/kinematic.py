@@ -36,6 +36,7 @@ class Sight:
     grey_noise: standard deviation of drawn pixels, grey levels. jitter: of exact points, px.
     depth: deliver a depth image too. drop: probability that an image is lost.
     occluder: corners (x, y), m, of a white rectangle on the target.
+    unbounded: exact features have no picture's border, and are lost behind the camera alone.
     """
 
     camera: CameraModel
@@ -47,6 +48,7 @@ class Sight:
     depth: bool = False
     drop: float = 0.0
     occluder: tuple[tuple[float, float], tuple[float, float]] | None = None
+    unbounded: bool = False
 
     def look(self, pose: np.ndarray, stamp_ns: int, random: np.random.Generator) -> CameraReading:
         """What the camera sees from world_T_camera (4, 4)."""
@@ -54,17 +56,16 @@ class Sight:
         try:
             outline = self.target.shape.outline(seen_from)
             points = self.target.shape.points(seen_from)
-            if not self.pictures and not cameras.in_view(outline, self.camera, 0.0):
-                return CameraReading(stamp_ns)
         except ViewError:
             outline = points = None
         if not self.pictures:
-            if outline is not None and self.jitter:
-                focal = self.camera.K[0]
-                outline = outline + random.normal(0.0, self.jitter / focal, outline.shape)
-                if points is not None:
-                    points = points + random.normal(0.0, self.jitter / focal, points.shape)
-            return CameraReading(stamp_ns, outline=outline, points=points)
+            if outline is None or not (
+                self.unbounded or cameras.in_view(outline, self.camera, 0.0)
+            ):
+                return CameraReading(stamp_ns)
+            return CameraReading(
+                stamp_ns, outline=self._pixels(outline, random), points=self._pixels(points, random)
+            )
         image = self._drawn(outline, seen_from)
         if self.grey_noise:
             noisy = image + random.normal(0.0, self.grey_noise, image.shape)
@@ -72,13 +73,25 @@ class Sight:
         depth = self._depth(seen_from) if self.depth else None
         return CameraReading(stamp_ns, image, "mono8", depth)
 
+    def _pixels(
+        self, points: np.ndarray | None, random: np.random.Generator
+    ) -> np.ndarray | None:
+        """Where normalised points (n, 2) are in the picture, px, with their noise."""
+        if points is None:
+            return None
+        pixels = np.column_stack(self.camera.project(*points.T))
+        if self.jitter:
+            pixels += random.normal(0.0, self.jitter, pixels.shape)
+        return pixels
+
     def _drawn(self, outline: np.ndarray | None, seen_from: np.ndarray) -> np.ndarray:
         """The picture (rows, columns) uint8, with what lies on the target."""
         shape = self.target.shape
-        if outline is not None and isinstance(shape, TexturedTarget):
-            image = shape.picture(self.camera, seen_from)
-        else:
-            image = cameras.draw(outline, self.camera)
+        textured = outline is not None and isinstance(shape, TexturedTarget)
+        image = cameras.draw(None if textured else outline, self.camera)
+        if textured:
+            with contextlib.suppress(ViewError):  # the camera lies in the target's plane
+                image = shape.picture(self.camera, seen_from)
         if outline is not None and self.occluder is not None:
             (x0, y0), (x1, y1) = self.occluder
             corners = np.array([(x, y, shape.height) for x, y in (
@@ -160,13 +173,13 @@ class KinematicPlant(Plant):
         values = np.array(values, float)
         if kind not in self.outputs:
             raise ExperimentError(
-                f"a plant without physics takes position or velocity commands, not {kind}"
+                f"this plant takes {' or '.join(sorted(self.outputs))} commands, not {kind}"
             )
         if values.shape != self._q.shape or not np.isfinite(values).all():
             raise ExperimentError(
                 f"a command of {len(self._q)} finite numbers is needed, got {values}"
             )
-        self._kind, self._asked = kind, values if kind == "position" else self._motion(values)
+        self._taken(kind, values)
 
     def pose(self) -> np.ndarray:
         """world_T_camera (4, 4)."""
@@ -179,6 +192,10 @@ class KinematicPlant(Plant):
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities now."""
         return self._q.copy(), self._speed.copy()
+
+    def _taken(self, kind: str, values: np.ndarray) -> None:
+        """Follow a command (n,) from now on."""
+        self._kind, self._asked = kind, values if kind == "position" else self._motion(values)
 
     def _move(self, dt: float) -> None:
         """Solve the lag over dt (s), exactly."""
@@ -227,6 +244,17 @@ class FreeCamera(KinematicPlant):
 
     arm: FreeBody
 
+    def __init__(
+        self, arm: FreeBody, q: np.ndarray, sight: Sight, **further: float | int
+    ) -> None:
+        """Stand at coordinates q (6,); `further`: see KinematicPlant."""
+        super().__init__(arm, q, sight, **further)
+        self._pose = arm.pose(self._q)
+
+    def pose(self) -> np.ndarray:
+        """world_T_camera (4, 4)."""
+        return self._pose.copy()
+
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and their rates now."""
         return self._q.copy(), np.linalg.solve(self.arm.jacobian(self._q), self._speed)
@@ -234,5 +262,10 @@ class FreeCamera(KinematicPlant):
     def _motion(self, rates: np.ndarray) -> np.ndarray:
         return self.arm.jacobian(self._q) @ rates
 
+    def _limited(self, q: np.ndarray) -> np.ndarray:
+        self._pose = self.arm.pose(q)
+        return q
+
     def _displace(self, moved: np.ndarray) -> None:
-        self._q = self.arm.coordinates(self.pose() @ exponential(moved))
+        self._pose = self._pose @ exponential(moved)
+        self._q = self.arm.coordinates(self._pose)

@@ -17,7 +17,6 @@ from aras_visual_servo_controller.seeing.observation import Observation
 
 from ..asked.assembly import assemble
 from ..asked.experiment import Experiment, Sampler
-from ..asked.loop_settings import named_scheme
 from ..errors import ExperimentError
 from .loop import Loop
 
@@ -135,16 +134,18 @@ class ServoEnv(gymnasium.Env):
 
     def _begin(self, experiment: Experiment) -> None:
         self.close()
-        inner = named_scheme(experiment)
-        if isinstance(inner, JointController):
-            raise ExperimentError(
-                f"scheme '{experiment.scheme}' answers joints itself: an environment needs one "
-                "that asks for a twist"
-            )
-        self._scheme = AskedTwist(inner)
-        self._loop = Loop(experiment, assemble(experiment, self._scheme))
+        self._loop = Loop(experiment, assemble(experiment, self._asking))
         self._loop.to_image()
         self._first = max(float(np.linalg.norm(self._error)), 1e-9)
+
+    def _asking(self, inner: Scheme | JointController) -> AskedTwist:
+        if isinstance(inner, JointController):
+            raise ExperimentError(
+                f"scheme '{self.experiment.scheme}' answers joints itself: an environment needs "
+                "one that asks for a twist"
+            )
+        self._scheme = AskedTwist(inner)
+        return self._scheme
 
     @property
     def _error(self) -> np.ndarray:

@@ -17,7 +17,7 @@ from ..plants import CameraReading
 from ..plants.base import seconds
 from ..recording.from_loop import Recorder
 from ..recording.run import Run, Verdict
-from .flight import fly
+from .ending import Ending
 
 NS = 1_000_000_000
 LAST_NS = 50_000_000
@@ -36,9 +36,6 @@ def run(experiment: Experiment) -> Run:
 
 def carry_out(experiment: Experiment, parts: Assembly) -> tuple[Run, float]:
     """A run of parts that are assembled, from their start to the end, and its simulated time, s."""
-    if experiment.plant == "ideal":
-        result = fly(experiment, parts)
-        return result, float(result.stamp[-1])
     loop = Loop(experiment, parts)
     try:
         loop.to_end()
@@ -61,6 +58,8 @@ class Loop:
         self.reading: CameraReading | None = None
         self.state: ServoState | None = None
         self._recorder = Recorder(len(self.plant.joint_names))
+        self._flies = "twist" in self.plant.outputs
+        self._ending = Ending(experiment, parts) if self._flies else None
         # Wall time stands still: what is late here is late in simulated time.
         self._driver = Driver(
             parts.servo, parts.observer, parts.settings, self,
@@ -73,7 +72,9 @@ class Loop:
     # -- what the driver tells -------------------------------------------------------------
 
     def send(self, command: Command) -> None:
-        """To the plant's joints."""
+        """To the plant's joints, unless it takes the camera's twist itself."""
+        if self._flies:
+            return
         for kind, values in (
             ("position", command.positions),
             ("velocity", command.velocities),
@@ -94,6 +95,9 @@ class Loop:
             self._converged_ns = self.plant.time_ns
         self.state = state
         self._recorder.image(state, self.plant.pose())
+        if self._ending is not None:
+            self._ending.image(state, self.plant.pose())
+            self.plant.command("twist", state.achieved)
 
     def say(self, text: str) -> None:
         """Into the log."""
@@ -110,12 +114,14 @@ class Loop:
     def over(self) -> bool:
         """Whether the experiment's end has come."""
         now, linger = self.plant.time_ns, self.experiment.linger
+        if self._ending is not None and self._ending.over:
+            return True
         if self._began_ns is None:
             return now >= PATIENCE_NS
         # An image more, for the loop to find that its time is over.
         if now - self._began_ns > self.experiment.duration * NS + LAST_NS:
             return True
-        if linger is None or self._converged_ns is None:
+        if linger is None or self._converged_ns is None or self._flies:
             return False
         return now - self._converged_ns >= linger * NS
 
@@ -159,6 +165,8 @@ class Loop:
             # time asks for a measurement.
             self.servo.diagnosis.timed_out(self.experiment.duration)
         outcome = self.servo.outcome
+        if self._ending is not None:
+            outcome = self._ending.last_word(outcome)
         return self._recorder.run(
             self.plant, self.experiment, self.parts,
             goal_pose=self.goal_pose(),

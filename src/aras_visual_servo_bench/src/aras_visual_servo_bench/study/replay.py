@@ -17,7 +17,6 @@ from ..plants import CameraReading
 from ..recording.from_loop import with_pictures
 from ..recording.run import Run
 from ..report.write import write_report
-from ..running.flight import fly
 from ..running.loop import Loop
 from . import rows
 from .folder import Folder
@@ -69,8 +68,6 @@ def carried_out(name: str, experiment: Experiment, source: str = "") -> Run:
 def with_all_pictures(experiment: Experiment) -> Run:
     """A run with rgb of every image that was answered."""
     parts = assemble(experiment)
-    if experiment.plant == "ideal":
-        return fly(experiment, parts)
     pictures: list[tuple[float, np.ndarray]] = []
     loop = Loop(experiment, parts)
     try:
@@ -101,7 +98,8 @@ def _picture(reading: CameraReading, loop: Loop) -> np.ndarray:
     """What the camera saw, drawn where it sees exactly."""
     image = reading.image
     if image is None:
-        image = cameras.draw(reading.outline, loop.plant.camera)
+        camera = loop.plant.camera
+        image = cameras.draw(cameras.read(reading.outline, camera, camera), camera)
     if image.ndim == 2 or image.shape[2] == 1:
         return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
     return image[..., ::-1].copy() if reading.encoding.startswith("bgr") else image

@@ -10,10 +10,11 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.linalg import block_diag
 
+from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..arm.task import ALL_DIRECTIONS
-from ..errors import ConfigurationError
+from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
 
@@ -189,6 +190,22 @@ class Stack(Feature):
         """See Feature.reset."""
         for feature in self.features:
             feature.reset()
+
+
+def plane_in(observation: Observation) -> Plane:
+    """The target's plane in this view.
+
+    Raises:
+        MeasurementError: nothing tells it.
+    """
+    if observation.plane is not None:
+        return observation.plane
+    if observation.depth is not None:
+        raise MeasurementError("the depth image knows no depth at the target")
+    raise MeasurementError(
+        "nothing tells the target's plane in this view: it is worked out from the goal's depth and "
+        "the camera's pose"
+    )
 
 
 def other_camera(width: int, height: int, K: np.ndarray, camera: CameraModel) -> str:

@@ -21,8 +21,8 @@ from aras_visual_servo_camera.interaction import Plane
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
-from .base import Measured, wrap
-from .points import TOLERANCE, PointFeature, point_interaction
+from .base import Measured, plane_in, wrap
+from .points import TOLERANCE, PointFeature, at_plane, point_interaction
 
 TURN = 2.0 * np.pi
 SMALLEST = 1e-9  # normalised length below which a direction is undefined
@@ -62,7 +62,7 @@ class NumberedPoints(PointFeature):
         """See Feature.measure."""
         desired = self.desired_points(goal)
         points, up_to = self._numbered(observation, desired)
-        w = self._inverse_depth(observation, goal, points, desired)
+        w = at_plane(plane_in(observation), points)
         s, goal_s = points.ravel(), desired.ravel()
         return Measured(s, goal_s, s - goal_s, point_interaction(points, w),
                         up_to=up_to)  # fmt: skip
@@ -110,7 +110,7 @@ class CornerFeature(NumberedPoints):
         """See Feature.measure."""
         desired = self.desired_points(goal)
         points, up_to = self._numbered(observation, desired)
-        w = self._inverse_depth(observation, goal, points, desired)
+        w = at_plane(plane_in(observation), points)
         s = self.values(points, w)
         goal_s = self.values(desired, self._goal_depth(goal, desired))
         error = s - goal_s
@@ -184,7 +184,7 @@ class PolarPoints(CornerFeature):
 
 
 class Points3D(CornerFeature):
-    """s = (X, Y, Z) of each point in the camera's frame, m; depth by plane, depth image or size.
+    """s = (X, Y, Z) of each point in the camera's frame, m; Z by the observation's plane.
 
     L = [-1  [X]x]. Reference: P. Martinet and others, Vision based control law using 3D visual
     features, World Automation Congress 1996.

@@ -24,7 +24,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
-from .base import Feature, Measured, other_camera
+from .base import Feature, Measured, other_camera, plane_in
 
 GREY = 0.2  # grey levels: what rounding and drawing amount to in a fit of two pictures of one view
 TOGETHER = 3.5  # a smoothed pixel's error counts so much in a fit: its neighbours have it as well
@@ -137,7 +137,7 @@ class Luminance(Feature):
             self._same_camera(observation.camera, goal)
             self._rays = _Rays(observation.camera)
             self._up_to = self._symmetry(goal.plane or Plane.fronto_parallel(goal.depth))
-        plane = observation.plane or goal.plane or Plane.fronto_parallel(goal.depth)
+        plane = plane_in(observation)
         inside = self._rays.inside
         error = np.subtract(now[inside], self._desired[inside]).ravel()
         rms = float(np.sqrt(np.dot(error, error) / error.size))

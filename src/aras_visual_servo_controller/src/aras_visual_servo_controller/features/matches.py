@@ -13,7 +13,7 @@ from aras_visual_servo_camera.interaction import Plane
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Observation
-from .base import Measured
+from .base import Measured, plane_in
 from .luminance import Luminance, grey_of
 from .points import point_interaction
 from .pose import PoseInGoalFrame, pose_of_plane
@@ -21,6 +21,7 @@ from .pose import PoseInGoalFrame, pose_of_plane
 RATIO = 0.8  # of the distances of the best and the second best match (Lowe 2004)
 LEAST = 8  # matches that agree, below which a picture tells nothing
 APART = 3.0  # px by which a match may miss the homography
+FARTHEST = 1e-3  # 1/m that a match counts as near at least: one may lie beyond the horizon
 
 
 class Matches(Luminance):
@@ -64,7 +65,8 @@ class Matches(Luminance):
         points, desired = self._matched(observation, goal)
         error = (points - desired).ravel()
         rms = float(np.sqrt(np.mean(error**2) * 2.0))
-        w = self._inverse_depth(observation, goal, points, desired)
+        A, B, C = plane_in(observation)
+        w = np.maximum(A * points[:, 0] + B * points[:, 1] + C, FARTHEST)
         self._L = L = point_interaction(points, w)
         self._missed = float(np.std(error - L @ np.linalg.lstsq(L, error, rcond=None)[0]))
         return Measured(
@@ -75,18 +77,6 @@ class Matches(Luminance):
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Feature.accuracy: by how far the matches miss the plane's motion."""
         return self._missed * np.eye(self._L.shape[0])
-
-    def _inverse_depth(
-        self, observation: Observation, goal: Goal, points: np.ndarray, desired: np.ndarray
-    ) -> np.ndarray:
-        """1/Z (n,): of the plane where it is known in this view, else by the pose."""
-        plane = observation.plane
-        if plane is None:
-            c_T_g = pose_of_plane(self._places_3d(goal, desired), points)
-            P = self._places_3d(goal, desired) @ c_T_g[:3, :3].T + c_T_g[:3, 3]
-            return 1.0 / P[:, 2]
-        w = points @ (plane.A, plane.B) + plane.C
-        return np.maximum(w, 1e-3)
 
     @staticmethod
     def _places_3d(goal: Goal, desired: np.ndarray) -> np.ndarray:

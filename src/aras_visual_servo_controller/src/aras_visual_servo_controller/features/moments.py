@@ -163,13 +163,15 @@ class ImageMoments(Feature):
 
     @staticmethod
     def _plane(observation: Observation, moments: Moments, at: _AtGoal) -> Plane:
-        """The target's plane in this view: its attitude by kinematics, its depth by the area."""
-        if observation.plane is not None:
-            return observation.plane
+        """The observation's where it is measured; else its attitude by kinematics, its depth by
+        the area."""
+        plane, centre = observation.plane, (moments.xg, moments.yg)
+        if observation.plane_measured and plane.inverse_depth(*centre) > 0.0:
+            return plane
         normal = at.camera_normal
         if at.normal is not None and observation.world_T_camera is not None:
             normal = observation.world_T_camera[:3, :3].T @ at.normal
-        facing = float(normal @ (moments.xg, moments.yg, 1.0))
+        facing = float(normal @ (*centre, 1.0))
         if facing < 0.05:
             raise MeasurementError("the camera looks along the target's plane, not on it")
         depth = sqrt(at.patch * facing / moments.area)

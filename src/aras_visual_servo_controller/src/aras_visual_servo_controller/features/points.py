@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from math import sqrt
 from typing import Any, ClassVar
 
 import numpy as np
@@ -25,7 +24,7 @@ from aras_visual_servo_camera.interaction import Plane
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
-from .base import Feature, Measured
+from .base import Feature, Measured, plane_in
 
 # A goal that this camera has shown was measured with the errors of nearly the same picture. Of a
 # target wider than ALIKE (px) only (ALIKE / width)^3 of them count, and FRESH at least: so measured
@@ -114,7 +113,7 @@ class PointFeature(Feature):
         up_to = ""
         if not self.ordered:
             points, up_to = self._matched(points, desired)
-        inverse_depth = self._inverse_depth(observation, goal, points, desired)
+        inverse_depth = at_plane(plane_in(observation), points)
         s, goal_s = points.ravel(), desired.ravel()
         return Measured(s, goal_s, s - goal_s, point_interaction(points, inverse_depth),
                         up_to=up_to)  # fmt: skip
@@ -123,7 +122,7 @@ class PointFeature(Feature):
         """See Feature.desired_interaction."""
         desired = self.desired_points(goal)
         plane = goal.plane or Plane.fronto_parallel(goal.depth)
-        return point_interaction(desired, _at(plane, desired))
+        return point_interaction(desired, at_plane(plane, desired))
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Feature.accuracy; the points' errors have nothing to do with each other."""
@@ -184,23 +183,6 @@ class PointFeature(Feature):
         up_to = "" if len(good) == 1 else f"{360 / len(good):.0f}°"
         return np.roll(points, -int(good[chosen]), axis=0), up_to
 
-    @staticmethod
-    def _inverse_depth(
-        observation: Observation, goal: Goal, points: np.ndarray, desired: np.ndarray
-    ) -> np.ndarray:
-        """1/Z (n,): the plane where it is known, the depth image, or by the outline's size."""
-        if observation.plane is not None:
-            return _at(observation.plane, points)
-        if observation.depth is not None:
-            return 1.0 / depth_at(observation, points)
-        spread = [float(np.square(p - p.mean(axis=0)).sum()) for p in (points, desired)]
-        plane = goal.plane or Plane.fronto_parallel(goal.depth)
-        scale = sqrt(spread[0] / spread[1]) if spread[1] > 0.0 else 1.0
-        if scale <= 0.0:
-            raise MeasurementError("the points of the target coincide")
-        middle = plane.inverse_depth(*desired.mean(axis=0).tolist())
-        return np.full(len(points), scale * middle)
-
 
 class Points(PointFeature):
     """Corners of the segmented target's outline."""
@@ -216,24 +198,7 @@ class Points(PointFeature):
         return observation.corners
 
 
-def depth_at(observation: Observation, points: np.ndarray) -> np.ndarray:
-    """Z (n,), m, of the depth image at normalised points (n, 2), to the nearest pixel.
-
-    Raises:
-        MeasurementError: a point outside the image, or without depth.
-    """
-    u, v = observation.camera.project(points[:, 0], points[:, 1])
-    rows, columns = observation.depth.shape
-    i, j = np.round(v).astype(int), np.round(u).astype(int)
-    if not ((i >= 0) & (i < rows) & (j >= 0) & (j < columns)).all():
-        raise MeasurementError("a point lies outside the depth image")
-    depth = observation.depth[i, j].astype(float)
-    if not (np.isfinite(depth) & (depth > 0.0)).all():
-        raise MeasurementError("the depth image knows no depth at a point of the target")
-    return depth
-
-
-def _at(plane: Plane, points: np.ndarray) -> np.ndarray:
+def at_plane(plane: Plane, points: np.ndarray) -> np.ndarray:
     """1/Z (n,) of the plane at points (n, 2).
 
     Raises:

@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import yaml
 
-from aras_visual_servo_base.poses import pose_difference, to_xyz_rpy
+from aras_visual_servo_base.poses import pose_difference, relative, to_xyz_rpy
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
@@ -172,6 +172,18 @@ class Goal:
                 "mount it more upright"
             )
         return Plane(*(up / (self.depth * up[2])).tolist())
+
+    def plane_from(self, world_T_camera: np.ndarray) -> Plane | None:
+        """The plane of a target that stands still, as seen from a pose (4, 4) in the arm's base;
+        None where the goal does not say it, or where the camera lies in it."""
+        if self.plane is None or self.world_T_camera is None:
+            return None
+        goal_T_camera = relative(self.world_T_camera, world_T_camera)
+        # The plane's points X, in the goal's camera frame, have (A, B, C) . X = 1.
+        ahead = 1.0 - float(np.dot(self.plane, goal_T_camera[:3, 3]))
+        if ahead == 0.0:
+            return None
+        return Plane(*(goal_T_camera[:3, :3].T @ self.plane / ahead).tolist())
 
     def seen_from(self, world_T_camera: np.ndarray) -> Goal:
         """The same target from another pose, worked out by its geometry.

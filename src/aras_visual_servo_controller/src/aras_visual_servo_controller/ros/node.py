@@ -48,7 +48,7 @@ class ControllerNode:
             self._inputs.close()
             self.face.close()
         self.face = RosFace(settings, arm.names)
-        observer = settings.observer(arm, servo.scheme)
+        observer = settings.observer(arm, servo.scheme, servo.goal)
         self.driver = Driver(servo, observer, settings, self.face, rospy.get_time)
         self.face.await_listeners()
         rospy.loginfo(

@@ -7,7 +7,7 @@ down; `a_T_b` (4, 4) maps b to a.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
@@ -26,6 +26,7 @@ from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings
 from aras_visual_servo_camera.trackers import Tracker
 from aras_visual_servo_camera.undistortion import CameraModel
 
+from .depth_image import plane_of
 from .joint_sample import JointSample
 
 if TYPE_CHECKING:
@@ -70,7 +71,10 @@ class Observation:
         touches: borders of the image that the target touches: left, right, top, bottom.
         image: (rows, columns) or (rows, columns, 3) RGB, uint8.
         depth: (rows, columns) float32, m along the optical axis.
-        plane: of the target, where it is known.
+        plane: of the target: by the depth image where that is asked for, else where goal and
+            kinematics have it; None where neither tells it.
+        plane_measured: whether it does not come from goal and kinematics, which are wrong where the
+            camera is not as believed, or the target elsewhere.
         kernel: (20,) the original's camera/data of this very image.
         previous_T_camera: (4, 4) motion executed since the previous observation, from the joints.
         commands: what was commanded since the exposure.
@@ -92,6 +96,7 @@ class Observation:
     image: np.ndarray | None = None
     depth: np.ndarray | None = None
     plane: Plane | None = None
+    plane_measured: bool = False
     kernel: np.ndarray | None = None
     previous_T_camera: np.ndarray | None = None
     commands: tuple[JointSample, ...] = ()
@@ -103,6 +108,8 @@ class Observer:
     Attributes:
         arm: for the camera's pose; None: no poses, unless they are given.
         needs: what the scheme asks for; nothing else is worked out.
+        plane_from: tells the target's plane as seen from world_T_camera (4, 4), or None, as a
+            goal's function of that name does; None: no planes, unless they are given.
         pipeline: segmentation and moments, for `of_image`.
     """
 
@@ -112,9 +119,10 @@ class Observer:
         needs: frozenset[Need] = frozenset((Need.MOMENTS,)),
         vision: PipelineSettings | None = None,
         tracker: Tracker | None = None,
+        plane_from: Callable[[np.ndarray], Plane | None] | None = None,
     ) -> None:
         """`tracker`: of the points that count as corners; None: those of the outline."""
-        self.arm = arm
+        self.arm, self.plane_from = arm, plane_from
         self.tracker = tracker
         self.needs = frozenset(needs)
         self.pipeline = Pipeline(vision if vision is not None else PipelineSettings())
@@ -145,7 +153,7 @@ class Observer:
             joints: at the exposure.
             commands: given since the exposure.
             depth: (rows, columns), m.
-            plane: of the target, where it is known.
+            plane: of the target, where it is known better than by goal and kinematics.
             world_T_camera: (4, 4) where it is known better than by the joints.
         """
         if not isinstance(image, Image):
@@ -169,6 +177,8 @@ class Observer:
             seen["image"] = _read_only(pixels)
         if Need.DEPTH in self.needs and depth is not None:
             seen["depth"] = _read_only(np.asarray(depth, np.float32))
+            if plane is None and valid:
+                plane = plane_of(seen["depth"], camera, seen.get("corners", seen.get("contour")))
         return self._made(stamp, valid, reason, camera, joints, world_T_camera, commands,
                           plane=plane, **seen)  # fmt: skip
 
@@ -262,7 +272,7 @@ class Observer:
             return False, measured.reason, seen
         seen["moments"] = measured.moments
         try:
-            if needs & {Need.CONTOUR, Need.CORNERS}:
+            if needs & {Need.CONTOUR, Need.CORNERS, Need.DEPTH}:
                 contour = outline_of(image.grey, target, camera)
                 seen["contour"] = _frozen(contour)
                 if Need.CORNERS in needs:
@@ -284,12 +294,17 @@ class Observer:
         joints: JointSample | None,
         world_T_camera: np.ndarray | None,
         commands: Sequence[JointSample],
+        plane: Plane | None = None,
+        depth: np.ndarray | None = None,
         **seen: object,
     ) -> Observation:
         stamp = float(stamp)
         pose = None if world_T_camera is None else _frozen(world_T_camera)
         if pose is None and joints is not None and self.arm is not None:
             pose = _frozen(self.arm.pose(joints.positions))
+        measured = plane is not None
+        if plane is None and depth is None and pose is not None and self.plane_from is not None:
+            plane = self.plane_from(pose)
         dt, moved = 0.0, None
         if self._stamp is not None and stamp > self._stamp:
             dt = stamp - self._stamp
@@ -300,7 +315,8 @@ class Observer:
             self._stamp, self._pose = stamp, pose
         return Observation(
             stamp, dt, valid, reason, camera, joints, pose,
-            previous_T_camera=moved, commands=tuple(commands), **seen,
+            previous_T_camera=moved, commands=tuple(commands), plane=plane, depth=depth,
+            plane_measured=measured, **seen,
         )  # fmt: skip
 
 

@@ -226,7 +226,7 @@ def test_a_curve_is_open_where_nothing_was_measured():
 
 def test_powers_of_ten_are_plain_letters():
     with style.look():
-        axis = style.canvas(1)[1][0, 0]
+        _, (axis,) = style.panels(1, 1.5)
         axis.semilogy([0.0, 1.0], [1e-4, 1.0])
         style.logarithmic(axis)
         label = axis.yaxis.get_major_formatter()
@@ -238,9 +238,9 @@ def test_powers_of_ten_are_plain_letters():
 @pytest.mark.filterwarnings("error:Glyph")
 def test_both_looks_have_the_letters_of_a_logarithmic_axis(paper, tmp_path):
     with style.look(paper):
-        figure, axes = style.canvas(1)
-        axes[0, 0].semilogy([0.0, 1.0], [1e-4, 1.0])
-        style.logarithmic(axes[0, 0])
+        figure, (axis,) = style.panels(1, 1.5)
+        axis.semilogy([0.0, 1.0], [1e-4, 1.0])
+        style.logarithmic(axis)
         figure.savefig(tmp_path / "x.pdf")
         plt.close("all")
 

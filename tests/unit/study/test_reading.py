@@ -172,7 +172,7 @@ def test_nothing_of_a_picture_is_cut_off_or_lies_on_something_else():
     })  # fmt: skip
     results = Results("one", study, table)
     chosen = results.chosen(["settled", "final_distance"])
-    with figures.plt.rc_context(figures.LOOK):
+    with figures.look():
         drawn = [
             figures.success([results]), figures.distributions([results], chosen),
             figures.boxes([results], chosen), figures.sensitivity(results, chosen),

@@ -24,6 +24,7 @@ import tornado.web
 import tornado.websocket
 
 from ..errors import BenchError
+from ..pictures.palette import LIVE, css
 from .access import Access
 from .outbox import SEEN, Outbox, text_of
 from .page import Page
@@ -252,7 +253,8 @@ class PageFile(Guarded):
             self.finish("There is nothing here.\n")
             return
         self.set_header("Content-Type", f"{self.TYPES[path.suffix]}; charset=utf-8")
-        self.finish(path.read_bytes())
+        colours = css(LIVE) if name == "style.css" else ""
+        self.finish(colours.encode() + path.read_bytes())
 
 
 class RobotFile(Guarded):

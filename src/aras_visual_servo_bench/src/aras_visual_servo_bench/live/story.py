@@ -22,6 +22,7 @@ from aras_visual_servo_controller.loop.state import (
     ServoState,
 )
 
+from ..pictures.palette import LIVE, rgb
 from .shapes import (
     ARROW,
     LINES,
@@ -38,11 +39,9 @@ from .shapes import (
 from .track import Track
 from .units import feature_units
 
-# Okabe and Ito's palette, as in the plots; the goal is blue, as in the overlay.
-GOAL, NOW = (0.24, 0.47, 1.0), (0.95, 0.95, 0.95)
-PATH, IDEAL, FEATURE = (0.90, 0.62, 0.0), (0.75, 0.78, 0.85), (0.94, 0.89, 0.26)
-ASKED, ACHIEVED = (0.84, 0.37, 0.0), (0.0, 0.75, 0.55)
-ASKED_TURN, ACHIEVED_TURN = (0.80, 0.47, 0.65), (0.34, 0.71, 0.91)
+GOAL, NOW, PATH, IDEAL, FEATURE = (
+    rgb(LIVE[name]) for name in ("goal", "now", "path", "ideal", "feature")
+)
 
 FRUSTUM = 0.16  # m, from the optical centre to a corner of the drawn picture
 FRAME = 0.05  # m, an axis of a drawn frame
@@ -207,19 +206,17 @@ class Story:
 
     def _arrows(self) -> list[Shape]:
         told, shapes = self.told, []
-        for what, twist, move, turn in (
-            ("asked", told.twist, ASKED, ASKED_TURN),
-            ("achieved", told.achieved, ACHIEVED, ACHIEVED_TURN),
-        ):
+        for what, twist in (("asked", told.twist), ("achieved", told.achieved)):
             width = 0.008 if what == "asked" else 0.012
             ways = np.array(twist[:3]) * SECONDS, np.array(twist[3:]) * TURN_LENGTH
-            for part, way, colour in (("velocity", ways[0], move), ("turn", ways[1], turn)):
+            for part, way, name in (("velocity", ways[0], what), ("turn", ways[1], f"{what}-turn")):
                 points, length = np.zeros((0, 3)), float(np.linalg.norm(way))
                 if np.isfinite(length) and length > SHORTEST:
                     tip = way * min(1.0, LONGEST / length)
                     points = carried(self._pose, np.array([np.zeros(3), tip]))
                 opacity = 1.0 if what == "asked" else 0.55
-                shapes.append(Shape(f"{what} {part}", ARROW, points, (*colour, opacity), width))
+                shapes.append(Shape(f"{what} {part}", ARROW, points, (*rgb(LIVE[name]), opacity),
+                                    width))  # fmt: skip
         return shapes
 
     @staticmethod

@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 
 from ..recording.run import Run, scaled
 from ..report.time_axes import colours, curve, settled_mark, times, zero
-from .style import COLOURS, GOAL, canvas, heading, legend, logarithmic
+from .palette import COLOURS, GOAL, GOOD
+from .style import heading, legend, logarithmic, panels
 
 SYMBOLS = {
     "xn": "$x_n$", "yn": "$y_n$", "an": "$a_n$", "alpha": r"$\alpha$", "theta": r"$\theta$",
@@ -62,8 +63,7 @@ def feature_errors(runs: Sequence[Run]) -> Figure | None:
         return _compared_errors(runs)
     run = runs[0]
     groups = unit_groups(run)
-    figure, axes = canvas(len(groups) + 1, each=1.75)
-    axes = axes[:, 0]
+    figure, axes = panels(len(groups) + 1, each=1.75)
     error, filtered = run.error, run.filtered
     smoothed = filtered.shape == error.shape and not np.allclose(filtered, error, equal_nan=True)
     for axis, (unit, members) in zip(axes, groups, strict=False):
@@ -101,7 +101,7 @@ def _norm(axis: Axes, runs: Sequence[Run]) -> None:
     logarithmic(axis)
     axis.axhline(SETTLED, color=GOAL, ls="--", lw=0.9)
     axis.annotate("2 %", (1.0, SETTLED), xycoords=("axes fraction", "data"), ha="right",
-                  xytext=(-2, 3), textcoords="offset points", color=GOAL)  # fmt: skip
+                  xytext=(-2, 3), textcoords="offset points", color=GOOD)  # fmt: skip
     axis.set_ylabel("norm, relative")
 
 
@@ -109,8 +109,7 @@ def _compared_errors(runs: Sequence[Run]) -> Figure:
     """A panel a feature where all runs have the same few, and the norm of each."""
     names = runs[0].names
     same = all(r.names == names for r in runs) and len(names) <= 6
-    figure, axes = canvas(1 + (len(names) if same else 0), each=1.5)
-    axes = axes[:, 0]
+    figure, axes = panels(1 + (len(names) if same else 0), each=1.5)
     if same:
         for i, axis in enumerate(axes[:-1]):
             zero(axis)
@@ -130,8 +129,7 @@ def features(runs: Sequence[Run]) -> Figure | None:
         return None
     run = runs[0]
     groups = unit_groups(run)
-    figure, axes = canvas(len(groups), each=2.0)
-    axes = axes[:, 0]
+    figure, axes = panels(len(groups), each=2.0)
     for axis, (unit, members) in zip(axes, groups, strict=True):
         for i, style in zip(members, _paint(axis, len(members)), strict=True):
             curve(axis, run.time, run.desired[:, i],
@@ -148,8 +146,7 @@ def features(runs: Sequence[Run]) -> Figure | None:
 
 def camera_twist(runs: Sequence[Run]) -> Figure | None:
     """Twist of the camera in its own frame, asked and achieved: linear above, angular below."""
-    figure, axes = canvas(2, each=2.1)
-    axes = axes[:, 0]
+    figure, axes = panels(2, each=2.1)
     for axis, begin, letter, unit in ((axes[0], 0, "v", "m/s"), (axes[1], 3, r"\omega", "rad/s")):
         zero(axis)
         for run, colour in zip(runs, colours(runs), strict=True):
@@ -179,8 +176,7 @@ def pose_errors(runs: Sequence[Run]) -> Figure | None:
     runs = [r for r in runs if np.isfinite(r.goal_pose).all() and r.servoing.any()]
     if not runs:
         return None
-    figure, axes = canvas(2, each=1.9)
-    axes = axes[:, 0]
+    figure, axes = panels(2, each=1.9)
     for run, colour in zip(runs, colours(runs), strict=True):
         distance, angle = run.way()
         time, after = run.joint_time, run.servoing

@@ -18,14 +18,14 @@ from ..study import folder as folders
 from ..study.folder import Folder
 from ..study.results import REAL_TIME, Results
 from ..study.tables import number
-from .style import COLOURS, STYLE
+from .palette import BLUE, COLOURS, INK, PALE, SOFT, VERMILION, letters_on
+from .style import look, panels
 
 KINDS = ("png", "svg", "pdf")
 MOST_GROUPS = 24  # boxes beside each other that can still be read
 MOST_CURVES = 8  # in a panel
 MOST_TRACES = 200
-# Labels are as long as keys and values are, so margins are worked out from them.
-LOOK = {**STYLE, "figure.constrained_layout.use": True, "svg.hashsalt": "bench"}
+COLUMNS, WIDTH = 3, 3.8  # panels in a row, and inches of each
 
 
 def write_all(
@@ -56,7 +56,7 @@ def write_all(
     written: list[Path] = []
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with plt.rc_context(LOOK):
+        with look():
             for name, draw in drawings.items():
                 figure = draw()
                 if figure is None:
@@ -99,13 +99,13 @@ def _success_bars(all_results: Sequence[Results], keys: Sequence[str]) -> Figure
             names.append(f"{results.name} {name}".strip() if len(all_results) > 1 or not name
                          else name)
             rates.append(proportion(int(hits[rows].sum()), len(rows)))
-    figure, axis = plt.subplots(figsize=(6.5, 0.42 * len(names) + 1.5))
+    figure, (axis,) = panels(1, 0.42 * len(names) + 1.5, width=6.5)
     rows = np.arange(len(names))[::-1]
     value = np.array([100.0 * r.value for r in rates])
     spread = np.array([[100.0 * max(r.value - r.low, 0.0), 100.0 * max(r.high - r.value, 0.0)]
                        for r in rates]).T  # fmt: skip
-    axis.barh(rows, value, color=COLOURS[0], height=0.65)
-    axis.errorbar(value, rows, xerr=spread, fmt="none", ecolor="#333333", capsize=3, lw=1.1)
+    axis.barh(rows, value, color=BLUE, height=0.65)
+    axis.errorbar(value, rows, xerr=spread, fmt="none", ecolor=INK, capsize=3, lw=1.1)
     axis.set_yticks(rows, names)
     axis.set(xlim=(0.0, 103.0), xlabel="runs with success (%), Wilson's 95 % interval",
              title=f"Success by {keys[0]}" if keys else "Success")
@@ -116,26 +116,27 @@ def _success_bars(all_results: Sequence[Results], keys: Sequence[str]) -> Figure
 def _success_maps(all_results: Sequence[Results], down: str, across: str) -> Figure:
     columns, lines = _values(all_results, across), _values(all_results, down)
     count = len(all_results)
-    figure, axes = plt.subplots(
-        1, count, squeeze=False, sharey=True,
-        figsize=(max(0.9 * len(columns), 3.0) * count + 2.2, max(0.55 * len(lines), 1.6) + 1.4),
+    figure, axes = panels(
+        count, max(0.55 * len(lines), 1.6) + 1.4, count,
+        width=max(0.9 * len(columns), 3.0) + 2.2 / count, sharey=True,
     )  # fmt: skip
-    for axis, results in zip(axes[0], all_results, strict=True):
+    for axis, results in zip(axes, all_results, strict=True):
         hits = results.successes()
         cells = np.full((len(lines), len(columns)), np.nan)
+        image = axis.imshow(cells, vmin=0.0, vmax=100.0, cmap="viridis", aspect="auto")
         for (line, column), rows in results.groups((down, across)).items():
             rate = proportion(int(hits[rows].sum()), len(rows))
             i, j = lines.index(line), columns.index(column)
             cells[i, j] = 100.0 * rate.value
             axis.text(j, i, f"{int(hits[rows].sum())}/{len(rows)}", ha="center", va="center",
-                      color="white" if rate.value < 0.6 else "black", fontsize=9)
-        image = axis.imshow(cells, vmin=0.0, vmax=100.0, cmap="viridis", aspect="auto")
+                      color=letters_on(image.cmap(rate.value)), fontsize=9)
+        image.set_data(cells)
         axis.grid(False)
         axis.set_xticks(range(len(columns)), map(_word, columns))
         axis.set_yticks(range(len(lines)), map(_word, lines))
         axis.set(xlabel=across, title=results.name if count > 1 else "Success")
-    axes[0][0].set_ylabel(down)
-    figure.colorbar(image, ax=axes[0].tolist(), label="runs with success (%)", shrink=0.9)
+    axes[0].set_ylabel(down)
+    figure.colorbar(image, ax=axes, label="runs with success (%)", shrink=0.9)
     return figure
 
 
@@ -160,8 +161,8 @@ def distributions(all_results: Sequence[Results], metrics: Sequence[Metric]) -> 
     if not metrics:
         return None
     groups = _grouped(all_results, MOST_CURVES)
-    figure, axes = _panels(len(metrics))
-    for axis, metric in zip(axes, metrics, strict=False):
+    figure, axes = panels(len(metrics), 3.0, min(len(metrics), COLUMNS), width=WIDTH)
+    for axis, metric in zip(axes, metrics, strict=True):
         for i, (name, results, rows) in enumerate(groups):
             values = results.numbers(metric.name)[rows]
             known = np.sort(values[np.isfinite(values)])
@@ -182,20 +183,21 @@ def boxes(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Figure |
     groups = _grouped(all_results)
     if not metrics or len(groups) < 2:
         return None
-    figure, axes = _panels(len(metrics), 0.3 * len(groups) + 1.4)
-    for number_, (axis, metric) in enumerate(zip(axes, metrics, strict=False)):
+    columns = min(len(metrics), COLUMNS)
+    figure, axes = panels(len(metrics), 0.3 * len(groups) + 1.4, columns, width=WIDTH)
+    for number_, (axis, metric) in enumerate(zip(axes, metrics, strict=True)):
         values = [r.numbers(metric.name)[rows] for _, r, rows in groups]
         known = [v[np.isfinite(v)] for v in values]
         axis.boxplot(
             known[::-1], orientation="horizontal", widths=0.6, patch_artist=True,
-            boxprops={"facecolor": "#cfe3f1", "edgecolor": COLOURS[0]},
-            medianprops={"color": COLOURS[1], "lw": 1.6}, whiskerprops={"color": COLOURS[0]},
-            capprops={"color": COLOURS[0]},
-            flierprops={"marker": ".", "markersize": 4, "markeredgecolor": "#777777"},
+            boxprops={"facecolor": PALE, "edgecolor": BLUE},
+            medianprops={"color": VERMILION, "lw": 1.6}, whiskerprops={"color": BLUE},
+            capprops={"color": BLUE},
+            flierprops={"marker": ".", "markersize": 4, "markeredgecolor": SOFT},
         )  # fmt: skip
         _scale(axis, "x", values)
         axis.set_xlabel(_label(metric))
-        first = number_ % _columns(len(metrics)) == 0
+        first = number_ % columns == 0
         axis.set_yticks(range(1, len(groups) + 1),
                         [name for name, *_ in groups[::-1]] if first else [])
         axis.grid(axis="y", visible=False)
@@ -220,13 +222,13 @@ def sensitivity(results: Results, metrics: Sequence[Metric]) -> Figure | None:
             known = np.isfinite(measured) & np.isfinite(varied)
             if known.sum() > 3 and np.ptp(measured[known]) and np.ptp(varied[known]):
                 cells[i, j] = stats.spearmanr(varied[known], measured[known]).statistic
-    figure, axis = plt.subplots(figsize=(1.1 * len(keys) + 3.6, 0.38 * len(names) + 1.6))
+    figure, (axis,) = panels(1, 0.38 * len(names) + 1.6, width=1.1 * len(keys) + 3.6)
     image = axis.imshow(cells, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
     axis.grid(False)
     for (i, j), value in np.ndenumerate(cells):
         if np.isfinite(value):
             axis.text(j, i, f"{value:+.2f}", ha="center", va="center", fontsize=9,
-                      color="white" if abs(value) > 0.6 else "black")
+                      color=letters_on(image.cmap(0.5 + 0.5 * value)))
     axis.set_xticks(range(len(keys)), keys, rotation=20 if len(keys) > 3 else 0)
     axis.set_yticks(range(len(names)), [m.name for m in names])
     axis.set_title("What follows what")
@@ -239,7 +241,7 @@ def trajectories(paths: Sequence[Path]) -> Figure | None:
     traced = [folder for folder in map(Folder.open, paths) if folder.study.traces]
     if not traced:
         return None
-    figure, axes = plt.subplots(1, 3, figsize=(12.0, 3.8))
+    figure, axes = panels(3, 3.8, 3, width=4.0)
     for colour, folder in zip(COLOURS, traced, strict=False):
         table = folder.results(folders.TRACES)
         run, stamp = np.array(table["run"]), np.array(table["stamp"])
@@ -257,7 +259,7 @@ def trajectories(paths: Sequence[Path]) -> Figure | None:
             places = np.array(rows["pose"].to_pylist(), float).reshape(-1, 4, 4)[:, :3, 3]
             for axis, (i, j) in ((axes[1], (0, 1)), (axes[2], (0, 2))):
                 axis.plot(places[:, i], places[:, j], color=colour, lw=0.7, alpha=0.5)
-                axis.plot(places[-1, i], places[-1, j], ".", color="#333333", ms=4)
+                axis.plot(places[-1, i], places[-1, j], ".", color=INK, ms=4)
     axes[0].set(xlabel="time since the first image (s)", ylabel="error, parts of the first")
     axes[1].set(xlabel="x (m)", ylabel="y (m)", title="The camera's ways")
     axes[2].set(xlabel="x (m)", ylabel="z (m)")
@@ -267,22 +269,6 @@ def trajectories(paths: Sequence[Path]) -> Figure | None:
     if len(traced) > 1:
         axes[0].legend()
     return figure
-
-
-def _columns(count: int) -> int:
-    return min(count, 3)
-
-
-def _panels(count: int, height: float = 2.6) -> tuple[Figure, list[Axes]]:
-    columns = _columns(count)
-    lines = -(-count // columns)
-    figure, axes = plt.subplots(
-        lines, columns, squeeze=False, figsize=(3.6 * columns + 0.8, height * lines + 0.4)
-    )
-    flat = list(axes.flat)
-    for axis in flat[count:]:
-        axis.set_visible(False)
-    return figure, flat
 
 
 def _with_legend(figure: Figure, axis: Axes, count: int) -> Figure:

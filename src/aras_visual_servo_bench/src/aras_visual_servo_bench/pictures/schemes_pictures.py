@@ -3,44 +3,42 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 
 from aras_visual_servo_base.poses import inverse
 
 from ..running.loop import run
 from ..study.study import Study
 from ..targets.outlines import shape_of
+from .palette import BLUE, INK, VERMILION
+from .style import look, panels
 
-PANELS = 4  # in a row
-BLUE, RED = "#2166ac", "#b2182b"
-
-
-def _panels(count: int, width: float, height: float) -> tuple:
-    """A figure and so many axes, the rest of the last row switched off."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    rows = -(-count // PANELS)
-    size = (width * min(count, PANELS), height * rows)
-    figure, axes = pyplot.subplots(rows, min(count, PANELS), figsize=size, squeeze=False)
-    for axis in axes.ravel()[count:]:
-        axis.set_axis_off()
-    return figure, axes.ravel()[:count]
+COLUMNS, WIDTH, HEIGHT = 4, 3.0, 2.8  # panels in a row, and inches of each
+LETTERS = 38  # across a panel
 
 
-def _save(figure: object, path: Path) -> None:
-    from matplotlib import pyplot
+@contextmanager
+def _page(count: int, path: Path) -> Iterator[list[Axes]]:
+    """So many axes, whose picture is written when they are drawn."""
+    with look():
+        figure, axes = panels(count, HEIGHT, min(count, COLUMNS), width=WIDTH)
+        yield axes
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=100)
+        plt.close(figure)
 
-    figure.tight_layout()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=100)
-    pyplot.close(figure)
+
+def _title(axis: Axes, *lines: str) -> None:
+    """Lines above an axis, folded to its width."""
+    axis.set_title("\n".join(fill(line, LETTERS) for line in lines), fontsize=8)
 
 
 def ways(study: Study, start: str, path: Path) -> None:
@@ -51,23 +49,21 @@ def ways(study: Study, start: str, path: Path) -> None:
         if (names := study.combination(point).names)["start"] == start
         and (condition is None or names["condition"] == condition.name)
     ]  # fmt: skip
-    figure, axes = _panels(len(points), 3.0, 2.6)
-    for axis, point in zip(axes, points, strict=True):
-        experiment = study.experiment_of(point * study.repeats)
-        result = run(experiment)
-        corners = shape_of(experiment.target.shape, experiment.target.size).vertices()
-        seen = np.array([_projected(corners, pose) for pose in result.pose])
-        goal = _projected(corners, result.goal_pose)
-        axis.plot(seen[:, :, 0], seen[:, :, 1], linewidth=1.0)
-        axis.plot(seen[0, :, 0], seen[0, :, 1], "o", color="white", mec="black", ms=3.5)
-        axis.plot(goal[:, 0], goal[:, 1], "x", color="black", ms=5.0)
-        axis.plot(seen[-1, :, 0], seen[-1, :, 1], "o", color="black", ms=3.0)
-        axis.set_title(f"{study.combination(point).names['scheme']}\n{result.outcome}", fontsize=7)
-        axis.set_xlim(-0.4, 0.4)
-        axis.set_ylim(0.3, -0.3)
-        axis.set_aspect("equal")
-        axis.tick_params(labelsize=6)
-    _save(figure, path)
+    with _page(len(points), path) as axes:
+        for axis, point in zip(axes, points, strict=True):
+            experiment = study.experiment_of(point * study.repeats)
+            result = run(experiment)
+            corners = shape_of(experiment.target.shape, experiment.target.size).vertices()
+            seen = np.array([_projected(corners, pose) for pose in result.pose])
+            goal = _projected(corners, result.goal_pose)
+            axis.plot(seen[:, :, 0], seen[:, :, 1], linewidth=1.0)
+            axis.plot(seen[0, :, 0], seen[0, :, 1], "o", color="white", mec=INK, ms=3.5)
+            axis.plot(goal[:, 0], goal[:, 1], "x", color=INK, ms=5.0)
+            axis.plot(seen[-1, :, 0], seen[-1, :, 1], "o", color=INK, ms=3.0)
+            _title(axis, study.combination(point).names["scheme"], result.outcome)
+            axis.set_xlim(-0.4, 0.4)
+            axis.set_ylim(0.3, -0.3)
+            axis.set_aspect("equal")
 
 
 def _projected(corners: np.ndarray, pose: np.ndarray) -> np.ndarray:
@@ -77,28 +73,24 @@ def _projected(corners: np.ndarray, pose: np.ndarray) -> np.ndarray:
     return np.where(points[:, 2:] > 0.0, points[:, :2] / points[:, 2:], np.nan)
 
 
-def success_map(
-    rows: Sequence[Mapping[str, Any]], path: Path
-) -> None:
+def success_map(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
     """Starts by distance and angle from the goal, a panel for each scheme and condition."""
-    panels: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         if row.get("start_distance") not in ("", "nan", None):
-            panels.setdefault((row["scheme"], row["condition"]), []).append(row)
-    figure, axes = _panels(len(panels), 2.8, 2.4)
-    for axis, ((case, condition), found) in zip(axes, panels.items(), strict=True):
-        for wanted, colour, marker in ((True, BLUE, "o"), (False, RED, "x")):
-            some = [row for row in found if row["hit"] is wanted]
-            axis.scatter(
-                [float(row["start_distance"]) for row in some],
-                [math.degrees(float(row["start_angle"])) for row in some],
-                s=12, c=colour, marker=marker, linewidths=1.0,
-            )  # fmt: skip
-        hits = sum(row["hit"] for row in found)
-        axis.set_title(f"{case}, {condition}: {hits} of {len(found)}", fontsize=7)
-        axis.set_xlim(0.0, 0.9)
-        axis.set_ylim(0.0, None)
-        axis.set_xlabel("distance, m", fontsize=7)
-        axis.set_ylabel("angle, degrees", fontsize=7)
-        axis.tick_params(labelsize=6)
-    _save(figure, path)
+            groups.setdefault((row["scheme"], row["condition"]), []).append(row)
+    with _page(len(groups), path) as axes:
+        for axis, ((case, condition), found) in zip(axes, groups.items(), strict=True):
+            for wanted, colour, marker in ((True, BLUE, "o"), (False, VERMILION, "x")):
+                some = [row for row in found if row["hit"] is wanted]
+                axis.scatter(
+                    [float(row["start_distance"]) for row in some],
+                    [math.degrees(float(row["start_angle"])) for row in some],
+                    s=12, c=colour, marker=marker, linewidths=1.0,
+                )  # fmt: skip
+            hits = sum(row["hit"] for row in found)
+            _title(axis, case, f"{condition}: {hits} of {len(found)}")
+            axis.set_xlim(0.0, 0.9)
+            axis.set_ylim(0.0, None)
+            axis.set_xlabel("distance (m)", fontsize=8)
+            axis.set_ylabel("angle (degrees)", fontsize=8)

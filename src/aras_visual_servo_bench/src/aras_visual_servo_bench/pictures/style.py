@@ -5,19 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import NamedTuple
 
 import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-# Okabe and Ito's palette.
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-START, GOAL, LIMIT, INK, FAINT = "#d55e00", "#009e73", "#b3261e", "#333333", "#9aa0a6"
+from .palette import COLOURS, FAINT, GRID, INK, SOFT
+
 STYLE = {
     "figure.figsize": (7.2, 4.5),  # inches; what is wide takes the page's whole width
     "figure.dpi": 110,
@@ -27,18 +26,19 @@ STYLE = {
     "axes.titlesize": 10.5,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
+    "text.color": INK,
     "axes.labelcolor": INK,
-    "axes.edgecolor": "#8a8f94",
+    "axes.edgecolor": FAINT,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.formatter.limits": (-3, 4),
     "axes.formatter.use_mathtext": True,
-    "grid.color": "#e6e8ea",
+    "grid.color": GRID,
     "grid.linewidth": 0.7,
     "axes.axisbelow": True,
-    "xtick.color": "#5f6368",
-    "ytick.color": "#5f6368",
+    "xtick.color": SOFT,
+    "ytick.color": SOFT,
     "lines.linewidth": 1.6,
     "legend.frameon": False,
     "legend.handlelength": 1.6,
@@ -91,62 +91,80 @@ def figure_width(wide: bool = False) -> float:
     return WIDE if wide and not is_paper() else plt.rcParams["figure.figsize"][0]
 
 
-def canvas(
-    rows: int, columns: int = 1, each: float = 1.5, wide: bool = False
-) -> tuple[Figure, np.ndarray]:
-    """Figure of the look's width and its axes (rows, columns) over a common time.
+class Margins(NamedTuple):
+    """Inches round and between axes, of a figure for the screen; a paper's are smaller."""
 
-    Margins are fixed, in inches: a layout that is worked out from every tick's text takes as long
-    as drawing the figure, and moves the axes from one report to the next.
+    left: float = 0.0
+    right: float = 0.0
+    top: float = 0.0
+    bottom: float = 0.0
+    above: float = 0.0  # between rows
+    beside: float = 0.0  # between columns
+
+
+TIMED = Margins(0.92, 0.12, 0.36, 0.52, 0.3, 1.0)
+
+
+def panels(
+    count: int,
+    each: float,
+    columns: int = 1,
+    wide: bool = False,
+    width: float | None = None,
+    margins: Margins = TIMED,
+    **options: object,
+) -> tuple[Figure, list[Axes]]:
+    """A figure and so many axes of one size, row by row.
+
+    The figure has the look's width, and its margins are fixed: a layout that is worked out from
+    every tick's text takes as long as drawing the figure, and moves the axes from one report to
+    the next. Only where `width` is given, for labels as long as a user's keys, it is worked out.
 
     Args:
         each: height of a row, inches. wide: over the page's whole width.
+        width: of each column with its labels, inches.
+        margins: those of TIMED axes go with a common time and labels in one line.
+        options: as of Figure.subplots.
     """
-    width, part = figure_width(wide), 0.66 if is_paper() else 1.0
-    left, right, top, bottom, gap, between = part * np.array([0.92, 0.12, 0.36, 0.52, 0.3, 1.0])
-    each = part * each
-    height = top + bottom + rows * each + (rows - 1) * gap
-    across = (width - left - right - (columns - 1) * between) / columns
-    figure, axes = plt.subplots(
-        rows, columns, squeeze=False, sharex=True, figsize=(width, height),
-        gridspec_kw={
-            "left": left / width, "right": 1.0 - right / width, "top": 1.0 - top / height,
-            "bottom": bottom / height, "hspace": gap / each, "wspace": between / across,
-        },
-    )  # fmt: skip
-    for axis in axes.flat:
+    rows, part = -(-count // columns), 0.66 if is_paper() else 1.0
+    if width is not None:
+        size = (width * columns, each * rows)
+        figure = plt.figure(figsize=size, layout="constrained")
+    else:
+        scaled = Margins(*(part * inches for inches in margins))
+        each *= part
+        long = figure_width(wide)
+        across = (long - scaled.left - scaled.right - (columns - 1) * scaled.beside) / columns
+        high = scaled.top + scaled.bottom + rows * each + (rows - 1) * scaled.above
+        figure = plt.figure(figsize=(long, high))
+        options["gridspec_kw"] = {
+            "left": scaled.left / long, "right": 1.0 - scaled.right / long,
+            "top": 1.0 - scaled.top / high, "bottom": scaled.bottom / high,
+            "hspace": scaled.above / each, "wspace": scaled.beside / across,
+        }  # fmt: skip
+        options["sharex"] = margins is TIMED
+    axes = list(figure.subplots(rows, columns, squeeze=False, **options).flat)
+    for axis in axes[count:]:
+        axis.set_visible(False)
+    for axis in axes if width is None and margins is TIMED else ():
         axis.yaxis.set_label_coords(-0.74 * part / across, 0.5)
-    return figure, axes
+    return figure, axes[:count]
 
 
 def level(figures: Sequence[Figure]) -> None:
-    """Give canvases that stand beside each other one height: the rows of the shorter ones grow,
-    their margins stay. Sheets are left as they are: their pictures have shapes of their own."""
+    """Give figures over time that stand beside each other one height: the rows of the shorter ones
+    grow, their margins stay. Pictures are left as they are: they have shapes of their own."""
     height = max(figure.get_figheight() for figure in figures)
     for figure in figures:
         before, grid = figure.get_figheight(), figure.axes[0].get_gridspec()
-        if before == height or grid.top is None:  # None: a sheet
+        picture = figure.axes[0].name == "3d" or figure.axes[0].get_aspect() != "auto"
+        if before == height or picture:
             continue
         top, bottom, rows = (1.0 - grid.top) * before, grid.bottom * before, grid.nrows
         gap = grid.hspace * (before - top - bottom) / (rows + (rows - 1) * grid.hspace)
         each = (height - top - bottom - (rows - 1) * gap) / rows
         figure.set_figheight(height)
         grid.update(top=1.0 - top / height, bottom=bottom / height, hspace=gap / each)
-
-
-def sheet(height: float, wide: bool = False, **margins: float) -> tuple[Figure, float]:
-    """Figure of the look's width and so many inches, and that width; margins as in subplots_adjust,
-    in inches."""
-    width = figure_width(wide)
-    figure = plt.figure(figsize=(width, height))
-    part = 0.66 if is_paper() else 1.0
-    figure.subplots_adjust(
-        left=part * margins.get("left", 0.0) / width,
-        right=1.0 - part * margins.get("right", 0.0) / width,
-        bottom=part * margins.get("bottom", 0.0) / height,
-        top=1.0 - part * margins.get("top", 0.0) / height,
-    )
-    return figure, width
 
 
 def heading(axis: Axes, text: str) -> None:

@@ -16,13 +16,16 @@ from aras_visual_servo_base.poses import exponential, rotation_vector
 from ..recording.run import Run
 from ..recording.tracks import Tracks, milestones
 from ..recording.tracks import tracks as tracks_of
-from .style import COLOURS, FAINT, GOAL, INK, START, figure_width, heading, is_paper, sheet
+from .palette import COLOURS, FAINT, GOAL, GRID, INK, START
+from .style import Margins, figure_width, heading, is_paper, panels
 
 FADED = 0.35  # of a picture's contrast behind curves
 FLATTEST = 0.35  # least extent of an axis, part of the largest
+TALL = 1.5  # of the scene: height over the larger of its other sides
 FRUSTUM = 0.12  # length of a drawn camera, part of the scene
+BELOW = 0.5  # inches, of the legend below the path in space
 AROUND = 1.5  # size of the goal's, that the one at the end does not hide it
-EDGE, TITLE = 0.03, 0.3  # inches round a strip of pictures, and above each row
+EDGE, TITLE, BESIDE = 0.03, 0.3, 0.07  # inches round pictures, above each, between two
 
 
 def image_trajectory(runs: Sequence[Run]) -> Figure | None:
@@ -34,9 +37,8 @@ def image_trajectory(runs: Sequence[Run]) -> Figure | None:
     camera = found[0][0].camera
     width = plt.rcParams["figure.figsize"][0]
     part = 0.66 if is_paper() else 1.0
-    figure, _ = sheet((width - 0.97 * part) * camera.height / camera.width + 1.25 * part,
-                      left=0.85, right=0.12, top=0.36, bottom=0.89)  # fmt: skip
-    axis = figure.add_subplot()
+    figure, (axis,) = panels(1, (width / part - 0.97) * camera.height / camera.width,
+                             margins=Margins(0.85, 0.12, 0.36, 0.89))  # fmt: skip
     axis.grid(False)
     for side in axis.spines.values():
         side.set_visible(True)
@@ -98,14 +100,13 @@ def filmstrip(runs: Sequence[Run]) -> Figure | None:
     columns = max(len(stamps) for _, stamps in strips)
     shape = runs[0].images.pictures[0][1].shape
     part = 0.66 if is_paper() else 1.0
-    side, above, gap = part * EDGE, part * TITLE, part * 0.07
-    each = (figure_width(wide=True) - 2.0 * side - (columns - 1) * gap) / columns
-    tall = each * shape[0] / shape[1]
-    figure, _ = sheet(len(runs) * (tall + above) + side, wide=True, left=EDGE, right=EDGE,
-                      top=TITLE, bottom=EDGE)  # fmt: skip
-    axes = figure.subplots(len(runs), columns, squeeze=False,
-                           gridspec_kw={"wspace": gap / each, "hspace": above / tall})  # fmt: skip
-    for row, (run, stamps) in zip(axes, strips, strict=True):
+    across = (figure_width(wide=True) / part - 2.0 * EDGE - (columns - 1) * BESIDE) / columns
+    figure, axes = panels(
+        len(runs) * columns, across * shape[0] / shape[1], columns, wide=True,
+        margins=Margins(EDGE, EDGE, TITLE, EDGE, TITLE, BESIDE),
+    )  # fmt: skip
+    for number, (run, stamps) in enumerate(strips):
+        row = axes[number * columns : (number + 1) * columns]
         for axis in row[len(stamps) :]:
             axis.set_visible(False)
         for axis, stamp in zip(row, stamps, strict=False):
@@ -132,8 +133,11 @@ def camera_path(runs: Sequence[Run]) -> Figure | None:
     runs = [r for r in runs if len(_poses(r))]
     if not runs:
         return None
-    figure, width = sheet(0.72 * plt.rcParams["figure.figsize"][0], bottom=0.5)
-    axis = figure.add_subplot(projection="3d", computed_zorder=False)
+    width, part = figure_width(), 0.66 if is_paper() else 1.0
+    figure, (axis,) = panels(
+        1, 0.72 * width / part - BELOW, margins=Margins(bottom=BELOW),
+        subplot_kw={"projection": "3d", "computed_zorder": False},
+    )  # fmt: skip
     shown: list[np.ndarray] = []
     single = len(runs) == 1
     for number, run in enumerate(runs):
@@ -168,12 +172,14 @@ def camera_path(runs: Sequence[Run]) -> Figure | None:
     low, high = low - thin, high + thin
     axis.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)",
              xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))  # fmt: skip
-    axis.set_box_aspect(high - low, zoom=0.97)
+    extent = high - low
+    tall = extent[2] > TALL * extent[:2].max()  # its foot would stand in the legend
+    axis.set_box_aspect(extent, zoom=0.82 if tall else 0.97)
     axis.view_init(elev=20, azim=-58)
     for pane in (axis.xaxis, axis.yaxis, axis.zaxis):
         pane.set_pane_color((1.0, 1.0, 1.0, 0.0))
-        pane.set_major_locator(plt.MaxNLocator(4))
-        pane._axinfo["grid"].update(color="#e6e8ea", linewidth=0.6)
+        pane.set_major_locator(plt.MaxNLocator(2 if tall and pane is not axis.zaxis else 4))
+        pane._axinfo["grid"].update(color=GRID, linewidth=0.6)
     figure.legend(loc="lower center", ncols=5)
     if not is_paper():
         figure.text(0.1 / width, 0.995, "Path of the camera in the world  (dashed: straight to the "

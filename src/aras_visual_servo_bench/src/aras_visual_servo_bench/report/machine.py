@@ -9,17 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..numbers.metrics import condition
-from ..pictures.style import (
-    COLOURS,
-    FAINT,
-    LIMIT,
-    TIME,
-    canvas,
-    heading,
-    is_paper,
-    legend,
-    logarithmic,
-)
+from ..pictures.palette import BAD, COLOURS, SOFT
+from ..pictures.style import TIME, heading, is_paper, legend, logarithmic, panels
 from ..recording.run import Run
 from .time_axes import colours, curve, times, zero
 
@@ -32,9 +23,9 @@ def joint_positions(runs: Sequence[Run]) -> Figure | None:
     if not runs:
         return None
     names, single = runs[0].joint_names, len(runs) == 1
-    figure, axes = canvas(len(names), 2, each=1.25, wide=True)
+    figure, axes = panels(2 * len(names), each=1.25, columns=2, wide=True)
     for j, name in enumerate(names):
-        place, speed = axes[j]
+        place, speed = axes[2 * j : 2 * j + 2]
         for run, colour in zip(runs, colours(runs), strict=True):
             if name not in run.joint_names:
                 continue
@@ -58,14 +49,14 @@ def joint_positions(runs: Sequence[Run]) -> Figure | None:
         top = runs[0].speed[j : j + 1]
         _limits(speed, -top, top)
     if single:
-        heading(axes[0, 0], "Positions  (dashed: commanded)")
-        heading(axes[0, 1], "Speeds")
+        heading(axes[0], "Positions  (dashed: commanded)")
+        heading(axes[1], "Speeds")
     else:  # beside a second title there is no room for the names of runs
-        heading(axes[0, 0], "Positions and speeds")
+        heading(axes[0], "Positions and speeds")
     if is_paper() or not single:
-        legend(axes[0, 1], 2 if single else 3, handlelength=1.2, columnspacing=0.8)
+        legend(axes[1], 2 if single else 3, handlelength=1.2, columnspacing=0.8)
     for column in (0, 1):
-        times(axes[:, column], runs, "time (s)" if is_paper() else TIME)
+        times(axes[column::2], runs, "time (s)" if is_paper() else TIME)
     return figure
 
 
@@ -80,9 +71,9 @@ def _limits(axis: Axes, lower: np.ndarray, upper: np.ndarray) -> None:
               if side.size and abs(side[0]) < UNLIMITED]  # fmt: skip
     for bound, outward in bounds:
         if low - room <= bound <= high + room:
-            axis.axhline(bound, color=LIMIT, lw=1.0, ls=(0, (5, 2)))
+            axis.axhline(bound, color=BAD, lw=1.0, ls=(0, (5, 2)))
             low, high = min(low, bound - 0.05 * room), max(high, bound + 0.05 * room)
-            axis.axhspan(bound, bound + outward * 10.0 * room, color=LIMIT, alpha=0.08, lw=0)
+            axis.axhspan(bound, bound + outward * 10.0 * room, color=BAD, alpha=0.08, lw=0)
         else:
             far.append(f"{bound:.3g}")
     axis.set_ylim(low, high)
@@ -94,7 +85,7 @@ def _limits(axis: Axes, lower: np.ndarray, upper: np.ndarray) -> None:
         axis.annotate(f"limits {' to '.join(far)}", (1.0, 0.0 if below else 1.0), ha="right",
                       xycoords="axes fraction", va="bottom" if below else "top", fontsize=7.5,
                       xytext=(-3, 3 if below else -2), textcoords="offset points",
-                      color=FAINT)  # fmt: skip
+                      color=SOFT)  # fmt: skip
 
 
 def conditioning(runs: Sequence[Run]) -> Figure | None:
@@ -102,8 +93,7 @@ def conditioning(runs: Sequence[Run]) -> Figure | None:
     runs = [r for r in runs if np.isfinite(r.singular_L).any()]
     if not runs:
         return None
-    figure, axes = canvas(3, each=1.5)
-    axes = axes[:, 0]
+    figure, axes = panels(3, each=1.5)
     for run, colour in zip(runs, colours(runs), strict=True):
         single = len(runs) == 1
         for values, name, shade, style in (
@@ -134,12 +124,11 @@ def conditioning(runs: Sequence[Run]) -> Figure | None:
 def timing(runs: Sequence[Run]) -> Figure | None:
     """Intervals between images, delays, and the pace of simulated time, as far as recorded."""
     runs = [r for r in runs if len(r.time) > 2]
-    panels = [panel for panel in (_intervals, _delays, _paces) if any(map(panel, runs))]
-    if not panels:
+    kinds = [panel for panel in (_intervals, _delays, _paces) if any(map(panel, runs))]
+    if not kinds:
         return None
-    figure, axes = canvas(len(panels), each=1.5)
-    axes = axes[:, 0]
-    for axis, panel in zip(axes, panels, strict=True):
+    figure, axes = panels(len(kinds), each=1.5)
+    for axis, panel in zip(axes, kinds, strict=True):
         for run, colour in zip(runs, colours(runs), strict=True):
             for i, (name, time, values) in enumerate(panel(run)):
                 single = len(runs) == 1

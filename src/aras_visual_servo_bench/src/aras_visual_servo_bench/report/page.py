@@ -11,6 +11,7 @@ from pathlib import Path
 import jinja2
 
 from ..numbers.summary import Quantity, best
+from ..pictures.palette import REPORT, css
 from ..recording.run import Run
 
 # On the tiles: key, factor, unit of what is printed, words.
@@ -60,6 +61,7 @@ def page(
     )  # fmt: skip
     return made.get_template("page.html").render(
         title=title,
+        colours=css(REPORT),
         runs=[_run(run, quantities) for run, quantities in
               zip(runs, summaries, strict=True)],
         tiles=_tiles(summaries[0]) if len(runs) == 1 else [],

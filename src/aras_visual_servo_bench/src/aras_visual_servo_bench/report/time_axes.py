@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from ..pictures.style import COLOURS, FAINT, GOAL, INK, TIME
+from ..pictures.palette import COLOURS, FAINT, GOAL, GOOD, INK
+from ..pictures.style import TIME
 from ..recording.run import Run
 
 LONGEST, PERIODS = 0.3, 5.0  # s, and median steps, after which a curve is not joined any more
@@ -51,7 +52,7 @@ def settled_mark(axis: Axes, run: Run) -> None:
         axis.axvline(settled, color=GOAL, ls=":", lw=1.2)
         axis.annotate(
             f"settled after {settled:.2f} s", (settled, 1.0), xycoords=("data", "axes fraction"),
-            xytext=(-4 if left else 4, -3), textcoords="offset points", color=GOAL, va="top",
+            xytext=(-4 if left else 4, -3), textcoords="offset points", color=GOOD, va="top",
             ha="right" if left else "left",
         )  # fmt: skip
 

@@ -1,6 +1,8 @@
 // Scrolling plots: time to the left, the newest at the right.
 
-export const COLOURS = ["#56b4e9", "#e69f00", "#00bf8c", "#cc79a7", "#f0e342", "#ff7b5a", "#b4a7ff", "#c8d0dc"];
+const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+const COLOURS = [...Array(8).keys()].map((i) => colour(`curve-${i}`));
+const [QUIET, ZERO, GRID] = ["quiet", "zero", "grid"].map(colour);
 const SPAN = 20, LEAST = 4;  // s that are shown, at most and at least
 const MOST = 8;   // curves with a name; the others are thin
 const GAP = 12;   // pixels between two names
@@ -61,7 +63,7 @@ export class Plot {
     c.textAlign = "center";
     for (const t of ticks(first, last, 5).found) {
       if (t < 0 || area.X(t) > area.right - 8) continue;  // its letters would be cut off
-      c.fillStyle = "#93a0b4"; c.fillText(`${t} s`, area.X(t), height - 7);
+      c.fillStyle = QUIET; c.fillText(`${t} s`, area.X(t), height - 7);
     }
     this._names(c, values, area);
   }
@@ -84,9 +86,9 @@ export class Plot {
     const Y = (v) => bottom - (v - low) / (high - low) * (bottom - top);
     const marks = ticks(low, high, Math.max(2, (bottom - top) / 20));
     for (const v of marks.found) {
-      c.strokeStyle = Math.abs(v) < 1e-12 ? "#56627a" : "#28303c";
+      c.strokeStyle = Math.abs(v) < 1e-12 ? ZERO : GRID;
       c.beginPath(); c.moveTo(left, Y(v)); c.lineTo(right, Y(v)); c.stroke();
-      c.fillStyle = "#93a0b4"; c.textAlign = "right";
+      c.fillStyle = QUIET; c.textAlign = "right";
       c.fillText(v.toFixed(marks.digits), left - 6, Y(v));
     }
     c.save();
@@ -113,7 +115,7 @@ export class Plot {
     if (!unit) return;
     c.save();  // upwards, left of the numbers, where no curve is
     c.translate(7, (top + bottom) / 2); c.rotate(-Math.PI / 2);
-    c.fillStyle = "#93a0b4"; c.textAlign = "center";
+    c.fillStyle = QUIET; c.textAlign = "center";
     c.fillText(unit, 0, 0);
     c.restore();
   }

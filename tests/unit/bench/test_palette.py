@@ -1,0 +1,91 @@
+"""One palette: letters that can be read, and no colour of its own anywhere else."""
+
+import re
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from aras_visual_servo_bench.pictures import palette, style
+from aras_visual_servo_bench.pictures.palette import LIVE, REPORT, contrast, letters_on, rgb
+from aras_visual_servo_camera import overlay
+
+BENCH = Path(palette.__file__).parents[1]
+WHITE = "#ffffff"
+PAIRS = [
+    *((letters, ground) for letters in (palette.INK, palette.SOFT, palette.GOOD, palette.BAD,
+                                        palette.WARN) for ground in (WHITE, palette.GROUND)),
+    *((WHITE, REPORT[name]) for name in ("good", "bad", "warn", "soft")),
+    (REPORT["ink"], REPORT["bad-ground"]), (REPORT["ink"], REPORT["warn-ground"]),
+    (REPORT["mark"], WHITE), (REPORT["mark"], REPORT["ground"]),
+    *((LIVE[name], LIVE[ground]) for name in ("text", "quiet", "label", "words", "address", "red")
+      for ground in ("back", "box")),
+    *((LIVE["text"], LIVE[ground]) for ground in ("line", "well", "button", "over", "active",
+                                                  "good", "wait", "bad")),
+    *((colour, LIVE["box"]) for colour in palette.LIVE_CURVES),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("letters", "ground"), PAIRS)
+def test_letters_stand_out_from_what_is_behind_them(letters, ground):
+    assert contrast(rgb(letters), rgb(ground)) >= 4.5
+
+
+def test_contrast_is_that_of_wcag():
+    assert contrast(rgb("#000000"), rgb(WHITE)) == pytest.approx(21.0)
+    assert contrast(rgb("#0000ff"), rgb(WHITE)) == pytest.approx(8.59, abs=0.01)
+    assert contrast(rgb("#777777"), rgb(WHITE)) == pytest.approx(4.48, abs=0.01)
+    assert rgb("#3366ff") == (0.2, 0.4, 1.0)
+
+
+@pytest.mark.parametrize("name", ["viridis", "RdBu_r"])
+def test_letters_on_a_map_can_be_read_on_each_of_its_colours(name):
+    for colour in plt.get_cmap(name)(np.linspace(0.0, 1.0, 101)):
+        assert contrast(rgb(letters_on(colour)), colour) >= 4.5
+
+
+def test_the_goal_is_the_overlays_blue():
+    assert tuple(round(255 * part) for part in rgb(LIVE["goal"])) == overlay._BLUE
+
+
+@pytest.mark.parametrize("path", [
+    path for folder in ("pictures", "report", "live") for path in (BENCH / folder).rglob("*")
+    if path.suffix in (".py", ".js", ".css", ".html") and path.name != "palette.py"
+], ids=lambda path: path.name)  # fmt: skip
+def test_colours_stand_in_the_palette_alone(path):
+    assert not re.findall(r"#[0-9a-f]{3,8}\b|rgba?\(\d", path.read_text(encoding="utf-8"))
+
+
+def test_what_the_page_asks_for_is_in_the_palette():
+    page = BENCH / "live" / "page"
+    asked = set(re.findall(r"var\(--([\w-]+)\)", (page / "style.css").read_text()))
+    plots = (page / "plots.js").read_text()
+    asked |= {"quiet", "zero", "grid", *(f"curve-{i}" for i in range(8))}
+    assert '["quiet", "zero", "grid"].map(colour)' in plots and "[...Array(8)" in plots
+    assert asked <= set(LIVE) and len(palette.LIVE_CURVES) == 8
+    report = (BENCH / "report" / "page.html").read_text()
+    assert set(re.findall(r"var\(--([\w-]+)\)", report)) <= set(REPORT)
+
+
+@pytest.mark.parametrize("paper", [False, True])
+def test_panels_have_the_margins_that_are_asked_for(paper):
+    part = 0.66 if paper else 1.0
+    margins = style.Margins(0.5, 0.3, 0.4, 0.2, above=0.6, beside=0.7)
+    with style.look(paper):
+        figure, axes = style.panels(3, 1.5, 2, wide=True, margins=margins)
+        assert len(axes) == 3
+        assert [axis.get_visible() for axis in figure.axes] == [True, True, True, False]
+        width, height = figure.get_size_inches()
+        assert width == style.figure_width(wide=True)
+        left, right = axes[0].get_position(), axes[1].get_position()
+        below = axes[2].get_position()
+        found = (
+            left.x0 * width, (1.0 - right.x1) * width, (1.0 - left.y1) * height,
+            below.y0 * height, (left.y0 - below.y1) * height, (right.x0 - left.x1) * width,
+        )  # fmt: skip
+        assert found == pytest.approx([part * inches for inches in margins])
+        assert left.height * height == pytest.approx(part * 1.5)
+        figure, axes = style.panels(4, 2.0, 3, width=3.8)
+        assert figure.get_size_inches() == pytest.approx((11.4, 4.0)) and len(axes) == 4
+    plt.close("all")

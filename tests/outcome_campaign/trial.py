@@ -14,6 +14,7 @@ from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.plants import CameraReading
 from aras_visual_servo_bench.recording.run import Run
 from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_controller.judging.outcomes import Outcome
 
 from .kinds import Event, Trial
 
@@ -78,8 +79,8 @@ class Disturbed:
             self._plant.command(kind, values)
 
 
-def carried_out(keys: Mapping[str, Any], event: Event | None = None) -> Run:
-    """The run of an experiment's keys, to which an event happens."""
+def carried_out(keys: Mapping[str, Any], event: Event | None = None) -> tuple[Run, Outcome]:
+    """The run of an experiment's keys, to which an event happens, and what the loop says of it."""
     experiment = Experiment.from_mapping(keys)
     parts = assemble(experiment)
     if event is not None:
@@ -92,7 +93,7 @@ def carried_out(keys: Mapping[str, Any], event: Event | None = None) -> Run:
                 parts.plant.happened = True
                 if event.what in ONCE:
                     getattr(loop.servo, event.what)(f"{event.what} was called")
-        return loop.result()
+        return loop.result(), loop.servo.outcome
     finally:
         loop.close()
 
@@ -104,28 +105,21 @@ def judged(trial: Trial, follow: bool) -> Judged:
         follow: also follow the advice, where the kind says how.
     """
     try:
-        run = carried_out(trial.keys, trial.event)
+        run, outcome = carried_out(trial.keys, trial.event)
     except ExperimentError as error:
         nothing = (np.nan,) * 4
         return Judged(trial.kind, trial.number, REFUSED, str(error), "", *nothing, right=False)
     found = Judged(
-        trial.kind, trial.number, run.outcome, run.reason, run.mend, run.verdict.distance,
-        run.verdict.angle, *left_open(run), right=False,
-    )  # fmt: skip
+        trial.kind, trial.number, outcome.kind, outcome.reason, outcome.mend,
+        run.verdict.distance, run.verdict.angle, outcome.open_distance, outcome.open_angle,
+        right=False,
+    )
     family = "converged" if found.converged else found.said
     right = family in trial.right and not (found.converged and found.excess > 1.5)
     mended = None
     if follow and right and trial.mended is not None:
         try:
-            mended = carried_out(trial.mended_keys).outcome.startswith("converged")
+            mended = carried_out(trial.mended_keys)[1].kind.startswith("converged")
         except ExperimentError:
             mended = False
     return Judged(**{**vars(found), "right": right, "mended": mended})
-
-
-def left_open(run: Run) -> tuple[float, float]:
-    """What the loop leaves open where it has converged, m and rad."""
-    if not run.outcome.startswith("converged"):
-        return np.nan, np.nan
-    # Of a loop that states no bound, the experiment's own idea of being there.
-    return getattr(run, "open_distance", 0.3e-3), getattr(run, "open_angle", 0.00524)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -189,3 +190,13 @@ def test_metrics_say_what_they_are():
         assert metric.better in ("smaller", "greater", "") and metric.source
     with pytest.raises(StudyError, match="better is 'less'"):
         metrics.metric("m", "less", "here")
+
+
+def test_what_is_left_open_is_the_last_image_s():
+    found = run()
+    left = SimpleNamespace(distance=2e-4, angle=0.03)
+    last = replace(found.states[-1], arrived=SimpleNamespace(open=left))
+    found.states = (*found.states[:-1], last)
+    assert measured("open_distance", found) == 2e-4
+    assert measured("open_angle", found) == 0.03
+    assert np.isnan(measured("open_distance", run()))

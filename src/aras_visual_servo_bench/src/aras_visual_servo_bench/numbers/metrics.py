@@ -147,6 +147,20 @@ def final_angle(run: Run) -> float:
     return run.verdict.angle
 
 
+@metric("m", SMALLER, "the loop's 99.7 % bound; NaN where it has not arrived")
+def open_distance(run: Run) -> float:
+    """How far from its goal the loop leaves open that the camera is."""
+    left = run.states[-1].arrived.open if run.states else None
+    return np.nan if left is None else left.distance
+
+
+@metric("rad", SMALLER, "the loop's 99.7 % bound; NaN where it has not arrived")
+def open_angle(run: Run) -> float:
+    """How far turned from its goal the loop leaves open that the camera is."""
+    left = run.states[-1].arrived.open if run.states else None
+    return np.nan if left is None else left.angle
+
+
 @metric("m", NEITHER, "pose of the physics at the first image, to the goal at the end")
 def start_distance(run: Run) -> float:
     """How far the camera is from its goal at the first image."""
@@ -399,7 +413,8 @@ BUILT_IN: dict[str, Metric] = {
 TABLE: dict[str, Metric] = BUILT_IN | {
     m.name: m
     for m in (
-        reached, reduced, iterations, start_distance, start_angle, largest_depth,
+        reached, reduced, open_distance, open_angle, iterations, start_distance, start_angle,
+        largest_depth,
         decay_predicted, error_settled, servoing_time, top_speed, smallest_singular_value,
         condition_L, manipulability, scale, images, image_rate, images_late, delay, computing,
         real_time_factor,

@@ -55,7 +55,8 @@ def test_models_are_put_where_the_file_has_them(tmp_path):
     ("<light name='l' type='candle'/>", "type 'candle' is unknown; use directional"),
     ("<light name='l'/><light name='l'/>", "two lights are named 'l'"),
     (BOX.format("m") * 2, "two models are named 'm'"),
-    ("<road/>", "<road> is not supported"),
+    ("<riverbed/>", "<riverbed> is not supported"),
+    ("<state><sim_time>1</sim_time></state>", "sim_time: needs 2 numbers"),
 ])
 def test_what_is_wrong_is_named_with_the_file(tmp_path, inside, reason):
     with pytest.raises(DescriptionError, match=reason) as refused:

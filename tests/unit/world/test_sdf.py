@@ -1,12 +1,13 @@
 """SDF: shapes, colours, links and joints, lights; what is not supported is named."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from aras_sim_bridge.description import parse_sdf, read_sdf
+from aras_sim_bridge.description import Light, parse_sdf, read_sdf
 from aras_sim_bridge.errors import DescriptionError, WorldError
 from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
@@ -113,13 +114,18 @@ def test_the_shipped_world_is_read():
     assert (sun.attenuation_constant, sun.attenuation_linear) == (0.9, 0.01)
 
 
-def test_included_ground_and_sun_are_known_others_are_not():
+def test_included_ground_and_sun_are_known():
     text = ('<sdf version="1.6"><world name="default"><include><uri>model://{}</uri></include>'
             "</world></sdf>")
     assert read_sdf(text.format("ground_plane")).models[0].name == "ground_plane"
-    assert read_sdf(text.format("sun")).lights[0].name == "sun"
-    with pytest.raises(DescriptionError, match="<include> of 'model://table' is not supported"):
-        read_sdf(text.format("table"))
+    (sun,) = read_sdf(text.format("sun")).lights
+    assert sun.direction == pytest.approx(Light("sun").direction, abs=1e-4)
+    assert replace(sun, direction=Light("sun").direction) == Light("sun")
+
+
+def test_what_changes_nothing_is_left_out_with_one_warning():
+    described = parse_sdf(model(link("<battery name='b'/>")))
+    assert described.warnings == ("model 'm', link 'link': <battery> 'b' is not served; left out",)
 
 
 @pytest.mark.parametrize(("text", "reason"), [
@@ -127,9 +133,7 @@ def test_included_ground_and_sun_are_known_others_are_not():
     (model(link(part("visual", "<box><size>1 1 -1</size></box>"))), "must be positive"),
     (model(link(part("visual", "<box><size>1 nan 1</size></box>"))), "not finite"),
     (model(link(part("visual", "<sphere/>"))), "sphere radius is missing"),
-    (model(link("<battery/>")), "link 'link': <battery> is not supported"),
-    (model('<model name="inner"/>'), "model 'm': <model> is not supported"),
-    (model("<actor/>"), "<actor> is not supported"),
+    (model('<model name="inner"/>'), "model 'm': has no <link>"),
     (model(""), "has no <link>"),
     (model(solid(BOX, name="a") + solid(BOX, name="b"), ""), "'a' and 'b' are not joined"),
     (model(solid(BOX) + solid(BOX)), "two links are named 'link'"),

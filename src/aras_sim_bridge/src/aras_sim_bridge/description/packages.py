@@ -4,6 +4,7 @@ import os
 import re
 from collections.abc import Callable
 
+from aras_sim_bridge.description import model_folders
 from aras_sim_bridge.errors import DescriptionError
 
 ResolvePackage = Callable[[str], str]
@@ -96,8 +97,9 @@ def resolve_uri(
     """Absolute path of an existing file named by a mesh URI.
 
     Args:
-        uri: `package://pkg/path`, `model://pkg/path` (which Gazebo makes of the former),
-            `file:///path`, an absolute path, or one relative to `base_directory`.
+        uri: `package://pkg/path`, `model://name/path` in one of Gazebo's model folders or (what
+            Gazebo makes of the former) in a package, `file:///path`, an absolute path, or one
+            relative to `base_directory`.
         where: who names it, for the message ("link 'J1', visual 1").
         resolve_package: package name -> directory.
         base_directory: what relative paths are relative to; None refuses them.
@@ -122,8 +124,9 @@ def resolve_uri(
             path = os.path.join(base_directory, path)
     elif scheme in ("package", "model"):
         package, _, inside = rest.partition("/")
+        folder = model_folders.find(package) if scheme == "model" else None
         try:
-            root = os.path.normpath(resolve_package(package))
+            root = os.path.normpath(folder or resolve_package(package))
         except DescriptionError as error:
             raise DescriptionError(f"{where}: mesh '{shown}': {error}") from None
         path = os.path.normpath(os.path.join(root, inside.lstrip("/")))

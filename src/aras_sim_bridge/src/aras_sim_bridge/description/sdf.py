@@ -2,16 +2,17 @@
 
 Of SDF this takes what stands still or hangs on simple joints: boxes, cylinders, spheres, capsules,
 planes and meshes, with colours, several links with fixed, revolute and prismatic joints, cameras,
-and lights. Everything else that would change what is simulated is refused by name, never skipped.
+and lights; includes, models in models, and a world's `<state>`. What is only looked at, or stands
+beside the models, is left out with a warning that names it; a model that cannot be simulated as it
+is written is refused by name.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import gazebo_materials, gazebo_tags, packages
+from aras_sim_bridge.description import gazebo_materials, gazebo_tags, model_folders, packages
 from aras_sim_bridge.description.geometry import Resolve, sdf_geometry
 from aras_sim_bridge.description.inertia import checked_inertial
 from aras_sim_bridge.description.types import (
@@ -23,6 +24,7 @@ from aras_sim_bridge.description.types import (
     RobotDescription,
     Visual,
 )
+from aras_sim_bridge.description.world_state import WorldState
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose
@@ -41,8 +43,11 @@ _MODEL_TAGS = {"static", "pose", "link", "joint", "plugin", "self_collide", "all
                "enable_wind"}
 _LINK_TAGS = {"pose", "inertial", "visual", "collision", "gravity", "kinematic", "sensor",
               "self_collide", "velocity_decay", "enable_wind", "must_be_base_link"}
-_WORLD_TAGS = {"model", "light", "gravity", "physics", "scene", "include", "plugin", "gui", "wind",
-               "atmosphere", "magnetic_field", "spherical_coordinates", "audio"}
+_WORLD_TAGS = {"model", "light", "gravity", "physics", "scene", "plugin", "gui", "wind", "state",
+               "frame", "atmosphere", "magnetic_field", "spherical_coordinates", "audio"}
+# Nothing that is simulated depends on them.
+_LEFT_OUT = {"actor", "population", "road", "joint", "projector", "battery", "particle_emitter",
+             "audio_source", "audio_sink", "gripper", "model_state"}
 _JOINT_KINDS = ("revolute", "prismatic", "fixed")
 _ENDLESS = 1e16  # SDF's way to say that a joint has no limit
 
@@ -50,11 +55,12 @@ _ENDLESS = 1e16  # SDF's way to say that a joint has no limit
 @dataclass(frozen=True)
 class SdfContent:
     """models: in file order. lights: in file order. warnings: what was passed over, a sentence
-    each."""
+    each. time_ns: simulated time of a world's `<state>`."""
 
     models: tuple[RobotDescription, ...] = ()
     lights: tuple[Light, ...] = ()
     warnings: tuple[str, ...] = ()
+    time_ns: int = 0
 
 
 def parse_sdf(
@@ -71,8 +77,9 @@ def parse_sdf(
     """
     content = read_sdf(xml, resolve_package, base_directory)
     if len(content.models) != 1 or content.lights:
+        left_out = "".join(f"; {warning}" for warning in content.warnings)
         raise DescriptionError(f"SDF: {len(content.models)} models and {len(content.lights)} "
-                               "lights; give one model at a time")
+                               f"lights; give one model at a time{left_out}")
     model = content.models[0]
     return replace(model, warnings=(*content.warnings, *model.warnings))
 
@@ -84,7 +91,8 @@ def read_sdf(
 ) -> SdfContent:
     """All models and lights of an SDF text, a `<world>` around them or not.
 
-    `<include>`s of model://ground_plane and model://sun, which every world has, are known.
+    What a world includes comes from Gazebo's model folders (see model_folders.py), and where its
+    `<state>` has models and lights is where they stand.
 
     Raises:
         DescriptionError: as `parse_sdf`.
@@ -96,49 +104,43 @@ def read_sdf(
     if len(worlds) > 1:
         raise DescriptionError(f"SDF: {len(worlds)} worlds; one is simulated")
     scope = worlds[0] if worlds else root
-    _refuse_unknown(scope, _WORLD_TAGS, "SDF")
-
     def resolve(uri: str, where: str) -> str:
         return packages.resolve_uri(uri, where, resolve_package, base_directory)
 
     models, lights = [], []
     warnings = [f"world plugin '{shorten(p.get('filename') or '')}' is not known; ignored"
                 for p in scope.findall("plugin")]
-    for element in scope:
+    state = WorldState(scope.find("state"))
+    inserted = Element("insertions")
+    inserted.extend(state.insertions)
+    elements = [*model_folders.expanded(scope, warnings, base_directory),
+                *model_folders.expanded(inserted, warnings, base_directory)]
+    _refuse_unknown(elements, _WORLD_TAGS, "SDF", warnings)
+    frames = _frames(scope)
+    for element in elements:
+        if element.get("name") in state.deleted:
+            continue
         if element.tag == "model":
-            models.append(_model(element, resolve))
+            models.append(_model(element, resolve, frames))
         elif element.tag == "light":
-            lights.append(_light(element))
-        elif element.tag == "include":
-            uri = text_of(element, "uri") or ""
-            if uri == "model://sun":
-                lights.append(Light("sun"))
-            elif uri == "model://ground_plane":
-                models.append(_model(ElementTree.fromstring(_GROUND_PLANE), resolve))
-            else:
-                raise DescriptionError(
-                    f"SDF: <include> of '{shorten(uri)}' is not supported: Gazebo's model "
-                    "database is not there; write the <model> into the file"
-                )
+            lights.append(_light(element, frames))
+    models, lights = state.placed(models, lights, warnings)
     check_names([model.name for model in models], "models")
     check_names([light.name for light in lights], "lights")
     if not models and not lights and not worlds:
         raise DescriptionError("SDF: there is no <model> and no <light> in it")
-    return SdfContent(tuple(models), tuple(lights), tuple(warnings))
+    return SdfContent(tuple(models), tuple(lights), tuple(warnings), state.time_ns)
 
 
-_GROUND_PLANE = """<model name="ground_plane"><static>1</static><link name="link">
-<collision name="collision">
-<geometry><plane><normal>0 0 1</normal><size>100 100</size></plane></geometry>
-<surface><friction><ode><mu>100</mu></ode></friction></surface></collision>
-<visual name="visual">
-<geometry><plane><normal>0 0 1</normal><size>100 100</size></plane></geometry>
-<material><script><name>Gazebo/Grey</name></script></material></visual></link></model>"""
-
-
-def _refuse_unknown(element: Element, known: set[str], where: str) -> None:
-    for child in element:
-        if child.tag not in known and ":" not in child.tag:
+def _refuse_unknown(elements: Iterable[Element], known: set[str], where: str,
+                    warnings: list[str]) -> None:
+    for child in elements:
+        if child.tag in known or ":" in child.tag:
+            continue
+        if child.tag in _LEFT_OUT:
+            name = f" '{shorten(child.get('name'))}'" if child.get("name") else ""
+            warnings.append(f"{where}: <{child.tag}>{name} is not served; left out")
+        else:
             raise DescriptionError(
                 f"{where}: <{shorten(child.tag)}> is not supported; there may be "
                 f"{', '.join(sorted(known))}"
@@ -152,26 +154,44 @@ def _name(element: Element, where: str) -> str:
     return name
 
 
-def _pose(element: Element, where: str) -> Pose:
+_HERE = MappingProxyType({"world": Pose(), "__model__": Pose()})
+
+
+def _pose(element: Element, where: str, frames: Mapping[str, Pose] = _HERE) -> Pose:
+    """frames: those by which a pose may be given, in the frame of the element around it."""
     node = element.find("pose")
     if node is None:
         return Pose()
-    frame = node.get("relative_to") or node.get("frame")
-    if frame and frame not in ("world", "__model__"):
+    frame = node.get("relative_to") or node.get("frame") or "world"
+    if frame not in frames:
         raise DescriptionError(
             f"{where}: <pose relative_to='{shorten(frame)}'> is not supported; give it in the "
             "frame of the element around it"
         )
     values = numbers(node.text or "0 0 0 0 0 0", 6, f"{where}: pose")
-    return Pose.from_rpy(values[:3], values[3:])
+    return frames[frame] @ Pose.from_rpy(values[:3], values[3:])
 
 
-def _model(element: Element, resolve: Resolve) -> RobotDescription:
+def _frames(world: Element) -> Mapping[str, Pose]:
+    """The `<frame>`s of a world, each in the world; one may stand on those before it."""
+    frames = dict(_HERE)
+    for node in world.findall("frame"):
+        name = _name(node, "SDF")
+        where = f"frame '{shorten(name)}'"
+        on = node.get("attached_to") or "world"
+        if on not in frames:
+            raise DescriptionError(f"{where}: attached_to='{shorten(on)}' is no frame before it")
+        frames[name] = frames[on] @ _pose(node, where, frames)
+    return frames
+
+
+def _model(element: Element, resolve: Resolve, frames: Mapping[str, Pose] = _HERE
+           ) -> RobotDescription:
     name = _name(element, "SDF")
     where = f"model '{name}'"
-    _refuse_unknown(element, _MODEL_TAGS, where)
     warnings = [f"plugin '{shorten(p.get('filename') or '')}' is not known in SDF; ignored"
                 for p in element.findall("plugin")]
+    _refuse_unknown(element, _MODEL_TAGS, where, warnings)
     static = truth(text_of(element, "static"), f"{where}: static", False)
     links: dict[str, Link] = {}
     poses: dict[str, Pose] = {}
@@ -194,6 +214,13 @@ def _model(element: Element, resolve: Resolve) -> RobotDescription:
         joint = _joint(node, where, poses)
         if joint.name in joints:
             raise DescriptionError(f"{where}: two joints are named '{joint.name}'; rename one")
+        at = _pose(node, f"{where}, joint '{joint.name}'")
+        if joint.moves and at != Pose():
+            # The joint moves a massless link that stands on it, and that one carries the child.
+            own = f"{joint.name}_frame"
+            links[own], poses[own] = Link(own, None), poses[joint.child] @ at
+            joints[own] = Joint(own, "fixed", own, joint.child)
+            joint = replace(joint, child=own)
         joints[joint.name] = joint
     if any(joint.parent == "world" for joint in joints.values()):
         links = {"world": Link("world", None), **links}
@@ -201,7 +228,7 @@ def _model(element: Element, resolve: Resolve) -> RobotDescription:
     root, joints = _tree(where, links, joints, poses, static)
     links[root] = _shifted(links[root], poses[root])
     cameras = [_shifted_camera(c, poses[root]) if c.link == root else c for c in cameras]
-    pose = _pose(element, where)
+    pose = _pose(element, where, frames)
     return RobotDescription(
         name=name, root=root, links=MappingProxyType(links), joints=MappingProxyType(joints),
         cameras=tuple(cameras), colours=MappingProxyType(colours), static=static,
@@ -213,7 +240,7 @@ def _model(element: Element, resolve: Resolve) -> RobotDescription:
 def _link(element: Element, model: str, resolve: Resolve, warnings: list[str]) -> Link:
     name = _name(element, model)
     where = f"{model}, link '{name}'"
-    _refuse_unknown(element, _LINK_TAGS, where)
+    _refuse_unknown(element, _LINK_TAGS, where, warnings)
     inertial = None
     node = element.find("inertial")
     mass = number(text_of(node, "mass"), f"{where}: mass", 1.0)  # SDF's defaults: 1 kg, unit tensor
@@ -266,9 +293,6 @@ def _joint(element: Element, model: str, poses: Mapping[str, Pose]) -> Joint:
     for end in (parent, child):
         if end not in poses and not (end == "world" and end == parent):
             raise DescriptionError(f"{where}: link '{shorten(end)}' does not exist")
-    if kind != "fixed" and _pose(element, where) != Pose():
-        raise DescriptionError(f"{where}: a <pose> of its own is not supported; put the origin of "
-                               f"the child link '{child}' on the joint")
     axis = element.find("axis")
     if kind == "fixed":
         return Joint(name, kind, parent, child)
@@ -335,14 +359,14 @@ def _shifted_camera(camera: CameraDescription, pose: Pose) -> CameraDescription:
     return replace(camera, pose=(at.xyz, at.rpy))
 
 
-def _light(element: Element) -> Light:
+def _light(element: Element, frames: Mapping[str, Pose]) -> Light:
     name = _name(element, "SDF")
     where = f"light '{name}'"
     kind = element.get("type") or "point"
     if kind not in ("directional", "point", "spot"):
         raise DescriptionError(f"{where}: type '{shorten(kind)}' is unknown; use directional, "
                                "point or spot")
-    pose = _pose(element, where)
+    pose = _pose(element, where, frames)
     fade = element.find("attenuation")
 
     def rgba(tag: str, default: Rgba) -> Rgba:

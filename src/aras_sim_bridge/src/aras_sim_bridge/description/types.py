@@ -187,7 +187,8 @@ class RobotDescription:
     that of its visuals; a link without one is drawn white.
     static: the model never moves (`<gazebo><static>true`). warnings: what was repaired or ignored
     while reading, one sentence each, for the caller to log.
-    initial_pose: (xyz, rpy) written in the file (SDF only).
+    initial_pose: (xyz, rpy) written in the file (SDF only). initial_joints: rad or m at which a
+    world's <state> has joints.
     """
 
     name: str
@@ -201,6 +202,7 @@ class RobotDescription:
     static: bool = False
     warnings: tuple[str, ...] = ()
     initial_pose: tuple[Vector3, Vector3] = (ZERO, ZERO)
+    initial_joints: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
 
     def moving_joints(self) -> tuple[str, ...]:
         """Names of the joints with a degree of freedom, in file order."""

@@ -21,7 +21,7 @@ class WorldFile:
 
     models, lights: what stands in the file, in its order. ground_plane: whether Gazebo's is to be
     added, because no file was given. Absent numbers are Gazebo's defaults. warnings: what the file
-    asks for in vain, one sentence each.
+    asks for in vain, one sentence each. time_ns: simulated time at which it begins.
     """
 
     time_step: float = 0.001
@@ -31,6 +31,7 @@ class WorldFile:
     lights: tuple[Light, ...] = (SUN,)
     ground_plane: bool = True
     warnings: tuple[str, ...] = ()
+    time_ns: int = 0
 
 
 def read(path: str) -> WorldFile:
@@ -75,13 +76,15 @@ def read(path: str) -> WorldFile:
         lights=content.lights,
         ground_plane=False,
         warnings=(*content.warnings, *warnings),
+        time_ns=content.time_ns,
     )
 
 
-def populate(spawn: Callable[[RobotDescription, str, Pose], object], world: WorldFile) -> None:
+def populate(spawn: Callable[..., object], world: WorldFile) -> None:
     """Put the file's models into a world by its `spawn`; SimError naming the one that cannot be."""
     for model in world.models:
         try:
-            spawn(model, model.name, Pose.from_rpy(*model.initial_pose))
+            spawn(model, model.name, Pose.from_rpy(*model.initial_pose),
+                  joint_positions=model.initial_joints)
         except SimError as error:
             raise SimError(f"model '{model.name}' of the world file: {error}") from None

@@ -156,6 +156,7 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
             lights=world.lights,
         )
     )
+    simulation.time_ns = world.time_ns
     try:
         world_file.populate(simulation.spawn, world)
     except SimError:

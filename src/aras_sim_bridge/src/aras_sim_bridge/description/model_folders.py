@@ -1,0 +1,185 @@
+"""Gazebo's model folders: `<include>`s, and models in models, as plain elements of one document.
+
+A folder holds model.config, which names the SDF file. Folders are looked for in GAZEBO_MODEL_PATH
+and ~/.gazebo/models; the two that every world has, ground_plane and sun, need none.
+"""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base import safe_xml
+from aras_visual_servo_base.poses import Pose
+from aras_visual_servo_base.safe_xml import number, numbers, shorten, text_of
+
+PATH = "GAZEBO_MODEL_PATH"
+CONFIG = "model.config"
+_OWN = "~/.gazebo/models"
+
+_BUILT_IN = {
+    "sun": """<light name="sun" type="directional"><pose>0 0 10 0 0 0</pose>
+<diffuse>0.8 0.8 0.8 1</diffuse><specular>0.2 0.2 0.2 1</specular>
+<direction>-0.4834 0.0967 -0.8701</direction><attenuation><constant>0.9</constant>
+<linear>0.01</linear><quadratic>0.001</quadratic></attenuation></light>""",
+    "ground_plane": """<model name="ground_plane"><static>1</static><link name="link">
+<collision name="collision">
+<geometry><plane><normal>0 0 1</normal><size>100 100</size></plane></geometry>
+<surface><friction><ode><mu>100</mu></ode></friction></surface></collision>
+<visual name="visual">
+<geometry><plane><normal>0 0 1</normal><size>100 100</size></plane></geometry>
+<material><script><name>Gazebo/Grey</name></script></material></visual></link></model>""",
+}
+
+
+def find(name: str) -> str | None:
+    """The folder of a model, None where neither path has one of that name."""
+    if name in ("", ".", "..") or "/" in name or "\0" in name:
+        return None
+    named = os.environ.get(PATH, "").split(os.pathsep)
+    for root in (*filter(None, named), os.path.expanduser(_OWN)):
+        if os.path.isdir(os.path.join(root, name)):
+            return os.path.join(root, name)
+    return None
+
+
+def folder_of(uri: str, base: str | None) -> str:
+    """The folder that an `<include>`'s URI names; `base` is what relative paths are relative to.
+
+    Raises:
+        DescriptionError: another scheme, or no such folder.
+    """
+    if not uri:
+        raise DescriptionError("it has no <uri>")
+    scheme, separator, rest = uri.partition("://")
+    if separator and scheme not in ("model", "file"):
+        raise DescriptionError(f"the scheme {scheme}:// is not served; download the model into "
+                               f"{_OWN} and write model://<its folder>")
+    if scheme == "model" and separator:
+        found = find(rest.strip("/"))
+        if found is None:
+            raise DescriptionError(f"no folder of that name is in {PATH} or {_OWN}")
+        return found
+    path = rest if separator else uri
+    if not os.path.isabs(path) and base is not None:
+        path = os.path.join(base, path)
+    if not os.path.isdir(path):
+        raise DescriptionError(f"there is no folder {path}")
+    return path
+
+
+def read_model(folder: str) -> Element:
+    """The model or light that a folder's SDF file holds; mesh files named from that folder on.
+
+    Raises:
+        DescriptionError: no model.config, no SDF file in it, or no model in that.
+    """
+    config = _parsed(Path(folder) / CONFIG)
+    names = [((node.text or "").strip(), number(node.get("version"), CONFIG, 0.0))
+             for node in config.findall("sdf")]
+    if not names:
+        raise DescriptionError(f"{folder}/{CONFIG} names no <sdf> file")
+    file = Path(folder) / max(names, key=lambda pair: pair[1])[0]
+    root = _parsed(file)
+    scope = root if root.find("world") is None else root.find("world")
+    found = next((child for child in scope if child.tag in ("model", "light")), None)
+    if found is None:
+        raise DescriptionError(f"{file} has no <model> and no <light>")
+    for uri in found.iter("uri"):
+        text = (uri.text or "").strip()
+        if text and "://" not in text and not os.path.isabs(text):
+            uri.text = os.path.join(folder, text)
+    return found
+
+
+def _parsed(file: Path) -> Element:
+    try:
+        return safe_xml.parse(file.read_text(encoding="utf-8"), str(file))
+    except (OSError, UnicodeDecodeError) as error:
+        raise DescriptionError(f"{file} cannot be read: {error}") from None
+
+
+def expanded(scope: Element, warnings: list[str], base: str | None = None,
+             chain: tuple[str, ...] = ()) -> Iterator[Element]:
+    """The elements of a world or model, `<include>`s as what they name, models without models in
+    them.
+
+    An include that cannot be served is left out, with a sentence in `warnings`. chain: the folders
+    that are being read, for includes that come back to themselves.
+    """
+    for child in scope:
+        if child.tag == "include":
+            uri = text_of(child, "uri") or ""
+            try:
+                yield _included(child, uri, warnings, base, chain)
+            except DescriptionError as error:
+                warnings.append(f"<include> of '{shorten(uri)}' is left out: {error}")
+        elif child.tag == "model":
+            yield _flat(child, warnings, base, chain)
+        else:
+            yield child
+
+
+def _included(include: Element, uri: str, warnings: list[str], base: str | None,
+              chain: tuple[str, ...]) -> Element:
+    name = uri.strip().removeprefix("model://").strip("/")
+    if name in _BUILT_IN:
+        found, folder = ElementTree.fromstring(_BUILT_IN[name]), None
+    else:
+        folder = os.path.realpath(folder_of(uri.strip(), base))
+        if folder in chain:
+            round_trip = [os.path.basename(one) for one in (*chain[chain.index(folder):], folder)]
+            raise DescriptionError(f"it includes itself: {' → '.join(round_trip)}")
+        found = read_model(folder)
+    if text_of(include, "name"):
+        found.set("name", text_of(include, "name"))
+    for tag in ("pose", "static"):
+        given = include.find(tag)
+        if given is not None:
+            for old in found.findall(tag):
+                found.remove(old)
+            found.append(given)
+    if found.tag == "light" or folder is None:
+        return found
+    return _flat(found, warnings, folder, (*chain, folder))
+
+
+def _flat(model: Element, warnings: list[str], base: str | None,
+          chain: tuple[str, ...]) -> Element:
+    """The model with the links and joints of those in it as its own, named inner::link."""
+    if model.find("model") is None and model.find("include") is None:
+        return model
+    flat = Element("model", model.attrib)
+    for child in expanded(model, warnings, base, chain):
+        if child.tag != "model":
+            flat.append(child)
+            continue
+        inner = child.get("name") or ""
+        at = _pose(child, f"model '{shorten(inner)}'")
+        for part in copy.deepcopy(child):
+            if part.tag == "link":
+                pose = at @ _pose(part, f"model '{shorten(inner)}'")
+                for old in part.findall("pose"):
+                    part.remove(old)
+                ElementTree.SubElement(part, "pose").text = " ".join(
+                    map(repr, (*pose.xyz, *pose.rpy)))
+                part.set("name", f"{inner}::{part.get('name')}")
+            elif part.tag == "joint":
+                part.set("name", f"{inner}::{part.get('name')}")
+                for end in (part.find("parent"), part.find("child")):
+                    if end is not None and (end.text or "").strip() != "world":
+                        end.text = f"{inner}::{(end.text or '').strip()}"
+            elif part.tag != "plugin":
+                continue
+            flat.append(part)
+    return flat
+
+
+def _pose(element: Element, where: str) -> Pose:
+    values = numbers(text_of(element, "pose") or "0 0 0 0 0 0", 6, f"{where}: pose")
+    return Pose.from_rpy(values[:3], values[3:])

@@ -1,0 +1,237 @@
+"""Worlds as Gazebo's window saves them: included models, `<state>`, frames; what is not served."""
+
+import math
+
+import numpy as np
+import pytest
+
+from aras_sim_bridge.description import world_file
+from aras_sim_bridge.description.shapes import triangles
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_visual_servo_base.poses import Pose
+
+CONFIG = "<model><name>{0}</name><sdf version='1.4'>old.sdf</sdf>" \
+         "<sdf version='1.6'>model.sdf</sdf></model>"
+SOLID = ("<link name='body'><pose>0 0 0.1 0 0 0</pose>{0}<collision name='c'><geometry><box><size>"
+         "0.2 0.3 0.4</size></box></geometry></collision></link>")
+TRIANGLE = """v 0 0 0
+v 0.1 0 0
+v 0 0.2 0
+v 0 0 0.3
+f 1 3 2
+f 1 2 4
+f 2 3 4
+f 3 1 4
+"""
+ARM = """<model name='arm'><pose>1 0 0 0 0 0</pose>
+<link name='post'><pose>0 0 0.2 0 0 0.3</pose><inertial><mass>5</mass></inertial></link>
+<link name='upper'><pose>0.1 0.2 1 0.1 0.2 0.3</pose><inertial><mass>1</mass></inertial></link>
+<link name='slide'><pose>0.1 0.2 1.5 0 0.4 0</pose><inertial><mass>0.5</mass></inertial></link>
+<joint name='bolt' type='fixed'><parent>world</parent><child>post</child></joint>
+<joint name='turn' type='revolute'><pose>0.05 -0.02 -0.3 0.2 0 0</pose><parent>post</parent>
+<child>upper</child><axis><xyz>0 0.6 0.8</xyz>
+<limit><lower>-2</lower><upper>2</upper></limit></axis></joint>
+<joint name='push' type='prismatic'><parent>upper</parent><child>slide</child><axis>
+<xyz>1 0 0</xyz><limit><lower>-1</lower><upper>1</upper></limit></axis></joint></model>"""
+
+
+@pytest.fixture
+def folders(tmp_path, monkeypatch):
+    """GAZEBO_MODEL_PATH with a folder that models are put into; ~ is another one."""
+    models, home = tmp_path / "models", tmp_path / "home"
+    monkeypatch.setenv("GAZEBO_MODEL_PATH", f"/nowhere:{models}")
+    monkeypatch.setenv("HOME", str(home))
+
+    def add(name, inside, root=models, config=CONFIG):
+        folder = root / name
+        (folder / "meshes").mkdir(parents=True)
+        if config:
+            (folder / "model.config").write_text(config.format(name))
+        (folder / "model.sdf").write_text(f"<sdf version='1.6'>{inside}</sdf>")
+        (folder / "meshes" / "part.obj").write_text(TRIANGLE)
+        return folder
+
+    add.home = home / ".gazebo" / "models"
+    return add
+
+
+@pytest.fixture
+def read(tmp_path):
+    def world(inside):
+        path = tmp_path / "saved.world"
+        path.write_text(f"<sdf version='1.6'><world name='default'>{inside}</world></sdf>")
+        return world_file.read(str(path))
+
+    return world
+
+
+def include(name, inside=""):
+    return f"<include><uri>model://{name}</uri>{inside}</include>"
+
+
+@pytest.mark.parametrize("uri", ["model://crate/meshes/part.obj", "meshes/part.obj"])
+def test_models_and_their_meshes_come_from_the_model_folders(folders, read, uri):
+    mesh = f"<visual name='v'><geometry><mesh><uri>{uri}</uri></mesh></geometry></visual>"
+    for name, root in (("crate", {}), ("barrel", {"root": folders.home})):
+        folders(name, f"<model name='{name}'><pose>0 0 5 0 0 0</pose>{SOLID.format(mesh)}</model>"
+                .replace("model://crate", f"model://{name}"), **root)
+    found = read(include("crate") + include(
+        "barrel", "<name>second</name><pose>1 2 3 0 0 0.5</pose><static>true</static>"))
+    assert found.warnings == ()
+    crate, second = found.models
+    assert (crate.name, crate.static, crate.initial_pose[0]) == ("crate", False, (0, 0, 5))
+    assert (second.name, second.static, second.initial_pose[0]) == ("second", True, (1, 2, 3))
+    for model in found.models:
+        (visual,) = model.links["body"].visuals
+        assert np.ptp(triangles(visual.geometry)[0].positions, axis=0) == pytest.approx(
+            (0.1, 0.2, 0.3))
+
+
+def test_models_in_models_are_one(folders, read):
+    folders("wheel", f"<model name='wheel'><pose>0 0 9 0 0 0</pose>{SOLID.format('')}</model>")
+    found = read("<model name='cart'>" + SOLID.format("") + include(
+        "wheel", "<name>left</name><pose>0 0.5 0 0 0 1.5707963267948966</pose>")
+        + "<joint name='axle' type='revolute'><parent>body</parent><child>left::body</child>"
+        "<axis><xyz>0 0 1</xyz></axis></joint></model>")
+    (cart,) = found.models
+    assert list(cart.links) == ["body", "left::body"]
+    joint = cart.joints["axle"]
+    assert joint.origin_xyz == pytest.approx((0, 0.5, 0.1))
+    assert joint.origin_rpy == pytest.approx((0, 0, math.pi / 2))
+
+
+@pytest.mark.parametrize(("uri", "reason"), [
+    ("model://gone", "no folder of that name is in GAZEBO_MODEL_PATH or ~/.gazebo/models"),
+    ("model://bare", "bare/model.config cannot be read"),
+    ("model://empty", "model.sdf has no <model> and no <light>"),
+    ("model://nameless", "model.config names no <sdf> file"),
+    ("model://../models/egg", "no folder of that name"),
+    ("https://fuel.example/egg", "the scheme https:// is not served"),
+    ("", "it has no <uri>"),
+    ("eggs", "there is no folder"),
+])
+def test_an_include_that_cannot_be_served_is_one_warning_and_the_rest_goes_on(
+        folders, read, uri, reason):
+    folders("bare", "", config=None)
+    folders("empty", "")
+    folders("nameless", "", config="<model/>")
+    folders("egg", "<model name='egg'>" + SOLID.format("") + "</model>")
+    found = read(f"<include><uri>{uri}</uri></include>" + include("egg"))
+    assert [model.name for model in found.models] == ["egg"]
+    (warning,) = found.warnings
+    assert f"<include> of '{uri}' is left out: " in warning and reason in warning
+
+
+def test_a_cyclic_include_is_one_warning(folders, read):
+    for name, other in (("hen", "egg"), ("egg", "hen")):
+        folders(name, f"<model name='{name}'>{SOLID.format('')}{include(other)}"
+                f"<joint name='j' type='fixed'><parent>body</parent><child>{other}::body</child>"
+                "</joint></model>".replace("<joint", "<joint" if name == "hen" else "<battery")
+                .replace("</joint", "</joint" if name == "hen" else "</battery"))
+    found = read(include("hen"))
+    assert list(found.models[0].links) == ["body", "egg::body"]
+    assert "<include> of 'model://hen' is left out: it includes itself: hen → egg → hen" in \
+        found.warnings
+
+
+def placed(simulation, found):
+    simulation.time_ns = found.time_ns
+    world_file.populate(simulation.spawn, found)
+    return simulation.world.models
+
+
+def pose_text(pose):
+    return " ".join(map(repr, (*pose.xyz, *pose.rpy)))
+
+
+def test_an_arm_stands_where_the_state_has_its_links(read):
+    """Also with a <pose> in its moving joint: the links of two joint values are the truth."""
+    base = Pose.from_rpy((2.0, -1.0, 0.5), (0.1, -0.2, 0.7))
+    alone = read(ARM)
+    simulation = Simulation(SimulationConfig(ground_plane=False))
+    (description,) = alone.models
+    moved = simulation.spawn(description, "arm", base,
+                             joint_positions={"turn": 0.6, "push": -0.25})
+    links = {name: moved.link_pose(name) for name in ("upper", "slide")}
+    simulation.close()
+    states = "".join(f"<link name='{n}'><pose>{pose_text(p)}</pose></link>"
+                     for n, p in links.items())
+    found = read(ARM + f"<state world_name='default'><sim_time>12 340000000</sim_time>"
+                 f"<model name='arm'><pose>{pose_text(base)}</pose><link name='post'/>{states}"
+                 "</model></state>")
+    assert found.time_ns == 12_340_000_000
+    assert found.warnings == ()
+    simulation = Simulation(SimulationConfig(ground_plane=False))
+    model = placed(simulation, found)["arm"]
+    assert model.read_joints()[0] == pytest.approx((0.6, -0.25), abs=1e-9)
+    for name, pose in links.items():
+        np.testing.assert_allclose(model.link_pose(name).matrix(), pose.matrix(), atol=1e-9)
+    before = simulation.time_ns
+    simulation.step()
+    assert (before, simulation.time_ns) == (12_340_000_000, 12_341_000_000)
+    simulation.close()
+
+
+def test_a_joint_s_own_pose_is_where_it_turns(read):
+    """upper's frame keeps its place and goes round the axis of the joint's frame."""
+    simulation = Simulation(SimulationConfig(ground_plane=False))
+    (description,) = read(ARM).models
+    model = simulation.spawn(description, "arm", joint_positions={"turn": 0.8})
+    upper = Pose.from_rpy((0.1, 0.2, 1.0), (0.1, 0.2, 0.3))
+    own = Pose.from_rpy((0.05, -0.02, -0.3), (0.2, 0.0, 0.0))
+    half = 0.4
+    turn = Pose((0, 0, 0), (0.0, 0.6 * math.sin(half), 0.8 * math.sin(half), math.cos(half)))
+    expected = upper @ own @ turn @ own.inverse()
+    np.testing.assert_allclose(model.link_pose("upper").matrix(), expected.matrix(), atol=1e-9)
+    for _ in range(3):
+        simulation.step()
+    simulation.close()
+
+
+def test_the_state_s_insertions_deletions_scale_and_lights_count(folders, read):
+    folders("crate", "<model name='crate'>" + SOLID.format("") + "</model>")
+    found = read(
+        include("crate") + include("crate", "<name>gone</name>")
+        + "<light name='lamp' type='point'><pose>0 0 1 0 0 0</pose></light>"
+        "<state world_name='default'><insertions>" + include("crate", "<name>late</name>")
+        + "</insertions><deletions><name>gone</name></deletions>"
+        "<model name='crate'><pose>1 2 3 0 0 0.5</pose><scale>2 3 0.5</scale></model>"
+        "<model name='late'><pose>4 5 6 0 0 0</pose></model>"
+        "<light name='lamp'><pose>7 8 9 0 0 0</pose></light></state>")
+    crate, late = found.models
+    assert (crate.initial_pose[0], late.initial_pose[0]) == ((1, 2, 3), (4, 5, 6))
+    assert crate.links["body"].collisions[0].geometry.size == pytest.approx((0.4, 0.9, 0.2))
+    assert late.links["body"].collisions[0].geometry.size == (0.2, 0.3, 0.4)
+    assert found.lights[0].origin_xyz == (7, 8, 9)
+    assert found.warnings == ()
+
+
+def test_what_a_state_says_in_vain_is_named(folders, read):
+    folders("crate", "<model name='crate'>" + SOLID.format("") + "</model>")
+    found = read(
+        include("crate") + "<state><model name='crate'><scale>0 1 1</scale><link name='body'>"
+        "<velocity>0 0 2 0 0 0</velocity></link><link name='lid'/></model>"
+        "<model name='b'/><model name='a'/><light name='l'/></state>")
+    assert [warning for warning in found.warnings if "<state>" in warning] == [
+        "<state> places models that do not exist: a, b; ignored",
+        "<state> places lights that do not exist: l; ignored",
+        "<state> has crate in motion; all begins at rest",
+        "<state> places links of model 'crate' that do not exist: lid; ignored",
+        "<state>: model 'crate': scale (0.0, 1.0, 1.0) is not positive; ignored",
+    ]
+
+
+def test_frames_of_a_world_and_what_is_left_out_of_one(read):
+    box = "<model name='m'><pose relative_to='b'>0 0 1 0 0 0</pose>" + SOLID.format("") + "</model>"
+    found = read(
+        "<frame name='a'><pose>1 2 0 0 0 1.5707963267948966</pose></frame>"
+        "<frame name='b' attached_to='a'><pose>3 0 0 0 0 0</pose></frame>" + box
+        + "<population name='p'/><joint name='j' type='fixed'/><actor name='walks'/>")
+    xyz, rpy = found.models[0].initial_pose
+    assert xyz == pytest.approx((1, 5, 1))
+    assert rpy == pytest.approx((0, 0, math.pi / 2))
+    assert found.warnings == (
+        "SDF: <population> 'p' is not served; left out",
+        "SDF: <joint> 'j' is not served; left out",
+        "SDF: <actor> 'walks' is not served; left out",
+    )

@@ -2,11 +2,13 @@
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 
 from aras_sim_bridge.description import world_file
 from aras_sim_bridge.description.shapes import triangles
+from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_base.poses import Pose
 
@@ -235,3 +237,81 @@ def test_frames_of_a_world_and_what_is_left_out_of_one(read):
         "SDF: <joint> 'j' is not served; left out",
         "SDF: <actor> 'walks' is not served; left out",
     )
+
+
+SCRIPT = """// a comment { with braces
+material Crate/Base { technique { pass {
+    ambient 0.1 0.2 0.3
+    diffuse 0.5 0.6 0.7 1
+    texture_unit { texture side.png
+      filtering trilinear } } }
+  technique { pass { diffuse 1 0 0 } } }
+material Crate/Side : Crate/Base
+{ technique { pass { diffuse 0.9 0.8 0.7 0.5 } } }
+material Crate/Plain { technique { pass { ambient 0.2 0.3 0.4 1 /* diffuse 1 1 1 */ } } }
+material Crate/Lost { technique { pass { texture_unit { texture gone.png } } } }
+"""
+
+
+def crate(name, shape="<box><size>0.2 0.3 0.4</size></box>",
+          uris="<uri>model://crate/materials/scripts</uri>"):
+    return (f"<model name='crate'><link name='body'><visual name='v'><geometry>{shape}</geometry>"
+            f"<material><script>{uris}<name>{name}</name></script></material></visual></link>"
+            "</model>")
+
+
+@pytest.fixture
+def materials(folders):
+    folder = folders("crate", "")
+    for part in ("scripts", "textures"):
+        (folder / "materials" / part).mkdir(parents=True)
+    (folder / "materials/scripts/crate.material").write_text(SCRIPT)
+    picture = folder / "materials/textures/side.png"
+    cv2.imwrite(str(picture), np.zeros((2, 3, 3), np.uint8))
+    return picture
+
+
+@pytest.mark.parametrize("uris", [
+    "<uri>model://crate/materials/scripts</uri><uri>model://crate/materials/textures</uri>",
+    "<uri>model://crate/materials/scripts/crate.material</uri>",
+])
+def test_a_material_script_gives_colour_and_texture(materials, read, uris):
+    (model,) = read(crate("Crate/Side", uris=uris)).models
+    assert (model.colours["body"], model.warnings) == ((0.9, 0.8, 0.7, 0.5), ())
+    assert model.links["body"].visuals[0].texture == str(materials)
+    (model,) = read(crate("Crate/Base")).models
+    assert model.colours["body"] == (0.5, 0.6, 0.7, 1.0)
+    (model,) = read(crate("Crate/Plain")).models
+    assert model.colours["body"] == (0.2, 0.3, 0.4, 1.0)
+    assert model.links["body"].visuals[0].texture == ""
+
+
+def test_a_texture_is_whole_and_upright_on_each_side_of_a_box(materials, read):
+    found = read(crate("Crate/Base"))
+    with Simulation(SimulationConfig(ground_plane=False)).world as world:
+        world.spawn(found.models[0], "crate")
+        scene = Scene(world)
+        scene.refresh()
+        (part,) = scene.parts
+    mesh = part.mesh
+    assert mesh.texture == str(materials)
+    right = {(1, 0, 0): (0, 1, 0), (-1, 0, 0): (0, -1, 0), (0, 1, 0): (-1, 0, 0),
+             (0, -1, 0): (1, 0, 0), (0, 0, 1): (1, 0, 0), (0, 0, -1): (-1, 0, 0)}
+    for position, normal, uv in zip(mesh.positions, mesh.normals, mesh.uv, strict=True):
+        side = tuple(np.rint(normal).astype(int))
+        across = np.sign(position @ np.array(right[side]))
+        up = np.sign(position[2] if side[2] == 0 else position[1])
+        assert tuple(uv) == ((across + 1) / 2, (up + 1) / 2)
+
+
+@pytest.mark.parametrize(("inside", "reason"), [
+    (crate("Crate/Lost"), "texture 'gone.png' of material 'Crate/Lost' is left out"),
+    (crate("Crate/None"), "'Crate/None' is none of Gazebo's"),
+    (crate("Crate/Base", uris="<uri>model://gone/x</uri>"), "'model://gone/x': package 'gone'"),
+    (crate("Crate/Base", uris="<uri>model://crate/x.material</uri>"), "x.material cannot be read"),
+    (crate("Crate/Base", "<sphere><radius>1</radius></sphere>"), "drawn on box, plane, mesh only"),
+])
+def test_a_material_that_cannot_be_served_costs_nothing_but_itself(materials, read, inside, reason):
+    found = read(inside)
+    assert [m.name for m in found.models] == ["crate"]
+    assert reason in found.warnings[0]

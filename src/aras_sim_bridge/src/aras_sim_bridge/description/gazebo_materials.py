@@ -7,8 +7,10 @@ are given by their mean colour.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from xml.etree.ElementTree import Element
 
+from aras_sim_bridge.description.ogre_materials import Look
 from aras_sim_bridge.description.types import Rgba
 from aras_visual_servo_base.names import likely
 from aras_visual_servo_base.safe_xml import numbers, shorten, text_of
@@ -71,10 +73,16 @@ def colour(name: str, link: str, warnings: list[str]) -> Rgba:
     return COLOURS.get(name, WHITE)
 
 
-def sdf_colour(link: Element, name: str, warnings: list[str]) -> Rgba | None:
-    """The colour of an SDF link: that of its first visual that has one, for all of them."""
-    found = [text_of(visual.find("material/script"), "name") or _painted(visual, f"link '{name}'")
-             for visual in link.findall("visual")]
+def sdf_colour(link: Element, name: str, warnings: list[str], looks: Sequence[Look | None]
+               ) -> Rgba | None:
+    """The colour of an SDF link: that of its first visual that has one, for all of them.
+
+    looks: of the visuals, in their order, by material scripts.
+    """
+    found = [look.colour or WHITE if look is not None
+             else text_of(visual.find("material/script"), "name")
+             or _painted(visual, f"link '{name}'")
+             for visual, look in zip(link.findall("visual"), looks, strict=True)]
     found = [paint for paint in found if paint is not None]
     if any(paint != found[0] for paint in found):
         warnings.append(f"link '{name}': its visuals have several colours; all get the first")

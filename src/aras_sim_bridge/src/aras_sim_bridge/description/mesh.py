@@ -52,6 +52,21 @@ class Mesh:
         return Mesh(positions.astype(np.float32), normals.astype(np.float32), triangles,
                     self.uv, self.texture, self.rgba, self.piece)
 
+    def draped(self, texture: str, projected: bool) -> Mesh:
+        """The mesh with a picture on it; `projected`: seen whole on each side of a box, upright on
+        those that stand. Without coordinates of its own a mesh that is not projected stays as it
+        is."""
+        if not projected:
+            return self if self.uv is None else replace(self, texture=texture)
+        low = self.positions.min(axis=0)
+        share = (self.positions - low) / np.maximum(self.positions.max(axis=0) - low, 1e-12)
+        axis = np.abs(self.normals).argmax(axis=1)
+        sign = np.take_along_axis(self.normals, axis[:, None], axis=1)[:, 0] > 0.0
+        across = np.where(axis == 0, share[:, 1], share[:, 0])
+        across = np.where(sign == (axis == 1), 1.0 - across, across)  # as seen from outside
+        up = np.where(axis == 2, share[:, 1], share[:, 2])
+        return replace(self, uv=np.stack([across, up], axis=1).astype(np.float32), texture=texture)
+
     def placed(self, a_T_b: np.ndarray) -> Mesh:
         """The mesh carried from b to a by any (4, 4) a_T_b, which may stretch, shear and mirror."""
         turn = a_T_b[:3, :3]
@@ -133,7 +148,8 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
         if wrong.any():
             raise DescriptionError(f"a face names {what} {numbers[wrong][0]} of {len(values)}")
         check_reach(values[numbers[numbers >= 0]], what)
-    textured = texture is not None and len(vt) and (index[..., 1] >= 0).all()
+    mapped = bool(len(vt)) and (index[..., 1] >= 0).all()
+    textured = texture is not None and mapped
     if textured:
         picture_size(texture)  # refused while the model is read, not where a camera draws it
     else:
@@ -151,9 +167,9 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
     else:
         normals = np.zeros_like(positions)
         np.add.at(normals, triangles.reshape(-1), np.repeat(faces, 3, axis=0))
+    uv = vt[key[:, 1], :2].astype(np.float32) if mapped else None
     return Mesh(positions.astype(np.float32), normalised(normals).astype(np.float32),
-                triangles.astype(np.int32), vt[key[:, 1]].astype(np.float32) if textured else None,
-                texture, rgba, piece)
+                triangles.astype(np.int32), uv, texture, rgba, piece)
 
 
 def check_reach(values: np.ndarray, what: str) -> None:

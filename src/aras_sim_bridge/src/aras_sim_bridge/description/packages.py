@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from aras_sim_bridge.description import model_folders
 from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base.safe_xml import shorten
 
 ResolvePackage = Callable[[str], str]
 
@@ -94,7 +95,23 @@ def resolve_uri(
     resolve_package: ResolvePackage = find,
     base_directory: str | None = None,
 ) -> str:
-    """Absolute path of an existing file named by a mesh URI.
+    """Absolute path of an existing mesh file; arguments and faults as `located`'s, and a file that
+    is missing, or a folder, pipe or device."""
+    path = located(uri, where, resolve_package, base_directory)
+    if not os.path.isfile(path):
+        kind = "is no regular file" if os.path.exists(path) else "does not exist"
+        raise DescriptionError(f"{where}: mesh file {path} (from '{shorten(uri, 200)}') {kind}")
+    return path
+
+
+def located(
+    uri: str,
+    where: str,
+    resolve_package: ResolvePackage = find,
+    base_directory: str | None = None,
+    what: str = "mesh",
+) -> str:
+    """Absolute path that a URI names, whether there is something or not.
 
     Args:
         uri: `package://pkg/path`, `model://name/path` in one of Gazebo's model folders or (what
@@ -103,23 +120,23 @@ def resolve_uri(
         where: who names it, for the message ("link 'J1', visual 1").
         resolve_package: package name -> directory.
         base_directory: what relative paths are relative to; None refuses them.
+        what: what it is, for the message.
 
     Raises:
-        DescriptionError: unknown scheme or package, a path that climbs out, a file that is
-            missing, or a folder, pipe or device.
+        DescriptionError: unknown scheme or package, or a path that climbs out.
     """
     text = uri.strip()
     shown = text if len(text) <= 200 else text[:200] + "…"
     if not text or "\0" in text:
-        raise DescriptionError(f"{where}: the mesh file name is empty or holds a NUL character")
+        raise DescriptionError(f"{where}: the {what} file name is empty or holds a NUL character")
     scheme, separator, rest = text.partition("://")
     if not separator:
         path = text
         if not os.path.isabs(path):
             if base_directory is None:
                 raise DescriptionError(
-                    f"{where}: mesh '{shown}' is a relative path and the description came as text; "
-                    "write package://<package>/<path> or an absolute path"
+                    f"{where}: {what} '{shown}' is a relative path and the description came as "
+                    "text; write package://<package>/<path> or an absolute path"
                 )
             path = os.path.join(base_directory, path)
     elif scheme in ("package", "model"):
@@ -128,22 +145,18 @@ def resolve_uri(
         try:
             root = os.path.normpath(folder or resolve_package(package))
         except DescriptionError as error:
-            raise DescriptionError(f"{where}: mesh '{shown}': {error}") from None
+            raise DescriptionError(f"{where}: {what} '{shown}': {error}") from None
         path = os.path.normpath(os.path.join(root, inside.lstrip("/")))
         if os.path.commonpath([root, path]) != root:
             raise DescriptionError(
-                f"{where}: mesh '{shown}' climbs out of package '{package}'; "
+                f"{where}: {what} '{shown}' climbs out of package '{package}'; "
                 "keep the file inside the package"
             )
     elif scheme == "file":
         path = "/" + rest.lstrip("/")
     else:
         raise DescriptionError(
-            f"{where}: mesh '{shown}' has the unknown scheme '{scheme}://'; "
+            f"{where}: {what} '{shown}' has the unknown scheme '{scheme}://'; "
             "use package://, file:// or an absolute path"
         )
-    path = os.path.normpath(path)
-    if not os.path.isfile(path):
-        kind = "is no regular file" if os.path.exists(path) else "does not exist"
-        raise DescriptionError(f"{where}: mesh file {path} (from '{shown}') {kind}")
-    return path
+    return os.path.normpath(path)

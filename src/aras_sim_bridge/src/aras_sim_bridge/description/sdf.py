@@ -7,14 +7,21 @@ beside the models, is left out with a warning that names it; a model that cannot
 is written is refused by name.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import gazebo_materials, gazebo_tags, model_folders, packages
+from aras_sim_bridge.description import (
+    gazebo_materials,
+    gazebo_tags,
+    model_folders,
+    ogre_materials,
+    packages,
+)
 from aras_sim_bridge.description.geometry import Resolve, sdf_geometry
 from aras_sim_bridge.description.inertia import checked_inertial
+from aras_sim_bridge.description.ogre_materials import Locate, Look
 from aras_sim_bridge.description.types import (
     CameraDescription,
     Collision,
@@ -48,6 +55,7 @@ _WORLD_TAGS = {"model", "light", "gravity", "physics", "scene", "plugin", "gui",
 # Nothing that is simulated depends on them.
 _LEFT_OUT = {"actor", "population", "road", "joint", "projector", "battery", "particle_emitter",
              "audio_source", "audio_sink", "gripper", "model_state"}
+_TEXTURED = ("box", "plane", "mesh")
 _JOINT_KINDS = ("revolute", "prismatic", "fixed")
 _ENDLESS = 1e16  # SDF's way to say that a joint has no limit
 
@@ -107,6 +115,9 @@ def read_sdf(
     def resolve(uri: str, where: str) -> str:
         return packages.resolve_uri(uri, where, resolve_package, base_directory)
 
+    def locate(uri: str, where: str) -> str:
+        return packages.located(uri, where, resolve_package, base_directory, "material")
+
     models, lights = [], []
     warnings = [f"world plugin '{shorten(p.get('filename') or '')}' is not known; ignored"
                 for p in scope.findall("plugin")]
@@ -121,7 +132,7 @@ def read_sdf(
         if element.get("name") in state.deleted:
             continue
         if element.tag == "model":
-            models.append(_model(element, resolve, frames))
+            models.append(_model(element, resolve, locate, frames))
         elif element.tag == "light":
             lights.append(_light(element, frames))
     models, lights = state.placed(models, lights, warnings)
@@ -185,7 +196,7 @@ def _frames(world: Element) -> Mapping[str, Pose]:
     return frames
 
 
-def _model(element: Element, resolve: Resolve, frames: Mapping[str, Pose] = _HERE
+def _model(element: Element, resolve: Resolve, locate: Locate, frames: Mapping[str, Pose]
            ) -> RobotDescription:
     name = _name(element, "SDF")
     where = f"model '{name}'"
@@ -198,12 +209,15 @@ def _model(element: Element, resolve: Resolve, frames: Mapping[str, Pose] = _HER
     colours: dict[str, Rgba] = {}
     cameras: list[CameraDescription] = []
     for node in element.findall("link"):
-        link = _link(node, where, resolve, warnings)
+        inside = f"{where}, link '{node.get('name')}'"
+        looks = [ogre_materials.look(visual, inside, locate, warnings)
+                 for visual in node.findall("visual")]
+        link = _link(node, where, resolve, looks, warnings)
         if link.name in links:
             raise DescriptionError(f"{where}: two links are named '{link.name}'; rename one")
         links[link.name] = link
         poses[link.name] = _pose(node, f"{where}, link '{link.name}'")
-        paint = gazebo_materials.sdf_colour(node, link.name, warnings)
+        paint = gazebo_materials.sdf_colour(node, link.name, warnings, looks)
         if paint is not None:
             colours[link.name] = paint
         cameras += _cameras(node, link.name, warnings)
@@ -237,7 +251,8 @@ def _model(element: Element, resolve: Resolve, frames: Mapping[str, Pose] = _HER
     )
 
 
-def _link(element: Element, model: str, resolve: Resolve, warnings: list[str]) -> Link:
+def _link(element: Element, model: str, resolve: Resolve, looks: Sequence[Look | None],
+          warnings: list[str]) -> Link:
     name = _name(element, model)
     where = f"{model}, link '{name}'"
     _refuse_unknown(element, _LINK_TAGS, where, warnings)
@@ -258,7 +273,12 @@ def _link(element: Element, model: str, resolve: Resolve, warnings: list[str]) -
             at = _pose(part, inside)
             shape = sdf_geometry(part, inside, resolve)
             if kind == "visual":
-                visuals.append(Visual(part.get("name"), at.xyz, at.rpy, shape))
+                look = looks[len(visuals)]
+                texture = "" if look is None else look.texture
+                if texture and shape.kind not in _TEXTURED:
+                    warnings.append(f"{inside}: a texture is drawn on {', '.join(_TEXTURED)} only")
+                    texture = ""
+                visuals.append(Visual(part.get("name"), at.xyz, at.rpy, shape, texture))
             else:
                 collisions.append(Collision(part.get("name"), at.xyz, at.rpy, shape))
                 friction = part.find("surface/friction/ode")

@@ -30,12 +30,14 @@ class Geometry:
 
 @dataclass(frozen=True)
 class Visual(Placed):
-    """What a camera sees of a link. Its colour is the link's: `RobotDescription.colours`."""
+    """What a camera sees of a link. Its colour is the link's: `RobotDescription.colours`.
+    texture: path of a picture that a material script puts on it, '' for none."""
 
     name: str
     origin_xyz: Vector3
     origin_rpy: Vector3
     geometry: Geometry
+    texture: str = ""
 
 
 @dataclass(frozen=True)

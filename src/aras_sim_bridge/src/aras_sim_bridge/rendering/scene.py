@@ -153,6 +153,8 @@ class Scene:
                 continue
             link_T_visual = visual.pose.matrix()
             for mesh in meshes:
+                if visual.texture:
+                    mesh = mesh.draped(visual.texture, visual.geometry.kind != "mesh")
                 rgba = colour or mesh.rgba or WHITE
                 if rgba[3] > 0.0:
                     parts.append(Part(row, mesh.transformed(link_T_visual), rgba))

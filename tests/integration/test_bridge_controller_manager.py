@@ -99,9 +99,16 @@ def test_two_robots_do_not_touch_each_other(rig, other):
 def test_command_line_tools(rig, ros_master, tmp_path):
     tool = ["rosrun", "aras_sim_bridge"]
     done = ros_master.run([*tool, "controller_manager", "spawn", "push", "__ns:=/rig"])
-    assert "Loaded push" in done.stdout
+    assert "Loaded 'push'" in done.stdout
     done = ros_master.run([*tool, "controller_manager", "list", "__ns:=/rig"])
-    assert "'push' - 'effort_controllers/JointEffortController' ( running )" in done.stdout
+    assert "'push' - 'hardware_interface::EffortJointInterface' ( running )" in done.stdout
+    code = ("import sys, rospy; from controller_manager.controller_manager_interface import *; "
+            "from controller_manager_msgs import utils; rospy.init_node('asks'); "
+            "list_controllers(); print(utils.get_controller_managers('/rig'), "
+            "[one.name for one in utils.ControllerLister('/rig/controller_manager')()])")
+    done = ros_master.run(["python3", "-c", code, "__ns:=/rig"])
+    assert "'push' - 'hardware_interface::EffortJointInterface' ( running )" in done.stdout
+    assert "['/rig/controller_manager'] ['joint_state_controller', 'push']" in done.stdout
     ros_master.run([*tool, "controller_manager", "kill", "push", "__ns:=/rig"])
     assert "push" not in rig.states()
     failed = ros_master.run(

@@ -8,7 +8,11 @@ import sys
 import rospy
 from controller_manager_msgs.srv import ListControllers, SwitchController
 
-from aras_sim_bridge.ros.cli.controller_manager import STRICT, load, start
+from aras_sim_bridge.ros.cli.controller_manager import (
+    STRICT,
+    load_controller,
+    start_controller,
+)
 from aras_visual_servo_ros.shutdown import begin_node
 
 WAIT = 5.0  # seconds of wall time for the controller manager
@@ -32,7 +36,8 @@ def list_groups(groups: dict[str, list[str]]) -> bool:
 
 def spawn(wanted: list[str]) -> bool:
     """Load and start a group's controllers."""
-    return all([load(name) for name in wanted]) and all([start(name) for name in wanted])
+    loaded = all([load_controller(name) for name in wanted])
+    return loaded and all([start_controller(name) for name in wanted])
 
 
 def switch(wanted: list[str], others: set[str]) -> bool:
@@ -42,7 +47,7 @@ def switch(wanted: list[str], others: set[str]) -> bool:
     controllers = rospy.ServiceProxy(service, ListControllers)().controller
     running = {c.name: c.state == "running" for c in controllers}
     for name in wanted:
-        if name not in running and not load(name):
+        if name not in running and not load_controller(name):
             print("Cancel group switching")
             return False
     to_start = [name for name in wanted if not running.get(name)]

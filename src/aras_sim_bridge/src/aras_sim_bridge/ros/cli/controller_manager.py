@@ -29,68 +29,96 @@ def call(name: str, service: type, *args: object) -> object:
     return rospy.ServiceProxy(full_name, service)(*args)
 
 
-def load(name: str) -> bool:
-    """Load one controller."""
+def load_controller(name: str) -> bool:
+    """Load one controller; prints and returns whether it worked, as all of these do."""
     ok = call("load_controller", LoadController, name).ok
-    print(f"Loaded {name}" if ok else f"Error when loading {name}")
+    print(f"Loaded '{name}'" if ok else f"Error when loading '{name}'")
     return ok
 
 
-def unload(name: str) -> bool:
+def unload_controller(name: str) -> bool:
     """Unload one controller."""
     ok = call("unload_controller", UnloadController, name).ok
-    print(f"Unloaded {name} successfully" if ok else f"Error when unloading {name}")
+    print(f"Unloaded '{name}' successfully" if ok else f"Error when unloading '{name}'")
     return ok
 
 
-def start(name: str) -> bool:
+def start_stop_controllers(names: list[str], start: bool) -> bool:
+    """Start controllers, or stop them, in one strict switch."""
+    both = (names, []) if start else ([], names)
+    ok = call("switch_controller", SwitchController, *both, STRICT, False, 0.0).ok
+    done, doing = ("Started", "starting") if start else ("Stopped", "stopping")
+    print(f"{done} {names} successfully" if ok else f"Error when {doing} {names}")
+    return ok
+
+
+def start_controllers(names: list[str]) -> bool:
+    """Start controllers in one switch."""
+    return start_stop_controllers(names, True)
+
+
+def stop_controllers(names: list[str]) -> bool:
+    """Stop controllers in one switch."""
+    return start_stop_controllers(names, False)
+
+
+def start_controller(name: str) -> bool:
     """Start one controller."""
-    ok = call("switch_controller", SwitchController, [name], [], STRICT, False, 0.0).ok
-    print(f"Started ['{name}'] successfully" if ok else f"Error when starting ['{name}']")
-    return ok
+    return start_controllers([name])
 
 
-def stop(name: str) -> bool:
+def stop_controller(name: str) -> bool:
     """Stop one controller."""
-    ok = call("switch_controller", SwitchController, [], [name], STRICT, False, 0.0).ok
-    print(f"Stopped ['{name}'] successfully" if ok else f"Error when stopping ['{name}']")
-    return ok
+    return stop_controllers([name])
 
 
 def list_controllers() -> bool:
-    """Print one line a controller."""
+    """Print one line a controller: its name, the hardware interfaces it claims, its state."""
     controllers = call("list_controllers", ListControllers).controller
     if not controllers:
         print("No controllers are loaded in mechanism control")
     for controller in controllers:
-        print(f"'{controller.name}' - '{controller.type}' ( {controller.state} )")
+        interfaces = {claim.hardware_interface: None for claim in controller.claimed_resources}
+        print(f"'{controller.name}' - '{'+'.join(interfaces)}' ( {controller.state} )")
     return True
 
 
-def list_types() -> bool:
+def list_controller_types() -> bool:
     """Print the types that can be loaded."""
     for name in call("list_controller_types", ListControllerTypes).types:
         print(name)
     return True
 
 
-def reload_libraries(restore: bool) -> bool:
-    """Unload everything and load the types afresh; restore puts the controllers back."""
+def reload_libraries(force_kill: bool, restore: bool = False) -> bool:
+    """Load the controllers' classes afresh.
+
+    Args:
+        force_kill: stop and unload what is loaded; it would be in the way.
+        restore: load it again afterwards, and start what ran.
+    """
+    print(f"Restore: {restore}")
     before = call("list_controllers", ListControllers).controller if restore else []
-    ok = call("reload_controller_libraries", ReloadControllerLibraries, True).ok
-    print("Successfully reloaded libraries" if ok else "Failed to reload libraries")
+    ok = call("reload_controller_libraries", ReloadControllerLibraries, force_kill).ok
+    print("Successfully reloaded libraries" if ok else
+          "Failed to reload libraries. Do you still have controllers loaded?")
+    if not restore:
+        return ok
     for controller in before:
-        ok = load(controller.name) and ok
-    for controller in before:
-        if controller.state == "running":
-            ok = start(controller.name) and ok
+        ok = call("load_controller", LoadController, controller.name).ok and ok
+    running = [controller.name for controller in before if controller.state == "running"]
+    ok = call("switch_controller", SwitchController, running, [], STRICT, False, 0.0).ok and ok
+    print("Controllers restored to original state" if ok else
+          "Error when restoring the controllers to their original state")
     return ok
 
 
 def run(command: str, names: list[str], restore: bool) -> bool:
     """Run one command; returns whether all of it worked."""
-    each = {"load": [load], "unload": [unload], "start": [start], "stop": [stop]}
-    both = {"spawn": (load, start), "kill": (stop, unload)}
+    each = {"load": [load_controller], "unload": [unload_controller],
+            "start": [start_controller], "stop": [stop_controller]}
+    both = {"spawn": (load_controller, start_controller),
+            "kill": (stop_controller, unload_controller)}
     if command in each:
         return all([action(name) for action in each[command] for name in names])
     if command in both:
@@ -98,8 +126,8 @@ def run(command: str, names: list[str], restore: bool) -> bool:
     if command == "list":
         return list_controllers()
     if command == "list-types":
-        return list_types()
-    return reload_libraries(restore)
+        return list_controller_types()
+    return reload_libraries(True, restore)
 
 
 def main() -> int:

@@ -1,0 +1,1 @@
+"""Messages, services and helpers of the controller manager."""

@@ -1,0 +1,1 @@
+"""The name under which scripts import ros_control's controller manager."""

@@ -1,0 +1,125 @@
+"""What scripts import, and parse, of ros_control: words, filters, finding managers."""
+
+import importlib.util
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from controller_manager_msgs.msg import ControllerState, HardwareInterfaceResources
+
+from aras_sim_bridge.ros.cli import controller_manager as cli
+
+SOURCES = Path(__file__).parents[3] / "src"
+EFFORT, POSITION = (f"hardware_interface::{k}JointInterface" for k in ("Effort", "Position"))
+
+
+def module(path):
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    return made
+
+
+utils = module(SOURCES / "upstream_msgs/controller_manager_msgs/src/controller_manager_msgs/"
+               "utils.py")
+interface = module(SOURCES / "upstream_names/controller_manager/src/controller_manager/"
+                   "controller_manager_interface.py")
+
+
+def controller(name, kind="a/A", state="stopped", **claims):
+    return ControllerState(name, state, kind, [
+        HardwareInterfaceResources(f"hardware_interface::{key}JointInterface", list(joints))
+        for key, joints in claims.items()])
+
+
+ARM = controller("arm", "effort_controllers/JointTrajectoryController", "running",
+                 Effort=("j1", "j2"), Position=("j3",))
+HAND = controller("hand", "position_controllers/JointPositionController", Position=("j4",))
+STATES = controller("states", "joint_state_controller/JointStateController", "running")
+ALL = [ARM, HAND, STATES]
+
+
+@pytest.fixture
+def manager(monkeypatch):
+    """Answers of a manager; `asked` is what came in."""
+    made = SimpleNamespace(asked=[], ok=True, controllers=ALL)
+
+    def call(name, _service, *arguments):
+        made.asked.append((name, *arguments))
+        return SimpleNamespace(ok=made.ok, controller=made.controllers, types=["a/A", "b/B"])
+
+    monkeypatch.setattr(cli, "call", call)
+    return made
+
+
+@pytest.mark.parametrize(("ask", "ok", "words"), [
+    (lambda: interface.load_controller("arm"), True, "Loaded 'arm'"),
+    (lambda: interface.load_controller("arm"), False, "Error when loading 'arm'"),
+    (lambda: interface.unload_controller("arm"), True, "Unloaded 'arm' successfully"),
+    (lambda: interface.unload_controller("arm"), False, "Error when unloading 'arm'"),
+    (lambda: interface.start_controller("arm"), True, "Started ['arm'] successfully"),
+    (lambda: interface.stop_controllers(["a", "b"]), True, "Stopped ['a', 'b'] successfully"),
+    (lambda: interface.stop_controller("arm"), False, "Error when stopping ['arm']"),
+    (interface.list_controller_types, True, "a/A\nb/B"),
+    (interface.list_controllers, True, f"'arm' - '{EFFORT}+{POSITION}' ( running )\n"
+     f"'hand' - '{POSITION}' ( stopped )\n'states' - '' ( running )"),
+    (lambda: interface.reload_libraries(True), True,
+     "Restore: False\nSuccessfully reloaded libraries"),
+    (lambda: interface.reload_libraries(False), False, "Restore: False\nFailed to reload "
+     "libraries. Do you still have controllers loaded?"),
+])
+def test_words_are_upstream_s(manager, capsys, ask, ok, words):
+    manager.ok = ok
+    assert ask() is ok
+    assert capsys.readouterr().out == words + "\n"
+
+
+def test_a_reload_restores_what_was_loaded_and_what_ran(manager, capsys):
+    assert interface.reload_libraries(True, restore=True)
+    assert manager.asked[1:] == [
+        ("reload_controller_libraries", True), ("load_controller", "arm"),
+        ("load_controller", "hand"), ("load_controller", "states"),
+        ("switch_controller", ["arm", "states"], [], 2, False, 0.0)]
+    out = capsys.readouterr().out
+    assert out.startswith("Restore: True\n")
+    assert out.endswith("Controllers restored to original state\n")
+
+
+def test_nothing_loaded_is_said(manager, capsys):
+    manager.controllers = []
+    interface.list_controllers()
+    assert capsys.readouterr().out == "No controllers are loaded in mechanism control\n"
+
+
+@pytest.mark.parametrize(("found", "expected"), [
+    (utils.filter_by_name(ALL, "arm"), [ARM]),
+    (utils.filter_by_name(ALL, "a"), []),
+    (utils.filter_by_name(ALL, "a", match_substring=True), ALL),
+    (utils.filter_by_type(ALL, "Position", match_substring=True), [HAND]),
+    (utils.filter_by_state(ALL, "running"), [ARM, STATES]),
+    (utils.filter_by_hardware_interface(ALL, POSITION), [ARM, HAND]),
+    (utils.filter_by_hardware_interface(ALL, "Effort"), []),
+    (utils.filter_by_hardware_interface(ALL, "Effort", match_substring=True), [ARM]),
+    (utils.filter_by_resources(ALL, ["j1", "j3"]), [ARM]),
+    (utils.filter_by_resources(ALL, ["j1", "j3"], EFFORT), []),
+    (utils.filter_by_resources(ALL, ["j1", "j4"]), []),
+    (utils.filter_by_resources(ALL, ["j1", "j4"], match_any=True), [ARM, HAND]),
+    (utils.filter_by_resources(ALL, ["j3", "j9"], EFFORT, match_any=True), []),
+])
+def test_filters(found, expected):
+    assert found == expected
+
+
+def test_managers_are_found_by_their_services(monkeypatch):
+    types = {f"{place}/{name}": kind for name, kind in utils._SERVICES.items()
+             for place in ("/left/controller_manager", "/right/arm/controller_manager")}
+    types["/fake/list_controllers"] = "other/ListControllers"
+    types["/rightmost/list_controllers"] = "controller_manager_msgs/ListControllers"
+    monkeypatch.setattr(utils.rosservice, "get_service_list", lambda: list(types))
+    monkeypatch.setattr(utils.rosservice, "get_service_type", types.get)
+    assert utils.get_controller_managers() == [
+        "/left/controller_manager", "/right/arm/controller_manager"]
+    assert utils.ControllerManagerLister("/right")() == ["/right/arm/controller_manager"]
+    del types["/left/controller_manager/load_controller"]
+    assert not utils.is_controller_manager("/left/controller_manager")
+    assert utils.get_controller_managers("/left", ["/left/controller_manager"]) == []

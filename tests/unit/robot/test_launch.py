@@ -56,9 +56,12 @@ def test_every_argument_used_is_declared_and_every_declared_one_used(path):
 
 
 @pytest.mark.parametrize("path", LAUNCH, ids=lambda path: path.name)
-def test_files_of_this_package_exist(path):
-    for name in re.findall(r"\$\(find aras_visual_servo_gazebo\)/([\w./]+)", path.read_text()):
-        assert (PACKAGE / name).exists() or name.endswith("cameras/"), name
+def test_files_of_this_package_exist_and_are_its_own(path):
+    """$(find) gives the first package of that name: in a workspace over the originals, theirs."""
+    text = path.read_text()
+    assert not re.search(r"find(\('| )aras_visual_servo_gazebo", text)
+    for name in re.findall(r"\$\(dirname\)/([\w./]+)", text):
+        assert (path.parent / name).exists(), name
 
 
 def test_gazebo_arguments_are_offered_and_passed_on():

@@ -15,6 +15,7 @@ from aras_visual_servo_bench.plants.free_body import FreeBody
 from aras_visual_servo_bench.plants.kinematic import FreeCamera, KinematicChain, Sight
 from aras_visual_servo_bench.running.loop import Loop, run
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget
+from aras_visual_servo_camera.moments import find_crossing
 
 START = np.array([0.1, 0.0, 0.17, -0.09, -0.09, 0.3])
 SQUARE = PolygonTarget(((-0.02, -0.02), (0.02, -0.02), (0.02, 0.02), (-0.02, 0.02)))
@@ -221,6 +222,21 @@ def test_noise_is_the_seeds(arm, sight):
 
         np.testing.assert_array_equal(seen(1), seen(1))
         assert not np.array_equal(seen(1), seen(2))
+
+
+def test_the_noise_of_an_outline_lets_no_edges_cross(arm, sight):
+    """A target with an edge of a few pixels was lost by its noise."""
+    import dataclasses
+
+    notched = PolygonTarget(((-0.02, -0.02), (0.02, -0.02), (0.021, -0.017), (0.02, 0.02)))
+    sight = dataclasses.replace(sight, target=PlacedTarget(notched, sight.target.pose))
+    noisy, pose = dataclasses.replace(sight, jitter=1.0), arm.pose(np.zeros(6))
+    random = np.random.default_rng(1)
+    outlines = [noisy.look(pose, 0, random).outline for _ in range(300)]
+    assert all(find_crossing(outline) is None for outline in outlines)
+    exact = sight.look(pose, 0, random).outline
+    free = exact + np.random.default_rng(1).normal(0.0, 1.0, (300, *exact.shape))
+    assert any(find_crossing(outline) is not None for outline in free)
 
 
 def test_measured_joints_are_those_of_the_joint_states_and_not_of_the_step_after():

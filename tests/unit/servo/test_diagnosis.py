@@ -466,6 +466,59 @@ def test_a_joint_that_swings_by_itself_is_told_at_once_and_before_what_it_does_t
     assert not check.reason
 
 
+@pytest.mark.parametrize("gone", [0.0, 0.5])
+def test_a_joint_that_stands_is_told_though_the_loop_waits_at_times_only(gone):
+    """As with velocities, of which a joint is sent new ones once the others stand."""
+    check = JointCheck(("J1", "J2"))
+    for k in range(60):
+        late = np.array([False, k % 4 == 0])
+        check.add(k / 30.0, late, np.array([0.3, -0.2]), np.array([0.3, -0.2 * gone]))
+    assert check.joints == ("" if gone else "J2")
+
+
+def seen_at(distance, decision=None):
+    """A state without an answer, and the picture of a target at so many times its goal's."""
+    square = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
+    observation = SimpleNamespace(
+        moments=Moments.from_polygon(square / distance + 0.02), touches=(), valid=True
+    )
+    state = SimpleNamespace(stamp=0.0, phase="holding", decision=decision, reason="no answer")
+    return state, observation, SimpleNamespace(moments=Moments.from_polygon(square))
+
+
+@pytest.mark.parametrize(
+    ("first", "then", "kind"),
+    [(1.0, 2.9, "running"), (1.0, 3.1, "camera_retreat"), (0.4, 2.9, "running"),
+     (2.0, 5.9, "running"), (2.0, 6.1, "camera_retreat")],
+)  # fmt: skip
+def test_a_camera_far_behind_start_and_goal_has_retreated(first, then, kind):
+    diagnosis = the_servo("2016").diagnosis
+    diagnosis.reset()
+    for distance in (first, then, 1.0):
+        found = diagnosis.see(*seen_at(distance), None)
+    assert found.kind == kind
+    assert (f"{then:.1f} times its goal's distance" in found.reason) == (kind != "running")
+
+
+def test_a_limit_in_the_way_is_told_at_the_end_though_the_error_is_within_its_tolerances():
+    progress, state = stopped_at_a_limit(0.8)
+    assert progress.stalled(state).kind == "running"
+    found = progress.unfinished("the time is over")
+    assert found.kind == "joint_limit" and "gantry at its limit" in found.reason
+
+
+def stopped_at_a_limit(error):
+    """What a window of images leaves behind whose error, in tolerances, stays."""
+    progress = ProgressCheck()
+    decision = SimpleNamespace(error=np.full(1, error), task=None)
+    resolution = SimpleNamespace(stopped=("gantry",))
+    for stamp in np.arange(0.0, 1.51, 0.1):
+        state = SimpleNamespace(stamp=stamp, phase="servoing", decision=decision, reason="",
+                                resolution=resolution, rank=1)  # fmt: skip
+        progress.add(state, np.ones(1))
+    return progress, state
+
+
 def test_held_is_an_outcome_of_its_own_until_start():
     rig = Rig(the_servo("2016"), near(1))
     rig.run(0.3)

@@ -481,6 +481,29 @@ def test_a_first_step_longer_than_the_lead_is_taken():
     assert "waiting for" in said and motion.at_rest
 
 
+@pytest.mark.parametrize("output", ["velocity", "position"])
+def test_joints_that_are_sent_velocities_go_on_from_where_they_came_to_rest(output):
+    """A flying camera waited for ever at its own command, of which it never hears."""
+    settings = ServoSettings(lead=0.05, output=output, stop_time=0.05)
+    motion = CommandMotion(the_arm().names, the_limits(), settings)
+    motion.begin(np.zeros(6))
+    measured = np.array([0.2, 0.0, -0.3, 0.0, 0.0, 0.0])
+    asked = np.array([-1.0, 0.0, 1.0, 0.2, 0.0, 0.0])
+    motion.velocity = 0.5 * asked
+    said = [motion.advance(asked, measured, 0.01) for _ in range(30)]
+    assert "waiting for gantry" in said[0]
+    if output == "position":
+        assert "waiting for" in said[-1] and motion.at_rest
+        return
+    assert "" in said
+    first = said.index("")
+    assert all("waiting for" in text for text in said[:first])
+    motion.begin(np.zeros(6))
+    while motion.advance(asked, measured, 0.01):
+        assert not motion.at_rest or (motion.command == measured).all()
+    np.testing.assert_allclose(motion.command, measured + 0.01 * asked)
+
+
 def test_the_command_brakes_as_gently_the_second_time():
     """Also where something else than `advance` set it going, as the way to the start does."""
     motion = CommandMotion(the_arm().names, the_limits(), ServoSettings(stop_time=0.1))

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aras_visual_servo_base.poses import exponential
+from aras_visual_servo_camera.moments import find_crossing
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
 
@@ -24,6 +25,7 @@ from .free_body import FreeBody
 
 NS = 1_000_000_000
 OCCLUDED = 128  # grey level of the cover's own drawing from which on it hides
+TRIES = 100  # draws of an outline's noise
 JOINT_PHASE_NS = 1_000_000  # joint states come a millisecond after the hundredths, as in physics
 
 
@@ -64,7 +66,7 @@ class Sight:
             ):
                 return CameraReading(stamp_ns)
             return CameraReading(
-                stamp_ns, outline=self._pixels(outline, random), points=self._pixels(points, random)
+                stamp_ns, outline=self._outlined(outline, random), points=self._pixels(points, random)
             )
         image = self._drawn(outline, seen_from)
         if self.grey_noise:
@@ -72,6 +74,15 @@ class Sight:
             image = np.clip(np.round(noisy), 0, 255).astype(np.uint8)
         depth = self._depth(seen_from) if self.depth else None
         return CameraReading(stamp_ns, image, "mono8", depth)
+
+    def _outlined(self, outline: np.ndarray, random: np.random.Generator) -> np.ndarray:
+        """Pixels (n, 2) of an outline; its noise is drawn anew where edges cross, as no picture's
+        do."""
+        pixels = self._pixels(outline, random)
+        tries = 1
+        while self.jitter and tries < TRIES and find_crossing(pixels) is not None:
+            pixels, tries = self._pixels(outline, random), tries + 1
+        return pixels
 
     def _pixels(
         self, points: np.ndarray | None, random: np.random.Generator

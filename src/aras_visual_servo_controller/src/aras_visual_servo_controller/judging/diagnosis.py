@@ -1,9 +1,9 @@
 """What a run came to, why, and what would mend it: live from the states, and at its end.
 
-Asked in this order, and the first answer counts: do the joints do what they are told, are images
-there, does the target move, does the camera's motion explain the picture, is the camera at its
-goal, and if not, why does the error not shrink. The loop knows no truth but its own: `outcome` is
-its word, a `verdict` only physics can give.
+Asked in this order, and the first answer counts: has the camera gone far back, do the joints do
+what they are told, are images there, does the target move, does the camera's motion explain the
+picture, is the camera at its goal, and if not, why does the error not shrink. The loop knows no
+truth but its own: `outcome` is its word, a `verdict` only physics can give.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ from .target_check import TargetCheck
 
 # s for which a swing is not forgotten: one that was cut short, or the target lost by it.
 SWINGS_ON = 1.0
+# Times as far as start and goal both from which on the camera has retreated.
+RETREAT = 3.0
 
 
 class Diagnosis:
@@ -63,6 +65,9 @@ class Diagnosis:
         self._ended = False
         self._starvings, self._starved = 0, Outcome()
         self._swung: tuple[float, Outcome] | None = None
+        self._faster_than_targets = False  # the latest swing
+        self._first = 0.0  # distance of the target at the first image, goal's distances
+        self._retreated = Outcome()
 
     # -- events that are no image ------------------------------------------------------------
 
@@ -145,6 +150,9 @@ class Diagnosis:
             return outcome("stopped", state.reason)
         if observation.touches:
             self._touched = observation.touches
+        self._follow_distance(observation, goal)
+        if self._retreated.kind != "running" and state.phase != CONVERGED:
+            return self._retreated
         if self._joints.reason and state.phase != CONVERGED:
             return outcome("joints_do_not_follow", self._joints.reason, self._joints.joints)
         if state.decision is None:
@@ -161,7 +169,7 @@ class Diagnosis:
         elif viewed:
             self._camera.add(state.decision, observation, tolerances)
         swings = self._swinging(state.stamp, error)
-        if moves and state.phase != CONVERGED:
+        if moves and state.phase != CONVERGED and not (swings and self._faster_than_targets):
             return outcome(
                 "target_moves", "the features move as the camera's motion and a motion of the "
                 f"target's own say: {moves}",
@@ -185,10 +193,24 @@ class Diagnosis:
             )  # fmt: skip
         return swings or self._progress.stalled(state)
 
+    def _follow_distance(self, observation: Observation, goal: Goal) -> None:
+        """Whether the camera has gone far back, by how small it sees the target."""
+        seen, wanted = observation.moments, goal.moments
+        if seen is None or wanted is None or seen.m00 <= 0.0:
+            return
+        distance = float(np.sqrt(wanted.m00 / seen.m00))
+        self._first = self._first or distance
+        if self._retreated.kind == "running" and distance > RETREAT * max(self._first, 1.0):
+            self._retreated = outcome(
+                "camera_retreat",
+                f"the camera went back to {distance:.1f} times its goal's distance from the target",
+            )
+
     def _swinging(self, stamp: float, error: np.ndarray) -> Outcome | None:
         """That the error (k,), in tolerances, swings, or did a moment ago."""
         frequency = self._oscillation.add(stamp, error)
         if frequency is not None:
+            self._faster_than_targets = frequency > TargetCheck.FASTEST
             self._swung = stamp, outcome(
                 "gain_too_high",
                 f"the error oscillates at {frequency:.2f} Hz and does not die away",

@@ -11,11 +11,15 @@ import numpy as np
 class JointCheck:
     """Looks at the last SPAN for joints that stay behind their commands, or swing by themselves.
 
-    A joint stays behind where the loop waits for it: see `lead` and `lag` of the settings.
+    A joint stays behind where the loop waits for it: see `lead` and `lag` of the settings; or
+    waits at times, and the joint has gone none of the way that was commanded.
     """
 
     SPAN = 1.5  # s
     MOST = 0.6  # part of the images at which the loop has to wait for a joint
+    # Part of the images at which the loop waits for a joint that goes less than the second part of
+    # its way.
+    AT_TIMES, GONE = 0.1, 0.1
     # A joint swings by itself where its speed differs from the commanded one, rms, by more than
     # this, rad/s or m/s, and by more than so many times the commanded one.
     FAST, TIMES = 0.5, 3.0
@@ -52,8 +56,11 @@ class JointCheck:
             np.array([row[column] for row in self._seen]) for column in (1, 2, 3)
         )
         behind = late.mean(axis=0) > 0.0
-        if span < 0.9 * self.SPAN or late.any(axis=1).mean() <= self.MOST:
-            behind[:] = False
+        if late.any(axis=1).mean() <= self.MOST:
+            gone = (measured * commanded).sum(axis=0)
+            stands = gone < self.GONE * (commanded**2).sum(axis=0)
+            behind = stands & (late.mean(axis=0) > self.AT_TIMES)
+        behind &= span >= 0.9 * self.SPAN
         asked = np.sqrt((commanded**2).mean(axis=0))
         other = np.sqrt(((measured - commanded) ** 2).mean(axis=0))
         swings = (span > self.SOON) & (other > self.FAST) & (other > self.TIMES * asked)

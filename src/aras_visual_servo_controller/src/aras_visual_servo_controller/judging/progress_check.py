@@ -121,9 +121,10 @@ class ProgressCheck:
             return outcome(
                 "too_few_images", f"{reason}; images came every {self.period:.2f} s only"
             )
-        if (found := _rank(self._seen)) is not None:
-            return found
         seen = list(self._seen)
+        for cause in (_limit, _rank):
+            if (found := cause(seen)) is not None:
+                return found
         before, after = (
             np.mean([s.size for s in part]) if part else 0.0
             for part in (seen[: len(seen) // 2], seen[len(seen) // 2 :])

@@ -57,7 +57,8 @@ class CommandMotion:
         """Move on with velocities (n,) for dt (s); measured joints (n,).
 
         Where a joint does not follow, held by friction or an obstacle, all of them wait for it:
-        the others alone would take the camera elsewhere.
+        the others alone would take the camera elsewhere. Joints that are sent velocities never
+        hear of the command: once at rest they go on from where they are.
 
         Returns:
             What did not move as asked, in words; empty when all did.
@@ -71,6 +72,8 @@ class CommandMotion:
         self.late = late
         if late.any():
             self.brake(dt)
+            if self.at_rest and self.settings.output == "velocity":
+                self.command = np.array(measured, float)
             return "; ".join(
                 f"waiting for {self.names[i]}, which is {abs(after[i] - measured[i]):.3f} behind "
                 "its command"

@@ -175,9 +175,9 @@ def noisy_pictures(random: Draw) -> Changes:
     return {**pictured(random), "noise": float(random.uniform(1.0, 5.0))}
 
 
-@kind("converged")
+@kind("converged", "too_noisy", mended={"jitter": None})
 def jittered_features(random: Draw) -> Changes:
-    """Exact features that jitter by 0.05 to 0.3 px."""
+    """Exact features that jitter by 0.05 to 0.3 px: of a small target too much for its pose."""
     keys = healthy(random, ("chain", "free"))
     return {**keys, "features": "exact", "jitter": float(random.uniform(0.05, 0.3))}
 

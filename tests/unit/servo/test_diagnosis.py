@@ -385,7 +385,7 @@ def test_the_time_is_over():
 
 
 def test_words_are_among_the_known():
-    assert len(set(KINDS)) == len(KINDS) == 22
+    assert len(set(KINDS)) == len(KINDS) == 23
 
 
 # -- outcomes of their own ------------------------------------------------------------------------
@@ -505,6 +505,31 @@ def test_a_limit_in_the_way_is_told_at_the_end_though_the_error_is_within_its_to
     assert progress.stalled(state).kind == "running"
     found = progress.unfinished("the time is over")
     assert found.kind == "joint_limit" and "gantry at its limit" in found.reason
+
+
+@pytest.mark.parametrize(
+    ("error", "kind"),
+    [
+        (lambda t, noise: 5.0 * noise, "too_noisy"),
+        (lambda t, noise: 30.0 - t + 5.0 * noise, "too_noisy"),
+        (lambda t, noise: 30.0 + 0.5 * noise, "no_progress"),  # within its tolerances
+        (lambda t, noise: 30.0 + 12.0 * np.sin(9.0 * t) + 2.0 * noise, "no_progress"),
+        (lambda t, noise: 30.0 - 10.0 * t + noise, "timed_out"),
+        (lambda t, noise: 30.0 + 5.0 * (-1.0) ** round(30.0 * t), "no_progress"),  # a swing
+    ],
+)
+def test_noise_that_hides_the_goal_is_told_when_the_time_is_over(error, kind):
+    random, progress = np.random.default_rng(1), ProgressCheck()
+    for t in np.arange(0.0, 1.49, 1 / 30):
+        values = np.array([0.1 * random.normal(), error(t, random.normal())])
+        decision = SimpleNamespace(error=values * (2e-3, 1e-3), task=None)
+        progress.add(SimpleNamespace(stamp=t, phase="servoing", decision=decision, reason="",
+                                     resolution=None, rank=2), np.array([2e-3, 1e-3]))  # fmt: skip
+    found = progress.unfinished("the time is over")
+    assert found.kind == kind
+    if kind == "too_noisy":
+        told = float(found.reason.split("scatters by ")[1].split(" times")[0])
+        assert told == pytest.approx(5.0, rel=0.15)
 
 
 def stopped_at_a_limit(error):

@@ -35,6 +35,8 @@ ADVICE = {
     "out_of_reach": "choose a goal nearer to the arm",
     "saturation": "raise max_velocity or max_acceleration, or lower the gain",
     "scheme_fault": "mend the scheme; its traceback is logged",
+    "too_noisy": "measure more exactly: a larger target, a shorter distance, more light, or other "
+    "features",
     "no_progress": "begin nearer to the goal, or use another scheme or interaction matrix",
     "timed_out": "allow more time, or a higher gain",
 }

@@ -21,6 +21,9 @@ WINDOW, PROGRESS = 1.5, 0.9
 SLOWLY = 0.98
 # Part of the window's images in which a cause has to be there, to be the cause.
 MOST = 0.6
+# Tolerances by which errors scatter from image to image, and the part of their whole scatter that
+# this is, from which on noise hides whether the camera is at its goal.
+NOISE, OF_ALL = 1.0, 0.5
 # Asked speed of the camera that is worth a word, m/s and (rad/s) x 0.1 m.
 SLOW = 2e-4
 # Part of the wanted rate that L can give below which the error is no camera motion's.
@@ -125,6 +128,11 @@ class ProgressCheck:
         for cause in (_limit, _rank):
             if (found := cause(seen)) is not None:
                 return found
+        if (noise := _noise(seen)) > 0.0:
+            return outcome(
+                "too_noisy", f"{reason}; from image to image the error scatters by {noise:.1f} "
+                "times its tolerance",
+            )  # fmt: skip
         before, after = (
             np.mean([s.size for s in part]) if part else 0.0
             for part in (seen[: len(seen) // 2], seen[len(seen) // 2 :])
@@ -134,6 +142,23 @@ class ProgressCheck:
         if "does not shrink" not in reason:
             reason = f"{reason}; the error does not shrink"
         return outcome("no_progress", reason)
+
+
+def _noise(seen: Sequence[_Seen]) -> float:
+    """Scatter of the loudest error from image to image, in tolerances; 0: it is no noise, or
+    little."""
+    if len({len(s.error) for s in seen}) != 1 or len(seen) < 10:
+        return 0.0
+    errors = np.array([s.error for s in seen])
+    scatter = errors.std(axis=0)
+    loudest = int(scatter.argmax())
+    change = np.diff(errors[:, loudest])
+    # A steady motion has no second difference, white noise 6 times its variance; its change has
+    # twice, and that of an error which swings from side to side at every image 4 times.
+    noise = float(np.sqrt((np.diff(change) ** 2).mean() / 6.0))
+    if (change**2).mean() > 3.0 * scatter[loudest] ** 2:
+        return 0.0
+    return noise if noise > max(NOISE, OF_ALL * scatter[loudest]) else 0.0
 
 
 def _limit(seen: Sequence[_Seen]) -> Outcome | None:

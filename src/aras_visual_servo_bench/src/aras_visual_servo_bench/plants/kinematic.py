@@ -66,7 +66,9 @@ class Sight:
             ):
                 return CameraReading(stamp_ns)
             return CameraReading(
-                stamp_ns, outline=self._outlined(outline, random), points=self._pixels(points, random)
+                stamp_ns,
+                outline=self._outlined(outline, random),
+                points=self._pixels(points, random),
             )
         image = self._drawn(outline, seen_from)
         if self.grey_noise:

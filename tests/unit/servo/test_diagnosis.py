@@ -500,6 +500,20 @@ def test_a_camera_far_behind_start_and_goal_has_retreated(first, then, kind):
     assert (f"{then:.1f} times its goal's distance" in found.reason) == (kind != "running")
 
 
+@pytest.mark.parametrize(
+    ("swung", "lost", "kind"), [(4.0, 4.5, "gain_too_high"), (4.0, 5.5, "target_lost")]
+)
+def test_a_target_that_a_swing_has_lost_stays_lost_by_it(swung, lost, kind):
+    rig = Rig(the_servo("2016"), near(0))
+    rig.run(0.2)
+    diagnosis = rig.servo.diagnosis
+    diagnosis._swung, diagnosis._measured = (swung, outcome("gain_too_high", "swings")), lost
+    for stamp in (lost + 0.1, lost + 3.0):
+        state, observation, goal = seen_at(1.0)
+        state.stamp, observation.valid = stamp, False
+        assert diagnosis.see(state, observation, goal, None).kind == kind
+
+
 def test_a_limit_in_the_way_is_told_at_the_end_though_the_error_is_within_its_tolerances():
     progress, state = stopped_at_a_limit(0.8)
     assert progress.stalled(state).kind == "running"

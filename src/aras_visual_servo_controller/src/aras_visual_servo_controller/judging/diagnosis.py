@@ -227,7 +227,8 @@ class Diagnosis:
             return self.outcome
         if observation.valid:
             return self._unanswered(state)
-        if self._swung is not None and state.stamp - self._swung[0] < SWINGS_ON:
+        # However long ago: what was swinging when it was lost, was lost by that.
+        if self._swung is not None and self._measured - self._swung[0] < SWINGS_ON:
             return self._swung[1]
         if self.outcome.kind in ("target_lost", "wrong_object"):
             return self.outcome

@@ -28,8 +28,9 @@ from .target_check import TargetCheck
 
 # s for which a swing is not forgotten: one that was cut short, or the target lost by it.
 SWINGS_ON = 1.0
-# Times as far as start and goal both from which on the camera has retreated.
-RETREAT = 3.0
+# Times as far as start and goal both from which on the camera has retreated, and images in a row
+# that have to show it: one may show a part of the target, or something else.
+RETREAT, IN_A_ROW = 3.0, 3
 
 
 class Diagnosis:
@@ -67,7 +68,7 @@ class Diagnosis:
         self._swung: tuple[float, Outcome] | None = None
         self._faster_than_targets = False  # the latest swing
         self._first = 0.0  # distance of the target at the first image, goal's distances
-        self._retreated = Outcome()
+        self._far, self._retreated = 0, Outcome()
 
     # -- events that are no image ------------------------------------------------------------
 
@@ -196,11 +197,12 @@ class Diagnosis:
     def _follow_distance(self, observation: Observation, goal: Goal) -> None:
         """Whether the camera has gone far back, by how small it sees the target."""
         seen, wanted = observation.moments, goal.moments
-        if seen is None or wanted is None or seen.m00 <= 0.0:
+        if not observation.valid or seen is None or wanted is None or seen.m00 <= 0.0:
             return
         distance = float(np.sqrt(wanted.m00 / seen.m00))
         self._first = self._first or distance
-        if self._retreated.kind == "running" and distance > RETREAT * max(self._first, 1.0):
+        self._far = self._far + 1 if distance > RETREAT * max(self._first, 1.0) else 0
+        if self._retreated.kind == "running" and self._far == IN_A_ROW:
             self._retreated = outcome(
                 "camera_retreat",
                 f"the camera went back to {distance:.1f} times its goal's distance from the target",

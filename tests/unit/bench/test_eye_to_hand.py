@@ -45,10 +45,10 @@ def test_the_arm_brings_the_target_before_the_camera(experiment, scheme, interac
     assert result.outcome == "converged" and result.verdict.reached
     assert set(result.outcomes) == {"running", "converged"}
     assert result.settled() < 1.2
-    np.testing.assert_allclose(result.true_joints[-1], GOAL, atol=2e-4)
+    np.testing.assert_allclose(result.measured[-1], GOAL, atol=2e-4)
     # poses are those of the camera before the target
     camera, hand = Arm.from_urdf(ROBOT, "hand"), np.eye(4)
-    q = result.true_joints[40]
+    q = result.measured[40]
     to_hand = {name: value for name, value in zip(result.joint_names, q, strict=True)}
     hand = camera.pose(np.array([to_hand[name] for name in camera.names]))
     eye = ElementTree.fromstring(ROBOT).find("joint[@name='eye_joint']/origin").get("xyz")

@@ -239,7 +239,7 @@ def test_the_noise_of_an_outline_lets_no_edges_cross(arm, sight):
     assert any(find_crossing(outline) is not None for outline in free)
 
 
-def test_measured_joints_are_those_of_the_joint_states_and_not_of_the_step_after():
+def test_joints_and_true_poses_are_those_of_the_joint_states_and_not_of_the_step_after():
     loop = Loop(Experiment(), assemble(Experiment()))
     heard = {}
     advance = loop.plant.advance
@@ -254,12 +254,16 @@ def test_measured_joints_are_those_of_the_joint_states_and_not_of_the_step_after
     loop.plant.advance = listened
     for _ in range(10):
         loop.to_image()
-    result = loop.result()
+    result, end = loop.result(), loop.plant.pose()
     loop.close()
     assert list(heard) == result.joint_stamp.tolist()
     for told, measured in zip(heard.values(), result.measured, strict=True):
         assert [told[name] for name in result.joint_names] == measured.tolist()
-    assert np.abs(result.true_joints - result.measured).max() > 1e-5
+    arm = loop.plant._arm
+    for q, pose in zip(result.measured, result.true_pose, strict=True):
+        np.testing.assert_allclose(pose, arm.pose(q), atol=1e-9)
+    # The physics has gone a step on since the last of them, and the verdict is of that.
+    assert np.abs(end - arm.pose(result.measured[-1])).max() > 1e-7
 
 
 # -- the arm's features as they are ----------------------------------------------------------------

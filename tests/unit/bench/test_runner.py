@@ -99,9 +99,9 @@ def test_true_poses_are_the_plants_and_not_the_controllers_belief():
     loop.to_end()
     result = loop.result()
     arm = loop.plant.arm
-    for q, pose in zip(result.true_joints[::50], result.true_pose[::50], strict=True):
+    for q, pose in zip(result.measured[::50], result.true_pose[::50], strict=True):
         np.testing.assert_allclose(arm.pose(q), pose, atol=1e-12)
-    believed = loop.servo.arm.pose(result.true_joints[-1])
+    believed = loop.servo.arm.pose(result.measured[-1])
     assert np.linalg.norm(believed[:3, 3] - result.true_pose[-1][:3, 3]) > 5e-3
 
 

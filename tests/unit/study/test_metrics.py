@@ -36,9 +36,9 @@ def run(error=None, x=None, joints=None, speed=None, verdict="goal_reached", out
     column = np.zeros((m, 1))
     return Run(
         states=tuple(map(state, STAMP, error)), pose=images, joint_names=("j",), joint_stamp=TIME,
-        measured=column, measured_speed=column, commanded=column,
-        true_joints=column if joints is None else joints[:, None],
-        true_speed=column if speed is None else speed[:, None], true_pose=poses,
+        measured=column if joints is None else joints[:, None],
+        measured_speed=column if speed is None else speed[:, None], commanded=column,
+        true_pose=poses,
         goal_pose=np.eye(4), outcome=outcome, reason="", mend="",
         verdict=Verdict(verdict, 0.002, 0.03), limits=(np.array([-1.0]), np.array([2.0])), **parts,
     )  # fmt: skip

@@ -161,13 +161,13 @@ def open_angle(run: Run) -> float:
     return np.nan if left is None else left.angle
 
 
-@metric("m", NEITHER, "pose of the physics at the first image, to the goal at the end")
+@metric("m", NEITHER, "true_pose of the first joint state since the first image")
 def start_distance(run: Run) -> float:
     """How far the camera is from its goal at the first image."""
     return _first_way(run)[0]
 
 
-@metric("rad", NEITHER, "pose of the physics at the first image, to the goal at the end")
+@metric("rad", NEITHER, "true_pose of the first joint state since the first image")
 def start_angle(run: Run) -> float:
     """How far the camera is turned from its goal at the first image."""
     return _first_way(run)[1]
@@ -227,21 +227,21 @@ def energy(run: Run) -> float:
     after = run.servoing
     if after.sum() < 2:
         return np.nan
-    power = np.square(run.true_speed[after]).sum(axis=1)
+    power = np.square(run.measured_speed[after]).sum(axis=1)
     return float(np.trapezoid(power, run.joint_stamp[after]))
 
 
-@metric("s", SMALLER, "joints of the physics, limits of the description")
+@metric("s", SMALLER, "joint states, limits of the description")
 def limit_time(run: Run) -> float:
     """Time during which a joint stands at one of its limits."""
     after = run.servoing
     lower, upper = run.limits
     if after.sum() < 2:
         return np.nan
-    if lower.shape != run.true_joints.shape[1:]:
+    if lower.shape != run.measured.shape[1:]:
         return 0.0
     margin = AT_LIMIT * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
-    q = run.true_joints[after]
+    q = run.measured[after]
     at = ((q <= lower + margin) | (q >= upper - margin)).any(axis=1)
     return float(np.diff(run.joint_stamp[after])[at[:-1]].sum())
 

@@ -73,7 +73,7 @@ class Messages:
             name=name, source=str(read.path), states=tuple(states),
             pose=poses[at] if len(poses) else np.full((len(stamp), 4, 4), np.nan),
             joint_names=joint_names, joint_stamp=joint_stamp, measured=measured,
-            measured_speed=speed, true_joints=measured, true_speed=speed,
+            measured_speed=speed,
             commanded=_commanded(states, joint_stamp, len(joint_names)), true_pose=poses,
             goal_pose=goal_pose, outcome=last.outcome or last.phase, reason=last.reason,
             mend=last.mend, verdict=_verdict(goal_pose, poses), limits=(lower, upper),

@@ -19,7 +19,7 @@ from .run import CAMERA, CameraRecord, Run
 
 
 class Recorder:
-    """What was answered to each image, and where the plant was at each joint state."""
+    """What was answered to each image, and what each joint state told."""
 
     def __init__(self, joints: int) -> None:
         """`joints`: how many there are."""
@@ -38,23 +38,15 @@ class Recorder:
         """What was sent last, (n,)."""
         self._asked = values
 
-    def joints(
-        self,
-        stamp: float,
-        measured: tuple[np.ndarray, np.ndarray],
-        true: tuple[np.ndarray, np.ndarray],
-    ) -> None:
-        """One joint state, after the latest command.
-
-        measured, true: positions and velocities (n,) that it tells, and of the plant when it came.
-        """
+    def joints(self, stamp: float, positions: np.ndarray, velocities: np.ndarray) -> None:
+        """One joint state, after the latest command: what it tells, (n,) each."""
         self._stamps.append(stamp)
-        self._joints.append((*measured, *true, self._asked))
+        self._joints.append((positions, velocities, self._asked))
 
     def run(self, plant: Plant, experiment: Experiment, parts: Assembly, **end: Any) -> Run:
         """The run, with the poses of this plant; `end`: the fields of a Run that tell its end."""
-        columns = np.array(self._joints).reshape(len(self._joints), 5, self._count)
-        measured, measured_speed, true, true_speed, commanded = columns.swapaxes(0, 1)
+        columns = np.array(self._joints).reshape(len(self._joints), 3, self._count)
+        measured, measured_speed, commanded = columns.swapaxes(0, 1)
         scheme: Scheme | JointController = parts.servo.scheme
         arm = parts.servo.arm
         # A run begins where servoing does: behind the way to the start, if the loop went there.
@@ -66,8 +58,7 @@ class Recorder:
         run = Run(
             states=tuple(states), pose=np.array(poses).reshape(-1, 4, 4),
             joint_stamp=np.array(self._stamps), measured=measured, measured_speed=measured_speed,
-            commanded=commanded, true_joints=true, true_speed=true_speed,
-            true_pose=plant.poses(true), units=tuple(scheme.units or ()),
+            commanded=commanded, true_pose=plant.poses(measured), units=tuple(scheme.units or ()),
             tolerances=tuple(float(t) for t in scheme.tolerances), limits=limits,
             cameras={CAMERA: CameraRecord(parts.plant.camera, stamp, stamp)},
             target=parts.target, goal=parts.goal, settings=settings_of(experiment),

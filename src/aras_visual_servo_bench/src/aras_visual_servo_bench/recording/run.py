@@ -78,12 +78,12 @@ class Run:
         joint_names: j names.
         joint_stamp: (m,) s. measured, measured_speed: (m, j) what the joint states say, rad, m, /s.
         commanded: (m, j) the latest command at each joint state; NaN before the first.
-        true_joints, true_speed: (m, j) of the plant when each came: with physics a step later, for
-            joint states are taken before the step that they are sent in; of a bag, as measured.
-        true_pose: (m, 4, 4) world_T_camera then.
+        true_pose: (m, 4, 4) world_T_camera at each joint stamp: the true arm's where it stands at
+            `measured`, so that a bag knows the same one; metrics of the camera's way are of these.
         goal_pose: (4, 4) where the camera ought to be at the end.
         outcome, reason, mend: of the whole run, as the loop gives them.
-        verdict: what the physics knows.
+        verdict: what the physics knows, of its own pose at the end; of a bag, of the last of
+            `true_pose`.
         peak_speed: (j,) greatest speed at any step, or None where it was not traced.
         name: of the run, in legends. source: where it is from, in words.
         units, tolerances: (k,) of the features.
@@ -105,8 +105,6 @@ class Run:
     measured: np.ndarray
     measured_speed: np.ndarray
     commanded: np.ndarray
-    true_joints: np.ndarray
-    true_speed: np.ndarray
     true_pose: np.ndarray
     goal_pose: np.ndarray
     outcome: str

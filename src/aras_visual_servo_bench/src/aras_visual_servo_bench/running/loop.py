@@ -144,8 +144,7 @@ class Loop:
                     driver.image(stamp, partial(self.parts.observe, reading))
                 else:
                     driver.joints(reading.names, reading.positions, reading.velocities, stamp)
-                    measured = reading.of(plant.joint_names)
-                    self._recorder.joints(stamp, measured, plant.joints())
+                    self._recorder.joints(stamp, *reading.of(plant.joint_names))
         return self.state if self._answered else None
 
     def goal_pose(self) -> np.ndarray:

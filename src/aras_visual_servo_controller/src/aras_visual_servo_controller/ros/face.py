@@ -66,7 +66,9 @@ class RosFace:
     def report(self, state: State) -> None:
         """Publish the state of one image, and log what is new about it."""
         self.latest = state
-        frame, stamp = self._settings.camera_frame, rospy.Time.from_sec(max(state.stamp, 0.0))
+        frame = self._settings.camera_frame
+        # Time.from_sec cuts, and a stamp may then be 1 ns before its image's.
+        stamp = rospy.Time(0, round(1e9 * max(state.stamp, 0.0)))
         message = state_message(state, self._settings.scheme, frame, self.names)
         message.header.stamp = stamp
         publish(self.state, message)

@@ -10,6 +10,7 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 
+from ..judging.left_open import LeftOpen
 from ..loop.state import ServoState as State
 from ..msg import ServoReport, ServoState
 
@@ -68,6 +69,8 @@ def report_message(state: State, frame: str, names: tuple[str, ...]) -> ServoRep
     message.asked, message.achieved = twist_message(state.twist), twist_message(state.achieved)
     message.rank, message.singular_values_l = int(state.rank), list(state.singular_values_L)
     message.scale, message.computing = 1.0, state.computing
+    left = state.arrived.open or LeftOpen()
+    message.open_distance, message.open_angle = left.distance, left.angle
     if state.decision is not None and state.decision.filtered_error is not None:
         message.filtered_error = np.asarray(state.decision.filtered_error).tolist()
     resolution = state.resolution

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arm.resolution import Resolution
+from ..judging.arrival import NOT_ARRIVED, Arrived
+from ..judging.left_open import LeftOpen
 from ..loop.state import ServoState as State
 from ..schemes.base import Decision
 from ..seeing.joint_sample import JointSample
@@ -44,12 +46,15 @@ def state_of(message: ServoState, report: ServoReport | None = None) -> State:
         )  # fmt: skip
     if len(message.joint_positions) == len(names):
         joints = JointSample.of(stamp, names, message.joint_positions)
+    left = LeftOpen(*(getattr(report, f"open_{way}", np.nan) for way in ("distance", "angle")))
     commanded = len(message.joint_commands) == len(names)
     return State(
         stamp, message.phase, "" if report is None else report.outcome, message.reason,
         "" if report is None else report.mend, decision, resolution, joints,
         np.array(message.joint_commands) if commanded else None,
         np.nan if report is None else report.computing, scheme=message.scheme,
+        arrived=NOT_ARRIVED if np.isnan([left.distance, left.angle]).all() else
+        Arrived(True, open=left),
     )  # fmt: skip
 
 

@@ -1,0 +1,347 @@
+"""The same experiment of the Bullet arm in the runner, on a graph in lockstep and from its bag.
+
+Forty of them, compared by `tests/one_run`; five in test_runner_equals_graph.py.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rosbag
+import rospy
+import yaml
+from aras_visual_servo_controller.msg import ServoReport, ServoState
+from ros_graph import Collector, GraphError, Launch, RosMaster, wait_for
+from sensor_msgs.msg import Image, JointState
+from std_msgs.msg import String
+from std_srvs.srv import Empty
+from test_bridge_lockstep import COMMANDS, ROBOT, all_running, call, connections
+
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.numbers.summary import summarise
+from aras_visual_servo_bench.recording.from_bag import Messages
+from aras_visual_servo_bench.recording.from_graph import Heard
+from aras_visual_servo_bench.recording.run import Run, Verdict
+from aras_visual_servo_bench.ros.bag import read_bag
+from aras_visual_servo_bench.ros.describe import gathered
+from aras_visual_servo_bench.running.loop import Loop
+
+AWAY = (0.05, 0.02, 0.1, -0.05, -0.05, 0.1)
+TURNED = (0.02, -0.03, -0.05, 0.08, 0.02, -0.3)
+HIGH = (0.07, 0.01, -0.15, 0.09, 0.06, 0.2)
+NEAR = (0.052, 0.002, -0.088, 0.046, 0.044, 0.004)  # by the goal of 2016
+FRAMES = 45  # 1.5 s: the way to the start takes about 0.9 s, the rest is servoed
+IMAGE, INFO = "/labrob/camera/image_raw", "/labrob/camera/camera_info"
+# What a listener to joint states, states and reports has no pictures for, nor the wall's clock.
+NOT_HEARD = {
+    "images", "image_rate", "images_late", "delay", "real_time_factor", "computing",
+    "image_excursion", "largest_depth", "decay_predicted",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Case:
+    """One experiment.
+
+    Attributes:
+        name: by which `--only` chooses. scheme, camera, start: as the launch files take them.
+        robot, nodes: further launch arguments. keys: the same as keys of an Experiment.
+        parameters: of the controller, in a file on the graph. frames: after which it ends.
+        ends: outcome at that frame.
+    """
+
+    name: str
+    scheme: str = "moments"
+    camera: str = "original"
+    start: tuple[float, ...] = AWAY
+    robot: dict[str, str] = field(default_factory=dict)
+    nodes: dict[str, str] = field(default_factory=dict)
+    keys: dict[str, Any] = field(default_factory=dict)
+    parameters: dict[str, Any] = field(default_factory=dict)
+    frames: int = FRAMES
+    ends: str = "running"
+
+    @property
+    def taught(self) -> bool:
+        """Whether the goal is a picture at the pose of 2016, for what the shipped one is not of."""
+        other = self.scheme == "kernel" and self.camera != "original"
+        return other or self.scheme == "points" or "target" in self.keys
+
+    def experiment(self, goal: str = "2016") -> Experiment:
+        """Without an end; the loop drives the arm from zero to the start, as on the graph."""
+        return Experiment(
+            scheme=self.scheme, camera=self.camera, start=(0.0,) * 6, goal=goal,
+            commands="images", duration=1e3, linger=None,
+            options={"start": list(self.start), **self.parameters},
+            **{"delay": 0.0, **self.keys},
+        )  # fmt: skip
+
+    def goal(self, folder: Path) -> str:
+        """Name or file of the goal."""
+        if not self.taught:
+            return "2016"
+        file = folder / "taught.yaml"
+        file.write_text(assemble(self.experiment()).goal.to_yaml("for a test"))
+        return str(file)
+
+    def listened(self) -> set[str]:
+        """Topics that the controller must hear before time goes on."""
+        moments = {f"{ROBOT}/camera/moments", f"{ROBOT}/joint_states"}
+        if self.scheme == "points":
+            return {IMAGE, INFO, f"{ROBOT}/joint_states"}
+        return moments | ({f"{ROBOT}/camera/kernel"} if self.scheme == "kernel" else set())
+
+
+def _moved(*xyz: float) -> dict[str, Any]:
+    """A camera that is moved in its link, m."""
+    return {
+        "robot": {"camera_xyz": " ".join(map(str, xyz))}, "keys": {"camera_xyz": xyz},
+    }  # fmt: skip
+
+
+def _law(name: str, gain: float | None = None) -> dict[str, Any]:
+    keys: dict[str, Any] = {"law": name} if gain is None else {"law": name, "gain": gain}
+    return {"nodes": {key: str(value) for key, value in keys.items()}, "keys": keys}
+
+
+def _delayed(seconds: float) -> dict[str, Any]:
+    return {"parameters": {"delay": seconds}, "keys": {"delay": seconds}}
+
+
+def _target(shape: str) -> dict[str, Any]:
+    return {
+        "robot": {"target": shape, "target_size": "0.06 0.05"},
+        "keys": {"target": {"shape": shape, "size": (0.06, 0.05), "pose": (0, 0, 0.591, 0, 0, 0)}},
+    }
+
+
+def _cases() -> Iterable[Case]:
+    """The forty: schemes by cameras, starts, delays, targets, laws and mountings."""
+    for scheme in ("moments", "moments_2016", "kernel", "points"):
+        for camera in ("original", "wide", "calibrated"):
+            yield Case(f"{scheme}/{camera}", scheme, camera)
+        for word, start in (("turned", TURNED), ("high", HIGH)):
+            yield Case(f"{scheme}/{word}", scheme, start=start, frames=75)
+        for delay in (0.02, 0.05):
+            yield Case(f"{scheme}/delay {delay:g} s", scheme, **_delayed(delay))
+    for camera in ("fisheye", "noisy"):
+        yield Case(f"moments/{camera}", camera=camera)
+    yield Case("moments/near", start=NEAR, frames=150, ends="converged")
+    for shape in ("square", "triangle", "l_shape"):
+        yield Case(f"moments/{shape}", **_target(shape))
+    for law, gain in (("adaptive", None), ("pi", None), ("proportional", 3.0)):
+        yield Case(f"moments/{law}" + (f" {gain:g}" if gain else ""), **_law(law, gain))
+    yield Case("moments/camera moved", **_moved(0.0, 0.02, 0.005))
+    yield Case("points/camera moved", "points", **_moved(0.0, -0.01, 0.003))
+    yield Case("moments/no friction", robot={"joint_friction": "false"}, keys={"friction": False})
+
+
+CASES = {case.name: case for case in _cases()}
+
+
+def recorded(heard: Heard, path: Path) -> Run:
+    """The run of a bag of the same messages."""
+    with rosbag.Bag(str(path), "w") as bag:
+        for topic, messages in (
+            (f"{ROBOT}/controller/state", heard.states), (f"{ROBOT}/joint_states", heard.joints),
+            (f"{ROBOT}/controller/diagnosis", heard.reports.values()),
+        ):  # fmt: skip
+            for message in messages:
+                bag.write(topic, message, message.header.stamp)
+        bag.write(f"{ROBOT}/experiment", String(heard.described), heard.states[0].header.stamp)
+    return read_bag(path)
+
+
+def on_the_graph(
+    launch: Callable[..., Launch], master: RosMaster, case: Case, goal: str, folder: Path
+) -> Heard:
+    """All that joint states and the controller say up to the last frame."""
+    arguments = dict(case.nodes)
+    if case.parameters:
+        file = folder / "parameters.yaml"
+        file.write_text(yaml.safe_dump(case.parameters))
+        arguments["parameters"] = str(file)
+    robot = launch(
+        "aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"],
+        paused=True, speed_mode="lockstep", camera=case.camera, **case.robot,
+    )  # fmt: skip
+    nodes = launch(
+        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch",
+        nodes=[f"{ROBOT}_camera", f"{ROBOT}_controller"], start=str(list(case.start)),
+        scheme=case.scheme, goal=goal, **arguments,
+    )  # fmt: skip
+    wait_for(all_running, 40.0, "seven running controllers")
+    topics = {
+        IMAGE: Image, f"{ROBOT}/joint_states": JointState,
+        f"{ROBOT}/controller/state": ServoState, f"{ROBOT}/controller/diagnosis": ServoReport,
+    }  # fmt: skip
+    heard = [Collector(topic, kind) for topic, kind in topics.items()]
+    images, joints, states, reports = heard
+    wait_for(
+        lambda: (
+            {("i", topic) for topic in COMMANDS} <= connections(master, "/gazebo")
+            and {("i", IMAGE), ("i", INFO)} <= connections(master, f"{ROBOT}_camera")
+            and {("i", t) for t in case.listened()} <= connections(master, f"{ROBOT}_controller")
+        ),
+        20.0,
+        "all nodes to be connected",
+    )
+    for collector in heard:
+        wait_for(collector.connected, 5.0, collector.topic)
+    call("/gazebo/unpause_physics", Empty)
+    images.wait(case.frames, timeout=60.0 * case.frames / FRAMES)
+    call("/gazebo/pause_physics", Empty)
+    last = images.messages[case.frames - 1].header.stamp
+    told = Heard(Path("the graph"))
+    told.states = [m for m in states.messages if m.header.stamp <= last]
+    told.joints = [m for m in joints.messages if m.header.stamp <= last]
+    for message in reports.messages:
+        told.take_report(message)
+    told.described = json.dumps(gathered(rospy.get_param("/"), f"{ROBOT}_controller"), default=str)
+    output = robot.output()
+    for collector in heard:
+        collector.close()
+    nodes.stop()
+    robot.stop()
+    assert "in vain" not in output, output[-2000:]
+    return told
+
+
+def in_the_runner(experiment: Experiment, last_ns: int) -> Run:
+    """The same of the runner, up to the first image after a time."""
+    loop = Loop(experiment, assemble(experiment))
+    try:
+        while loop.plant.time_ns <= last_ns:
+            loop.to_image()
+        return loop.result()
+    finally:
+        loop.close()
+
+
+def ended(run: Run, images: int, joints: int) -> Run:
+    """The run as if it had ended there; the verdict is then of the camera at that joint state."""
+    verdict = Verdict.of(run.goal_pose, run.true_pose[joints - 1], run.experiment.reached)
+    return replace(
+        run, states=run.states[:images], pose=run.pose[:images], verdict=verdict,
+        **{name: getattr(run, name)[:joints] for name in
+           ("joint_stamp", "measured", "measured_speed", "commanded", "true_pose")},
+    )  # fmt: skip
+
+
+def shown(run: Run) -> dict[str, str]:
+    """Outcome and metrics as a report prints them."""
+    return {q.key: q.shown for q in summarise(run) if q.key not in NOT_HEARD}
+
+
+def differences(case: Case, launch: Callable[..., Launch], master: RosMaster, folder: Path
+                ) -> list[str]:  # fmt: skip
+    """Each thing in which the runner, the graph and the bag do not tell one run; empty: none."""
+    goal = case.goal(folder)
+    heard = on_the_graph(launch, master, case, goal, folder)
+    live, kept = Messages(heard).run("live"), recorded(heard, folder / "run.bag")
+    own = in_the_runner(case.experiment(goal), heard.joints[-1].header.stamp.to_nsec())
+    count, rows = len(live.stamp), len(live.joint_stamp)
+    found = []
+    if count <= 10:
+        found.append(f"{count} images were servoed on")
+    if not (own.joint_stamp[:rows] == live.joint_stamp).all():
+        found.append("joint states are of other instants")
+    else:
+        off = abs(own.measured[:rows] - live.measured).max()
+        if off > 1e-9:
+            found.append(f"joints differ by {off:.3g}")
+    strange = np.flatnonzero(own.stamp[:count] != live.stamp)
+    if strange.size:
+        i = strange[0]
+        found.append(f"image {i} of {count} is of {own.stamp[i]:.9f} s, on the graph of "
+                     f"{live.stamp[i]:.9f} s")
+    own = ended(own, count, rows)
+    runs = {"graph": shown(live), "bag": shown(kept), "runner": shown(own)}
+    for key in dict.fromkeys(key for run in runs.values() for key in run):
+        values = {name: run.get(key, "missing") for name, run in runs.items()}
+        if len(set(values.values())) > 1:
+            found.append(f"{key}: " + ", ".join(f"{n} {v}" for n, v in values.items()))
+    if not own.outcome.startswith(case.ends):
+        found.append(f"it is {own.outcome} and not {case.ends}: {own.reason}")
+    return found
+
+
+# -- the command -------------------------------------------------------------------------------
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """0: all are one run; 1: one is not; 2: no such experiment."""
+    parser = argparse.ArgumentParser(prog="tests/one_run", description=__doc__.splitlines()[0])
+    parser.add_argument("--only", default="", metavar="REGEX", help="experiments by name")
+    parser.add_argument("--list", action="store_true", help="their names")
+    parser.add_argument("--write", type=Path, metavar="FILE", help="the JSON of the last line too")
+    options = parser.parse_args(arguments)
+    chosen = [case for name, case in CASES.items() if re.search(options.only, name)]
+    if not chosen:
+        print(f"one_run: no experiment matches '{options.only}': --list names them",
+              file=sys.stderr)  # fmt: skip
+        return 2
+    if options.list:
+        print("\n".join(case.name for case in chosen))
+        return 0
+    began, differing = time.monotonic(), {}
+    with tempfile.TemporaryDirectory() as folder:
+        master = RosMaster(Path(folder))
+        os.environ.update({key: master.environment[key] for key in
+                           ("ROS_MASTER_URI", "ROS_IP", "ROS_HOME", "ROS_LOG_DIR")})  # fmt: skip
+        try:
+            rospy.init_node("one_run", anonymous=True, disable_signals=True)
+            for case in chosen:
+                found = _compared(case, master, Path(folder))
+                print(f"{'DIFFERS' if found else 'one run'}  {case.name}", *found, sep="\n    ",
+                      flush=True)  # fmt: skip
+                if found:
+                    differing[case.name] = found
+            rospy.signal_shutdown("all experiments are over")
+        finally:
+            master.stop()
+    result = json.dumps({
+        "experiments": len(chosen), "one_run": len(chosen) - len(differing),
+        "differing": differing, "seconds": round(time.monotonic() - began),
+    })  # fmt: skip
+    if options.write:
+        options.write.write_text(result + "\n", encoding="utf-8")
+    print(result)
+    return 1 if differing else 0
+
+
+def _compared(case: Case, master: RosMaster, folder: Path) -> list[str]:
+    """`differences`, with what fails on the way as one of them."""
+    launches: list[Launch] = []
+
+    def launch(*target: str, nodes: Iterable[str], **arguments: Any) -> Launch:
+        launches.append(Launch(master, target, arguments))
+        launches[-1].wait_for_nodes(tuple(nodes))
+        return launches[-1]
+
+    try:
+        return differences(case, launch, master, folder)
+    except Exception as error:  # the next experiment may be none the worse
+        return [f"{type(error).__name__}: {error}"]
+    finally:
+        for one in reversed(launches):
+            try:
+                one.stop()
+            except GraphError as error:
+                print(f"{case.name}: {error}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

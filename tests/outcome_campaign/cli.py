@@ -30,6 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
         for kind in KINDS.values():
             print(f"{kind.name:32}{' or '.join(kind.right):32}{kind.text}")
         return 0
+    logging.disable(logging.CRITICAL)  # what the loops say of their faults
     began = time.monotonic()
     drawn = secrets.randbelow(2**31) if options.seed is None else options.seed
     seeds = (KEPT,) if options.kept else (KEPT, drawn)
@@ -58,7 +59,6 @@ def trials(seeds: Iterable[int], runs: int, names: Iterable[str] = ()) -> list[T
 
 def carried_out(chosen: list[Trial], workers: int) -> Iterator[Judged]:
     """The trials' results, as they come to their ends."""
-    logging.disable(logging.CRITICAL)
     if workers <= 1:
         yield from map(_judged, chosen)
         return

@@ -20,6 +20,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
+from aras_visual_servo_bench.asked import cameras
 from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.commands import main
@@ -84,7 +85,9 @@ def write_run(path, optical=True, seconds=3.0, described=False, compressed=False
     link_T_optical[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
     seen = []
     while (state := loop.to_image()) is not None:
-        seen.append((state, loop.plant.joints()[0], loop.reading.outline))
+        camera = loop.parts.camera
+        outline = cameras.read(loop.reading.outline, camera, camera, closed=True)
+        seen.append((state, loop.plant.joints()[0], outline))
 
     with rosbag.Bag(str(path), "w", chunk_threshold=20_000) as bag:
         half = transform("base_link", "upside_down", np.eye(4), rospy.Time(1))

@@ -56,7 +56,7 @@ REFUSED = {
     "too_fast": ("update_rate", "physics rate"),
     "nowhere": ("parent", "world"),
     "unplaced": ("pose", "[x, y, z, roll, pitch, yaw]"),
-    "prefixed": ("tf_prefix_is_no_key", "nearest"),
+    "prefixed": ("unknown key 'tf_prefix_is_no_key'", "optical_frame_name"),
 }
 
 
@@ -228,7 +228,7 @@ def test_imager_rate(machine, collect):
     for wrong in ({"strs": [StrParameter("imager_rate", "fast")]},
                   {"doubles": [DoubleParameter("imager_rate", math.nan)]}):
         assert reconfigure(CAMERA, **wrong).doubles[0].value == 50.0
-    assert "imager_rate is 'fast'; give a double; nothing was changed" in machine.output()
+    assert "imager_rate is 'fast', must be a double; nothing was changed" in machine.output()
     reconfigure(CAMERA, doubles=[DoubleParameter("imager_rate", 30.0)])
 
 

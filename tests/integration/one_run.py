@@ -37,6 +37,7 @@ from aras_visual_servo_bench.recording.run import Run, Verdict
 from aras_visual_servo_bench.ros.bag import read_bag
 from aras_visual_servo_bench.ros.describe import gathered
 from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_ros.parameters import fetched
 
 AWAY = (0.05, 0.02, 0.1, -0.05, -0.05, 0.1)
 TURNED = (0.02, -0.03, -0.05, 0.08, 0.02, -0.3)
@@ -213,7 +214,7 @@ def on_the_graph(
     told.joints = [m for m in joints.messages if m.header.stamp <= last]
     for message in reports.messages:
         told.take_report(message)
-    told.described = json.dumps(gathered(rospy.get_param("/"), f"{ROBOT}_controller"), default=str)
+    told.described = json.dumps(gathered(fetched("/"), f"{ROBOT}_controller"), default=str)
     output = robot.output()
     for collector in heard:
         collector.close()

@@ -380,3 +380,35 @@ def test_depth_and_segmentation_come_with_the_frame(bench):
     assert frame.depth[10, 10] == pytest.approx(0.782 - 0.59, abs=1e-5)
     assert frame.segmentation[120, 160] == 1
     assert frame.segmentation[10, 10] == 0
+
+
+def triggered(**settings):
+    return camera(trigger_topic="go", update_rate=30.0, **settings)
+
+
+def test_a_triggered_camera_exposes_once_for_each_trigger(caplog):
+    sensor = triggered()
+    assert not frames(sensor, 100)
+    sensor.trigger(100 * MS, MS)
+    sensor.trigger(100 * MS, MS)  # close together: two pictures, one a step
+    assert [f.stamp_ns for _, f in frames(sensor, 50, start=100 * MS)] == [101 * MS, 102 * MS]
+    sensor.trigger(150 * MS, MS)
+    assert [(t, f.stamp_ns) for t, f in frames(sensor, 9, start=150 * MS)] == [(151 * MS,) * 2]
+    sensor.trigger(159 * MS, MS)
+    sensor.reset(0)  # time went back: what was asked for is over
+    assert not frames(sensor, 300)
+    assert not any("leaves out frames" in text for text in caplog.messages)
+    streaming = camera(update_rate=30.0)
+    streaming.trigger(0, MS)
+    assert [f.stamp_ns for _, f in frames(streaming, 40)] == [33_333_333]
+
+
+def test_a_triggered_exposure_begins_after_its_trigger():
+    renderer = Nothing()
+    sensor = camera(renderer, trigger_topic="go", effects={
+        "exposure_time": 0.004, "exposure_samples": 4})
+    sensor.trigger(0, MS)
+    sensor.trigger(0, MS)
+    got = frames(sensor, 20)
+    assert [f.stamp_ns for _, f in got] == [2_500_000, 6_500_000]
+    assert len(renderer.blends) == 8

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from functools import partial
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
-from aras_sim_bridge.camera.mounting import MountedCamera, robot_camera, world_camera
+from aras_sim_bridge.camera.mounting import MountedCamera, robot_camera, together, world_camera
+from aras_sim_bridge.camera.sensor import NEVER
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.loop import ControlLoop
 from aras_sim_bridge.control.manager import ControllerManager
@@ -232,7 +233,7 @@ class Simulation:
         """When a camera next has something to do, ns; None: none has. The step that contains it
         ends later, by less than a step."""
         due = (camera.sensor.due_ns for camera in self.cameras if camera.enabled)
-        return min((time_ns for time_ns in due if time_ns > self.time_ns), default=None)
+        return min((at_ns for at_ns in due if self.time_ns < at_ns < NEVER), default=None)
 
     def set_joint_positions(self, name: str, positions: Mapping[str, float]) -> None:
         """Put joints of a model at `positions` (rad or m), at rest; mimicking ones follow.
@@ -330,6 +331,13 @@ class Simulation:
             log.error("model '%s' goes without its camera '%s': %s", model.name, camera.name, error)
             return
         self.cameras.append(mounted)
+        first = together(mounted, self.cameras)[0].sensor
+        if mounted.sensor.rate != first.rate:
+            log.warning(
+                "camera '%s' exposes together with camera '%s', at its %g Hz instead of %g Hz",
+                camera.name, first.config.name, first.rate, mounted.sensor.rate,
+            )
+            mounted.sensor.set_rate(first.rate, self.time_ns, self.step_ns)
 
     def _camera_defaults(self) -> dict[str, object]:
         return {"legacy_camera_info": self.config.legacy_camera_info}

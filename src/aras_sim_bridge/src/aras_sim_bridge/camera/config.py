@@ -12,7 +12,7 @@ import numpy as np
 from aras_visual_servo_base.settings import build, parameter
 from aras_visual_servo_base.settings import check as hold_to_bounds
 
-from ..description import CameraDescription
+from ..description import CameraDescription, DepthTopics
 from ..errors import CameraError
 from .effects import Effects
 from .formats import encoding_of
@@ -54,7 +54,9 @@ class CameraConfig:
         and with them `declared`, the plugin's focalLength, Cx, Cy, distortionK1, K2, T1, T2, K3,
         of which the first three are computed where they are 0.
     effects: see effects.Effects. latency: s between stamp and publication.
-    depth, segmentation: deliver these pictures beside the colour one.
+    depth, segmentation: deliver these pictures beside the colour one; depth_topics: how depth.
+    trigger_topic: the camera exposes once for each message there; '' for one that streams.
+    shutter: cameras of one model with the same one expose together; '' for a camera by itself.
     """
 
     name: str = "camera"
@@ -78,6 +80,7 @@ class CameraConfig:
     declared: tuple[float, float, float, float, float, float, float, float] = (0.0,) * 8
     depth: bool = False
     segmentation: bool = False
+    depth_topics: DepthTopics = field(default_factory=DepthTopics)
     effects: Effects = field(default_factory=Effects)
     latency: float = parameter(0.0, "s", least=0.0)
     seed: int = parameter(0, least=0)
@@ -86,6 +89,8 @@ class CameraConfig:
     robot_namespace: str = ""
     image_topic: str = "image_raw"
     info_topic: str = "camera_info"
+    trigger_topic: str = ""
+    shutter: str = ""
     frame_name: str = ""
     optical_frame_name: str = ""
 
@@ -153,10 +158,14 @@ class CameraConfig:
                   f"to {reach:.4g} rad")
 
     def _check_names(self) -> None:
-        for key in ("camera_name", "robot_namespace", "image_topic", "info_topic"):
-            parts = [part for part in getattr(self, key).split("/") if part]
+        keys = ("camera_name", "robot_namespace", "image_topic", "info_topic", "trigger_topic")
+        names = {key: getattr(self, key) for key in keys}
+        names |= {f"depth_topics/{key}": getattr(self.depth_topics, key)
+                  for key in ("image", "info", "points")}
+        for key, name in names.items():
+            parts = [part for part in name.split("/") if part]
             self._check(all(map(_NAME.fullmatch, parts)),
-                        f"{key} '{getattr(self, key)}' is no name in a ROS graph; begin with a "
+                        f"{key} '{name}' is no name in a ROS graph; begin with a "
                         "letter and go on with letters, digits and underscores")
         self._check(self.image_topic.strip("/") not in ("", self.info_topic.strip("/"))
                     and bool(self.info_topic.strip("/")),

@@ -32,6 +32,8 @@ def settings(camera: CameraDescription) -> dict[str, object]:
     }
     if camera.kind == "depth":
         values["depth"] = True
+    if camera.shutter:
+        values["shutter"] = camera.shutter
     rates = [camera.update_rate]
     plugin = camera.plugin
     if plugin is not None:
@@ -43,8 +45,11 @@ def settings(camera: CameraDescription) -> dict[str, object]:
             "camera_name": plugin.camera_name, "robot_namespace": plugin.robot_namespace,
             "image_topic": plugin.image_topic, "info_topic": plugin.info_topic,
             "frame_name": plugin.frame_name, "hack_baseline": plugin.hack_baseline,
+            "trigger_topic": plugin.trigger_topic,
             "declared": (plugin.focal_length, plugin.cx, plugin.cy, *_in_ros_order(told)),
         }
+        if plugin.depth is not None:
+            values |= {"depth": True, "depth_topics": plugin.depth}
     if any(rates):
         values["update_rate"] = min(filter(None, rates))
     if camera.kind == "wideanglecamera":

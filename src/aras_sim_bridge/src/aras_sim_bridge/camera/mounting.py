@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -79,11 +79,20 @@ class MountedCamera:
         """Up to when, ns, steps may end without a look at the world."""
         return 0 if self._fresh else self.sensor.due_ns - 1
 
-    def before_step(self, time_ns: int, after_ns: int) -> None:
-        """Remember the world where an exposure falls between two ticks."""
+    def trigger(self, time_ns: int, step_ns: int) -> None:
+        """Expose once in the coming step, where pictures are wanted; see CameraSensor.trigger."""
+        self._refresh(time_ns)
+        if self._enabled:
+            self.sensor.trigger(time_ns, step_ns)
+
+    def _refresh(self, time_ns: int) -> None:
         if self._fresh:
             self._fresh = False
             self.sensor.reset(time_ns)
+
+    def before_step(self, time_ns: int, after_ns: int) -> None:
+        """Remember the world where an exposure falls between two ticks."""
+        self._refresh(time_ns)
         if self.sensor.needs_before(after_ns):
             self._attempt(self.sensor.before_step, time_ns)
 
@@ -114,6 +123,13 @@ class MountedCamera:
         if self.model is None:
             return self._fixed
         return np.array(self.model.link_pose(self.link).matrix())
+
+
+def together(camera: MountedCamera, cameras: Iterable[MountedCamera]) -> list[MountedCamera]:
+    """Those that expose together with `camera`, itself among them."""
+    shutter = camera.sensor.config.shutter
+    return [other for other in cameras if other is camera or shutter
+            and other.model is camera.model and other.sensor.config.shutter == shutter]
 
 
 def robot_camera(camera: CameraDescription, settings: Mapping[str, object],

@@ -20,6 +20,7 @@ from .effects import EffectChain
 from .intrinsics import CameraIntrinsics
 
 _log = logging.getLogger(__name__)
+NEVER = (1 << 63) - 1  # ns: when a camera exposes that waits for its trigger
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,8 @@ class CameraSensor:
         ...
         if sensor.due(t): frame = sensor.capture(world_T_link, t)             # after Bullet
 
-    Without the first two lines pictures are taken at the tick itself.
+    Without the first two lines pictures are taken at the tick itself. A camera with a trigger
+    exposes once for each call of `trigger` instead, at the first tick after it.
     """
 
     def __init__(self, config: CameraConfig, renderer: Renderer) -> None:
@@ -93,6 +95,16 @@ class CameraSensor:
         """(4, 4) mounting pose of the optical frame."""
         return self._link_T_optical.copy()
 
+    def rays(self) -> np.ndarray:
+        """(H, W, 3) float32, of each pixel: a depth times its ray is the point that it shows, in
+        the optical frame; NaN where the lens shows nothing."""
+        c = self.config
+        pixels = np.stack(np.meshgrid(np.arange(c.width), np.arange(c.height)), axis=2)
+        rays = c.model.unproject(pixels.reshape(-1, 2)).reshape(c.height, c.width, 3)
+        if self._lens is None or self._lens.forward:
+            rays = rays / rays[..., 2:]
+        return rays.astype(np.float32)
+
     def check_time_step(self, step_ns: int, rate: float | None = None) -> None:
         """Raise CameraError if the camera, at its own rate or at `rate` Hz, outruns the physics."""
         rate = self._rate if rate is None else rate
@@ -123,11 +135,24 @@ class CameraSensor:
         self.reset(time_ns)
         self._waiting = under_way
 
+    def trigger(self, time_ns: int, step_ns: int) -> None:
+        """Expose once more, in the step of `step_ns` from `time_ns` on, or after the exposures
+        that were asked for before; without effect on a camera that streams."""
+        if not self.config.trigger_topic:
+            return
+        stamp = time_ns + step_ns - self._offset_ns(0)
+        if self._triggered:
+            exposure_ns = round(self.config.effects.exposure_time * 1e9)
+            stamp = max(stamp, self._triggered[-1] + max(step_ns, exposure_ns))
+        self._triggered.append(stamp)
+        self._plan()
+
     def reset(self, time_ns: int = 0) -> None:
         """Start anew: the next picture is the first whose exposure begins after time_ns.
 
         Call it when the clock jumps back, and when pictures are wanted again after a pause.
         """
+        self._triggered: deque[int] = deque()
         self._index = int(time_ns * self._rate / 1e9)
         while self._instant(self._index) + self._offset_ns(0) <= time_ns:
             self._index += 1
@@ -139,6 +164,8 @@ class CameraSensor:
         self._plan()
 
     def _instant(self, index: int) -> int:
+        if self.config.trigger_topic:
+            return self._triggered[0] if self._triggered else NEVER
         return round(index * 1e9 / self._rate)
 
     def _plan(self) -> None:
@@ -182,6 +209,8 @@ class CameraSensor:
 
     def _skip_missed(self, time_ns: int) -> None:
         """Where one physics step spans several instants, only the newest is drawn."""
+        if self.config.trigger_topic:
+            return
         if self._sample == 0 and self._instant(self._index + 1) <= time_ns:
             if not self._told_missed:
                 self._told_missed = True
@@ -202,6 +231,8 @@ class CameraSensor:
         self._sample += 1
         if self._sample == self._samples:
             self._index, self._sample = self._index + 1, 0
+            if self._triggered:
+                self._triggered.popleft()
         self._plan()
 
     def _draw(self, pose: np.ndarray, time_ns: int) -> None:

@@ -13,8 +13,8 @@ from types import MappingProxyType
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import (
+    camera_tags,
     gazebo_materials,
-    gazebo_tags,
     model_folders,
     ogre_materials,
     packages,
@@ -295,8 +295,8 @@ def _cameras(element: Element, link: str, warnings: list[str]) -> list[CameraDes
     cameras = []
     for sensor in element.findall("sensor"):
         kind = sensor.get("type") or ""
-        if kind in gazebo_tags.CAMERA_KINDS:
-            cameras.append(gazebo_tags.camera(sensor, link))
+        if kind in camera_tags.CAMERA_KINDS:
+            cameras += camera_tags.cameras(sensor, link, warnings)
         else:
             warnings.append(f"link '{link}': sensor type '{shorten(kind)}' is not known; ignored")
     return cameras

@@ -1,10 +1,12 @@
 """The dataclasses of a robot description. SI units, radians; rotations as rpy, as in URDF."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from aras_visual_servo_base.poses import Vector3
+from aras_visual_servo_base.settings import parameter
 from aras_visual_servo_base.urdf import ZERO, Joint, Placed
 
 Rgba = tuple[float, float, float, float]
@@ -119,9 +121,27 @@ class LensDescription:
 
 
 @dataclass(frozen=True)
+class DepthTopics:
+    """How a depth camera delivers depth, below its name.
+
+    image, info, points: topics; points '' for no point clouds.
+    nearest, farthest: m; depths that are not between them are NaN, and 0 in millimetres.
+    millimetres: 16UC1 in place of 32FC1. rows: whether a cloud has the picture's rows, or one.
+    """
+
+    image: str = "depth/image_raw"
+    info: str = "depth/camera_info"
+    points: str = ""
+    nearest: float = parameter(0.0, "m", least=0.0)
+    farthest: float = parameter(math.inf, "m", above=0.0, infinite=True)
+    millimetres: bool = False
+    rows: bool = True
+
+
+@dataclass(frozen=True)
 class CameraPlugin:
-    """`<plugin filename="libgazebo_ros_camera.so">`, with its own defaults; distortion is
-    (k1, k2, k3, t1, t2)."""
+    """A camera's plug-in, with the defaults of `libgazebo_ros_camera.so`; distortion is
+    (k1, k2, k3, t1, t2). trigger_topic: '' for a camera that streams. depth: of depth cameras."""
 
     robot_namespace: str = ""
     camera_name: str = ""
@@ -135,6 +155,8 @@ class CameraPlugin:
     focal_length: float = 0.0
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
     auto_distortion: bool = False
+    trigger_topic: str = ""
+    depth: DepthTopics | None = None
 
 
 @dataclass(frozen=True)
@@ -143,6 +165,7 @@ class CameraDescription:
 
     kind: camera, depth or wideanglecamera. distortion: the sensor's (k1, k2, k3, p1, p2), None
     without a `<distortion>` element; distortion_center in image fractions.
+    shutter: cameras of one model with the same one expose together; '' for a camera by itself.
     """
 
     name: str
@@ -161,6 +184,7 @@ class CameraDescription:
     distortion_center: tuple[float, float] = (0.5, 0.5)
     lens: LensDescription | None = None
     plugin: CameraPlugin | None = None
+    shutter: str = ""
 
 
 @dataclass(frozen=True)

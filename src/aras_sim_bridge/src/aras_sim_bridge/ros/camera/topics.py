@@ -7,15 +7,18 @@ from collections.abc import Callable
 import rospy
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.srv import SetCameraInfo
+from std_msgs.msg import Empty
 
 from aras_sim_bridge.camera import CameraConfig, CameraIntrinsics, Frame
-from aras_sim_bridge.camera.mounting import MountedCamera
+from aras_sim_bridge.camera.mounting import MountedCamera, together
+from aras_sim_bridge.camera.points import within_reach
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.ros.camera import frames
 from aras_sim_bridge.ros.camera.compressed import CompressedTopic
 from aras_sim_bridge.ros.camera.image_topic import ImageTopic
 from aras_sim_bridge.ros.camera.info import prefixed, save_calibration, to_camera_info
 from aras_sim_bridge.ros.camera.labels import LabelTopic
+from aras_sim_bridge.ros.camera.points_topic import PointsTopic
 from aras_sim_bridge.ros.conversions import to_time
 from aras_sim_bridge.ros.runtime.publisher import Peers, QuickPublisher
 from aras_sim_bridge.ros.runtime.services import Fields, ServiceTable, serves
@@ -23,7 +26,7 @@ from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_visual_servo_ros.parameters import Value
 from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
 
-Topic = ImageTopic | QuickPublisher | CompressedTopic | LabelTopic
+Topic = ImageTopic | QuickPublisher | CompressedTopic | LabelTopic | PointsTopic
 
 
 class CameraTopics:
@@ -49,7 +52,9 @@ class CameraTopics:
         self._frame_id = prefixed(frame, self.namespace)
         self._topics: list[Topic] = []
         self._closing: list[ServiceTable | ReconfigureServer] = []
+        self._trigger: rospy.Subscriber | None = None
         self._depth: ImageTopic | None = None
+        self._points: PointsTopic | None = None
         self._depth_info: QuickPublisher | None = None
         self._segmentation: ImageTopic | None = None
         self._labels: LabelTopic | None = None
@@ -75,8 +80,16 @@ class CameraTopics:
         self._image = self._kept(ImageTopic(f"{root}/{config.image_topic}", self._changed))
         self._compressed = self._kept(CompressedTopic(f"{root}/{config.image_topic}", peers))
         if config.depth:
-            self._depth = self._kept(ImageTopic(f"{root}/depth/image_raw", self._changed))
-            self._depth_info = self._info_topic(f"{root}/depth/camera_info")
+            names = config.depth_topics
+            self._depth = self._kept(ImageTopic(f"{root}/{names.image}", self._changed))
+            self._depth_info = self._info_topic(f"{root}/{names.info}")
+            if names.points:
+                rays = self._thread.call(self._mounted.sensor.rays)
+                self._points = self._kept(
+                    PointsTopic(f"{root}/{names.points}", rays, names, self._changed))
+        if config.trigger_topic:
+            self._trigger = rospy.Subscriber(
+                f"{root}/{config.trigger_topic}", Empty, self._on_trigger, queue_size=10)
         if config.segmentation:
             topic = f"{root}/segmentation/image_raw"
             self._segmentation = self._kept(ImageTopic(topic, self._changed))
@@ -97,6 +110,8 @@ class CameraTopics:
         self._changed()
         if self._announced:
             frames.withdraw(self._frame_id)
+        if self._trigger is not None:
+            self._trigger.unregister()
         for service in self._closing:
             service.shutdown()
         for topic in self._topics:
@@ -121,13 +136,24 @@ class CameraTopics:
             wanted = float(values["imager_rate"])
 
             def job() -> None:
-                simulation, sensor = self._thread.simulation, self._mounted.sensor
-                if wanted != sensor.rate:
-                    sensor.set_rate(wanted, simulation.time_ns, simulation.step_ns)
+                simulation = self._thread.simulation
+                for camera in together(self._mounted, simulation.cameras):
+                    if wanted != camera.sensor.rate:
+                        camera.sensor.set_rate(wanted, simulation.time_ns, simulation.step_ns)
 
             self._thread.call(job)
 
         return ReconfigureServer(self.namespace, [field], {"imager_rate": rate}, apply)
+
+    def _on_trigger(self, _message: Empty) -> None:
+        """Have a picture taken, in the simulation's thread."""
+
+        def job() -> None:
+            simulation = self._thread.simulation
+            for camera in together(self._mounted, simulation.cameras):
+                camera.trigger(simulation.time_ns, simulation.step_ns)
+
+        self._thread.post(job)
 
     def _changed(self) -> None:
         """Listeners may have come or gone, in any thread."""
@@ -138,7 +164,8 @@ class CameraTopics:
         mounted = self._mounted
         mounted.on_frame = self._on_frame if self._on_graph else None
         mounted.enabled = self._on_graph and any(map(_heard, self._topics))
-        mounted.sensor.depth = self._on_graph and _heard(self._depth)
+        wanted = _heard(self._depth) or _heard(self._points)
+        mounted.sensor.depth = self._on_graph and wanted
         mounted.sensor.segmentation = self._on_graph and _heard(self._segmentation)
 
     def _on_frame(self, frame: Frame) -> None:
@@ -154,7 +181,11 @@ class CameraTopics:
         if _heard(self._compressed):
             self._compressed.publish(stamp, self._frame_id, frame)
         if frame.depth is not None and self._depth is not None:
-            self._depth.publish(stamp, self._frame_id, frame.depth, "32FC1")
+            names = self._mounted.sensor.config.depth_topics
+            self._depth.publish(stamp, self._frame_id, within_reach(frame.depth, names),
+                                "16UC1" if names.millimetres else "32FC1")
+        if frame.depth is not None and self._points is not None:
+            self._points.publish(stamp, self._frame_id, frame)
         if self._labels is not None:
             self._labels.update(self._thread.simulation)
         if frame.segmentation is not None and self._segmentation is not None:

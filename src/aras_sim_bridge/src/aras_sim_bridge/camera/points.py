@@ -1,0 +1,67 @@
+"""Depth as it is delivered: pictures within a camera's reach, and point clouds of them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import compiled
+
+from ..description import DepthTopics
+
+POINT_FLOATS = 8  # of a point as PCL lays it out: x, y, z, nothing, colour, nothing three times
+COLOUR = 4  # which of them is the colour
+
+
+def within_reach(depth: np.ndarray, topics: DepthTopics) -> np.ndarray:
+    """(H, W) float32 m with NaN, or uint16 mm with 0, where `topics` has no depth.
+
+    depth: (H, W) float32, m, inf where nothing is; that stays so for a camera of endless reach.
+    """
+    nothing = depth <= topics.nearest
+    if topics.farthest < math.inf:
+        nothing |= depth >= topics.farthest
+    if topics.millimetres:
+        thousands = np.where(nothing | (depth >= 65.5355), np.float32(0.0), depth * 1000.0)
+        return thousands.astype(np.uint16)
+    return np.where(nothing, np.float32(np.nan), depth) if nothing.any() else depth
+
+
+class PointCloud:
+    """Makes clouds of one camera's depth pictures."""
+
+    def __init__(self, rays: np.ndarray, topics: DepthTopics) -> None:
+        """rays: (H, W, 3) float32 as CameraSensor.rays has them."""
+        self._rays = rays
+        self._topics = topics
+
+    def points(self, depth: np.ndarray, image: np.ndarray) -> np.ndarray:
+        """(H, W, 8) float32: x, y, z in the optical frame, m, and the bytes blue, green, red, 0.
+
+        A pixel without a depth, as `within_reach` has it, or with nothing in view is NaN.
+
+        Args:
+            depth: (H, W) float32, m. image: (H, W, 3) in red, green, blue, or (H, W) grey.
+        """
+        if image.dtype == np.uint16:
+            image = (image >> 8).astype(np.uint8)
+        if image.ndim == 2:
+            image = np.repeat(image[..., None], 3, axis=2)
+        points = np.zeros((*depth.shape, POINT_FLOATS), np.float32)
+        _fill(self._rays, depth, np.ascontiguousarray(image),
+              np.float32(self._topics.nearest), np.float32(self._topics.farthest), points,
+              points.view(np.uint8))
+        return points
+
+
+@compiled("f4[:,:,:], f4[:,:], u1[:,:,:], f4, f4, f4[:,:,::1], u1[:,:,::1]")
+def _fill(rays, depth, image, nearest, farthest, points, data):
+    for v in range(depth.shape[0]):
+        for u in range(depth.shape[1]):
+            z = depth[v, u]
+            if not nearest < z < farthest:
+                z = np.float32(np.nan)
+            for i in range(3):
+                points[v, u, i] = rays[v, u, i] * z
+                data[v, u, 16 + i] = image[v, u, 2 - i]

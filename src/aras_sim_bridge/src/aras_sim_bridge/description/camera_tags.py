@@ -1,0 +1,135 @@
+"""Camera sensors of URDF and SDF, whose elements are the same: one camera, or several eyes."""
+
+from dataclasses import replace
+from xml.etree.ElementTree import Element
+
+from aras_sim_bridge.description import plugins
+from aras_sim_bridge.description.types import (
+    CameraDescription,
+    CameraPlugin,
+    LensDescription,
+    Noise,
+)
+from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base.poses import Pose
+from aras_visual_servo_base.safe_xml import integer, number, numbers, shorten, text_of, truth
+
+CAMERA_KINDS = ("camera", "depth", "wideanglecamera", "multicamera")
+_LENSES = ("gnomonical", "stereographic", "equidistant", "equisolid_angle", "orthographic",
+           "custom")
+
+
+def cameras(sensor: Element, link: str, warnings: list[str]) -> list[CameraDescription]:
+    """The camera of a sensor on `link`, or each eye of a multicamera.
+
+    An eye's topics are below cameraName/left or cameraName/right, by which of the words its own
+    name has, or below its own name; the baseline is the right one's, as upstream has it.
+
+    Raises:
+        DescriptionError: an element that is no number, or a size, rate, angle or clip distance
+            that no camera has.
+    """
+    name = sensor.get("name") or ""
+    where = f"camera '{shorten(name)}' on link '{link}'"
+    if not name:
+        raise DescriptionError(f"link '{link}': a camera sensor has no name")
+    nodes = sensor.findall("camera")
+    if not nodes:
+        raise DescriptionError(f"{where}: has no <camera> element")
+    found = plugins.read(sensor, where, (CameraPlugin,), warnings)
+    plugin = found[0] if found else None
+    for extra in found[1:]:
+        warnings.append(f"{where}: one plug-in delivers its pictures; '{extra.camera_name}' is "
+                        "left out")
+    if plugin and not plugin.trigger_topic and sensor.find("plugin/triggerTopicName") is not None:
+        warnings.append(f"{where}: <triggerTopicName> is for libgazebo_ros_triggered_camera.so; "
+                        "this camera streams")
+    if sensor.get("type") != "multicamera":
+        return [_camera(sensor, nodes[0], name, link, where, plugin)]
+    eyes = []
+    for i, node in enumerate(nodes):
+        own = node.get("name") or str(i)
+        side = next((word for word in ("left", "right") if word in own), own)
+        seen = None if plugin is None else replace(
+            plugin, camera_name=f"{plugin.camera_name}/{side}",
+            hack_baseline=plugin.hack_baseline if side == "right" else 0.0)
+        eye = _camera(sensor, node, f"{name}_{own}", link, f"{where}, eye '{shorten(own)}'", seen)
+        eyes.append(replace(eye, shutter=name))
+    return eyes
+
+
+def _camera(sensor: Element, node: Element, name: str, link: str, where: str,
+            plugin: CameraPlugin | None) -> CameraDescription:
+    """The camera that `node`, a <camera> of `sensor`, describes."""
+    image, clip = node.find("image"), node.find("clip")
+    at = numbers(text_of(sensor, "pose"), 6, f"{where}: pose", (0.0,) * 6)
+    pose = at[:3], at[3:]
+    own = numbers(text_of(node, "pose"), 6, f"{where}: camera pose", (0.0,) * 6)
+    if any(own):
+        both = Pose.from_rpy(*pose) @ Pose.from_rpy(own[:3], own[3:])
+        pose = both.xyz, both.rpy
+    near = number(text_of(clip, "near"), f"{where}: clip near", 0.1)
+    far = number(text_of(clip, "far"), f"{where}: clip far", 100.0)
+    width = integer(text_of(image, "width"), f"{where}: image width", 320)
+    height = integer(text_of(image, "height"), f"{where}: image height", 240)
+    rate = number(text_of(sensor, "update_rate"), f"{where}: update_rate", 0.0)
+    fov = number(text_of(node, "horizontal_fov"), f"{where}: horizontal_fov", 1.047)
+    kind = sensor.get("type") or "camera"
+    widest = 6.283185307179587 if kind == "wideanglecamera" else 3.14159
+    for wrong, problem in (
+        (not 1 <= width <= 16384 or not 1 <= height <= 16384,
+         f"image is {width} × {height} pixels; 1 … 16384 are possible"),
+        (not 0.0 < near < far, f"clip near {near} and far {far} need 0 < near < far"),
+        (rate < 0.0, f"update_rate is {rate} Hz; it must not be negative"),
+        (not 0.0 < fov <= widest, f"horizontal_fov is {fov} rad; it must be in (0, {widest:.5g}]"),
+    ):
+        if wrong:
+            raise DescriptionError(f"{where}: {problem}")
+    distortion, center = _distortion(node, where)
+    return CameraDescription(
+        name=name, link=link, pose=pose, kind=kind, update_rate=rate,
+        horizontal_fov=fov, width=width, height=height,
+        format=text_of(image, "format") or "R8G8B8", near=near, far=far,
+        noise=_noise(node, where), distortion=distortion, distortion_center=center,
+        lens=_lens(node, where), plugin=plugin,
+    )
+
+
+def _noise(node: Element, where: str) -> Noise:
+    noise = node.find("noise")
+    if noise is None:
+        return Noise()
+    stddev = number(text_of(noise, "stddev"), f"{where}: noise stddev", 0.0)
+    if stddev < 0.0:
+        raise DescriptionError(f"{where}: noise stddev is {stddev}; it must not be negative")
+    kind = text_of(noise, "type") or noise.get("type") or "gaussian"
+    return Noise(kind, number(text_of(noise, "mean"), f"{where}: noise mean", 0.0), stddev)
+
+
+def _distortion(node: Element, where: str) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
+    distortion = node.find("distortion")
+    if distortion is None:
+        return None, (0.5, 0.5)
+    values = tuple(
+        number(text_of(distortion, key), f"{where}: distortion {key}", 0.0)
+        for key in ("k1", "k2", "k3", "p1", "p2")
+    )
+    center = text_of(distortion, "center")
+    return values, numbers(center, 2, f"{where}: distortion center", (0.5, 0.5))
+
+
+def _lens(node: Element, where: str) -> LensDescription | None:
+    lens = node.find("lens")
+    if lens is None:
+        return None
+    kind = text_of(lens, "type") or "gnomonical"
+    if kind not in _LENSES:
+        raise DescriptionError(
+            f"{where}: lens type '{shorten(kind)}' is unknown; use one of {', '.join(_LENSES)}"
+        )
+    return LensDescription(
+        kind=kind,
+        scale_to_hfov=truth(text_of(lens, "scale_to_hfov"), f"{where}: scale_to_hfov", True),
+        cutoff_angle=number(text_of(lens, "cutoff_angle"), f"{where}: cutoff_angle",
+                            LensDescription.cutoff_angle),
+    )

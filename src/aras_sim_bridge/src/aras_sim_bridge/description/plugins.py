@@ -1,0 +1,113 @@
+"""The plug-ins that are served, by file name; an element's others are named in a warning."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import TypeVar
+from xml.etree.ElementTree import Element
+
+from aras_sim_bridge.description.types import CameraPlugin, ControlPlugin, DepthTopics
+from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base.safe_xml import number, shorten, text_of, truth
+
+Plugin = ControlPlugin | CameraPlugin
+Kind = TypeVar("Kind", bound=Plugin)
+
+
+def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: list[str]
+         ) -> list[Kind]:
+    """The plug-ins of `element` that are of these kinds; a warning names each other file, once.
+
+    Raises:
+        DescriptionError: a plug-in that is served, with a setting that it cannot have.
+    """
+    found = []
+    for plugin in element.findall("plugin"):
+        filename = shorten(plugin.get("filename") or "")
+        make = PLUGINS.get(filename.rpartition("/")[2].removeprefix("lib").removesuffix(".so"))
+        made = None if make is None else make(plugin, where)
+        if isinstance(made, kinds):
+            found.append(made)
+            continue
+        problem = "is not known" if made is None else "does not belong here"
+        warning = f"{where}: plugin '{filename}' {problem}; ignored"
+        if warning not in warnings:
+            warnings.append(warning)
+        continue
+    return found
+
+
+def _control(plugin: Element, where: str) -> ControlPlugin:
+    where = "plugin gazebo_ros_control"
+    period = text_of(plugin, "controlPeriod")
+    value = None if period is None else number(period, f"{where}: controlPeriod")
+    if value is not None and value <= 0.0:
+        raise DescriptionError(f"{where}: controlPeriod is {value} s; it must be positive")
+    return ControlPlugin(
+        robot_namespace=text_of(plugin, "robotNamespace"),
+        control_period=value,
+        e_stop_topic=text_of(plugin, "eStopTopic"),
+    )
+
+
+def _camera(plugin: Element, where: str) -> CameraPlugin:
+    def value(tag: str) -> float:
+        return number(text_of(plugin, tag), f"{where}: {tag}", 0.0)
+
+    return CameraPlugin(
+        robot_namespace=text_of(plugin, "robotNamespace") or "",
+        camera_name=text_of(plugin, "cameraName") or "",
+        image_topic=text_of(plugin, "imageTopicName") or "image_raw",
+        info_topic=text_of(plugin, "cameraInfoTopicName") or "camera_info",
+        frame_name=text_of(plugin, "frameName") or "",
+        update_rate=value("updateRate"),
+        hack_baseline=value("hackBaseline"),
+        cx=value("Cx"), cy=value("Cy"), focal_length=value("focalLength"),
+        distortion=(value("distortionK1"), value("distortionK2"), value("distortionK3"),
+                    value("distortionT1"), value("distortionT2")),
+        auto_distortion=truth(text_of(plugin, "autoDistortion"), f"{where}: autoDistortion", False),
+    )
+
+
+def _triggered(plugin: Element, where: str) -> CameraPlugin:
+    topic = text_of(plugin, "triggerTopicName") or "image_trigger"
+    return replace(_camera(plugin, where), trigger_topic=topic)
+
+
+def _depth(plugin: Element, where: str, depth: DepthTopics) -> CameraPlugin:
+    """`depth`: what differs between depth cameras."""
+    made = _camera(plugin, where)
+    nearest = number(text_of(plugin, "pointCloudCutoff"), f"{where}: pointCloudCutoff", 0.4)
+    millimetres = truth(
+        text_of(plugin, "useDepth16UC1Format"), f"{where}: useDepth16UC1Format", False)
+    return replace(
+        made,
+        image_topic=text_of(plugin, "imageTopicName") or "ir/image_raw",
+        info_topic=text_of(plugin, "cameraInfoTopicName") or "ir/camera_info",
+        depth=replace(
+            depth, nearest=nearest, millimetres=millimetres,
+            image=text_of(plugin, "depthImageTopicName") or depth.image,
+            info=text_of(plugin, "depthImageCameraInfoTopicName") or depth.info,
+            points=text_of(plugin, "pointCloudTopicName") or "points",
+        ),
+    )
+
+
+def _depth_camera(plugin: Element, where: str) -> CameraPlugin:
+    return _depth(plugin, where, DepthTopics(rows=False))
+
+
+def _kinect(plugin: Element, where: str) -> CameraPlugin:
+    farthest = number(text_of(plugin, "pointCloudCutoffMax"), f"{where}: pointCloudCutoffMax", 5.0)
+    return _depth(plugin, where, DepthTopics(farthest=farthest))
+
+
+PLUGINS: Mapping[str, Callable[[Element, str], Plugin]] = MappingProxyType({
+    "gazebo_ros_control": _control,
+    "gazebo_ros_camera": _camera,
+    "gazebo_ros_multicamera": _camera,
+    "gazebo_ros_triggered_camera": _triggered,
+    "gazebo_ros_triggered_multicamera": _triggered,
+    "gazebo_ros_depth_camera": _depth_camera,
+    "gazebo_ros_openni_kinect": _kinect,
+})

@@ -1,0 +1,70 @@
+"""A topic of sensor_msgs/PointCloud2, of one camera's depth pictures."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from io import BytesIO
+
+import numpy as np
+from genpy import Time
+from sensor_msgs.msg import PointCloud2, PointField
+
+from aras_sim_bridge.camera import Frame
+from aras_sim_bridge.camera.points import COLOUR, POINT_FLOATS, PointCloud
+from aras_sim_bridge.description import DepthTopics
+from aras_sim_bridge.ros.runtime.publisher import QuickPublisher
+
+_LENGTH = struct.Struct("<I")
+_FIELDS = [
+    PointField(name, 4 * place, PointField.FLOAT32, 1)
+    for name, place in (("x", 0), ("y", 1), ("z", 2), ("rgb", COLOUR))
+]
+
+
+class PointsTopic:
+    """To be published on from one thread; points are in the camera's optical axes."""
+
+    def __init__(
+        self, topic: str, rays: np.ndarray, settings: DepthTopics, changed: Callable[[], None]
+    ) -> None:
+        """Advertise.
+
+        Args:
+            rays: (H, W, 3) as CameraSensor.rays has them.
+            changed: called, from any thread, when listeners came or went.
+        """
+        self._cloud = PointCloud(rays, settings)
+        self._rows = settings.rows
+        self._publisher = QuickPublisher(topic, PointCloud2, queue_size=1, changed=changed)
+
+    def publish(self, stamp: Time, frame_id: str, frame: Frame) -> None:
+        """Send the cloud of a frame with depth."""
+        if not self.listeners:
+            return
+        image = frame.image[..., ::-1] if frame.encoding.startswith("bgr") else frame.image
+        points = self._cloud.points(frame.depth, image)
+        message = PointCloud2(fields=_FIELDS, point_step=4 * POINT_FLOATS)
+        message.header.stamp, message.header.frame_id = stamp, frame_id
+        height, width = points.shape[:2]
+        if not self._rows:
+            height, width = 1, height * width
+        message.height, message.width = height, width
+        message.row_step = message.point_step * width
+        message.is_dense = bool(np.isfinite(points[..., 2]).all())
+        message.header.seq = self._publisher.next_sequence()
+        buffer = BytesIO()
+        message.serialize(buffer)
+        head = buffer.getvalue()  # ends with the data's length, 0 so far, and is_dense
+        length = _LENGTH.pack(points.nbytes)
+        self._publisher.publish_bytes(
+            head[: -_LENGTH.size - 1] + length, memoryview(points).cast("B"), head[-1:])
+
+    @property
+    def listeners(self) -> int:
+        """Number of listeners."""
+        return self._publisher.listeners
+
+    def unregister(self) -> None:
+        """Take the topic off the graph."""
+        self._publisher.unregister()

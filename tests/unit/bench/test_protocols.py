@@ -2,6 +2,7 @@
 
 import csv
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,12 +17,14 @@ from aras_visual_servo_bench.asked.experiment import CameraPose, Experiment
 from aras_visual_servo_bench.asked.relative_start import RelativeStart
 from aras_visual_servo_bench.commands.protocol import main
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.pictures import schemes_pictures
-from aras_visual_servo_bench.pictures.schemes_page import main as page
-from aras_visual_servo_bench.pictures.schemes_page import read, speed_part
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.study.results import met
 from aras_visual_servo_bench.study.study import Study
+
+sys.path.insert(0, str(Path(__file__).parents[3] / "docs"))  # the page of schemes is made there
+import schemes_pictures
+from schemes_page import main as page
+from schemes_page import read, speed_part
 
 STUDIES = Path(__file__).parents[3] / "src/aras_visual_servo_bench/config/studies"
 SHIPPED = {path.stem: path for path in STUDIES.glob("*.yaml")}

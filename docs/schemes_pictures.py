@@ -14,12 +14,11 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from aras_visual_servo_base.poses import inverse
-
-from ..running.loop import run
-from ..study.study import Study
-from ..targets.outlines import shape_of
-from .palette import BLUE, INK, VERMILION
-from .style import look, panels
+from aras_visual_servo_bench.pictures.palette import BLUE, INK, VERMILION
+from aras_visual_servo_bench.pictures.style import look, panels
+from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.targets.outlines import shape_of
 
 COLUMNS, WIDTH, HEIGHT = 4, 3.0, 2.8  # panels in a row, and inches of each
 LETTERS = 38  # across a panel

@@ -1,7 +1,7 @@
 """The page of schemes, made of what the protocols left: every scheme with its figures.
 
-    python3 -m aras_visual_servo_bench.pictures.schemes_page --canonical DIR/table.csv \\
-        --domain DIR/table.csv --out docs/schemes.md
+    PYTHONPATH=$(ls -d src/*/src | paste -sd:) .venv/bin/python docs/schemes_page.py \\
+        --canonical DIR/table.csv --domain DIR/table.csv --out docs/schemes.md
 
 What a scheme is stands in its class's own words; nothing on the page is written by hand.
 """
@@ -20,21 +20,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import schemes_pictures as pictures
 
+from aras_visual_servo_bench.commands.running import study_file
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.numbers.statistics import compare_rates, holm, proportion
+from aras_visual_servo_bench.study.study import Study
 from aras_visual_servo_controller.features.base import Feature
 from aras_visual_servo_controller.schemes.registry import SCHEMES
 
-from ..commands.running import study_file
-from ..errors import ExperimentError
-from ..numbers.statistics import compare_rates, holm, proportion
-from ..study.study import Study
-from . import schemes_pictures as pictures
-
 HEAD = """# Schemes
 
-Every visual servoing scheme that ships, in the field's own protocols. Made by `python3 -m
-aras_visual_servo_bench.pictures.schemes_page` from the tables that the protocols leave; `rosrun
-aras_visual_servo_bench protocol canonical --out DIR` makes those anew.
+Every visual servoing scheme that ships, in the field's own protocols. Made by
+`docs/schemes_page.py` from the tables that the protocols leave; `rosrun aras_visual_servo_bench
+protocol canonical --out DIR` makes those anew.
 
 """
 DEGREES = 180.0 / math.pi

@@ -5,7 +5,10 @@ Topics are found by their types, so that other namespaces, cameras and robots ar
 
 from __future__ import annotations
 
+import contextlib
+import io
 import struct
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +25,6 @@ from ..recording.from_graph import Heard
 from ..recording.run import Run
 from ..recording.tracks import nearest
 from .described import Described
-from .unclosed import UnclosedBag
 
 if TYPE_CHECKING:
     import rosbag
@@ -100,17 +102,32 @@ def _name(path: Path) -> str:
     return path.resolve().parent.name if stem == "run" else stem
 
 
-def opened(path: Path) -> tuple[rosbag.Bag | UnclosedBag, str]:
+def opened(path: Path) -> tuple[rosbag.Bag, str]:
     """The bag, and what a reader must know of it."""
     import rosbag
 
     try:
         return rosbag.Bag(str(path)), ""
     except rosbag.ROSBagUnindexedException:
-        return UnclosedBag(path), (
+        return _reindexed(path), (
             "the bag was not closed: it is still being recorded, or its recorder was killed. What "
             "is here is what was whole when it was read."
         )
+
+
+def _reindexed(path: Path) -> rosbag.Bag:
+    """An unclosed bag with an index of its whole chunks; the file is left as it is."""
+    import rosbag
+
+    bag = rosbag.Bag(str(path), allow_unindexed=True)
+    # Connections stand in the chunks; again behind them in a bag that was being closed.
+    bag._reader._read_terminal_connection_records = lambda: None
+    with contextlib.suppress(io.UnsupportedOperation):  # it would cut off what is behind them
+        deque(bag.reindex(), maxlen=0)
+    for entries in bag._connection_indexes.values():  # they are of the last, broken chunk too
+        entries[:] = [entry for entry in entries if entry.chunk_pos in bag._chunk_headers]
+    bag._connection_indexes_read = True
+    return bag
 
 
 @dataclass
@@ -148,7 +165,7 @@ class _Topics:
 class Reader(Heard):
     """Reads once all but the pictures, and then the few pictures that are shown."""
 
-    def __init__(self, bag: rosbag.Bag | UnclosedBag, path: Path) -> None:
+    def __init__(self, bag: rosbag.Bag, path: Path) -> None:
         super().__init__(path)
         self._bag = bag
         info = bag.get_type_and_topic_info().topics

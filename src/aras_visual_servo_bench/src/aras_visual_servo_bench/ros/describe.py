@@ -88,6 +88,7 @@ def main() -> int:
     from std_msgs.msg import String
 
     from aras_visual_servo_base.urdf import robot_name
+    from aras_visual_servo_ros.parameters import fetched
     from aras_visual_servo_ros.shutdown import begin_node
 
     from . import target_place
@@ -100,7 +101,7 @@ def main() -> int:
     while not rospy.is_shutdown():
         with contextlib.suppress(rospy.ROSException, OSError):
             if looks % PARAMETERS == 0:
-                parameters = rospy.get_param("/")
+                parameters = fetched("/")
                 text = json.dumps(parameters, sort_keys=True, default=str)
                 if text != told:
                     told = text

@@ -16,13 +16,12 @@ from typing import ClassVar
 import numpy as np
 
 from aras_visual_servo_base.poses import skew
-from aras_visual_servo_camera.interaction import Plane
 
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
 from ..seeing.observation import Need, Observation
 from .base import Measured, plane_in, wrap
-from .points import TOLERANCE, PointFeature, at_plane, point_interaction
+from .points import TOLERANCE, PointFeature, at_plane, places, point_interaction
 
 TURN = 2.0 * np.pi
 SMALLEST = 1e-9  # normalised length below which a direction is undefined
@@ -57,24 +56,6 @@ class NumberedPoints(PointFeature):
         if observation.pixel_count and Need.CORNERS in self.needs:  # of a segmented outline
             return self._matched(points, desired)
         return points, ""
-
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
-        """See Feature.measure."""
-        desired = self.desired_points(goal)
-        points, up_to = self._numbered(observation, desired)
-        w = at_plane(plane_in(observation), points)
-        s, goal_s = points.ravel(), desired.ravel()
-        return Measured(s, goal_s, s - goal_s, point_interaction(points, w),
-                        up_to=up_to)  # fmt: skip
-
-    @staticmethod
-    def _goal_depth(goal: Goal, desired: np.ndarray) -> np.ndarray:
-        """1/Z (n,) of the goal's points, 1/m."""
-        plane = goal.plane or Plane.fronto_parallel(goal.depth)
-        w = plane.A * desired[:, 0] + plane.B * desired[:, 1] + plane.C
-        if not (w > 0.0).all():
-            raise ConfigurationError(f"{goal.name}: a point lies behind the camera")
-        return w
 
 
 class CornerFeature(NumberedPoints):
@@ -113,12 +94,7 @@ class CornerFeature(NumberedPoints):
         w = at_plane(plane_in(observation), points)
         s = self.values(points, w)
         goal_s = self.values(desired, self._goal_depth(goal, desired))
-        error = s - goal_s
-        for i, period in enumerate(self.periods):
-            if period:
-                every = slice(i, None, len(self.parts))
-                error[every] = wrap(error[every], period)
-        return Measured(s, goal_s, error, self.interaction(points, w),
+        return Measured(s, goal_s, self._wrapped(s - goal_s), self.interaction(points, w),
                         up_to=up_to)  # fmt: skip
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
@@ -130,11 +106,15 @@ class CornerFeature(NumberedPoints):
         w = self._goal_depth(goal, desired)
         s = self.values(desired, w)
         moved = np.transpose([self.values(desired + d.reshape(-1, 2), w) - s for d in points.T])
+        return self._wrapped(moved)
+
+    def _wrapped(self, change: np.ndarray) -> np.ndarray:
+        """A change of s, (k,) or (k, m), its angles wrapped."""
         for i, period in enumerate(self.periods):
             if period:
                 every = slice(i, None, len(self.parts))
-                moved[every] = wrap(moved[every], period)
-        return moved
+                change[every] = wrap(change[every], period)
+        return change
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
         """See Feature.desired_interaction."""
@@ -196,11 +176,11 @@ class Points3D(CornerFeature):
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
         """See CornerFeature.values."""
-        return _places(points, inverse_depth).ravel()
+        return places(points, inverse_depth).ravel()
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
         """See CornerFeature.interaction."""
-        X, Y, Z = _places(points, inverse_depth).T
+        X, Y, Z = places(points, inverse_depth).T
         L = np.zeros((len(X), 3, 6))
         L[:, 0, 0] = L[:, 1, 1] = L[:, 2, 2] = -1.0
         L[:, 0, 4], L[:, 0, 5] = -Z, Y
@@ -226,11 +206,11 @@ class Depth(CornerFeature):
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
         """See CornerFeature.values."""
-        return np.log(_places(points, inverse_depth).mean(axis=0)[2:])
+        return np.log(places(points, inverse_depth).mean(axis=0)[2:])
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
         """See CornerFeature.interaction."""
-        X, Y, Z = _places(points, inverse_depth).mean(axis=0)
+        X, Y, Z = places(points, inverse_depth).mean(axis=0)
         return np.array([[0.0, 0.0, -1.0 / Z, -Y / Z, X / Z, 0.0]])
 
 
@@ -397,8 +377,3 @@ def _rows(points: np.ndarray, inverse_depth: np.ndarray) -> tuple[np.ndarray, np
     """L (n, 6) of x and of y of each point."""
     L = point_interaction(points, inverse_depth)
     return L[0::2], L[1::2]
-
-
-def _places(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-    """Points (n, 3) in the camera's frame, m."""
-    return np.column_stack([points, np.ones(len(points))]) / np.asarray(inverse_depth)[:, None]

@@ -15,6 +15,7 @@ from ..goals.goal import Goal
 from ..seeing.observation import Observation
 from .base import Measured, plane_in
 from .luminance import Luminance, grey_of
+from .points import places as places_of
 from .points import point_interaction
 from .pose import PoseInGoalFrame, pose_of_plane
 
@@ -78,13 +79,6 @@ class Matches(Luminance):
         """See Feature.accuracy: by how far the matches miss the plane's motion."""
         return self._missed * np.eye(self._L.shape[0])
 
-    @staticmethod
-    def _places_3d(goal: Goal, desired: np.ndarray) -> np.ndarray:
-        """Points (n, 3) of the goal's plane in its camera frame, m."""
-        plane = goal.plane or Plane.fronto_parallel(goal.depth)
-        w = desired @ (plane.A, plane.B) + plane.C
-        return np.column_stack([desired, np.ones(len(desired))]) / w[:, None]
-
     def _matched(self, observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
         """Points (n, 2) seen and those of the goal, normalised, matched.
 
@@ -142,7 +136,8 @@ class MatchesPose(Matches):
         """See Feature.measure."""
         points, desired = self._matched(observation, goal)
         super().measure(observation, goal)
-        places = self._places_3d(goal, desired)
+        plane = goal.plane or Plane.fronto_parallel(goal.depth)
+        places = places_of(desired, desired @ (plane.A, plane.B) + plane.C)
         s, L = PoseInGoalFrame.of_pose(self, pose_of_plane(places, points), places.mean(axis=0))
         return Measured(s, np.zeros(6), s, L)
 

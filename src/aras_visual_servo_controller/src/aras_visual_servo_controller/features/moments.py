@@ -1,4 +1,4 @@
-"""Image moments of the target: the paper's features.
+"""Image moments of the target: formulas over them, and the paper's features.
 
 With xg, yg the centre of gravity in normalised coordinates and a = m00 the area:
 
@@ -32,7 +32,8 @@ from ..seeing.observation import Need, Observation
 from .base import Feature, Measured, wrap
 
 LEVEL_CAMERA = (True, True, True, False, False, True)  # vx, vy, vz, wz
-FULL = ("xn", "yn", "an", "alpha_full")
+ALPHA, FULL_ALPHA = "alpha", "alpha_full"
+DIRECTED_ORDER = 4  # of moments that tell alpha over the whole turn, with its L
 # px, times the target's width in px: what each of HARMONICS displacements of its outline amounts
 # to, rms; of a goal that this camera has shown the picture is nearly the same, and FRESH is left of
 # it. Measured on squares of 15 to 55 px, drawn with and without physics (0.01 to 0.04).
@@ -42,9 +43,9 @@ PIECES = 16  # of each side of an outline
 
 
 class _AtGoal:
-    """What one goal means for these features, worked out once."""
+    """What one goal means for formulas over moments, worked out once."""
 
-    def __init__(self, goal: Goal, tolerance: float) -> None:
+    def __init__(self, goal: Goal, formulas: tuple[str, ...], tolerance: float) -> None:
         if goal.moments is None:
             raise ConfigurationError(f"{goal.name} holds no moments: teach it anew")
         if goal.depth is None:
@@ -56,9 +57,10 @@ class _AtGoal:
                 goal.moments, goal.depth, self.plane
             )
             orientation = self.reference.orientation
-            self.directed = orientation is not None and not orientation.symmetric
+            self._directed = orientation is not None and not orientation.symmetric
+            self._formulas = formulas
             found = camera_features.compute(
-                goal.moments, camera_features.PAPER, self.plane, self.reference, tolerance
+                goal.moments, self.formulas(goal.moments), self.plane, self.reference, tolerance
             )
         except VisionError as error:
             raise ConfigurationError(f"{goal.name}: {error}") from error
@@ -75,21 +77,26 @@ class _AtGoal:
         depth = 1.0 / self.plane.inverse_depth(*ray[:2])
         self.patch = goal.moments.area * depth**2 / float(self.camera_normal @ ray)
 
+    def formulas(self, moments: Moments) -> tuple[str, ...]:
+        """Those that these moments tell: alpha over the whole turn where the goal's shape has a
+        direction and the moments' order shows it."""
+        if not self._directed or moments.order < DIRECTED_ORDER:
+            return self._formulas
+        return tuple(FULL_ALPHA if name == ALPHA else name for name in self._formulas)
 
-class ImageMoments(Feature):
-    """xn, yn, an (m) and alpha (rad), for vx, vy, vz and wz.
+
+class MomentFeature(Feature):
+    """Base: give `formulas`, one a component, as the camera package's features are written.
+
+    An `alpha` becomes `alpha_full`, over the whole turn, where the goal's third-order moments
+    give it a direction.
 
     Attributes:
         anisotropy: below this a shape is a square, without angle: pixels leave it some.
     """
 
-    name = "moments"
+    formulas: ClassVar[tuple[str, ...]]
     needs = frozenset((Need.MOMENTS,))
-    names = camera_features.PAPER
-    # The means of a second: a friction of the joints leaves less, the noisy camera a tenth.
-    tolerances = (0.0005, 0.0005, 0.001, 0.005)
-    units = ("m", "m", "m", "rad")
-    directions = LEVEL_CAMERA
     anisotropy: ClassVar[float] = 1e-2
 
     def __init__(self) -> None:
@@ -105,23 +112,25 @@ class ImageMoments(Feature):
         moments = observation.moments
         if moments is None:
             raise MeasurementError("no moments in this observation: is it the segmented target's?")
-        full = at.directed and moments.order >= 4
+        formulas = at.formulas(moments)
         try:
             found = camera_features.compute(
-                moments,
-                FULL if full else camera_features.PAPER,
-                plane=self._plane(observation, moments, at),
-                reference=at.reference,
-                tolerance=self.anisotropy,
-            )
+                moments, formulas, self._plane(observation, moments, at), at.reference,
+                self.anisotropy,
+            )  # fmt: skip
         except (VisionError, ArithmeticError) as error:
             raise MeasurementError(str(error)) from error
         if found.degenerate:
             name, reason = next(iter(found.degenerate.items()))
             raise MeasurementError(f"feature {name} is undefined: {reason}")
         error = found.values - at.s
-        error[3] = wrap(error[3], 2.0 * np.pi if full else np.pi)
-        return Measured(found.values, at.s, error, found.L, up_to="" if full else "180°")
+        up_to = ""
+        for i, formula in enumerate(formulas):
+            if formula == FULL_ALPHA:
+                error[i] = wrap(error[i])
+            elif formula == ALPHA:
+                error[i], up_to = wrap(error[i], np.pi), "180°"
+        return Measured(found.values, at.s, error, found.L, up_to=up_to)
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
         """See Feature.desired_interaction."""
@@ -132,7 +141,7 @@ class ImageMoments(Feature):
         if not observation.pixel_count:
             return None
         at = self._at(goal)
-        formulas = self._formulas(at)
+        formulas = at.formulas(goal.moments)
         size = EDGE / sqrt(observation.pixel_count) / observation.camera.K[0]
         if goal.camera == observation.camera:
             size *= FRESH
@@ -152,13 +161,9 @@ class ImageMoments(Feature):
                 found[i] = 0.5 * wrap(2.0 * found[i], np.pi)
         return found
 
-    @staticmethod
-    def _formulas(at: _AtGoal) -> tuple[str, ...]:
-        return FULL if at.directed else camera_features.PAPER
-
     def _at(self, goal: Goal) -> _AtGoal:
         if self._known is None or self._known.goal is not goal:
-            self._known = _AtGoal(goal, self.anisotropy)
+            self._known = _AtGoal(goal, self.formulas, self.anisotropy)
         return self._known
 
     @staticmethod
@@ -176,6 +181,17 @@ class ImageMoments(Feature):
             raise MeasurementError("the camera looks along the target's plane, not on it")
         depth = sqrt(at.patch * facing / moments.area)
         return Plane(*(normal / (facing * depth)).tolist())
+
+
+class ImageMoments(MomentFeature):
+    """xn, yn, an (m) and alpha (rad), for vx, vy, vz and wz."""
+
+    name = "moments"
+    formulas = names = camera_features.PAPER
+    # The means of a second: a friction of the joints leaves less, the noisy camera a tenth.
+    tolerances = (0.0005, 0.0005, 0.001, 0.005)
+    units = ("m", "m", "m", "rad")
+    directions = LEVEL_CAMERA
 
 
 def displaced(outline: np.ndarray, order: int) -> np.ndarray:

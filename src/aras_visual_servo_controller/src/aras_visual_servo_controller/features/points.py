@@ -109,10 +109,7 @@ class PointFeature(Feature):
     def measure(self, observation: Observation, goal: Goal) -> Measured:
         """See Feature.measure."""
         desired = self.desired_points(goal)
-        points = self._counted(observation, desired)
-        up_to = ""
-        if not self.ordered:
-            points, up_to = self._matched(points, desired)
+        points, up_to = self._numbered(observation, desired)
         inverse_depth = at_plane(plane_in(observation), points)
         s, goal_s = points.ravel(), desired.ravel()
         return Measured(s, goal_s, s - goal_s, point_interaction(points, inverse_depth),
@@ -121,8 +118,7 @@ class PointFeature(Feature):
     def desired_interaction(self, goal: Goal) -> np.ndarray:
         """See Feature.desired_interaction."""
         desired = self.desired_points(goal)
-        plane = goal.plane or Plane.fronto_parallel(goal.depth)
-        return point_interaction(desired, at_plane(plane, desired))
+        return point_interaction(desired, self._goal_depth(goal, desired))
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Feature.accuracy; the points' errors have nothing to do with each other."""
@@ -140,6 +136,23 @@ class PointFeature(Feature):
         self.names = tuple(f"{axis}{i}" for i in range(count) for axis in "xy")
         self.tolerances = (TOLERANCE,) * (2 * count)
         self.units = ("",) * (2 * count)
+
+    @staticmethod
+    def _goal_depth(goal: Goal, desired: np.ndarray) -> np.ndarray:
+        """1/Z (n,) of the goal's points, 1/m."""
+        try:
+            return at_plane(goal.plane or Plane.fronto_parallel(goal.depth), desired)
+        except MeasurementError as error:
+            raise ConfigurationError(f"{goal.name}: {error}") from error
+
+    def _numbered(self, observation: Observation, desired: np.ndarray) -> tuple[np.ndarray, str]:
+        """Points (n, 2) in the order of the goal's, and what stays ambiguous.
+
+        Raises:
+            MeasurementError: another number of points, or one that is not finite.
+        """
+        points = self._counted(observation, desired)
+        return (points, "") if self.ordered else self._matched(points, desired)
 
     def _counted(self, observation: Observation, desired: np.ndarray) -> np.ndarray:
         """The points (n, 2), as many as are desired.
@@ -208,6 +221,11 @@ def at_plane(plane: Plane, points: np.ndarray) -> np.ndarray:
     if not (inverse > 0.0).all():
         raise MeasurementError("a point of the target lies behind the camera")
     return inverse
+
+
+def places(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+    """Points (n, 3) in the camera's frame, m, of (n, 2), normalised, with 1/Z (n,), 1/m."""
+    return np.column_stack([points, np.ones(len(points))]) / np.asarray(inverse_depth)[:, None]
 
 
 def _turn(points: np.ndarray) -> float:

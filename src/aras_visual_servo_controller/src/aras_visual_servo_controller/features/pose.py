@@ -23,6 +23,7 @@ from ..goals.goal import Goal
 from ..seeing.observation import Observation
 from .base import Measured
 from .corners import NumberedPoints
+from .points import places as places_of
 from .points import point_interaction
 
 REFINEMENTS, REFINED = 10, 1e-13
@@ -85,8 +86,7 @@ class RelativePose(NumberedPoints):
     def _places(self, goal: Goal) -> np.ndarray:
         """The goal's points (n, 3) in its camera frame, m."""
         desired = self.desired_points(goal)
-        w = self._goal_depth(goal, desired)
-        return np.column_stack([desired, np.ones(len(desired))]) / w[:, None]
+        return places_of(desired, self._goal_depth(goal, desired))
 
     def _set_count(self, count: int) -> None:
         self.count = count

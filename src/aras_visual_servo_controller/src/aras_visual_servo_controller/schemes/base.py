@@ -50,23 +50,46 @@ class Decision:
     notes: tuple[str, ...] = field(default=())
 
 
-class Scheme(ABC):
-    """Base of all schemes, also of a user's own: constructed as `YourScheme(law)`.
-
-    Most schemes are a `Feature` and need none of this: name the feature's class as the scheme.
+class SchemeBase(ABC):
+    """What schemes and joint controllers have in common.
 
     Attributes (of the class or of the instance):
         needs: of the image.
         names, tolerances, units: (k,) of the features; |error| below it counts as reached.
+    """
+
+    needs: frozenset[Need] = frozenset((Need.MOMENTS,))
+    names: tuple[str, ...]
+    tolerances: Sequence[float]
+    units: Sequence[str] = ()
+
+    def check(self, goal: Goal) -> None:
+        """Refuse a goal that this one cannot servo to, before anything moves.
+
+        Raises:
+            ConfigurationError: what the goal lacks.
+        """
+
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """How well the features of this image, the last one, are measured: see Feature.accuracy."""
+        return None
+
+    def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
+        """What to keep of the view at the goal, by feature's name: see Feature.teach."""
+        return {}
+
+
+class Scheme(SchemeBase):
+    """Base of all schemes, also of a user's own: constructed as `YourScheme(law)`.
+
+    Most schemes are a `Feature` and need none of this: name the feature's class as the scheme.
+
+    Attributes (of the class or of the instance), besides those of SchemeBase:
         law: as given; `gains` of it may be changed while it runs.
         judges_camera: whether the errors have to move as L says if the camera is as believed.
     """
 
     judges_camera: bool = True
-    needs: frozenset[Need] = frozenset((Need.MOMENTS,))
-    names: tuple[str, ...]
-    tolerances: Sequence[float]
-    units: Sequence[str] = ()
 
     def __init__(self, law: Law | None = None) -> None:
         self.law = law if law is not None else Proportional()
@@ -84,40 +107,20 @@ class Scheme(ABC):
             MeasurementError: this image cannot be servoed on; the arm holds still.
         """
 
-    def check(self, goal: Goal) -> None:
-        """Refuse a goal that this scheme cannot servo to, before anything moves.
-
-        Raises:
-            ConfigurationError: what the goal lacks.
-        """
-
-    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """How well the features of this image, the last one, are measured: see Feature.accuracy."""
-        return None
-
-    def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
-        """What to keep of the view at the goal, by feature's name: see Feature.teach."""
-        return {}
-
     def reset(self) -> None:
         """Forget earlier images."""
         self.law.reset()
 
 
-class JointController(ABC):
+class JointController(SchemeBase):
     """A controller that answers the joints itself: MPC, second order. Constructed as `Yours()`.
 
     It is called between images too, under the same limits and the same watchdog as any scheme.
 
-    Attributes (of the class or of the instance):
-        needs, names, tolerances, units: as of a Scheme.
+    Attributes (of the class or of the instance), besides those of SchemeBase:
         output: what `tick` answers: 'position' (rad, m), 'velocity' or 'acceleration'.
     """
 
-    needs: frozenset[Need] = frozenset((Need.MOMENTS,))
-    names: tuple[str, ...]
-    tolerances: Sequence[float]
-    units: Sequence[str] = ()
     output: str = "velocity"
 
     @abstractmethod
@@ -137,17 +140,6 @@ class JointController(ABC):
             dt: s since the previous tick.
             joints: measured.
         """
-
-    def check(self, goal: Goal) -> None:
-        """As Scheme.check."""
-
-    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """As Scheme.accuracy."""
-        return None
-
-    def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
-        """As Scheme.teach."""
-        return {}
 
     def reset(self, arm: Arm) -> None:
         """Begin anew with this arm."""

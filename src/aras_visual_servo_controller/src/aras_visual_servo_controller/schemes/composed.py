@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -11,13 +10,14 @@ from aras_visual_servo_base.names import unknown
 
 from ..arm.inversion import least_squares
 from ..arm.task import RANK_TOLERANCE, Task
-from ..errors import ConfigurationError, MeasurementError
+from ..errors import ConfigurationError
 from ..features.base import Feature, Measured, Stack
 from ..goals.goal import Goal
 from ..laws import Law
-from ..seeing.observation import SEGMENTED, Observation
-from .base import Decision, Scheme
+from ..seeing.observation import Observation
+from .base import Decision
 from .broyden import Broyden
+from .of_feature import OfFeature
 
 INTERACTIONS = ("current", "desired", "mean", "estimated")
 # A gap after which a filter begins anew, s; a jump that no camera makes (an angle that wrapped).
@@ -25,7 +25,7 @@ LONGEST_GAP, LONGEST_JUMP = 0.3, 1.0
 Estimator = Callable[[Observation, Measured], np.ndarray]
 
 
-class Composed(Scheme):
+class Composed(OfFeature):
     """e_dot = law(e), with L at the current view, at the goal, their mean, or estimated.
 
     Attributes:
@@ -49,9 +49,9 @@ class Composed(Scheme):
         ratio: Sequence[float] | None = None,
         estimator: Estimator | None = None,
     ) -> None:
-        super().__init__(law)
         parts = [features] if isinstance(features, Feature) else list(features)
-        self.feature = parts[0] if len(parts) == 1 and weights is None else Stack(parts, weights)
+        alone = len(parts) == 1 and weights is None
+        super().__init__(law, parts[0] if alone else Stack(parts, weights))
         if interaction not in INTERACTIONS:
             raise ConfigurationError(unknown("interaction", interaction, INTERACTIONS))
         if estimator is not None and interaction != "estimated":
@@ -70,45 +70,27 @@ class Composed(Scheme):
             )
         self.interaction, self.smoothing, self.estimator = interaction, float(smoothing), estimator
         self.ratio = None if ratio is None else np.array(ratio, float)
-        self.needs = self.feature.needs
         # An L that is not of this view (desired, mean, estimated) says nothing of the camera.
         self.judges_camera = interaction == "current" and self.feature.geometric
-        self.names, self.units = tuple(self.feature.names), tuple(self.feature.units)
-        self.tolerances = tuple(self.feature.tolerances)
         self._modelled = np.array(self.feature.directions, bool)
         self._filter: tuple[float, np.ndarray] | None = None
 
     def reset(self) -> None:
         """See Scheme.reset."""
         super().reset()
-        self.feature.reset()
         if self.estimator is not None and hasattr(self.estimator, "reset"):
             self.estimator.reset()
         self._filter = None
 
     def check(self, goal: Goal) -> None:
         """See Scheme.check."""
-        self.feature.check(goal)
-        self.names, self.units = tuple(self.feature.names), tuple(self.feature.units)
-        self.tolerances = tuple(self.feature.tolerances)
+        super().check(goal)
         if self.interaction in ("desired", "mean"):
             self.feature.desired_interaction(goal)
 
-    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """See Scheme.accuracy."""
-        return self.feature.accuracy(observation, goal)
-
-    def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
-        """See Scheme.teach."""
-        parts = self.feature.features if isinstance(self.feature, Stack) else (self.feature,)
-        taught = {f.name or type(f).__name__: f.teach(observation) for f in parts}
-        return {name: entry for name, entry in taught.items() if entry}
-
     def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
         """See Scheme.compute."""
-        if self.needs & SEGMENTED and not observation.valid:
-            raise MeasurementError(observation.reason or "the target is not visible")
-        measured = self.feature.measure(observation, goal)
+        measured = self.measured(observation, goal)
         L = self._interaction(observation, measured, goal)
         modelled = L * self._modelled
         filtered = self._smoothed(measured.error, observation.stamp)

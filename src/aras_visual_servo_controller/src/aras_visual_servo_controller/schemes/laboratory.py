@@ -7,15 +7,14 @@ from typing import ClassVar
 import numpy as np
 
 from ..arm.task import Task
-from ..errors import MeasurementError
 from ..features.moments import LEVEL_CAMERA, ImageMoments
 from ..goals.goal import Goal
-from ..laws import Law
 from ..seeing.observation import Observation
-from .base import Decision, Scheme
+from .base import Decision
+from .of_feature import OfFeature
 
 
-class Laboratory2016(Scheme):
+class Laboratory2016(OfFeature):
     """The paper's features with the laboratory's inverse matrix and the ratio of its gains.
 
     v = Lambda L^-1 e_dot, where L^-1 = -I with the last column (-yn, xn, 0, -1): that of a target
@@ -26,43 +25,27 @@ class Laboratory2016(Scheme):
     scaled, or it would take minutes.
     """
 
+    made_of = ImageMoments
     ratio: ClassVar[tuple[float, ...]] = (1.0, 120.0 / 140.0, 60.0 / 140.0, 30.0 / 140.0)
-
-    def __init__(self, law: Law | None = None) -> None:
-        super().__init__(law)
-        self.feature = ImageMoments()
-        self.needs, self.names = self.feature.needs, self.feature.names
-        self.tolerances, self.units = self.feature.tolerances, self.feature.units
-        self._modelled = np.array(LEVEL_CAMERA)
-
-    def check(self, goal: Goal) -> None:
-        """See Scheme.check."""
-        self.feature.check(goal)
-
-    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """See Scheme.accuracy."""
-        return self.feature.accuracy(observation, goal)
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
         """See Scheme.compute."""
-        if not observation.valid:
-            raise MeasurementError(observation.reason or "the target is not visible")
-        measured = self.feature.measure(observation, goal)
+        measured, modelled = self.measured(observation, goal), np.array(LEVEL_CAMERA)
         inverse = -np.eye(4)
         inverse[:2, 3] = -measured.s[1], measured.s[0]
         L = np.zeros((4, 6))
-        L[:, self._modelled] = np.linalg.inv(inverse)
+        L[:, modelled] = np.linalg.inv(inverse)
         rotated = np.zeros(6)
-        rotated[self._modelled] = inverse @ measured.error
+        rotated[modelled] = inverse @ measured.error
         wanted = self.law.rate(measured.error, L, rotated, t, observation.dt)
         twist = np.zeros(6)
-        twist[self._modelled] = np.array(self.ratio) * (inverse @ wanted)
+        twist[modelled] = np.array(self.ratio) * (inverse @ wanted)
         return Decision(
             names=self.names,
             features=measured.s,
             desired=measured.desired,
             error=measured.error,
-            task=Task.of_twist(twist, self._modelled),
+            task=Task.of_twist(twist, modelled),
             L=L,
             up_to=measured.up_to,
             notes=measured.notes,

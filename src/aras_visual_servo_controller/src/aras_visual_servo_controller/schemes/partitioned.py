@@ -8,15 +8,16 @@ from ..arm.inversion import least_squares
 from ..arm.task import RANK_TOLERANCE, Task
 from ..errors import MeasurementError
 from ..features.base import wrap
+from ..features.corners import NumberedPoints
 from ..goals.goal import Goal
 from ..seeing.observation import Observation
 from .base import Decision
-from .of_points import OfPoints
+from .of_feature import OfFeature
 
 ALONG = np.array([False, False, True, False, False, True])  # vz, wz
 
 
-class Partitioned(OfPoints):
+class Partitioned(OfFeature):
     """vz by the root of the points' area, wz by the angle of their first edge, the rest by L.
 
     With s = log(area) / 2 and theta the angle of the edge, vz = gain Z (s* - s) and wz = gain
@@ -25,6 +26,8 @@ class Partitioned(OfPoints):
     P. Corke and S. Hutchinson, A new partitioned approach to image-based visual servo control,
     IEEE Transactions on Robotics and Automation 17(4), 2001.
     """
+
+    made_of = NumberedPoints
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
         """See Scheme.compute."""

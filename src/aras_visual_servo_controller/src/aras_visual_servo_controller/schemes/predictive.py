@@ -8,16 +8,17 @@ import numpy as np
 
 from ..arm.task import Task
 from ..errors import MeasurementError
+from ..features.corners import NumberedPoints
 from ..goals.goal import Goal
 from ..laws import Law
 from ..seeing.observation import Observation
 from .base import Decision
-from .of_points import OfPoints
+from .of_feature import OfFeature
 
 GAIN = 1.0  # 1/s, of a law that says none
 
 
-class Predictive(OfPoints):
+class Predictive(OfFeature):
     """The twist whose predicted way of the points fits a decay best and never leaves the picture.
 
     Over `horizon` seconds the camera flies with one twist v; at each of `steps` instants the
@@ -29,6 +30,7 @@ class Predictive(OfPoints):
     Predictive control for constrained image-based visual servoing, IEEE T-RO 26(5), 2010.
     """
 
+    made_of = NumberedPoints
     horizon: ClassVar[float] = 0.4
     steps: ClassVar[int] = 4
     effort: ClassVar[float] = 1e-4

@@ -1,0 +1,62 @@
+"""What schemes share that are built on one feature: its names, needs, goal and measurement."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from ..errors import MeasurementError
+from ..features.base import Feature, Measured, Stack
+from ..goals.goal import Goal
+from ..laws import Law
+from ..seeing.observation import SEGMENTED, Observation
+from .base import Scheme
+
+
+class OfFeature(Scheme):
+    """Base: give `compute`; s, s* and L come by `measured`.
+
+    Attributes:
+        feature: of the class `made_of`, or as given.
+    """
+
+    made_of: ClassVar[type[Feature]]
+
+    def __init__(self, law: Law | None = None, feature: Feature | None = None) -> None:
+        super().__init__(law)
+        self.feature = self.made_of() if feature is None else feature
+        self.needs = self.feature.needs
+        self._describe()
+
+    def reset(self) -> None:
+        """See Scheme.reset."""
+        super().reset()
+        self.feature.reset()
+
+    def check(self, goal: Goal) -> None:
+        """See Scheme.check."""
+        self.feature.check(goal)
+        self._describe()
+
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """See Scheme.accuracy."""
+        return self.feature.accuracy(observation, goal)
+
+    def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
+        """See Scheme.teach."""
+        parts = self.feature.features if isinstance(self.feature, Stack) else (self.feature,)
+        taught = {f.name or type(f).__name__: f.teach(observation) for f in parts}
+        return {name: entry for name, entry in taught.items() if entry}
+
+    def measured(self, observation: Observation, goal: Goal) -> Measured:
+        """The feature in an image; MeasurementError where it cannot be measured."""
+        if self.needs & SEGMENTED and not observation.valid:
+            raise MeasurementError(observation.reason or "the target is not visible")
+        return self.feature.measure(observation, goal)
+
+    def _describe(self) -> None:
+        """Take the feature's names, tolerances and units; it may learn them from the goal."""
+        self.names, self.units = tuple(self.feature.names), tuple(self.feature.units)
+        self.tolerances = tuple(self.feature.tolerances)

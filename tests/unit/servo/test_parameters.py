@@ -14,7 +14,7 @@ from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.features.moments import ImageMoments
 from aras_visual_servo_controller.goals.starts import start_joints
 from aras_visual_servo_controller.loop.state import ServoSettings
-from aras_visual_servo_controller.settings import SERVO, Settings
+from aras_visual_servo_controller.settings import Settings
 
 SOURCES = Path(__file__).parents[3] / "src"
 PACKAGE = SOURCES / "aras_visual_servo_controller"
@@ -175,7 +175,10 @@ def test_every_number_has_its_bound_and_takes_what_lies_at_it():
         ({"elbow": {"J2": 1}}, "J2 is no elbow"),
         ({"max_velocity": 9.0}, "beyond the robot's own"),
         ({"lead": {"J4": 0.1}}, "~lead names the joint J4"),
-        ({"output": "torque"}, "output 'torque' is unknown"),
+        ({"output": "torque"}, "~output is 'torque': known are position, velocity, effort"),
+        ({"lead": -0.01}, "~lead is -0.01, must be >= 0 m, rad"),
+        ({"damping": {"J2": -1.0}}, "~damping.J2 is -1.0, must be >= 0"),
+        ({"stiffness": [1.0, 2.0]}, "stiffness is .1.0, 2.0.: one number, or a number for each of"),
         ({"camera_frame": "camera"}, "did you mean 'camera_link'"),
     ],
 )
@@ -278,8 +281,9 @@ def test_every_parameter_is_in_the_readme_with_its_unit_and_default():
 def test_defaults_of_the_loop_are_those_of_its_parameters():
     plain, loop = Settings(), ServoSettings()
     shared = {field.name for field in fields(Settings)} & {f.name for f in fields(ServoSettings)}
-    assert shared >= {*SERVO, "start", "duration"}
-    assert all(getattr(plain, name) == getattr(loop, name) for name in SERVO)
+    assert shared >= {"hold", "lead", "watchdog", "output", "start", "duration"}
+    same = shared - {"start", "duration"}  # of a run without end one says 0, the other inf
+    assert all(getattr(plain, name) == getattr(loop, name) for name in same)
 
 
 def test_a_user_s_own_feature_by_name(arm, tmp_path, monkeypatch):

@@ -37,7 +37,7 @@ from .goals.teaching import by_geometry
 from .laws import LAWS, Law, create_law
 from .laws.proportional import GREATEST_GAIN
 from .loop.servo import Servo
-from .loop.state import ServoSettings
+from .loop.state import ByJoint, ServoSettings, by_joint
 from .schemes import JointController, Scheme, create_scheme
 from .seeing.observation import Need, Observer
 
@@ -51,24 +51,18 @@ LAW_GAINS = {
 # Parameters that are said for some of the joints, by name.
 BY_JOINT = ("max_velocity", "max_acceleration", "lower", "upper", "posture", "elbow", "lead",
             "stiffness", "damping", "controllers")  # fmt: skip
-SERVO = (
-    "hold", "lead", "lag", "delay", "watchdog", "stop_time", "output", "stiffness", "damping",
-    "approach_speed",
-)  # fmt: skip
 OUTLINE = "outline"  # the tracker that takes the corners of what was segmented
-LOOP = ServoSettings  # its defaults are those of the parameters
 # Names of former versions.
 ALIASES = {"pitch_gain": "hold_gain"}
 # Parameters that are names on a ROS graph.
 NAMES = ("namespace", "camera_namespace", "command_topic", "description")
 LEGAL = re.compile(r"[~/]?[A-Za-z][\w/]*", re.ASCII)
-ByJoint = float | tuple[float, ...] | Mapping[str, float]
 
 
-def by_joint(default: float | None, unit: str, text: str) -> Any:
-    """A parameter that may be said for each joint."""
-    wanted = "a number, a list of numbers in the arm's order, or {joint: number}"
-    return parameter(default, unit, text, wanted=wanted)
+def of_loop(name: str) -> Any:
+    """The parameter that is a setting of the loop itself, as that has it."""
+    field = ServoSettings.__dataclass_fields__[name]
+    return parameter(field.default, **field.metadata)
 
 
 @dataclass(frozen=True)
@@ -104,7 +98,7 @@ class Settings:
                            "camera", name=True)  # fmt: skip
     desired: str = parameter("auto", "", "goal: auto (that of the start), a name, or a YAML file",
                              name=True)  # fmt: skip
-    hold: float = parameter(LOOP.hold, "s", "over which the mean error has to be small", above=0.0)
+    hold: float = of_loop("hold")
     duration: float = parameter(0.0, "s", "of servoing before it has timed out; 0: no end",
                                 least=0.0)  # fmt: skip
     max_velocity: ByJoint | None = by_joint(None, "m/s, rad/s", "of each joint; the description's, "
@@ -123,21 +117,16 @@ class Settings:
     singularity_avoidance: bool = parameter(False, "", "climb manipulability, where free")
     elbow: ByJoint | None = by_joint(None, "", "side to which stretched elbows bend: -1 or 1, or "
                                      "by joint")  # fmt: skip
-    lead: ByJoint = by_joint(LOOP.lead, "m, rad", "by which a command may be ahead of its joint")
-    lag: float = parameter(LOOP.lag, "s", "of joint speed by which it may be ahead besides",
-                           least=0.0)  # fmt: skip
-    approach_speed: float = parameter(LOOP.approach_speed, "", "part of max_velocity on the way to "
-                                      "the start", above=0.0, most=1.0)  # fmt: skip
-    delay: float = parameter(LOOP.delay, "s", "from exposure to its answer, in simulated time",
-                             least=0.0)  # fmt: skip
-    watchdog: float = parameter(LOOP.watchdog, "s", "without a fresh answer (or three image "
-                                "periods) before the arm is stopped", above=0.0)  # fmt: skip
+    lead: ByJoint = of_loop("lead")
+    lag: float = of_loop("lag")
+    approach_speed: float = of_loop("approach_speed")
+    delay: float = of_loop("delay")
+    watchdog: float = of_loop("watchdog")
     wall_watchdog: float = parameter(5.0, "s", "of wall time without one, likewise", above=0.0)
-    stop_time: float = parameter(LOOP.stop_time, "s", "in which a stop comes to rest", above=0.0,
-                                 most=10.0)  # fmt: skip
-    output: str = parameter(LOOP.output, "", "what is commanded: position, velocity or effort")
-    stiffness: ByJoint = by_joint(LOOP.stiffness, "N/m, N m/rad", "of the effort output")
-    damping: ByJoint = by_joint(LOOP.damping, "N s/m, N m s/rad", "of the effort output")
+    stop_time: float = of_loop("stop_time")
+    output: str = of_loop("output")
+    stiffness: ByJoint = of_loop("stiffness")
+    damping: ByJoint = of_loop("damping")
     camera_frame: str = parameter("camera_optical_frame", "", "of the camera, in the description")
     base_frame: str = parameter("", "", "link that the arm stands on; empty: the root")
     target_frame: str = parameter("", "", "link that carries the target, where the arm moves it")
@@ -360,14 +349,12 @@ class Settings:
         """
         limits = self.limits(arm)
         start = start_joints(self.start, arm, self.package)
-        values = {name: getattr(self, name) for name in SERVO}
+        shared = (f.name for f in fields(ServoSettings) if hasattr(self, f.name))
+        values = {name: getattr(self, name) for name in shared}
         for name in ("lead", "stiffness", "damping"):
             values[name] = per_joint(name, values[name], arm)
-        settings = ServoSettings(
-            start=None if start is None else tuple(start.tolist()),
-            duration=self.duration or np.inf,
-            **values,
-        )
+        values["start"] = None if start is None else tuple(start.tolist())
+        values["duration"] = self.duration or np.inf
         scheme = scheme if scheme is not None else self.make_scheme()
         if goal is None:
             goal = self.load_goal().for_arm(arm)
@@ -378,7 +365,7 @@ class Settings:
             arm,
             goal,
             self.resolver(arm, limits) if resolver is None else resolver,
-            settings,
+            ServoSettings(**values),
             clock,
             self.scheme,
         )

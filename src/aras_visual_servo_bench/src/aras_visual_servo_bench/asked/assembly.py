@@ -13,6 +13,7 @@ from aras_visual_servo_base.poses import inverse, transform
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.arm.limits import check_inside
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError, UnreachableError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.goals.starts import start_joints
@@ -252,7 +253,7 @@ class _Builder:
             joints = start_joints(self.experiment.goal, self.true_arm, self.loop_settings.package)
         except ConfigurationError as error:  # it speaks of a start, which it mostly is
             raise ExperimentError(str(error).replace("parameter ~start", "goal", 1)) from error
-        self._within(joints, "goal")
+        check_inside(joints, self.true_arm, "goal")
         return joints
 
     def _computed(self, goal: Goal, arm: Arm | FreeBody) -> Goal | None:
@@ -309,19 +310,10 @@ class _Builder:
         joints = start_joints(start, self.true_arm, self.loop_settings.package)
         if joints is None:
             raise ExperimentError("start is 'none', but a plant has to begin somewhere")
-        self._within(joints, "start")
+        check_inside(joints, self.true_arm, "start")
         if isinstance(arm, FreeBody):
             return arm.coordinates(self.true_arm.pose(joints))
         return joints
-
-    def _within(self, joints: np.ndarray, what: str) -> None:
-        """ExperimentError for joints (n,) beyond their limits."""
-        arm = self.true_arm
-        for i in np.flatnonzero((joints < arm.lower) | (joints > arm.upper)):
-            raise ExperimentError(
-                f"{what} puts {arm.names[i]} at {joints[i]:.4f}, outside its limits "
-                f"{arm.lower[i]:.4f} to {arm.upper[i]:.4f}"
-            )
 
 
 @lru_cache(maxsize=32)

@@ -109,3 +109,12 @@ def _merged(key: str, names: Sequence[str], own: np.ndarray, given: Given) -> np
     if np.isnan(values).any():
         raise ConfigurationError(f"limits: {key} is {given!r}: not a number")
     return values
+
+
+def check_inside(q: np.ndarray, of: Limits | Arm, what: str) -> None:
+    """ConfigurationError for joints (n,) that `what` puts beyond the limits of these."""
+    for i in np.flatnonzero(~((q >= of.lower) & (q <= of.upper))):
+        raise ConfigurationError(
+            f"{what} puts {of.names[i]} at {q[i]:.4f}, outside its limits "
+            f"{of.lower[i]:.4f} to {of.upper[i]:.4f}"
+        )

@@ -36,6 +36,7 @@ from aras_visual_servo_camera.kernel import kernel_of_outline
 from aras_visual_servo_camera.moments import MAX_ORDER, Moments, Pinhole
 from aras_visual_servo_camera.undistortion import CameraModel
 
+from ..arm.limits import check_inside
 from ..errors import ConfigurationError, ServoError, UnreachableError
 from ..seeing.observation import Observation
 from ..seeing.target_geometry import TargetGeometry
@@ -247,13 +248,7 @@ class Goal:
 
     def _posed(self, arm: Arm) -> Goal:
         q = self.joint_values(arm.names)
-        outside = np.flatnonzero((q < np.asarray(arm.lower)) | (q > np.asarray(arm.upper)))
-        if outside.size:
-            i = int(outside[0])
-            raise ConfigurationError(
-                f"{self.name} has {arm.names[i]} at {q[i]:.4f}, outside its limits "
-                f"{arm.lower[i]:.4f} to {arm.upper[i]:.4f}"
-            )
+        check_inside(q, arm, f"the goal {self.name}")
         pose = np.array(arm.pose(q))
         if self.world_T_camera is None:
             return replace(self, world_T_camera=pose)

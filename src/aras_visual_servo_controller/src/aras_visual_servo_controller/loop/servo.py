@@ -45,7 +45,6 @@ from .state import (
     ServoSettings,
     ServoState,
     Source,
-    check_settings,
 )
 from .task_follower import Pursuit, checked_resolution
 
@@ -94,7 +93,7 @@ class Servo:
         self.clock = clock
         self.goal = goal.for_arm(arm)
         checked_goal(self.name, scheme, self.goal)
-        check_settings(self.settings, arm.names, resolver.limits)
+        self.settings.check_for(arm.names, resolver.limits)
         if self._answers_joints and scheme.output not in CONTROLLED:
             raise ConfigurationError(
                 unknown(f"output of scheme {self.name}", scheme.output, CONTROLLED)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_base.settings import check, parameter
+
+from ..arm.limits import Limits, check_inside
 from ..arm.resolution import Resolution, rank
 from ..arm.task import Task
 from ..errors import ConfigurationError
@@ -15,60 +18,89 @@ from ..judging.arrival import NOT_ARRIVED, Arrived
 from ..schemes.base import Decision
 from ..seeing.joint_sample import JointSample
 
-if TYPE_CHECKING:
-    from ..arm.limits import Limits
-
 WAITING, APPROACHING, SERVOING = "waiting", "approaching", "servoing"
 CONVERGED, HOLDING, STOPPED = "converged", "holding", "stopped"
 OUTPUTS = ("position", "velocity", "effort")
 PHASES = (WAITING, APPROACHING, SERVOING, CONVERGED, HOLDING, STOPPED)
 
 
+ByJoint = float | tuple[float, ...] | Mapping[str, float]
+
+
+def by_joint(default: float | None, unit: str, text: str, **bounds: float) -> Any:
+    """A setting that may be said for each joint."""
+    wanted = "a number, a list of numbers in the arm's order, or {joint: number}"
+    return parameter(default, unit, text, wanted=wanted, **bounds)
+
+
 @dataclass(frozen=True)
 class ServoSettings:
     """Numbers of the loop; where a value may be one number or (n,), one counts for all joints.
 
+    The parameters of the node and the experiments have units, defaults, bounds and words of these.
+
     Attributes:
         start: (n,) joints to go to before the eyes are opened; None: servo from anywhere.
-        hold: s over which the mean of the measured error is judged.
-        approach_speed: part of the joints' greatest speed used to reach the start.
-        arrived: distance from the start that counts as there, rad or m.
-        push: 1/s with which the command runs after a joint that stays short of the start.
-        settle: s to stand still at the start before servoing.
-        longest_step: s; a longer gap between ticks is integrated as this long.
-        lead, lag: a command may be ahead of the measured joint by lead + lag |its speed|, rad or m
-            and s; then all wait: friction that holds a joint does not let its command walk away.
-        delay: s from an exposure to when its answer counts (simulated time, computing included);
-            0: at once.
-        watchdog, watchdog_images: without a fresh answer for this long, s, or for so many image
-            periods, whichever is longer, the arm is stopped smoothly.
-        stop_time: s in which a smooth stop comes to rest, if the acceleration limits allow it.
-        resolve_period: s for which joint velocities are kept before they are worked out anew;
-            those of an arm that moves slowly, away from its limits, serve until the next image
-            or for 0.05 s.
-        output: what is sent: 'position', 'velocity' or 'effort'.
-        stiffness, damping: of the effort output, per rad or m of what the command is ahead.
+        lead, lag: of what a command may be ahead of the measured joint, lead + lag |its speed|;
+            then all wait: friction that holds a joint does not let its command walk away.
         duration: s of servoing after which the run has timed out; inf: never.
     """
 
     start: Sequence[float] | None = None
-    hold: float = 2.0
-    approach_speed: float = 0.3
-    arrived: float | Sequence[float] = 0.005
-    push: float = 3.0
-    settle: float = 0.3
-    longest_step: float = 0.1
-    lead: float | Sequence[float] = 0.05
-    lag: float = 0.15
-    delay: float = 0.0
-    watchdog: float = 0.2
-    watchdog_images: float = 3.0
-    stop_time: float = 0.15
-    resolve_period: float = 0.01
-    output: str = "position"
-    stiffness: float | Sequence[float] = 0.0
-    damping: float | Sequence[float] = 0.0
-    duration: float = float("inf")
+    hold: float = parameter(2.0, "s", "over which the mean error has to be small", above=0.0)
+    approach_speed: float = parameter(
+        0.3, "", "part of max_velocity on the way to the start", above=0.0, most=1.0
+    )
+    arrived: float | Sequence[float] = parameter(
+        0.005, "m, rad", "distance from the start that counts as there", least=0.0
+    )
+    push: float = parameter(
+        3.0, "1/s", "with which the command runs after a joint that stays short of the start",
+        least=0.0,
+    )  # fmt: skip
+    settle: float = parameter(0.3, "s", "to stand still at the start before servoing", least=0.0)
+    longest_step: float = parameter(
+        0.1, "s", "as long as which a longer gap between ticks is integrated", above=0.0
+    )
+    lead: ByJoint = by_joint(0.05, "m, rad", "by which a command may be ahead of its joint",
+                             least=0.0)  # fmt: skip
+    lag: float = parameter(0.15, "s", "of joint speed by which it may be ahead besides", least=0.0)
+    delay: float = parameter(0.0, "s", "from exposure to its answer, in simulated time", least=0.0)
+    watchdog: float = parameter(
+        0.2, "s", "without a fresh answer (or three image periods) before the arm is stopped",
+        above=0.0,
+    )  # fmt: skip
+    watchdog_images: float = parameter(3.0, "", "image periods that count likewise", least=0.0)
+    stop_time: float = parameter(0.15, "s", "in which a stop comes to rest", above=0.0, most=10.0)
+    # Those of an arm that moves slowly, away from its limits, serve until the next image or 0.05 s.
+    resolve_period: float = parameter(
+        0.01, "s", "for which joint velocities are kept before they are worked out anew", above=0.0
+    )
+    output: str = parameter("position", "", "what is commanded: position, velocity or effort",
+                            choices=OUTPUTS)  # fmt: skip
+    stiffness: ByJoint = by_joint(0.0, "N/m, N m/rad", "of the effort output", least=0.0)
+    damping: ByJoint = by_joint(0.0, "N s/m, N m s/rad", "of the effort output", least=0.0)
+    duration: float = parameter(float("inf"), "s", above=0.0)
+
+    def __post_init__(self) -> None:
+        check(self, ConfigurationError)
+
+    def check_for(self, names: Sequence[str], limits: Limits) -> None:
+        """Refuse what does not fit an arm with these joints.
+
+        Raises:
+            ConfigurationError: naming the setting, its value and what would be right.
+        """
+        for key in ("arrived", "lead", "stiffness", "damping", "start"):
+            value = getattr(self, key)
+            shapes = ((len(names),),) if key == "start" else ((), (len(names),))
+            if value is not None and np.shape(value) not in shapes:
+                raise ConfigurationError(
+                    f"{key} is {value}: " + ("a" if key == "start" else "one number, or a")
+                    + f" number for each of {', '.join(names)} is needed"
+                )
+        if self.start is not None:
+            check_inside(np.asarray(self.start, float), limits, "start")
 
 
 @dataclass(frozen=True)
@@ -179,40 +211,3 @@ class ServoState:
     def error(self) -> np.ndarray | None:
         """(k,) as measured; None without a decision."""
         return None if self.decision is None else self.decision.error
-
-
-def check_settings(settings: ServoSettings, names: Sequence[str], limits: Limits) -> None:
-    """Refuse settings that do not fit an arm with these joints.
-
-    Raises:
-        ConfigurationError: naming the setting, its value and what would be right.
-    """
-    joints = ", ".join(names)
-    if settings.output not in OUTPUTS:
-        raise ConfigurationError(f"output '{settings.output}' is unknown: {', '.join(OUTPUTS)}")
-    for key in ("hold", "delay", "settle", "lag", "push", "watchdog_images"):
-        if not (np.isfinite(getattr(settings, key)) and getattr(settings, key) >= 0.0):
-            raise ConfigurationError(f"{key} is {getattr(settings, key)}, it must be >= 0")
-    for key in ("watchdog", "longest_step", "stop_time", "approach_speed", "resolve_period"):
-        if not (np.isfinite(getattr(settings, key)) and getattr(settings, key) > 0.0):
-            raise ConfigurationError(f"{key} is {getattr(settings, key)}, it must be above 0")
-    if not settings.duration > 0.0:
-        raise ConfigurationError(f"duration is {settings.duration}, it must be above 0 s")
-    for key in ("arrived", "lead", "stiffness", "damping"):
-        value = np.asarray(getattr(settings, key), float)
-        if value.shape not in ((), (len(names),)) or not (value >= 0.0).all():
-            raise ConfigurationError(
-                f"{key} is {getattr(settings, key)}: one number >= 0, or one for each of {joints}"
-            )
-    if settings.start is None:
-        return
-    start = np.asarray(settings.start, float)
-    if start.shape != (len(names),) or not np.isfinite(start).all():
-        raise ConfigurationError(
-            f"the start {settings.start} must be a number for each of {joints}"
-        )
-    for i in np.flatnonzero((start < limits.lower) | (start > limits.upper)):
-        raise ConfigurationError(
-            f"the start puts {names[i]} at {start[i]:.6g}, outside its limits "
-            f"{limits.lower[i]:.6g} to {limits.upper[i]:.6g}"
-        )

@@ -14,7 +14,7 @@ SCHEME = "aras_visual_servo_bench.learning.learned:Learned"
 
 
 def test_without_weights_one_line_says_how_to_make_them(monkeypatch, tmp_path):
-    monkeypatch.setenv(learned.VARIABLE, str(tmp_path / "none.npz"))
+    monkeypatch.setenv("ARAS_LEARNED_WEIGHTS", str(tmp_path / "none.npz"))
     with pytest.raises(ExperimentError, match="has no weights at .*none.npz: make it: python3 -m"):
         run(Experiment(plant="ideal", features="exact", scheme=SCHEME))
     (tmp_path / "bad.npz").write_text("no numbers")

@@ -11,10 +11,7 @@ idea; ours sees moments, and learns in a minute.
 
 from __future__ import annotations
 
-import argparse
-import os
 import sys
-from pathlib import Path
 
 import numpy as np
 
@@ -29,13 +26,9 @@ from aras_visual_servo_controller.schemes import Decision, Scheme
 from aras_visual_servo_controller.seeing.observation import Need, Observation, Observer
 
 from ..asked.experiment import Sampler
-from ..asked.packages import PackagePath
-from ..errors import ExperimentError, ViewError
-from .regressor import Regressor, fitted
+from ..errors import ViewError
+from .regressor import Regressor, fitted, teach
 
-WEIGHTS = Path(PackagePath().find("aras_visual_servo_bench")) / "config" / "learned.npz"
-VARIABLE = "ARAS_LEARNED_WEIGHTS"  # of the environment: another file
-MAKE = "make it: python3 -m aras_visual_servo_bench.learning.learned"
 LEVEL = (True, True, True, False, False, True)
 HIDDEN = (64, 64)
 
@@ -54,7 +47,7 @@ def inputs(moments: Moments) -> np.ndarray:
 class Network(Regressor):
     """Layers of tanh; see Regressor for its arrays."""
 
-    what, make = "the learned scheme", MAKE
+    what, module = "the learned scheme", "learned"
     activation = np.tanh
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
@@ -72,7 +65,7 @@ class Learned(Scheme):
 
     def __init__(self, law: Law | None = None) -> None:
         super().__init__(law)
-        self._network = Network.load(Path(os.environ.get(VARIABLE, WEIGHTS)))
+        self._network = Network.load()
         self._goal: Goal | None = None
 
     def check(self, goal: Goal) -> None:
@@ -141,27 +134,15 @@ def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
     )  # fmt: skip
 
 
+def off(found: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far (n,), m, and turned (n,), rad, what is found (n, 4) is from the answers (n, 5)."""
+    turn = wrap(found[:, 3] - np.arctan2(y[:, 4], y[:, 3]))
+    return np.linalg.norm(found[:, :3] - y[:, :3], axis=1), np.abs(turn)
+
+
 def main(argv: list[str] | None = None) -> int:
-    """Make pictures, learn, write the weights, and say how well it knows unseen pictures."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--pictures", type=int, default=4000)
-    parser.add_argument("--out", type=Path, default=WEIGHTS)
-    options = parser.parse_args(argv)
-    try:
-        arrays = train(*pictures(options.pictures))
-    except ExperimentError as error:
-        print(f"learned: {error}", file=sys.stderr)
-        return 1
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(options.out, **arrays)
-    x, y = pictures(200, seed=1)
-    network = Network.load(options.out)
-    found = np.array([network(row) for row in x])
-    off = np.linalg.norm(found[:, :3] - y[:, :3], axis=1)
-    turn = np.abs(wrap(found[:, 3] - np.arctan2(y[:, 4], y[:, 3])))
-    print(f"wrote {options.out}; of 200 unseen pictures half are within {1e3 * np.median(off):.1f} "
-          f"mm and {np.degrees(np.median(turn)):.2f} degrees")  # fmt: skip
-    return 0
+    """Teach the network; returns the exit status."""
+    return teach(Network, argv, __doc__.splitlines()[0], 4000, 200, pictures, train, off)
 
 
 if __name__ == "__main__":

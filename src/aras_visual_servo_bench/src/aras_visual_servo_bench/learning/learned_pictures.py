@@ -12,8 +12,6 @@ is taught in; ours is smaller by a thousand, and learns in minutes on a processo
 
 from __future__ import annotations
 
-import argparse
-import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -38,13 +36,8 @@ from aras_visual_servo_controller.features.luminance import grey_of
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.seeing.observation import Need, Observation
 
-from ..asked.packages import PackagePath
-from ..errors import ExperimentError
-from .regressor import Regressor, fitted
+from .regressor import Regressor, fitted, teach
 
-WEIGHTS = Path(PackagePath().find("aras_visual_servo_bench")) / "config" / "learned_pictures.npz"
-VARIABLE = "ARAS_LEARNED_PICTURES_WEIGHTS"  # of the environment: another file
-MAKE = "make it: python3 -m aras_visual_servo_bench.learning.learned_pictures"
 COLUMNS, ROWS = 28, 21  # of the picture that the network sees
 HIDDEN = (160, 96)
 PROTOCOL, EPOCHS = "convergence_domain", 60
@@ -65,7 +58,7 @@ def _rectified(values: np.ndarray) -> np.ndarray:
 class PoseNetwork(Regressor):
     """Rectified layers; see Regressor for its arrays."""
 
-    what, make = "the learned feature", MAKE
+    what, module = "the learned feature", "learned_pictures"
     activation = staticmethod(_rectified)
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
@@ -85,7 +78,7 @@ class LearnedPose(Feature):
     tolerances, units = (0.002,) * 3 + (0.005,) * 3, ("m",) * 3 + ("rad",) * 3
 
     def __init__(self) -> None:
-        self._network = PoseNetwork.load(Path(os.environ.get(VARIABLE, WEIGHTS)))
+        self._network = PoseNetwork.load()
         self._goal: Goal | None = None
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
@@ -162,26 +155,14 @@ def _smaller(camera: CameraModel) -> CameraModel:
     return CameraModel(camera.width // 4, camera.height // 4, K)
 
 
+def off(found: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How far (n,), m, and turned (n,), rad, what is found (n, 6) is from the answers (n, 6)."""
+    return tuple(np.linalg.norm((found - y)[:, part], axis=1) for part in (np.s_[:3], np.s_[3:]))
+
+
 def main(argv: list[str] | None = None) -> int:
-    """Make pictures, learn, write the weights, and say how well it knows unseen pictures."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--pictures", type=int, default=24_000)
-    parser.add_argument("--out", type=Path, default=WEIGHTS)
-    options = parser.parse_args(argv)
-    try:
-        arrays = train(*pictures(options.pictures))
-    except ExperimentError as error:
-        print(f"learned_pictures: {error}", file=sys.stderr)
-        return 1
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(options.out, **arrays)
-    x, y = pictures(400, seed=1)
-    network = PoseNetwork.load(options.out)
-    off = np.array([network(row) for row in x]) - y
-    far, turn = (np.median(np.linalg.norm(off[:, part], axis=1)) for part in (np.s_[:3], np.s_[3:]))
-    print(f"wrote {options.out}; of 400 unseen pictures half are within {1e3 * far:.0f} mm and "
-          f"{np.degrees(turn):.1f} degrees")  # fmt: skip
-    return 0
+    """Teach the network; returns the exit status."""
+    return teach(PoseNetwork, argv, __doc__.splitlines()[0], 24_000, 400, pictures, train, off)
 
 
 if __name__ == "__main__":

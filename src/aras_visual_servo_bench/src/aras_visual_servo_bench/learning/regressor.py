@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
+import os
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -10,6 +13,7 @@ import numpy as np
 
 from aras_visual_servo_controller.errors import ConfigurationError
 
+from ..asked.packages import PackagePath
 from ..errors import ExperimentError
 
 
@@ -17,12 +21,12 @@ class Regressor:
     """Layers, the last one linear, between scaled inputs (k,) and outputs (m,).
 
     Attributes:
-        what, make: who needs the weights, and the command that makes them, for messages.
+        what: who needs the weights, for messages. module: that makes them, of this package.
         activation: of the hidden layers, number by number.
     """
 
     what: ClassVar[str]
-    make: ClassVar[str]
+    module: ClassVar[str]
     activation: ClassVar[Callable[[np.ndarray], np.ndarray]]
 
     def __init__(self, arrays: Mapping[str, np.ndarray]) -> None:
@@ -34,19 +38,28 @@ class Regressor:
         self._layers = [(wide[f"w{i}"], wide[f"b{i}"]) for i in range(count)]
 
     @classmethod
-    def load(cls, path: Path) -> Self:
-        """From a file.
+    def weights(cls) -> Path:
+        """The shipped file of the weights."""
+        return Path(PackagePath().find("aras_visual_servo_bench")) / "config" / f"{cls.module}.npz"
+
+    @classmethod
+    def load(cls, path: Path | None = None) -> Self:
+        """From a file; None: the one that the environment names, or else the shipped one.
 
         Raises:
             ConfigurationError: there is none, or it is no network.
         """
+        if path is None:
+            variable = f"ARAS_{cls.module.upper()}_WEIGHTS"
+            path = Path(os.environ.get(variable, cls.weights()))
+        make = f"make it: python3 -m aras_visual_servo_bench.learning.{cls.module}"
         if not path.is_file():
-            raise ConfigurationError(f"{cls.what} has no weights at {path}: {cls.make}")
+            raise ConfigurationError(f"{cls.what} has no weights at {path}: {make}")
         try:
             with np.load(path, allow_pickle=False) as file:
                 return cls(dict(file))
         except (OSError, ValueError, KeyError) as error:
-            raise ConfigurationError(f"{path} holds no network ({error}): {cls.make}") from None
+            raise ConfigurationError(f"{path} holds no network ({error}): {make}") from None
 
     def answer(self, x: np.ndarray) -> np.ndarray:
         """Outputs (m,) to inputs (k,)."""
@@ -55,6 +68,40 @@ class Regressor:
             values = type(self).activation(values @ w + b)
         w, b = self._layers[-1]
         return (values @ w + b) * self._out_scale + self._out_mean
+
+
+def teach(
+    kind: type[Regressor], argv: list[str] | None, text: str, count: int, unseen: int,
+    pictures: Callable[..., tuple[np.ndarray, np.ndarray]],
+    train: Callable[[np.ndarray, np.ndarray], dict[str, np.ndarray]],
+    off: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]],
+) -> int:  # fmt: skip
+    """A command that makes pictures, learns, writes the weights, and says how well it knows unseen
+    pictures; returns the exit status.
+
+    Args:
+        text: what it does. count: of pictures, unless told. unseen: pictures to judge it by.
+        pictures: inputs and answers of so many pictures, by a seed.
+        train: arrays of the network. off: distances (n,), m, and angles (n,), rad, by which what is
+            found (n, m) misses the answers.
+    """
+    parser = argparse.ArgumentParser(description=text)
+    parser.add_argument("--pictures", type=int, default=count)
+    parser.add_argument("--out", type=Path, default=kind.weights())
+    options = parser.parse_args(argv)
+    try:
+        arrays = train(*pictures(options.pictures))
+    except ExperimentError as error:
+        print(f"{kind.module}: {error}", file=sys.stderr)
+        return 1
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(options.out, **arrays)
+    x, y = pictures(unseen, seed=1)
+    network = kind.load(options.out)
+    far, turn = (np.median(n) for n in off(np.array([network(row) for row in x]), y))
+    print(f"wrote {options.out}; of {unseen} unseen pictures half are within {1e3 * far:.1f} mm "
+          f"and {np.degrees(turn):.2f} degrees")  # fmt: skip
+    return 0
 
 
 def fitted(

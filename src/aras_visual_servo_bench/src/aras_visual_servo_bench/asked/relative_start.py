@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import exponential, relative, to_xyz_rpy
 from aras_visual_servo_base.settings import check, parameter
 
-from ..errors import ExperimentError, require
+from ..errors import ExperimentError
 
+KINDS = ("turned", "back", "plane", "looking")
 Three = tuple[float, float, float]
 
 
@@ -28,7 +27,7 @@ class RelativeStart:
     scatter: greatest additional offset (m) and turn about each axis, drawn by the seed.
     """
 
-    kind: str
+    kind: str = parameter(choices=KINDS)
     angle: float = 0.0
     axis: Three = (0.0, 0.0, 1.0)
     distance: float = 0.0
@@ -40,12 +39,21 @@ class RelativeStart:
 
     def __post_init__(self) -> None:
         check(self, ExperimentError, "start")
-        require(self.kind in KINDS, f"start.kind is '{self.kind}': {nearest(self.kind, KINDS)}")
 
     def pose(self, goal: np.ndarray, target: np.ndarray, seed: int) -> tuple[float, ...]:
         """x, y, z (m), roll, pitch, yaw (rad) in the world, of the goal's and target's (4, 4)."""
         random = np.random.default_rng((seed, 7919))
-        pose = KINDS[self.kind](self, goal, target, seed, random)
+        angle = np.radians(self.angle)
+        if self.kind == "turned":
+            axis = np.asarray(self.axis) / np.linalg.norm(self.axis)
+            pose = goal @ exponential((0.0, 0.0, 0.0, *(angle * axis)))
+        elif self.kind == "back":
+            pose = goal @ exponential((0.0, 0.0, -self.distance, 0.0, 0.0, 0.0))
+        elif self.kind == "plane":
+            turned = target @ exponential((0.0, 0.0, 0.0, angle, 0.0, 0.0))
+            pose = turned @ relative(target, goal)
+        else:
+            pose = self._looking(goal, target, seed, random)
         offset, turn = self.scatter
         if offset or turn:
             shift = random.uniform(-offset, offset, 3)
@@ -54,60 +62,26 @@ class RelativeStart:
         xyz, rpy = to_xyz_rpy(pose)
         return (*xyz, *rpy)
 
+    def _looking(
+        self, goal: np.ndarray, target: np.ndarray, seed: int, random: np.random.Generator
+    ) -> np.ndarray:
+        """In a box about the goal, looking at a point of a circle on the target, turned.
 
-def _turned(
-    start: RelativeStart, goal: np.ndarray, target: np.ndarray, seed: int,
-    random: np.random.Generator,
-) -> np.ndarray:  # fmt: skip
-    """The camera turned about an axis of its own, on its spot."""
-    axis = np.asarray(start.axis) / np.linalg.norm(start.axis)
-    return goal @ exponential((0.0, 0.0, 0.0, *(np.radians(start.angle) * axis)))
-
-
-def _back(
-    start: RelativeStart, goal: np.ndarray, target: np.ndarray, seed: int,
-    random: np.random.Generator,
-) -> np.ndarray:  # fmt: skip
-    """The camera drawn back along its optical axis."""
-    return goal @ exponential((0.0, 0.0, -start.distance, 0.0, 0.0, 0.0))
-
-
-def _plane(
-    start: RelativeStart, goal: np.ndarray, target: np.ndarray, seed: int,
-    random: np.random.Generator,
-) -> np.ndarray:  # fmt: skip
-    """The camera gone round the target: to it, the target's plane is turned about its x axis."""
-    centred = relative(target, goal)
-    angle = np.radians(start.angle)
-    return target @ exponential((0.0, 0.0, 0.0, angle, 0.0, 0.0)) @ centred
-
-
-def _looking(
-    start: RelativeStart, goal: np.ndarray, target: np.ndarray, seed: int,
-    random: np.random.Generator,
-) -> np.ndarray:  # fmt: skip
-    """In a box about the goal, looking at a point of a circle on the target, turned.
-
-    The protocol of Felton and others: the point lies on one of the circles, the turn about the
-    optical axis runs linearly over the seeds.
-    """
-    offset = random.uniform(-1.0, 1.0, 3) * start.box
-    radius = random.choice(start.radii)
-    around = random.uniform(-np.pi, np.pi)
-    point = target[:3, 3] + target[:3, :3] @ (radius * np.cos(around), radius * np.sin(around), 0.0)
-    place = goal[:3, 3] + goal[:3, :3] @ offset
-    forward = (point - place) / np.linalg.norm(point - place)
-    right = goal[:3, 0] - (goal[:3, 0] @ forward) * forward
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-    pose[:3, 3] = place
-    part = (seed % start.of) / max(start.of - 1, 1)
-    turn = np.radians(start.turn * (2.0 * part - 1.0))
-    return pose @ exponential((0.0, 0.0, 0.0, 0.0, 0.0, turn))
-
-
-Kind = Callable[[RelativeStart, np.ndarray, np.ndarray, int, np.random.Generator], np.ndarray]
-KINDS: dict[str, Kind] = {
-    "turned": _turned, "back": _back, "plane": _plane, "looking": _looking,
-}  # fmt: skip
+        The protocol of Felton and others: the point lies on one of the circles, the turn about the
+        optical axis runs linearly over the seeds.
+        """
+        offset = random.uniform(-1.0, 1.0, 3) * self.box
+        radius = random.choice(self.radii)
+        around = random.uniform(-np.pi, np.pi)
+        on_circle = (radius * np.cos(around), radius * np.sin(around), 0.0)
+        point = target[:3, 3] + target[:3, :3] @ on_circle
+        place = goal[:3, 3] + goal[:3, :3] @ offset
+        forward = (point - place) / np.linalg.norm(point - place)
+        right = goal[:3, 0] - (goal[:3, 0] @ forward) * forward
+        right /= np.linalg.norm(right)
+        pose = np.eye(4)
+        pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+        pose[:3, 3] = place
+        part = (seed % self.of) / max(self.of - 1, 1)
+        turn = np.radians(self.turn * (2.0 * part - 1.0))
+        return pose @ exponential((0.0, 0.0, 0.0, 0.0, 0.0, turn))

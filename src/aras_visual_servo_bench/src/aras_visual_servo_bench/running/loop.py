@@ -73,16 +73,9 @@ class Loop:
 
     def send(self, command: Command) -> None:
         """To the plant's joints, unless it takes the camera's twist itself."""
-        if self._flies:
-            return
-        for kind, values in (
-            ("position", command.positions),
-            ("velocity", command.velocities),
-            ("effort", command.efforts),
-        ):
-            if values is not None:
-                self.plant.command(kind, values)
-                self._recorder.commanded(values)
+        if command.values is not None and not self._flies:
+            self.plant.command(command.kind, command.values)
+            self._recorder.commanded(command.values)
 
     def report(self, state: ServoState) -> None:
         """Keep the answer to an image; what is reported in between is for those who watch."""

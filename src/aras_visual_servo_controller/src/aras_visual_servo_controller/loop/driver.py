@@ -284,9 +284,7 @@ class Driver:
 
     def _send(self, command: Command, repeat: bool = False) -> None:
         """Send; positions that are not new only where a joint does not follow them."""
-        values = command.positions
-        if values is None:
-            values = command.velocities if command.velocities is not None else command.efforts
+        values = command.values
         if values is None or not finite(values, values, values):
             return
         if self._sent is None and self.servo.phase == STOPPED:

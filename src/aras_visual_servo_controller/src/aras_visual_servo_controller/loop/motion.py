@@ -116,16 +116,14 @@ class CommandMotion:
         joints were measured. `effort`: (n,) greatest, N m or N."""
         if self.command is None or measured is None:
             return Command(t, self.names, reason=reason, phase=phase)
-        settings, positions, velocities, efforts = self.settings, None, None, None
-        if settings.output == "position":
-            positions = self.command.copy()
-        elif settings.output == "velocity":
-            velocities = self.velocity.copy()
+        settings = self.settings
+        if settings.output == "effort":
+            values = np.asarray(settings.stiffness) * (self.command - measured.positions)
+            values += np.asarray(settings.damping) * (self.velocity - measured.velocities)
+            values = np.clip(values, -effort, effort)
         else:
-            efforts = np.asarray(settings.stiffness) * (self.command - measured.positions)
-            efforts += np.asarray(settings.damping) * (self.velocity - measured.velocities)
-            efforts = np.clip(efforts, -effort, effort)
-        return Command(t, self.names, positions, velocities, efforts, reason, phase)
+            values = np.array(self.command if settings.output == "position" else self.velocity)
+        return Command(t, self.names, values, settings.output, reason, phase)
 
     def limited(self, velocities: np.ndarray, dt: float) -> tuple[np.ndarray, str]:
         """Velocities (n,) of a controller of its own, slowed as a whole to the joints' limits.

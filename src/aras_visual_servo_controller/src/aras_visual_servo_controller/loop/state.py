@@ -125,18 +125,22 @@ class Command:
     Attributes:
         stamp: of the tick, s.
         names: n joints.
-        positions, velocities, efforts: (n,), of the chosen output alone.
+        values: (n,) to be sent. kind: what they are, one of OUTPUTS.
         reason: what holds the motion back; empty when nothing does.
         phase: of the loop after this tick.
     """
 
     stamp: float
     names: tuple[str, ...]
-    positions: np.ndarray | None = None
-    velocities: np.ndarray | None = None
-    efforts: np.ndarray | None = None
+    values: np.ndarray | None = None
+    kind: str = "position"
     reason: str = ""
     phase: str = ""
+
+    @property
+    def positions(self) -> np.ndarray | None:
+        """(n,) where positions are sent, else None."""
+        return self.values if self.kind == "position" else None
 
 
 @dataclass(frozen=True, eq=False)

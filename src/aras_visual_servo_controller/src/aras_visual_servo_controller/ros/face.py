@@ -58,10 +58,9 @@ class RosFace:
             publisher.unregister()
 
     def send(self, command: Command) -> None:
-        """To the joints, whichever of the three it is."""
-        for values in (command.positions, command.velocities, command.efforts):
-            if values is not None:
-                self.commands.put(values)
+        """To the joints."""
+        if command.values is not None:
+            self.commands.put(command.values)
 
     def report(self, state: State) -> None:
         """Publish the state of one image, and log what is new about it."""

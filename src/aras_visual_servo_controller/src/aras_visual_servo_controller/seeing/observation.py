@@ -191,13 +191,9 @@ class Observer:
         camera: CameraModel,
         joints: JointSample | None = None,
         commands: Sequence[JointSample] = (),
-        image: np.ndarray | None = None,
-        depth: np.ndarray | None = None,
         kernel: ArrayLike | None = None,
-        plane: Plane | None = None,
         pixel_count: int = 0,
         touches: Sequence[str] = (),
-        world_T_camera: np.ndarray | None = None,
     ) -> Observation:
         """From what the camera node measured (ImageMoments), without the picture itself."""
         if valid and moments is not None and (fault := implausible(moments)):
@@ -205,12 +201,9 @@ class Observer:
         if valid and moments is None and Need.MOMENTS in self.needs:
             valid, reason = False, reason or "the camera node sent no moments"
         return self._made(
-            stamp, bool(valid), reason, camera, joints, world_T_camera, commands,
+            stamp, bool(valid), reason, camera, joints, None, commands,
             moments=moments,
-            image=None if image is None else _read_only(image),
-            depth=None if depth is None else _read_only(np.asarray(depth, np.float32)),
             kernel=None if kernel is None else _frozen(kernel),
-            plane=plane,
             pixel_count=int(pixel_count),
             touches=tuple(touches),
         )  # fmt: skip
@@ -225,8 +218,6 @@ class Observer:
         points: ArrayLike | None = None,
         commands: Sequence[JointSample] = (),
         plane: Plane | None = None,
-        kernel: ArrayLike | None = None,
-        order: int = 6,
     ) -> Observation:
         """Exact features of a target, without pictures.
 
@@ -235,14 +226,12 @@ class Observer:
             world_T_camera: (4, 4); from the joints where it is left out.
             contour: (n, 2) outline, normalised: its moments are exact, its vertices the corners.
             points: (n, 2) corners where the contour has others, or where there is none.
-            kernel: (20,) camera/data.
-            order: of the moments.
         """
         valid, reason, moments, corners = True, "", None, None
         if contour is not None:
             contour = corners = _frozen(contour)
             try:
-                moments = Moments.from_polygon(contour, order)
+                moments = Moments.from_polygon(contour)
             except VisionError as error:
                 valid, reason = False, str(error)
         if points is not None:
@@ -254,7 +243,6 @@ class Observer:
         return self._made(
             stamp, valid, reason, camera, joints, world_T_camera, commands,
             moments=moments, contour=contour, corners=corners, plane=plane,
-            kernel=None if kernel is None else _frozen(kernel),
         )  # fmt: skip
 
     def _segmented(

@@ -77,8 +77,8 @@ esac
 # packages of their own.
 building=(
     catkin cmake g++ make python3-venv ros-base ros-message-generation
-    ros-actionlib-msgs ros-geometry-msgs ros-rosgraph-msgs ros-sensor-msgs ros-std-msgs ros-std-srvs
-    ros-tf2-msgs ros-trajectory-msgs
+    ros-actionlib-msgs ros-geometry-msgs ros-nav-msgs ros-rosgraph-msgs ros-sensor-msgs ros-std-msgs
+    ros-std-srvs ros-tf2-msgs ros-trajectory-msgs
     libactionlib-msgs-dev libgeometry-msgs-dev libsensor-msgs-dev libstd-msgs-dev libtrajectory-msgs-dev
     "${for_building[@]}"
 )
@@ -87,7 +87,7 @@ running=(
     rosbash rosout python3-roslaunch python3-rosmaster python3-rosmsg python3-rosnode python3-rosparam
     python3-rosservice python3-rostopic
     python3-rospy python3-rosbag python3-actionlib python3-dynamic-reconfigure
-    python3-rosgraph-msgs python3-sensor-msgs python3-std-srvs python3-trajectory-msgs
+    python3-nav-msgs python3-rosgraph-msgs python3-sensor-msgs python3-std-srvs python3-trajectory-msgs
     python3-tf python3-tf2-ros python3-visualization-msgs ros-robot-state-publisher rviz
     # the messages that dynamic_reconfigure's Python side loads are in its development package
     libdynamic-reconfigure-config-init-mutex-dev

@@ -32,7 +32,7 @@ def test_a_file_says_all_itself(tmp_path):
     assert (found.time_step, found.gravity, found.update_rate) == (0.002, (1, 2, 3), 500.0)
     assert not found.ground_plane
     assert [m.name for m in found.models] == ["m"] and [i.name for i in found.lights] == ["l"]
-    assert found.warnings == ("world plugin 'x.so' is not known; ignored",)
+    assert found.warnings == ("world: plugin 'x.so' is not known; ignored",)
     old = world(tmp_path, "<physics><gravity>0 0 -1</gravity></physics>")
     assert (old.time_step, old.gravity, old.update_rate) == (0.001, (0, 0, -1), 1000.0)
 

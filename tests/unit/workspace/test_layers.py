@@ -43,7 +43,7 @@ FLOORS = (
     {"description"},
     {"control", "world"},
     {"rendering", "strides"},
-    {"camera"},
+    {"camera", "sensors"},
     {"simulation"},
     {"ros"},
 )

@@ -8,7 +8,13 @@ from dataclasses import dataclass
 from functools import partial
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
-from aras_sim_bridge.camera.mounting import MountedCamera, robot_camera, together, world_camera
+from aras_sim_bridge.camera.mounting import (
+    MountedCamera,
+    robot_camera,
+    seed_of,
+    together,
+    world_camera,
+)
 from aras_sim_bridge.camera.sensor import NEVER
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.loop import ControlLoop
@@ -24,6 +30,7 @@ from aras_sim_bridge.errors import (
     WorldError,
 )
 from aras_sim_bridge.rendering import Renderer, Sun, create_renderer
+from aras_sim_bridge.sensors import KINDS, RateSensor
 from aras_sim_bridge.strides import make_steps
 from aras_sim_bridge.world import Model, Pose, World
 from aras_visual_servo_base.poses import IDENTITY
@@ -89,7 +96,7 @@ class Simulation:
     `time_ns`, `step_ns`, the model's `joint_names`, `read_joints` and `link_pose`, `close`.
 
     Attributes:
-        world: physics. robots: by model name. cameras: in spawn order. lights: by name.
+        world: physics. robots: by model name. cameras, sensors: in spawn order. lights: by name.
         time_ns: simulated time. step_ns: the physics step.
         before_pictures: called with the simulated time [ns] when cameras are about to draw or to
             deliver, or None.
@@ -103,6 +110,7 @@ class Simulation:
         self.step_ns = round(self.config.time_step * 1e9)
         self.robots: dict[str, ControlledModel] = {}
         self.cameras: list[MountedCamera] = []
+        self.sensors: list[RateSensor] = []
         self.before_pictures: Callable[[int], None] | None = None
         self._renderer: Renderer | None = None
         self.lights = {light.name: checked_light(light) for light in self.config.lights}
@@ -147,6 +155,9 @@ class Simulation:
             self.robots[name] = robot
         for camera in description.cameras:
             self._mount(model, camera, cameras or {})
+        for sensor in description.sensors:
+            seed = seed_of(self.config.seed, f"{name} {sensor.kind} {sensor.topic}")
+            self.sensors.append(KINDS[sensor.kind](sensor, model, self.world, seed))
         return model
 
     def delete(self, name: str) -> None:
@@ -156,6 +167,7 @@ class Simulation:
         if robot is not None:
             robot.manager.shutdown()
         self.cameras = [camera for camera in self.cameras if camera.model is not model]
+        self.sensors = [sensor for sensor in self.sensors if sensor.model is not model]
         self.world.delete(name)
 
     def light(self, name: str) -> Light:
@@ -196,8 +208,15 @@ class Simulation:
         cameras = [camera for camera in self.cameras if camera.enabled]
         for camera in cameras:
             camera.before_step(self.time_ns, time_ns)
+        sensors = [sensor for sensor in self.sensors if sensor.enabled]
+        for sensor in sensors:
+            sensor.before_step(self.time_ns, time_ns)
         self.world.step()
         self.time_ns = time_ns
+        for sensor in sensors:
+            sensor.after_step(time_ns)
+        for sensor in sensors:
+            sensor.model.pushes.clear()
         due = [camera for camera in cameras if camera.sensor.due(time_ns)]
         if due and self.before_pictures is not None:
             self.before_pictures(time_ns)
@@ -212,9 +231,9 @@ class Simulation:
         (robot,) = self.robots.values()
         if not self.world.moves_alone(robot.model):
             return
-        for camera in self.cameras:
-            if camera.enabled:
-                until_ns = min(until_ns, camera.idle_until_ns)
+        for looker in (*self.cameras, *self.sensors):
+            if looker.enabled:
+                until_ns = min(until_ns, looker.idle_until_ns)
         began_ns, step_ns = self.time_ns, self.step_ns
         cycles, calm_ns = robot.loop.begin_stride(began_ns + step_ns, step_ns)
         if cycles is None:
@@ -261,6 +280,8 @@ class Simulation:
             robot.loop.begin_anew()
         for camera in self.cameras:
             camera.sensor.reset(0)
+        for sensor in self.sensors:
+            sensor.reset()
 
     def set_physics(
         self, time_step: float, gravity: tuple[float, float, float], solver_iterations: int

@@ -10,6 +10,7 @@ from aras_sim_bridge.description.sdf import SdfContent, parse_sdf, read_sdf
 from aras_sim_bridge.description.types import (
     CameraDescription,
     CameraPlugin,
+    ChannelNoise,
     Collision,
     ControlPlugin,
     DepthTopics,
@@ -20,6 +21,7 @@ from aras_sim_bridge.description.types import (
     Link,
     Noise,
     RobotDescription,
+    SensorDescription,
     Transmission,
     Visual,
 )
@@ -29,6 +31,7 @@ from aras_visual_servo_base.urdf import Joint, JointLimits, Mimic, SoftLimits
 __all__ = [
     "CameraDescription",
     "CameraPlugin",
+    "ChannelNoise",
     "Collision",
     "ControlPlugin",
     "DepthTopics",
@@ -43,6 +46,7 @@ __all__ = [
     "Noise",
     "RobotDescription",
     "SdfContent",
+    "SensorDescription",
     "SoftLimits",
     "Transmission",
     "Visual",

@@ -4,13 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import camera_tags, gazebo_materials, plugins
+from aras_sim_bridge.description import camera_tags, gazebo_materials, plugins, sensor_tags
 from aras_sim_bridge.description.camera_tags import CAMERA_KINDS
 from aras_sim_bridge.description.types import (
     CameraDescription,
     ControlPlugin,
     Link,
     Rgba,
+    SensorDescription,
 )
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.safe_xml import (
@@ -30,6 +31,7 @@ class GazeboTags:
     links: dict[str, Link]
     control_plugins: tuple[ControlPlugin, ...] = ()
     cameras: tuple[CameraDescription, ...] = ()
+    sensors: tuple[SensorDescription, ...] = ()
     colours: dict[str, Rgba] = field(default_factory=dict)
     static: bool = False
 
@@ -42,29 +44,40 @@ def parse(root: Element, links: dict[str, Link], joints: Mapping[str, Joint],
     is understood but wrong is a DescriptionError.
     """
     tags = GazeboTags(dict(links))
-    control: list[ControlPlugin] = []
+    found: list[ControlPlugin | SensorDescription] = []
     cameras: list[CameraDescription] = []
+    sensors: list[SensorDescription] = []
+    gauges: dict[str, Element] = {}
     for block in root.findall("gazebo"):
         reference = block.get("reference")
         if reference is None:
             tags.static = truth(text_of(block, "static"), "<gazebo>: static", tags.static)
-            control += plugins.read(block, "<gazebo>", (ControlPlugin,), warnings)
+            found += plugins.read(block, "<gazebo>", (ControlPlugin, SensorDescription), warnings)
         elif reference in links:
             _link_flags(block, reference, tags, warnings)
             for sensor in block.findall("sensor"):
                 kind = sensor.get("type") or ""
                 if kind in CAMERA_KINDS:
                     cameras += camera_tags.cameras(sensor, reference, warnings)
+                elif kind == "imu":
+                    sensors += sensor_tags.imus(sensor, reference, warnings)
                 else:
                     warnings.append(
                         f"link '{reference}': sensor type '{shorten(kind)}' is not known; ignored"
                     )
-        elif reference not in joints:
+        elif reference in joints:
+            for sensor in block.findall("sensor[@type='force_torque']"):
+                gauges[reference] = sensor
+                found += sensor_tags.gauge(sensor, reference, warnings)
+        else:
             warnings.append(
                 f"<gazebo reference='{shorten(reference)}'> names no link or joint; ignored"
             )
     check_names([camera.name for camera in cameras], "cameras")
-    tags.control_plugins, tags.cameras = tuple(control), tuple(cameras)
+    tags.control_plugins = tuple(one for one in found if isinstance(one, ControlPlugin))
+    asked = [one for one in found if isinstance(one, SensorDescription)]
+    sensors += sensor_tags.of_model(asked, links, joints, gauges, warnings)
+    tags.cameras, tags.sensors = tuple(cameras), tuple(sensors)
     return tags
 
 

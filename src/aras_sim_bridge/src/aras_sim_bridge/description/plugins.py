@@ -6,11 +6,18 @@ from types import MappingProxyType
 from typing import TypeVar
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.types import CameraPlugin, ControlPlugin, DepthTopics
+from aras_sim_bridge.description.types import (
+    CameraPlugin,
+    ControlPlugin,
+    DepthTopics,
+    SensorDescription,
+)
 from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_base.safe_xml import number, shorten, text_of, truth
+from aras_visual_servo_base.poses import Vector3
+from aras_visual_servo_base.safe_xml import number, numbers, shorten, text_of, truth
+from aras_visual_servo_base.urdf import ZERO
 
-Plugin = ControlPlugin | CameraPlugin
+Plugin = ControlPlugin | CameraPlugin | SensorDescription
 Kind = TypeVar("Kind", bound=Plugin)
 
 
@@ -102,6 +109,50 @@ def _kinect(plugin: Element, where: str) -> CameraPlugin:
     return _depth(plugin, where, DepthTopics(farthest=farthest))
 
 
+def _sensor(plugin: Element, where: str, kind: str, **settings: object) -> SensorDescription:
+    """What the plug-ins of all sensors of motion and forces have in common."""
+
+    def vector(tag: str) -> Vector3:
+        return numbers(text_of(plugin, tag), 3, f"{where}: {tag}", ZERO)
+
+    noise = number(text_of(plugin, "gaussianNoise"), f"{where}: gaussianNoise", 0.0)
+    rate = number(text_of(plugin, "updateRate"), f"{where}: updateRate", 0.0)
+    made = SensorDescription(
+        kind, text_of(plugin, "topicName") or "",
+        namespace=text_of(plugin, "robotNamespace") or "",
+        frame=text_of(plugin, "frameName") or "", rate=rate, noise=noise,
+        offset=(vector("xyzOffset"), vector("rpyOffset")), link=text_of(plugin, "bodyName") or "",
+    )
+    made = replace(made, **settings)
+    for name, value in (("the noise", made.noise), ("the rate", made.rate)):
+        if value < 0.0:
+            raise DescriptionError(f"{where}: {name} is {value}; it must not be negative")
+    return made
+
+
+def _pose(plugin: Element, where: str) -> SensorDescription:
+    return _sensor(plugin, where, "pose", frame=text_of(plugin, "frameName") or "world")
+
+
+def _body_imu(plugin: Element, where: str) -> SensorDescription:
+    topic = text_of(plugin, "topicName")
+    return _sensor(plugin, where, "body_imu", topic="/default_imu" if topic is None else topic)
+
+
+def _imu(plugin: Element, where: str) -> SensorDescription:
+    reference = "initialOrientationAsReference"
+    return _sensor(
+        plugin, where, "imu", topic=text_of(plugin, "topicName") or "imu_data",
+        namespace=text_of(plugin, "robotNamespace"),
+        rate=number(text_of(plugin, "updateRateHZ"), f"{where}: updateRateHZ", 1.0),
+        from_start=truth(text_of(plugin, reference), f"{where}: {reference}", False),
+    )
+
+
+def _wrench(plugin: Element, where: str) -> SensorDescription:
+    return _sensor(plugin, where, "wrench", joint=text_of(plugin, "jointName") or "", frame="")
+
+
 PLUGINS: Mapping[str, Callable[[Element, str], Plugin]] = MappingProxyType({
     "gazebo_ros_control": _control,
     "gazebo_ros_camera": _camera,
@@ -110,4 +161,8 @@ PLUGINS: Mapping[str, Callable[[Element, str], Plugin]] = MappingProxyType({
     "gazebo_ros_triggered_multicamera": _triggered,
     "gazebo_ros_depth_camera": _depth_camera,
     "gazebo_ros_openni_kinect": _kinect,
+    "gazebo_ros_p3d": _pose,
+    "gazebo_ros_imu": _body_imu,
+    "gazebo_ros_imu_sensor": _imu,
+    "gazebo_ros_ft_sensor": _wrench,
 })

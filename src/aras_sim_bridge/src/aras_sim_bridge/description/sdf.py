@@ -10,6 +10,7 @@ is written is refused by name.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import TypeVar
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import (
@@ -18,9 +19,12 @@ from aras_sim_bridge.description import (
     model_folders,
     ogre_materials,
     packages,
+    plugins,
+    sensor_tags,
 )
 from aras_sim_bridge.description.geometry import Resolve, sdf_geometry
 from aras_sim_bridge.description.inertia import checked_inertial
+from aras_sim_bridge.description.lights import read_light
 from aras_sim_bridge.description.ogre_materials import Locate, Look
 from aras_sim_bridge.description.types import (
     CameraDescription,
@@ -29,6 +33,7 @@ from aras_sim_bridge.description.types import (
     Link,
     Rgba,
     RobotDescription,
+    SensorDescription,
     Visual,
 )
 from aras_sim_bridge.description.world_state import WorldState
@@ -58,6 +63,9 @@ _LEFT_OUT = {"actor", "population", "road", "joint", "projector", "battery", "pa
 _TEXTURED = ("box", "plane", "mesh")
 _JOINT_KINDS = ("revolute", "prismatic", "fixed")
 _ENDLESS = 1e16  # SDF's way to say that a joint has no limit
+
+
+Mounted = TypeVar("Mounted", CameraDescription, SensorDescription)
 
 
 @dataclass(frozen=True)
@@ -119,8 +127,8 @@ def read_sdf(
         return packages.located(uri, where, resolve_package, base_directory, "material")
 
     models, lights = [], []
-    warnings = [f"world plugin '{shorten(p.get('filename') or '')}' is not known; ignored"
-                for p in scope.findall("plugin")]
+    warnings: list[str] = []
+    plugins.read(scope, "world", (), warnings)
     state = WorldState(scope.find("state"))
     inserted = Element("insertions")
     inserted.extend(state.insertions)
@@ -134,7 +142,8 @@ def read_sdf(
         if element.tag == "model":
             models.append(_model(element, resolve, locate, frames))
         elif element.tag == "light":
-            lights.append(_light(element, frames))
+            where = f"light '{_name(element, 'SDF')}'"
+            lights.append(read_light(element, _pose(element, where, frames)))
     models, lights = state.placed(models, lights, warnings)
     check_names([model.name for model in models], "models")
     check_names([light.name for light in lights], "lights")
@@ -200,14 +209,15 @@ def _model(element: Element, resolve: Resolve, locate: Locate, frames: Mapping[s
            ) -> RobotDescription:
     name = _name(element, "SDF")
     where = f"model '{name}'"
-    warnings = [f"plugin '{shorten(p.get('filename') or '')}' is not known in SDF; ignored"
-                for p in element.findall("plugin")]
+    warnings: list[str] = []
+    asked = plugins.read(element, "SDF", (SensorDescription,), warnings)
     _refuse_unknown(element, _MODEL_TAGS, where, warnings)
     static = truth(text_of(element, "static"), f"{where}: static", False)
     links: dict[str, Link] = {}
     poses: dict[str, Pose] = {}
     colours: dict[str, Rgba] = {}
     cameras: list[CameraDescription] = []
+    sensors: list[SensorDescription] = []
     for node in element.findall("link"):
         inside = f"{where}, link '{node.get('name')}'"
         looks = [ogre_materials.look(visual, inside, locate, warnings)
@@ -220,10 +230,11 @@ def _model(element: Element, resolve: Resolve, locate: Locate, frames: Mapping[s
         paint = gazebo_materials.sdf_colour(node, link.name, warnings, looks)
         if paint is not None:
             colours[link.name] = paint
-        cameras += _cameras(node, link.name, warnings)
+        _sensors(node, link.name, cameras, sensors, warnings)
     if not links:
         raise DescriptionError(f"{where}: has no <link>")
-    joints = {}
+    joints: dict[str, Joint] = {}
+    gauges: dict[str, Element] = {}
     for node in element.findall("joint"):
         joint = _joint(node, where, poses)
         if joint.name in joints:
@@ -236,17 +247,22 @@ def _model(element: Element, resolve: Resolve, locate: Locate, frames: Mapping[s
             joints[own] = Joint(own, "fixed", own, joint.child)
             joint = replace(joint, child=own)
         joints[joint.name] = joint
+        for sensor in node.findall("sensor[@type='force_torque']"):
+            gauges[joint.name] = sensor
+            asked += sensor_tags.gauge(sensor, joint.name, warnings)
     if any(joint.parent == "world" for joint in joints.values()):
         links = {"world": Link("world", None), **links}
         poses["world"] = Pose()
     root, joints = _tree(where, links, joints, poses, static)
     links[root] = _shifted(links[root], poses[root])
-    cameras = [_shifted_camera(c, poses[root]) if c.link == root else c for c in cameras]
+    cameras, sensors = ([_moved(one, poses[root]) if one.link == root else one for one in found]
+                        for found in (cameras, sensors))
+    sensors += sensor_tags.of_model(asked, links, joints, gauges, warnings)
     pose = _pose(element, where, frames)
     return RobotDescription(
         name=name, root=root, links=MappingProxyType(links), joints=MappingProxyType(joints),
-        cameras=tuple(cameras), colours=MappingProxyType(colours), static=static,
-        warnings=tuple(warnings),
+        cameras=tuple(cameras), sensors=tuple(sensors),
+        colours=MappingProxyType(colours), static=static, warnings=tuple(warnings),
         initial_pose=(pose.xyz, pose.rpy),
     )
 
@@ -291,15 +307,17 @@ def _link(element: Element, model: str, resolve: Resolve, looks: Sequence[Look |
                 truth(text_of(element, "kinematic"), f"{where}: kinematic", False), mu)
 
 
-def _cameras(element: Element, link: str, warnings: list[str]) -> list[CameraDescription]:
-    cameras = []
+def _sensors(element: Element, link: str, cameras: list[CameraDescription],
+             sensors: list[SensorDescription], warnings: list[str]) -> None:
+    """Add what the sensors of a link are."""
     for sensor in element.findall("sensor"):
         kind = sensor.get("type") or ""
         if kind in camera_tags.CAMERA_KINDS:
             cameras += camera_tags.cameras(sensor, link, warnings)
+        elif kind == "imu":
+            sensors += sensor_tags.imus(sensor, link, warnings)
         else:
             warnings.append(f"link '{link}': sensor type '{shorten(kind)}' is not known; ignored")
-    return cameras
 
 
 def _joint(element: Element, model: str, poses: Mapping[str, Pose]) -> Joint:
@@ -374,32 +392,6 @@ def _shifted(link: Link, pose: Pose) -> Link:
         collisions=tuple(part.at(pose @ part.pose) for part in link.collisions))
 
 
-def _shifted_camera(camera: CameraDescription, pose: Pose) -> CameraDescription:
-    at = pose @ Pose.from_rpy(*camera.pose)
-    return replace(camera, pose=(at.xyz, at.rpy))
-
-
-def _light(element: Element, frames: Mapping[str, Pose]) -> Light:
-    name = _name(element, "SDF")
-    where = f"light '{name}'"
-    kind = element.get("type") or "point"
-    if kind not in ("directional", "point", "spot"):
-        raise DescriptionError(f"{where}: type '{shorten(kind)}' is unknown; use directional, "
-                               "point or spot")
-    pose = _pose(element, where, frames)
-    fade = element.find("attenuation")
-
-    def rgba(tag: str, default: Rgba) -> Rgba:
-        text = text_of(element, tag)
-        if text is None:
-            return default
-        return numbers(text if len(text.split()) != 3 else f"{text} 1", 4, f"{where}: {tag}")
-
-    return Light(
-        name, kind, pose.xyz, pose.rpy,
-        rgba("diffuse", (1.0, 1.0, 1.0, 1.0)), rgba("specular", (0.1, 0.1, 0.1, 1.0)),
-        direction(text_of(element, "direction"), f"{where}: direction", (0.0, 0.0, -1.0)),
-        number(text_of(fade, "constant"), f"{where}: attenuation constant", 1.0),
-        number(text_of(fade, "linear"), f"{where}: attenuation linear", 1.0),
-        number(text_of(fade, "quadratic"), f"{where}: attenuation quadratic", 0.0),
-        truth(text_of(element, "cast_shadows"), f"{where}: cast_shadows", False))
+def _moved(sensor: Mounted, pose: Pose) -> Mounted:
+    at = pose @ Pose.from_rpy(*sensor.pose)
+    return replace(sensor, pose=(at.xyz, at.rpy))

@@ -188,6 +188,51 @@ class CameraDescription:
 
 
 @dataclass(frozen=True)
+class ChannelNoise:
+    """Gaussian noise of one number that a sensor tells, in its unit; the bias is drawn once, its
+    sign by chance."""
+
+    mean: float = 0.0
+    stddev: float = 0.0
+    bias_mean: float = 0.0
+    bias_stddev: float = 0.0
+
+
+@dataclass(frozen=True)
+class SensorDescription:
+    """A sensor of motion or forces, as its plug-in and its `<sensor>` ask for it.
+
+    kind: pose (p3d), imu (in a sensor), body_imu (libgazebo_ros_imu.so) or wrench.
+    namespace: None is the model's name. frame: '' is that of the link. rate: readings a second of
+    simulated time, 0 for one a step.
+    link: what a pose and IMUs are of; pose: (xyz, rpy) of an IMU in it.
+    offset: (xyz, rpy) added to what is told. noise: stddev of all channels.
+    sample_rate: Hz; an IMU's acceleration is the mean over such a period, 0 for a step.
+    from_start: whether an IMU's orientation is told from that at its start.
+    channels: three of turning and three of moving of an IMU, three forces and three torques of a
+    wrench, or none.
+    joint: what a wrench is of. measured_in: child, parent or sensor; on_child: whether the wrench
+    is what the parent does to the child, or the other way round.
+    """
+
+    kind: str
+    topic: str
+    namespace: str | None = ""
+    frame: str = ""
+    rate: float = 0.0
+    link: str = ""
+    pose: tuple[Vector3, Vector3] = (ZERO, ZERO)
+    offset: tuple[Vector3, Vector3] = (ZERO, ZERO)
+    noise: float = 0.0
+    sample_rate: float = 0.0
+    from_start: bool = False
+    channels: tuple[ChannelNoise, ...] = ()
+    joint: str = ""
+    measured_in: str = "child"
+    on_child: bool = False
+
+
+@dataclass(frozen=True)
 class Light(Placed):
     """A light of an SDF world. kind: directional, point or spot. direction: from the light,
     in the world; attenuation: Gazebo's, cameras here do not fade."""
@@ -224,6 +269,7 @@ class RobotDescription:
     transmissions: tuple[Transmission, ...] = ()
     control_plugins: tuple[ControlPlugin, ...] = ()
     cameras: tuple[CameraDescription, ...] = ()
+    sensors: tuple[SensorDescription, ...] = ()
     colours: Mapping[str, Rgba] = field(default_factory=lambda: MappingProxyType({}))
     static: bool = False
     warnings: tuple[str, ...] = ()

@@ -51,6 +51,7 @@ def parse_urdf(
         transmissions=tuple(_transmission(e) for e in robot.findall("transmission")),
         control_plugins=tags.control_plugins,
         cameras=tags.cameras,
+        sensors=tags.sensors,
         colours=MappingProxyType(tags.colours),
         static=tags.static,
         warnings=tuple(warnings),

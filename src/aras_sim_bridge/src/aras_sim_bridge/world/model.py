@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
@@ -30,6 +31,8 @@ class Model:
             most of them is at hand here too (read_joints, apply_effort, …).
         let_go: called before the root is moved or pushed, where it is held (see standing.py).
         pushed: whether the root was pushed; for whoever looks, to be set back.
+        pushes: what `apply_force` was last given, the newest last; for whoever looks, to be
+            cleared.
     """
 
     def __init__(self, client: int, description: RobotDescription, name: str, pose: Pose,
@@ -46,6 +49,7 @@ class Model:
         self._on_moved = on_moved
         self.let_go: Callable[[], None] | None = None
         self.pushed = False
+        self.pushes: deque[tuple[str, Vector3, Vector3, Vector3]] = deque(maxlen=100)
         self.body = Body(client, name, fixed_base)
         self.joints = ModelJoints(self.body, gravity)
         self.reload()
@@ -130,7 +134,7 @@ class Model:
             self.joints.before_step(dt)
         for link, mass in self.body.weightless.items():
             centre = self.link_pose(link).apply(self.body.inertial_poses[link].xyz)
-            self.apply_force(link, tuple(-mass * g for g in self.joints.gravity), centre)
+            self._push(link, tuple(-mass * g for g in self.joints.gravity), centre)
 
     def physics_changed(self, gravity: Vector3) -> None:
         """Time step or gravity was changed; called by `World.set_physics`."""
@@ -261,6 +265,11 @@ class Model:
     def apply_force(self, link: str, force: Vector3, position: Vector3,
                     torque: Vector3 = (0.0, 0.0, 0.0)) -> None:
         """Force (N) at a world position and torque (N m), world axes, for the next step only."""
+        self._push(link, force, position, torque)
+        self.pushes.append((link, force, position, torque))
+
+    def _push(self, link: str, force: Vector3, position: Vector3,
+              torque: Vector3 = (0.0, 0.0, 0.0)) -> None:
         index = self.link_index(link)
         if self.let_go is not None and index in self.base_links():
             self._release()

@@ -14,12 +14,15 @@ from aras_sim_bridge.ros.camera.topics import CameraTopics
 from aras_sim_bridge.ros.control.manager_services import ManagerServices
 from aras_sim_bridge.ros.runtime.record import Record
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.ros.sensors import SensorTopic
+from aras_sim_bridge.sensors import RateSensor
 from aras_sim_bridge.simulation import ControlledModel
 
 log = logging.getLogger(__name__)
 
 SYNC_TIMEOUT = 60.0  # seconds of wall time: a spawn may be under way, and takes its time
-Face = ManagerServices | CameraTopics
+Thing = ControlledModel | MountedCamera | RateSensor
+Face = ManagerServices | CameraTopics | SensorTopic
 
 
 class OnGraph:
@@ -36,8 +39,8 @@ class OnGraph:
         self.record = record or Record(False)
         self._before_frame = before_frame
         self._lock = threading.Lock()
-        # By robot or camera; None: what could not be opened, which is not tried again.
-        self._faces: dict[ControlledModel | MountedCamera, Face | None] = {}
+        # By robot, camera or sensor; None: what could not be opened, which is not tried again.
+        self._faces: dict[Thing, Face | None] = {}
 
     def sync(self) -> None:
         """Open faces for what is new, close those of what is gone. Not for the simulation's thread:
@@ -46,9 +49,9 @@ class OnGraph:
         What cannot be opened is logged and stays without its face; the others get theirs.
         """
 
-        def present() -> list[ControlledModel | MountedCamera]:
+        def present() -> list[Thing]:
             simulation = self._thread.simulation
-            return [*simulation.robots.values(), *simulation.cameras]
+            return [*simulation.robots.values(), *simulation.cameras, *simulation.sensors]
 
         with self._lock:
             things = self._thread.call(present, SYNC_TIMEOUT)
@@ -57,24 +60,27 @@ class OnGraph:
                 if thing not in self._faces:
                     self._faces[thing] = self._opened(thing)
 
-    def _close_all_but(self, things: Iterable[ControlledModel | MountedCamera]) -> None:
+    def _close_all_but(self, things: Iterable[Thing]) -> None:
         for thing in self._faces.keys() - set(things):
             face = self._faces.pop(thing)
             if face is not None:
                 face.shutdown()
 
-    def _opened(self, thing: ControlledModel | MountedCamera) -> Face | None:
+    def _opened(self, thing: Thing) -> Face | None:
         """The face of a thing; None, with a log line, where its names cannot be had."""
         try:
             if isinstance(thing, ControlledModel):
                 return ManagerServices(thing, self._thread, self.record)
+            if isinstance(thing, RateSensor):
+                return SensorTopic(thing, self._thread)
             return CameraTopics(thing, self._thread, self._before_frame)
         except Exception as error:  # whatever it is, the faces of others must not suffer from it
-            what = (
-                f"robot '{thing.name}'"
-                if isinstance(thing, ControlledModel)
-                else f"camera '{thing.sensor.config.name}'"
-            )
+            if isinstance(thing, ControlledModel):
+                what = f"robot '{thing.name}'"
+            elif isinstance(thing, RateSensor):
+                what = f"sensor '{thing.description.topic}'"
+            else:
+                what = f"camera '{thing.sensor.config.name}'"
             rospy.logerr(
                 "%s is simulated, but has no topics and services: %s; delete its model and spawn "
                 "it under other names", what, error,

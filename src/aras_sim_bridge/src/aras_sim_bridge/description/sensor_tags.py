@@ -1,0 +1,123 @@
+"""Sensors of motion and forces in URDF and SDF: their elements, and their plug-ins' settings."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from xml.etree.ElementTree import Element
+
+from aras_sim_bridge.description import plugins
+from aras_sim_bridge.description.types import ChannelNoise, Link, SensorDescription
+from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base.safe_xml import number, numbers, shorten, text_of
+from aras_visual_servo_base.urdf import Joint
+
+WORLDS = ("world", "/world", "map", "/map")
+_CHANNELS = {
+    "imu": ("angular_velocity", "linear_acceleration"),
+    "force_torque": ("force", "torque"),
+}
+
+
+def imus(sensor: Element, link: str, warnings: list[str]) -> list[SensorDescription]:
+    """What the plug-ins of an IMU's `<sensor>` on `link` tell.
+
+    Raises:
+        DescriptionError: an element that is no number, or a rate or noise that is negative.
+    """
+    where = _where(sensor, f"link '{link}'")
+    at = numbers(text_of(sensor, "pose"), 6, f"{where}: pose", (0.0,) * 6)
+    rate = number(text_of(sensor, "update_rate"), f"{where}: update_rate", 0.0)
+    if rate < 0.0:
+        raise DescriptionError(f"{where}: update_rate is {rate} Hz; it must not be negative")
+    found = []
+    for made in plugins.read(sensor, where, (SensorDescription,), warnings):
+        if made.kind != "imu":
+            warnings.append(f"{where}: this plug-in belongs into <gazebo> or <model>; left out")
+        elif not made.frame:
+            warnings.append(f"{where}: its plug-in has no <frameName>; left out")
+        else:
+            found.append(replace(made, link=link, pose=(at[:3], at[3:]), sample_rate=rate,
+                                 channels=_channels(sensor, "imu", where)))
+    return found
+
+
+def of_model(found: list[SensorDescription], links: Mapping[str, Link],
+             joints: Mapping[str, Joint], gauges: Mapping[str, Element], warnings: list[str]
+             ) -> list[SensorDescription]:
+    """The sensors that a model's own plug-ins ask for, without those that measure nothing.
+
+    gauges: the force/torque `<sensor>` of each joint that has one.
+
+    Raises:
+        DescriptionError: an element of such a sensor that is no number.
+    """
+    kept = []
+    for made in found:
+        problem = _problem(made, links, joints)
+        if problem:
+            warnings.append(f"plug-in of a {made.kind} sensor: {problem}; left out")
+            continue
+        if made.kind == "wrench" and made.joint in gauges:
+            made = _gauged(made, gauges[made.joint], warnings)
+        kept.append(made)
+    return kept
+
+
+def gauge(sensor: Element, joint: str, warnings: list[str]) -> list[SensorDescription]:
+    """What plug-ins inside a force/torque `<sensor>` of `joint` tell; they need no <jointName>."""
+    where = _where(sensor, f"joint '{joint}'")
+    return [replace(made, joint=made.joint or joint)
+            for made in plugins.read(sensor, where, (SensorDescription,), warnings)]
+
+
+def _where(sensor: Element, owner: str) -> str:
+    return f"sensor '{shorten(sensor.get('name') or '')}' on {owner}"
+
+
+def _problem(made: SensorDescription, links: Mapping[str, Link], joints: Mapping[str, Joint]
+             ) -> str:
+    """Why a sensor measures nothing; empty where it does."""
+    if made.kind == "imu":
+        return "it belongs into a <sensor type='imu'>"
+    if not made.topic:
+        return "it has no <topicName>"
+    if made.kind == "wrench":
+        return "" if made.joint in joints else f"joint '{shorten(made.joint)}' does not exist"
+    if made.link not in links:
+        return f"link '{shorten(made.link)}' does not exist"
+    if made.kind == "pose" and made.frame not in (*WORLDS, *links):
+        return f"frame '{shorten(made.frame)}' is neither the world nor a link"
+    return ""
+
+
+def _gauged(made: SensorDescription, sensor: Element, warnings: list[str]) -> SensorDescription:
+    where = _where(sensor, f"joint '{made.joint}'")
+    node = sensor.find("force_torque")
+    words = {"frame": ("child", "parent", "sensor"),
+             "measure_direction": ("child_to_parent", "parent_to_child")}
+    chosen = {}
+    for tag, known in words.items():
+        chosen[tag] = text_of(node, tag) or known[0]
+        if chosen[tag] not in known:
+            warnings.append(f"{where}: {tag} '{shorten(chosen[tag])}' is unknown; {known[0]} is "
+                            "taken")
+            chosen[tag] = known[0]
+    at = numbers(text_of(sensor, "pose"), 6, f"{where}: pose", (0.0,) * 6)
+    return replace(
+        made, pose=(at[:3], at[3:]), measured_in=chosen["frame"],
+        on_child=chosen["measure_direction"] == "parent_to_child",
+        channels=_channels(sensor, "force_torque", where))
+
+
+def _channels(sensor: Element, kind: str, where: str) -> tuple[ChannelNoise, ...]:
+    """Noise of the three axes of each of the two quantities; () where none is asked for."""
+    found = []
+    for quantity in _CHANNELS[kind]:
+        for axis in "xyz":
+            noise = sensor.find(f"{kind}/{quantity}/{axis}/noise")
+            values = [number(text_of(noise, tag), f"{where}: {quantity} {axis} {tag}", 0.0)
+                      for tag in ("mean", "stddev", "bias_mean", "bias_stddev")]
+            if values[1] < 0.0 or values[3] < 0.0:
+                raise DescriptionError(f"{where}: noise of {quantity} {axis}: a standard "
+                                       "deviation must not be negative")
+            found.append(ChannelNoise(*values))
+    return tuple(found) if any(one != ChannelNoise() for one in found) else ()

@@ -1,0 +1,79 @@
+"""Topics of sensors of motion and forces, as upstream's plug-ins publish them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from genpy import Message
+from geometry_msgs.msg import Quaternion, Vector3
+from roslib.message import get_message_class
+
+from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.ros.camera.info import prefixed
+from aras_sim_bridge.ros.control.state_topic import StateTopic
+from aras_sim_bridge.ros.conversions import to_pose, to_time, to_twist
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.sensors import ImuReading, PoseReading, RateSensor, WrenchReading
+
+
+def _pose(message: Message, reading: PoseReading, sensor: RateSensor) -> None:
+    message.child_frame_id = sensor.description.link
+    message.pose.pose, message.twist.twist = to_pose(reading.pose), to_twist(reading.twist)
+    _uncertain(sensor, 7, message.pose.covariance, message.twist.covariance)
+
+
+def _imu(message: Message, reading: ImuReading, sensor: RateSensor) -> None:
+    message.orientation = Quaternion(*reading.orientation)
+    message.angular_velocity = Vector3(*reading.angular_velocity)
+    message.linear_acceleration = Vector3(*reading.linear_acceleration)
+    _uncertain(sensor, 4, message.orientation_covariance, message.angular_velocity_covariance,
+               message.linear_acceleration_covariance)
+
+
+def _wrench(message: Message, reading: WrenchReading, _sensor: RateSensor) -> None:
+    message.wrench.force = Vector3(*reading.force)
+    message.wrench.torque = Vector3(*reading.torque)
+
+
+def _uncertain(sensor: RateSensor, step: int, *covariances: list[float]) -> None:
+    """Write the noise's variance on the diagonals of square matrices, every `step` numbers."""
+    for covariance in covariances:
+        covariance[::step] = [sensor.description.noise**2] * len(covariance[::step])
+
+
+MESSAGES: dict[str, tuple[str, Callable[[Message, object, RateSensor], None]]] = {
+    "pose": ("nav_msgs/Odometry", _pose), "imu": ("sensor_msgs/Imu", _imu),
+    "body_imu": ("sensor_msgs/Imu", _imu), "wrench": ("geometry_msgs/WrenchStamped", _wrench),
+}
+
+
+class SensorTopic(StateTopic):
+    """The topic of one sensor, which measures only while somebody listens."""
+
+    def __init__(self, sensor: RateSensor, thread: SimulationThread) -> None:
+        """Advertise; SimError where the message's package is not installed."""
+        given = sensor.description
+        namespace = sensor.model.name if given.namespace is None else given.namespace
+        root = "" if given.topic.startswith("/") else "/" + namespace.strip("/")
+        topic = f"{root.rstrip('/')}/{given.topic.lstrip('/')}"
+        frame = prefixed(given.frame or self._own_frame(sensor), namespace)
+        name, write = MESSAGES[given.kind]
+        message_type = get_message_class(name)
+        if message_type is None:
+            package = name.partition("/")[0].replace("_", "-")
+            raise SimError(f"there is no {name}; install python3-{package}")
+
+        def fill(message: Message, reading: object) -> None:
+            message.header.stamp, message.header.frame_id = to_time(reading.stamp_ns), frame
+            write(message, reading, sensor)
+
+        super().__init__(topic, message_type, 1, sensor, fill, thread)
+
+    @staticmethod
+    def _own_frame(sensor: RateSensor) -> str:
+        """Frame of the message where its plug-in names none: what the numbers are told in."""
+        given = sensor.description
+        if given.kind != "wrench":
+            return given.link
+        joint = sensor.model.description.joints[given.joint]
+        return joint.parent if given.measured_in == "parent" else joint.child

@@ -1,0 +1,387 @@
+"""Sensors of motion and forces: what they tell at rest and in motion, when, and with what noise."""
+
+import math
+
+import numpy as np
+import pytest
+
+from aras_sim_bridge.description import (
+    ChannelNoise,
+    SensorDescription,
+    parse_sdf,
+    parse_urdf,
+)
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_visual_servo_base.poses import Pose, Twist
+
+MS = 1_000_000
+G = 9.8
+TILTED = Pose.from_rpy((0.3, -0.2, 2.0), (0.4, -0.5, 0.6))
+# A joint that swings, turned and off its link's masses, with a tool fixed on what it moves.
+ARM = """<robot name="arm"><link name="world"/>
+  <joint name="stand" type="fixed"><parent link="world"/><child link="base"/>
+    <origin xyz="0 0 1" rpy="0.2 0.1 -0.3"/></joint>
+  <link name="base"><inertial><mass value="5"/>{I}</inertial></link>
+  <joint name="swing" type="{kind}"><parent link="base"/><child link="upper"/>
+    <origin xyz="0.1 0.2 0.3" rpy="0.5 -0.4 0.3"/><axis xyz="0.36 0.48 0.8"/>
+    <limit lower="-9" upper="9" effort="99" velocity="99"/>{dynamics}</joint>
+  <link name="upper"><inertial><origin xyz="0.1 -0.05 -0.2" rpy="0.3 0 0.2"/><mass value="2"/>
+    <inertia ixx=".03" iyy=".02" izz=".04" ixy=".002" ixz="0" iyz="-.003"/></inertial></link>
+  <joint name="flange" type="fixed"><parent link="upper"/><child link="tool"/>
+    <origin xyz="0.05 0.1 -0.4" rpy="0.7 0.2 -0.1"/></joint>
+  <link name="tool"><inertial><origin xyz="0.02 0.01 -0.03"/><mass value="0.7"/>
+    <inertia ixx=".001" iyy=".002" izz=".003" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  {tags}</robot>"""
+INERTIA = '<inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/>'
+BLOCK = f"""<robot name="block"><link name="link"><inertial><origin xyz="0.1 0 0"/>
+  <mass value="3"/>{INERTIA}</inertial></link>{{tags}}</robot>"""
+
+
+def arm(kind="revolute", dynamics="", tags=""):
+    return ARM.format(I=INERTIA, kind=kind, dynamics=dynamics, tags=tags)
+
+
+def plugin(name, settings):
+    inside = "".join(f"<{key}>{value}</{key}>" for key, value in settings.items())
+    return f'<gazebo><plugin name="p" filename="libgazebo_ros_{name}.so">{inside}</plugin></gazebo>'
+
+
+def wrench_of(joint, **settings):
+    return plugin("ft_sensor", {"topicName": "w", "jointName": joint, **settings})
+
+
+def imu_on(link, pose="0 0 0 0 0 0", inside="", rate=0, **settings):
+    told = {"frameName": "f", "updateRateHZ": 0, **settings}
+    words = "".join(f"<{key}>{value}</{key}>" for key, value in told.items())
+    return (f'<gazebo reference="{link}"><sensor type="imu" name="i"><pose>{pose}</pose>'
+            f'<update_rate>{rate}</update_rate><imu>{inside}</imu><plugin name="p" '
+            f'filename="libgazebo_ros_imu_sensor.so">{words}</plugin></sensor></gazebo>')
+
+
+@pytest.fixture
+def make():
+    """(simulation, model, readings of each of its sensors) of a URDF."""
+    made = []
+
+    def simulate(xml, pose=TILTED, ground=False, joints=None, seed=0):
+        simulation = Simulation(SimulationConfig(ground_plane=ground, seed=seed))
+        made.append(simulation)
+        description = parse_urdf(xml)
+        assert description.warnings == ()
+        model = simulation.spawn(description, "m", pose, joint_positions=joints)
+        readings = [[] for _ in simulation.sensors]
+        for sensor, found in zip(simulation.sensors, readings, strict=True):
+            sensor.on_state = found.append
+        return simulation, model, readings
+
+    yield simulate
+    for simulation in made:
+        simulation.close()
+
+
+def steps(simulation, count):
+    for _ in range(count):
+        simulation.step()
+
+
+def turned(pose, vector):
+    """A vector of the world in a pose's axes."""
+    return pose.matrix()[:3, :3].T @ vector
+
+
+# ------------------------------------------------------------------ poses
+
+
+@pytest.mark.parametrize("ground", [False, True])
+def test_a_pose_is_that_of_link_states_to_the_bit(make, ground):
+    tags = plugin("p3d", {"bodyName": "tool", "topicName": "t"})
+    simulation, model, (readings,) = make(arm(tags=tags), ground=ground)
+    model.set_joint_positions({"swing": 0.4})
+    steps(simulation, 50)
+    for _ in range(20):
+        simulation.step()
+        pose, twist = model.link_states()["tool"]
+        assert readings[-1].pose == pose and readings[-1].twist == twist
+        assert readings[-1].stamp_ns == simulation.time_ns
+    assert math.hypot(*twist.linear) > 0.1
+
+
+def test_a_pose_in_a_frame_that_moves_and_with_an_offset(make):
+    tags = plugin("p3d", {"bodyName": "tool", "topicName": "t", "frameName": "upper"})
+    tags += plugin("p3d", {"bodyName": "tool", "topicName": "u", "xyzOffset": "1 2 3",
+                           "rpyOffset": "0 0 1.5707963267948966"})
+    simulation, model, (inside, offset) = make(arm(tags=tags))
+    steps(simulation, 50)
+    np.testing.assert_allclose(inside[-1].pose.matrix(), Pose.from_rpy(
+        (0.05, 0.1, -0.4), (0.7, 0.2, -0.1)).matrix(), atol=1e-12)
+    np.testing.assert_allclose(inside[-1].twist, np.zeros((2, 3)), atol=1e-12)
+    pose = model.link_pose("tool")
+    turn = Pose.from_rpy((0, 0, 0), (0, 0, math.pi / 2))
+    assert offset[-1].pose.xyz == pytest.approx(np.add(pose.xyz, (1, 2, 3)))
+    np.testing.assert_allclose(offset[-1].pose.matrix()[:3, :3],
+                               turn.matrix()[:3, :3] @ pose.matrix()[:3, :3], atol=1e-12)
+
+
+# ------------------------------------------------------------------ IMUs
+
+
+def test_an_imu_at_rest_feels_what_holds_it_up(make):
+    tags = imu_on("base", "0.1 0.2 0.3 0.4 0.5 0.6") + plugin(
+        "imu", {"bodyName": "base", "topicName": "b"})
+    simulation, model, (felt, bare) = make(arm("fixed", tags=tags))
+    steps(simulation, 5)
+    held = model.link_pose("base") @ Pose.from_rpy((0.1, 0.2, 0.3), (0.4, 0.5, 0.6))
+    up = turned(held, (0, 0, G))
+    assert felt[-1].linear_acceleration == pytest.approx(up, abs=1e-12)
+    assert felt[-1].angular_velocity == (0, 0, 0)
+    assert felt[-1].orientation == pytest.approx(held.quat)
+    assert bare[-1].linear_acceleration == (0, 0, 0)  # upstream's tells no gravity there
+    assert bare[-1].orientation == pytest.approx(model.link_pose("base").quat)
+
+
+def test_an_imu_in_free_fall_feels_its_own_turning_alone(make):
+    """Off the centre of mass of a body that turns about it: the centripetal acceleration."""
+    tags = imu_on("link", "0.3 0 0 0 0 0.8")
+    simulation, model, (readings,) = make(BLOCK.format(tags=tags), pose=Pose((0, 0, 50)))
+    model.set_twist(Twist((0, 0, 0), (0, 0, 4.0)))
+    steps(simulation, 3)
+    pose = model.link_pose("link") @ Pose.from_rpy((0.3, 0, 0), (0, 0, 0.8))
+    inwards = -16.0 * 0.2 * model.link_pose("link").matrix()[:3, 0]
+    assert readings[-1].linear_acceleration == pytest.approx(turned(pose, inwards), abs=0.01)
+    assert readings[-1].angular_velocity == pytest.approx((0, 0, 4.0), abs=1e-9)
+
+
+def test_an_imu_s_acceleration_is_the_mean_over_its_own_period(make):
+    tags = imu_on("link", rate=100, updateRateHZ=10)
+    simulation, model, (readings,) = make(BLOCK.format(tags=tags), pose=Pose((0, 0, 50)))
+    velocities = {0: 0.0}
+    for k in range(1, 251):
+        if k > 150:
+            model.apply_force("link", (60.0 * math.sin(k / 3.0), 0, 0),
+                              model.link_pose("link").apply((0.1, 0, 0)))
+        simulation.step()
+        velocities[k] = model.link_twist("link").linear[0]
+    assert [r.stamp_ns // MS for r in readings] == [100, 200]
+    mean = (velocities[200] - velocities[190]) / 0.01
+    assert abs(mean) > 1.0
+    assert readings[-1].linear_acceleration[0] == pytest.approx(mean, abs=1e-9)
+
+
+def test_an_imu_may_tell_its_orientation_from_its_start(make):
+    tags = imu_on("base", initialOrientationAsReference=1, rpyOffset="0 0 0.5")
+    tags += imu_on("base", rpyOffset="0 0 0.5")
+    simulation, model, (readings, others) = make(arm("fixed", tags=tags))
+    steps(simulation, 2)
+    assert readings[-1].orientation == pytest.approx((0, 0, math.sin(0.25), math.cos(0.25)))
+    turn = Pose.from_rpy((0, 0, 0), (0, 0, 0.5))
+    assert others[-1].orientation == pytest.approx(
+        (turn @ Pose((0, 0, 0), model.link_pose("base").quat)).quat)
+
+
+# ------------------------------------------------------------------ wrenches
+
+
+def distal(model, joint):
+    """Weight (N), and its moment about the joint's origin, of what hangs there, world axes."""
+    links = ("upper", "tool") if joint == "swing" else ("tool",)
+    origin = model.link_pose(links[0]).xyz
+    force, torque = np.zeros(3), np.zeros(3)
+    for link in links:
+        inertial = model.description.links[link].inertial
+        weight = np.array([0, 0, -G * inertial.mass])
+        force += weight
+        torque += np.cross(np.subtract(model.link_pose(link).apply(inertial.origin_xyz), origin),
+                           weight)
+    return force, torque
+
+
+@pytest.mark.parametrize("joint", ["swing", "flange"])
+@pytest.mark.parametrize(("frame", "direction", "pose"), [
+    (None, None, None), ("child", "parent_to_child", None), ("parent", "child_to_parent", None),
+    ("sensor", "parent_to_child", "9 9 9 0.3 0.2 0.1"),
+])
+def test_a_wrench_at_rest_is_the_weight_of_what_hangs_there(make, joint, frame, direction, pose):
+    tags = wrench_of(joint)
+    if frame:
+        tags += (f'<gazebo reference="{joint}"><sensor name="s" type="force_torque"><pose>{pose}'
+                 f"</pose><force_torque><frame>{frame}</frame><measure_direction>{direction}"
+                 "</measure_direction></force_torque></sensor></gazebo>").replace(
+                     "<pose>None</pose>", "")
+    simulation, model, (readings,) = make(
+        arm(dynamics='<dynamics friction="50"/>', tags=tags), joints={"swing": 0.7})
+    steps(simulation, 20)
+    parent, child = ("base", "upper") if joint == "swing" else ("upper", "tool")
+    axes = model.link_pose(parent if frame == "parent" else child)
+    if frame == "sensor":
+        axes = axes @ Pose.from_rpy((9, 9, 9), (0.3, 0.2, 0.1))
+    sign = -1.0 if direction == "parent_to_child" else 1.0
+    force, torque = distal(model, joint)
+    assert readings[-1].force == pytest.approx(sign * turned(axes, force), abs=1e-3)
+    assert readings[-1].torque == pytest.approx(sign * turned(axes, torque), abs=1e-3)
+    assert np.linalg.norm(readings[-1].force) == pytest.approx(
+        G * (2.7 if joint == "swing" else 0.7), abs=1e-3)
+
+
+def test_a_joint_that_swings_freely_bears_no_torque_about_its_axis(make):
+    simulation, _, (readings,) = make(arm(tags=wrench_of("swing")), joints={"swing": 1.0})
+    steps(simulation, 400)
+    about = np.array([r.torque for r in readings]) @ (0.36, 0.48, 0.8)
+    across = np.linalg.norm([r.torque for r in readings], axis=1)
+    assert len(readings) == 399 and across.min() > 0.3
+    # The steps of 1 ms leave an error that is of their size.
+    assert abs(about).max() < 0.05 and abs(about).mean() < 0.01
+
+
+def test_a_wrench_contains_what_is_applied_to_the_tool(make):
+    simulation, model, (readings,) = make(
+        arm("fixed", tags=wrench_of("flange")))
+    steps(simulation, 3)
+    still = readings[-1]
+    pose = model.link_pose("tool")
+    point = pose.apply((0.0, 0.0, 0.5))
+    for link in ("tool", "upper"):  # what acts on the other side is not felt
+        model.apply_force(link, (3.0, -2.0, 1.0), point, (0.1, 0.2, 0.3))
+    simulation.step()
+    force, torque = turned(pose, (3.0, -2.0, 1.0)), turned(pose, (0.1, 0.2, 0.3))
+    assert np.subtract(readings[-1].force, still.force) == pytest.approx(force)
+    assert np.subtract(readings[-1].torque, still.torque) == pytest.approx(
+        torque + np.cross((0, 0, 0.5), force))
+    simulation.step()
+    assert readings[-1].force == pytest.approx(still.force)
+
+
+def test_a_wrench_contains_what_the_ground_bears_of_it(make):
+    """Of two feet on which a body stands; the other one's load is not felt."""
+    feet = "".join(f"""<joint name="{side}" type="fixed"><parent link="body"/>
+      <child link="{side}_foot"/><origin xyz="0.01 {y} -0.3"/></joint><link name="{side}_foot">
+      <inertial><mass value="1.5"/>{INERTIA}</inertial><collision><geometry>
+      <box size="0.2 0.01 0.1"/></geometry></collision></link>{wrench_of(side)}"""
+                   for side, y in (("left", 0.2), ("right", -0.2)))
+    simulation, _, readings = make(f"""<robot name="stack"><link name="body"><inertial>
+      <origin xyz="0.01 0.1 0"/><mass value="4"/>{INERTIA}</inertial></link>{feet}</robot>""",
+                                   pose=Pose((0, 0, 0.351)), ground=True)
+    steps(simulation, 1500)
+    left, right = (np.mean([r.force for r in one[-200:]], axis=0) for one in readings)
+    # The moment about the feet's line: 0.1 m of 0.2 m to the left.
+    assert left[2] == pytest.approx(3 * G, abs=1.0) and right[2] == pytest.approx(G, abs=1.0)
+    assert np.add(left, right) == pytest.approx((0, 0, 4 * G), abs=0.02)
+
+
+# ------------------------------------------------------------------ rates and noise
+
+
+@pytest.mark.parametrize(("rate", "expected"), [
+    (0, list(range(2, 101))), (100, list(range(10, 101, 10))), (30, [34, 67, 100]),
+])
+def test_readings_come_at_the_first_tick_of_each_period(make, rate, expected):
+    tags = plugin("p3d", {"bodyName": "tool", "topicName": "t", "updateRate": rate})
+    simulation, _, (readings,) = make(arm(tags=tags))
+    sensor = simulation.sensors[0]
+    for _ in range(100):
+        idle_ns, count = sensor.idle_until_ns, len(readings)
+        simulation.step()
+        if simulation.time_ns <= idle_ns:
+            assert len(readings) == count
+    assert [r.stamp_ns // MS for r in readings] == expected
+    simulation.reset_simulation()
+    readings.clear()
+    steps(simulation, 100)
+    assert [r.stamp_ns // MS for r in readings] == expected
+    sensor.on_state = None
+    steps(simulation, 100)
+    assert [r.stamp_ns // MS for r in readings] == expected and not sensor.enabled
+
+
+NOISE = ("<angular_velocity><y><noise type='gaussian'><mean>0.1</mean><stddev>0.02</stddev></noise>"
+         "</y></angular_velocity><linear_acceleration><z><noise type='gaussian'><mean>0</mean>"
+         "<stddev>0.5</stddev><bias_mean>2</bias_mean><bias_stddev>0.001</bias_stddev></noise></z>"
+         "</linear_acceleration>")
+
+
+def test_noise_is_as_asked_for_and_depends_on_seed_and_stamp_alone(make):
+    def told(seed, inside=NOISE, count=2001, **settings):
+        tags = imu_on("base", inside=inside, **settings)
+        simulation, _, (readings,) = make(arm("fixed", tags=tags), Pose.from_rpy(
+            (0, 0, 0), (0, 0, 0)), seed=seed)
+        steps(simulation, count)
+        return np.array([(*r.angular_velocity, *r.linear_acceleration) for r in readings])
+
+    first = told(1)
+    base = turned(Pose.from_rpy((0, 0, 0), (0.2, 0.1, -0.3)), (0, 0, G))
+    off = first - [0, 0, 0, *base]
+    assert not off[:, [0, 2, 3, 4]].any(axis=0).any() or abs(off[:, [0, 2, 3, 4]]).max() < 1e-12
+    assert off[:, 1].mean() == pytest.approx(0.1, abs=0.002)
+    assert off[:, 1].std() == pytest.approx(0.02, rel=0.06)
+    assert abs(off[:, 5].mean()) == pytest.approx(2.0, abs=0.05)
+    assert off[:, 5].std() == pytest.approx(0.5, rel=0.06)
+    assert np.array_equal(first, told(1)) and not np.array_equal(first, told(2))
+    assert {math.copysign(1, told(seed, "<linear_acceleration><x><noise><bias_mean>99</bias_mean>"
+                                  "</noise></x></linear_acceleration>", count=2)[0, 3])
+            for seed in range(8)} == {-1, 1}
+    all_six = told(1, "", gaussianNoise=0.3) - [0, 0, 0, *base]
+    assert not np.array_equal(told(2, "", gaussianNoise=0.3) - [0, 0, 0, *base], all_six)
+    assert all_six.std(axis=0) == pytest.approx(np.full(6, 0.3), rel=0.06)
+    assert abs(np.corrcoef(all_six.T) - np.eye(6)).max() < 0.08
+
+
+# ------------------------------------------------------------------ what the tags say
+
+
+def test_defaults_are_upstream_s():
+    tags = imu_on("base").replace("<updateRateHZ>0</updateRateHZ>", "")
+    tags += plugin("p3d", {"bodyName": "tool", "topicName": "t"})
+    tags += plugin("imu", {"bodyName": "tool"}) + wrench_of("flange")
+    imu, pose, body, wrench = parse_urdf(arm(tags=tags)).sensors
+    assert (imu.topic, imu.namespace, imu.frame, imu.rate) == ("imu_data", None, "f", 1.0)
+    assert (pose.namespace, pose.frame, pose.rate) == ("", "world", 0.0)
+    assert (body.topic, body.rate) == ("/default_imu", 0.0)
+    assert (wrench.measured_in, wrench.on_child, wrench.frame) == ("child", False, "")
+    assert wrench == SensorDescription("wrench", "w", joint="flange")
+
+
+@pytest.mark.parametrize(("tags", "reason"), [
+    (plugin("p3d", {"bodyName": "gone", "topicName": "t"}), "link 'gone' does not exist"),
+    (plugin("p3d", {"bodyName": "tool"}), "it has no <topicName>"),
+    (plugin("p3d", {"bodyName": "tool", "topicName": "t", "frameName": "gone"}),
+     "frame 'gone' is neither the world nor a link"),
+    (plugin("ft_sensor", {"topicName": "t"}), "joint '' does not exist"),
+    (plugin("imu", {"topicName": "t"}), "link '' does not exist"),
+    (plugin("imu_sensor", {"frameName": "f"}), "it belongs into a <sensor type='imu'>"),
+    (imu_on("base").replace("frameName", "frame"), "its plug-in has no <frameName>"),
+    (imu_on("base").replace("imu_sensor.so", "p3d.so"), "this plug-in belongs into"),
+])
+def test_a_sensor_that_measures_nothing_costs_one_line(tags, reason):
+    read = parse_urdf(arm(tags=tags + wrench_of("swing")))
+    (warning,) = read.warnings
+    assert reason in warning and "left out" in warning
+    assert [sensor.kind for sensor in read.sensors] == ["wrench"]
+
+
+def test_words_of_a_wrench_that_there_are_not():
+    read = parse_urdf(arm(tags=wrench_of("swing") + (
+        '<gazebo reference="swing"><sensor type="force_torque" name="s"><force_torque><frame>hand'
+        "</frame><measure_direction>up</measure_direction></force_torque></sensor></gazebo>")))
+    assert read.warnings == (
+        "sensor 's' on joint 'swing': frame 'hand' is unknown; child is taken",
+        "sensor 's' on joint 'swing': measure_direction 'up' is unknown; child_to_parent is taken")
+
+
+def test_sensors_of_sdf_stand_where_its_root_link_stands():
+    noise = ("<noise type='gaussian'><mean>1</mean><stddev>2</stddev></noise>")
+    read = parse_sdf(f"""<sdf version="1.6"><model name="m"><link name="a">
+      <pose>0 0 1 0 0 0.5</pose><sensor name="i" type="imu"><pose>0.1 0 0 0 0 0</pose>
+      <update_rate>50</update_rate><plugin name="p" filename="libgazebo_ros_imu_sensor.so">
+      <frameName>f</frameName></plugin>
+      </sensor></link><link name="b"/><joint name="j" type="fixed"><parent>a</parent><child>b
+      </child><sensor name="s" type="force_torque"><force_torque><frame>parent</frame><force><x>
+      {noise}</x></force></force_torque><plugin name="q" filename="libgazebo_ros_ft_sensor.so">
+      <topicName>w</topicName></plugin></sensor></joint><plugin name="r"
+      filename="libgazebo_ros_p3d.so"><bodyName>b</bodyName><topicName>t</topicName></plugin>
+      </model></sdf>""")
+    assert read.warnings == ()
+    imu, pose, wrench = read.sensors
+    assert imu.pose[0] == pytest.approx((0.1 * math.cos(0.5), 0.1 * math.sin(0.5), 1.0))
+    assert imu.pose[1] == pytest.approx((0, 0, 0.5)) and imu.sample_rate == 50.0
+    assert (pose.kind, pose.link) == ("pose", "b")
+    assert (wrench.joint, wrench.measured_in) == ("j", "parent")
+    assert wrench.channels == (ChannelNoise(1.0, 2.0), *[ChannelNoise()] * 5)

@@ -59,7 +59,7 @@ AREAS = {
         Area("camera", (f"{BRIDGE}/camera/**/*.py",), ("tests/unit/camera",)),
         Area("control", (f"{BRIDGE}/control/**/*.py",),
              ("tests/unit/control", "tests/unit/world/test_step_response",
-              "tests/unit/world/test_stride")),
+              "tests/unit/world/test_cycle")),
         Area("world", (f"{BRIDGE}/world/**/*.py",), ("tests/unit/world",)),
         Area("description", (f"{BRIDGE}/description/**/*.py",),
              ("tests/unit/description", "tests/unit/world", "tests/unit/robot",

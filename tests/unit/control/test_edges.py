@@ -18,7 +18,12 @@ from aras_sim_bridge.control.joints import (
     JointHandle,
     resolve_limits,
 )
-from aras_sim_bridge.control.limits import PositionSaturation, PositionSoft, VelocitySoft
+from aras_sim_bridge.control.limits import (
+    POSITION_SATURATION,
+    POSITION_SOFT,
+    VELOCITY_SOFT,
+    LimitRule,
+)
 from aras_sim_bridge.control.loop import ControlLoop
 from aras_sim_bridge.errors import HardwareError
 
@@ -119,15 +124,15 @@ def test_a_range_that_the_urdf_leaves_out_is_zero(make_joint, make_limits, kind)
 @pytest.mark.parametrize("command", [9.0, -9.0])
 def test_position_rules_without_a_range_limit_speed_alone(make_soft, command):
     limits = JointBounds(max_velocity=5.0)
-    for rule in (PositionSaturation, PositionSoft):
+    for rule in (POSITION_SATURATION, POSITION_SOFT):
         joint = JointHandle("J", "continuous", None, make_soft(), POSITION)
         joint.position = 3.0  # beyond the soft limits, which need a range
         joint.position_command = command
-        rule(limits, joint).enforce(joint, 0.1)
+        LimitRule(rule, limits, joint).enforce(joint, 0.1)
         assert joint.position_command == pytest.approx(3.0 + (0.5 if command > 0 else -0.5))
     free = JointHandle("J", "continuous", None, None, POSITION)
     free.position_command = command
-    PositionSaturation(JointBounds(), free).enforce(free, 0.1)
+    LimitRule(POSITION_SATURATION, JointBounds(), free).enforce(free, 0.1)
     assert free.position_command == command
 
 
@@ -138,7 +143,7 @@ def test_soft_velocity_without_soft_limits_is_the_hard_one(make_soft, limits, co
     joint = JointHandle("J", "revolute", None, make_soft(None, None, 0.0, 0.0), VELOCITY)
     joint.position = 0.3
     joint.velocity_command = command
-    VelocitySoft(limits, joint).enforce(joint, 0.1)
+    LimitRule(VELOCITY_SOFT, limits, joint).enforce(joint, 0.1)
     assert joint.velocity_command == (5.0 if command > 0 else -5.0)
     assert abs(joint.velocity_command) < inf
 

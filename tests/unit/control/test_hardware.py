@@ -5,6 +5,7 @@ from math import inf, nan, pi
 import pytest
 
 from aras_sim_bridge.control.joints import Occurrence
+from aras_sim_bridge.control.limits import NO_RULE
 from aras_sim_bridge.errors import HardwareError
 
 POSITION = "PositionJointInterface"
@@ -171,11 +172,11 @@ def test_a_pid_drive_drives_no_joint_on_that_is_too_fast(make_rig, make_joint, i
         rig.hardware.read(0, 0.001)
         if interface == POSITION:
             handle.position_command = handle.position + sign * wanted
-            rig.hardware.drives[0]._rule.reset()
+            rig.hardware.drives[0].rule.reset()
             rig.hardware.write(0, 1.0)
         else:
             handle.velocity_command = sign * (20.0 if wanted > 0 else -20.0)
-            rig.hardware.drives[0]._enforce = None
+            rig.hardware.drives[0].rule.row[0] = NO_RULE
             rig.hardware.write(0, 0.001)
         assert only(rig) == [("effort", sign * effort)]
 

@@ -13,12 +13,13 @@ from aras_sim_bridge.control.joints import (
     resolve_limits,
 )
 from aras_sim_bridge.control.limits import (
-    EffortSaturation,
-    EffortSoft,
-    PositionSaturation,
-    PositionSoft,
-    VelocitySaturation,
-    VelocitySoft,
+    EFFORT_SATURATION,
+    EFFORT_SOFT,
+    POSITION_SATURATION,
+    POSITION_SOFT,
+    VELOCITY_SATURATION,
+    VELOCITY_SOFT,
+    LimitRule,
     rule_for,
 )
 from aras_sim_bridge.description import SoftLimits
@@ -53,7 +54,7 @@ def handle(soft=None, position=0.0, velocity=0.0, interface=EFFORT):
 def test_effort_saturation(proves, position, velocity, command, expected):
     joint = handle(position=position, velocity=velocity)
     joint.effort_command = command
-    EffortSaturation(LIMITS, joint).enforce(joint, DT)
+    LimitRule(EFFORT_SATURATION, LIMITS, joint).enforce(joint, DT)
     assert joint.effort_command == expected, proves
 
 
@@ -72,27 +73,27 @@ def test_effort_saturation(proves, position, velocity, command, expected):
 def test_effort_soft(make_soft, proves, position, velocity, command, expected):
     joint = handle(make_soft(), position, velocity)
     joint.effort_command = command
-    EffortSoft(LIMITS, joint).enforce(joint, DT)
+    LimitRule(EFFORT_SOFT, LIMITS, joint).enforce(joint, DT)
     assert joint.effort_command == pytest.approx(expected), proves
 
 
 def test_effort_soft_without_position_limits_bounds_velocity_only(make_soft):
     joint = handle(make_soft(), position=50.0, velocity=4.0)
     joint.effort_command = 60.0
-    EffortSoft(JointBounds(None, None, 5.0, None, 100.0), joint).enforce(joint, DT)
+    LimitRule(EFFORT_SOFT, JointBounds(None, None, 5.0, None, 100.0), joint).enforce(joint, DT)
     assert joint.effort_command == pytest.approx(20.0)  # -20 (4 - 5)
 
 
 def test_a_soft_limit_that_is_not_given_does_not_bind(make_soft):
     joint = handle(make_soft(lower=None, upper=None), position=1.9)
     joint.effort_command = 60.0
-    EffortSoft(LIMITS, joint).enforce(joint, DT)
+    LimitRule(EFFORT_SOFT, LIMITS, joint).enforce(joint, DT)
     assert joint.effort_command == 60.0
 
 
 def test_position_saturation_steps_from_the_measured_position_then_from_its_own_command():
     joint = handle(position=1.0, interface=POSITION)
-    rule = PositionSaturation(LIMITS, joint)
+    rule = LimitRule(POSITION_SATURATION, LIMITS, joint)
     given = []
     for _ in range(4):
         joint.position_command = 9.0
@@ -108,13 +109,13 @@ def test_position_saturation_steps_from_the_measured_position_then_from_its_own_
 def test_position_saturation_without_velocity_limit_jumps():
     joint = handle(interface=POSITION)
     joint.position_command = -9.0
-    PositionSaturation(JointBounds(-2.0, 2.0), joint).enforce(joint, DT)
+    LimitRule(POSITION_SATURATION, JointBounds(-2.0, 2.0), joint).enforce(joint, DT)
     assert joint.position_command == -2.0
 
 
 def test_position_soft_slows_down_towards_the_soft_limit(make_soft):
     joint = handle(make_soft(k_position=2.0), position=1.0, interface=POSITION)
-    rule = PositionSoft(LIMITS, joint)
+    rule = LimitRule(POSITION_SOFT, LIMITS, joint)
     given = []
     for _ in range(3):
         joint.position_command = 9.0
@@ -126,7 +127,7 @@ def test_position_soft_slows_down_towards_the_soft_limit(make_soft):
 
 def test_position_soft_slows_down_towards_the_lower_soft_limit(make_soft):
     joint = handle(make_soft(k_position=2.0), position=-1.0, interface=POSITION)
-    rule = PositionSoft(LIMITS, joint)
+    rule = LimitRule(POSITION_SOFT, LIMITS, joint)
     given = []
     for _ in range(3):
         joint.position_command = -9.0
@@ -135,8 +136,8 @@ def test_position_soft_slows_down_towards_the_lower_soft_limit(make_soft):
     assert given == pytest.approx([-1.1, -1.18, -1.244])
 
 
-RULES = {EffortSaturation: EFFORT, EffortSoft: EFFORT, PositionSaturation: POSITION,
-         PositionSoft: POSITION, VelocitySaturation: VELOCITY, VelocitySoft: VELOCITY}
+RULES = {EFFORT_SATURATION: EFFORT, EFFORT_SOFT: EFFORT, POSITION_SATURATION: POSITION,
+         POSITION_SOFT: POSITION, VELOCITY_SATURATION: VELOCITY, VELOCITY_SOFT: VELOCITY}
 COMMANDS = {EFFORT: "effort_command", POSITION: "position_command", VELOCITY: "velocity_command"}
 
 
@@ -152,8 +153,8 @@ def test_what_holds_upwards_holds_downwards(rule):
         back = SoftLimits(-soft.upper, -soft.lower, soft.k_position, soft.k_velocity)
         joint = handle(soft, interface=RULES[rule])
         mirrored = handle(back, interface=RULES[rule])
-        one = rule(JointBounds(lower, upper, *rest), joint)
-        other = rule(JointBounds(-upper, -lower, *rest), mirrored)
+        one = LimitRule(rule, JointBounds(lower, upper, *rest), joint)
+        other = LimitRule(rule, JointBounds(-upper, -lower, *rest), mirrored)
         field = COMMANDS[RULES[rule]]
         for _ in range(6):
             joint.position, joint.velocity = draw.uniform(-2.5, 2.5), draw.uniform(-4.0, 4.0)
@@ -175,7 +176,7 @@ def test_what_holds_upwards_holds_downwards(rule):
 def test_a_rule_that_was_reset_is_as_new(make_soft, rule):
     joint = handle(make_soft(), 0.5, 0.0, RULES[rule])
     limits, field = JointBounds(-2.0, 2.0, 5.0, 10.0, 100.0), COMMANDS[RULES[rule]]
-    used, new = rule(limits, joint), rule(limits, joint)
+    used, new = LimitRule(rule, limits, joint), LimitRule(rule, limits, joint)
     given = []
     for one, command in ((used, -9.0), (used, -9.0), (used, 9.0), (new, 9.0)):
         if command > 0.0:
@@ -195,7 +196,7 @@ def test_a_rule_that_was_reset_is_as_new(make_soft, rule):
 )
 def test_velocity_saturation(proves, acceleration, commands, expected):
     joint = handle(interface=VELOCITY)
-    rule = VelocitySaturation(JointBounds(-2.0, 2.0, 5.0, acceleration), joint)
+    rule = LimitRule(VELOCITY_SATURATION, JointBounds(-2.0, 2.0, 5.0, acceleration), joint)
     given = []
     for command in commands:
         joint.velocity_command = command
@@ -219,7 +220,7 @@ def test_velocity_saturation(proves, acceleration, commands, expected):
 def test_velocity_soft(make_soft, proves, acceleration, position, velocity, command, expected):
     joint = handle(make_soft(), position, velocity, VELOCITY)
     joint.velocity_command = command
-    VelocitySoft(JointBounds(-2.0, 2.0, 5.0, acceleration), joint).enforce(joint, DT)
+    LimitRule(VELOCITY_SOFT, JointBounds(-2.0, 2.0, 5.0, acceleration), joint).enforce(joint, DT)
     assert joint.velocity_command == pytest.approx(expected), proves
 
 
@@ -235,7 +236,7 @@ def test_rules_name_the_limit_they_lack(make_soft):
             rule_for(handle(soft, interface=interface), limits)
     assert rule_for(handle(), None) is None
     rule = rule_for(handle(interface=POSITION), JointBounds(-1.0, 1.0))
-    assert isinstance(rule, PositionSaturation)
+    assert rule.kind == POSITION_SATURATION
 
 
 class TestResolving:

@@ -42,7 +42,7 @@ FLOORS = (
     {"blending"},
     {"description"},
     {"control", "world"},
-    {"rendering", "strides"},
+    {"rendering", "cycle"},
     {"camera", "sensors"},
     {"simulation"},
     {"ros"},

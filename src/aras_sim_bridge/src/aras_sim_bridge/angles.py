@@ -6,16 +6,20 @@ distance is valid, so none of these functions says so.
 
 from math import pi
 
+from aras_visual_servo_base.compiled import compiled
+
 TURN = 2.0 * pi
 
 
-def normalize_angle(angle: float) -> float:
+@compiled("f8")
+def normalize_angle(angle):
     """`angle` in (-pi, pi]."""
     within = angle % TURN
     return within - TURN if within > pi else within
 
 
-def shortest(start: float, goal: float) -> float:
+@compiled("f8, f8")
+def shortest(start, goal):
     """Distance from `start` to `goal` the short way round, in (-pi, pi]."""
     distance = goal - start
     # The case of nearly every control cycle.
@@ -24,7 +28,8 @@ def shortest(start: float, goal: float) -> float:
     return normalize_angle(distance)
 
 
-def with_large_limits(start: float, goal: float, lower: float, upper: float) -> float:
+@compiled("f8, f8, f8, f8")
+def with_large_limits(start, goal, lower, upper):
     """Shortest distance that stays within [lower, upper], which may span several turns.
 
     Where neither way round stays within the limits, or they are crossed, the shorter one.
@@ -36,7 +41,8 @@ def with_large_limits(start: float, goal: float, lower: float, upper: float) -> 
     return near
 
 
-def towards(start: float, goal: float, lower: float, upper: float) -> float:
+@compiled("f8, f8, f8, f8")
+def towards(start, goal, lower, upper):
     """As with_large_limits, but from outside the limits straight to the goal and so back in."""
     if lower <= start <= upper:
         return with_large_limits(start, goal, lower, upper)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from functools import partial
 
+import numpy as np
+
+from aras_sim_bridge import cycle
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.camera.mounting import (
     MountedCamera,
@@ -31,7 +33,6 @@ from aras_sim_bridge.errors import (
 )
 from aras_sim_bridge.rendering import Renderer, Sun, create_renderer
 from aras_sim_bridge.sensors import KINDS, RateSensor
-from aras_sim_bridge.strides import make_steps
 from aras_sim_bridge.world import Model, Pose, World
 from aras_visual_servo_base.poses import IDENTITY
 
@@ -200,53 +201,66 @@ class Simulation:
                 return Sun(light.direction, diffuse=max(light.diffuse[:3]))
         return Sun(diffuse=0.0)
 
-    def step(self) -> None:
-        """One tick in Gazebo's order: time, controllers, physics, sensors."""
-        time_ns = self.time_ns + self.step_ns
-        for robot in self.robots.values():
-            robot.loop.step(time_ns)
+    def step(self, until_ns: int = 0) -> None:
+        """One tick in Gazebo's order: time, controllers, physics, sensors.
+
+        With `until_ns`, as many in one compiled call as end up to then and before somebody looks: a
+        camera, a listener, a controller in Python. They are the same as one by one.
+        """
+        began_ns, time_ns = self.time_ns, self.time_ns + self.step_ns
+        begun = self._begun(time_ns)
+        if begun is None:
+            for robot in self.robots.values():
+                robot.loop.step(time_ns)
         cameras = [camera for camera in self.cameras if camera.enabled]
         for camera in cameras:
-            camera.before_step(self.time_ns, time_ns)
+            until_ns = min(until_ns, camera.idle_until_ns)
+            camera.before_step(began_ns, time_ns)
         sensors = [sensor for sensor in self.sensors if sensor.enabled]
         for sensor in sensors:
-            sensor.before_step(self.time_ns, time_ns)
-        self.world.step()
-        self.time_ns = time_ns
+            until_ns = min(until_ns, sensor.idle_until_ns)
+            sensor.before_step(began_ns, time_ns)
+        if begun is None:
+            self.world.step()
+            self.time_ns = time_ns
+        else:
+            self._cycles(max(until_ns, time_ns), *begun)
         for sensor in sensors:
-            sensor.after_step(time_ns)
+            sensor.after_step(self.time_ns)
         for sensor in sensors:
             sensor.model.pushes.clear()
-        due = [camera for camera in cameras if camera.sensor.due(time_ns)]
+        due = [camera for camera in cameras if camera.sensor.due(self.time_ns)]
         if due and self.before_pictures is not None:
-            self.before_pictures(time_ns)
+            self.before_pictures(self.time_ns)
         for camera in due:
-            camera.after_step(time_ns)
+            camera.after_step(self.time_ns)
 
-    def stride(self, until_ns: int) -> None:
-        """Make steps up to `until_ns` in which nothing is measured, drawn or commanded, if the next
-        ones are such (see control/stride.py): as so many `step` would, in half the time."""
+    def _begun(self, time_ns: int) -> tuple[ControlledModel, tuple, np.ndarray, float] | None:
+        """The one robot, if it moves alone and Python takes no part in the tick that ends at
+        `time_ns`; what World.alone and ControlLoop.begin answer."""
         if len(self.robots) != 1:
-            return
+            return None
         (robot,) = self.robots.values()
-        if not self.world.moves_alone(robot.model):
-            return
-        for looker in (*self.cameras, *self.sensors):
-            if looker.enabled:
-                until_ns = min(until_ns, looker.idle_until_ns)
-        began_ns, step_ns = self.time_ns, self.step_ns
-        cycles, calm_ns = robot.loop.begin_stride(began_ns + step_ns, step_ns)
-        if cycles is None:
-            return
-        count = int(min(until_ns, calm_ns) - began_ns) // step_ns
-        try:
-            self.world.stride(robot.model, partial(make_steps, cycles, count, step_ns / 1e9))
-            self.time_ns = began_ns + cycles.made * step_ns
-        except WorldError:
-            self.time_ns = began_ns + (cycles.made - 1) * step_ns
-            raise
-        finally:
-            robot.loop.end_stride(began_ns + cycles.made * step_ns)
+        physics = self.world.alone(robot.model)
+        begun = None if physics is None else robot.loop.begin(time_ns, self.step_ns)
+        return None if begun is None else (robot, physics, *begun)
+
+    def _cycles(self, until_ns: int, robot: ControlledModel, physics: tuple, loops: np.ndarray,
+                idle_ns: float) -> None:
+        """Compiled ticks up to `until_ns`, or `idle_ns`; WorldError where one diverges."""
+        began_ns, step_ns, hardware = self.time_ns, self.step_ns, robot.hardware
+        count = int(min(until_ns, idle_ns) - began_ns) // step_ns
+        made, end, bad = cycle.cycles(
+            count, began_ns, step_ns, loops, hardware.handle_rows, hardware.drive_rows, *physics
+        )
+        self.time_ns = began_ns + (made - (end == cycle.DIVERGED)) * step_ns
+        robot.loop.end(began_ns + (made + (end == cycle.NOT_FINITE)) * step_ns)
+        if end != cycle.ALL_MADE:
+            hardware.tell()
+        self.world.advanced(robot.model, bad, end != cycle.NOT_BORNE)
+        if end == cycle.NOT_FINITE:
+            hardware.apply(self.time_ns)
+            robot.model.check_efforts()
 
     def next_picture_ns(self) -> int | None:
         """When a camera next has something to do, ns; None: none has. The step that contains it

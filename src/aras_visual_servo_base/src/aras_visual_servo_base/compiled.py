@@ -68,3 +68,15 @@ def inlined(function: Callable) -> Callable:
 def _tell_once() -> None:
     _log.warning("compiled loops cannot be kept, so every start takes some ten "
                  "seconds longer; set NUMBA_CACHE_DIR to a folder that can be written")
+
+
+def column(number: int) -> property:
+    """A column of an object's `row`, as an attribute."""
+
+    def read(self: object) -> float:
+        return self.row.item(number)
+
+    def write(self: object, value: float) -> None:
+        self.row[number] = value
+
+    return property(read, write)

@@ -1,20 +1,66 @@
-"""How a command reaches a simulated joint: one drive a way of driving (contract 2.5).
+"""How a command reaches a simulated joint: one drive a joint, in one of five ways (contract 2.5).
 
-write(dt) is called every physics step. A drive never hands on a number that is not finite: it
+`written` is called every physics step. A drive never hands on a number that is not finite: it
 falls back to the last command that was.
 """
 
 from collections.abc import Callable, Sequence
+from math import inf, isfinite, isnan, nan
 from typing import Protocol
 
-from aras_sim_bridge import angles
-from aras_sim_bridge.control.joints import JointBounds, JointHandle, Occurrence
-from aras_sim_bridge.control.limits import EffortSaturation, LimitRule
-from aras_sim_bridge.control.pid import Pid
+import numpy as np
 
-_INF = float("inf")
-# A saturated effort or velocity is ordinary during a step command; only a lasting one is news.
-_PATIENCE = {"effort": 0.25, "velocity": 0.25, "position": 0.0}
+from aras_sim_bridge.angles import shortest, towards
+from aras_sim_bridge.control.joints import (
+    EFFORT,
+    OCCURRENCE_COLUMNS,
+    POSITION,
+    Q_COMMAND,
+    TAU_COMMAND,
+    V_COMMAND,
+    VELOCITY,
+    JointBounds,
+    JointHandle,
+    Occurrence,
+    Q,
+    V,
+    noted,
+)
+from aras_sim_bridge.control.limits import (
+    NO_RULE,
+    RULE_COLUMNS,
+    enforced,
+    rule_for,
+)
+from aras_sim_bridge.control.pid import PID_COLUMNS, Pid, computed
+from aras_visual_servo_base.compiled import compiled
+
+# Ways of driving: an effort is applied; a position is set, or reached by a PID's effort; a motor
+# turns at a velocity, or a PID's effort sees to it.
+DRIVES_EFFORT, SETS_POSITION, POSITION_BY_PID, TURNS_MOTOR, VELOCITY_BY_PID = range(5)
+# By command interface: without and with PID gains.
+_KINDS = {
+    EFFORT: (DRIVES_EFFORT, DRIVES_EFFORT),
+    POSITION: (SETS_POSITION, POSITION_BY_PID),
+    VELOCITY: (TURNS_MOTOR, VELOCITY_BY_PID),
+}
+_COMMANDS = {EFFORT: TAU_COMMAND, POSITION: Q_COMMAND, VELOCITY: V_COMMAND}
+_QUANTITIES = {EFFORT: "effort", POSITION: "position", VELOCITY: "velocity"}
+# s; a saturated effort or velocity is ordinary during a step command; only a lasting one is news.
+_PATIENCE = {EFFORT: 0.25, POSITION: 0.0, VELOCITY: 0.25}
+_PLAIN, _SHORTEST, _WITHIN = range(3)  # ways from a position to another
+
+# Columns of a drive's row: those of a Pid and of a LimitRule (all 0: none), and these. The joint's
+# number in the model; which command of the handle, which way of driving; greatest effort and speed
+# of a PID's output; the joint's travel, and the way to a position; where an emergency stop holds
+# it (NaN: nowhere); the last finite command; what is to be applied.
+_RULE = PID_COLUMNS
+(JOINT, _COMMAND, KIND, STRONGEST, _FASTEST, _LOWER, _UPPER, _WAY, _HELD, _GOOD,
+ OUTPUT) = range(_RULE + RULE_COLUMNS, _RULE + RULE_COLUMNS + 11)
+# What is to be told (1: a refused command, 2: a limited one), the numbers of it, and occurrences.
+(_NEWS, _REFUSED, _WANTED, _GIVEN, _QUIET, _PATIENT) = range(OUTPUT + 1, OUTPUT + 7)
+_LIMITS, _REFUSALS = _PATIENT + 1, _PATIENT + 1 + OCCURRENCE_COLUMNS
+DRIVE_COLUMNS = _REFUSALS + OCCURRENCE_COLUMNS
 
 
 class JointModel(Protocol):
@@ -39,193 +85,143 @@ class JointModel(Protocol):
 
 
 class Drive:
-    """Base: guards the command, applies the limit rule and reports what it changed."""
-
-    quantity = ""
+    """Guards the command of one joint and applies the limit rule to it; a view of its row."""
 
     def __init__(
         self,
+        row: np.ndarray,
         handle: JointHandle,
         limits: JointBounds | None,
-        rule: LimitRule | None,
-        model: JointModel,
+        joint: int,
         warn: Callable[[str], None],
         pid: Pid | None = None,
     ) -> None:
-        self.handle = handle
-        self.pid = pid
-        self._held: float | None = None  # where an emergency stop holds a position
-        # Bound once: they are called every physics step.
-        self._enforce = None if rule is None else rule.enforce
-        self._rule = rule
-        self._apply_effort = model.apply_effort
-        self._set_position = model.set_position
-        self._set_velocity_motor = model.set_velocity_motor
-        self._warn = warn
-        self._good = 0.0
-        self._limited = Occurrence(_PATIENCE[self.quantity])
-        self._refused = Occurrence()
+        """A drive in a row of its robot's; `joint`: its number in the model.
+
+        Raises HardwareError where a limit that the rule needs is missing.
+        """
+        self.row, self.handle, self.pid, self._warn = row, handle, pid, warn
+        interface = handle.interface
+        self.kind = _KINDS[interface][pid is not None]
+        self.rule = rule_for(handle, limits, row[_RULE : _RULE + RULE_COLUMNS])
+        if pid is not None:
+            pid.bind(row[:PID_COLUMNS])
         limits = limits or JointBounds()
-        self._max_effort = _INF if limits.max_effort is None else limits.max_effort
-        self._max_velocity = _INF if limits.max_velocity is None else limits.max_velocity
-        self._travel = (
-            (limits.min_position, limits.max_position) if limits.has_position else None
-        )
+        row[JOINT], row[_COMMAND], row[KIND] = joint, _COMMANDS[interface], self.kind
+        row[STRONGEST] = inf if limits.max_effort is None else limits.max_effort
+        row[_FASTEST] = inf if limits.max_velocity is None else limits.max_velocity
+        row[_LOWER], row[_UPPER] = -inf, inf
+        row[_WAY] = _SHORTEST if handle.turns else _PLAIN
+        if limits.has_position:
+            row[_LOWER], row[_UPPER] = limits.min_position, limits.max_position
+            if handle.kind == "revolute":
+                row[_WAY] = _WITHIN
+        self._limited = Occurrence(_PATIENCE[interface], row=row[_LIMITS:_REFUSALS])
+        self._refused = Occurrence(row=row[_REFUSALS:])
+        row[_PATIENT], row[_QUIET] = self._limited.patience_ns, self._limited.quiet_ns
 
     def start(self) -> None:
         """Be as new, with a joint that stays where it is until it is commanded."""
-        handle = self.handle
+        handle, row = self.handle, self.row
         handle.position_command = handle.position
         handle.velocity_command = handle.effort_command = 0.0
-        self._good = handle.position if self.quantity == "position" else 0.0
-        self._held = None
+        row[_GOOD] = handle.position if handle.interface == POSITION else 0.0
+        row[_HELD] = nan
         self._limited.reset()
         self._refused.reset()
-        if self._rule is not None:
-            self._rule.reset()
+        if self.rule is not None:
+            self.rule.reset()
         if self.pid is not None:
             self.pid.reset()
 
-    def _refuse(self, command: float, time_ns: int) -> float:
-        """Report a command that is not finite and return the one to use instead."""
-        if self._refused.note(time_ns):
-            self._warn(
-                f"joint '{self.handle.name}': {self.quantity} command {command} is not finite; "
-                f"keeping {self._good:g}. Look at the controller that commands it"
-            )
-        return self._good
+    def apply(self, model: JointModel, time_ns: int) -> None:
+        """Hand the output to the model."""
+        name, output = self.handle.name, self.row.item(OUTPUT)
+        if self.kind == SETS_POSITION:
+            reached = model.set_position(name, output)
+            if reached != output and self._limited.note(time_ns):
+                self._warn(f"joint '{name}': position command {output:g} is beyond its "
+                           f"stop at {reached:g}, where it rests; lower the command, or "
+                           "joint_limits")
+        elif self.kind == TURNS_MOTOR:
+            model.set_velocity_motor(name, output, self.row.item(STRONGEST))
+        else:
+            model.apply_effort(name, output)
 
-    def _report(self, wanted: float, given: float, time_ns: int) -> None:
-        """Say once an occurrence that the limits changed the command."""
-        if self._limited.note(time_ns):
-            self._warn(
-                f"joint '{self.handle.name}': {self.quantity} command {wanted:g} is beyond what "
-                f"its limits allow at position {self.handle.position:g} and velocity "
-                f"{self.handle.velocity:g}; {given:g} is applied"
-            )
-
-    def _clamp_effort(self, effort: float) -> float:
-        """The effort within its limit, and none that drives a joint on that is too fast."""
-        limit, velocity = self._max_effort, self.handle.velocity
-        low = 0.0 if velocity < -self._max_velocity else -limit
-        high = 0.0 if velocity > self._max_velocity else limit
-        return low if effort < low else high if effort > high else effort
-
-
-class EffortDrive(Drive):
-    """Applies the commanded effort."""
-
-    quantity = "effort"
-
-    def write(self, time_ns: int, dt: float, stopped: bool) -> None:
-        """Limit the command and apply it; 0 in an emergency stop."""
-        handle = self.handle
-        wanted = handle.effort_command
-        if not -_INF < wanted < _INF:
-            wanted = handle.effort_command = self._refuse(wanted, time_ns)
-        if self._enforce is not None:
-            self._enforce(handle, dt)
-            if handle.effort_command != wanted:
-                self._report(wanted, handle.effort_command, time_ns)
-        self._good = effort = handle.effort_command
-        self._apply_effort(handle.name, 0.0 if stopped else effort)
-
-    @property
-    def saturation(self) -> tuple[float, float, float, float] | None:
-        """Lower, upper, greatest speed and effort beyond which `write` would change a command;
-        None where that depends on more."""
-        if self._rule is None:
-            return -_INF, _INF, _INF, _INF
-        return self._rule.bounds if isinstance(self._rule, EffortSaturation) else None
-
-    def written(self) -> None:
-        """Be as after `write` of a command that it need not change."""
-        self._good = self.handle.effort_command
+    def tell(self) -> None:
+        """Say what `written` found worth a line, once an occurrence."""
+        row, handle = self.row, self.handle
+        news, row[_NEWS] = int(row[_NEWS]), 0.0
+        what = f"joint '{handle.name}': {_QUANTITIES[handle.interface]} command"
+        if news & 1:
+            self._warn(f"{what} {row[_REFUSED]} is not finite; keeping {row[_GOOD]:g}. Look at the "
+                       "controller that commands it")
+        if news & 2:
+            self._warn(f"{what} {row[_WANTED]:g} is beyond what its limits allow at position "
+                       f"{handle.position:g} and velocity {handle.velocity:g}; {row[_GIVEN]:g} is "
+                       "applied")
 
 
-class PositionDrive(Drive):
-    """Puts the joint where the command says; holds the measured position when stopped."""
-
-    quantity = "position"
-
-    def write(self, time_ns: int, dt: float, stopped: bool) -> None:
-        """Limit the command and set the joint's position."""
-        command = self._command(time_ns, dt, stopped)
-        reached = self._set_position(self.handle.name, command)
-        if reached != command and self._limited.note(time_ns):
-            self._warn(f"joint '{self.handle.name}': position command {command:g} is beyond its "
-                       f"stop at {reached:g}, where it rests; lower the command, or joint_limits")
-
-    def _command(self, time_ns: int, dt: float, stopped: bool) -> float:
-        handle = self.handle
+@compiled("f8[::1], f8[::1], f8, f8, b1", calls=(enforced, noted))
+def _command(row, handle, time_ns, dt, stopped):
+    """The command of a drive, finite and within its limits."""
+    column = int(row[_COMMAND])
+    if column == Q_COMMAND:
+        if not stopped:
+            row[_HELD] = nan
+        elif isnan(row[_HELD]):
+            row[_HELD] = handle[Q]
         if stopped:
-            if self._held is None:
-                self._held = handle.position
-            handle.position_command = self._held
-        else:
-            self._held = None
-        wanted = handle.position_command
-        if not -_INF < wanted < _INF:
-            wanted = handle.position_command = self._refuse(wanted, time_ns)
-        if self._enforce is not None:
-            self._enforce(handle, dt)
+            handle[column] = row[_HELD]
+    wanted = handle[column]
+    if not isfinite(wanted):
+        if noted(row[_REFUSALS:], time_ns, 0.0, row[_QUIET]):
+            row[_NEWS], row[_REFUSED] = row[_NEWS] + 1.0, wanted
+        wanted = handle[column] = row[_GOOD]
+    rule = row[_RULE : _RULE + RULE_COLUMNS]
+    if rule[0] != NO_RULE:
+        beyond, given = enforced(rule, handle, dt), handle[column]
+        if column == Q_COMMAND:
             # Slowed by the velocity limit is everyday travel; beyond the range is a mistake.
-            travel = self._travel
-            if travel is not None and not travel[0] <= wanted <= travel[1]:
-                bound = travel[0] if wanted < travel[0] else travel[1]
-                self._report(wanted, bound, time_ns)
-        self._good = handle.position_command
-        return self._good
+            beyond = not row[_LOWER] <= wanted <= row[_UPPER]
+            given = row[_LOWER] if wanted < row[_LOWER] else row[_UPPER]
+        if beyond and noted(row[_LIMITS:_REFUSALS], time_ns, row[_PATIENT], row[_QUIET]):
+            row[_NEWS], row[_WANTED], row[_GIVEN] = row[_NEWS] + 2.0, wanted, given
+    row[_GOOD] = handle[column]
+    return row[_GOOD]
 
 
-class PositionPidDrive(PositionDrive):
-    """Reaches the commanded position with an effort PID."""
+@compiled("f8[:,::1], f8[:,::1], f8, f8, b1", calls=(shortest, towards, computed))
+def written(rows, handles, time_ns, dt, stopped):
+    """Outputs of drives from the commands in their handles (m, 6), `dt` s after the last ones.
 
-    def write(self, time_ns: int, dt: float, stopped: bool) -> None:
-        """Limit the command and apply the PID's effort towards it."""
-        command = self._command(time_ns, dt, stopped)
-        handle = self.handle
-        if handle.kind == "revolute" and self._travel is not None:
-            error = angles.towards(handle.position, command, *self._travel)
-        elif handle.kind in ("revolute", "continuous"):
-            error = angles.shortest(handle.position, command)
-        else:
-            error = command - handle.position
-        effort = self._clamp_effort(self.pid.compute(error, dt))
-        self._apply_effort(handle.name, effort)
+    stopped: in an emergency stop: efforts and velocities 0, positions held.
 
-
-class VelocityDrive(Drive):
-    """Turns the joint at the commanded velocity with a motor of limited effort."""
-
-    quantity = "velocity"
-
-    def write(self, time_ns: int, dt: float, stopped: bool) -> None:
-        """Limit the command and set the motor; 0 in an emergency stop."""
-        velocity = self._command(time_ns, dt)
-        self._set_velocity_motor(
-            self.handle.name, 0.0 if stopped else velocity, self._max_effort
-        )
-
-    def _command(self, time_ns: int, dt: float) -> float:
-        handle = self.handle
-        wanted = handle.velocity_command
-        if not -_INF < wanted < _INF:
-            wanted = handle.velocity_command = self._refuse(wanted, time_ns)
-        if self._enforce is not None:
-            self._enforce(handle, dt)
-            if handle.velocity_command != wanted:
-                self._report(wanted, handle.velocity_command, time_ns)
-        self._good = handle.velocity_command
-        return self._good
-
-
-class VelocityPidDrive(VelocityDrive):
-    """Reaches the commanded velocity with an effort PID."""
-
-    def write(self, time_ns: int, dt: float, stopped: bool) -> None:
-        """Limit the command and apply the PID's effort towards it, or towards rest."""
-        command = self._command(time_ns, dt)
-        handle = self.handle
-        error = (0.0 if stopped else command) - handle.velocity
-        self._apply_effort(handle.name, self._clamp_effort(self.pid.compute(error, dt)))
+    Returns:
+        Whether anything is worth a line, see Drive.tell.
+    """
+    news = False
+    for k in range(len(rows)):
+        row, handle = rows[k], handles[k]
+        kind = int(row[KIND])
+        output = _command(row, handle, time_ns, dt, stopped)
+        if kind == POSITION_BY_PID:
+            if row[_WAY] == _WITHIN:
+                error = towards(handle[Q], output, row[_LOWER], row[_UPPER])
+            elif row[_WAY] == _SHORTEST:
+                error = shortest(handle[Q], output)
+            else:
+                error = output - handle[Q]
+        elif stopped and kind != SETS_POSITION:
+            output = 0.0
+        if kind == VELOCITY_BY_PID:
+            error = output - handle[V]
+        if kind in (POSITION_BY_PID, VELOCITY_BY_PID):
+            output = computed(row[:PID_COLUMNS], error, 0.0, False, dt)
+            # Within the effort limit, and no push on for a joint that is too fast.
+            low = 0.0 if handle[V] < -row[_FASTEST] else -row[STRONGEST]
+            high = 0.0 if handle[V] > row[_FASTEST] else row[STRONGEST]
+            output = low if output < low else high if output > high else output
+        row[OUTPUT] = output
+        news |= row[_NEWS] != 0.0
+    return news

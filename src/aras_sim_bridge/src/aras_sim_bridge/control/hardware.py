@@ -6,26 +6,26 @@ applies them. Order, limits and emergency stop are gazebo_ros_control's.
 
 from collections.abc import Callable, Iterable, Mapping
 
+import numpy as np
+
 from aras_sim_bridge.control.drives import (
+    DRIVE_COLUMNS,
+    JOINT,
+    SETS_POSITION,
     Drive,
-    EffortDrive,
     JointModel,
-    PositionDrive,
-    PositionPidDrive,
-    VelocityDrive,
-    VelocityPidDrive,
+    written,
 )
 from aras_sim_bridge.control.joints import (
     COMMAND_INTERFACES,
     EFFORT,
-    POSITION,
+    HANDLE_COLUMNS,
     STATE,
-    VELOCITY,
+    TAU,
     JointBounds,
     JointHandle,
     resolve_limits,
 )
-from aras_sim_bridge.control.limits import rule_for
 from aras_sim_bridge.control.pid import Pid
 from aras_sim_bridge.description.types import RobotDescription, Transmission
 from aras_sim_bridge.errors import ControllerError, HardwareError
@@ -34,14 +34,6 @@ from aras_visual_servo_base.settings import look_up, read
 _PREFIX = "hardware_interface/"
 _GAINS = "gazebo_ros_control/pid_gains"
 _HARD = "hard_velocity_limits"
-
-# By command interface: without and with PID gains.
-_DRIVES: dict[str, tuple[type[Drive], type[Drive]]] = {
-    EFFORT: (EffortDrive, EffortDrive),
-    POSITION: (PositionDrive, PositionPidDrive),
-    VELOCITY: (VelocityDrive, VelocityPidDrive),
-}
-
 
 def _ignore(text: str) -> None:
     """Stand-in for a logger."""
@@ -54,7 +46,8 @@ class RobotHardware:
     `interfaces` maps each of the four ros_control interfaces to the joints registered in it;
     `limits` is what holds after the parameters; `pids` are the pid_gains of position and velocity
     joints by joint name (at <namespace>/gazebo_ros_control/pid_gains/<joint>); `drives` are in the
-    order of `handles`.
+    order of `handles`. `handle_rows` (m, 6) and `drive_rows` (m, 47) are what those are views of.
+    `sets_positions`: whether one of them puts its joint where it is to be.
     `e_stop` may be set from any thread.
 
     Raises HardwareError if a transmission names an unknown interface or a joint that the model
@@ -80,6 +73,10 @@ class RobotHardware:
         self._parameters = parameters or {}
         self._warn = warn
         self.drives: list[Drive] = []
+        count = len(description.transmissions)
+        self.handle_rows = np.zeros((count, HANDLE_COLUMNS))
+        self.drive_rows = np.zeros((count, DRIVE_COLUMNS))
+        self._joints = {name: k for k, name in enumerate(model.joint_names)}
         unprefixed = [j for t in description.transmissions for j in self._add(t)]
         if unprefixed:
             warn(
@@ -94,8 +91,10 @@ class RobotHardware:
             for name, limits in self.limits.items():
                 if limits is not None and limits.max_velocity is not None:
                     model.bound_speed(name, limits.max_velocity)
-        index = {name: k for k, name in enumerate(model.joint_names)}
-        self._readings = [(handle, index[name]) for name, handle in self.handles.items()]
+        self.handle_rows = self.handle_rows[: len(self.handles)]
+        self.drive_rows = self.drive_rows[: len(self.handles)]
+        self._read = self.drive_rows[:, JOINT].astype(int)
+        self.sets_positions = any(drive.kind == SETS_POSITION for drive in self.drives)
         self.start()
 
     def _add(self, transmission: Transmission) -> list[str]:
@@ -134,7 +133,8 @@ class RobotHardware:
             )
         if joint_name in self.handles:
             raise HardwareError(f"{label}: joint '{joint_name}' has a transmission already")
-        handle = JointHandle(joint_name, joint.kind, joint.limits, joint.soft_limits, short)
+        row = self.handle_rows[len(self.handles)]
+        handle = JointHandle(joint_name, joint.kind, joint.limits, joint.soft_limits, short, row)
         where = f"{self._namespace}/joint_limits/{joint_name}"
         overrides = look_up(self._parameters, f"joint_limits/{joint_name}")
         limits = resolve_limits(joint, overrides or {}, where, self._warn)
@@ -142,13 +142,10 @@ class RobotHardware:
         self.limits[joint_name] = limits
         self.interfaces[short].add(joint_name)
         self.interfaces[STATE].add(joint_name)
-        self.drives.append(self._drive(handle, limits))
+        pid = None if short == EFFORT else self._pid(joint_name)
+        self.drives.append(Drive(self.drive_rows[len(self.drives)], handle, limits,
+                                 self._joints[joint_name], self._warn, pid))
         return [] if interface.startswith(_PREFIX) else [joint_name]
-
-    def _drive(self, handle: JointHandle, limits: JointBounds | None) -> Drive:
-        pid = None if handle.interface == EFFORT else self._pid(handle.name)
-        kind = _DRIVES[handle.interface][pid is not None]
-        return kind(handle, limits, rule_for(handle, limits), self.model, self._warn, pid)
 
     def _pid(self, joint: str) -> Pid | None:
         where = f"{self._namespace}/{_GAINS}/{joint}"
@@ -167,17 +164,29 @@ class RobotHardware:
 
     def read(self, time_ns: int, period: float) -> None:
         """Bring the model's joint states into the handles; angles count full turns."""
-        positions, velocities, efforts = self.model.read_joints()
-        for handle, k in self._readings:
-            handle.position = positions[k]
-            handle.velocity = velocities[k]
-            handle.effort = efforts[k]
+        measured = np.array(self.model.read_joints())
+        self.handle_rows[:, : TAU + 1] = measured[:, self._read].T
 
     def write(self, time_ns: int, period: float) -> None:
         """Limit the commands and apply them; `period` is the time since the last write, in s."""
-        stopped = self.e_stop
+        for pid in self.pids.values():
+            pid.take_gains()
+        news = written(self.drive_rows, self.handle_rows, time_ns, period, self.e_stop)
+        self.apply(time_ns)
+        for pid in self.pids.values():
+            pid.tell(period)
+        if news:
+            self.tell()
+
+    def apply(self, time_ns: int) -> None:
+        """Hand the drives' outputs to the model."""
         for drive in self.drives:
-            drive.write(time_ns, period, stopped)
+            drive.apply(self.model, time_ns)
+
+    def tell(self) -> None:
+        """Say what is worth a line."""
+        for drive in self.drives:
+            drive.tell()
 
     def start(self) -> None:
         """Be as new: the joints stay where they are until somebody commands them."""

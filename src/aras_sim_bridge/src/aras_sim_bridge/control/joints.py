@@ -8,7 +8,10 @@ neither sees the other. Units: rad or m, rad/s or m/s, N m or N.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from aras_sim_bridge.errors import HardwareError
+from aras_visual_servo_base.compiled import column, compiled
 from aras_visual_servo_base.settings import read
 from aras_visual_servo_base.urdf import Joint, JointLimits
 
@@ -18,12 +21,17 @@ VELOCITY = "VelocityJointInterface"
 STATE = "JointStateInterface"
 COMMAND_INTERFACES = (EFFORT, POSITION, VELOCITY)
 
-_INF = float("inf")
 _NS_PER_S = 1_000_000_000
+
+# Columns of a handle's row: measured position, velocity and effort, and the three commands.
+(Q, V, TAU, Q_COMMAND, V_COMMAND, TAU_COMMAND), HANDLE_COLUMNS = range(6), 6
+# Columns of an occurrence's row: times of the first and the last trouble (NaN: none yet), ns, and
+# whether it was told.
+(_FIRST, _LAST, _TOLD), OCCURRENCE_COLUMNS = range(3), 3
 
 
 class JointHandle:
-    """State and commands of one joint.
+    """State and commands of one joint: a view of its row.
 
     `limits` and `soft_limits` are the URDF's own (description.JointLimits and its
     safety_controller, or None): controllers clamp to those, whatever the joint_limits
@@ -31,10 +39,11 @@ class JointHandle:
     transmission.
     """
 
-    __slots__ = (
-        "name", "kind", "interface", "limits", "soft_limits", "position", "velocity", "effort",
-        "position_command", "velocity_command", "effort_command",
-    )
+    __slots__ = ("name", "kind", "interface", "limits", "soft_limits", "row")
+
+    position, velocity, effort = column(Q), column(V), column(TAU)
+    position_command, velocity_command = column(Q_COMMAND), column(V_COMMAND)
+    effort_command = column(TAU_COMMAND)
 
     def __init__(
         self,
@@ -43,18 +52,20 @@ class JointHandle:
         limits: JointLimits | None = None,
         soft_limits: JointLimits | None = None,
         interface: str = STATE,
+        row: np.ndarray | None = None,
     ) -> None:
+        """`row`: (6,) of the robot's; None: one of its own."""
         self.name = name
         self.kind = kind
         self.interface = interface
         self.limits = limits
         self.soft_limits = soft_limits
-        self.position = 0.0
-        self.velocity = 0.0
-        self.effort = 0.0
-        self.position_command = 0.0
-        self.velocity_command = 0.0
-        self.effort_command = 0.0
+        self.row = np.zeros(HANDLE_COLUMNS) if row is None else row
+
+    @property
+    def turns(self) -> bool:
+        """Whether it is an angle."""
+        return self.kind in ("revolute", "continuous")
 
     @property
     def travel(self) -> tuple[float, float] | None:
@@ -168,25 +179,32 @@ class Occurrence:
     of the simulated clock.
     """
 
-    __slots__ = ("patience_ns", "quiet_ns", "_first_ns", "_last_ns", "_told")
+    __slots__ = ("patience_ns", "quiet_ns", "row")
 
-    def __init__(self, patience: float = 0.0, quiet: float = 1.0) -> None:
+    def __init__(self, patience: float = 0.0, quiet: float = 1.0,
+                 row: np.ndarray | None = None) -> None:
+        """`row`: (3,) of somebody's; None: one of its own."""
         self.patience_ns = int(patience * _NS_PER_S)
         self.quiet_ns = int(quiet * _NS_PER_S)
+        self.row = np.zeros(OCCURRENCE_COLUMNS) if row is None else row
         self.reset()
 
     def reset(self) -> None:
         """Forget the past, for a clock that went back."""
-        self._last_ns: int | None = None
+        self.row[_LAST] = np.nan
 
     def note(self, time_ns: int) -> bool:
         """Record the trouble at `time_ns`; True once an occurrence."""
-        last = self._last_ns
-        if last is None or not 0 <= time_ns - last <= self.quiet_ns:
-            self._first_ns = time_ns
-            self._told = False
-        self._last_ns = time_ns
-        if self._told or time_ns - self._first_ns < self.patience_ns:
-            return False
-        self._told = True
-        return True
+        return noted(self.row, time_ns, self.patience_ns, self.quiet_ns)
+
+
+@compiled("f8[::1], f8, f8, f8")
+def noted(row, time_ns, patience_ns, quiet_ns):
+    """See Occurrence.note."""
+    if not 0.0 <= time_ns - row[_LAST] <= quiet_ns:
+        row[_FIRST], row[_TOLD] = time_ns, 0.0
+    row[_LAST] = time_ns
+    if row[_TOLD] != 0.0 or time_ns - row[_FIRST] < patience_ns:
+        return False
+    row[_TOLD] = 1.0
+    return True

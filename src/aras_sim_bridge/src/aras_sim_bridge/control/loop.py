@@ -1,9 +1,13 @@
 """gazebo_ros_control's part of a physics step: read, update controllers, write."""
 
+from math import inf
+
+import numpy as np
+
 from aras_sim_bridge.control.controllers.base import Controller
+from aras_sim_bridge.control.controllers.joint_loops import LOOP_COLUMNS
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.manager import ControllerManager
-from aras_sim_bridge.control.stride import Stride, stride_of
 from aras_sim_bridge.errors import HardwareError
 
 _NS_PER_S = 1e9
@@ -17,7 +21,8 @@ class ControlLoop:
     """
 
     __slots__ = ("hardware", "manager", "_step_ns", "_control_ns", "_updated_ns", "_written_ns",
-                 "_stride", "_controllers")
+                 "_loops", "_running",
+                 "_commanded", "_others", "_pids")
 
     def __init__(
         self, hardware: RobotHardware, manager: ControllerManager, step_ns: int,
@@ -35,8 +40,8 @@ class ControlLoop:
             )
         self._updated_ns: int | None = None
         self._written_ns: int | None = None
-        self._stride: Stride | None = None
-        self._controllers: tuple[Controller, ...] = ()
+        self._loops = np.zeros((0, LOOP_COLUMNS))
+        self._running: tuple[Controller, ...] | None = None
 
     def reset(self) -> None:
         """Start over with the periods: the next step reads, updates and writes."""
@@ -63,26 +68,48 @@ class ControlLoop:
         self.hardware.write(time_ns, elapsed_ns / _NS_PER_S)
         self._written_ns = time_ns
 
-    def begin_stride(self, time_ns: int, step_ns: int) -> tuple[Stride | None, float]:
-        """Cycles in a row from `time_ns` on, with a physics step of `step_ns` each, and the time of
-        the last one, ns, that may belong to them; None where the next cycle may not."""
-        calm_ns = self.manager.calm_until(time_ns)
-        in_step = self._updated_ns == self._written_ns == time_ns - step_ns
-        if calm_ns < time_ns or not in_step or step_ns < self._control_ns:
-            return None, calm_ns
-        running = self.manager.running
-        if running != self._controllers:
-            self._controllers = running
-            self._stride = stride_of(running, self.hardware)
-        if self._stride is not None:
-            for controller in running:
-                controller.begin_stride(time_ns)
-            self._stride.begin()
-        return self._stride, calm_ns
+    def begin(self, time_ns: int, step_ns: int) -> tuple[np.ndarray, float] | None:
+        """Take commands and gains for compiled cycles from `time_ns` on, a physics step of
+        `step_ns` each; None, and nothing taken, where Python takes part in the next one.
 
-    def end_stride(self, time_ns: int) -> None:
-        """The cycles of the stride are over; the last one was at `time_ns`."""
-        self._stride.end()
-        for controller in self._controllers:
-            controller.end_stride(self._stride.made)
+        Returns:
+            Rows (m, 39) of the loops that run; up to when, ns, such cycles may go on.
+        """
+        before, running = (None, time_ns - step_ns), self.manager.running
+        in_step = self._updated_ns in before and self._written_ns in before
+        if not in_step or step_ns < self._control_ns or self.manager.busy:
+            return None
+        if running is not self._running:
+            self._gather(running)
+        idle_ns = inf
+        for controller in self._others:
+            idle_ns = min(idle_ns, controller.idle_until(time_ns))
+        if idle_ns < time_ns or self.hardware.sets_positions:
+            return None
+        for part in self._pids, self._commanded:
+            for one in part:
+                if one.on_state is not None:
+                    return None
+        for pid in self._pids:
+            pid.take_gains()
+        for controller in self._commanded:
+            if controller.slot:
+                controller.take(time_ns)
+        return self._loops, idle_ns
+
+    def _gather(self, running: tuple[Controller, ...]) -> None:
+        """Put the rows of all loops that run into one array."""
+        self._running = running
+        self._others = [controller for controller in running if not controller.compiled]
+        self._commanded = [controller for controller in running if controller.compiled]
+        self._pids = list(self.hardware.pids.values())
+        self._loops = np.zeros((sum(len(one.rows) for one in self._commanded), LOOP_COLUMNS))
+        first = 0
+        for controller in self._commanded:
+            self._pids += controller.pids.values()
+            controller.bind(self._loops[first : first + len(controller.rows)])
+            first += len(controller.rows)
+
+    def end(self, time_ns: int) -> None:
+        """Compiled cycles are over; the last one was at `time_ns`."""
         self._updated_ns = self._written_ns = time_ns

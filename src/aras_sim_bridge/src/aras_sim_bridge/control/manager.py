@@ -6,7 +6,6 @@ update(), so one asked for while the simulation is paused simply stays open: not
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from math import inf
 
 from aras_sim_bridge.control.controllers import Registry
 from aras_sim_bridge.control.controllers.base import Context, Controller
@@ -48,6 +47,7 @@ class ControllerManager:
     """Controllers of one robot, updated in the order they were loaded.
 
     `parameters` is the nested mapping of the robot's namespace; who has a newer one puts it there.
+    `running`: the running controllers, in the order of their updates.
     `warn` and `error` take lines for the log.
     """
 
@@ -70,6 +70,7 @@ class ControllerManager:
         self._pending: list[SwitchRequest] = []
         self._was_stopped = False
         self._time_ns = 0
+        self.running: tuple[Controller, ...] = ()
 
     def _classes(self) -> Mapping:
         """Paths of the users' classes by type name; the parameter server nests at each slash."""
@@ -220,18 +221,10 @@ class ControllerManager:
         if self._pending:
             self.carry_out(time_ns)
 
-    def calm_until(self, time_ns: int) -> float:
-        """Until when, ns, cycles from `time_ns` on run position loops alone (see stride.py); a time
-        before `time_ns`: the next one may do more."""
-        if self._pending or self.hardware.e_stop or self._was_stopped:
-            return -inf
-        return min([e.controller.calm_until(time_ns) for e in self._order if e.running],
-                   default=-inf)
-
     @property
-    def running(self) -> tuple[Controller, ...]:
-        """The running controllers, in the order of their updates."""
-        return tuple(e.controller for e in self._order if e.running)
+    def busy(self) -> bool:
+        """Whether the next update has more to do than to let the controllers run."""
+        return bool(self._pending) or self._was_stopped or self.hardware.e_stop
 
     def reset(self, anew: bool = False) -> None:
         """The clock or the robot was put back: controllers forget commands not yet acted on, and
@@ -270,11 +263,15 @@ class ControllerManager:
         except USER_FAULTS as error:
             self._abort(entry, verb, error)
             return False
-        entry.enter(state)
+        self._note(entry, state)
         return True
 
+    def _note(self, entry: Entry, state: str) -> None:
+        entry.enter(state)
+        self.running = tuple(e.controller for e in self._order if e.running)
+
     def _abort(self, entry: Entry, verb: str, error: BaseException) -> None:
-        entry.enter(ABORTED)
+        self._note(entry, ABORTED)
         for joint in entry.controller.joints:
             handle = self.hardware.handles.get(joint)
             if handle is not None:

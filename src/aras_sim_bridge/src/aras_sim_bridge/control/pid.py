@@ -3,13 +3,19 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from math import isfinite
+from math import isfinite, isnan
 from typing import NamedTuple
 
+import numpy as np
+
 from aras_sim_bridge.errors import ControllerError
+from aras_visual_servo_base.compiled import column, compiled
 from aras_visual_servo_base.settings import read
 
-_INF = float("inf")
+# Columns of a PID's row: its gains, the last error, and what the last computation saw and gave;
+# whether it came to a command.
+(_P, _I, _D, _I_MAX, _I_MIN, _ANTIWINDUP, _LAST_ERROR, _ERROR, _ERROR_DOT, _INTEGRAL, _COMMAND,
+ _I_TERM, _DONE), PID_COLUMNS = range(13), 13
 
 
 class Gains(NamedTuple):
@@ -50,12 +56,14 @@ class Pid:
     - dt of 0, or a NaN or infinite error, gives 0 and leaves the integral untouched;
     - the output is not clamped: that is the limit handle's work.
 
-    `gains` is replaced as a whole, so another thread may set it while the loop computes.
+    A view of its row. `gains` is replaced as a whole, so another thread may set it while the loop
+    computes; `take_gains` brings it into the row.
     `on_state`, if set, is called with a PidState after each computation.
     """
 
-    __slots__ = ("gains", "publish_state", "on_state", "_last_error", "_error", "_error_dot",
-                 "_integral", "command")
+    __slots__ = ("gains", "publish_state", "on_state", "row", "_taken")
+
+    integral, command = column(_INTEGRAL), column(_COMMAND)  # ∫e dt, before the gain
 
     def __init__(
         self,
@@ -68,8 +76,10 @@ class Pid:
     ) -> None:
         self.publish_state = False
         self.on_state: Callable[[PidState], None] | None = None
+        self.row = np.zeros(PID_COLUMNS)
         self.set_gains(Gains(p, i, d, i_max, i_min, antiwindup))
-        self.reset()
+        self._taken: Gains | None = None
+        self.take_gains()
 
     @classmethod
     def from_parameters(cls, parameters: Mapping, where: str) -> "Pid":
@@ -112,69 +122,73 @@ class Pid:
             )
         self.gains = Gains(*map(float, gains[:5]), bool(gains.antiwindup))
 
+    def take_gains(self) -> None:
+        """Bring new gains into the row, between two computations."""
+        gains = self.gains
+        if gains is not self._taken:
+            self._taken = gains
+            self.row[:_LAST_ERROR] = gains
+
+    def bind(self, row: np.ndarray) -> None:
+        """Go on in this row (13,)."""
+        row[:] = self.row
+        self.row = row
+
     def reset(self) -> None:
         """Forget integral, last error and derivative."""
-        self._last_error = 0.0
-        self._error = 0.0
-        self._error_dot = 0.0
-        self._integral = 0.0
-        self.command = 0.0
-
-    @property
-    def memory(self) -> tuple[float, float]:
-        """Last error and integral: what the next computation goes by."""
-        return self._last_error, self._integral
-
-    def remember(self, error: float, error_dot: float, integral: float, command: float) -> None:
-        """Be as after a computation that saw and gave these."""
-        self._last_error = self._error = error
-        self._error_dot, self._integral, self.command = error_dot, integral, command
-
-    @property
-    def integral(self) -> float:
-        """∫e dt in the error's unit times s, before the gain."""
-        return self._integral
+        self.row[_LAST_ERROR:] = 0.0
 
     def compute(self, error: float, dt: float, error_dot: float | None = None) -> float:
         """Command for `error` = target - state, `dt` s after the last one.
 
         `error_dot`, in the error's unit per s, is taken from the last error unless it is known.
         """
-        # Comparisons are false for NaN, so one chain refuses NaN and infinities alike.
-        if error_dot is None:
-            if dt == 0.0 or not -_INF < error < _INF:
-                return 0.0
-            error_dot = self._error_dot
-            if dt > 0.0:
-                error_dot = (error - self._last_error) / dt
-                self._last_error = error
-        self._error = error
-        self._error_dot = error_dot
-        if dt == 0.0 or dt != dt or not (-_INF < error < _INF and -_INF < error_dot < _INF):
-            return 0.0
-        p, i, d, i_max, i_min, antiwindup = self.gains
-        integral = self._integral + dt * error
-        if antiwindup and i != 0.0:
-            low, high = i_min / i, i_max / i
-            if low > high:
-                low, high = high, low
-            integral = low if integral < low else high if integral > high else integral
-            i_term = i * integral
-        else:
-            i_term = i * integral
-            if not antiwindup:
-                i_term = i_min if i_term < i_min else i_max if i_term > i_max else i_term
-        self._integral = integral
-        self.command = command = p * error + i_term + d * error_dot
-        listener = self.on_state
-        if listener is not None:
-            self._report(listener, i_term, dt)
+        self.take_gains()
+        known = error_dot is not None
+        command = computed(self.row, error, error_dot if known else 0.0, known, dt)
+        self.tell(dt)
         return command
 
-    def _report(self, listener: Callable[[PidState], None], i_term: float, dt: float) -> None:
-        gains = self.gains
-        error, error_dot = self._error, self._error_dot
+    def tell(self, dt: float) -> None:
+        """Tell a listener of the last computation, `dt` s after the one before, if it came to one.
+        """
+        listener = self.on_state
+        if listener is None or not self.row[_DONE]:
+            return
+        gains = self._taken
+        error, error_dot, integral, command, i_term = self.row[_ERROR:_DONE].tolist()
         listener(
-            PidState(dt, error, error_dot, error, self._integral, error_dot, gains.p * error,
-                     i_term, gains.d * error_dot, gains.i_max, gains.i_min, self.command)
+            PidState(dt, error, error_dot, error, integral, error_dot, gains.p * error, i_term,
+                     gains.d * error_dot, gains.i_max, gains.i_min, command)
         )
+
+
+@compiled("f8[::1], f8, f8, b1, f8")
+def computed(row, error, error_dot, known, dt):
+    """See Pid.compute; `known`: whether `error_dot` is."""
+    row[_DONE] = 0.0
+    if not known:
+        if dt == 0.0 or not isfinite(error):
+            return 0.0
+        error_dot = row[_ERROR_DOT]
+        if dt > 0.0:
+            error_dot = (error - row[_LAST_ERROR]) / dt
+            row[_LAST_ERROR] = error
+    row[_ERROR], row[_ERROR_DOT] = error, error_dot
+    if dt == 0.0 or isnan(dt) or not (isfinite(error) and isfinite(error_dot)):
+        return 0.0
+    i, least, most = row[_I], row[_I_MIN], row[_I_MAX]
+    integral = row[_INTEGRAL] + dt * error
+    if row[_ANTIWINDUP] != 0.0 and i != 0.0:
+        low, high = least / i, most / i
+        if low > high:
+            low, high = high, low
+        integral = low if integral < low else high if integral > high else integral
+        i_term = i * integral
+    else:
+        i_term = i * integral
+        if row[_ANTIWINDUP] == 0.0:
+            i_term = least if i_term < least else most if i_term > most else i_term
+    command = row[_P] * error + i_term + row[_D] * error_dot
+    row[_INTEGRAL], row[_COMMAND], row[_I_TERM], row[_DONE] = integral, command, i_term, 1.0
+    return command

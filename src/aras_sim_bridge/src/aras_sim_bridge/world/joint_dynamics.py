@@ -41,6 +41,7 @@ _BACK = 0.2
 # A world is given up beyond it: at 1 ms a joint turns by 160 turns a step, and no force depends on
 # its position any more. rad/s or m/s.
 FASTEST_SPEED = 1e6
+NO_LIMIT_FORCE = 1e18
 _GUESSES, _SWEEPS = 20, 4000  # of sets, before sweeps are made; of those
 _SMALL = 1e-12  # of the sizes at hand: what rounding leaves
 

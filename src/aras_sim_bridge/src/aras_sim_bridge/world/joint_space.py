@@ -83,6 +83,10 @@ class JointSpace:
         self._joints[slot, TARGET] = velocity
         self._joints[slot, FORCE] = force
 
+    def motor(self, slot: int) -> tuple[float, float]:
+        """Velocity and force of `set_motor`."""
+        return self._joints.item(slot, TARGET), self._joints.item(slot, FORCE)
+
     def bound_speed(self, slot: int, fastest: float) -> None:
         """Let nothing make a joint faster than this; inf: no bound."""
         self._joints[slot, FASTEST] = fastest

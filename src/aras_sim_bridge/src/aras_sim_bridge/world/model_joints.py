@@ -8,11 +8,9 @@ from aras_sim_bridge.errors import UnknownJointError, WorldError
 from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.free_damping import FreeDamping
-from aras_sim_bridge.world.joint_dynamics import FASTEST_SPEED
+from aras_sim_bridge.world.joint_dynamics import FASTEST_SPEED, NO_LIMIT_FORCE
 from aras_sim_bridge.world.joint_space import JointSpace
 from aras_visual_servo_base.poses import Pose, Vector3
-
-NO_LIMIT_FORCE = 1e18
 
 
 class ModelJoints:
@@ -48,7 +46,6 @@ class ModelJoints:
         self._slot = {name: slot for slot, name in enumerate(self.names)}
         self._indices = [body.joint_indices[name] for name in self.names]
         self._stops = [joint.stops for joint in joints]
-        self._motors = [(0.0, joint.friction) for joint in joints]
         jointed = bool(self.names)
         self.space = JointSpace(description, self.names) if jointed and body.fixed_base else None
         for slot, index in enumerate(self._indices):
@@ -93,7 +90,7 @@ class ModelJoints:
         self.show()
         self.own = False
         for slot in range(len(self.names)):
-            self._set_motor(slot)
+            self._motor(slot, *self.space.motor(slot))
 
     def show(self) -> None:
         """Bring Bullet's copy of the joints up to date."""
@@ -302,8 +299,7 @@ class ModelJoints:
         if not (math.isfinite(velocity) and max_effort >= 0.0):
             raise WorldError(f"model '{self.body.name}', joint '{joint}': velocity {velocity} and "
                              f"effort {max_effort} need a finite and a non-negative number")
-        self._motors[slot] = (velocity, min(max_effort, NO_LIMIT_FORCE))
-        self._set_motor(slot)
+        self._set_motor(slot, velocity, min(max_effort, NO_LIMIT_FORCE))
 
     def bound_speed(self, joint: str, fastest: float) -> None:
         """Let nothing at all make `joint` faster than this, rad/s or m/s, from now on.
@@ -372,11 +368,9 @@ class ModelJoints:
 
     def restore_friction(self, slot: int) -> None:
         """Coulomb friction of a joint: a motor towards standstill of at most that effort."""
-        self._motors[slot] = (0.0, self.friction[slot])
-        self._set_motor(slot)
+        self._set_motor(slot, 0.0, self.friction[slot])
 
-    def _set_motor(self, slot: int) -> None:
-        velocity, force = self._motors[slot]
+    def _set_motor(self, slot: int, velocity: float, force: float) -> None:
         if self.space is not None:
             self.space.set_motor(slot, velocity, force)
         if not self.own:

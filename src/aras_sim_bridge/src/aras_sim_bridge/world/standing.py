@@ -33,6 +33,11 @@ _SHARE = 0.9  # of what friction and corners can bear
 _HEAVIER = 100.0
 
 
+STANDING = "f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1]"
+# Of a base that is bolted down.
+BOLTED = (np.zeros(11), np.zeros((1, 6)), np.zeros(6), np.zeros(6))
+
+
 @compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1], "
           "f8[::1], f8")
 def bears(tree, frames, state, before, gravity, ground, corners, touch, load, dt):

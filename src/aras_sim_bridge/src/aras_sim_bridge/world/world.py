@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -23,14 +23,8 @@ from aras_sim_bridge.world.friction import ContactFriction
 from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.reach import leave_out_pairs, out_of_touch
 from aras_sim_bridge.world.sliding import SlidingFriction
-from aras_sim_bridge.world.standing import FreeBases
+from aras_sim_bridge.world.standing import BOLTED, FreeBases
 from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, checked_pose, checked_vector
-
-# Steps of one model by JointSpace.arrays, StandingBase.arrays (None: it is bolted down) and the
-# time step, s; returns what the last joint_dynamics.advance said and whether the ground bore it.
-StepsInARow = Callable[
-    [tuple[np.ndarray, ...], tuple[np.ndarray, ...] | None, float], tuple[int, bool]
-]
 
 logger = logging.getLogger(__name__)
 
@@ -289,21 +283,28 @@ class World:
         if self._bases.watched:
             self._bases.look()
 
-    def moves_alone(self, model: Model) -> bool:
-        """Whether nothing else moves, nothing can touch the model, and no effort waits."""
-        alone = self._apart and self._active == [model] and not self._bases.fresh
-        return alone and model.joints.calm
+    def alone(self, model: Model) -> tuple[np.ndarray | float, ...] | None:
+        """What compiled steps of a model take (see cycle.py): JointSpace.arrays, the time step, and
+        how it stands; None where they may not be made without the world: something else moves or
+        can touch it, or an effort waits."""
+        if not (self._apart and self._active == [model]) or self._bases.fresh:
+            return None
+        joints, held = model.joints, self._bases.held
+        if not joints.calm:
+            return None
+        stands = held[0].arrays[5:] if held else BOLTED
+        space = joints.space
+        return *space.arrays, self._time_step, bool(held), space.before, *stands
 
-    def stride(self, model: Model, steps: StepsInARow) -> None:
-        """Several steps of a model that moves alone, made by `steps` in one go.
+    def advanced(self, model: Model, bad: int = -1, borne: bool = True) -> None:
+        """Such steps were made.
+
+        Args:
+            bad: joint that diverged, or -1. borne: whether the ground bore the last one.
 
         Raises:
             WorldError: the simulation diverged.
         """
-        held = self._bases.held
-        bad, borne = steps(
-            model.joints.space.arrays, held[0].arrays if held else None, self._time_step
-        )
         model.joints.advanced(bad)
         if not borne:
             self._bases.let_go()

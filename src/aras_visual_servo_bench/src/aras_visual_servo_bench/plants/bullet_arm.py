@@ -149,18 +149,13 @@ class BulletArm(Plant):
     def advance(self, until_ns: int) -> list[Reading]:
         """Step until something was measured or `until_ns` is reached."""
         simulation, readings = self._simulation, self._readings
-        step, stride = simulation.step, simulation.stride
-        if self._peak is not None:
-            step, stride = self._traced_step, _not
+        step = simulation.step if self._peak is None else self._traced_step
         if self._carried is not None:
-            step, stride = partial(self._carrying_step, step), _not
+            step = partial(self._carrying_step, step)
         if self._sight is not None:
             step = partial(self._exposing_step, step)
         while not readings and simulation.time_ns < until_ns:
-            due = until_ns if self._sight is None else self._due_ns - simulation.step_ns
-            stride(min(due, until_ns))
-            if simulation.time_ns < until_ns:
-                step()
+            step(until_ns)
         self._readings = []
         return readings
 
@@ -200,31 +195,33 @@ class BulletArm(Plant):
         """End the simulation."""
         self._simulation.close()
 
-    def _traced_step(self) -> None:
+    def _traced_step(self, until_ns: int) -> None:
         self._simulation.step()
         np.maximum(self._peak, np.abs(self.joints()[1]), out=self._peak)
 
-    def _carrying_step(self, step: Callable[[], None]) -> None:
+    def _carrying_step(self, step: Callable[[int], None], until_ns: int) -> None:
         """A step that ends with the target where it belongs then."""
         (target, model), simulation = self._carried, self._simulation
-        time = (simulation.time_ns + simulation.step_ns) / NS
-        model.set_pose(target.pose(time))
-        step()
+        time_ns = simulation.time_ns + simulation.step_ns
+        model.set_pose(target.pose(time_ns / NS))
+        step(time_ns)
 
     @property
     def _due_ns(self) -> int:
         """The next exposure of `sight`, as the camera would have it."""
         return round(self._exposures * NS / self._sight.rate)
 
-    def _exposing_step(self, step: Callable[[], None]) -> None:
+    def _exposing_step(self, step: Callable[[int], None], until_ns: int) -> None:
         """A step in whose course `sight` may look: from between the poses at its ends."""
-        due, began = self._due_ns, self._simulation.time_ns
-        if began + self._simulation.step_ns < due:
-            step()
+        due, simulation = self._due_ns, self._simulation
+        began = simulation.time_ns
+        ended = began + simulation.step_ns
+        if ended < due:
+            step(min(until_ns, due - simulation.step_ns))
             return
         before = self.pose()
-        step()
-        part = (due - began) / self._simulation.step_ns
+        step(ended)
+        part = (due - began) / simulation.step_ns
         pose = before @ exponential(part * logarithm(relative(before, self.pose())))
         self._readings.append(self._sight.look(pose, due, self._random))
         self._exposures += 1
@@ -238,10 +235,6 @@ class BulletArm(Plant):
         self._readings.append(
             CameraReading(frame.stamp_ns, frame.image, frame.encoding, frame.depth)
         )
-
-
-def _not(until_ns: int) -> None:
-    """Stand-in for strides where each step matters."""
 
 
 @lru_cache(maxsize=64)

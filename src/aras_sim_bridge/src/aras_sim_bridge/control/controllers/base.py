@@ -111,13 +111,16 @@ class Controller:
     """Base of every controller.
 
     `interface` is the ros_control interface whose joints it claims; `slot` holds the last checked
-    command that no update has seen. Times are int ns of the simulated clock, periods float s.
+    command that no update has seen; `compiled`: it is a CommandedController whose loops the
+    compiled cycle may follow in place of `update`. Times are int ns of the simulated clock, periods
+    float s.
     """
 
     interface: ClassVar[str] = ""
     command_kind: ClassVar[str | None] = None
     state_kind: ClassVar[str | None] = None
     action_kind: ClassVar[str | None] = None
+    compiled = False
 
     def __init__(self) -> None:
         self.context = Context("")
@@ -141,16 +144,10 @@ class Controller:
     def update(self, time_ns: int, period: float) -> None:
         """One control cycle."""
 
-    def calm_until(self, time_ns: int) -> float:
-        """Until when, ns, updates from `time_ns` on do nothing, or nothing but take a command and
-        run their position loops (see stride.py); a time before `time_ns`: the next does more."""
+    def idle_until(self, time_ns: int) -> float:
+        """Up to when, ns, updates from `time_ns` on do nothing; a time before it: the next does.
+        Not asked of controllers that are `compiled`."""
         return -inf
-
-    def begin_stride(self, time_ns: int) -> None:
-        """Take the command that waits, in the cycle at `time_ns`."""
-
-    def end_stride(self, cycles: int) -> None:
-        """So many such updates were left out; the position loops have run."""
 
     def reset(self) -> None:
         """The clock or the robot was put back: commands from before do not count any more."""

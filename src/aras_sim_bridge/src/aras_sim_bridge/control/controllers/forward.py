@@ -5,28 +5,51 @@ None of them zeroes its output when it stops, as upstream's do not.
 
 from collections.abc import Mapping, Sequence
 
-from aras_sim_bridge.control.controllers.base import Context, Controller, checked_number, names_of
+import numpy as np
+
+from aras_sim_bridge.control.controllers.base import (
+    STATE_EVERY,
+    Context,
+    Controller,
+    JointControllerState,
+    checked_number,
+    names_of,
+)
+from aras_sim_bridge.control.controllers.joint_loops import (
+    FORWARD,
+    LOOP_COLUMNS,
+    JointLoop,
+    follow,
+)
 from aras_sim_bridge.control.controllers.registry import register
 from aras_sim_bridge.control.hardware import RobotHardware
-from aras_sim_bridge.control.joints import EFFORT, POSITION, VELOCITY
+from aras_sim_bridge.control.joints import (
+    EFFORT,
+    POSITION,
+    Q_COMMAND,
+    TAU_COMMAND,
+    V_COMMAND,
+    VELOCITY,
+)
+from aras_sim_bridge.control.pid import Pid
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.settings import read
 
-# The handle's command that belongs to an interface.
-COMMAND_OF = {
-    EFFORT: "effort_command",
-    POSITION: "position_command",
-    VELOCITY: "velocity_command",
-}
+# The handle's command that belongs to an interface: a column of its row.
+COMMAND_OF = {EFFORT: TAU_COMMAND, POSITION: Q_COMMAND, VELOCITY: V_COMMAND}
 
 
 class CommandedController(Controller):
     """A number a joint, in the interface's unit: of the one `joint`, or of a group's `joints`.
 
     The slot holds them as a list, in the order of `joints`.
+
+    Attributes:
+        loops: of the joints; rows (m, 39): theirs.
     """
 
     command_kind = "float64"
+    loop_kind = FORWARD
 
     @property
     def is_group(self) -> bool:
@@ -40,8 +63,25 @@ class CommandedController(Controller):
             self.joints = names_of(parameters, "joints", context.where)
         else:
             self.joints = (read(parameters, "joint", str, context.where, ControllerError),)
-        self.handles = [self.take_handle(hardware, joint) for joint in self.joints]
-        self.target = COMMAND_OF[self.interface]
+        handles = [self.take_handle(hardware, joint) for joint in self.joints]
+        known, target = list(hardware.handles), COMMAND_OF[self.interface]
+        self._handles = hardware.handle_rows
+        self.rows = np.zeros((len(handles), LOOP_COLUMNS))
+        self.loops = [
+            JointLoop(row, self.loop_kind, handle, known.index(handle.name), target, context.warn,
+                      context.name, **self._options(handle.name, parameters))
+            for row, handle in zip(self.rows, handles, strict=True)
+        ]  # fmt: skip
+
+    def _options(self, joint: str, parameters: Mapping) -> dict[str, Pid | bool]:
+        """What else the joint's loop is made of."""
+        return {}
+
+    def bind(self, rows: np.ndarray) -> None:
+        """Go on in these rows (m, 39)."""
+        self.rows = rows
+        for loop, row in zip(self.loops, rows, strict=True):
+            loop.bind(row)
 
     def set_command(self, value: float | Sequence[float]) -> None:
         """Raises ControllerError, keeping the last command, on a wrong length or a number that is
@@ -65,6 +105,41 @@ class CommandedController(Controller):
         ])  # fmt: skip
 
 
+    def starting(self, time_ns: int) -> None:
+        """Stay: the present positions, or 0."""
+        super().starting(time_ns)
+        for loop in self.loops:
+            loop.start()
+
+    def take(self, time_ns: int) -> None:
+        """Take the command that waits, in the cycle at `time_ns`."""
+        for loop, command in zip(self.loops, self.slot.pop(), strict=True):
+            loop.take(command, time_ns)
+
+    @property
+    def compiled(self) -> bool:
+        """Whether `update` is not a user's own."""
+        return type(self).update is CommandedController.update
+
+    def update(self, time_ns: int, period: float) -> None:
+        """Command each loop's output."""
+        told = self.loops[0].updates % STATE_EVERY == 0
+        if self.slot:
+            self.take(time_ns)
+        for pid in self.pids.values():
+            pid.take_gains()
+        follow(self.rows, self._handles, period)
+        for pid in self.pids.values():
+            pid.tell(period)
+        listener = self.on_state
+        if listener is not None and told:
+            listener(self.state(time_ns, period))
+
+    def state(self, time_ns: int, period: float) -> JointControllerState:
+        """This cycle as the state topic shows it."""
+        return self.loops[0].state(time_ns, period)
+
+
 @register("effort_controllers/JointEffortController", interface=EFFORT)
 @register("position_controllers/JointPositionController", interface=POSITION)
 @register("velocity_controllers/JointVelocityController", interface=VELOCITY)
@@ -73,19 +148,6 @@ class ForwardController(CommandedController):
 
     Limits are the handles' affair.
     """
-
-    def starting(self, time_ns: int) -> None:
-        """Stay: the present positions, or 0."""
-        super().starting(time_ns)
-        stays = self.interface == POSITION
-        self._commands = [handle.position if stays else 0.0 for handle in self.handles]
-
-    def update(self, time_ns: int, period: float) -> None:
-        """Hand the commands on."""
-        if self.slot:
-            self._commands = self.slot.pop()
-        for handle, command in zip(self.handles, self._commands, strict=True):
-            setattr(handle, self.target, command)
 
 
 @register("effort_controllers/JointGroupEffortController", interface=EFFORT)

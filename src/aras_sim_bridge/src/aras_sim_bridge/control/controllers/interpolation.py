@@ -4,10 +4,13 @@ A stiff joint with little damping rings at every step of its set point: the ARAS
 d 0) peaks at 41 times the commanded speed at 30 commands a second, at 12 times at 100.
 """
 
-from math import inf, pi
+from math import inf, isnan, nan, pi
 
-from aras_sim_bridge import angles
+import numpy as np
+
+from aras_sim_bridge.angles import towards
 from aras_sim_bridge.control.joints import JointHandle
+from aras_visual_servo_base.compiled import column, compiled
 
 USUAL_INTERVAL = 1.0 / 30.0  # s, until a stream tells its own: the camera's
 SHORTEST_INTERVAL, LONGEST_INTERVAL = 0.002, 0.1  # s; a longer one is a pause
@@ -24,6 +27,12 @@ ROUNDING = 0.003
 CHANGES = 2.2
 ARRIVED = 1e-9  # rad or m
 
+# Columns of a row: whether the set point moves, s left of the line, where that is, the set point,
+# the line's end and rate; mean interval and its mean change, the latest interval (NaN: none yet),
+# s, and arrival (NaN: none), ns; the joint's greatest speed, whether it turns, and its limits.
+(MOVES, _LEFT, _LINE, _VALUE, _END, _RATE, _INTERVAL, _CHANGE, _LATEST, _ARRIVAL, _FASTEST, _TURNS,
+ _LOWER, _UPPER), INTERPOLATION_COLUMNS = range(14), 14
+
 
 class Interpolation:
     """Reaches each command on a straight line over the mean interval between commands, and a little
@@ -37,69 +46,67 @@ class Interpolation:
     half an interval ahead of it at 2.5 times the commanded speed.)
     """
 
-    __slots__ = ("value", "moves", "_command", "_line", "_rate", "_left", "_interval",
-                 "_change", "_latest", "_arrival_ns", "_max_velocity", "_wraps", "_travel")
+    __slots__ = ("row",)
 
-    def __init__(self, handle: JointHandle) -> None:
+    moves, value = column(MOVES), column(_VALUE)
+
+    def __init__(self, handle: JointHandle, row: np.ndarray | None = None) -> None:
+        """`row`: (14,) of a loop's; None: one of its own."""
+        self.row = np.zeros(INTERPOLATION_COLUMNS) if row is None else row
         limit = handle.limits.velocity if handle.limits is not None else None
-        self._max_velocity = limit if limit else inf
-        self._wraps = handle.kind in ("revolute", "continuous")
-        self._travel = handle.travel or (-inf, inf)
+        self.row[_FASTEST:] = limit or inf, handle.turns, *(handle.travel or (-inf, inf))
         self.start(0.0)
 
     def start(self, position: float) -> None:
         """Rest at `position` and forget the stream before."""
-        self.value = self._command = self._line = position
-        self._rate = self._left = 0.0
-        self.moves = False
-        self._interval = USUAL_INTERVAL
-        self._change = 0.0
-        self._latest: float | None = None
-        self._arrival_ns: int | None = None
+        self.row[: _RATE + 1] = 0.0, 0.0, position, position, position, 0.0
+        self.row[_INTERVAL : _ARRIVAL + 1] = USUAL_INTERVAL, 0.0, nan, nan
 
     def take(self, command: float, time_ns: int) -> None:
         """Head for a command that arrived at `time_ns` of the simulated clock."""
-        if self._arrival_ns is not None:
-            interval = (time_ns - self._arrival_ns) / 1e9
-            # Pauses, and a clock that was set back, say nothing about the stream.
-            if 0.0 < interval <= LONGEST_INTERVAL:
-                interval = max(interval, SHORTEST_INTERVAL)
-                self._interval += NEWEST * (interval - self._interval)
-                if self._latest is not None:
-                    shorter = min(interval, self._latest)
-                    change = min(abs(interval - self._latest), 0.5 * shorter)
-                    self._change += NEWEST * (change - self._change)
-                self._latest = interval
-        self._arrival_ns = time_ns
-        distance = command - self._line
-        if self._wraps and not -pi < distance < pi:
-            distance = angles.towards(self._line, command, *self._travel)
-            command = self._line + distance
-        self._command = command
-        lasting = self._interval + CHANGES * self._change
-        self._left = max(lasting, abs(distance) / self._max_velocity)
-        self._rate = distance / self._left
-        self.moves = True
+        headed(self.row, command, time_ns)
 
     def advance(self, period: float) -> float:
         """The set point `period` s after the last one; to be asked for while `moves`."""
-        left = self._left = self._left - period
-        value = self.value
-        if left > 0.0:
-            line = self._line = self._line + self._rate * period
-        else:
-            line = self._line = self._command
-            if -ARRIVED < line - value < ARRIVED:
-                self.moves = False
-                self.value = line
-                return line
-        self.value = value = value + (line - value) * period / (ROUNDING + period)
-        return value
+        return moved(self.row, period)
 
-    def on_the_way(self) -> tuple[float, ...]:
-        """Whether it moves, time left, line, value, command and rate: what `advance` goes by."""
-        return self.moves, self._left, self._line, self.value, self._command, self._rate
 
-    def go_on(self, moves: float, left: float, line: float, value: float) -> None:
-        """Be where so many calls of `advance` would have brought it."""
-        self.moves, self._left, self._line, self.value = moves != 0.0, left, line, value
+@compiled("f8[::1], f8, f8", calls=(towards,))
+def headed(row, command, time_ns):
+    """See Interpolation.take."""
+    if not isnan(row[_ARRIVAL]):
+        interval = (time_ns - row[_ARRIVAL]) / 1e9
+        # Pauses, and a clock that was set back, say nothing about the stream.
+        if 0.0 < interval <= LONGEST_INTERVAL:
+            interval = max(interval, SHORTEST_INTERVAL)
+            row[_INTERVAL] += NEWEST * (interval - row[_INTERVAL])
+            if not isnan(row[_LATEST]):
+                shorter = min(interval, row[_LATEST])
+                change = min(abs(interval - row[_LATEST]), 0.5 * shorter)
+                row[_CHANGE] += NEWEST * (change - row[_CHANGE])
+            row[_LATEST] = interval
+    row[_ARRIVAL] = time_ns
+    distance = command - row[_LINE]
+    if row[_TURNS] != 0.0 and not -pi < distance < pi:
+        distance = towards(row[_LINE], command, row[_LOWER], row[_UPPER])
+        command = row[_LINE] + distance
+    lasting = row[_INTERVAL] + CHANGES * row[_CHANGE]
+    row[_END], row[_LEFT] = command, max(lasting, abs(distance) / row[_FASTEST])
+    row[_RATE], row[MOVES] = distance / row[_LEFT], 1.0
+
+
+@compiled("f8[::1], f8")
+def moved(row, period):
+    """See Interpolation.advance."""
+    row[_LEFT] -= period
+    value = row[_VALUE]
+    if row[_LEFT] > 0.0:
+        row[_LINE] += row[_RATE] * period
+    else:
+        row[_LINE] = row[_END]
+        if -ARRIVED < row[_LINE] - value < ARRIVED:
+            row[MOVES], row[_VALUE] = 0.0, row[_LINE]
+            return row[_LINE]
+    value += (row[_LINE] - value) * period / (ROUNDING + period)
+    row[_VALUE] = value
+    return value

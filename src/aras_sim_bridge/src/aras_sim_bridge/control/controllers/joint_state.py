@@ -69,7 +69,7 @@ class JointStateController(Controller):
         # Counting periods instead of adding them up keeps the rate exact for days.
         return self._start_ns + (self._periods + 1) * self._step_ns
 
-    def calm_until(self, time_ns: int) -> float:
+    def idle_until(self, time_ns: int) -> float:
         """Until the next sample is due."""
         if type(self).update is not JointStateController.update:
             return -inf  # a user's own

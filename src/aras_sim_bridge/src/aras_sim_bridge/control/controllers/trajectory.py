@@ -44,11 +44,11 @@ class ClosedLoopTrajectoryController(JointTrajectoryController):
     def _start_output(self) -> None:
         for handle, pid, _ in self._loops:
             pid.reset()
-            setattr(handle, self._target, 0.0)
+            handle.row[self._target] = 0.0
 
     def _command(self, period: float) -> None:
         position_errors, velocity_errors = self._errors
         velocities = self._desired[1]
         for k, (handle, pid, forward) in enumerate(self._loops):
             output = pid.compute(position_errors[k], period, velocity_errors[k])
-            setattr(handle, self._target, forward * velocities[k] + output)
+            handle.row[self._target] = forward * velocities[k] + output

@@ -93,7 +93,6 @@ class JointTrajectoryController(Controller):
         self._time_ns = self._uptime_ns = self._period_ns = 0
         self._segments: list[JointSegments] = []
         self._goal: GoalHandle | None = None
-        self._goal_joints: set[int] = set()
         self._arrived: set[int] = set()
         zeros = [0.0] * len(joints)
         self._desired = [list(zeros), list(zeros), list(zeros)]
@@ -169,7 +168,7 @@ class JointTrajectoryController(Controller):
     def _judge(self, now_ns: int) -> GoalHandle | None:
         """Check the active goal's tolerances; returns it if that ended it."""
         errors = self._errors
-        for k in self._goal_joints:
+        for k in range(len(self.joints)):
             segments, index = self._segments[k], self._present[k]
             segment = segments[index]
             if segment.goal is not self._goal:
@@ -186,7 +185,7 @@ class JointTrajectoryController(Controller):
                 elif k not in self._arrived and now_ns >= segment.end_ns + segment.goal_time_ns:
                     code = ErrorCode.GOAL_TOLERANCE_VIOLATED
                     return self._end_goal(ABORTED, code, f"{name} goal error {error:f}")
-        if self._arrived >= self._goal_joints:
+        if len(self._arrived) == len(self.joints):
             return self._end_goal(SUCCEEDED, ErrorCode.SUCCESSFUL)
         return None
 
@@ -220,13 +219,12 @@ class JointTrajectoryController(Controller):
         handle = GoalHandle(goal)
         ended = None
         try:
-            joints = self._take(goal.trajectory, handle)
+            self._take(goal.trajectory, handle)
         except TrajectoryError as error:
             handle.finish(REJECTED, error.code, str(error))
         else:
             ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "preempted by a new goal")
             self._goal = handle
-            self._goal_joints = joints
             self._arrived = set()
             self._feedback_timer.start(self._uptime_ns)
         _announce(ended)
@@ -260,8 +258,8 @@ class JointTrajectoryController(Controller):
             samples.append(segments[index].sample(at_ns))
         return StatePoint(*(list(values) for values in zip(*samples, strict=True)))
 
-    def _take(self, trajectory: Trajectory, goal: GoalHandle | None) -> set[int]:
-        """Make `trajectory` the present one; returns the joints it moves.
+    def _take(self, trajectory: Trajectory, goal: GoalHandle | None) -> None:
+        """Make `trajectory` the present one.
 
         Raises TrajectoryError, with nothing changed, if it cannot be followed.
         """
@@ -278,7 +276,7 @@ class JointTrajectoryController(Controller):
                 columns = joint_columns(trajectory.joint_names, self.joints, self._partial)
             if not len(trajectory.points):
                 self._hold(self._uptime_ns, goal, tolerances)
-                return set(range(len(self.joints)))
+                return
             check_points(trajectory)
             next_ns = self._uptime_ns + self._period_ns
             start_ns = next_ns
@@ -297,7 +295,6 @@ class JointTrajectoryController(Controller):
                 f"are past and dropped"
             )
         self._follow(segments)
-        return {k for k, column in enumerate(columns) if column is not None}
 
     def _follow(self, segments: list[JointSegments]) -> None:
         self._segments = segments

@@ -119,13 +119,18 @@ def joint_columns(
 
 
 def check_points(trajectory: Trajectory) -> None:
-    """Raises TrajectoryError (INVALID_GOAL) on wrong sizes, times that do not increase, or NaN."""
+    """Raises TrajectoryError (INVALID_GOAL) on wrong sizes, times that do not increase, or NaN.
+
+    As upstream, a point may have more values than the trajectory has joints, equally many of each
+    kind; what is beyond the joints counts for nothing.
+    """
     size = len(trajectory.joint_names)
     previous: int | None = None
     for k, point in enumerate(trajectory.points):
         for field in ("positions", "velocities", "accelerations"):
             values = getattr(point, field)
-            if len(values) != size and (len(values) or field == "positions"):
+            wanted = max(size, len(point.positions))
+            if len(values) != wanted and (len(values) or field == "positions"):
                 raise TrajectoryError(
                     ErrorCode.INVALID_GOAL,
                     f"trajectory point {k} has {len(values)} {field} for {size} joints",
@@ -157,7 +162,8 @@ def plan(
     The current trajectory is kept until `start_ns`, where the new one begins; then comes a bridge
     to its first point that is not past. `wraps` says which joints turn endlessly: for those the
     new points are shifted by full turns so that the bridge goes the short way. Joints without a
-    column keep their current segments. Returns the segments and the number of dropped points.
+    column keep their current segments, which serve the new goal. Returns the segments and the
+    number of dropped points.
     Raises TrajectoryError if every point is past.
     """
     points = [p for p in trajectory.points if start_ns + p.time_from_start_ns > next_ns]
@@ -173,10 +179,13 @@ def plan(
     result = []
     for joint, column in enumerate(columns):
         present = current[joint]
-        if column is None:
+        first = segment_at(present, next_ns)
+        if column is None:  # as upstream, what it still has to do is the new goal's too
+            for segment in present[max(first, 0) :]:
+                segment.goal = goal
             result.append(present)
             continue
-        first, last = segment_at(present, next_ns), segment_at(present, bridge_ns)
+        last = segment_at(present, bridge_ns)
         kept = present[max(first, 0) : last + 1] if start_ns > next_ns else []
         new = _joint_segments(
             points, column, Waypoint(*present[max(last, 0)].sample(bridge_ns)), wraps[joint],

@@ -122,4 +122,22 @@ def test_managers_are_found_by_their_services(monkeypatch):
     assert utils.ControllerManagerLister("/right")() == ["/right/arm/controller_manager"]
     del types["/left/controller_manager/load_controller"]
     assert not utils.is_controller_manager("/left/controller_manager")
-    assert utils.get_controller_managers("/left", ["/left/controller_manager"]) == []
+    assert utils.get_controller_managers("/left") == []
+    # One of a look before counts while it lists controllers.
+    assert utils.get_controller_managers("/left", ["/left/controller_manager", "/left/none"]) == [
+        "/left/controller_manager"]
+
+
+def test_a_manager_may_stand_at_the_root(monkeypatch):
+    types = {f"/{name}": kind for name, kind in utils._SERVICES.items()}
+    monkeypatch.setattr(utils.rosservice, "get_service_list", lambda: list(types))
+    monkeypatch.setattr(utils.rosservice, "get_service_type", types.get)
+    assert utils.get_controller_managers() == ["/"]
+    assert utils.get_controller_managers("/robot") == []
+
+
+def test_a_controller_is_what_has_a_text_for_its_type(monkeypatch):
+    values = {"one": {"type": "A"}, "no": {"type": {"a": "B"}}, "type": {"two": "C"}, "x": 1}
+    monkeypatch.setattr(utils.rospy, "get_param", {"/": values}.get)
+    assert utils.get_rosparam_controller_names("/") == ["one"]
+    assert utils.get_rosparam_controller_names("") == ["one"]

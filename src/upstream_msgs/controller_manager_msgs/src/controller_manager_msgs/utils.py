@@ -45,18 +45,20 @@ def get_controller_managers(
 ) -> list[str]:
     """Namespaces of the controller managers at or below `namespace`, sorted.
 
-    initial_guess: those of a look before; they are looked at again.
+    initial_guess: those of a look before. One that still lists controllers counts without a look
+    at its other services.
     """
-    ending = "/list_controllers"
     below = rosgraph.names.make_global_ns(namespace)
     try:
         services = rosservice.get_service_list()
     except rosservice.ROSServiceException:
         return []
-    places = {name.removesuffix(ending) for name in services if name.endswith(ending)}
-    places |= set(initial_guess or ())
+    ending = "/list_controllers"
+    places = {name.removesuffix(ending) or "/" for name in services if name.endswith(ending)}
+    known = set(initial_guess or ())
     return sorted(place for place in places
-                  if f"{place}/".startswith(below) and is_controller_manager(place))
+                  if rosgraph.names.make_global_ns(place).startswith(below)
+                  and (place in known or is_controller_manager(place)))
 
 
 class ControllerManagerLister:
@@ -91,10 +93,12 @@ class ControllerLister:
 
 
 def get_rosparam_controller_names(namespace: str = "/") -> list[str]:
-    """Names of the namespaces in `namespace` that have a parameter `type`: what could be loaded."""
-    values = rospy.get_param(namespace, {})
+    """Names of the namespaces in `namespace` whose parameter `type` is a text: what could be
+    loaded."""
+    values = rospy.get_param(namespace or "/", {})
     values = values if isinstance(values, dict) else {}
-    return [name for name, own in values.items() if isinstance(own, dict) and "type" in own]
+    return [name for name, own in values.items()
+            if isinstance(own, dict) and isinstance(own.get("type"), str)]
 
 
 def _filter(

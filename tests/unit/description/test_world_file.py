@@ -102,3 +102,27 @@ def test_lights_that_cannot_be(changes, reason):
     assert checked_light(SUN) is SUN
     with pytest.raises(WorldError, match=reason):
         checked_light(replace(SUN, **changes))
+
+
+def test_a_mesh_that_is_missing_is_left_out_and_named(tmp_path, monkeypatch):
+    monkeypatch.setenv("GAZEBO_MODEL_PATH", str(tmp_path))
+    (tmp_path / "crate").mkdir()
+    part = "<geometry><mesh><uri>model://{}</uri></mesh></geometry>"
+    box = "<geometry><box><size>1 2 3</size></box></geometry>"
+    path = tmp_path / "one.world"
+    path.write_text(
+        '<sdf version="1.6"><world name="w"><model name="m"><link name="l">'
+        f'<visual name="a">{part.format("nowhere/a.dae")}</visual>'
+        f'<visual name="b">{box}<material><diffuse>1 0 0 1</diffuse></material></visual>'
+        f'<collision name="c">{part.format("crate/c.stl")}</collision>'
+        f'<collision name="d">{box}</collision></link></model></world></sdf>')
+    found = world_file.read(str(path))
+    link = found.models[0].links["l"]
+    assert [v.name for v in link.visuals] == ["b"]
+    assert [c.name for c in link.collisions] == ["d"]
+    first, second = found.warnings
+    assert "visual 'a'" in first and "nowhere" in first and "left out" in first
+    assert "collision 'c'" in second and "c.stl" in second
+    path.write_text(path.read_text().replace("nowhere/a.dae", "crate/../../a.dae"))
+    with pytest.raises(DescriptionError, match="climbs out"):
+        world_file.read(str(path))

@@ -10,6 +10,10 @@ from aras_visual_servo_base.errors import DescriptionError as DescriptionError
 from aras_visual_servo_base.errors import SimError as SimError
 
 
+class MissingFileError(DescriptionError):
+    """A file that a description names, or the package or model folder it lies in, is not there."""
+
+
 class WorldError(SimError):
     """The physics world refuses a request: unknown name, impossible value, name taken."""
 

@@ -5,7 +5,7 @@ import re
 from collections.abc import Callable
 
 from aras_sim_bridge.description import model_folders
-from aras_sim_bridge.errors import DescriptionError
+from aras_sim_bridge.errors import DescriptionError, MissingFileError
 from aras_visual_servo_base.safe_xml import shorten
 
 ResolvePackage = Callable[[str], str]
@@ -33,7 +33,7 @@ def find(name: str) -> str:
         # What is not there is looked for again the next time: it may be built by then.
         found = _search(name, *paths)
     if found is None:
-        raise DescriptionError(
+        raise MissingFileError(
             f"package '{name}' is not in ROS_PACKAGE_PATH: source the workspace that holds it "
             "(. devel/setup.bash) or install it, then try again"
         )
@@ -100,7 +100,7 @@ def resolve_uri(
     path = located(uri, where, resolve_package, base_directory)
     if not os.path.isfile(path):
         kind = "is no regular file" if os.path.exists(path) else "does not exist"
-        raise DescriptionError(f"{where}: mesh file {path} (from '{shorten(uri, 200)}') {kind}")
+        raise MissingFileError(f"{where}: mesh file {path} (from '{shorten(uri, 200)}') {kind}")
     return path
 
 
@@ -145,7 +145,7 @@ def located(
         try:
             root = os.path.normpath(folder or resolve_package(package))
         except DescriptionError as error:
-            raise DescriptionError(f"{where}: {what} '{shown}': {error}") from None
+            raise type(error)(f"{where}: {what} '{shown}': {error}") from None
         path = os.path.normpath(os.path.join(root, inside.lstrip("/")))
         if os.path.commonpath([root, path]) != root:
             raise DescriptionError(

@@ -9,6 +9,7 @@ is written is refused by name.
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import repeat
 from types import MappingProxyType
 from typing import TypeVar
 from xml.etree.ElementTree import Element
@@ -37,7 +38,7 @@ from aras_sim_bridge.description.types import (
     Visual,
 )
 from aras_sim_bridge.description.world_state import WorldState
-from aras_sim_bridge.errors import DescriptionError
+from aras_sim_bridge.errors import DescriptionError, MissingFileError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.safe_xml import (
@@ -284,12 +285,16 @@ def _link(element: Element, model: str, resolve: Resolve, looks: Sequence[Look |
               for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")), warnings)
     visuals, collisions, mu = [], [], None
     for kind in ("visual", "collision"):
-        for part in element.findall(kind):
+        paired = looks if kind == "visual" else repeat(None)
+        for part, look in zip(element.findall(kind), paired, strict=False):
             inside = f"{where}, {kind} '{shorten(_name(part, where))}'"
             at = _pose(part, inside)
-            shape = sdf_geometry(part, inside, resolve)
+            try:
+                shape = sdf_geometry(part, inside, resolve)
+            except MissingFileError as error:  # as in Gazebo, the rest of the model stands
+                warnings.append(f"{error}; the {kind} is left out")
+                continue
             if kind == "visual":
-                look = looks[len(visuals)]
                 texture = "" if look is None else look.texture
                 if texture and shape.kind not in _TEXTURED:
                     warnings.append(f"{inside}: a texture is drawn on {', '.join(_TEXTURED)} only")

@@ -36,7 +36,7 @@ def test_steps_out_of_range_are_refused(call, count):
 
 
 def test_the_largest_number_of_steps_is_made(call, monkeypatch):
-    monkeypatch.setattr("aras_sim_bridge.ros.gazebo_api.world.STEP_LIMIT", 3)
+    monkeypatch.setattr("aras_sim_bridge.ros.gazebo_api.stepping.STEP_LIMIT", 3)
     assert call("step_world", 3).sim_time.to_nsec() == 3_000_000
     call("step_world", 4, refused=True)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from aras_sim_bridge.ros.gazebo_api import lights, links, models, world
+from aras_sim_bridge.ros.gazebo_api import lights, links, models, stepping, world
 from aras_sim_bridge.ros.gazebo_api.forces import Forces
 from aras_sim_bridge.ros.gazebo_api.models import Models
 from aras_sim_bridge.ros.gazebo_api.physics import Physics
@@ -21,10 +21,17 @@ class GazeboApi:
     """Everything that clients of gazebo_ros find."""
 
     def __init__(
-        self, thread: SimulationThread, on_graph: OnGraph, on_time_reset: Callable[[], None]
+        self,
+        thread: SimulationThread,
+        on_graph: OnGraph,
+        on_time_reset: Callable[[], None],
+        extra: bool = True,
     ) -> None:
-        """Advertise all of it; `on_time_reset` is called in the simulation's thread."""
-        self.states = StateTopics(NAMESPACE, thread)
+        """Advertise all of it, without `extra` only what gazebo_ros's list of its API names.
+
+        `on_time_reset` is called in the simulation's thread.
+        """
+        self.states = StateTopics(NAMESPACE, thread, extra)
         forces = Forces(thread)
         spawned = Models(forces, on_graph)
         physics = Physics(NAMESPACE, thread)
@@ -32,6 +39,9 @@ class GazeboApi:
         ServiceTable(
             NAMESPACE,
             thread,
-            *handlers_in(lights, links, models, world, forces, spawned, physics, reset),
+            *handlers_in(
+                lights, links, models, world, forces, spawned, physics, reset,
+                *([stepping] if extra else []),
+            ),
         )
         subscribe_states(NAMESPACE, thread)

@@ -32,17 +32,19 @@ FACTOR_PERIOD = 1.0  # seconds of wall time between two real_time_factors, also 
 class StateTopics:
     """The simulation's state for everybody who subscribes."""
 
-    def __init__(self, namespace: str, thread: SimulationThread) -> None:
-        """Advertise below `namespace`."""
+    def __init__(self, namespace: str, thread: SimulationThread, extra: bool) -> None:
+        """Advertise below `namespace`; `extra`: performance_metrics and real_time_factor too."""
         self._thread = thread
         self._models = rospy.Publisher(f"{namespace}/model_states", ModelStates, queue_size=10)
         self._links = rospy.Publisher(f"{namespace}/link_states", LinkStates, queue_size=10)
-        self._metrics = rospy.Publisher(
-            f"{namespace}/performance_metrics", PerformanceMetrics, queue_size=10
-        )
+        self._metrics: rospy.Publisher | None = None
         self._next_metrics = 0.0
-        self._factor = rospy.Publisher(f"{namespace}/real_time_factor", Float64, queue_size=1)
-        rospy.Timer(rospy.Duration.from_sec(FACTOR_PERIOD), self._tell_factor)
+        if extra:
+            self._metrics = rospy.Publisher(
+                f"{namespace}/performance_metrics", PerformanceMetrics, queue_size=10
+            )
+            self._factor = rospy.Publisher(f"{namespace}/real_time_factor", Float64, queue_size=1)
+            rospy.Timer(rospy.Duration.from_sec(FACTOR_PERIOD), self._tell_factor)
 
     def _tell_factor(self, _event: rospy.timer.TimerEvent) -> None:
         with contextlib.suppress(rospy.ROSException):  # the topic is closed: the node ends
@@ -55,7 +57,7 @@ class StateTopics:
         if self._links.get_num_connections():
             self._links.publish(link_states(simulation))
         now = time.monotonic()
-        if now >= self._next_metrics:
+        if self._metrics is not None and now >= self._next_metrics:
             self._next_metrics = now + METRICS_PERIOD
             if self._metrics.get_num_connections():
                 self._metrics.publish(self._performance(simulation))

@@ -1,4 +1,4 @@
-"""World services: pause, unpause, the two resets, get_world_properties, step_world."""
+"""World services: pause, unpause, the two resets and get_world_properties."""
 
 from __future__ import annotations
 
@@ -7,15 +7,9 @@ from collections.abc import Callable
 from gazebo_msgs.srv import GetWorldProperties
 from std_srvs.srv import Empty
 
-from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.ros.conversions import to_time
 from aras_sim_bridge.ros.runtime.services import Fields, serves
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
-from aras_sim_bridge.srv import StepWorld
-
-STEP_LIMIT = 1_000_000  # steps in one call of step_world
-STEP_TIMEOUT = 600.0  # seconds of wall time for one call
 
 
 @serves(Empty, outside=True, call_fails=True)
@@ -44,17 +38,6 @@ def get_world_properties(simulation: Simulation, _request: GetWorldProperties) -
         "model_names": list(simulation.world.models),
         "rendering_enabled": True,
     }
-
-
-@serves(StepWorld, outside=True)
-def step_world(thread: SimulationThread, request: StepWorld) -> Fields:
-    """Make steps while paused."""
-    if not thread.paused:
-        raise SimError("simulated time is running; call /gazebo/pause_physics first")
-    if not 1 <= request.steps <= STEP_LIMIT:
-        raise SimError(f"steps is {request.steps}; give 1 to {STEP_LIMIT}")
-    time_ns = thread.step(request.steps, STEP_TIMEOUT)
-    return {"status_message": f"made {request.steps} steps", "sim_time": to_time(time_ns)}
 
 
 class TimeReset:

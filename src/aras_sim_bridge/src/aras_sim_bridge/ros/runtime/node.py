@@ -74,7 +74,9 @@ class GazeboNode:
         before_frame = None if self.lockstep is None else self.lockstep.before_frame
         self.on_graph = OnGraph(self.thread, before_frame, self.record)
         if parameters.enable_ros_network:
-            self.api = GazeboApi(self.thread, self.on_graph, self.on_time_reset)
+            self.api = GazeboApi(
+                self.thread, self.on_graph, self.on_time_reset, parameters.extra_interfaces
+            )
             mount_world_cameras(self.thread)
             self.on_graph.sync()
             self.record.restore()

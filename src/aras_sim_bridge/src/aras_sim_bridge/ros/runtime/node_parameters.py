@@ -30,6 +30,7 @@ class NodeParameters:
     seed: int = 0
     legacy_camera_info: bool = False
     enable_ros_network: bool = True
+    extra_interfaces: bool = True
     pub_clock_frequency: float = -1.0
     master_check_period: float = parameter(2.0, "s", above=0.0)
     log_level: str = parameter("info", choices=LOG_LEVELS)

@@ -1,0 +1,23 @@
+"""step_world, a service of this bridge's own: so many steps while simulated time stands still."""
+
+from __future__ import annotations
+
+from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.ros.conversions import to_time
+from aras_sim_bridge.ros.runtime.services import Fields, serves
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.srv import StepWorld
+
+STEP_LIMIT = 1_000_000  # steps in one call of step_world
+STEP_TIMEOUT = 600.0  # seconds of wall time for one call
+
+
+@serves(StepWorld, outside=True)
+def step_world(thread: SimulationThread, request: StepWorld) -> Fields:
+    """Make steps while paused."""
+    if not thread.paused:
+        raise SimError("simulated time is running; call /gazebo/pause_physics first")
+    if not 1 <= request.steps <= STEP_LIMIT:
+        raise SimError(f"steps is {request.steps}; give 1 to {STEP_LIMIT}")
+    time_ns = thread.step(request.steps, STEP_TIMEOUT)
+    return {"status_message": f"made {request.steps} steps", "sim_time": to_time(time_ns)}

@@ -1,0 +1,85 @@
+"""Controllers of upstream's controller_manager_tests, by what their tests ask of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from aras_sim_bridge.control.controllers.base import ClaimedResources, Context, Controller
+from aras_sim_bridge.control.hardware import RobotHardware
+from aras_sim_bridge.errors import ControllerError
+
+PREFIX = "hardware_interface::"
+
+
+class MultiInterface(Controller):
+    """Claims the joints that parameters name, each list through an interface of its own.
+
+    asked: parameter of the joints by interface. optional: interfaces that may have no joint at all.
+    """
+
+    asked: Mapping[str, str] = {}
+    defaults: Mapping[str, tuple[str, ...]] = {}
+    optional = False
+
+    def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
+        """Take the joints; ControllerError where the interface or one of them is missing."""
+        super().init(hardware, parameters, context)
+        self._claims: list[ClaimedResources] = []
+        for interface, parameter in self.asked.items():
+            known = hardware.interfaces.get(interface, set())
+            if not known and self.optional:
+                continue
+            joints = parameters.get(parameter, self.defaults.get(parameter))
+            joints = (joints,) if isinstance(joints, str) else tuple(joints or ())
+            missing = [joint for joint in joints if joint not in known]
+            if missing or not joints:
+                raise ControllerError(f"{context.name}: the {interface} lacks {missing}")
+            self._claims.append(ClaimedResources(f"{PREFIX}{interface}", joints))
+
+    @property
+    def claimed_resources(self) -> tuple[ClaimedResources, ...]:
+        """What init took."""
+        return tuple(self._claims)
+
+
+class EffortTestController(MultiInterface):
+    """Efforts of `joints`, by default the first two."""
+
+    asked = {"EffortJointInterface": "joints"}
+    defaults = {"joints": ("hiDOF_joint1", "hiDOF_joint2")}
+
+
+class MyDummyController(MultiInterface):
+    """An interface that no robot has."""
+
+    asked = {"MyDummyInterface": "joints"}
+
+
+class VelEffController(MultiInterface):
+    """Velocities of some joints, efforts of others."""
+
+    asked = {"VelocityJointInterface": "velocity_joints", "EffortJointInterface": "effort_joints"}
+
+
+class PosEffController(MultiInterface):
+    """Positions of some joints, efforts of others."""
+
+    asked = {"PositionJointInterface": "position_joints", "EffortJointInterface": "effort_joints"}
+
+
+class PosEffOptController(PosEffController):
+    """The same, where an interface that the robot lacks is left out."""
+
+    optional = True
+
+
+class ExtensibleController(MultiInterface):
+    """The velocity of one joint."""
+
+    asked = {"VelocityJointInterface": "velocity_joint"}
+
+
+class DerivedController(ExtensibleController):
+    """The same, and the effort of another."""
+
+    asked = {"VelocityJointInterface": "velocity_joint", "EffortJointInterface": "effort_joint"}

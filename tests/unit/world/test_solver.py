@@ -159,8 +159,9 @@ def test_more_models_than_bullet_has_groups_stand_on_the_ground(make):
             assert model.pose().xyz[2] == pytest.approx(0.05 + k % 2 * 0.12, abs=2e-3)
 
 
-def trace(steps=700):
+def trace(cube, steps=700):
     robot = ArasRobot(Simulation(SimulationConfig(renderer="tiny")))
+    robot.simulation.spawn(parse_urdf(cube), "cube", Pose((7.0, 0.0, 0.05)))  # Bullet makes steps
     states = []
     for k in range(3):
         robot.command([sign * q for q, sign in zip(POSE, [1, -1, 1, -1, 1, -1][k:] * 2,
@@ -172,16 +173,18 @@ def trace(steps=700):
     return states
 
 
-def test_the_shipped_robot_moves_the_same_bits_with_all_pairs(monkeypatch):
+def test_the_shipped_robot_moves_the_same_bits_with_all_pairs(make, monkeypatch):
+    cube = make.robot(make.link("cube", 1.0, inertia=(2e-3, 2e-3, 2e-3, 0, 0, 0),
+                                shapes=make.box("0.1 0.1 0.1")))
     masks = []
     real = pybullet.setCollisionFilterGroupMask
     monkeypatch.setattr(pybullet, "setCollisionFilterGroupMask",
                         lambda *args, **named: (masks.append(args[3]), real(*args, **named)))
-    left_out = trace()
+    left_out = trace(cube)
     own_and_static = ~(128 | 2)  # the ground has the first group of its own, 64
-    assert masks[-11:] == [own_and_static] * 11, "every link is out of the ground's reach"
+    assert masks[-12:].count(own_and_static) == 11, "every link is out of the ground's reach"
     monkeypatch.setattr(world_module, "leave_out_pairs", lambda models: None)
-    assert trace() == left_out
+    assert trace(cube) == left_out
 
 
 @pytest.fixture

@@ -1,7 +1,10 @@
 """The world as a whole: spawning, resets, determinism, the ARAS robot under its PIDs."""
 
 import math
+import os
 import random
+import subprocess
+import sys
 
 import pytest
 
@@ -250,3 +253,43 @@ def test_long_chains_load(make):
         assert model.read_joints()[0][model.joint_names.index("j7")] == 0.7
         for _ in range(20):
             world.step()
+
+
+def test_a_world_after_others_is_as_a_fresh_one_in_a_process_of_its_own():
+    """Bullets that have made no step are used again: with other gravity, solver, bodies and names.
+
+    A box falls onto another in the third of three worlds, or in the only one.
+    """
+    script = """
+import sys
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.world import Pose, World, bullet
+box = '<robot name="b"><link name="b"><inertial><mass value="2"/><inertia ixx="0.1" iyy="0.2" ' \\
+    'izz="0.3" ixy="0" ixz="0" iyz="0"/></inertial><collision><geometry><box size="{}"/>' \\
+    '</geometry></collision></link></robot>'
+clients = set()
+for k in range(int(sys.argv[1])):
+    with World(0.002, (0.0, 1.0, -5.0), solver_iterations=7) as other:
+        other.spawn_ground_plane()
+        other.spawn(parse_urdf(box.format("1 1 1")), "other", Pose((0, 0, 3.0)), fixed_base=True)
+        other.step()
+        clients.add(other.client)
+world = World()
+clients.add(world.client)
+world.spawn_ground_plane()
+world.spawn(parse_urdf(box.format("0.3 0.4 0.2")), "low", Pose((0, 0, 0.101)))
+tilted = Pose((0.05, 0.02, 0.5), (0.1, 0, 0, 0.99))
+world.spawn(parse_urdf(box.format("0.2 0.2 0.2")), "high", tilted)
+for _ in range(700):
+    world.step()
+print(len(clients), [(m.body_id, m.pose(), m.twist()) for m in world.models.values()])
+world.close()
+assert not bullet._spare  # it has made steps
+"""
+    told = [
+        subprocess.run([sys.executable, "-c", script, worlds], check=True, capture_output=True,
+                       text=True, env={**os.environ, "PYTHONPATH": ":".join(sys.path)}).stdout
+        for worlds in ("0", "2")
+    ]
+    assert told[0] == told[1]
+    assert "1 [" in told[0]

@@ -279,7 +279,8 @@ def _is(hint: Any, kind: type) -> bool:
 
 def _likeness(values: Mapping, cls: type) -> int:
     """How many of the keys are a field of the class, or near to one."""
-    return sum(bool(likely(key, _known(cls))) for key in values)
+    known = _known(cls)
+    return sum(key in known or bool(likely(key, known)) for key in values)
 
 
 def _tuple(value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any]) -> tuple:

@@ -17,7 +17,7 @@ from aras_sim_bridge.description.types import (
 )
 from aras_sim_bridge.errors import UnknownJointError, UnknownModelError, WorldError
 from aras_sim_bridge.world import bullet_file
-from aras_sim_bridge.world.bullet import pybullet, quiet
+from aras_sim_bridge.world.bullet import connected, give_back, pybullet, quiet
 from aras_sim_bridge.world.checks import LARGEST, check_simulable
 from aras_sim_bridge.world.friction import ContactFriction
 from aras_sim_bridge.world.model import Model
@@ -65,13 +65,13 @@ class World:
         self._apart = False
         self.revision = 0
         try:
-            self.client = pybullet.connect(pybullet.GUI if gui else pybullet.DIRECT)
+            self.client = connected(gui)
         except pybullet.error as error:
             raise WorldError(f"Bullet cannot open its window ({error}); start with gui:=false") \
                 from None
         if self.client < 0:
             raise WorldError("Bullet does not start: no free client, or no display for gui:=true")
-        self._gui = gui
+        self._gui = self._stepped = gui
         if gui:  # without panels of sliders and empty previews, and shadows: half a picture's cost
             for part in (pybullet.COV_ENABLE_GUI, pybullet.COV_ENABLE_SHADOWS):
                 pybullet.configureDebugVisualizer(part, 0, physicsClientId=self.client)
@@ -241,8 +241,9 @@ class World:
         """Choose who makes the steps: where nothing can touch anything, each model for itself (see
         joint_dynamics.py), in a tenth of Bullet's time and to the last digit."""
         models = list(self.models.values())
-        leave_out_pairs(models)
         self._apart = not self._gui and out_of_touch(models)
+        if not self._apart:
+            leave_out_pairs(models)
         for model in models:
             model.joints.set_own(self._apart)
         self._active = [model for model in models
@@ -276,6 +277,7 @@ class World:
         if self._sliding.loose:
             self._sliding.before_step(dt)
         pybullet.stepSimulation(self.client)
+        self._stepped = True
         for model in models:
             model.after_step()
         if held:
@@ -338,7 +340,7 @@ class World:
     def close(self) -> None:
         """Leave Bullet. Safe to call twice."""
         if self.client >= 0 and pybullet.isConnected(self.client):
-            pybullet.disconnect(self.client)
+            give_back(self.client, not self._stepped)
         self.client = -1
 
     def __enter__(self) -> "World":

@@ -336,7 +336,7 @@ def test_defaults_are_upstream_s():
     assert (pose.namespace, pose.frame, pose.rate) == ("", "world", 0.0)
     assert (body.topic, body.rate) == ("/default_imu", 0.0)
     assert (wrench.measured_in, wrench.on_child, wrench.frame) == ("child", False, "")
-    assert wrench == SensorDescription("wrench", "w", joint="flange")
+    assert wrench == SensorDescription("wrench", "w", joint="flange", link="tool")
 
 
 @pytest.mark.parametrize(("tags", "reason"), [

@@ -56,8 +56,13 @@ def of_model(found: list[SensorDescription], links: Mapping[str, Link],
         if problem:
             warnings.append(f"plug-in of a {made.kind} sensor: {problem}; left out")
             continue
-        if made.kind == "wrench" and made.joint in gauges:
-            made = _gauged(made, gauges[made.joint], warnings)
+        if made.kind == "wrench":
+            child, own = joints[made.joint].child, f"{made.joint}_frame"
+            if child == own and own in joints:  # the frame of a joint with a <pose>, see sdf.py
+                child = joints[own].child
+            made = replace(made, link=child)
+            if made.joint in gauges:
+                made = _gauged(made, gauges[made.joint], warnings)
         kept.append(made)
     return kept
 

@@ -205,7 +205,8 @@ class SensorDescription:
     kind: pose (p3d), imu (in a sensor), body_imu (libgazebo_ros_imu.so) or wrench.
     namespace: None is the model's name. frame: '' is that of the link. rate: readings a second of
     simulated time, 0 for one a step.
-    link: what a pose and IMUs are of; pose: (xyz, rpy) of an IMU in it.
+    link: what a pose and IMUs are of, the child of a wrench's joint; pose: (xyz, rpy) of an IMU in
+    it, of a wrench's sensor in the joint.
     offset: (xyz, rpy) added to what is told. noise: stddev of all channels.
     sample_rate: Hz; an IMU's acceleration is the mean over such a period, 0 for a step.
     from_start: whether an IMU's orientation is told from that at its start.

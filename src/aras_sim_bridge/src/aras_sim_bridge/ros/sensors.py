@@ -73,7 +73,6 @@ class SensorTopic(StateTopic):
     def _own_frame(sensor: RateSensor) -> str:
         """Frame of the message where its plug-in names none: what the numbers are told in."""
         given = sensor.description
-        if given.kind != "wrench":
-            return given.link
-        joint = sensor.model.description.joints[given.joint]
-        return joint.parent if given.measured_in == "parent" else joint.child
+        if given.measured_in == "parent":
+            return sensor.model.description.joints[given.joint].parent
+        return given.link

@@ -107,11 +107,13 @@ class WrenchSensor(RateSensor[np.ndarray]):
         return WrenchReading(time_ns, *self._noisy(*told, time_ns))
 
     def _frame(self) -> np.ndarray:
-        """(4, 4), world: the joint's origin, which is the child's, with the axes asked for."""
+        """(4, 4), world: the joint's origin with the axes asked for."""
         given = self.description
         frame = self.model.link_state(self._joint.child)[0].matrix()
         if given.measured_in == "sensor":
-            frame[:3, :3] = frame[:3, :3] @ Pose.from_rpy(*given.pose).matrix()[:3, :3]
-        elif given.measured_in == "parent":
-            frame[:3, :3] = self.model.link_state(self._joint.parent)[0].matrix()[:3, :3]
+            axes = frame @ Pose.from_rpy(*given.pose).matrix()
+        else:
+            link = self._joint.parent if given.measured_in == "parent" else given.link
+            axes = self.model.link_state(link)[0].matrix()
+        frame[:3, :3] = axes[:3, :3]
         return frame

@@ -1,0 +1,110 @@
+"""Three worlds as Gazebo's window saves them: they load, and all stands where `<state>` has it."""
+
+import math
+import sys
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from aras_sim_bridge.description import world_file
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_visual_servo_base.poses import Pose
+
+WORLDS = Path(__file__).parents[2] / "worlds"
+sys.path.insert(0, str(WORLDS))
+
+import model_folders  # noqa: E402
+
+
+@pytest.fixture
+def load(tmp_path, monkeypatch):
+    """(simulation, world file) of a saved world."""
+    monkeypatch.setenv("GAZEBO_MODEL_PATH", str(model_folders.write(tmp_path)))
+    made = []
+
+    def read(name):
+        found = world_file.read(str(WORLDS / f"{name}.world"))
+        simulation = Simulation(SimulationConfig(
+            found.time_step, found.gravity, ground_plane=False, lights=found.lights))
+        made.append(simulation)
+        simulation.time_ns = found.time_ns
+        world_file.populate(simulation.spawn, found)
+        return simulation, found
+
+    yield read
+    for simulation in made:
+        simulation.close()
+
+
+def pose_of(element):
+    values = [float(value) for value in element.find("pose").text.split()]
+    return Pose.from_rpy(values[:3], values[3:])
+
+
+def saved(name):
+    """(model, link) -> pose of a world's state, links of inner models as inner::link; and of each
+    model itself, as (model, '')."""
+
+    def links(node, prefix):
+        for link in node.findall("link"):
+            yield prefix + link.get("name"), pose_of(link)
+        for inner in node.findall("model"):
+            yield from links(inner, f"{prefix}{inner.get('name')}::")
+
+    state = ElementTree.parse(WORLDS / f"{name}.world").getroot().find("world/state")
+    found = {}
+    for model in state.findall("model"):
+        found[model.get("name"), ""] = pose_of(model)
+        found |= {(model.get("name"), link): pose for link, pose in links(model, "")}
+    return found
+
+
+@pytest.mark.parametrize(("name", "count", "time_ns"), [
+    ("stereo_table", 4, 41_260_000_000), ("arm_cell", 6, 12_345_000_000),
+    ("storeroom", 4, 7_001_000_000),
+])
+def test_models_stand_where_the_state_puts_them(load, name, count, time_ns):
+    simulation, found = load(name)
+    assert (found.warnings, found.time_ns) == ((), time_ns)
+    expected = saved(name)
+    assert sum(not link for _, link in expected) == count
+    for (name_, link), pose in expected.items():
+        model = simulation.world.model(name_)
+        if link != model.description.root:  # its frame is the model's, as the README says
+            stands = model.link_pose(link) if link else model.pose()
+            np.testing.assert_allclose(stands.matrix(), pose.matrix(), atol=1e-5)
+    for _ in range(20):
+        simulation.step()
+
+
+def test_the_arm_s_sensors_see_and_feel_its_cell(load):
+    simulation, _ = load("arm_cell")
+    arm = simulation.world.model("arm")
+    assert arm.read_joints()[0] == pytest.approx((0.62, 0.35), abs=1e-5)
+    (camera,) = simulation.cameras
+    frames, readings = [], {sensor.description.kind: [] for sensor in simulation.sensors}
+    camera.on_frame, camera.enabled = frames.append, True
+    for sensor in simulation.sensors:
+        sensor.on_state = readings[sensor.description.kind].append
+    for _ in range(95):
+        simulation.step()
+    assert [f.stamp_ns for f in frames] == [12_350_000_000, 12_400_000_000]
+    assert frames[0].image.std() > 20  # textures are in view
+    imu, pose, wrench = (readings[kind][-1] for kind in ("imu", "pose", "wrench"))
+    held = arm.link_pose("hand").matrix()[:3, :3]
+    assert imu.linear_acceleration == pytest.approx(held.T @ (0, 0, 9.8), abs=1e-3)
+    assert np.any(imu.angular_velocity)  # its noise
+    assert (pose.pose, pose.twist) == arm.link_state("hand")
+    assert wrench.force == pytest.approx(held.T @ (0, 0, -9.8 * 0.8), abs=1e-3)
+
+
+def test_the_storeroom_s_state_scales_inserts_deletes_and_moves_lights(load):
+    simulation, _ = load("storeroom")
+    models = simulation.world.models
+    assert sorted(models) == ["bench", "cabinet", "ground_plane", "late_poster"]
+    (collision,) = models["bench"].description.links["link"].collisions
+    assert collision.geometry.size == pytest.approx((0.6, 0.4, 0.08))
+    assert simulation.lights["lamp"].origin_xyz == (1.5, -1.0, 2.2)
+    assert math.isclose(simulation.lights["sun"].direction[2], -0.9 / math.sqrt(1.07))

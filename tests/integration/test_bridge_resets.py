@@ -9,7 +9,13 @@ import rospy
 from controller_manager_msgs.srv import ListControllers, LoadController, SwitchController
 from dynamic_reconfigure.msg import Config, ConfigDescription
 from gazebo_calls import ARM, EYE, at, call, delete, place, spawn, step
-from gazebo_msgs.srv import GetJointProperties, GetWorldProperties, SetModelState
+from gazebo_msgs.srv import (
+    GetJointProperties,
+    GetPhysicsProperties,
+    GetWorldProperties,
+    SetModelState,
+    SetPhysicsProperties,
+)
 from geometry_msgs.msg import Twist
 from ros_graph import wait_for
 from roscpp.srv import GetLoggers, SetLoggerLevel
@@ -125,6 +131,25 @@ def test_physics_fields_in_upstreams_order(collect):
     assert (defaults["max_update_rate"], defaults["sor_pgs_rms_error_tol"]) == (60.0, -1.0)
     present = collect("/gazebo/parameter_updates", Config).wait(1)
     assert {p.name: p.value for p in present.doubles}["gravity_z"] == -9.8
+
+
+def test_a_step_that_the_gains_do_not_bear_is_told_in_the_answer(world):
+    gains = {"p": 400.0, "i": 0.0, "d": 40.0}  # of 1 kg m2: 2 h D + h2 P = 4 at 41.4 ms
+    rospy.set_param("/arm/stiff", {
+        "type": "effort_controllers/JointPositionController", "joint": "swing", "pid": gains})
+    spawn("arm", ARM, initial_pose=at(3, 0, 0))
+    assert call("/arm/controller_manager/load_controller", LoadController, "stiff").ok
+    call("/arm/controller_manager/switch_controller", SwitchController, ["stiff"], [], 2, False,
+         0.0)
+    before = call("get_physics_properties", GetPhysicsProperties)
+    rest = (before.max_update_rate, before.gravity, before.ode_config)
+    for seconds, warned in ((0.04, False), (0.043, True), (before.time_step, False)):
+        answer = call("set_physics_properties", SetPhysicsProperties, seconds, *rest)
+        assert answer.success
+        assert ("model 'arm': the loaded PIDs will diverge at steps of 0.043 s: where the joints "
+                "stand they bear 0.041 s" in answer.status_message) == warned
+    assert "bear 0.041 s" in world.output()
+    delete("arm")
 
 
 def test_loggers_answer():

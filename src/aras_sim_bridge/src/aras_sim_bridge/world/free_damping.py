@@ -56,20 +56,21 @@ class FreeDamping:
         """Configuration, inertia or time step jumped: choose again at the next step."""
         self._countdown = 0
 
-    def _mass_matrix(self) -> np.ndarray:
-        """Joint-space inertia, the base's six rows first."""
+    def inverse_inertia(self) -> np.ndarray:
+        """(n, n): accelerations of the joints by their efforts, 1/(kg m²) or 1/kg."""
         joints = self._joints
         matrix = np.array(pybullet.calculateMassMatrix(
             joints.body.body_id, joints.bullet_positions(), physicsClientId=joints.body.client))
         order = [*range(6), *(6 + i for i in joints.dof_order)]
-        return matrix[np.ix_(order, order)]
+        count = len(joints.dof_order)
+        return np.linalg.pinv(matrix[np.ix_(order, order)])[-count:, -count:]
 
     def _choose(self, dt: float) -> None:
         d = np.array(self._joints.damping_coefficients)
         stiffness = np.zeros(len(d))
         largest = 0.0
         if d.any():
-            inverse = np.linalg.pinv(self._mass_matrix())[-len(d):, -len(d):]
+            inverse = self.inverse_inertia()
             root = np.sqrt(d)
             stiffness = d * dt * np.diag(inverse)
             largest = dt * float(np.linalg.eigvalsh(root[:, None] * inverse * root)[-1])

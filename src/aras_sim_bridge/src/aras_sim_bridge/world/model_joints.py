@@ -3,6 +3,8 @@
 import math
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import UnknownJointError, WorldError
 from aras_sim_bridge.world.body import Body
@@ -350,6 +352,14 @@ class ModelJoints:
         if not self.own:
             self.take_note()
         return self.space.bias_efforts()
+
+    def inverse_inertia(self) -> np.ndarray:
+        """(n, n): accelerations of the joints by their efforts, 1/(kg m²) or 1/kg."""
+        if self.space is None:
+            return self.damping.inverse_inertia()
+        if not self.own:
+            self.take_note()
+        return np.linalg.inv(self.space.mass_matrix())
 
     def _make_gears(self) -> list[int]:
         gears = []

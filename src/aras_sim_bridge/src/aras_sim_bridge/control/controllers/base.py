@@ -137,6 +137,11 @@ class Controller:
         """
         self.context = context
 
+    def loop_gains(self) -> dict[str, tuple[float, float]]:
+        """By joint, for joints that it drives by efforts: how much the effort falls with the
+        joint's position, and with its velocity."""
+        return {}
+
     def starting(self, time_ns: int) -> None:
         """Choose the set point so that nothing jumps; called before the first update."""
         self.slot.clear()

@@ -73,6 +73,10 @@ class CommandedController(Controller):
             for row, handle in zip(self.rows, handles, strict=True)
         ]  # fmt: skip
 
+    def loop_gains(self) -> dict[str, tuple[float, float]]:
+        found = {loop.handle.name: loop.gains for loop in self.loops if loop.pid is not None}
+        return found if self.interface == EFFORT else {}
+
     def _options(self, joint: str, parameters: Mapping) -> dict[str, Pid | bool]:
         """What else the joint's loop is made of."""
         return {}

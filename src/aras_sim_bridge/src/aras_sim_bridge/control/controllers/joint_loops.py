@@ -78,6 +78,12 @@ class JointLoop:
         self._beyond = Occurrence()
         self.start()
 
+    @property
+    def gains(self) -> tuple[float, float]:
+        """How much the output falls with the joint's position, and with its velocity."""
+        gains = self.pid.gains
+        return (0.0, gains.p) if self._kind == SPEED_PID else (gains.p, gains.d)
+
     def bind(self, row: np.ndarray) -> None:
         """Go on in this row (39,)."""
         row[:] = self.row

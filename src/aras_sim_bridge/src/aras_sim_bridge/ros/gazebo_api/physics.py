@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import math
 
+import rospy
 from gazebo_msgs.msg import ODEPhysics
 from gazebo_msgs.srv import GetPhysicsProperties, SetPhysicsProperties
 from geometry_msgs.msg import Vector3
 
+from aras_sim_bridge.control.stability import outlook
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.ros.conversions import from_vector
 from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
@@ -93,6 +95,9 @@ class Physics:
         ode["sor_pgs_rms_error_tol"] = self._ode["sor_pgs_rms_error_tol"]  # upstream ignores it
         values = self._apply(request.time_step, request.max_update_rate, gravity, ode)
         self._server.set_values(values)
+        warning = self._thread.call(lambda: _outlook(self._thread.simulation))
+        done = "SetPhysicsProperties: physics engine updated"
+        return {"status_message": f"{done}; {warning}"} if warning else None
 
     def _reconfigure(self, values: dict[str, Value]) -> dict[str, Value]:
         present = self._thread.call(self._values)
@@ -122,6 +127,18 @@ class Physics:
             simulation.set_physics(time_step, gravity, max(int(ode["sor_pgs_iters"]), 1))
             self._thread.pacer.set_factor(rate * time_step, simulation.time_ns)
             self._rate, self._ode = rate, dict(ode)
+            if warning := _outlook(simulation):
+                rospy.logwarn("%s", warning)
             return self._values()
 
         return self._thread.call(job)
+
+
+def _outlook(simulation: Simulation) -> str:
+    """What the present step will do to the PIDs of robots that do not bear it."""
+    found = {
+        robot.name: outlook(robot.hardware, robot.manager.running, robot.model.joint_names,
+                            robot.model.joints.inverse_inertia, simulation.world.time_step)
+        for robot in simulation.robots.values()
+    }  # fmt: skip
+    return "; ".join(f"model '{name}': {text}" for name, text in found.items() if text)

@@ -1,0 +1,74 @@
+"""How long a physics step the loaded PIDs bear.
+
+A PD loop on joints of inertia M, effort = -P q - D q̇ with the derivative taken from positions, and
+steps of h s that move velocities first and positions with the new velocities:
+
+    v' = v - h M⁻¹ (P q + D v),  q' = q + h v'
+
+swings with growing amplitude as soon as an eigenvalue of M⁻¹ (2 h D + h² P) is above 4. Integral
+terms, limits and friction are left out; friction and limits bound the swing, but do not end it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from aras_sim_bridge.control.controllers.base import Controller
+from aras_sim_bridge.control.drives import POSITION_BY_PID, VELOCITY_BY_PID
+from aras_sim_bridge.control.hardware import RobotHardware
+
+BOUND = 4.0
+_HALVINGS = 60
+
+
+def loop_gains(hardware: RobotHardware, running: Iterable[Controller], joints: tuple[str, ...]
+               ) -> tuple[np.ndarray, np.ndarray]:
+    """P and D (n,) of the loops that are closed at present, in the order of `joints`."""
+    gains = {name: (0.0, 0.0) for name in joints}
+    for controller in running:
+        gains |= controller.loop_gains()
+    for drive in hardware.drives:
+        if drive.kind == POSITION_BY_PID:
+            gains[drive.handle.name] = drive.pid.gains.p, drive.pid.gains.d
+        elif drive.kind == VELOCITY_BY_PID:
+            gains[drive.handle.name] = 0.0, drive.pid.gains.p
+    P, D = np.array([gains[name] for name in joints]).reshape(-1, 2).T
+    return P, D
+
+
+def swing(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float) -> float:
+    """The largest eigenvalue of M⁻¹ (2 h D + h² P); above BOUND the loops diverge.
+
+    Args:
+        inverse: M⁻¹ (n, n). P, D: (n,). step: h, s.
+    """
+    root = np.sqrt(np.maximum(2.0 * step * D + step * step * P, 0.0))
+    if not root.any():
+        return 0.0
+    return float(np.linalg.eigvalsh(root[:, None] * inverse * root)[-1])
+
+
+def longest_step(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float) -> float:
+    """The longest step below `step`, which diverges, that does not, s."""
+    low, high = 0.0, step
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if swing(inverse, P, D, middle) > BOUND else (middle, high)
+    return low
+
+
+def outlook(hardware: RobotHardware, running: Iterable[Controller], joints: tuple[str, ...],
+            inverse_inertia: Callable[[], np.ndarray], step: float) -> str:
+    """What steps of `step` s will do to the loops that are closed at present, where they do not
+    bear them; empty where they do. inverse_inertia: M⁻¹ (n, n) of `joints`, where they stand."""
+    P, D = loop_gains(hardware, running, joints)
+    if not (P.any() or D.any()):
+        return ""
+    inverse = inverse_inertia()
+    if swing(inverse, P, D, step) <= BOUND:
+        return ""
+    longest = longest_step(inverse, P, D, step)
+    return (f"the loaded PIDs will diverge at steps of {step:g} s: where the joints stand they "
+            f"bear {longest:.2g} s; take shorter steps or lower gains")

@@ -1,0 +1,113 @@
+"""What is said of a physics step, against what it does."""
+
+import numpy as np
+import pytest
+from aras_robot import ArasRobot
+
+from aras_sim_bridge.control.stability import BOUND, longest_step, loop_gains, outlook, swing
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.errors import WorldError
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+
+JOINTS = {"slide": "prismatic", "upper": "revolute", "lower": "revolute"}
+AXES = ("1 0 0", "0 1 0", "0.6 0 0.8")
+GAINS = {"slide": (900.0, 5.0), "upper": (300.0, 1.5), "lower": (40.0, 0.4)}
+
+
+def transmission(joint, interface):
+    return (f'<transmission name="{joint}_t"><type>transmission_interface/SimpleTransmission</type>'
+            f'<joint name="{joint}"><hardwareInterface>hardware_interface/{interface}JointInterface'
+            f'</hardwareInterface></joint><actuator name="{joint}_m"/></transmission>')
+
+
+def arm(make, root, interface):
+    """Three coupled joints; `root` 'world' is bolted down, another one is free."""
+    names = ["base", *JOINTS]
+    links = make.link(root, 2.0) if root != "world" else '<link name="world"/>'
+    links += make.joint("stand", root, "base", "fixed") + make.link("base", 3.0)
+    for i, (joint, kind) in enumerate(JOINTS.items()):
+        links += make.joint(joint, names[i], joint, kind, "0 0.1 0.4", AXES[i])
+        links += make.link(joint, 2.0 - 0.5 * i, "0.05 0.1 0.2", (0.05, 0.04, 0.02, 0.0, 0.0, 0.0))
+        links += transmission(joint, interface)
+    return (f'<robot name="arm">{links}<gazebo><plugin name="c" '
+            'filename="libgazebo_ros_control.so"/></gazebo></robot>')
+
+
+def parameters(way):
+    gains = {joint: {"p": p, "d": d} for joint, (p, d) in GAINS.items()}
+    if way == "drive":
+        return {"gazebo_ros_control": {"pid_gains": gains}}, []
+    if way == "trajectory":
+        return {"way": {"type": "effort_controllers/JointTrajectoryController",
+                        "joints": list(JOINTS), "gains": gains}}, ["way"]
+    if way == "speed":
+        return {joint: {"type": "effort_controllers/JointVelocityController", "joint": joint,
+                        "pid": {"p": 20.0 * d}} for joint, (_, d) in GAINS.items()}, list(JOINTS)
+    return {joint: {"type": "effort_controllers/JointPositionController", "joint": joint,
+                    "pid": gains[joint]} for joint in JOINTS}, list(JOINTS)
+
+
+def swung(make, way, step, root="world", seconds=3.0):
+    """(h / the longest step that is told, largest speed / first speed, what is told)."""
+    settings, controllers = parameters(way)
+    simulation = Simulation(SimulationConfig(step, (0.0, 0.0, 0.0), ground_plane=False))
+    try:
+        interface = "Position" if way == "drive" else "Effort"
+        simulation.spawn(parse_urdf(arm(make, root, interface)), "arm",
+                         parameters=settings)
+        robot = simulation.robots["arm"]
+        robot.start(controllers)
+        simulation.step()
+        joints = robot.model.joint_names
+        P, D = loop_gains(robot.hardware, robot.manager.running, joints)
+        inverse = robot.model.joints.inverse_inertia()
+        told = outlook(robot.hardware, robot.manager.running, joints,
+                       robot.model.joints.inverse_inertia, step)
+        assert bool(told) == (swing(inverse, P, D, step) > BOUND)
+        longest = longest_step(inverse, P, D, 1.0)
+        for joint in joints:
+            robot.model.apply_effort(joint, 1e-4)
+        speeds = []
+        try:
+            for _ in range(max(int(seconds / step), 20)):
+                simulation.step()
+                speeds.append(max(map(abs, robot.model.read_joints()[1])))
+        except WorldError:
+            speeds.append(np.inf)
+        return step / longest, max(speeds) / speeds[0], told
+    finally:
+        simulation.close()
+
+
+@pytest.mark.parametrize(("way", "root"), [
+    ("position", "world"), ("trajectory", "world"), ("drive", "world"), ("speed", "world"),
+    ("position", "trunk"),
+])
+def test_steps_diverge_where_it_is_told_and_not_before(make, way, root):
+    longest = 0.005 / swung(make, way, 0.005, root, 0.01)[0]
+    assert 0.002 < longest < 0.1
+    for share, diverges in ((0.95, False), (1.05, True)):
+        ratio, growth, told = swung(make, way, share * longest, root)
+        assert ratio == pytest.approx(share, rel=1e-3) and bool(told) == diverges
+        assert growth > 1e4 if diverges else growth < 100.0
+    assert f"they bear {longest:.2g} s" in told
+
+
+def test_the_shipped_robot_bears_its_own_step_and_not_ten_of_it():
+    robot = ArasRobot()
+    try:
+        joints = robot.model.joints
+        robot.simulation.step()
+
+        def told(step):
+            return outlook(robot.hardware, robot.manager.running, robot.model.joint_names,
+                           joints.inverse_inertia, step)
+
+        assert robot.manager.running and told(0.001) == ""
+        assert "will diverge at steps of 0.01 s" in told(0.01)
+        for name in list(robot.manager.running):
+            robot.manager.switch([], [name.context.name], 2)
+        robot.simulation.step()
+        assert told(0.01) == ""  # no loop is closed
+    finally:
+        robot.simulation.close()

@@ -25,6 +25,8 @@ def driven(urdf: str, joints: Mapping[str, str]) -> str:
     """The URDF with a transmission for each joint (its interface: Position, Velocity, Effort) and
     gazebo_ros_control's plug-in."""
     root = ElementTree.fromstring(urdf)
+    for limit in root.iter("limit"):  # their hardware has no inertia that could need an effort
+        limit.set("effort", "1e5")
     for joint, kind in joints.items():
         root.append(ElementTree.fromstring(TRANSMISSION.format(joint, INTERFACE.format(kind))))
     root.append(ElementTree.fromstring(PLUGIN))
@@ -75,7 +77,7 @@ def run_dummy() -> int:
 
     gazebo_ros_control gives a joint one interface, so the second is added here, in the node.
     """
-    from aras_sim_bridge.control import hardware
+    from aras_sim_bridge.control import hardware, joints
     from aras_sim_bridge.ros.runtime import node
 
     class TwoInterfaces(hardware.RobotHardware):
@@ -83,7 +85,7 @@ def run_dummy() -> int:
 
         def __init__(self, *arguments: object, **named: object) -> None:
             super().__init__(*arguments, **named)
-            self.interfaces[hardware.VELOCITY] |= self.interfaces[hardware.EFFORT]
+            self.interfaces[joints.VELOCITY] |= self.interfaces[joints.EFFORT]
 
     import aras_sim_bridge.simulation as simulation
 

@@ -58,3 +58,15 @@ def test_of_a_recorder_that_died_the_unclosed_bag_is_kept_for_the_report(kept):
     with pytest.raises(RefusedError, match="Error writing to file.* is kept: recorded .*active"):
         kept.stop_record()
     assert kept.recorded.name.endswith(".bag.active") and kept.recording is None
+
+
+@pytest.mark.parametrize("name", ["x\0", "a" * 5000, "../bags", "missing.html", ""])
+def test_no_other_file_than_a_report_s_is_given(kept, name):
+    assert kept.file(name) is None
+
+
+def test_a_report_s_file_is_given(kept):
+    page = kept.directory / keeping.REPORT / "one" / "report.html"
+    page.parent.mkdir(parents=True)
+    page.write_text("")
+    assert kept.file("one/report.html") == page.resolve()

@@ -40,6 +40,8 @@ def test_a_request_is_read_as_it_was_sent():
     ("step", {"steps": 2.5}, "a whole number"),
     ("gain", {"name": "gain", "value": 0.0}, "it must be 0.001 to 100"),
     ("gain", {"name": "gain", "value": float("nan")}, "it must be 0.001 to 100"),
+    ("gain", {"name": "gain", "value": 10**3900}, "value is inf: it must be 0.001 to 100"),
+    ("jog", {"vx": -10**3900}, "vx is -inf: it must be"),
     ("gain", {"name": "gian", "value": 1.0}, "there are gain"),
     ("gain", {"name": ["gain"], "value": 1.0}, "there are gain"),
     ("start", {"now": 1}, "start takes no 'now'"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hmac
 import secrets
 from dataclasses import dataclass, field
+from ipaddress import ip_address
 from urllib.parse import urlsplit
 
 LOCAL = ("127.0.0.1", "localhost")
@@ -28,7 +29,7 @@ class Access:
     def address(self) -> str:
         """What to open in a browser."""
         host = "127.0.0.1" if self.host in ANYWHERE else self.host
-        return f"http://{host}:{self.port}/?token={self.token}"
+        return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/?token={self.token}"
 
     def refusal(self, token: str, host: str, origin: str | None) -> str:
         """Why a request is not answered, '' where it is.
@@ -39,9 +40,9 @@ class Access:
                 would carry that name.
             origin: its Origin header, None where it has none.
         """
-        if not self._ours(host):
+        if not self._ours(f"http://{host}"):
             return f"this page is not served under the name {host[:60]!r}"
-        if origin is not None and not self._ours(_place(origin)):
+        if origin is not None and not self._ours(origin):
             return f"a page of {origin[:60]!r} may not ask here"
         if not token:
             return "the address has no token: open the one that the simulator printed"
@@ -49,24 +50,24 @@ class Access:
             return "the token is not this simulator's: open the address that it printed"
         return ""
 
-    def _ours(self, place: str) -> bool:
-        """Whether NAME:PORT is one of this server's own."""
-        name, _, port = place.rpartition(":")
-        if not name or not port.isdigit():  # no port: HTTP's own
-            name, port = place, "80"
-        if int(port) != self.port:
+    def _ours(self, origin: str) -> bool:
+        """Whether http://NAME:PORT is one of this server's own."""
+        try:
+            parts = urlsplit(origin)
+            name, port = parts.hostname or "", parts.port or 80
+        except ValueError:
+            return False
+        if origin != f"http://{parts.netloc}" or "@" in parts.netloc or port != self.port:
             return False
         # Who opened the page to other machines cannot say by what names they know this one; there
-        # an address of digits is taken, which no foreign page can pretend to be.
-        anywhere = self.host in ANYWHERE and name.strip("[]").replace(":", "").replace(
-            ".", "").isalnum() and all(c in "0123456789abcdef.:[]" for c in name)
-        return name in LOCAL or name == self.host or anywhere
+        # an address is taken, which no foreign page can pretend to be.
+        return name in LOCAL or name == self.host or self.host in ANYWHERE and _is_address(name)
 
 
-def _place(origin: str) -> str:
-    """NAME:PORT of an origin; '' for what is none, as 'null'."""
+def _is_address(name: str) -> bool:
+    """Whether it is an IPv4 or IPv6 address, as a browser writes it."""
     try:
-        parts = urlsplit(origin)
-        return f"{parts.hostname}:{parts.port or 80}" if parts.scheme == "http" else ""
+        ip_address(name)
     except ValueError:
-        return ""
+        return False
+    return True

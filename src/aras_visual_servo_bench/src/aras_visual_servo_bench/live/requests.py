@@ -36,7 +36,11 @@ class Number:
     def read(self, name: str, value: Any) -> float:
         """The number; RefusedError naming the field."""
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise RefusedError(f"{name} is {value!r}: it must be a number")
+            raise RefusedError(f"{name} is {str(value)[:40]!r}: it must be a number")
+        try:
+            value = float(value)
+        except OverflowError:  # a whole number of hundreds of digits
+            value = math.inf if value > 0 else -math.inf
         if not self.least <= value <= self.greatest:  # NaN fails, too
             raise RefusedError(f"{name} is {value:g}: it must be {self.least:g} to "
                                f"{self.greatest:g}")  # fmt: skip

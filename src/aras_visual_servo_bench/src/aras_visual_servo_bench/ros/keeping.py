@@ -103,8 +103,11 @@ class Keeping:
     def file(self, name: str) -> Path | None:
         """A file of the reports; nothing from elsewhere."""
         root = (self.directory / REPORT).resolve()
-        path = (root / name).resolve()
-        return path if path.is_relative_to(root) and path.is_file() else None
+        try:
+            path = (root / name).resolve()
+            return path if path.is_relative_to(root) and path.is_file() else None
+        except (OSError, ValueError):  # a name that no file can have: too long, with a NUL
+            return None
 
     def close(self) -> None:
         """Close the bag, if one is open."""

@@ -228,15 +228,71 @@ def test_frames_of_a_world_and_what_is_left_out_of_one(read):
     found = read(
         "<frame name='a'><pose>1 2 0 0 0 1.5707963267948966</pose></frame>"
         "<frame name='b' attached_to='a'><pose>3 0 0 0 0 0</pose></frame>" + box
-        + "<population name='p'/><joint name='j' type='fixed'/><actor name='walks'/>")
+        + "<joint name='j' type='fixed'/><actor name='walks'/>")
     xyz, rpy = found.models[0].initial_pose
     assert xyz == pytest.approx((1, 5, 1))
     assert rpy == pytest.approx((0, 0, math.pi / 2))
     assert found.warnings == (
-        "SDF: <population> 'p' is not served; left out",
         "SDF: <joint> 'j' is not served; left out",
         "SDF: <actor> 'walks' is not served; left out",
     )
+
+
+def population(inside, name="p", pose="1 2 3 0 0 1.5707963267948966"):
+    return (f"<population name='{name}'><model name='m'><pose>9 9 9 1 1 1</pose>"
+            f"{SOLID.format('')}</model><pose>{pose}</pose>{inside}</population>")
+
+
+def places(found):
+    return np.array([model.initial_pose[0] for model in found.models])
+
+
+@pytest.mark.parametrize(("inside", "expected"), [
+    ("<distribution><type>grid</type><rows>2</rows><cols>3</cols><step>0.4 0.5 0</step>"
+     "</distribution>", [(0.6, 1.75 + 0.4 * j, 3) for j in range(3)]
+     + [(0.1, 1.75 + 0.4 * j, 3) for j in range(3)]),
+    ("<model_count>4</model_count><box><size>2 1 0.8</size></box><distribution><type>linear-x"
+     "</type></distribution>", [(-0.5, 1.5 + 0.5 * i, 3) for i in range(4)]),
+])
+def test_a_population_stands_where_gazebo_puts_it(read, inside, expected):
+    """The region's corner is moved in the world's axes, what is in it turned by the pose."""
+    found = read(population(inside))
+    assert found.warnings == ()
+    assert [m.name for m in found.models] == [f"m_clone_{i}" for i in range(len(expected))]
+    np.testing.assert_allclose(places(found), expected, atol=1e-12)
+    assert all(m.initial_pose[1] == (0, 0, 0) for m in found.models)
+
+
+@pytest.mark.parametrize("region", ["<box><size>2 1 0.8</size></box>",
+                                    "<cylinder><radius>0.7</radius><length>0.8</length></cylinder>"])
+def test_a_population_by_chance_fills_its_region_the_same_way_each_time(read, region):
+    inside = (f"<model_count>200</model_count>{region}<distribution><type>random</type>"
+              "</distribution>")
+    one, again, other = (places(read(population(inside, name, "1 2 3 0 0 0")))
+                         for name in ("p", "p", "q"))
+    assert np.array_equal(one, again) and not np.array_equal(one, other)
+    off = one - (1, 2, 3)
+    if "box" in region:
+        assert (abs(off) <= (1.0, 0.5, 0.4)).all() and (np.ptp(off, axis=0) > (1.8, 0.9, 0.7)).all()
+    else:
+        out = np.hypot(off[:, 0], off[:, 1])
+        assert 0.6 < out.max() <= 0.7 and 0.3 < out.mean() < 0.4
+        assert 0.0 <= off[:, 2].min() < 0.05 and 0.75 < off[:, 2].max() <= 0.8
+
+
+@pytest.mark.parametrize(("inside", "reason"), [
+    ("<model_count>0</model_count>", "model_count is 0; 1 to 1000 are possible"),
+    ("<distribution><type>grid</type><rows>40</rows><cols>40</cols></distribution>", "cols is 40"),
+    ("<box><size>1 1 0</size></box>", "must be positive"),
+    ("<box><size>1 1 1</size></box><distribution><type>uniform</type></distribution>",
+     "distribution 'uniform' is served in no such region"),
+    ("", "distribution 'random' is served in no such region"),
+])
+def test_a_population_that_cannot_be_served_is_one_warning(read, inside, reason):
+    found = read(population(inside) + "<model name='n'>" + SOLID.format("") + "</model>")
+    assert [m.name for m in found.models] == ["n"]
+    (warning,) = found.warnings
+    assert reason in warning and "<population> 'p'" in warning and "left out" in warning
 
 
 SCRIPT = """// a comment { with braces

@@ -21,6 +21,7 @@ from aras_sim_bridge.description import (
     ogre_materials,
     packages,
     plugins,
+    population,
     sensor_tags,
 )
 from aras_sim_bridge.description.geometry import Resolve, sdf_geometry
@@ -59,7 +60,7 @@ _LINK_TAGS = {"pose", "inertial", "visual", "collision", "gravity", "kinematic",
 _WORLD_TAGS = {"model", "light", "gravity", "physics", "scene", "plugin", "gui", "wind", "state",
                "frame", "atmosphere", "magnetic_field", "spherical_coordinates", "audio"}
 # Nothing that is simulated depends on them.
-_LEFT_OUT = {"actor", "population", "road", "joint", "projector", "battery", "particle_emitter",
+_LEFT_OUT = {"actor", "road", "joint", "projector", "battery", "particle_emitter",
              "audio_source", "audio_sink", "gripper", "model_state"}
 _TEXTURED = ("box", "plane", "mesh")
 _JOINT_KINDS = ("revolute", "prismatic", "fixed")
@@ -135,6 +136,8 @@ def read_sdf(
     inserted.extend(state.insertions)
     elements = [*model_folders.expanded(scope, warnings, base_directory),
                 *model_folders.expanded(inserted, warnings, base_directory)]
+    elements = [one for element in elements for one in (
+        population.members(element, warnings) if element.tag == "population" else (element,))]
     _refuse_unknown(elements, _WORLD_TAGS, "SDF", warnings)
     frames = _frames(scope)
     for element in elements:

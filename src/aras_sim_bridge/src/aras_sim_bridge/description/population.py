@@ -1,0 +1,97 @@
+"""`<population>`: many copies of one model in a region of a world."""
+
+from __future__ import annotations
+
+import copy
+import math
+import zlib
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base.poses import Pose, Vector3
+from aras_visual_servo_base.safe_xml import integer, number, numbers, shorten, text_of
+from aras_visual_servo_base.urdf import ZERO
+
+LARGEST = 1000  # copies; each is a body of its own
+_LINES = ("linear-x", "linear-y", "linear-z")
+
+
+def members(population: Element, warnings: list[str]) -> list[Element]:
+    """The copies, named <model>_clone_0 and so on, upright where Gazebo puts them; none, with a
+    sentence in `warnings`, where it cannot be served.
+
+    Positions by chance depend on the population's name alone, not on Gazebo's.
+    """
+    where = f"<population> '{shorten(population.get('name') or '')}'"
+    try:
+        model = population.find("model")
+        if model is None:
+            raise DescriptionError(f"{where}: it has no <model>")
+        places = _places(population, where)
+    except DescriptionError as error:
+        warnings.append(f"{error}; left out")
+        return []
+    found = []
+    for i, place in enumerate(places):
+        clone = copy.deepcopy(model)
+        for old in clone.findall("pose"):
+            clone.remove(old)
+        clone.set("name", f"{model.get('name')}_clone_{i}")
+        ElementTree.SubElement(clone, "pose").text = " ".join(map(repr, (*place, 0.0, 0.0, 0.0)))
+        found.append(clone)
+    return found
+
+
+def _places(population: Element, where: str) -> list[Vector3]:
+    """World positions of the copies, m."""
+    given = numbers(text_of(population, "pose"), 6, f"{where}: pose", (0.0,) * 6)
+    pose = Pose.from_rpy(given[:3], given[3:])
+    node = population.find("distribution")
+    kind = text_of(node, "type") or "random"
+    if kind == "grid":
+        rows = _count(text_of(node, "rows"), f"{where}: rows")
+        columns = _count(text_of(node, "cols"), f"{where}: cols", LARGEST // rows)
+        step = numbers(text_of(node, "step"), 3, f"{where}: step", (0.5, 0.5, 0.0))
+        inside = [(j * step[0], i * step[1], 0.0) for i in range(rows) for j in range(columns)]
+        corner = ((columns - 1) * step[0] / 2, (rows - 1) * step[1] / 2, 0.0)
+    else:
+        count = _count(text_of(population, "model_count"), f"{where}: model_count")
+        random = np.random.default_rng(zlib.crc32((population.get("name") or "").encode()))
+        box, cylinder = population.find("box"), population.find("cylinder")
+        if box is not None and kind in ("random", *_LINES):
+            size = numbers(text_of(box, "size"), 3, f"{where}: size")
+            if min(size) <= 0.0:
+                raise DescriptionError(f"{where}: size {size} must be positive")
+            corner = tuple(side / 2 for side in size)
+            if kind == "random":
+                inside = (random.random((count, 3)) * size).tolist()
+            else:
+                axis = _LINES.index(kind)
+                inside = [tuple(size[axis] * i / count if k == axis else corner[k]
+                                for k in range(3)) for i in range(count)]
+        elif cylinder is not None and kind == "random":
+            radius = number(text_of(cylinder, "radius"), f"{where}: radius")
+            length = number(text_of(cylinder, "length"), f"{where}: length")
+            if radius <= 0.0 or length <= 0.0:
+                raise DescriptionError(f"{where}: radius and length must be positive")
+            angle, share, height = random.random((3, count))
+            out = radius * share  # denser in the middle, as Gazebo's
+            inside = np.transpose([out * np.cos(2 * math.pi * angle),
+                                   out * np.sin(2 * math.pi * angle), length * height]).tolist()
+            corner = ZERO  # its base stands at the pose
+        else:
+            raise DescriptionError(f"{where}: distribution '{shorten(kind)}' is served in no such "
+                                   "region; use grid, random or linear-x, -y, -z in a box")
+    # As Gazebo: the region's corner is moved in the world's axes, what is in it by the pose.
+    moved = Pose(tuple(a - b for a, b in zip(pose.xyz, corner, strict=True)), pose.quat)
+    return [moved.apply(tuple(one)) for one in inside]
+
+
+def _count(text: str | None, where: str, most: int = LARGEST) -> int:
+    value = integer(text, where, 1)
+    if not 1 <= value <= most:
+        raise DescriptionError(f"{where} is {value}; 1 to {most} are possible")
+    return value

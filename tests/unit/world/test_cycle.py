@@ -100,8 +100,8 @@ def told(simulation):
     """All that cycles leave behind."""
     robot = robot_of(simulation)
     hardware = robot.hardware
-    loops = [row.tolist() for controller in robot.manager.running
-             for row in getattr(controller, "rows", ())]  # fmt: skip
+    loops = [row.tolist() for entry in robot.manager.running
+             for row in getattr(entry.controller, "rows", ())]  # fmt: skip
     joints = [list(part) for part in robot.model.read_joints()]
     return repr((simulation.time_ns, joints, hardware.handle_rows.tolist(),
                  hardware.drive_rows.tolist(), loops))  # NaN equals NaN

@@ -4,10 +4,10 @@ from math import inf
 
 import numpy as np
 
-from aras_sim_bridge.control.controllers.base import Controller
 from aras_sim_bridge.control.controllers.joint_loops import LOOP_COLUMNS
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.manager import ControllerManager
+from aras_sim_bridge.control.switching import Entry
 from aras_sim_bridge.errors import HardwareError
 
 _NS_PER_S = 1e9
@@ -41,7 +41,7 @@ class ControlLoop:
         self._updated_ns: int | None = None
         self._written_ns: int | None = None
         self._loops = np.zeros((0, LOOP_COLUMNS))
-        self._running: tuple[Controller, ...] | None = None
+        self._running: tuple[Entry, ...] | None = None
 
     def reset(self) -> None:
         """Start over with the periods: the next step reads, updates and writes."""
@@ -69,22 +69,28 @@ class ControlLoop:
         self._written_ns = time_ns
 
     def begin(self, time_ns: int, step_ns: int) -> tuple[np.ndarray, float] | None:
-        """Take commands and gains for compiled cycles from `time_ns` on, a physics step of
-        `step_ns` each; None, and nothing taken, where Python takes part in the next one.
+        """Let controllers look that are due, and take commands and gains for compiled cycles from
+        `time_ns` on, a physics step of `step_ns` each; None, and nothing taken, where Python takes
+        part in the next one.
 
         Returns:
             Rows (m, 39) of the loops that run; up to when, ns, such cycles may go on.
         """
-        before, running = (None, time_ns - step_ns), self.manager.running
+        before, period = (None, time_ns - step_ns), step_ns / _NS_PER_S
         in_step = self._updated_ns in before and self._written_ns in before
-        if not in_step or step_ns < self._control_ns or self.manager.busy:
+        if not in_step or step_ns < self._control_ns:
             return None
-        if running is not self._running:
-            self._gather(running)
+        if self.manager.running is not self._running:
+            self._gather(self.manager.running)
         idle_ns = inf
-        for controller in self._others:
-            idle_ns = min(idle_ns, controller.idle_until(time_ns))
-        if idle_ns < time_ns or self.hardware.sets_positions:
+        for entry in self._others:
+            until_ns = entry.controller.idle_until(time_ns)
+            if until_ns < time_ns and entry.controller.looks:
+                self.hardware.read(time_ns, period)
+                self.manager.run(entry, time_ns, period)
+                until_ns = time_ns
+            idle_ns = min(idle_ns, until_ns)
+        if idle_ns < time_ns or self.manager.busy or self.hardware.sets_positions:
             return None
         for part in self._pids, self._commanded:
             for one in part:
@@ -97,11 +103,11 @@ class ControlLoop:
                 controller.take(time_ns)
         return self._loops, idle_ns
 
-    def _gather(self, running: tuple[Controller, ...]) -> None:
+    def _gather(self, running: tuple[Entry, ...]) -> None:
         """Put the rows of all loops that run into one array."""
         self._running = running
-        self._others = [controller for controller in running if not controller.compiled]
-        self._commanded = [controller for controller in running if controller.compiled]
+        self._others = [entry for entry in running if not entry.controller.compiled]
+        self._commanded = [e.controller for e in running if e.controller.compiled]
         self._pids = list(self.hardware.pids.values())
         self._loops = np.zeros((sum(len(one.rows) for one in self._commanded), LOOP_COLUMNS))
         first = 0

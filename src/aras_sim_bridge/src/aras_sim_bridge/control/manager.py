@@ -70,7 +70,7 @@ class ControllerManager:
         self._pending: list[SwitchRequest] = []
         self._was_stopped = False
         self._time_ns = 0
-        self.running: tuple[Controller, ...] = ()
+        self.running: tuple[Entry, ...] = ()
 
     def _classes(self) -> Mapping:
         """Paths of the users' classes by type name; the parameter server nests at each slash."""
@@ -214,12 +214,16 @@ class ControllerManager:
                     self._enter(entry, RUNNING, time_ns)
         for entry in self._order:
             if entry.running:
-                try:
-                    entry.controller.update(time_ns, period)
-                except USER_FAULTS as error:
-                    self._abort(entry, "update", error)
+                self.run(entry, time_ns, period)
         if self._pending:
             self.carry_out(time_ns)
+
+    def run(self, entry: Entry, time_ns: int, period: float) -> None:
+        """Let one controller update; it is aborted if it raises."""
+        try:
+            entry.controller.update(time_ns, period)
+        except USER_FAULTS as error:
+            self._abort(entry, "update", error)
 
     @property
     def busy(self) -> bool:
@@ -268,7 +272,7 @@ class ControllerManager:
 
     def _note(self, entry: Entry, state: str) -> None:
         entry.enter(state)
-        self.running = tuple(e.controller for e in self._order if e.running)
+        self.running = tuple(e for e in self._order if e.running)
 
     def _abort(self, entry: Entry, verb: str, error: BaseException) -> None:
         self._note(entry, ABORTED)

@@ -112,15 +112,15 @@ class Controller:
 
     `interface` is the ros_control interface whose joints it claims; `slot` holds the last checked
     command that no update has seen; `compiled`: it is a CommandedController whose loops the
-    compiled cycle may follow in place of `update`. Times are int ns of the simulated clock, periods
-    float s.
+    compiled cycle may follow in place of `update`; `looks`: its update but looks at the joints.
+    Times are int ns of the simulated clock, periods float s.
     """
 
     interface: ClassVar[str] = ""
     command_kind: ClassVar[str | None] = None
     state_kind: ClassVar[str | None] = None
     action_kind: ClassVar[str | None] = None
-    compiled = False
+    compiled = looks = False
 
     def __init__(self) -> None:
         self.context = Context("")

@@ -69,10 +69,15 @@ class JointStateController(Controller):
         # Counting periods instead of adding them up keeps the rate exact for days.
         return self._start_ns + (self._periods + 1) * self._step_ns
 
+    @property
+    def looks(self) -> bool:
+        """Whether `update` is not a user's own."""
+        return type(self).update is JointStateController.update
+
     def idle_until(self, time_ns: int) -> float:
         """Until the next sample is due."""
-        if type(self).update is not JointStateController.update:
-            return -inf  # a user's own
+        if not self.looks:
+            return -inf
         if self._rate <= 0.0:
             return inf
         due_ns = self._due_ns

@@ -1,19 +1,17 @@
-"""Kinematics of any chain of joints that moves a camera, from the robot's URDF, by Pinocchio."""
+"""Any chain of joints that moves a camera, from the robot's URDF: names, limits, kinematics."""
 
-import threading
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import pinocchio
 
 from aras_visual_servo_base.compiled import compiled
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.poses import exponential, transform
 from aras_visual_servo_base.urdf import MOVING_KINDS, Joint, UrdfTree, parse_tree
 
 from ..errors import ConfigurationError, MeasurementError
 from ..seeing.joint_sample import JointSample
+from .kinematics import Chain
 
 # A measured position further outside its limits than their span, or a speed so many times the
 # joint's greatest, is no measurement. A joint without limits may have turned this far, rad or m.
@@ -37,6 +35,7 @@ class Arm:
         velocity, effort: (n,) greatest, rad/s or m/s and N m or N; infinite where none is said.
         prismatic: (n,) bool.
         camera_frame, base_frame, target_frame: links; target_frame '': the target stands still.
+        chain: of the joints, in arrays.
     """
 
     def __init__(
@@ -67,17 +66,9 @@ class Arm:
         self.camera_frame, self.base_frame = camera_path[-1].child, camera_path[0].parent
         self.target_frame = target_path[-1].child if target_path else ""
 
-        # Pinocchio keeps the joints in its own order; ours is a permutation of it.
-        self._model = pinocchio.Model()
-        ids: dict[str, int] = {}
-        self._camera = self._extend(camera_path, ids, locked or {})
-        self._target = self._extend(target_path, ids, locked or {}) if target_path else None
-        self._order = np.array([self._model.joints[ids[name]].idx_v for name in self.names])
-        self._straight = bool((self._order == np.arange(len(self.names))).all())
-        self._data = self._model.createData()
-        self._lock = threading.Lock()  # Pinocchio's data are one workspace
-        self._viewed: bytes = b""  # the posture that `view` answered last, and its answer
-        self._view: tuple[np.ndarray, np.ndarray] | None = None
+        self.chain = Chain.of(camera_path, target_path, self.names, locked or {})
+        # The posture that `view` answered last, and its answer.
+        self._viewed: tuple[bytes, tuple[np.ndarray, np.ndarray]] | None = None
 
     @classmethod
     def from_urdf(
@@ -139,36 +130,21 @@ class Arm:
     def view(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`target_T_camera` (4, 4) and `jacobian` (6, n) of one posture, computed together; both
         read-only."""
-        model, data, inner = self._model, self._data, self._inner(q)
-        asked = inner.tobytes()
-        with self._lock:
-            if asked == self._viewed:  # an image's observation, scheme and resolver ask alike
-                return self._view
-            pinocchio.computeJointJacobians(model, data, inner)
-            jacobian = pinocchio.getFrameJacobian(model, data, self._camera, pinocchio.LOCAL)
-            pose = pinocchio.updateFramePlacement(model, data, self._camera)
-            if self._target is not None:
-                # The target's motion, carried to the camera and turned into its axes.
-                moved = pinocchio.getFrameJacobian(model, data, self._target, pinocchio.LOCAL)
-                target = pinocchio.updateFramePlacement(model, data, self._target)
-                camera_T_target = pose.actInv(target)
-                jacobian = jacobian - camera_T_target.toActionMatrix() @ moved
-                pose = target.actInv(pose)
-            if not self._straight:
-                jacobian = jacobian[:, self._order]
-            self._view = _read_only(pose.homogeneous), _read_only(jacobian)
-            self._viewed = asked
-            return self._view
+        q = np.asarray(q, float)
+        if q.shape != self.lower.shape:
+            raise ValueError(f"an arm of {len(self.names)} joints was given joints {q.shape}")
+        asked, viewed = q.tobytes(), self._viewed
+        if viewed is not None and asked == viewed[0]:
+            return viewed[1]  # an image's observation, scheme and resolver ask alike
+        pose, jacobian = self.chain.view(q)
+        view = _read_only(pose), _read_only(jacobian)
+        self._viewed = asked, view
+        return view
 
     def joint_frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places (n, 3) and unit axes (n, 3) of the joints in the base's frame."""
-        with self._lock:
-            pinocchio.computeJointJacobians(self._model, self._data, self._inner(q))
-            columns = np.array(self._data.J)[:, self._order].T
-            ids = [self._model.getJointId(name) for name in self.names]
-            places = np.array([self._data.oMi[i].translation for i in ids])
-        axes = np.where(self.prismatic[:, None], columns[:, :3], columns[:, 3:])
-        return places, axes
+        frames = self.chain.frames(q)
+        return frames[:, 9:12], frames[:, 12:]
 
     def sample(
         self,
@@ -245,44 +221,6 @@ class Arm:
 
         return solve(self.view, self.lower, self.upper, world_T_camera, q0, tolerance)
 
-    def _inner(self, q: np.ndarray) -> np.ndarray:
-        """Joints in Pinocchio's order, as the array it wants."""
-        q = np.asarray(q, float)
-        if q.shape != self._order.shape:
-            raise ValueError(f"an arm of {len(self.names)} joints was given joints {q.shape}")
-        if self._straight:
-            return q
-        inner = np.empty_like(q)
-        inner[self._order] = q
-        return inner
-
-    def _extend(
-        self, path: Sequence[Joint], ids: dict[str, int], locked: Mapping[str, float]
-    ) -> int:
-        """Add the joints of a path that are not there yet; returns the frame at its end."""
-        parent, parent_T_next = 0, pinocchio.SE3.Identity()
-        for joint in path:
-            parent_T_next = parent_T_next * pinocchio.SE3(
-                transform(joint.origin_xyz, joint.origin_rpy)
-            )
-            if joint.name not in self.names:
-                if joint.moves:
-                    parent_T_next = parent_T_next * _moved(joint, locked.get(joint.name, 0.0))
-                continue
-            if joint.name not in ids:
-                kind = (
-                    pinocchio.JointModelPrismaticUnaligned
-                    if joint.kind == "prismatic"
-                    else pinocchio.JointModelRevoluteUnaligned
-                )
-                ids[joint.name] = self._model.addJoint(
-                    parent, kind(np.array(joint.axis)), parent_T_next, joint.name
-                )
-            parent, parent_T_next = ids[joint.name], pinocchio.SE3.Identity()
-        return self._model.addFrame(
-            pinocchio.Frame(path[-1].child, parent, parent_T_next, pinocchio.FrameType.OP_FRAME)
-        )
-
 
 @compiled("f8[:], f8[:], f8[:], f8[:], f8[:]")
 def _implausible(q, velocities, least, most, fastest):
@@ -339,14 +277,6 @@ def _limits(joint: Joint) -> tuple[float, float, float, float]:
         -np.inf if lower is None else lower, np.inf if upper is None else upper,
         joint.limits.velocity, joint.limits.effort,
     )  # fmt: skip
-
-
-def _moved(joint: Joint, position: float) -> pinocchio.SE3:
-    """Motion (SE3) of a joint at a position, rad or m, in its own frame."""
-    twist = np.zeros(6)
-    along = slice(0, 3) if joint.kind == "prismatic" else slice(3, 6)
-    twist[along] = position * np.array(joint.axis)
-    return pinocchio.SE3(exponential(twist))
 
 
 def _chosen(

@@ -228,11 +228,11 @@ def test_one_grey_level_is_contrast_enough() -> None:
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"method": "watershed"}, "none of"),
-        ({"component": "red"}, "none of"),
-        ({"threshold": 300}, "outside"),
+        ({"method": "watershed"}, "method is .watershed.: known are fixed"),
+        ({"component": "red"}, "component is .red.: known are all"),
+        ({"threshold": 300}, "threshold is 300, must be <= 255"),
         ({"adaptive_block": 4}, "must be odd"),
-        ({"min_pixels": 0}, "at least 1"),
+        ({"min_pixels": 0}, "min_pixels is 0, must be >= 1"),
         ({"colour_low": (200, 0, 0)}, "hue 0-179"),
         ({"colour_high": (1, 2)}, "hue 0-179"),
     ],

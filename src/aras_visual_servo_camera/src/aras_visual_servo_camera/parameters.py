@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from aras_visual_servo_base.settings import build, defaults, parameter
 
 from .errors import ParameterError, SegmentationError
-from .moments import MAX_ORDER
-from .pipeline import LAYOUTS, WEIGHTINGS, PipelineSettings
-from .segmentation import COMPONENTS, METHODS, Segmentation
+from .pipeline import PipelineSettings
+from .segmentation import Segmentation
 
-_OF_SEGMENTATION = (
-    "threshold", "dark_target", "adaptive_block", "adaptive_offset", "component", "min_pixels",
-    "min_contrast", "colour_low", "colour_high",
-)  # fmt: skip
+
+def of(settings: type, name: str) -> Any:
+    """The parameter that is a setting of the pipeline's, as that has it."""
+    field = settings.__dataclass_fields__[name]
+    return parameter(field.default, **field.metadata)
 
 
 @dataclass(frozen=True)
@@ -33,22 +33,22 @@ class VisionParameters:
     log_period: least seconds of wall time between two equal log lines.
     """
 
-    layout: str = parameter("moments", choices=LAYOUTS)
-    segmentation: str = parameter("fixed", choices=METHODS)
-    threshold: float = parameter(128.0, least=0.0, most=255.0)
-    original_threshold: float = parameter(250.0, least=0.0, most=255.0)
-    dark_target: bool = True
-    component: str = parameter("largest", choices=COMPONENTS)
+    layout: str = of(PipelineSettings, "layout")
+    segmentation: str = of(Segmentation, "method")
+    threshold: float = of(Segmentation, "threshold")
+    original_threshold: float = of(PipelineSettings, "original_threshold")
+    dark_target: bool = of(Segmentation, "dark_target")
+    component: str = of(Segmentation, "component")
     mask_image: str = ""
-    min_pixels: int = parameter(16, least=1, most=10**9)
-    min_contrast: float = parameter(40.0, least=0.0, most=255.0)
-    adaptive_block: int = parameter(51, least=3, most=9999)
-    adaptive_offset: float = parameter(20.0, least=0.0, most=255.0)
-    colour_low: tuple[float, ...] = (0.0, 0.0, 0.0)
-    colour_high: tuple[float, ...] = (179.0, 255.0, 60.0)
-    weighting: str = parameter("coverage", choices=WEIGHTINGS)
-    edge_band: int = parameter(2, least=1, most=20)
-    order: int = parameter(MAX_ORDER, least=3, most=MAX_ORDER)
+    min_pixels: int = of(Segmentation, "min_pixels")
+    min_contrast: float = of(Segmentation, "min_contrast")
+    adaptive_block: int = of(Segmentation, "adaptive_block")
+    adaptive_offset: float = of(Segmentation, "adaptive_offset")
+    colour_low: tuple[float, ...] = of(Segmentation, "colour_low")
+    colour_high: tuple[float, ...] = of(Segmentation, "colour_high")
+    weighting: str = of(PipelineSettings, "weighting")
+    edge_band: int = of(PipelineSettings, "edge_band")
+    order: int = of(PipelineSettings, "order")
     desired_outline: tuple[float, ...] = ()
     log_period: float = parameter(5.0, "s", least=0.1, most=3600.0)
 
@@ -68,19 +68,15 @@ class VisionParameters:
     def settings(self) -> PipelineSettings:
         """Of the pipeline; ParameterError where they do not go together."""
         try:
-            segmentation = Segmentation(
-                method=self.segmentation, **{name: getattr(self, name) for name in _OF_SEGMENTATION}
-            )
+            segmentation = Segmentation(method=self.segmentation, **self._given(Segmentation))
         except SegmentationError as error:
-            raise ParameterError(str(error)) from None
-        return PipelineSettings(
-            segmentation,
-            self.weighting,
-            self.edge_band,
-            self.order,
-            self.layout,
-            self.original_threshold,
-        )
+            raise ParameterError(f"parameter ~{error}") from None
+        return PipelineSettings(**{**self._given(PipelineSettings), "segmentation": segmentation})
+
+    def _given(self, settings: type) -> dict[str, Any]:
+        """What of these parameters are settings of that class, by name."""
+        shared = (field.name for field in fields(settings) if hasattr(self, field.name))
+        return {name: getattr(self, name) for name in shared}
 
     @property
     def desired_corners(self) -> tuple[tuple[float, float], ...]:

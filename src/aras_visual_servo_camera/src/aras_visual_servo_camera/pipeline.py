@@ -8,12 +8,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from aras_visual_servo_base.settings import parameter
+
 from .degeneracy import gyration_radius
 from .edges import placed
 from .errors import CalibrationError, SegmentationError, VisionError
 from .images import Image
 from .kernel import kernel_features, moment_layout
-from .moments import Moments
+from .moments import MAX_ORDER, Moments
 from .segmentation import Segmentation, SegmentedTarget, coverage, segment
 from .undistortion import CameraModel
 
@@ -26,11 +28,11 @@ class PipelineSettings:
     """What the pipeline does; the node's README lists the same as parameters."""
 
     segmentation: Segmentation = field(default_factory=Segmentation)
-    weighting: str = "coverage"
-    edge_band: int = 2
-    order: int = 6
-    layout: str = "moments"
-    original_threshold: float = 250.0
+    weighting: str = parameter("coverage", choices=WEIGHTINGS)
+    edge_band: int = parameter(2, least=1, most=20)
+    order: int = parameter(MAX_ORDER, least=3, most=MAX_ORDER)
+    layout: str = parameter("moments", choices=LAYOUTS)
+    original_threshold: float = parameter(250.0, least=0.0, most=255.0)
 
 
 Settings = PipelineSettings  # its documented name

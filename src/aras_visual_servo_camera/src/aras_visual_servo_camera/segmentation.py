@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.settings import check, parameter
 
 from .errors import SegmentationError
 
@@ -22,6 +23,7 @@ Box = tuple[int, int, int, int]
 
 METHODS = ("fixed", "otsu", "adaptive", "colour")
 COMPONENTS = ("all", "largest", "nearest", "mask")
+LARGEST = (179, 255, 255)  # hue, saturation and value, as OpenCV has them
 TAKEN = {
     "largest": "the largest is taken",
     "nearest": "the one nearest to where the target was is taken",
@@ -47,37 +49,31 @@ class Segmentation:
         min_contrast: 'otsu' needs this many grey levels between target and background.
     """
 
-    method: str = "fixed"
-    threshold: float = 128.0
+    method: str = parameter("fixed", choices=METHODS)
+    threshold: float = parameter(128.0, least=0.0, most=255.0)
     dark_target: bool = True
-    adaptive_block: int = 51
-    adaptive_offset: float = 20.0
-    colour_low: tuple[int, int, int] = (0, 0, 0)
-    colour_high: tuple[int, int, int] = (179, 255, 60)
-    component: str = "largest"
-    min_pixels: int = 16
-    min_contrast: float = 40.0
+    adaptive_block: int = parameter(51, least=3, most=9999)
+    adaptive_offset: float = parameter(20.0, least=0.0, most=255.0)
+    colour_low: tuple[float, ...] = (0.0, 0.0, 0.0)
+    colour_high: tuple[float, ...] = (179.0, 255.0, 60.0)
+    component: str = parameter("largest", choices=COMPONENTS)
+    min_pixels: int = parameter(16, least=1, most=10**9)
+    min_contrast: float = parameter(40.0, least=0.0, most=255.0)
 
     def __post_init__(self) -> None:
-        def check(ok: bool, text: str) -> None:
-            if not ok:
-                raise SegmentationError(text)
-
-        check(self.method in METHODS, f"segmentation '{self.method}' is none of {METHODS}")
-        check(self.component in COMPONENTS, f"component '{self.component}' is none of {COMPONENTS}")
-        check(0 <= self.threshold <= 255, f"threshold {self.threshold} is outside 0 ... 255")
-        check(
-            self.adaptive_block >= 3 and self.adaptive_block % 2 == 1,
-            f"adaptive_block {self.adaptive_block} must be odd and at least 3",
-        )
-        check(self.min_pixels >= 1, f"min_pixels {self.min_pixels} must be at least 1")
-        limits = (179, 255, 255)
+        check(self, SegmentationError)
+        if self.adaptive_block % 2 == 0:
+            raise SegmentationError(f"adaptive_block is {self.adaptive_block}, must be odd")
         for name in ("colour_low", "colour_high"):
             colour = getattr(self, name)
-            check(
-                len(colour) == 3 and all(0 <= c <= m for c, m in zip(colour, limits, strict=True)),
-                f"{name} {tuple(colour)} must be hue 0-179, saturation 0-255, value 0-255",
-            )
+            if len(colour) != 3 or not all(map(_within, colour, LARGEST)):
+                raise SegmentationError(
+                    f"{name} {tuple(colour)} must be hue 0-179, saturation 0-255, value 0-255"
+                )
+
+
+def _within(level: float, largest: float) -> bool:
+    return 0 <= level <= largest
 
 
 @dataclass(frozen=True, eq=False)

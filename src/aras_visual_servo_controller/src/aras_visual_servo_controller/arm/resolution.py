@@ -9,7 +9,6 @@ import numpy as np
 
 from .inversion import RANK_TOLERANCE, svd
 
-DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
 UNITS = ("m/s",) * 3 + ("rad/s",) * 3
 
 

@@ -38,10 +38,11 @@ import numpy as np
 from .arm import Arm
 from .fold import Fold, find
 from .held import held_at
-from .inversion import LASTING, finite, resolved, task_finite
+from .inversion import LASTING, finite, resolved
 from .limits import Limits
-from .resolution import DIRECTIONS, UNITS, Resolution
+from .resolution import UNITS, Resolution
 from .secondary import SecondaryTask
+from .task import DIRECTIONS
 
 if TYPE_CHECKING:
     from .task import Task
@@ -135,8 +136,8 @@ class Resolver:
         """
         q, dt = np.asarray(q, float), float(dt)
         L, rate = task.L, task.rate
-        if not (finite(q, q, rate) and task_finite(L, rate) and math.isfinite(dt)):
-            raise ValueError(f"resolver: not finite: joints {q}, rate {rate}, L {L}, dt {dt}")
+        if not (finite(q, q, q) and math.isfinite(dt)):
+            raise ValueError(f"resolver: not finite: joints {q}, dt {dt}")
         view, jacobian = self.arm.view(q)
         held = self._held(view, task.modelled)
         wish = np.zeros(len(q))

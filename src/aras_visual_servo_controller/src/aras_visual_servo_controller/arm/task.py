@@ -22,7 +22,8 @@ class Task:
     """L v = rate, v = (vx, vy, vz, wx, wy, wz) of the camera in its own optical frame.
 
     Attributes:
-        L: (k, 6) interaction matrix, all six columns as they are, k <= 6.
+        L: (k, 6) interaction matrix, all six columns as they are, k <= 6; of more rows six are
+            made with the same solution.
         rate: (k,) wanted, e_dot.
         modelled: (6,) bool; the camera's directions that the task speaks of. The others are held
             by the resolver, as constraints.
@@ -32,6 +33,28 @@ class Task:
     rate: np.ndarray
     modelled: np.ndarray
 
+    def __post_init__(self) -> None:
+        """Check it; one taller than six rows is reduced to six with the same solution.
+
+        Raises:
+            TaskError: a wrong shape, or a number that is not finite.
+        """
+        L, rate, modelled = _numbers(self.L), _numbers(self.rate), np.array(self.modelled, bool)
+        if L.ndim != 2 or L.shape[1] != 6 or rate.shape != (len(L),) or len(L) == 0:
+            raise TaskError(
+                f"a task needs L of shape (k, 6) and a rate of shape (k,), got {L.shape} and "
+                f"{rate.shape}"
+            )
+        if modelled.shape != (6,):
+            raise TaskError(f"modelled directions: six are needed, got {modelled.shape}")
+        if not task_finite(L, rate):
+            raise TaskError("the interaction matrix or the wanted rate is not finite")
+        if len(L) > 6:
+            L, rate = _reduced(L, rate)
+        for name, array in (("L", L), ("rate", rate), ("modelled", modelled)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
     @classmethod
     def of(
         cls,
@@ -40,39 +63,19 @@ class Task:
         modelled: ArrayLike = ALL_DIRECTIONS,
         weights: ArrayLike | None = None,
     ) -> Task:
-        """A checked task; one taller than six rows is reduced to six with the same solution.
+        """The task of L (k, 6), any k, and rate (k,); TaskError as above.
 
         Args:
-            L: (k, 6), any k.
-            rate: (k,).
             modelled: (6,) bool.
             weights: (k,) of the rows, >= 0: least squares weighted by their squares.
-
-        Raises:
-            TaskError: a wrong shape, or a number that is not finite.
         """
-        L, rate = _numbers(L), _numbers(rate)
-        modelled = np.array(modelled, bool)
-        if L.ndim != 2 or L.shape[1] != 6 or rate.shape != (len(L),) or len(L) == 0:
-            raise TaskError(
-                f"a task needs L of shape (k, 6) and a rate of shape (k,), got {L.shape} and "
-                f"{rate.shape}"
-            )
-        if modelled.shape != (6,):
-            raise TaskError(f"modelled directions: six are needed, got {modelled.shape}")
         if weights is not None:
-            weights = _numbers(weights)
-            if weights.shape != rate.shape or not (weights >= 0.0).all():
+            L, rate, weights = _numbers(L), _numbers(rate), _numbers(weights)
+            if weights.shape != rate.shape or L.ndim != 2 or not (weights >= 0.0).all():
                 raise TaskError(
                     f"weights of shape {weights.shape} for {len(rate)} features; they must be >= 0"
                 )
             L, rate = weights[:, None] * L, weights * rate
-        if not task_finite(L, rate):
-            raise TaskError("the interaction matrix or the wanted rate is not finite")
-        if len(L) > 6:
-            L, rate = _reduced(L, rate)
-        for array in (L, rate, modelled):
-            array.setflags(write=False)
         return cls(L, rate, modelled)
 
     @classmethod

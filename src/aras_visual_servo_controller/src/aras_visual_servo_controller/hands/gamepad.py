@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..arm.task import DIRECTIONS
 from .jog import TWIST
 
 DEAD = 0.12  # part of a stick's way around its middle that counts as none
@@ -21,7 +22,6 @@ SPEEDS = {SLOW: 0.3, FAST: 1.0}  # part of the greatest speeds
 # are positive to the left and upwards in Joy messages.
 AXES = {"vx": (0, -1.0), "vy": (1, -1.0), "wz": (3, -1.0), "vz": (4, 1.0), "wy": (6, -1.0),
         "wx": (7, 1.0)}  # fmt: skip
-DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
 HELP = """gamepad: hold a shoulder button (left: slow, right: fast)
     left stick    along the picture       right stick    along the view, turn about it
     cross         tilt"""

@@ -11,7 +11,7 @@ import numpy as np
 
 from aras_visual_servo_base.names import words
 
-from ..arm.inversion import finite, task_finite
+from ..arm.inversion import finite
 from ..arm.task import Task
 from ..errors import ConfigurationError, MeasurementError, SchemeError
 from .base import Decision, JointController, Scheme
@@ -92,26 +92,9 @@ def checked_decision(name: str, decision: object, scheme: Scheme | JointControll
         return dataclasses.replace(decision, task=None, **arrays)
     if not isinstance(task, Task):
         raise fault(f"answered the task {type(task).__name__} instead of a Task")
-    L, rate, modelled = _array(task.L), _array(task.rate), np.asarray(task.modelled)
-    if (
-        L is None
-        or rate is None
-        or L.ndim != 2
-        or L.shape[1] != 6
-        or rate.shape != (len(L),)
-        or modelled.shape != (6,)
-    ):
-        raise fault(
-            f"answered a task with L {np.shape(task.L)}, rate {np.shape(task.rate)} and modelled "
-            f"{np.shape(task.modelled)}: (k, 6), (k,) and (6,) are needed"
-        )
-    if not task_finite(L, rate):
-        raise fault("answered a task that is not finite")
-    if len(L) > 6 or not (L is task.L and rate is task.rate and modelled is task.modelled):
-        task = Task.of(L, rate, modelled)
-    elif all(arrays[field] is getattr(decision, field) for field in arrays):
+    if all(arrays[field] is getattr(decision, field) for field in arrays):
         return decision  # as most are
-    return dataclasses.replace(decision, task=task, **arrays)
+    return dataclasses.replace(decision, **arrays)
 
 
 def checked_joints(name: str, answer: object, count: int) -> np.ndarray:

@@ -21,3 +21,8 @@ def require(condition: bool, text: str) -> None:
     """Raise ExperimentError with this text unless the condition holds."""
     if not condition:
         raise ExperimentError(text)
+
+
+def first_line(error: BaseException) -> str:
+    """What an exception says in its first line, or its class."""
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -285,11 +285,11 @@ class ReportFile(Guarded):
         self.finish(path.read_bytes())
 
 
-class Viewer(tornado.websocket.WebSocketHandler):
+class Viewer(Guarded, tornado.websocket.WebSocketHandler):
     """One open page."""
 
     def initialize(self, server: Server) -> None:
-        self.server = server
+        super().initialize(server)
         self.outbox = Outbox(self.tell)
         self._busy = 0
 
@@ -297,17 +297,12 @@ class Viewer(tornado.websocket.WebSocketHandler):
         """Refusals are said in `prepare`, which knows the reason."""
         return True
 
-    def prepare(self) -> None:
-        origin = self.request.headers.get("Origin")
-        why = self.server.access.refusal(
-            self.get_query_argument("token", ""), self.request.host, origin
-        )
+    def refusal(self) -> str:
+        """See Guarded.refusal; there may be as many as are open already."""
+        why = super().refusal()
         if not why and len(self.server.viewers) >= VIEWERS:
             why = f"{VIEWERS} pages are open already"
-        if why:
-            self.set_status(403)
-            self.set_header("Content-Type", "text/plain; charset=utf-8")
-            self.finish(f"Refused: {why}.\n")
+        return why
 
     def open(self, *_: str) -> None:
         self.set_nodelay(True)

@@ -10,14 +10,16 @@ import io
 import struct
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
 
 from aras_visual_servo_base.poses import Pose, normalised, optical
+from aras_visual_servo_camera.errors import ImageError
+from aras_visual_servo_camera.images import decode
 
 from ..errors import BenchError
 from ..recording.from_bag import Messages
@@ -88,7 +90,7 @@ def described(path: Path) -> Described:
         bag, _ = opened(path)
         with bag:
             topics = bag.get_type_and_topic_info().topics
-            named = _Topics.of({topic: one.msg_type for topic, one in topics.items()}).experiment
+            named = _topics({topic: one.msg_type for topic, one in topics.items()}).experiment
             for _, raw, _ in bag.read_messages([named], raw=True) if named else ():
                 text = unpacked(raw).data
     except (OSError, rosbag.ROSBagException, struct.error, ValueError, RuntimeError) as error:
@@ -130,36 +132,26 @@ def _reindexed(path: Path) -> rosbag.Bag:
     return bag
 
 
-@dataclass
-class _Topics:
-    """Names of what a report is made of; empty where the bag has none."""
+def _topics(kinds: Mapping[str, str]) -> SimpleNamespace:
+    """Names of what a report is made of, empty where the bag has none; kinds: type of each topic.
 
-    state: str
-    report: str
-    moments: str
-    joints: str
-    info: str
-    metrics: str
-    image: str
-    experiment: str
+    state, report, moments, joints, info, metrics, image, experiment: see the constants above.
+    """
 
-    @classmethod
-    def of(cls, kinds: Mapping[str, str]) -> _Topics:
-        """kinds: type of each topic."""
+    def first(kind: str, ending: str = "", near: str = "") -> str:
+        found = [t for t, k in kinds.items() if k == kind and t.endswith(ending)]
+        return next((t for t in found if near and near in t), found[0] if found else "")
 
-        def first(kind: str, ending: str = "", near: str = "") -> str:
-            found = [t for t, k in kinds.items() if k == kind and t.endswith(ending)]
-            return next((t for t in found if near and near in t), found[0] if found else "")
-
-        info = first(INFO, near=CAMERA)
-        camera = info.rpartition("/")[0] + "/" if info else CAMERA
-        image = first(IMAGE, "image_raw", camera) or first(COMPRESSED, near=camera)
-        if not image.startswith(camera):
-            image = first(COMPRESSED, near=camera) or image
-        return cls(
-            first(STATE), first(REPORT), first(MOMENTS), first(JOINTS, "joint_states"), info,
-            first(METRICS), image, first("std_msgs/String", EXPERIMENT),
-        )  # fmt: skip
+    info = first(INFO, near=CAMERA)
+    camera = info.rpartition("/")[0] + "/" if info else CAMERA
+    image = first(IMAGE, "image_raw", camera) or first(COMPRESSED, near=camera)
+    if not image.startswith(camera):
+        image = first(COMPRESSED, near=camera) or image
+    return SimpleNamespace(
+        state=first(STATE), report=first(REPORT), moments=first(MOMENTS),
+        joints=first(JOINTS, "joint_states"), info=info, metrics=first(METRICS), image=image,
+        experiment=first("std_msgs/String", EXPERIMENT),
+    )  # fmt: skip
 
 
 class Reader(Heard):
@@ -169,7 +161,7 @@ class Reader(Heard):
         super().__init__(path)
         self._bag = bag
         info = bag.get_type_and_topic_info().topics
-        self._topics = _Topics.of({topic: one.msg_type for topic, one in info.items()})
+        self._topics = _topics({topic: one.msg_type for topic, one in info.items()})
         if not self._topics.state:
             there = ", ".join(sorted(info)) or "no message"
             raise BenchError(
@@ -311,15 +303,10 @@ def _matrix(transform: Any) -> np.ndarray:
 
 
 def _rgb(message: Any) -> np.ndarray | None:
-    """(H, W, 3) uint8 of an image of eight bits a channel, raw or compressed; None: other kinds."""
+    """(H, W, 3) uint8 of an image raw or compressed; None: of an unknown encoding."""
     if hasattr(message, "format"):
         image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_COLOR)
         return None if image is None else image[..., ::-1].copy()
-    channels = {"rgb8": 3, "bgr8": 3, "mono8": 1}.get(message.encoding)
-    if channels is None:
-        return None
-    rows = np.frombuffer(message.data, np.uint8).reshape(message.height, message.step)
-    image = rows[:, : message.width * channels].reshape(message.height, message.width, channels)
-    if message.encoding == "bgr8":
-        image = image[..., ::-1]
-    return np.repeat(image, 3, axis=2) if channels == 1 else image.copy()
+    with contextlib.suppress(ImageError):
+        return decode(message).rgb.copy()
+    return None

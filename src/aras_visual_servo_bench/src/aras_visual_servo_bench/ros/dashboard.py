@@ -6,12 +6,14 @@ import os
 import sys
 import threading
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import rospy
 
 from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base.settings import build, defaults, parameter
 from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_ros.connections import open_wide
 from aras_visual_servo_ros.master_watch import MasterWatch
@@ -24,16 +26,30 @@ from ..live.robot_model import robot_model
 from .listener import Listener, listener_settings
 
 PERIOD = 0.5  # s of wall time between two looks at what changes seldom
-# Own parameters, besides those of the controller that say where the robot is: default of each.
-OWN: dict[str, Any] = {
-    "host": "127.0.0.1", "port": 8080, "token": "", "directory": "", "robot": "aras_visual_servo",
-}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PageSettings:
+    """The page's own parameters, besides those of the controller that say where the robot is."""
+
+    host: str = "127.0.0.1"
+    port: int = parameter(8080, least=1, most=65535)
+    token: str = ""
+    directory: str = ""
+    robot: str = "aras_visual_servo"
+
+    def __post_init__(self) -> None:
+        if self.token and (len(self.token) < 12 or not self.token.isascii()):
+            raise ServoError(
+                "parameter ~token is too easy to guess: 12 characters or more, or empty"
+            )
 
 
 class Dashboard:
     """The server's Host: a graph's story, pictures and actions."""
 
-    def __init__(self, listener: Listener, given: dict[str, Any], directory: Path) -> None:
+    def __init__(self, listener: Listener, robot: str, directory: Path) -> None:
+        """`robot`: the model's name; `directory`: where goals, bags and reports go."""
         from .actions import Actions
         from .driving import Driving
         from .keeping import Keeping
@@ -42,7 +58,7 @@ class Dashboard:
 
         settings = listener.settings
         self.page, self._listener = Page(), listener
-        self._actions = Actions(listener, settings, directory, given["robot"])
+        self._actions = Actions(listener, settings, directory, robot)
         self._keeping, self._target = Keeping(directory), TargetWatch()
         self._driving = Driving(listener, settings)
         self._pictures = Pictures(
@@ -148,23 +164,15 @@ class Dashboard:
         self._keeping.close()
 
 
-def own_parameters(given: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+def own_parameters(given: dict[str, Any]) -> tuple[PageSettings, dict[str, Any]]:
     """The page's own parameters, checked, and the rest.
 
     Raises:
         ServoError: one that is of a wrong kind, or out of range.
     """
-    own = {name: given.get(name, default) for name, default in OWN.items()}
-    rest = {name: value for name, value in given.items() if name not in OWN}
-    port = own["port"]
-    if isinstance(port, bool) or not isinstance(port, int) or not 1 <= port <= 65535:
-        raise ServoError(f"parameter ~port is {port!r}, must be a port, 1 to 65535")
-    for name in ("host", "token", "directory", "robot"):
-        if not isinstance(own[name], str):
-            raise ServoError(f"parameter ~{name} is {own[name]!r}, must be a text")
-    if own["token"] and (len(own["token"]) < 12 or not own["token"].isascii()):
-        raise ServoError("parameter ~token is too easy to guess: 12 characters or more, or empty")
-    return own, rest
+    own = {name: given[name] for name in defaults(PageSettings) if name in given}
+    rest = {name: value for name, value in given.items() if name not in own}
+    return build(PageSettings, own, "parameter ~", ServoError), rest
 
 
 def main() -> int:
@@ -180,9 +188,9 @@ def main() -> int:
         own, rest = own_parameters(rospy.get_param("~", {}))
         listener = Listener(listener_settings(rest))
         home = Path(os.environ.get("ROS_HOME", "~/.ros")).expanduser()
-        directory = Path(own["directory"] or home / "aras_dashboard").expanduser()
-        dashboard = Dashboard(listener, own, directory)
-        server = serve(dashboard, own["host"], own["port"], own["token"], rospy.loginfo)
+        directory = Path(own.directory or home / "aras_dashboard").expanduser()
+        dashboard = Dashboard(listener, own.robot, directory)
+        server = serve(dashboard, own.host, own.port, own.token, rospy.loginfo)
     except (BenchError, ServoError) as error:
         rospy.logfatal("%s", error)
         return 1

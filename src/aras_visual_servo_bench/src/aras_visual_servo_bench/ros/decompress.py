@@ -7,6 +7,7 @@ import numpy as np
 import rospy
 from sensor_msgs.msg import CompressedImage, Image
 
+from aras_visual_servo_camera.messages import image_message
 from aras_visual_servo_ros.shutdown import begin_node
 
 
@@ -18,11 +19,7 @@ def decompressed(message: CompressedImage) -> Image | None:
     encoding = "mono8" if picture.ndim == 2 else "rgb8"
     if encoding == "rgb8":
         picture = cv2.cvtColor(picture[..., :3], cv2.COLOR_BGR2RGB)
-    height, width = picture.shape[:2]
-    return Image(
-        header=message.header, height=height, width=width, encoding=encoding,
-        step=picture.size // height, data=picture.tobytes(),
-    )  # fmt: skip
+    return image_message(picture, encoding, message.header)
 
 
 def main() -> int:

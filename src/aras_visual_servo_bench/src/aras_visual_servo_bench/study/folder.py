@@ -26,7 +26,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ..errors import StudyError
+from ..errors import StudyError, first_line
 from . import rows, versions
 from .study import Study
 
@@ -212,7 +212,8 @@ class Folder:
                     raise StudyError(f"{path} is not as it was written: resume the study")
                 tables.append(pq.read_table(pa.BufferReader(data)))
             except (OSError, pa.ArrowException) as error:
-                raise StudyError(f"cannot read {path}: {_first(error)}; resume the study") from None
+                why = first_line(error)
+                raise StudyError(f"cannot read {path}: {why}; resume the study") from None
         return pa.concat_tables(tables)
 
     @property
@@ -309,7 +310,3 @@ def _writing(path: Path) -> Iterator[None]:
                 f"bench resume {path}"
             ) from error
         raise StudyError(f"cannot write {path}: {error.strerror or error}") from error
-
-
-def _first(error: BaseException) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -18,7 +18,7 @@ from typing import Any
 from aras_visual_servo_base.settings import unknown_key
 from aras_visual_servo_base.yaml_files import read_yaml
 
-from ..errors import StudyError
+from ..errors import StudyError, first_line
 from . import rows, versions, work
 from .work import StudyTask
 
@@ -222,7 +222,7 @@ class DaskPool(Pool):
                 asyncio.run(_answering(address))
             client = self._distributed.Client(address, timeout=ANSWER, set_as_default=False)
         except (OSError, ValueError, TimeoutError) as error:
-            told = str(error).splitlines()[0] if str(error) else type(error).__name__
+            told = first_line(error)
             raise StudyError(f"no scheduler answers at {address}: {told}") from None
         try:
             client.wait_for_workers(1, timeout=ANSWER if self._cluster is None else APPEAR)
@@ -237,8 +237,8 @@ class DaskPool(Pool):
             there = self._client.run(versions.versions)
         except Exception as error:
             raise StudyError(
-                f"the workers cannot load this package ({_first(error)}): install it there, or set "
-                "their PYTHONPATH"
+                f"the workers cannot load this package ({first_line(error)}): install it there, "
+                "or set their PYTHONPATH"
             ) from None
         for worker, found in there.items():
             told = versions.difference(versions.versions(), found)
@@ -294,7 +294,7 @@ class DaskPool(Pool):
             raise self._lost(error) from error
 
     def _lost(self, error: BaseException | None) -> StudyError:
-        told = f" ({_first(error)})" if error is not None else ""
+        told = f" ({first_line(error)})" if error is not None else ""
         return StudyError(f"the scheduler is gone{told}")
 
 
@@ -358,7 +358,7 @@ def _named_cluster(path: str) -> tuple[Any, int]:
         elif most:
             cluster.scale(most)
     except Exception as error:  # whatever a cluster's own code may raise
-        raise StudyError(f"{path}: {told['class']}: {_first(error)}") from None
+        raise StudyError(f"{path}: {told['class']}: {first_line(error)}") from None
     return cluster, most
 
 
@@ -369,7 +369,3 @@ def _asked_workers(path: str, told: Any) -> tuple[int, int]:
     if not (whole and len(both) == 2 and both[0] <= both[1] and (both[1] or told == 0)):
         raise StudyError(f"{path}: workers is {told!r}, must be a number, or [least, most]")
     return both[0], both[1]
-
-
-def _first(error: BaseException) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__

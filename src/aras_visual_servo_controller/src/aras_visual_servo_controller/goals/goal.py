@@ -285,46 +285,38 @@ class Goal:
 
     def to_yaml(self, heading: str = "") -> str:
         """The file's text; heading becomes a comment at its top."""
-        data: dict[str, Any] = {}
-        if self.joints:
-            data["joints"] = {n: float(v) for n, v in self.joints.items()}
-        if self.world_T_camera is not None:
-            data["camera_pose"] = _pose_entry(self.world_T_camera)
-        if self.depth is not None:
-            data["depth"] = float(self.depth)
-        if self.plane is not None:
-            data["plane"] = [float(v) for v in self.plane]
-        if self.moments is not None:
-            data["moments"] = {
-                "order": self.moments.order,
-                "m": [float(value) for value in self.moments.m_array],
-                "mu": [float(value) for value in self.moments.mu_array],
-            }
-        if self.kernel is not None:
-            data["kernel"] = {
-                "width": int(self.kernel.width),
-                "height": int(self.kernel.height),
-                "K": [float(value) for value in np.ravel(self.kernel.K)],
-                "features": [float(value) for value in self.kernel.features],
-            }
-        if self.camera is not None:
-            data["camera"] = {
-                "width": self.camera.width,
-                "height": self.camera.height,
-                "K": [float(k) for k in self.camera.K],
-                "D": [float(d) for d in self.camera.D],
-                "model": self.camera.model,
-            }
-        if self.features:
-            data["features"] = {k: dict(v) for k, v in self.features.items()}
-        if self.target is not None:
-            data["target"] = self.target.to_mapping()
-        if self.mounting is not None:
-            data["mounting"] = _pose_entry(self.mounting)
+        moments, camera = self.moments, self.camera
+        data = plain({
+            "joints": self.joints,
+            "camera_pose": _pose_entry(self.world_T_camera),
+            "depth": self.depth,
+            "plane": self.plane,
+            "moments": None if moments is None else {
+                "order": moments.order, "m": moments.m_array, "mu": moments.mu_array,
+            },
+            "kernel": None if self.kernel is None else {
+                **vars(self.kernel), "K": np.ravel(self.kernel.K),
+            },
+            "camera": None if camera is None else {
+                name: getattr(camera, name) for name in ("width", "height", "K", "D", "model")
+            },
+            "features": self.features,
+            "target": None if self.target is None else self.target.to_mapping(),
+            "mounting": _pose_entry(self.mounting),
+        })  # fmt: skip
+        data = {name: value for name, value in data.items() if value not in (None, {})}
         comment = "".join(f"# {line}\n" for line in heading.splitlines())
         return comment + yaml.safe_dump(data, sort_keys=False, width=96)
 
 
-def _pose_entry(a_T_b: np.ndarray) -> dict[str, list[float]]:
-    xyz, rpy = to_xyz_rpy(a_T_b)
-    return {"xyz": xyz, "rpy": rpy}
+def plain(value: Any) -> Any:
+    """Numbers, lists and mappings for YAML, of whatever holds them."""
+    if isinstance(value, Mapping):
+        return {name: plain(inner) for name, inner in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return [plain(inner) for inner in value] if isinstance(value, list | tuple) else value
+
+
+def _pose_entry(a_T_b: np.ndarray | None) -> dict[str, list[float]] | None:
+    return None if a_T_b is None else dict(zip(("xyz", "rpy"), to_xyz_rpy(a_T_b), strict=True))

@@ -57,17 +57,6 @@ class KernelEntry:
 
 
 @dataclass(frozen=True)
-class CameraEntry:
-    """The camera of a file. K: intrinsics by rows, px. D: coefficients of the model."""
-
-    width: int
-    height: int
-    K: Matrix
-    D: tuple[float, ...] | None = ()
-    model: str = "plumb_bob"
-
-
-@dataclass(frozen=True)
 class GoalEntries:
     """What a goal file may hold; see goal.py."""
 
@@ -77,7 +66,7 @@ class GoalEntries:
     plane: Three | None = None
     moments: MomentsEntry | None = None
     kernel: KernelEntry | None = None
-    camera: CameraEntry | None = None
+    camera: CameraModel | None = None
     features: Mapping[str, Mapping[str, Any]] | None = None
     target: Mapping[str, Any] | None = None
     mounting: PoseEntry | None = None
@@ -85,7 +74,10 @@ class GoalEntries:
 
 def goal_fields(data: Any, name: str) -> dict[str, Any]:
     """The fields of a Goal but its name, of a mapping as YAML gives it; see Goal.from_mapping."""
-    given = build(GoalEntries, data, f"{name}: ", ConfigurationError)
+    try:
+        given = build(GoalEntries, data, f"{name}: ", ConfigurationError)
+    except VisionError as error:  # of the camera
+        raise ConfigurationError(f"{name}: {error}") from error
     target = given.target
     return {
         "joints": dict(given.joints or {}),
@@ -94,7 +86,7 @@ def goal_fields(data: Any, name: str) -> dict[str, Any]:
         "plane": _plane(given.plane, name),
         "moments": _moments(given.moments, name),
         "kernel": _kernel(given.kernel),
-        "camera": _camera(given.camera, name),
+        "camera": given.camera,
         "features": {key: dict(taught) for key, taught in (given.features or {}).items()},
         "target": None if target is None else TargetGeometry.from_mapping(
             target, f"{name}: target"
@@ -146,12 +138,3 @@ def _kernel(given: KernelEntry | None) -> GoalKernel | None:
     for array in (K, features):
         array.setflags(write=False)
     return GoalKernel(given.width, given.height, K, features)
-
-
-def _camera(given: CameraEntry | None, name: str) -> CameraModel | None:
-    if given is None:
-        return None
-    try:
-        return CameraModel(given.width, given.height, given.K, given.D or (), given.model)
-    except VisionError as error:
-        raise ConfigurationError(f"{name}: {error}") from error

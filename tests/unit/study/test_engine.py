@@ -21,7 +21,7 @@ from aras_visual_servo_bench.numbers.metrics import metric
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.study import engine, folder, rows, versions, work
 from aras_visual_servo_bench.study.folder import Folder
-from aras_visual_servo_bench.study.pools import Done, ThisProcess
+from aras_visual_servo_bench.study.pools import ThisProcess
 from aras_visual_servo_bench.study.progress import Progress
 from aras_visual_servo_bench.study.study import Study
 
@@ -83,7 +83,7 @@ class Backwards(ThisProcess):
 
     def next(self):
         task = self._waiting.pop()
-        return Done(task, work.carry_out(task))
+        return task, work.carry_out(task)
 
 
 class Dying(ThisProcess):
@@ -95,9 +95,9 @@ class Dying(ThisProcess):
     def next(self):
         task = self._waiting.popleft()
         if task.chunk:
-            return Done(task, work.carry_out(task))
+            return task, work.carry_out(task)
         self.died += 1
-        return Done(task, None if self.died == 1 else work._guarded(task))
+        return task, None if self.died == 1 else work._guarded(task)
 
     def __init__(self):
         super().__init__()

@@ -280,17 +280,18 @@ def test_searches_that_are_none(tiny, words, complaint):
 def test_a_run_is_shown_again_as_it_was(tiny, tmp_path):
     study = tiny()
     in_process(study, tmp_path / "out")
-    shown = replay.replay(Folder.open(tmp_path / "out"), 3)
-    assert shown.changed == {} and shown.row["gain"] == 2.0
-    pictures = [picture for _, picture in shown.run.images.pictures]
-    assert len(pictures) == shown.row["images"]
+    run, changed = replay.replay(Folder.open(tmp_path / "out"), 3)
+    row = rows.told(study, run)
+    assert changed == {} and run.experiment.gain == 2.0
+    pictures = [picture for _, picture in run.images.pictures]
+    assert len(pictures) == row["images"]
     assert pictures[0].shape[2] == 3 and pictures[0].min() < 128  # the target is there
-    names = {path.name for path in replay.write(shown, tmp_path / "show")}
+    names = {path.name for path in replay.write(run, tmp_path / "show")}
     assert {"report.html", "summary.json", "video.mp4", "feature_errors.png"} <= names
     told = json.loads((tmp_path / "show" / "summary.json").read_text())
     assert study.metric_names
     for name in study.metric_names:
-        assert told[name] == shown.row[rows.column(name)], name
+        assert told[name] == row[rows.column(name)], name
     import cv2
 
     video = cv2.VideoCapture(str(tmp_path / "show" / "video.mp4"))

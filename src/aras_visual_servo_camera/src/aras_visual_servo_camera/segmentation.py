@@ -189,9 +189,10 @@ def segment(
         if box[2] == 0:
             return SegmentedTarget(mask, box, 0, level, (), "no target inside the mask image")
     count = cv2.countNonZero(mask[_slices(box)])
-    borders = _borders(box, mask.shape)
     unusable = _unusable(count, box, mask, settings)
-    return SegmentedTarget(mask, box, count, level, borders, unusable, pieces, settings.component)
+    return SegmentedTarget(
+        mask, box, count, level, borders(box, mask.shape), unusable, pieces, settings.component,
+    )  # fmt: skip
 
 
 def _unusable(count: int, box: Box, mask: Mask, settings: Segmentation) -> str:
@@ -209,7 +210,8 @@ def _slices(box: Box) -> tuple[slice, slice]:
     return slice(row, row + height), slice(column, column + width)
 
 
-def _borders(box: Box, shape: tuple[int, ...]) -> tuple[str, ...]:
+def borders(box: Box, shape: tuple[int, ...]) -> tuple[str, ...]:
+    """Sides of a picture of this shape (rows, columns) that a box touches."""
     column, row, width, height = box
     touching = {
         "left": column == 0,

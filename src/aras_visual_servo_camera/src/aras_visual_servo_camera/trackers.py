@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import VisionError
+from .segmentation import borders
 from .undistortion import CameraModel
 
 MARKERS = {"DICT_4X4_50": 6, "DICT_APRILTAG_36h11": 8}  # cells across, the black rim with them
@@ -82,15 +83,12 @@ class DotTracker(Tracker):
         dots = []
         for left, top, width, height, area in stats[1:found]:
             full = np.pi / 4.0 * width * height
-            edge = left == 0 or top == 0 or left + width == grey.shape[1] or (
-                top + height == grey.shape[0]
-            )
             long = max(width, height) > LONG * min(width, height)
             if area > COARSE:
                 dotlike = ROUND * full < area < SQUARE * full
             else:
                 dotlike = area >= SMALLEST_DOT and area > COARSELY * full
-            if dotlike and not (edge or long):
+            if dotlike and not (borders((left, top, width, height), grey.shape) or long):
                 dots.append((int(area), left, top, width, height))
         if len(dots) < self.count:
             raise VisionError(
@@ -247,10 +245,7 @@ class LineTracker(EdgeTracker):
         if found < 2 or sizes.max() < SMALLEST_DRAWING:
             raise VisionError("no dark lines are in view")
         largest = 1 + int(np.argmax(sizes))
-        left, top, width, height = stats[largest, :4]
-        if left == 0 or top == 0 or left + width == grey.shape[1] or (
-            top + height == grey.shape[0]
-        ):  # fmt: skip
+        if borders(stats[largest, :4], grey.shape):
             raise VisionError("the lines touch the picture's border: not all of them are in view")
         drawn = np.where(labels == largest, mask, 0).astype(np.uint8)
         rim = max(cv2.findContours(drawn, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0], key=len)

@@ -91,7 +91,7 @@ def read(given: str, progress: Callable[[float], None]) -> Run:
         from ..study.folder import Folder
 
         folder = Folder.open(Path(match[1]))
-        return replay.record(replay.replay(folder, int(match[2])), f"{folder.path.name}:{match[2]}")
+        return replay.replay(folder, int(match[2]), f"{folder.path.name}:{match[2]}")[0]
     if path.is_dir():
         bags = [path / name for name in ("run.bag", "run.bag.active") if (path / name).is_file()]
         if not bags:

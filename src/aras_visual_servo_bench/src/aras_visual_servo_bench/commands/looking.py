@@ -50,14 +50,14 @@ def _show(options: argparse.Namespace) -> int:
     folder = Folder.open(options.folder)
     out = options.out or options.folder / f"show-{options.run}"
     try:
-        shown = replay.replay(folder, options.run)
+        run, changed = replay.replay(folder, options.run)
     except StudyError as error:
         if error.__cause__ is None or isinstance(error.__cause__, BenchError):
             raise
         raise StudyError(f"{error}; where it was raised: {_raised(error.__cause__, out)}") from None
-    for path in replay.write(shown, out):
+    for path in replay.write(run, out):
         print(path)
-    for key, (old, new) in shown.changed.items():
+    for key, (old, new) in changed.items():
         print(f"not as it was recorded: {key} was {old}, is {new}")
     return 0
 

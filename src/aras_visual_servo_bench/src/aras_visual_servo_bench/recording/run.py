@@ -330,13 +330,6 @@ class Run:
             latest = max(latest, settling(self.joint_stamp[after], way[after], least))
         return latest
 
-    def feature_settling(self) -> dict[str, float]:
-        """From the first image until each |error| stays within 2 % of its first, s; inf: never."""
-        return {
-            name: settling(self.stamp, np.abs(self.error[:, i]))
-            for i, name in enumerate(self.names)
-        }
-
     # -- places ----------------------------------------------------------------------------
 
     def outline(self, pose: np.ndarray, stamp: float) -> np.ndarray | None:
@@ -348,12 +341,6 @@ class Run:
         except ViewError:
             return None
         return np.column_stack(self.camera.project(*np.asarray(rim, float).T))
-
-    def pose_at(self, stamp: float) -> np.ndarray:
-        """world_T_camera (4, 4) next to a stamp; NaN where none is known."""
-        if not len(self.joint_stamp):
-            return np.full((4, 4), np.nan)
-        return self.true_pose[int(np.argmin(np.abs(self.joint_stamp - stamp)))]
 
 
 def settling(stamp: np.ndarray, values: np.ndarray, floor: float = 0.0) -> float:

@@ -7,11 +7,10 @@ import time
 from collections.abc import Sequence
 
 import rospy
-from std_srvs.srv import Trigger
 
 from aras_visual_servo_controller.arm import Resolver
 from aras_visual_servo_controller.hands.jog import Jog
-from aras_visual_servo_controller.ros.commands import CommandTopics
+from aras_visual_servo_controller.ros.commands import CommandTopics, stop_controller
 from aras_visual_servo_controller.settings import Settings
 
 from ..live.requests import RefusedError
@@ -55,7 +54,7 @@ class Driving:
         if story is None or self._listener.positions is None:
             raise RefusedError("there are no joint states: is the robot there?")
         if story.told.phase not in ("", "stopped"):
-            self._stop_controller()
+            stop_controller(self._settings.namespace.rstrip("/"))
         if self._jog is None or self._jog.arm is not story.arm:
             settings = self._settings.for_robot(self._listener.robot, ())
             limits = settings.limits(story.arm)
@@ -66,15 +65,6 @@ class Driving:
                 self._jog = Jog(story.arm, limits, Resolver(story.arm, limits))
                 self._topics = topics
         return self._jog
-
-    def _stop_controller(self) -> None:
-        """It would command the joints as well."""
-        name = f"{self._settings.namespace.rstrip('/')}/controller/stop"
-        try:
-            rospy.wait_for_service(name, 0.5)
-            rospy.ServiceProxy(name, Trigger)()
-        except (rospy.ROSException, rospy.ServiceException, OSError):
-            return  # it is not there any more
 
     def _run(self) -> None:
         while not rospy.is_shutdown():

@@ -6,10 +6,8 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import numpy as np
-import rospkg
 import rospy
 from aras_visual_servo_camera.msg import ImageMoments
 from aras_visual_servo_controller.msg import ServoReport, ServoState
@@ -24,6 +22,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.loop.state import ServoState as State
 from aras_visual_servo_controller.ros.description import DescriptionWatch
+from aras_visual_servo_controller.ros.given import package
 from aras_visual_servo_controller.ros.read_back import state_of
 from aras_visual_servo_controller.settings import Settings
 
@@ -170,5 +169,4 @@ def listener_settings(given: dict[str, object]) -> Settings:
     Raises:
         ConfigurationError: one line for a parameter that cannot be.
     """
-    package = Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
-    return Settings.from_mapping(given, package)
+    return Settings.from_mapping(given, package())

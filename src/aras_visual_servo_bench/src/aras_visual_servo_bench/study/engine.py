@@ -78,15 +78,15 @@ def carry_out(
             out += 1
         if not out:
             break
-        done = pool.next()
-        if done.rows is None:  # its worker died: once more, run by run
-            pool.submit(done.task)
+        task, done = pool.next()
+        if done is None:  # its worker died: once more, run by run
+            pool.submit(task)
             continue
         out -= 1
-        folder.write(done.task.chunk, done.rows)
-        bad = [values for values in done.rows.values if not succeeded(values)]
+        folder.write(task.chunk, done)
+        bad = [values for values in done.values if not succeeded(values)]
         failed += len(bad)
-        progress.more(len(done.rows.values), len(bad))
+        progress.more(len(done.values), len(bad))
         if fail_fast and bad:
             stopped = stopped or bad[0]
     if not todo:

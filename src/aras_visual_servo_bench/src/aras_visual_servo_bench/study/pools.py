@@ -11,7 +11,7 @@ import time
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import TracebackType
 from typing import Any
 
@@ -33,12 +33,7 @@ TICK = "10s"  # between two looks of a worker, or the scheduler, at itself
 DEATHS = 5  # of workers over one chunk, guarded or not, after which the cluster is to blame
 
 
-@dataclass(frozen=True)
-class Done:
-    """A chunk that is done. task: which. rows: None where its worker died."""
-
-    task: StudyTask
-    rows: rows.Rows | None
+Done = tuple[StudyTask, rows.Rows | None]  # a chunk and its rows; None: its worker died
 
 
 class Pool(ABC):
@@ -91,7 +86,7 @@ class ThisProcess(Pool):
     def next(self) -> Done:
         """Carry it out."""
         task = self._waiting.popleft()
-        return Done(task, work.carry_out(task))
+        return task, work.carry_out(task)
 
 
 class DaskPool(Pool):
@@ -176,7 +171,7 @@ class DaskPool(Pool):
                 done = future.result(timeout=60)
                 self._since += 1
                 self._deaths.pop(task.chunk, None)
-                return Done(task, done)
+                return task, done
             error = future.exception(timeout=60) if future.status == "error" else None
         except StopIteration:
             raise StudyError("the workers have nothing left to do") from None
@@ -191,7 +186,7 @@ class DaskPool(Pool):
                     f"{deaths} workers died over chunk {task.chunk}, even with its runs in "
                     "processes of their own: look at the machine's memory and the workers' logs"
                 )
-            return Done(task, None)
+            return task, None
         if error is None:
             raise self._lost(None)
         if isinstance(error, StudyError):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,20 +23,13 @@ from .folder import Folder
 from .versions import code, versions
 
 
-@dataclass(frozen=True)
-class Replay:
-    """The run again, with its pictures. number, study: which of which folder. row: as it is now.
-    changed: what is not as it was recorded, by column."""
+def replay(
+    folder: Folder, number: int, name: str = ""
+) -> tuple[Run, dict[str, tuple[Any, Any]]]:
+    """Carry a run out once more, with its pictures, for a report.
 
-    number: int
-    study: Path
-    run: Run
-    row: dict[str, Any]
-    changed: dict[str, tuple[Any, Any]]
-
-
-def replay(folder: Folder, number: int) -> Replay:
-    """Carry a run out once more.
+    Returns:
+        The run, and what is not as it was recorded, old and new by column: notes tell it as well.
 
     Raises:
         StudyError: there is no such run, or it cannot be run.
@@ -57,7 +50,12 @@ def replay(folder: Folder, number: int) -> Replay:
         if key in recorded and recorded[key] != value
         and not (recorded[key] != recorded[key] and value != value)
     }  # fmt: skip
-    return Replay(number, folder.path, run, now, changed)
+    run = _for_report(run, name or f"run {number}", f"run {number} of the study {folder.path}")
+    run.notes += [
+        f"not as it was recorded: {key} was {old}, is {new}"
+        for key, (old, new) in changed.items()
+    ]
+    return run, changed
 
 
 def carried_out(name: str, experiment: Experiment, source: str = "") -> Run:
@@ -105,27 +103,15 @@ def _picture(reading: CameraReading, loop: Loop) -> np.ndarray:
     return image[..., ::-1].copy() if reading.encoding.startswith("bgr") else image
 
 
-def write(shown: Replay, out: Path) -> list[Path]:
+def write(run: Run, out: Path) -> list[Path]:
     """The report, with video.mp4 where there are pictures; StudyError where it cannot."""
     try:
-        written = write_report([record(shown)], out, ("png",))
-        if shown.run.images.pictures:
-            written.append(_video(shown.run, out / "video.mp4"))
+        written = write_report([run], out, ("png",))
+        if run.images.pictures:
+            written.append(_video(run, out / "video.mp4"))
     except OSError as error:
         raise StudyError(f"cannot write into {out}: {error.strerror or error}") from None
     return written
-
-
-def record(shown: Replay, name: str = "") -> Run:
-    """The run as a report takes it, with what is not as it was recorded for a note."""
-    found = _for_report(
-        shown.run, name or f"run {shown.number}", f"run {shown.number} of the study {shown.study}"
-    )
-    found.notes += [
-        f"not as it was recorded: {key} was {old}, is {new}"
-        for key, (old, new) in shown.changed.items()
-    ]
-    return found
 
 
 def _video(run: Run, path: Path) -> Path:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 
 import numpy as np
 import rospy
 from std_msgs.msg import Float64, Float64MultiArray
+from std_srvs.srv import Trigger
 
 from ..settings import Settings
 
+STOPPING = 0.5  # s of wall time for the controller's services to be there
 KEPT = 10  # commands that wait for a slow connection; the last one counts, a recorder wants all
 
 
@@ -52,3 +55,14 @@ def publish(publisher: rospy.Publisher, message: object) -> None:
     except rospy.ROSException:
         if not rospy.core.is_shutdown_requested():
             raise
+
+
+def stop_controller(space: str) -> bool:
+    """Have the controller of a namespace, which would command the joints as well, stop; whether it
+    answered."""
+    with contextlib.suppress(rospy.ROSException, rospy.ServiceException, OSError):
+        name = f"{space}/controller/stop"
+        rospy.wait_for_service(name, STOPPING)
+        rospy.ServiceProxy(name, Trigger)()
+        return True
+    return False

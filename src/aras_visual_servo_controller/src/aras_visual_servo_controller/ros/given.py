@@ -7,6 +7,10 @@ from pathlib import Path
 import rospkg
 import rospy
 
+from aras_visual_servo_base.urdf import robot_name
+
+from ..arm import Arm
+from ..errors import ConfigurationError
 from ..settings import Settings
 from .reconfigure import NAMESPACE as GAINS
 
@@ -17,12 +21,30 @@ def given_settings() -> tuple[Settings, dict[str, object]]:
     Raises:
         ConfigurationError: one line for a parameter, scheme, law or goal that cannot be.
     """
-    package = Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
     given = rospy.get_param("~", {})
     given.pop(GAINS[1:], None)
     given.setdefault("lockstep", rospy.get_param("/gazebo/speed_mode", "") == "lockstep")
-    settings = Settings.from_mapping(given, package)
+    settings = Settings.from_mapping(given, package())
     settings.make_scheme()  # what is wrong with it needs no robot to be told
     if settings.desired != "auto":
         settings.load_goal()
     return settings, given
+
+
+def package() -> Path:
+    """Directory of this package."""
+    return Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
+
+
+def robots_settings(given: dict[str, object]) -> tuple[Settings, Arm]:
+    """Settings for the robot that is there now, with what is given of them, and its arm.
+
+    Raises:
+        ConfigurationError: there is no robot, or what cannot be of it.
+    """
+    settings = Settings.from_mapping(given, package())
+    urdf = str(rospy.get_param(settings.description, ""))
+    if not urdf:
+        raise ConfigurationError(f"no robot description on parameter {settings.description}")
+    settings = settings.for_robot(robot_name(urdf), given)
+    return settings, settings.arm(urdf)

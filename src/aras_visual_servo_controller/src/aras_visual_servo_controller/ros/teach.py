@@ -6,10 +6,8 @@ import argparse
 import time
 from pathlib import Path
 
-import rospkg
 import rospy
 
-from aras_visual_servo_base.urdf import robot_name
 from aras_visual_servo_ros.shutdown import begin_node
 
 from ..errors import ServoError
@@ -17,8 +15,8 @@ from ..goals.goal import Goal
 from ..goals.starts import start_joints
 from ..goals.teaching import Teacher, goal_of
 from ..seeing.observation import Need
-from ..settings import Settings
 from .commands import CommandTopics
+from .given import robots_settings
 from .inputs import Inputs
 
 
@@ -29,14 +27,8 @@ def live(arguments: argparse.Namespace) -> Goal:
         ServoError: nothing usable is seen in time, with the reason.
     """
     begin_node("teach", anonymous=True)
-    package = Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
-    given = {"scheme": arguments.scheme}
-    settings = Settings.from_mapping(given, package)
-    urdf = str(rospy.get_param(settings.description, ""))
-    if not urdf:
-        raise ServoError(f"no robot description on parameter {settings.description}")
-    settings = settings.for_robot(robot_name(urdf), given)
-    arm, scheme = settings.arm(urdf), settings.make_scheme()
+    settings, arm = robots_settings({"scheme": arguments.scheme})
+    scheme, package = settings.make_scheme(), settings.package
     observer = settings.observer(arm, scheme)
     if observer.needs <= {Need.MOMENTS, Need.KERNEL}:
         observer.needs |= {Need.MOMENTS}

@@ -9,22 +9,19 @@ import time
 from pathlib import Path
 
 import numpy as np
-import rospkg
 import rospy
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Float64
-from std_srvs.srv import Trigger
 
 from aras_visual_servo_base.names import unknown
-from aras_visual_servo_base.urdf import robot_name
 
 from ..arm import Resolver
 from ..errors import ConfigurationError, MeasurementError, ServoError
 from ..hands import teleop
 from ..hands.gamepad import HELP, JoyDevice, twist_of
 from ..hands.jog import Jog
-from ..settings import Settings
-from .commands import CommandTopics
+from .commands import CommandTopics, stop_controller
+from .given import robots_settings
 
 PERIOD = 0.02  # s of wall time between two commands
 
@@ -34,13 +31,8 @@ class Teleop:
 
     def __init__(self) -> None:
         """ConfigurationError: no robot, or a joint that it has not."""
-        package = Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
-        settings = Settings(package=package)
-        urdf = str(rospy.get_param(settings.description, ""))
-        if not urdf:
-            raise ConfigurationError(f"no robot description on parameter {settings.description}")
-        settings = settings.for_robot(robot_name(urdf), ())
-        self._arm = arm = settings.arm(urdf)
+        settings, arm = robots_settings({})
+        self._arm = arm
         self._limits, self._space = settings.limits(arm), settings.namespace.rstrip("/")
         self._joints = {
             way: str(rospy.get_param(f"~{way}", name))
@@ -136,10 +128,7 @@ class Teleop:
         if self._stopped:
             return
         self._stopped = True
-        with contextlib.suppress(rospy.ROSException, rospy.ServiceException, OSError):
-            name = f"{self._space}/controller/stop"
-            rospy.wait_for_service(name, 0.3)
-            rospy.ServiceProxy(name, Trigger)()
+        if stop_controller(self._space):
             print("the controller is stopped: its service start lets it go on")
 
     def _on_joints(self, message: JointState) -> None:

@@ -35,7 +35,7 @@ from .goals.goal import Goal
 from .goals.starts import start_joints
 from .goals.teaching import by_geometry
 from .laws import LAWS, Law, create_law
-from .laws.proportional import GREATEST_GAIN
+from .laws.base import GREATEST_GAIN
 from .loop.servo import Servo
 from .loop.state import ByJoint, ServoSettings, by_joint
 from .schemes import JointController, Scheme, create_scheme

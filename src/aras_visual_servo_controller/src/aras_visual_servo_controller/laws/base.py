@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 
 from ..errors import ConfigurationError
+
+# Above this a gain is a mistake of units: at 30 images a second 60/s already rings.
+GREATEST_GAIN = 1000.0
 
 
 class Law(ABC):
@@ -14,9 +19,15 @@ class Law(ABC):
 
     Numbers that may be changed while it runs (by dynamic_reconfigure) are plain attributes named
     in `gains`; `change` sets them, `check` refuses bad ones.
+
+    Attributes:
+        title: of the law, for messages.
+        greatest: of the numbers that have to be above 0, by name; inf: there is none.
     """
 
     gains: tuple[str, ...] = ()
+    title: ClassVar[str] = ""
+    greatest: ClassVar[Mapping[str, float]] = {}
 
     @abstractmethod
     def rate(
@@ -46,6 +57,8 @@ class Law(ABC):
         Raises:
             ConfigurationError: naming the gain, its value and what would be right.
         """
+        for name, most in self.greatest.items():
+            check_gain(self.title, name, getattr(self, name), most)
 
     def change(self, **gains: float) -> None:
         """Take other gains, also while it runs; those that are not named stay.
@@ -66,9 +79,13 @@ class Law(ABC):
             setattr(self, name, float(value))
 
 
-def positive(owner: str, **values: float) -> None:
-    """Raise ConfigurationError unless every value is a finite number above 0."""
-    for name, value in values.items():
-        number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-        if not (number and np.isfinite(value) and value > 0.0):
-            raise ConfigurationError(f"{owner}: {name} is {value!r}, it must be a number above 0")
+def check_gain(owner: str, name: str, value: object, most: float = GREATEST_GAIN) -> None:
+    """Raise ConfigurationError unless the value is a finite number above 0 and not above `most`."""
+    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    if not (number and np.isfinite(value) and value > 0.0):
+        raise ConfigurationError(f"{owner}: {name} is {value!r}, it must be a number above 0")
+    if value > most:
+        raise ConfigurationError(
+            f"{owner}: {name} is {value:g} 1/s, more than {most:g}: no camera is that fast (a gain "
+            "of 5 settles within a second)"
+        )

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import ConfigurationError
-from .base import Law, positive
-from .proportional import GREATEST_GAIN, check_gain
+from .base import GREATEST_GAIN, Law
 
 
 class ProportionalIntegral(Law):
@@ -17,16 +16,12 @@ class ProportionalIntegral(Law):
     `bound` times the proportional gain times the error's own start, no wind-up.
     """
 
-    gains = ("gain", "integral")
+    gains, title = ("gain", "integral"), "PI law"
+    greatest = {"gain": GREATEST_GAIN, "integral": np.inf, "bound": np.inf}
 
     def __init__(self, gain: float = 4.0, integral: float = 2.0, bound: float = 1.0) -> None:
         self.change(gain=gain, integral=integral, bound=bound)
         self.reset()
-
-    def check(self) -> None:
-        """See Law.check."""
-        check_gain("PI law", gain=self.gain)
-        positive("PI law", integral=self.integral, bound=self.bound)
 
     def reset(self) -> None:
         """See Law.reset."""
@@ -53,15 +48,15 @@ class SlidingMode(Law):
     boundary layer in units of the error, within which the switch is a straight line (no chatter).
     """
 
-    gains = ("gain", "reach", "width")
+    gains, title = ("gain", "reach", "width"), "sliding-mode law"
+    greatest = {"gain": GREATEST_GAIN, "reach": np.inf, "width": np.inf}
 
     def __init__(self, gain: float = 3.0, reach: float = 0.02, width: float = 0.01) -> None:
         self.change(gain=gain, reach=reach, width=width)
 
     def check(self) -> None:
         """See Law.check."""
-        check_gain("sliding-mode law", gain=self.gain)
-        positive("sliding-mode law", reach=self.reach, width=self.width)
+        super().check()
         steepest = self.gain + self.reach / self.width
         if steepest > GREATEST_GAIN:
             raise ConfigurationError(

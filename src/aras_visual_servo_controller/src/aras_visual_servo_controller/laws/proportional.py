@@ -11,34 +11,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..errors import ConfigurationError
-from .base import Law, positive
-
-# Above this a gain is a mistake of units: at 30 images a second 60/s already rings.
-GREATEST_GAIN = 1000.0
-
-
-def check_gain(owner: str, **values: float) -> None:
-    """Raise ConfigurationError unless every gain is above 0 and below GREATEST_GAIN, 1/s."""
-    positive(owner, **values)
-    for name, value in values.items():
-        if value > GREATEST_GAIN:
-            raise ConfigurationError(
-                f"{owner}: {name} is {value:g} 1/s, more than {GREATEST_GAIN:g}: no camera is "
-                "that fast (a gain of 5 settles within a second)"
-            )
+from .base import GREATEST_GAIN, Law, check_gain
 
 
 class Proportional(Law):
     """e_dot = -gain e: every feature decays as exp(-gain t). gain in 1/s."""
 
-    gains = ("gain",)
+    gains, title = ("gain",), "proportional law"
+    greatest = {"gain": GREATEST_GAIN}
 
     def __init__(self, gain: float = 5.0) -> None:
         self.change(gain=gain)
-
-    def check(self) -> None:
-        """See Law.check."""
-        check_gain("proportional law", gain=self.gain)
 
     def rate(
         self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
@@ -54,15 +37,15 @@ class Adaptive(Law):
     n the largest component of L^+ e (m and rad). zero, infinity in 1/s, slope in 1/s per unit.
     """
 
-    gains = ("zero", "infinity", "slope")
+    gains, title = ("zero", "infinity", "slope"), "adaptive law"
+    greatest = {"zero": GREATEST_GAIN, "infinity": GREATEST_GAIN, "slope": np.inf}
 
     def __init__(self, zero: float = 5.0, infinity: float = 2.0, slope: float = 30.0) -> None:
         self.change(zero=zero, infinity=infinity, slope=slope)
 
     def check(self) -> None:
         """See Law.check."""
-        check_gain("adaptive law", zero=self.zero, infinity=self.infinity)
-        positive("adaptive law", slope=self.slope)
+        super().check()
         if self.zero <= self.infinity:
             raise ConfigurationError(
                 f"adaptive law: gain at zero {self.zero} must exceed the one at infinity "
@@ -86,7 +69,8 @@ class Diagonal(Law):
     def __init__(self, values: Sequence[float]) -> None:
         if not isinstance(values, Sequence | np.ndarray) or len(values) == 0:
             raise ConfigurationError(f"diagonal law: {values!r} must be a list of gains")
-        check_gain("diagonal law", **{f"gain {i}": v for i, v in enumerate(values)})
+        for i, value in enumerate(values):
+            check_gain("diagonal law", f"gain {i}", value)
         self.values = np.array(values, float)
 
     def rate(

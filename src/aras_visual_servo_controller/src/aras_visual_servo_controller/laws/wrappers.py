@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .base import Law, positive
+from .base import Law
 
 
 class ContinuousStart(Law):
@@ -15,16 +15,12 @@ class ContinuousStart(Law):
     F. Chaumette, Task sequencing for high-level sensor-based control, IEEE T-RO 23(1), 2007.
     """
 
-    gains = ("mu",)
+    gains, title, greatest = ("mu",), "continuous start", {"mu": np.inf}
 
     def __init__(self, law: Law, mu: float = 4.0) -> None:
         self.law = law
         self.change(mu=mu)
         self.reset()
-
-    def check(self) -> None:
-        """See Law.check."""
-        positive("continuous start", mu=self.mu)
 
     def reset(self) -> None:
         """See Law.reset."""
@@ -45,16 +41,12 @@ class ContinuousStart(Law):
 class Ramp(Law):
     """The wanted rate of the law inside, rising from 0 as 1 - exp(-t / time). time in s."""
 
-    gains = ("time",)
+    gains, title, greatest = ("time",), "ramp", {"time": np.inf}
 
     def __init__(self, law: Law, time: float = 0.1) -> None:
         self.law = law
         self.change(time=time)
         self.reset()
-
-    def check(self) -> None:
-        """See Law.check."""
-        positive("ramp", time=self.time)
 
     def reset(self) -> None:
         """See Law.reset."""

@@ -11,7 +11,7 @@ from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
 
 from ..errors import ConfigurationError
 from ..laws import Law
-from ..laws.proportional import GREATEST_GAIN
+from ..laws.base import GREATEST_GAIN
 from ..loop.servo import Servo
 
 if TYPE_CHECKING:
@@ -26,14 +26,15 @@ class GainServer:
 
     def __init__(self, owner: Owner) -> None:
         self._owner = owner
-        gains = {name: getattr(law, name) for name, law in _laws(owner.driver.servo).items()}
-        if not gains:
+        laws = _laws(owner.driver.servo)
+        if not laws:
             return
-        fields = [
-            Field(name, "double", gain, min(LEAST, gain), max(GREATEST_GAIN, gain),
-                  f"{name} of the law")  # fmt: skip
-            for name, gain in gains.items()
-        ]
+        fields = []
+        for name, law in laws.items():
+            gain = getattr(law, name)
+            most = min(law.greatest.get(name, GREATEST_GAIN), GREATEST_GAIN)
+            fields.append(Field(name, "double", gain, min(LEAST, gain), max(most, gain),
+                                f"{name} of the law"))  # fmt: skip
         self._server = ReconfigureServer(rospy.resolve_name(NAMESPACE), fields, {}, self._apply)
 
     def _apply(self, values: dict[str, Value]) -> None:

@@ -9,9 +9,7 @@ import rospy
 from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import Image as ImageMessage
 
-from aras_visual_servo_ros.connections import open_wide
-from aras_visual_servo_ros.master_watch import MasterWatch
-from aras_visual_servo_ros.shutdown import begin_node, end_without_master
+from aras_visual_servo_ros.shutdown import beats, node_main
 
 from .errors import CalibrationError, VisionError
 from .images import decode
@@ -42,12 +40,9 @@ class CameraNode:
 
     def watch(self) -> None:
         """Until shutdown: say now and then what the node waits for; end when the master is gone."""
-        period = self.parameters.log_period
-        master = MasterWatch(rospy.get_name())
-        while not (rospy.is_shutdown() or end_without_master(master)):
-            if time.monotonic() - self._last_image > period:
+        for _ in beats(0.2):
+            if time.monotonic() - self._last_image > self.parameters.log_period:
                 self._say("image", f"waiting for images on {rospy.resolve_name(IMAGE_TOPIC)}")
-            time.sleep(0.2)
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
@@ -79,14 +74,11 @@ class CameraNode:
 
 def main() -> int:
     """Run the node; exit status 1 if its parameters are wrong."""
-    begin_node("aras_visual_servo_camera", __doc__)
-    open_wide()
+    return node_main("aras_visual_servo_camera", __doc__, _run, VisionError)
+
+
+def _run() -> None:
     given = rospy.get_param("~", {})
-    try:
-        node = CameraNode(VisionParameters.from_mapping(given if isinstance(given, dict) else {}))
-    except VisionError as error:
-        rospy.logfatal(str(error))
-        return 1
+    node = CameraNode(VisionParameters.from_mapping(given if isinstance(given, dict) else {}))
     rospy.loginfo("camera node ready, layout '%s'", node.parameters.settings.layout)
     node.watch()
-    return 0

@@ -8,9 +8,12 @@ import os
 import signal
 import sys
 import threading
+import time
+from collections.abc import Callable, Iterator
 
 import rospy
 
+from .connections import open_wide
 from .master_watch import MasterWatch
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM)
@@ -91,3 +94,26 @@ def end_without_master(watch: MasterWatch) -> bool:
     print(f"{rospy.get_name()[1:]}: {reason}: ending", file=sys.stderr)
     rospy.signal_shutdown(reason)
     return True
+
+
+def beats(period: float) -> Iterator[None]:
+    """Every so many seconds of wall time, until ROS shuts down, or the master has gone, with which
+    this node ends."""
+    master = MasterWatch(rospy.get_name())
+    while not (rospy.is_shutdown() or end_without_master(master)):
+        yield
+        time.sleep(period)
+
+
+def node_main(
+    name: str, about: str, run: Callable[[], object], fault: type[Exception], **options: bool
+) -> int:
+    """Begin a node, and run it to its end; a fault is one fatal line. Returns the exit status."""
+    begin_node(name, about, **options)
+    open_wide()
+    try:
+        run()
+    except fault as error:
+        rospy.logfatal("%s", error)
+        return 1
+    return 0

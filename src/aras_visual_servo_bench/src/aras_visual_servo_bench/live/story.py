@@ -6,7 +6,6 @@ the camera's path and the features' trajectories from there on, and the straight
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -23,6 +22,7 @@ from aras_visual_servo_controller.loop.state import (
 )
 
 from ..pictures.palette import LIVE, rgb
+from ..recording.tracks import numbered
 from .shapes import (
     ARROW,
     LINES,
@@ -54,7 +54,6 @@ NEAR = 5e-4  # m between two points of the path
 NEAR_IN_PICTURE = 2e-3  # likewise of trajectories, normalised
 BESIDE = (-0.29, 0.24, 0.19)  # m from the camera to the words, in the base: beside the arm
 MOST = 6  # errors that are read out
-POINT = re.compile(r"^(.*)x(\d+)$")  # x0 and y0 are a place in the picture
 
 
 NOTHING = ServoState(0.0, "")  # before the controller has said anything
@@ -122,8 +121,9 @@ class Story:
             if self.began is None:
                 self.began = np.array(pose)
             self._path.add(pose[:3, 3])
-        for name, x, y in _points_of(told):
-            self.see(name, x, y)
+        features = () if told.decision is None else told.decision.features
+        for number, (x, y) in numbered(told.names).items():
+            self.see(f"point {number}", features[x], features[y])
 
     def see(self, name: str, x: float, y: float) -> None:
         """Where something of the target is in the picture, normalised."""
@@ -223,18 +223,6 @@ class Story:
     def _line(name: str, points: np.ndarray, colour: Rgba, width: float) -> Shape:
         """A curve; one point alone is none."""
         return Shape(name, STRIP, points if len(points) > 1 else np.zeros((0, 3)), colour, width)
-
-
-def _points_of(told: ServoState) -> list[tuple[str, float, float]]:
-    """Features that are places in the picture: x0 and y0, x1 and y1, ..."""
-    features = () if told.decision is None else told.decision.features
-    values, found = dict(zip(told.names, features, strict=False)), []
-    for name, x in values.items():
-        match = POINT.match(name)
-        y = values.get(f"{match[1]}y{match[2]}") if match else None
-        if y is not None:
-            found.append((f"point {match[2]}", x, y))
-    return found
 
 
 def _folded(text: str, width: int = 44) -> str:

@@ -46,22 +46,27 @@ def tracks(run: Run) -> Tracks | None:
 
 def _point_tracks(run: Run) -> Tracks | None:
     """Of features that are image points themselves: x0, y0, x1, ..."""
-    found = [POINT.match(name) for name in run.names]
-    if not found or not all(found):
+    points = numbered(run.names)
+    if not points or 2 * len(points) != len(run.names):
         return None
-    numbers = sorted({int(match[2]) for match in found})
-    at = {(match[1], int(match[2])): i for i, match in enumerate(found)}
-    if not all(("x", n) in at and ("y", n) in at for n in numbers):
-        return None
-    pairs = [(at["x", n], at["y", n]) for n in numbers]
+    pairs = [list(pair) for pair in points.values()]
     seen = np.stack([_pixels(run.camera, run.features[:, pair]) for pair in pairs], 1)
     known = np.flatnonzero(np.isfinite(run.desired).all(axis=1))
     wanted = np.full((len(pairs), 2), np.nan)
     if known.size:
         last = run.desired[known[-1]]
         wanted = np.concatenate([_pixels(run.camera, last[None, pair]) for pair in pairs])
-    names = tuple(f"point {n}" for n in numbers)
+    names = tuple(f"point {n}" for n in points)
     return Tracks(names, run.stamp, seen, wanted, measured=True)
+
+
+def numbered(names: Sequence[str]) -> dict[int, tuple[int, int]]:
+    """Of features that are image points, x0, y0, x1, ...: places of x and y, by number."""
+    found: dict[int, dict[str, int]] = {}
+    for i, name in enumerate(names):
+        if match := POINT.match(name):
+            found.setdefault(int(match[2]), {})[match[1]] = i
+    return {n: (at["x"], at["y"]) for n, at in sorted(found.items()) if len(at) == 2}
 
 
 def _corner_tracks(run: Run) -> Tracks | None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 import threading
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,8 +15,7 @@ from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.settings import build, defaults, parameter
 from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_ros.connections import open_wide
-from aras_visual_servo_ros.master_watch import MasterWatch
-from aras_visual_servo_ros.shutdown import begin_node, end_without_master
+from aras_visual_servo_ros.shutdown import beats, begin_node
 
 from ..errors import BenchError
 from ..live.page import Page
@@ -197,7 +195,8 @@ def main() -> int:
     print(f"\n    {server.access.address}\n", flush=True)  # a line that a terminal makes a link of
     status = 0
     try:
-        _watch(dashboard)
+        for _ in beats(PERIOD):
+            dashboard.refresh()
     except ServoError as error:
         rospy.logfatal("%s", error)
         status = 1
@@ -208,13 +207,6 @@ def main() -> int:
             thread.join(5.0)
     sys.stdout.flush()
     os._exit(status)  # a tool that still runs for the page would be waited for
-
-
-def _watch(dashboard: Dashboard) -> None:
-    master = MasterWatch(rospy.get_name())
-    while not rospy.is_shutdown() and not end_without_master(master):
-        dashboard.refresh()
-        time.sleep(PERIOD)
 
 
 if __name__ == "__main__":

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import time
-
 import rospy
 from geometry_msgs.msg import Point
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_ros.connections import open_wide
-from aras_visual_servo_ros.master_watch import MasterWatch
-from aras_visual_servo_ros.shutdown import begin_node, end_without_master
+from aras_visual_servo_ros.shutdown import beats, node_main
 
 from ..live.shapes import ARROW, FACES, LINES, STRIP, TEXT, Shape
 from .listener import Listener, listener_settings
@@ -60,24 +56,18 @@ def markers(shapes: list[Shape], frame: str, before: set[str]) -> MarkerArray:
 
 def main() -> int:
     """Run the node; returns its exit status."""
-    begin_node("aras_visual_servo_markers", __doc__, disable_rostime=True)
-    open_wide()
-    try:
-        settings = listener_settings(rospy.get_param("~", {}))
-        listener = Listener(settings)
-        topic = f"{settings.namespace.rstrip('/')}/markers"
-        publisher = rospy.Publisher(topic, MarkerArray, queue_size=1)
-        _publish(listener, publisher)
-    except ConfigurationError as error:
-        rospy.logfatal("%s", error)
-        return 1
-    return 0
+    return node_main(
+        "aras_visual_servo_markers", __doc__, _publish, ConfigurationError, disable_rostime=True
+    )
 
 
-def _publish(listener: Listener, publisher: rospy.Publisher) -> None:
+def _publish() -> None:
     """Draw, ten times a second, for whoever looks."""
-    master, drawn, target = MasterWatch(rospy.get_name()), set(), TargetWatch()
-    while not rospy.is_shutdown() and not end_without_master(master):
+    settings = listener_settings(rospy.get_param("~", {}))
+    listener, target, drawn = Listener(settings), TargetWatch(), set()
+    topic = f"{settings.namespace.rstrip('/')}/markers"
+    publisher = rospy.Publisher(topic, MarkerArray, queue_size=1)
+    for _ in beats(PERIOD):
         story = listener.look()
         if story is not None and publisher.get_num_connections():
             target.tell(story, listener.robot)
@@ -85,4 +75,3 @@ def _publish(listener: Listener, publisher: rospy.Publisher) -> None:
                 shapes, frame = story.shapes(), story.arm.target_frame or story.arm.base_frame
             publisher.publish(markers(shapes, frame, drawn))
             drawn = {shape.name for shape in shapes}
-        time.sleep(PERIOD)

@@ -56,8 +56,8 @@ def _move(motion: Motion, model: str) -> int:
     import rospy
     from gazebo_msgs.msg import ModelState
     from gazebo_msgs.srv import GetModelState, SetModelState
-    from geometry_msgs.msg import Point, Quaternion
 
+    from aras_sim_bridge.ros.conversions import from_pose, to_pose
     from aras_visual_servo_ros.shutdown import begin_node
 
     begin_node("move_target", anonymous=True)
@@ -76,15 +76,13 @@ def _move(motion: Motion, model: str) -> int:
             f"the simulation has no model '{model}' ({found.status_message}): launch it with "
             "target:=four_dots, or say --model"
         )
-    place, turn = found.pose.position, found.pose.orientation
-    pose = Pose((place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w))
-    target = PlacedTarget(POINT, pose.matrix(), motion)
+    target = PlacedTarget(POINT, from_pose(found.pose, model).matrix(), motion)
     ask = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState, persistent=True)
     began, rate = rospy.get_time(), rospy.Rate(RATE)
     while not rospy.is_shutdown():
         moved = Pose.from_matrix(target.world_T_target(rospy.get_time() - began))
         state = ModelState(model_name=model, reference_frame="world")
-        state.pose.position, state.pose.orientation = Point(*moved.xyz), Quaternion(*moved.quat)
+        state.pose = to_pose(moved)
         try:
             ask(state)
             rate.sleep()

@@ -9,7 +9,7 @@ import rospy
 from geometry_msgs.msg import PoseStamped
 
 from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_base.poses import Pose
+from aras_sim_bridge.ros.conversions import from_pose
 
 from ..live.outlines import NOTHING, Drawing, drawing_of
 from ..live.story import Story
@@ -58,9 +58,7 @@ class TargetWatch:
             found = self._told
         if found is None:
             return None
-        place, turn = found.pose.position, found.pose.orientation
-        pose = Pose((place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w))
-        return pose.matrix()
+        return from_pose(found.pose, "target").matrix()
 
     def _on_target(self, message: PoseStamped) -> None:
         self._told = message

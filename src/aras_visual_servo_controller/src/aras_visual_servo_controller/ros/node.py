@@ -8,9 +8,7 @@ import numpy as np
 import rospy
 
 from aras_visual_servo_base.urdf import robot_name
-from aras_visual_servo_ros.connections import open_wide
-from aras_visual_servo_ros.master_watch import MasterWatch
-from aras_visual_servo_ros.shutdown import begin_node, end_without_master
+from aras_visual_servo_ros.shutdown import beats, node_main
 
 from ..errors import ConfigurationError
 from ..loop.driver import Driver
@@ -32,7 +30,6 @@ class ControllerNode:
 
     def __init__(self, settings: Settings, given: dict[str, object]) -> None:
         self._settings, self._given = settings, given
-        self._master = MasterWatch(rospy.get_name())
         self.driver: Driver | None = None
         self.face: RosFace | None = None
         self._control: Control | None = None
@@ -61,20 +58,18 @@ class ControllerNode:
         self._goal.announce(servo)
         self._inputs = Inputs(settings, self.driver, e_stop_topic(urdf, settings.namespace))
 
-    def spin(self) -> int:
-        """Watch until ROS shuts down, on wall time: simulated time may stop. Exit status."""
-        while not (rospy.is_shutdown() or end_without_master(self._master)):
-            try:
-                began = None if self.driver is None else self.driver.beginnings
-                if urdf := self._description.new(began):
-                    self.build(urdf)
-                if self.driver is not None:
-                    self.driver.watch()
-            except ConfigurationError as error:
-                rospy.logfatal("%s", error)
-                return 1
-            time.sleep(WATCH_PERIOD)
-        return 0
+    def spin(self) -> None:
+        """Watch until ROS shuts down, on wall time: simulated time may stop.
+
+        Raises:
+            ConfigurationError: a robot that no loop can be built for.
+        """
+        for _ in beats(WATCH_PERIOD):
+            began = None if self.driver is None else self.driver.beginnings
+            if urdf := self._description.new(began):
+                self.build(urdf)
+            if self.driver is not None:
+                self.driver.watch()
 
     def close(self) -> None:
         """Leave no speed and no effort behind."""
@@ -87,13 +82,10 @@ class ControllerNode:
 
 def main() -> int:
     """Run the node; returns its exit status."""
-    begin_node("aras_visual_servo_controller", __doc__)
-    open_wide()
-    try:
-        settings, given = given_settings()
-    except ConfigurationError as error:
-        rospy.logfatal("%s", error)
-        return 1
-    node = ControllerNode(settings, given)
+    return node_main("aras_visual_servo_controller", __doc__, _run, ConfigurationError)
+
+
+def _run() -> None:
+    node = ControllerNode(*given_settings())
     rospy.on_shutdown(node.close)
-    return node.spin()
+    node.spin()

@@ -268,13 +268,14 @@ def test_every_parameter_is_in_the_readme_with_its_unit_and_default():
         cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
         if len(cells) == 4 and cells[0].startswith("`"):
             rows[cells[0].strip("`")] = cells
-    plain = Settings()
+    plain, told = Settings(), " ".join(f"{Settings.__doc__} {ServoSettings.__doc__} ".split()) + " "
     for field in fields(Settings):
         if field.metadata["internal"]:
             continue
         _, default, unit, text = rows.pop(field.name)
         assert default.strip("`") == str(getattr(plain, field.name)), field.name
-        assert (unit, text) == (field.metadata["unit"], field.metadata["text"]), field.name
+        assert unit == field.metadata["unit"], field.name
+        assert f" {field.name}: {unit + ', ' if unit else ''}{text}. " in told, field.name
     assert not rows
 
 

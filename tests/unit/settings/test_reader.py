@@ -21,7 +21,7 @@ class OwnError(Exception):
 
 @dataclass(frozen=True)
 class Inner:
-    side: float = parameter(0.5, "m", "of it", least=0.0)
+    side: float = parameter(0.5, "m", least=0.0)
     turn: float = 0.0
 
 
@@ -32,7 +32,7 @@ class Other:
 
 @dataclass(frozen=True)
 class Outer:
-    gain: float = parameter(2.0, "1/s", "of the law", above=0.0, most=10.0)
+    gain: float = parameter(2.0, "1/s", above=0.0, most=10.0)
     part: float = parameter(0.0, below=1.0)
     count: int = parameter(3, least=1)
     quiet: bool = False

@@ -55,7 +55,6 @@ copyreg.pickle(types.MappingProxyType, lambda view: (_view, (dict(view),)))
 def parameter(
     default: Any = dataclasses.MISSING,
     unit: str = "",
-    text: str = "",
     *,
     least: float | None = None,
     above: float | None = None,
@@ -68,7 +67,7 @@ def parameter(
     infinite: bool = False,
     internal: bool = False,
 ) -> Any:
-    """A dataclass field with what its table says.
+    """A dataclass field with its rules.
 
     Args:
         least, above, most, below: bounds of a number, and of each in a list or mapping.
@@ -80,7 +79,7 @@ def parameter(
         internal: not to be given from outside.
     """
     rules = {
-        "unit": unit, "text": text, "least": least, "above": above, "most": most, "below": below,
+        "unit": unit, "least": least, "above": above, "most": most, "below": below,
         "choices": tuple(choices), "wanted": wanted, "name": name, "words": words,
         "infinite": infinite, "internal": internal,
     }  # fmt: skip

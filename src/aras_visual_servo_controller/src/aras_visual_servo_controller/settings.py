@@ -70,84 +70,109 @@ class Settings:
     """Parameters of the loop and its node; lengths in m, angles in rad.
 
     What may be given for each joint is one number for all, a list in the arm's order, or numbers
-    by joint name.
+    by joint name. Those of the loop itself are ServoSettings'.
+
+    scheme: feature, scheme, several joined by '+', or 'package.module:Class'.
+    interaction: L at the view: current, desired, mean, estimated.
+    tracker: of a target's points: outline, dots, marker, lines.
+    depth_image: the target's plane is taken from the camera's depth image, in place of goal and
+        kinematics.
+    weights: of stacked features, one each; empty: all alike.
+    smoothing: s, time constant of a low-pass on the errors; 0: none.
+    law: proportional, adaptive, diagonal, pi, sliding_mode, or 'package.module:Class'.
+    gain: 1/s, of the law.
+    gain_zero: 1/s, of the adaptive law at the goal.
+    gain_infinity: 1/s, of the adaptive law far from it.
+    gain_slope: 1/(s m), of the adaptive law.
+    law_options: other arguments of the law, by name.
+    continuous_start: 1/s, rate at which the first speed is let in; 0: at once.
+    ramp: s, time constant with which the gain rises; 0: none.
+    start: initial pose: a name, none, joints, or {xyz, rpy} of the camera.
+    desired: goal: auto (that of the start), a name, or a YAML file.
+    duration: s, of servoing before it has timed out; 0: no end.
+    max_velocity: m/s, rad/s, of each joint; the description's, and needed where that says none.
+    max_acceleration: m/s^2, rad/s^2, of each joint; no limit.
+    lower: m, rad, least position of each joint; the description's.
+    upper: m, rad, greatest position of each joint; the description's.
+    hold_gain: 1/s, at which what the scheme does not model is kept as at the goal.
+    posture: m, rad, positions that joints are drawn to, where free.
+    posture_gain: 1/s, at which.
+    limit_avoidance: keep joints away from their limits, where free.
+    singularity_avoidance: climb manipulability, where free.
+    elbow: side to which stretched elbows bend: -1 or 1, or by joint.
+    wall_watchdog: s, of wall time without one, likewise.
+    camera_frame: of the camera, in the description.
+    base_frame: link that the arm stands on; empty: the root.
+    target_frame: link that carries the target, where the arm moves it.
+    joints: names of the joints to use; empty: all that move the camera.
+    namespace: of joint states, features and commands.
+    camera_namespace: of image_raw, camera_info and depth/image_raw, for schemes that want them.
+    controllers: name of each joint's controller, in the namespace.
+    command_topic: one topic of a group of joints, instead of one each.
+    description: parameter that holds the URDF.
+    listeners: subscribers of controller/state to wait for, 5 s at most.
+    image_timeout: s, of silence before it says so.
+    joint_timeout: s, of silence before it says so.
+    lockstep: one answer for each image; from the simulator's speed_mode unless given.
+    autostart: servo at once; false: wait for start or the action.
+    dry: send no commands: try a scheme on a recorded bag.
+    package: directory of this package.
     """
 
-    scheme: str = parameter("moments", "", "feature, scheme, several joined by '+', or "
-                            "'package.module:Class'", name=True)  # fmt: skip
-    interaction: str = parameter("current", "", "L at the view: current, desired, mean, estimated")
-    tracker: str = parameter(OUTLINE, "", "of a target's points: outline, dots, marker, lines")
-    depth_image: bool = parameter(False, "", "the target's plane is taken from the camera's depth "
-                                  "image, in place of goal and kinematics")  # fmt: skip
-    weights: tuple[float, ...] = parameter((), "", "of stacked features, one each; empty: "
-                                           "all alike")  # fmt: skip
-    smoothing: float = parameter(0.0, "s", "time constant of a low-pass on the errors; 0: none",
-                                 least=0.0, most=10.0)  # fmt: skip
-    law: str = parameter("proportional", "", "proportional, adaptive, diagonal, pi, sliding_mode, "
-                         "or 'package.module:Class'")  # fmt: skip
-    gain: float = parameter(5.0, "1/s", "of the law", above=0.0)
-    gain_zero: float = parameter(5.0, "1/s", "of the adaptive law at the goal", above=0.0)
-    gain_infinity: float = parameter(2.0, "1/s", "of the adaptive law far from it", above=0.0)
-    gain_slope: float = parameter(30.0, "1/(s m)", "of the adaptive law", above=0.0)
-    law_options: Mapping[str, int | float | Any] = parameter({}, "", "other arguments of the "
-                                                             "law, by name")  # fmt: skip
-    continuous_start: float = parameter(0.0, "1/s", "rate at which the first speed is let in; "
-                                        "0: at once", least=0.0)  # fmt: skip
-    ramp: float = parameter(0.0, "s", "time constant with which the gain rises; 0: none", least=0.0)
-    start: Any = parameter("none", "", "initial pose: a name, none, joints, or {xyz, rpy} of the "
-                           "camera", name=True)  # fmt: skip
-    desired: str = parameter("auto", "", "goal: auto (that of the start), a name, or a YAML file",
-                             name=True)  # fmt: skip
+    scheme: str = parameter("moments", name=True)
+    interaction: str = parameter("current")
+    tracker: str = parameter(OUTLINE)
+    depth_image: bool = parameter(False)
+    weights: tuple[float, ...] = parameter(())
+    smoothing: float = parameter(0.0, "s", least=0.0, most=10.0)
+    law: str = parameter("proportional")
+    gain: float = parameter(5.0, "1/s", above=0.0)
+    gain_zero: float = parameter(5.0, "1/s", above=0.0)
+    gain_infinity: float = parameter(2.0, "1/s", above=0.0)
+    gain_slope: float = parameter(30.0, "1/(s m)", above=0.0)
+    law_options: Mapping[str, int | float | Any] = parameter({})
+    continuous_start: float = parameter(0.0, "1/s", least=0.0)
+    ramp: float = parameter(0.0, "s", least=0.0)
+    start: Any = parameter("none", name=True)
+    desired: str = parameter("auto", name=True)
     hold: float = of_loop("hold")
-    duration: float = parameter(0.0, "s", "of servoing before it has timed out; 0: no end",
-                                least=0.0)  # fmt: skip
-    max_velocity: ByJoint | None = by_joint(None, "m/s, rad/s", "of each joint; the description's, "
-                                            "and needed where that says none")  # fmt: skip
-    max_acceleration: ByJoint | None = by_joint(None, "m/s^2, rad/s^2", "of each joint; no limit")
-    lower: ByJoint | None = by_joint(None, "m, rad", "least position of each joint; the "
-                                     "description's")  # fmt: skip
-    upper: ByJoint | None = by_joint(None, "m, rad", "greatest position of each joint; the "
-                                     "description's")  # fmt: skip
-    hold_gain: float = parameter(3.0, "1/s", "at which what the scheme does not model is kept as "
-                                 "at the goal", least=0.0, most=GREATEST_GAIN)  # fmt: skip
-    posture: Mapping[str, float] = parameter({}, "m, rad", "positions that joints "
-                                            "are drawn to, where free")  # fmt: skip
-    posture_gain: float = parameter(1.0, "1/s", "at which", least=0.0, most=GREATEST_GAIN)
-    limit_avoidance: bool = parameter(True, "", "keep joints away from their limits, where free")
-    singularity_avoidance: bool = parameter(False, "", "climb manipulability, where free")
-    elbow: ByJoint | None = by_joint(None, "", "side to which stretched elbows bend: -1 or 1, or "
-                                     "by joint")  # fmt: skip
+    duration: float = parameter(0.0, "s", least=0.0)
+    max_velocity: ByJoint | None = by_joint(None, "m/s, rad/s")
+    max_acceleration: ByJoint | None = by_joint(None, "m/s^2, rad/s^2")
+    lower: ByJoint | None = by_joint(None, "m, rad")
+    upper: ByJoint | None = by_joint(None, "m, rad")
+    hold_gain: float = parameter(3.0, "1/s", least=0.0, most=GREATEST_GAIN)
+    posture: Mapping[str, float] = parameter({}, "m, rad")
+    posture_gain: float = parameter(1.0, "1/s", least=0.0, most=GREATEST_GAIN)
+    limit_avoidance: bool = parameter(True)
+    singularity_avoidance: bool = parameter(False)
+    elbow: ByJoint | None = by_joint(None)
     lead: ByJoint = of_loop("lead")
     lag: float = of_loop("lag")
     approach_speed: float = of_loop("approach_speed")
     delay: float = of_loop("delay")
     watchdog: float = of_loop("watchdog")
-    wall_watchdog: float = parameter(5.0, "s", "of wall time without one, likewise", above=0.0)
+    wall_watchdog: float = parameter(5.0, "s", above=0.0)
     stop_time: float = of_loop("stop_time")
     output: str = of_loop("output")
     stiffness: ByJoint = of_loop("stiffness")
     damping: ByJoint = of_loop("damping")
-    camera_frame: str = parameter("camera_optical_frame", "", "of the camera, in the description")
-    base_frame: str = parameter("", "", "link that the arm stands on; empty: the root")
-    target_frame: str = parameter("", "", "link that carries the target, where the arm moves it")
-    joints: tuple[str, ...] = parameter((), "", "names of the joints to use; empty: all that move "
-                                        "the camera")  # fmt: skip
-    namespace: str = parameter("/aras_visual_servo", "", "of joint states, features and commands")
-    camera_namespace: str = parameter("/labrob/camera", "", "of image_raw, camera_info and "
-                                      "depth/image_raw, for schemes that want them")  # fmt: skip
-    controllers: Mapping[str, Any] = parameter({}, "", "name of each joint's controller, in the "
-                                               "namespace")  # fmt: skip
-    command_topic: str = parameter("", "", "one topic of a group of joints, instead of one each")
-    description: str = parameter("robot_description", "", "parameter that holds the URDF")
-    listeners: float = parameter(0.0, "", "subscribers of controller/state to wait for, 5 s at "
-                                 "most", least=0.0)  # fmt: skip
-    image_timeout: float = parameter(1.0, "s", "of silence before it says so", least=0.1)
-    joint_timeout: float = parameter(1.0, "s", "of silence before it says so", least=0.1)
-    lockstep: bool = parameter(False, "", "one answer for each image; from the simulator's "
-                               "speed_mode unless given")  # fmt: skip
-    autostart: bool = parameter(True, "", "servo at once; false: wait for start or the action")
-    dry: bool = parameter(False, "", "send no commands: try a scheme on a recorded bag")
-    package: Path = parameter(Path("."), "", "directory of this package", internal=True)
+    camera_frame: str = parameter("camera_optical_frame")
+    base_frame: str = parameter("")
+    target_frame: str = parameter("")
+    joints: tuple[str, ...] = parameter(())
+    namespace: str = parameter("/aras_visual_servo")
+    camera_namespace: str = parameter("/labrob/camera")
+    controllers: Mapping[str, Any] = parameter({})
+    command_topic: str = parameter("")
+    description: str = parameter("robot_description")
+    listeners: float = parameter(0.0, least=0.0)
+    image_timeout: float = parameter(1.0, "s", least=0.1)
+    joint_timeout: float = parameter(1.0, "s", least=0.1)
+    lockstep: bool = parameter(False)
+    autostart: bool = parameter(True)
+    dry: bool = parameter(False)
+    package: Path = parameter(Path("."), internal=True)
 
     @classmethod
     def from_mapping(

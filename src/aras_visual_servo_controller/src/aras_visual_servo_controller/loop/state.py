@@ -27,59 +27,57 @@ PHASES = (WAITING, APPROACHING, SERVOING, CONVERGED, HOLDING, STOPPED)
 ByJoint = float | tuple[float, ...] | Mapping[str, float]
 
 
-def by_joint(default: float | None, unit: str, text: str, **bounds: float) -> Any:
+def by_joint(default: float | None, unit: str = "", **bounds: float) -> Any:
     """A setting that may be said for each joint."""
     wanted = "a number, a list of numbers in the arm's order, or {joint: number}"
-    return parameter(default, unit, text, wanted=wanted, **bounds)
+    return parameter(default, unit, wanted=wanted, **bounds)
 
 
 @dataclass(frozen=True)
 class ServoSettings:
     """Numbers of the loop; where a value may be one number or (n,), one counts for all joints.
 
-    The parameters of the node and the experiments have units, defaults, bounds and words of these.
+    The parameters of the node and the experiments have units, defaults and bounds of these. With
+    `lead` and `lag` all joints wait for one that friction holds: its command does not walk away.
 
-    Attributes:
-        start: (n,) joints to go to before the eyes are opened; None: servo from anywhere.
-        lead, lag: of what a command may be ahead of the measured joint, lead + lag |its speed|;
-            then all wait: friction that holds a joint does not let its command walk away.
-        duration: s of servoing after which the run has timed out; inf: never.
+    start: (n,) joints to go to before the eyes are opened; None: servo from anywhere.
+    duration: s of servoing after which the run has timed out; inf: never.
+    hold: s, over which the mean error has to be small.
+    approach_speed: part of max_velocity on the way to the start.
+    arrived: m, rad, distance from the start that counts as there.
+    push: 1/s, with which the command runs after a joint that stays short of the start.
+    settle: s, to stand still at the start before servoing.
+    longest_step: s, as long as which a longer gap between ticks is integrated.
+    lead: m, rad, by which a command may be ahead of its joint.
+    lag: s, of joint speed by which it may be ahead besides.
+    delay: s, from exposure to its answer, in simulated time.
+    watchdog: s, without a fresh answer (or three image periods) before the arm is stopped.
+    watchdog_images: image periods that count likewise.
+    stop_time: s, in which a stop comes to rest.
+    resolve_period: s, for which joint velocities are kept before they are worked out anew.
+    output: what is commanded: position, velocity or effort.
+    stiffness: N/m, N m/rad, of the effort output.
+    damping: N s/m, N m s/rad, of the effort output.
     """
 
     start: Sequence[float] | None = None
-    hold: float = parameter(2.0, "s", "over which the mean error has to be small", above=0.0)
-    approach_speed: float = parameter(
-        0.3, "", "part of max_velocity on the way to the start", above=0.0, most=1.0
-    )
-    arrived: float | Sequence[float] = parameter(
-        0.005, "m, rad", "distance from the start that counts as there", least=0.0
-    )
-    push: float = parameter(
-        3.0, "1/s", "with which the command runs after a joint that stays short of the start",
-        least=0.0,
-    )  # fmt: skip
-    settle: float = parameter(0.3, "s", "to stand still at the start before servoing", least=0.0)
-    longest_step: float = parameter(
-        0.1, "s", "as long as which a longer gap between ticks is integrated", above=0.0
-    )
-    lead: ByJoint = by_joint(0.05, "m, rad", "by which a command may be ahead of its joint",
-                             least=0.0)  # fmt: skip
-    lag: float = parameter(0.15, "s", "of joint speed by which it may be ahead besides", least=0.0)
-    delay: float = parameter(0.0, "s", "from exposure to its answer, in simulated time", least=0.0)
-    watchdog: float = parameter(
-        0.2, "s", "without a fresh answer (or three image periods) before the arm is stopped",
-        above=0.0,
-    )  # fmt: skip
-    watchdog_images: float = parameter(3.0, "", "image periods that count likewise", least=0.0)
-    stop_time: float = parameter(0.15, "s", "in which a stop comes to rest", above=0.0, most=10.0)
+    hold: float = parameter(2.0, "s", above=0.0)
+    approach_speed: float = parameter(0.3, above=0.0, most=1.0)
+    arrived: float | Sequence[float] = parameter(0.005, "m, rad", least=0.0)
+    push: float = parameter(3.0, "1/s", least=0.0)
+    settle: float = parameter(0.3, "s", least=0.0)
+    longest_step: float = parameter(0.1, "s", above=0.0)
+    lead: ByJoint = by_joint(0.05, "m, rad", least=0.0)
+    lag: float = parameter(0.15, "s", least=0.0)
+    delay: float = parameter(0.0, "s", least=0.0)
+    watchdog: float = parameter(0.2, "s", above=0.0)
+    watchdog_images: float = parameter(3.0, least=0.0)
+    stop_time: float = parameter(0.15, "s", above=0.0, most=10.0)
     # Those of an arm that moves slowly, away from its limits, serve until the next image or 0.05 s.
-    resolve_period: float = parameter(
-        0.01, "s", "for which joint velocities are kept before they are worked out anew", above=0.0
-    )
-    output: str = parameter("position", "", "what is commanded: position, velocity or effort",
-                            choices=OUTPUTS)  # fmt: skip
-    stiffness: ByJoint = by_joint(0.0, "N/m, N m/rad", "of the effort output", least=0.0)
-    damping: ByJoint = by_joint(0.0, "N s/m, N m s/rad", "of the effort output", least=0.0)
+    resolve_period: float = parameter(0.01, "s", above=0.0)
+    output: str = parameter("position", choices=OUTPUTS)
+    stiffness: ByJoint = by_joint(0.0, "N/m, N m/rad", least=0.0)
+    damping: ByJoint = by_joint(0.0, "N s/m, N m s/rad", least=0.0)
     duration: float = parameter(float("inf"), "s", above=0.0)
 
     def __post_init__(self) -> None:

@@ -267,12 +267,12 @@ def compute(
 def _leaf_rows(moments: Moments, plane: Plane, plan: _Plan) -> Array:
     """(leaves, 6) interaction rows of the leaves, in the order of plan.leaves."""
     centre, mu = centred_rows(moments, plane, plan.centred_order)
-    area = mu.rows[:1]
+    area = mu[:1]
     if moments.kind != DENSE and "a" in plan.leaves:
-        area = mu.rows[3:4] + mu.rows[5:6]
-    stack = [area, centre, _NO_ROW, mu.rows]
+        area = mu[3:4] + mu[5:6]
+    stack = [area, centre, _NO_ROW, mu]
     if plan.raw_order > 0:
-        stack.append(raw_rows(moments, plane, plan.raw_order).rows)
+        stack.append(raw_rows(moments, plane, plan.raw_order))
     return np.concatenate(stack)[plan.gather]
 
 

@@ -89,40 +89,21 @@ def image_velocity(A, B, C, x0, y0):
     # fmt: on
 
 
-class MomentRows(NamedTuple):
-    """Interaction matrices of every moment up to one order, in exchange order.
+def raw_rows(moments: Moments, plane: Plane, order: int | None = None) -> Array:
+    """L ((order+1)(order+2)/2, 6) of every m_ij with i + j <= order, in exchange order.
 
-    Attributes:
-        rows: ((order+1)(order+2)/2, 6).
-        order: highest i + j that has a row.
+    order: default and at most moments.order - 1.
     """
-
-    rows: Array
-    order: int
-
-    def row(self, i: int, j: int) -> Array:
-        """L of the moment (i, j), shape (6,)."""
-        n = i + j
-        return self.rows[n * (n + 1) // 2 + j]
-
-
-def raw_rows(moments: Moments, plane: Plane, order: int | None = None) -> MomentRows:
-    """L of every m_ij with i + j <= order (default and at most moments.order - 1)."""
     order = _row_order(moments, order)
-    rows = _rows(moments.raw, image_velocity(*plane, 0.0, 0.0), order, _divergence(moments))
-    return MomentRows(rows, order)
+    return _rows(moments.raw, image_velocity(*plane, 0.0, 0.0), order, _divergence(moments))
 
 
-def centred_rows(
-    moments: Moments, plane: Plane, order: int | None = None
-) -> tuple[Array, MomentRows]:
-    """L of the centre of gravity, (2, 6) of xg and yg, and of every mu_ij, i + j <= order (default
-    and at most moments.order - 1)."""
+def centred_rows(moments: Moments, plane: Plane, order: int | None = None) -> tuple[Array, Array]:
+    """L of the centre of gravity, (2, 6) of xg and yg, and of every mu_ij, as `raw_rows`."""
     order = _row_order(moments, order)
-    centre, rows = _about_centre(
+    return _about_centre(
         moments.centred, *plane, moments.xg, moments.yg, order, _divergence(moments)
     )
-    return centre, MomentRows(rows, order)
 
 
 def _row_order(moments: Moments, order: int | None) -> int:

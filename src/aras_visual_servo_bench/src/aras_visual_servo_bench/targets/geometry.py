@@ -16,10 +16,11 @@ from aras_visual_servo_base.poses import exponential, inverse
 from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_controller.errors import ServoError
-from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
+from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry, star_union
 
 from ..errors import ExperimentError, ViewError, require
 
+ROUNDING = 1e-12  # m by which a point of a box's rim may lie beside it
 NEAREST = 1e-3  # m before the camera; what is nearer has no view worth the name
 
 
@@ -73,19 +74,12 @@ class BoxesTarget(Target):
     @cached_property
     def _vertices(self) -> np.ndarray:
         boxes = self.geometry.boxes
-        places = [
-            (x, y, high[2])
-            for k, (low, high) in enumerate(boxes)
-            for x in (low[0], high[0])
-            for y in (low[1], high[1])
-            if not any(_covers(other, x, y) for i, other in enumerate(boxes) if i != k)
-        ]
-        for one in boxes:
-            for other in boxes:
-                if one is not other:
-                    places += _crossings(one, other)
-        x, y, _ = np.array(places).T
-        return np.array(places)[np.argsort(np.arctan2(y - y.mean(), x - x.mean()))]
+        low, high = boxes[:, 0], boxes[:, 1]
+        faces = [np.array([(a, b), (c, b), (c, d), (a, d)]) for (a, b, _), (c, d, _) in boxes]
+        rim = faces[0] if len(faces) == 1 else star_union(*faces)
+        beyond = np.maximum(low[:, :2] - rim[:, None], rim[:, None] - high[:, :2]).max(axis=2)
+        tops = np.where(beyond < ROUNDING, high[:, 2], -np.inf).max(axis=1)
+        return np.column_stack([rim, tops])
 
     def depth(self, target_T_camera: np.ndarray) -> float:
         """Z (m) where the optical axis meets the surface that the geometry names."""
@@ -221,17 +215,3 @@ def project(points: np.ndarray, frame_T_camera: np.ndarray) -> np.ndarray:
     if (seen[:, 2] < NEAREST).any():
         raise ViewError("the target is behind the camera: nothing to project")
     return seen[:, :2] / seen[:, 2:]
-
-
-def _covers(box: np.ndarray, x: float, y: float) -> bool:
-    (x0, y0, _), (x1, y1, _) = box
-    return bool(x0 < x < x1 and y0 < y < y1)
-
-
-def _crossings(one: np.ndarray, other: np.ndarray) -> list[tuple[float, float, float]]:
-    """Where sides of `one` along y cross sides of `other` along x, at the upper one's height."""
-    (x0, y0, _), (x1, y1, top) = one
-    (u0, v0, _), (u1, v1, high) = other
-    return [
-        (x, y, max(top, high)) for x in (x0, x1) if u0 < x < u1 for y in (v0, v1) if y0 < y < y1
-    ]

@@ -109,7 +109,7 @@ class TargetGeometry:
             ServoError: a box is not in front of the camera, or the boxes do not overlap.
         """
         parts = [self._silhouette(low, high, world_T_camera) for low, high in self.boxes]
-        return parts[0] if len(parts) == 1 else _star_union(*parts)
+        return parts[0] if len(parts) == 1 else star_union(*parts)
 
     def _silhouette(
         self, low: np.ndarray, high: np.ndarray, world_T_camera: np.ndarray
@@ -162,7 +162,7 @@ def _crossings(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return one[edge] + s[edge, across, None] * along[edge]
 
 
-def _star_union(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def star_union(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Outline of two overlapping convex polygons: star-shaped about a point they share."""
     crossings = _crossings(one, other)
     if len(crossings) < 2:

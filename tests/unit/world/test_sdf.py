@@ -142,7 +142,6 @@ def test_what_changes_nothing_is_left_out_with_one_warning():
      "joint type 'screw' is not supported"),
     (model(solid(BOX) + '<joint name="j" type="fixed"><parent>x</parent><child>link</child>'
            "</joint>"), "link 'x' does not exist"),
-    (model(link(part("visual", "<mesh><uri>model://nope/a.stl</uri></mesh>"))), "package 'nope'"),
     (model(solid(BOX, extra="<pose relative_to='q'>0 0 0 0 0 0</pose>")), "relative_to='q'"),
     ('<sdf version="1.6"/>', "no <model> and no <light>"),
     ("<robot name='r'/>", "not <sdf>"),

@@ -18,6 +18,8 @@ from typing import Protocol
 
 import numpy as np
 
+from aras_visual_servo_base.compiled import compiled
+
 from ..arm.inversion import finite
 from ..errors import MeasurementError
 from ..seeing.joint_history import FARTHEST, JointHistory
@@ -319,12 +321,10 @@ class Driver:
         if newest is None:
             return False
         dt = sample.stamp - newest.stamp
-        way = np.abs(sample.positions - newest.positions)
-        speed = np.maximum(np.abs(sample.velocities), np.abs(newest.velocities))
-        far = JUMP * np.asarray(self.servo.settings.lead)
-        return dt > self.settings.watchdog or bool(
-            ((way > far) & (way > JUMP_SPEEDS * speed * dt)).any()
-        )
+        return dt > self.settings.watchdog or _jumped(
+            sample.positions, newest.positions, sample.velocities, newest.velocities,
+            np.atleast_1d(np.asarray(self.servo.settings.lead, float)), dt,
+        )  # fmt: skip
 
     def _now_and_then(self, command: Command, joints: JointSample | None, reason: str = "") -> None:
         """Report without an image, at a camera's pace."""
@@ -359,3 +359,14 @@ class Driver:
         phase = HOLDING if self.servo.phase == HOLDING else WAITING
         reason = " and ".join(missing) + (f"; {words}" if (words := self._standing()) else "")
         self._report(ServoState(now, phase, self.servo.outcome.kind, reason))
+
+
+@compiled("f8[:], f8[:], f8[:], f8[:], f8[:], f8")
+def _jumped(positions, before, velocities, velocities_before, lead, dt):
+    """Whether a joint went further in `dt` s than any motion; lead: one or (n,)."""
+    for i in range(len(positions)):
+        way = abs(positions[i] - before[i])
+        speed = max(abs(velocities[i]), abs(velocities_before[i]))
+        if way > JUMP * lead[min(i, len(lead) - 1)] and way > JUMP_SPEEDS * speed * dt:
+            return True
+    return False

@@ -111,15 +111,13 @@ class JointLoop:
 
     def take(self, command: float, time_ns: int) -> None:
         """Go to `command` (rad, m or per s, N m, N), which arrived in the cycle at `time_ns`."""
-        row = self.row
-        reachable = min(max(command, row.item(_LOWER)), row.item(_UPPER))
+        reachable = taken(self.row, command, time_ns)
         if reachable != command and self._beyond.note(time_ns):
             self._warn(
                 f"controller '{self._label}': command {command:g} for joint "
-                f"'{self.handle.name}' is beyond its limits [{row[_LOWER]:g}, "
-                f"{row[_UPPER]:g}]; {reachable:g} is used"
+                f"'{self.handle.name}' is beyond its limits [{self.row[_LOWER]:g}, "
+                f"{self.row[_UPPER]:g}]; {reachable:g} is used"
             )
-        taken(row, reachable, time_ns)
 
     def state(self, time_ns: int, period: float) -> JointControllerState:
         """This cycle as the state topic shows it; of a speed, process_value_dot stays 0."""
@@ -135,12 +133,13 @@ class JointLoop:
 
 @compiled("f8[::1], f8, f8", calls=(headed,))
 def taken(row, command, time_ns):
-    """Let a loop go to a command within its limits, which arrived in the cycle at `time_ns`."""
-    row[_COMMAND] = command
+    """Let a loop go to a command, which arrived in the cycle at `time_ns`; where, within limits."""
+    row[_COMMAND] = command = min(max(command, row[_LOWER]), row[_UPPER])
     if row[_INTERPOLATES] != 0.0:
         headed(row[_WAY:], command, time_ns)
     else:
         row[_SET_POINT] = command
+    return command
 
 
 @compiled("f8[:,::1], f8[:,::1], f8", calls=(towards, moved, computed))

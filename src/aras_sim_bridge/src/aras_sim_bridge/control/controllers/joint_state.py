@@ -46,7 +46,9 @@ class JointStateController(Controller):
         else:
             # Sorting by code point is sorting by byte for UTF-8.
             names = sorted(hardware.interfaces[STATE])
-        self._handles = [self.take_handle(hardware, name) for name in names]
+        known = list(hardware.handles)
+        self._order = [known.index(self.take_handle(hardware, name).name) for name in names]
+        self._rows = hardware.handle_rows
         extras = _extra_joints(parameters, where, set(names))
         self.names = (*names, *(name for name, *_ in extras))
         self._extra = tuple([e[k] for e in extras] for k in (1, 2, 3))
@@ -101,14 +103,14 @@ class JointStateController(Controller):
 
     def sample(self, time_ns: int) -> JointStates:
         """All joints now."""
-        handles = self._handles
+        measured = self._rows[self._order].T.tolist()
         positions, velocities, efforts = self._extra
         return JointStates(
             time_ns,
             self.names,
-            [h.position for h in handles] + positions,
-            [h.velocity for h in handles] + velocities,
-            [h.effort for h in handles] + efforts,
+            measured[0] + positions,
+            measured[1] + velocities,
+            measured[2] + efforts,
         )
 
 

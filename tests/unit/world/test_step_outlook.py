@@ -105,8 +105,8 @@ def test_the_shipped_robot_bears_its_own_step_and_not_ten_of_it():
 
         assert robot.manager.running and told(0.001) == ""
         assert "will diverge at steps of 0.01 s" in told(0.01)
-        for name in list(robot.manager.running):
-            robot.manager.switch([], [name.context.name], 2)
+        for entry in list(robot.manager.running):
+            robot.manager.switch([], [entry.name], 2)
         robot.simulation.step()
         assert told(0.01) == ""  # no loop is closed
     finally:

@@ -15,20 +15,20 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from aras_sim_bridge.control.controllers.base import Controller
 from aras_sim_bridge.control.drives import POSITION_BY_PID, VELOCITY_BY_PID
 from aras_sim_bridge.control.hardware import RobotHardware
+from aras_sim_bridge.control.switching import Entry
 
 BOUND = 4.0
 _HALVINGS = 60
 
 
-def loop_gains(hardware: RobotHardware, running: Iterable[Controller], joints: tuple[str, ...]
+def loop_gains(hardware: RobotHardware, running: Iterable[Entry], joints: tuple[str, ...]
                ) -> tuple[np.ndarray, np.ndarray]:
     """P and D (n,) of the loops that are closed at present, in the order of `joints`."""
     gains = {name: (0.0, 0.0) for name in joints}
-    for controller in running:
-        gains |= controller.loop_gains()
+    for entry in running:
+        gains |= entry.controller.loop_gains()
     for drive in hardware.drives:
         if drive.kind == POSITION_BY_PID:
             gains[drive.handle.name] = drive.pid.gains.p, drive.pid.gains.d
@@ -59,7 +59,7 @@ def longest_step(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float)
     return low
 
 
-def outlook(hardware: RobotHardware, running: Iterable[Controller], joints: tuple[str, ...],
+def outlook(hardware: RobotHardware, running: Iterable[Entry], joints: tuple[str, ...],
             inverse_inertia: Callable[[], np.ndarray], step: float) -> str:
     """What steps of `step` s will do to the loops that are closed at present, where they do not
     bear them; empty where they do. inverse_inertia: M⁻¹ (n, n) of `joints`, where they stand."""

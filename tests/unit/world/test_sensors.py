@@ -385,3 +385,35 @@ def test_sensors_of_sdf_stand_where_its_root_link_stands():
     assert (pose.kind, pose.link) == ("pose", "b")
     assert (wrench.joint, wrench.measured_in) == ("j", "parent")
     assert wrench.channels == (ChannelNoise(1.0, 2.0), *[ChannelNoise()] * 5)
+
+
+def test_many_ticks_in_a_call_tell_what_single_ones_tell():
+    """A controlled arm, alone, so that ticks are compiled; each sensor at a rate of its own."""
+    tags = (plugin("p3d", {"bodyName": "tool", "topicName": "t", "updateRate": 40})
+            + imu_on("tool", "0.1 0 0 0 0.3 0", rate=125, updateRateHZ=30)
+            + wrench_of("swing", updateRate=70) + plugin("control", {})
+            + '<transmission name="t"><type>transmission_interface/SimpleTransmission</type>'
+            '<joint name="swing"><hardwareInterface>hardware_interface/EffortJointInterface'
+            '</hardwareInterface></joint><actuator name="a"/></transmission>')
+    settings = {"c": {"type": "effort_controllers/JointPositionController", "joint": "swing",
+                      "pid": {"p": 30.0, "d": 3.0}}}
+
+    def told(until_ns):
+        simulation = Simulation(SimulationConfig(ground_plane=False))
+        simulation.spawn(parse_urdf(arm(tags=tags)), "m", TILTED, parameters=settings)
+        simulation.robots["m"].start(["c"])
+        simulation.robots["m"].command("c", 0.8)
+        readings = [[] for _ in simulation.sensors]
+        for sensor, found in zip(simulation.sensors, readings, strict=True):
+            sensor.on_state = found.append
+        calls = 0
+        while simulation.time_ns < 500 * MS:
+            simulation.step(until_ns)
+            calls += 1
+        simulation.close()
+        return calls, readings
+
+    calls, singly = told(0)
+    fewer, together = told(500 * MS)
+    assert (calls, fewer < 200) == (500, True) and [len(one) for one in singly] == [15, 20, 35]
+    assert singly == together

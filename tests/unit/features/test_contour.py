@@ -54,6 +54,21 @@ def test_sides_of_four_pixels_do_not_tilt_with_the_rows_that_they_lie_on(row):
     assert nearest(corners, shape).max() < 0.5 / 200.0  # half a pixel
 
 
+IRREGULAR = np.array([[-0.5, -0.4], [0.5, -0.5], [0.35, 0.45], [-0.3, 0.3]])
+
+
+@pytest.mark.parametrize("turn", np.radians([3.0, 17.0, 45.0, 80.0, 133.0, 161.0]))
+@pytest.mark.parametrize("width", [12.0, 14.5, 17.0, 22.0])
+def test_pixels_are_no_corners(width, turn):
+    """Four corners, 12 to 22 pixels apart: half of the pictures showed five to seven."""
+    R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    shape = IRREGULAR @ R.T * width / 200.0 + np.array([0.0013, 0.0021])
+    grey = grey_image(shape, CAMERA.pinhole)
+    corners = corners_of(outline_of(grey, segment(grey, Segmentation()), CAMERA))
+    assert corners.shape == shape.shape
+    assert nearest(corners, shape).max() < 0.5 / 200.0  # half a pixel
+
+
 @pytest.mark.parametrize("turn", [0.0, 17.0, 133.0])
 def test_the_outline_encloses_the_area(turn):
     drawn, grey = picture(L_SHAPE, (5.0, 8.0), turn)
@@ -80,7 +95,7 @@ def test_corners_through_a_lens():
 
 
 def test_a_disc_is_no_polygon_and_a_speck_has_no_outline():
-    angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    angle = np.linspace(0, 2 * np.pi, 20000, endpoint=False)
     disc = 0.2 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     with pytest.raises(SegmentationError, match="no polygon"):
         corners_of(disc, bend=1e-4)

@@ -13,13 +13,16 @@ from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller import judging
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.features import Feature, Measured, Stack
+from aras_visual_servo_controller.judging.arrival import Arrived
 from aras_visual_servo_controller.judging.camera_check import DIRECTIONS, CameraCheck
+from aras_visual_servo_controller.judging.diagnosis import Diagnosis
 from aras_visual_servo_controller.judging.joint_check import JointCheck
+from aras_visual_servo_controller.judging.left_open import LeftOpen
 from aras_visual_servo_controller.judging.oscillation import Oscillation
 from aras_visual_servo_controller.judging.outcomes import ADVICE, KINDS, outcome
 from aras_visual_servo_controller.judging.progress_check import ProgressCheck
 from aras_visual_servo_controller.laws import Proportional
-from aras_visual_servo_controller.loop.state import CONVERGED
+from aras_visual_servo_controller.loop.state import CONVERGED, ServoSettings
 from aras_visual_servo_controller.schemes import Composed
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
@@ -831,3 +834,90 @@ def test_an_arm_that_moves_steadily_is_evidence(seed):
     for shake in (0.0, 0.01):
         assert believed_by_shaken_joints(shake, wrong, lambda q: np.eye(6), seed=seed).fault()
     assert not believed_by_shaken_joints(0.01, ONE, lambda q: np.eye(6), seed=seed).fault()
+
+
+def test_a_joint_that_was_late_is_not_waited_for_once_the_loop_holds():
+    rig = Rig(the_servo("2016"), near(1))
+    rig.friction = np.array([0.0, 0.0, 9.0, 0.0, 0.0, 0.0])  # J2 is blocked
+    while not rig.servo.waits_for_joints:
+        rig.run(0.1)
+    rig.look = lambda observer, t, joints: lost(rig.exact(observer, t, joints), "covered")
+    rig.run(3.0)
+    assert rig.servo.outcome.kind == "target_lost"
+
+
+@pytest.mark.parametrize(
+    ("growth", "kind"), [(1.5, "gain_too_high"), (0.8, "target_lost"), (0.0, "target_lost")]
+)
+def test_a_target_that_a_growing_swing_has_lost_before_its_frequency_is_known(growth, kind):
+    diagnosis = Diagnosis(ServoSettings())
+    for k in range(30):
+        error = 20.0 * growth ** (k / 6.0) * np.cos(np.pi * k / 6.0)
+        diagnosis._oscillation.add(k / 30.0, np.array([error, 1.0]))
+    gone = SimpleNamespace(valid=False, touches=(), moments=None)
+    state = SimpleNamespace(stamp=1.0, phase="holding", decision=None, reason="gone", arrived=None)
+    assert diagnosis.see(state, gone, the_goal("2016"), None).kind == kind
+
+
+@pytest.mark.parametrize(("noise", "kind"), [(2.0, "too_noisy"), (0.0, "gain_too_high")])
+def test_noise_is_no_swing_when_the_time_is_over(noise, kind):
+    random, diagnosis = np.random.default_rng(4), Diagnosis(ServoSettings())
+    for k in range(46):
+        t = k / 30.0
+        error = np.array([5.0 * np.cos(2.0 * np.pi * 1.4 * t) * (noise == 0.0)])
+        error += noise * random.normal(size=1) + 3.0 * noise * np.cos(0.5 * np.pi * (k // 12))
+        decision = SimpleNamespace(error=error, task=None, L=None)
+        state = SimpleNamespace(stamp=t, phase="servoing", decision=decision, reason="",
+                                resolution=None, rank=1)  # fmt: skip
+        diagnosis._oscillation.add(t, diagnosis._progress.add(state, np.ones(1)))
+    diagnosis.timed_out(1.5)
+    assert diagnosis.outcome.kind == kind
+
+
+def test_a_direction_that_the_arm_lacks_is_told_when_the_time_is_over_within_the_tolerances():
+    lost_twist = np.array([0.0, 0.0, 0.0, 0.0, 0.01, 0.0])
+    resolution = SimpleNamespace(stopped=(), lost=lost_twist, reasons=(), scale=1.0)
+    progress = ProgressCheck()
+    for stamp in np.arange(0.0, 1.51, 0.1):
+        decision = SimpleNamespace(error=np.array([0.5]), task=None)
+        state = SimpleNamespace(stamp=stamp, phase="servoing", decision=decision, reason="",
+                                resolution=resolution, rank=1, twist=1.05 * lost_twist)  # fmt: skip
+        progress.add(state, np.ones(1))
+    assert progress.stalled(state).kind == "running"
+    assert progress.unfinished("not there").kind == "singular"
+    resolution.lost = 0.1 * lost_twist
+    assert progress.unfinished("not there").kind == "timed_out"
+    # a higher gain is no advice where a joint's limit of speed slows the task
+    resolution.scale, resolution.slowing = 0.1, "J3"
+    assert progress.unfinished("not there").kind == "saturation"
+
+
+def test_a_retreat_of_a_camera_that_swings_is_the_gain_s():
+    diagnosis = Diagnosis(ServoSettings())
+    diagnosis._swung = 0.9, outcome("gain_too_high", "the error oscillates")
+    goal = the_goal("2016")
+    for stamp, distance in ((0.0, 1.0), (1.0, 9.0), (1.1, 9.0), (1.2, 9.0)):
+        seen = SimpleNamespace(valid=True, moments=scaled(goal.moments, 1.0 / distance))
+        diagnosis._follow_distance(stamp, seen, goal)
+    found = diagnosis._retreated
+    assert found.kind == "gain_too_high" and "went back" in found.reason
+
+
+def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal():
+    def arrived(fault):
+        diagnosis = Diagnosis(ServoSettings())
+        diagnosis._camera = SimpleNamespace(
+            fault=lambda: fault, add=lambda *_: None, interrupt=lambda: None
+        )
+        goal = replace(the_goal("2016"), camera=CAMERA)
+        seen = SimpleNamespace(valid=True, touches=(), moments=None, camera=CAMERA,
+                               previous_T_camera=None, world_T_camera=None, dt=0.03)  # fmt: skip
+        decision = SimpleNamespace(error=np.zeros(1), L=None, rate=0.0, task=None)
+        left = Arrived(True, open=LeftOpen(1e-4, 2e-3))
+        state = SimpleNamespace(stamp=1.0, phase=CONVERGED, decision=decision, reason="",
+                                arrived=left, resolution=None)  # fmt: skip
+        return diagnosis.see(state, seen, goal, SimpleNamespace(tolerances=(1.0,)))
+
+    plain, other = arrived(""), arrived("the features move otherwise")
+    assert (plain.open_distance, plain.open_angle) == (1e-4, 2e-3) and not plain.mend
+    assert (other.open_distance, other.open_angle) == (2e-4, 4e-3) and "calibrate" in other.mend

@@ -234,11 +234,17 @@ def test_a_goal_that_this_camera_has_shown_has_the_errors_of_the_same_view():
     goal = taught(feature, SQUARE, pose((0, 0, 0.2), (0, 0, 0)))
     feature.check(goal)
     view = replace(look(feature.needs, pose((0, 0, 0.2), (0, 0, 0)), SQUARE), corner_accuracy=1e-4)
-    width = np.ptp(feature.desired_points(goal), axis=0).mean() * view.camera.K[0]
-    shown = feature.accuracy(view, replace(goal, camera=view.camera))
     other = feature.accuracy(view, replace(goal, camera=None))
     np.testing.assert_allclose(other, 1e-4 * np.eye(8))
-    np.testing.assert_allclose(shown, max((16.0 / width) ** 3, 0.05) * other)
+    goal = replace(goal, camera=view.camera)
+    pixel = 1.0 / view.camera.K[0]
+    shown = feature.accuracy(replace(view, corner_accuracy=pixel), goal)
+    np.testing.assert_allclose(shown, 0.0012 * pixel * np.eye(8), rtol=1e-6)
+    for off, common in ((0.02, 0.0012 + 0.085 * 0.02), (5.0, 0.05)):
+        moved = view.corners + off * pixel * np.array([[0.6, 0.8]]) * np.sqrt(2.0)
+        seen = replace(view, corners=moved, corner_accuracy=0.05 * pixel)
+        shown = feature.accuracy(seen, goal)
+        np.testing.assert_allclose(shown, common * pixel * np.eye(8), rtol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["moments", "moments_six"])

@@ -37,7 +37,7 @@ DIRECTED_ORDER = 4  # of moments that tell alpha over the whole turn, with its L
 # px, times the target's width in px: what each of HARMONICS displacements of its outline amounts
 # to, rms; of a goal that this camera has shown the picture is nearly the same, and FRESH is left of
 # it. Measured on squares of 15 to 55 px, drawn with and without physics (0.01 to 0.04).
-EDGE, FRESH = 0.03, 0.25
+EDGE, FRESH = 0.03, 0.12
 HARMONICS = 9  # 1, cos phi, sin phi, ... cos 4 phi, sin 4 phi, of the direction from the middle
 PIECES = 16  # of each side of an outline
 

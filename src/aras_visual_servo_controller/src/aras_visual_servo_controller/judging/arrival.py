@@ -19,7 +19,7 @@ from aras_visual_servo_base.compiled import compiled
 
 from ..arm.inversion import least_squares, svd
 from ..seeing.ring_buffer import RecentErrors
-from .left_open import LeftOpen, Margin, Offsets, same_view, symmetric
+from .left_open import LeftOpen, Margin, Offsets, symmetric, view_difference
 
 if TYPE_CHECKING:
     from ..arm.resolution import Resolution
@@ -41,7 +41,9 @@ FEW, LEAST = 5, 3
 # Largest averaging window, images. An image with a larger error than FAR tolerances (four times
 # what may be noise) empties it: the linearisation by L does not hold so far from the goal.
 WINDOW, FAR = 120, 12.0
-VIEWS = 3  # images in a row that show another view, from which on it is believed
+AGAIN = 0.7  # part of the mean error from which on what it leaves open is worked out anew
+VIEWS = 3  # images that show another view in their mean, from which on it is believed
+CERTAIN = 3.0  # standard deviations of that mean by which it has to be another, besides
 BLIND = 1e-6  # part of L's greatest singular value below which a direction is not seen
 TALL = 64  # rows of L from which on the normal equations are solved
 ROUNDING = 1e-9  # s
@@ -74,15 +76,17 @@ class Arrival:
     def __init__(self, hold: float) -> None:
         """`hold`: s; 0: every image is judged by itself."""
         self.hold = float(hold)
-        self._errors, self._offsets = RecentErrors(), RecentErrors()
+        self._errors, self._offsets, self._views = RecentErrors(), RecentErrors(), RecentErrors()
         self.clear()
 
     def clear(self) -> None:
         """Forget what was seen: the loop was interrupted."""
         self._errors.clear()
         self._offsets.clear()
-        self._reached, self._strange = False, 0
+        self._views.clear()
+        self._reached = False
         self._margin: Margin | None = None
+        self._size = 0.0  # of the mean error that it is of, in tolerances
 
     def add(
         self,
@@ -108,20 +112,24 @@ class Arrival:
             offsets, short = self._offset(decision)
         self._reached = settled and not short
         if not self._reached:
-            self._strange, self._margin = 0, None
+            self._views.clear()
+            self._margin = None
             return Arrived(short=short)
-        self._strange = 0 if same_view(observation, goal) else self._strange + 1
+        self._views.add(observation.stamp, view_difference(observation, goal))
+        self._views.drop(max(len(self._views) - WINDOW, 0))
         if offsets is None:
             way, turn = symmetric(decision.up_to, goal) if decision.up_to else (nan, nan)
             left, whole = LeftOpen(way, turn, decision.up_to), not decision.up_to
         else:
-            if self._margin is None:
-                accuracy = scheme.accuracy(observation, goal)
-                error = self._errors.errors.mean(axis=0)
+            error = self._errors.errors.mean(axis=0)
+            size = float(np.linalg.norm(error / tolerances))
+            # The nearer the features are to their goals, the more exact they are.
+            if self._margin is None or size < AGAIN * self._size:
+                accuracy, self._size = scheme.accuracy(observation, goal), size
                 self._margin = Margin(decision, observation, goal, error, accuracy, resolution)
             left = self._margin.left(observation, offsets)
             whole = not (decision.up_to or self._margin.blind)
-        return Arrived(True, "", whole and self._strange >= VIEWS, left)
+        return Arrived(True, "", whole and self._elsewhere(), left)
 
     def _note(
         self, decision: Decision, observation: Observation, tolerances: np.ndarray
@@ -138,6 +146,12 @@ class Arrival:
         known = np.full(16, np.nan) if pose is None else np.ravel(pose)
         self._offsets.add(observation.stamp, np.concatenate([offset, known]))
         self._offsets.drop(max(len(self._offsets) - WINDOW, 0))
+
+    def _elsewhere(self) -> bool:
+        """Whether the outline is another than the goal's, beyond what noise makes of it."""
+        seen = self._views.errors
+        unknown = CERTAIN * seen.std(axis=0) / np.sqrt(len(seen))
+        return len(seen) >= VIEWS and bool((np.abs(seen.mean(axis=0)) > 1.0 + unknown).any())
 
     def _settled(self, stamp: float, tolerances: np.ndarray) -> bool:
         """Whether the mean error of the last `hold` seconds is within the tolerances (k,)."""
@@ -158,7 +172,7 @@ class Arrival:
         """The camera's mean offset, and why it is too much, in words."""
         rows = self._offsets.errors
         mean, scatter, count, enough = _averaged(
-            rows, _seen(decision), len(self._errors), np.array(ARRIVED) / DEVIATIONS
+            rows, _seen(decision), min(len(self._errors), FEW), np.array(ARRIVED) / DEVIATIONS
         )
         off = _size(mean.tolist())
         # Rounding may leave less than nothing of a variance.

@@ -28,6 +28,8 @@ from .target_check import TargetCheck
 
 # s for which a swing is not forgotten: one that was cut short, or the target lost by it.
 SWINGS_ON = 1.0
+# Times as far as L says that a camera may be from its goal whose motion L does not explain.
+MISTAKEN = 2.0
 # Times as far as start and goal both from which on the camera has retreated, and images in a row
 # that have to show it: one may show a part of the target, or something else.
 RETREAT, IN_A_ROW = 3.0, 3
@@ -111,9 +113,10 @@ class Diagnosis:
     def _unfinished(self, reason: str) -> Outcome:
         if self._beyond:
             return outcome("out_of_reach", self._beyond)
-        if self._oscillation.swings:
+        found = self._progress.unfinished(reason)
+        if found.kind in ("no_progress", "timed_out") and self._oscillation.swings:
             return outcome("gain_too_high", f"{reason}; the error swings about its goal")
-        return self._progress.unfinished(reason)
+        return found
 
     # -- images --------------------------------------------------------------------------------
 
@@ -151,7 +154,7 @@ class Diagnosis:
             return outcome("stopped", state.reason)
         if observation.touches:
             self._touched = observation.touches
-        self._follow_distance(observation, goal)
+        self._follow_distance(state.stamp, observation, goal)
         if self._retreated.kind != "running" and state.phase != CONVERGED:
             return self._retreated
         if self._joints.reason and state.phase != CONVERGED:
@@ -170,12 +173,14 @@ class Diagnosis:
         elif viewed:
             self._camera.add(state.decision, observation, tolerances)
         swings = self._swinging(state.stamp, error)
-        if moves and state.phase != CONVERGED and not (swings and self._faster_than_targets):
+        fast = swings is not None and self._faster_than_targets
+        if moves and state.phase != CONVERGED and not fast:
             return outcome(
                 "target_moves", "the features move as the camera's motion and a motion of the "
                 f"target's own say: {moves}",
             )  # fmt: skip
-        fault = self._camera.fault()
+        # Between two images of a fast swing L is not what it is at either.
+        fault = "" if fast else self._camera.fault()
         # A goal that this camera has shown is where its picture is the same, whatever is believed
         # of it; a goal that was worked out is not.
         shown = goal.camera is not None and goal.camera == observation.camera
@@ -190,11 +195,15 @@ class Diagnosis:
                 return found
             return replace(
                 found, reason=f"at the goal as this camera has shown it; yet {fault}",
-                mend=CALIBRATE,
+                mend=CALIBRATE, open_distance=MISTAKEN * found.open_distance,
+                open_angle=min(MISTAKEN * found.open_angle, np.pi),
             )  # fmt: skip
-        return swings or self._progress.stalled(state)
+        stalled = swings or self._progress.stalled(state)
+        if self._beyond and stalled.kind != "running":
+            return outcome("out_of_reach", self._beyond)
+        return stalled
 
-    def _follow_distance(self, observation: Observation, goal: Goal) -> None:
+    def _follow_distance(self, stamp: float, observation: Observation, goal: Goal) -> None:
         """Whether the camera has gone far back, by how small it sees the target."""
         seen, wanted = observation.moments, goal.moments
         if not observation.valid or seen is None or wanted is None or seen.m00 <= 0.0:
@@ -203,10 +212,11 @@ class Diagnosis:
         self._first = self._first or distance
         self._far = self._far + 1 if distance > RETREAT * max(self._first, 1.0) else 0
         if self._retreated.kind == "running" and self._far == IN_A_ROW:
-            self._retreated = outcome(
-                "camera_retreat",
-                f"the camera went back to {distance:.1f} times its goal's distance from the target",
-            )
+            words = f"the camera went back to {distance:.1f} times its goal's distance"
+            self._retreated = outcome("camera_retreat", f"{words} from the target")
+            if self._swung_lately(stamp):
+                found = self._swung[1]
+                self._retreated = replace(found, reason=f"{found.reason}; {words}")
 
     def _swinging(self, stamp: float, error: np.ndarray) -> Outcome | None:
         """That the error (k,), in tolerances, swings, or did a moment ago."""
@@ -217,9 +227,10 @@ class Diagnosis:
                 "gain_too_high",
                 f"the error oscillates at {frequency:.2f} Hz and does not die away",
             )
-        if self._swung is not None and stamp - self._swung[0] < SWINGS_ON:
-            return self._swung[1]
-        return None
+        return self._swung[1] if self._swung_lately(stamp) else None
+
+    def _swung_lately(self, stamp: float) -> bool:
+        return self._swung is not None and stamp - self._swung[0] < SWINGS_ON
 
     # -- images without an answer -----------------------------------------------------------
 
@@ -230,7 +241,7 @@ class Diagnosis:
         if observation.valid:
             return self._unanswered(state)
         # However long ago: what was swinging when it was lost, was lost by that.
-        if self._swung is not None and self._measured - self._swung[0] < SWINGS_ON:
+        if self._measured is not None and self._swung_lately(self._measured):
             return self._swung[1]
         if self.outcome.kind in ("target_lost", "wrong_object"):
             return self.outcome
@@ -251,6 +262,11 @@ class Diagnosis:
             return outcome(
                 "out_of_reach", f"{self._beyond}; on its way the target was lost: {state.reason}"
             )
+        if self._oscillation.grows:
+            return outcome(
+                "gain_too_high", "the error went to and fro, farther each time, until the target "
+                f"was lost at {state.stamp:.2f} s",
+            )  # fmt: skip
         over = f" over the {' and '.join(self._touched)} border" if self._touched else ""
         return outcome(
             "target_lost", f"target lost at {state.stamp:.2f} s{over}: {state.reason}"

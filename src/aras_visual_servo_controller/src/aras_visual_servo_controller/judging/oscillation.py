@@ -48,16 +48,26 @@ class Oscillation:
     @property
     def swings(self) -> bool:
         """Whether the error has gone to and fro lately, be it too seldom to tell a frequency."""
+        return len(self._latest(4)) == 4
+
+    @property
+    def grows(self) -> bool:
+        """Whether it does so farther each time, up to now."""
+        latest = np.abs(self._latest(3))
+        return len(latest) == 3 and bool((np.diff(latest) > 0.0).all())
+
+    def _latest(self, count: int) -> np.ndarray:
+        """The latest turning points (count,) of the loudest error, if it passed its goal between
+        each two; else none."""
         errors = self._seen.errors
         if len(errors) < 3:
-            return False
+            return np.zeros(0)
         error = errors[:, _loudest(errors)].copy()
-        peaks = _peaks(error, self.LEAST)[-4:]
-        sides = np.sign(error[peaks])
+        peaks = _peaks(error, self.LEAST)[-count:]
+        passed = (np.diff(np.sign(error[peaks])) != 0.0).all()
         # Noise turns round at every second image.
-        return len(peaks) == 4 and bool(
-            (sides[1:] != sides[:-1]).all() and np.diff(peaks).mean() >= self.SMOOTH
-        )
+        smooth = len(peaks) > 1 and np.diff(peaks).mean() >= self.SMOOTH
+        return error[peaks] if passed and smooth else np.zeros(0)
 
 
 @compiled("f8[:], f8[:], f8")

@@ -125,7 +125,7 @@ class ProgressCheck:
                 "too_few_images", f"{reason}; images came every {self.period:.2f} s only"
             )
         seen = list(self._seen)
-        for cause in (_limit, _rank):
+        for cause in (_limit, _rank, _reach, _saturation):
             if (found := cause(seen)) is not None:
                 return found
         if (noise := _noise(seen)) > 0.0:
@@ -201,7 +201,7 @@ def _reach(seen: Sequence[_Seen]) -> Outcome | None:
         missing = np.asarray(s.resolution.lost)
         amount = np.linalg.norm(missing[:3]) + 0.1 * np.linalg.norm(missing[3:])
         lost += amount > 0.3 * s.asked
-    if lost < MOST * len(seen):
+    if not seen or lost < MOST * len(seen):
         return None
     resolution = seen[-1].resolution
     missing = np.round(np.asarray(resolution.lost), 4).tolist()
@@ -212,10 +212,10 @@ def _reach(seen: Sequence[_Seen]) -> Outcome | None:
 
 def _saturation(seen: Sequence[_Seen]) -> Outcome | None:
     slowed = [s.resolution for s in seen if s.resolution and s.resolution.scale < 0.99]
-    if len(slowed) < MOST * len(seen):
+    if not slowed or len(slowed) < MOST * len(seen):
         return None
     joint = slowed[-1].slowing
-    return outcome("saturation", f"{joint} at its limit of speed or acceleration, and no progress")
+    return outcome("saturation", f"{joint} is at its limit of speed or acceleration")
 
 
 def _within(seen: Sequence[_Seen]) -> bool:

@@ -34,7 +34,7 @@ class CommandMotion:
         """Nothing is commanded."""
         self.command: np.ndarray | None = None
         self.velocity = np.zeros(len(self.names))
-        self.late = np.zeros(len(self.names), bool)
+        self.wait_for_none()
         self._brake: tuple[np.ndarray, float, float] | None = None
 
     def begin(self, positions: np.ndarray) -> None:
@@ -47,6 +47,10 @@ class CommandMotion:
         arrived = np.asarray(self.settings.arrived, float)
         if self.command is not None and (np.abs(positions - self.command) > arrived).any():
             self.begin(positions)
+
+    def wait_for_none(self) -> None:
+        """Nothing is asked of the joints: none of them is late."""
+        self.late = np.zeros(len(self.names), bool)
 
     @property
     def at_rest(self) -> bool:

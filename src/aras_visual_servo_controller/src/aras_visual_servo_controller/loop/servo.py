@@ -394,6 +394,7 @@ class Servo:
         self._paused = True
         self._fresh, self._answered = False, None
         self._late = ""
+        self._motion.wait_for_none()
 
     def _halt(self, phase: str, reason: str) -> None:
         self.phase, self.reason = phase, reason

@@ -15,12 +15,15 @@ Changes = dict[str, Any]
 TABLE = (0.0, 0.0, 0.591)
 PLANTS = ("chain", "chain", "free", "bullet")
 DOWN = np.pi  # roll of a camera that looks at the table
-# Corners of outlines without symmetry, parts of their size.
+# Corners of outlines without symmetry, parts of their size; less than 17 px wide the last one shows
+# three corners, which look the same from several poses.
 OUTLINES = (
     ((-0.5, -0.4), (0.5, -0.5), (0.35, 0.45), (-0.3, 0.3)),
     ((-0.5, -0.3), (0.4, -0.5), (0.5, 0.5), (-0.15, 0.2)),
     ((-0.5, -0.5), (0.5, -0.45), (0.1, -0.1), (-0.2, 0.5)),
 )  # fmt: skip
+
+LARGE = [[0.07 * x, 0.07 * y] for x, y in OUTLINES[0]]  # m
 
 
 @dataclass(frozen=True)
@@ -115,35 +118,50 @@ def sampler(random: Draw, height: tuple[float, float] = (0.2, 0.32)) -> Changes:
             "turn": random.uniform(0.2, 0.8)}  # fmt: skip
 
 
-def placed(random: Draw, shape: Any = None, size: float | None = None) -> Changes:
+def placed(
+    random: Draw, shape: Any = None, size: float | None = None, outlines: int = len(OUTLINES)
+) -> Changes:
     """A target on the table, some way off its middle; without symmetry if no shape is named."""
     size = float(random.uniform(0.05, 0.08)) if size is None else size
     if shape is None:
-        outline = OUTLINES[random.integers(len(OUTLINES))]
+        outline = OUTLINES[random.integers(outlines)]
         shape = [[size * x, size * y] for x, y in outline]
     x, y = random.uniform(-0.02, 0.02, 2)
     return {"shape": shape, "size": [size, size],
             "pose": [float(x), float(y), TABLE[2], 0.0, 0.0, float(random.uniform(-0.5, 0.5))]}
 
 
-def goal_above(random: Draw) -> Changes:
-    """A camera's pose above the table's middle, at which the goal is shown."""
+def goal_above(random: Draw, leans: bool = False) -> Changes:
+    """A camera's pose above the table's middle, at which the goal is shown.
+
+    leans: it looks at the table's middle from 8 to 16 degrees beside the vertical. Level poses are
+        singular for the arm: its first and its last joint turn the camera about one axis, and none
+        about its y axis (the Jacobian's least singular value is 0.003).
+    """
     x, y = random.uniform(-0.01, 0.01, 2)
-    z = TABLE[2] + random.uniform(0.24, 0.3)
-    return {"pose": [float(x), float(y), float(z), DOWN, 0.0, 0.0]}
+    height = random.uniform(0.24, 0.3)
+    lean = float(np.radians(random.uniform(8.0, 16.0)) * random.choice([-1, 1])) if leans else 0.0
+    return {"pose": [float(x), float(y - height * np.tan(lean)), float(TABLE[2] + height),
+                     DOWN + lean, 0.0, 0.0]}  # fmt: skip
 
 
 def healthy(random: Draw, plants: tuple[str, ...] = PLANTS,
-            schemes: tuple[str, ...] = ("points", "moments", "segments", "pose")) -> Changes:
-    """A run that nothing is wrong with."""
-    plant = str(random.choice(plants))
+            schemes: tuple[str, ...] = ("points", "moments", "segments", "pose"),
+            own: bool = False) -> Changes:  # fmt: skip
+    """A run that nothing is wrong with; `own`: not before the demo's two plates.
+
+    An arm whose camera is to move in all directions gets a goal that leans, and a target that is
+    large enough to tell by how much.
+    """
+    plant, scheme = str(random.choice(plants)), str(random.choice(schemes))
     keys: Changes = {
-        "plant": plant, "scheme": str(random.choice(schemes)), "start": sampler(random),
-        "duration": 8.0, "linger": 0.3, "gain": float(random.uniform(1.5, 3.0)),
+        "plant": plant, "scheme": scheme, "start": sampler(random),
+        "duration": 12.0, "linger": 0.3, "gain": float(random.uniform(1.5, 3.0)),
     }  # fmt: skip
-    # The demo's two plates for those that are made for them, else four corners.
-    if keys["scheme"] not in ("points", "moments") or random.random() < 0.5:
-        keys |= {"target": placed(random), "goal": goal_above(random)}
+    leans = plant != "free" and scheme != "moments"
+    if own or leans or scheme not in ("points", "moments") or random.random() < 0.5:
+        size = float(random.uniform(0.09, 0.12)) if leans else None
+        keys |= {"target": placed(random, size=size), "goal": goal_above(random, leans)}
     return keys
 
 
@@ -169,9 +187,9 @@ def pictures(random: Draw) -> Changes:
     return pictured(random)
 
 
-@kind("converged")
+@kind("converged", "too_noisy", mended={"noise": None})
 def noisy_pictures(random: Draw) -> Changes:
-    """Pictures with noise of 1 to 5 grey levels."""
+    """Pictures with noise of 1 to 5 grey levels: of some targets too much for six directions."""
     return {**pictured(random), "noise": float(random.uniform(1.0, 5.0))}
 
 
@@ -182,20 +200,22 @@ def jittered_features(random: Draw) -> Changes:
     return {**keys, "features": "exact", "jitter": float(random.uniform(0.05, 0.3))}
 
 
-@kind("converged")
+@kind("converged", "too_noisy", mended={"target": {"shape": LARGE, "size": [0.07, 0.07]}})
 def small_target(random: Draw) -> Changes:
-    """A target of 25 to 45 mm, ten to twenty pixels wide, by pictures."""
-    keys = pictured(random)
-    return {**keys, "target": placed(random, size=float(random.uniform(0.025, 0.045))),
-            "goal": goal_above(random)}  # fmt: skip
+    """A target of 25 to 45 mm, ten to twenty pixels wide, by pictures: its pixels are noise."""
+    keys = pictured(random, plants=("free",))
+    if random.random() < 0.5:
+        keys |= {"plant": str(random.choice(["chain", "bullet"])), "scheme": "moments"}
+    return {**keys, "goal": goal_above(random),
+            "target": placed(random, size=float(random.uniform(0.025, 0.045)), outlines=2)}
 
 
 @kind("converged")
 def marker_target(random: Draw) -> Changes:
-    """Points or pose before a marker of 4 to 8 cm, by pictures with a little noise."""
-    keys = pictured(random, schemes=("points", "pose"))
-    return {**keys, "target": placed(random, "marker", float(random.uniform(0.04, 0.08))),
-            "goal": goal_above(random), "noise": float(random.uniform(0.0, 2.0))}  # fmt: skip
+    """Points or pose before a marker of 7 to 10 cm, by pictures with a little noise."""
+    keys = pictured(random, schemes=("points", "pose"), own=True)
+    return {**keys, "target": placed(random, "marker", float(random.uniform(0.07, 0.1))),
+            "noise": float(random.uniform(0.0, 2.0))}  # fmt: skip
 
 
 @kind("converged")
@@ -223,17 +243,14 @@ def rate_known(random: Draw) -> Changes:
 @kind("converged")
 def goal_shown_by_wrong_focal(random: Draw) -> Changes:
     """The goal shown by the camera itself; its focal length is believed 5 to 30 % off."""
-    keys = pictured(random)
     focal = float(random.choice([0.8, 0.95, 1.05, 1.15, 1.3]))
-    return {**keys, "goal": goal_above(random), "target": placed(random),
-            "believed": {"focal": focal}}  # fmt: skip
+    return {**pictured(random, own=True), "believed": {"focal": focal}}
 
 
 @kind("converged")
 def goal_shown_by_wrong_centre(random: Draw) -> Changes:
     """The goal shown by the camera itself; its principal point is believed 10 px off."""
-    keys = pictured(random)
-    return {**keys, "goal": goal_above(random), "target": placed(random),
+    return {**pictured(random, own=True),
             "believed": {"centre": [float(random.choice([-10, 10])), 6.0]}}  # fmt: skip
 
 
@@ -260,7 +277,8 @@ def camera_turned_in_its_mount(random: Draw) -> Changes:
     believed."""
     keys = healthy(random, ("chain",), ("points",))
     turn = float(np.radians(random.uniform(35.0, 50.0)) * random.choice([-1, 1]))
-    return {**keys, "features": "exact", "believed": {"rpy": [turn, 0.0, 0.0]}}
+    return {**keys, "features": "exact", "duration": 14.0,
+            "believed": {"rpy": [turn, 0.0, 0.0]}}  # fmt: skip
 
 
 # -- the target --------------------------------------------------------------------------------
@@ -279,8 +297,7 @@ def target_leaves(random: Draw) -> Changes:
 @kind("target_lost", mended={"target": {"motion": None}})
 def target_covered(random: Draw) -> Changes:
     """Something is laid over the whole target while the arm servoes: no pictures of it remain."""
-    keys = pictured(random, plants=("chain",))
-    keys |= {"target": placed(random), "goal": goal_above(random)}
+    keys = pictured(random, plants=("chain",), own=True)
     keys["target"]["motion"] = {"step": [3.0, 0.0, 0.0], "begin": float(random.uniform(0.3, 0.8))}
     return keys
 
@@ -289,30 +306,29 @@ def target_covered(random: Draw) -> Changes:
 def target_drifts(random: Draw) -> Changes:
     """The target moves steadily at 10 to 40 mm/s, which the scheme does not know."""
     v, a = random.uniform(0.01, 0.04), random.uniform(0, 2 * np.pi)
-    target = placed(random)
-    target["motion"] = {"velocity": [v * np.cos(a), v * np.sin(a), 0, 0, 0, 0]}
-    return {**healthy(random, ("chain", "free")), "target": target, "goal": goal_above(random),
-            "duration": 6.0}  # fmt: skip
+    keys = healthy(random, ("chain", "free"), own=True)
+    keys["target"]["motion"] = {"velocity": [v * np.cos(a), v * np.sin(a), 0, 0, 0, 0]}
+    return {**keys, "duration": 6.0}
 
 
 @kind("target_moves", mended={"target": {"motion": None}})
 def target_swings(random: Draw) -> Changes:
     """The target swings by 5 to 20 mm at 0.2 to 0.6 Hz."""
     a, b = random.uniform(0.005, 0.02, 2)
-    target = placed(random)
-    target["motion"] = {"amplitude": [a, b, 0.0], "frequency": float(random.uniform(0.2, 0.6))}
-    return {**healthy(random, ("chain", "free")), "target": target, "goal": goal_above(random),
-            "duration": 8.0}  # fmt: skip
+    keys = healthy(random, ("chain", "free"), own=True)
+    frequency = float(random.uniform(0.2, 0.6))
+    keys["target"]["motion"] = {"amplitude": [a, b, 0.0], "frequency": frequency}
+    return {**keys, "duration": 8.0}
 
 
 @kind("converged")
 def target_pushed_once(random: Draw) -> Changes:
     """The target is pushed by 1 to 2 cm while the arm servoes, and lies still again."""
-    target = placed(random)
+    keys = healthy(random, ("chain", "free"), own=True)
     a = random.uniform(0, 2 * np.pi)
-    target["motion"] = {"step": [0.015 * np.cos(a), 0.015 * np.sin(a), 0.0],
-                        "begin": float(random.uniform(0.3, 0.6))}  # fmt: skip
-    return {**healthy(random, ("chain", "free")), "target": target, "goal": goal_above(random)}
+    keys["target"]["motion"] = {"step": [0.015 * np.cos(a), 0.015 * np.sin(a), 0.0],
+                                "begin": float(random.uniform(0.3, 0.6))}  # fmt: skip
+    return keys
 
 
 @kind("wrong_object")
@@ -345,6 +361,14 @@ def goal_below_reach(random: Draw) -> Changes:
             "goal": {"pose": [0.0, 0.0, z, DOWN, 0.0, 0.0]}}  # fmt: skip
 
 
+@kind("converged", "singular", mended={"goal": goal_above(np.random.default_rng(1), leans=True)})
+def goal_at_a_singular_posture(random: Draw) -> Changes:
+    """A level goal of points or segments, by pictures: the arm cannot turn the camera about its y
+    axis there."""
+    keys = healthy(random, ("chain", "bullet"), ("points", "segments"))
+    return {**keys, "features": "pictures", "goal": goal_above(random)}
+
+
 @kind("joint_limit", mended={"options": None})
 def limit_in_the_way(random: Draw) -> Changes:
     """The gantry's limit lies before the goal."""
@@ -358,7 +382,7 @@ def limit_in_the_way(random: Draw) -> Changes:
 @kind("saturation", mended={"options": None})
 def joints_too_slow(random: Draw) -> Changes:
     """Joints that may move at 5 to 12 mrad/s only."""
-    return {**healthy(random, ("chain",)),
+    return {**healthy(random, ("chain",)), "duration": 8.0,
             "options": {"max_velocity": float(random.uniform(0.005, 0.012))}}  # fmt: skip
 
 
@@ -456,7 +480,8 @@ def scheme_not_finite(random: Draw) -> Changes:
 @kind("local_minimum")
 def features_contradict(random: Draw) -> Changes:
     """Features that cannot all be at their goals."""
-    return {**healthy(random, ("chain",)), "scheme": "outcome_campaign.schemes:Contrary"}
+    return {**healthy(random, ("chain",)), "scheme": "outcome_campaign.schemes:Contrary",
+            "goal": goal_above(random)}  # fmt: skip
 
 
 @kind("singular")

@@ -110,10 +110,10 @@ def test_an_unknown_kind_is_named(capsys):
 
 
 def test_sixty_runs_of_the_kept_seed_are_told_right():
-    """The campaign's own aim is 95 %; `tests/outcomes` runs each kind often enough to judge it."""
+    """`tests/outcomes` runs each kind often enough to judge it."""
     found = list(cli.carried_out(cli.trials((cli.KEPT,), 2)[:60], workers=1))
     numbers = summary(found)
     wrong = [f"{f.kind} {f.number}: {f.said} ({f.reason})" for f in found if not f.right]
-    assert numbers["right"] >= 0.9, wrong
+    assert numbers["right"] >= 0.95, wrong
     assert numbers["converged"] >= 15 and numbers["worst"] <= 1.0
     assert not any(f.mended is False for f in found if f.kind != "target_covered")

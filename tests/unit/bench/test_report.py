@@ -286,6 +286,25 @@ def test_every_figure_is_drawn_of_one_run_of_two_and_for_paper(draw, moments, po
             plt.close("all")
 
 
+@pytest.mark.parametrize("draw", [d for row in FIGURES for *_, d in row], ids=NAMES)
+def test_a_name_with_dollars_is_drawn_as_it_stands(draw, moments, tmp_path):
+    name = r"$\input{x}$"
+    names = tuple(f"{name}{i}" for i in range(len(moments.names)))
+    states = tuple(
+        replace(state, decision=state.decision and replace(state.decision, names=names))
+        for state in moments.states
+    )
+    joints = (name, *moments.joint_names[1:])
+    hostile = replace(moments, name=name, states=states, joint_names=joints,
+                      units=("$x$", *moments.units[1:]))
+    with style.look():
+        for records in ([hostile], [hostile, replace(hostile, name="$^$")]):
+            figure = draw(records)
+            if figure is not None:
+                figure.savefig(tmp_path / "a.svg")
+        plt.close("all")
+
+
 def test_figures_beside_each_other_are_of_one_height_with_their_margins(moments):
     def measures(figure):
         """Height; left, below and above the axes, and between two, in inches."""

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from ..recording.run import Run, scaled
 from ..report.time_axes import colours, curve, settled_mark, times, zero
 from .palette import COLOURS, GOAL, GOOD
-from .style import heading, legend, logarithmic, panels
+from .style import heading, legend, literal, logarithmic, panels
 
 SYMBOLS = {
     "xn": "$x_n$", "yn": "$y_n$", "an": "$a_n$", "alpha": r"$\alpha$", "theta": r"$\theta$",
@@ -27,9 +27,9 @@ def symbol(name: str) -> str:
     """A feature's name as a formula has it."""
     stem = name.rstrip("0123456789").rstrip("_")
     number = name[len(stem) :].lstrip("_")
-    if number and len(stem) == 1:
+    if number and stem.isalpha() and len(stem) == 1:
         return f"${stem}_{{{number}}}$"
-    return SYMBOLS.get(name, name.replace("_", " "))
+    return SYMBOLS.get(name, literal(name.replace("_", " ")))
 
 
 def unit_groups(run: Run) -> list[tuple[str, list[int]]]:
@@ -42,7 +42,7 @@ def unit_groups(run: Run) -> list[tuple[str, list[int]]]:
 
 def with_unit(what: str, unit: str) -> str:
     """An axis' label; what has no unit says so."""
-    return f"{what} ({unit})" if unit else f"{what} (no unit)"
+    return f"{what} ({literal(unit)})" if unit else f"{what} (no unit)"
 
 
 def _paint(axis: Axes, count: int) -> list[dict[str, object]]:
@@ -96,7 +96,7 @@ def _norm(axis: Axes, runs: Sequence[Run]) -> None:
         if known.any():
             first = size[known][0] or 1.0
             curve(axis, run.time, np.maximum(size / first, FLOOR), color=colour,
-                  label=run.name)  # fmt: skip
+                  label=literal(run.name))  # fmt: skip
     axis.set_yscale("log")
     logarithmic(axis)
     axis.axhline(SETTLED, color=GOAL, ls="--", lw=0.9)
@@ -114,7 +114,7 @@ def _compared_errors(runs: Sequence[Run]) -> Figure:
         for i, axis in enumerate(axes[:-1]):
             zero(axis)
             for run, colour in zip(runs, colours(runs), strict=True):
-                curve(axis, run.time, run.error[:, i], color=colour, label=run.name)
+                curve(axis, run.time, run.error[:, i], color=colour, label=literal(run.name))
             axis.set_ylabel(with_unit(symbol(names[i]), runs[0].units[i]))
     _norm(axes[-1], runs)
     heading(axes[0], "Feature errors s − s*" if same else "Feature errors, norm of each run")
@@ -153,7 +153,7 @@ def camera_twist(runs: Sequence[Run]) -> Figure | None:
             part = slice(begin, begin + 3)
             if len(runs) > 1:
                 size = np.linalg.norm(run.achieved[:, part], axis=1)
-                curve(axis, run.time, size, color=colour, label=run.name)
+                curve(axis, run.time, size, color=colour, label=literal(run.name))
                 continue
             for i in range(3):
                 curve(axis, run.time, run.asked[:, begin + i], color=COLOURS[i], ls="--",
@@ -181,7 +181,7 @@ def pose_errors(runs: Sequence[Run]) -> Figure | None:
         distance, angle = run.way()
         time, after = run.joint_time, run.servoing
         axes[0].semilogy(time[after], np.maximum(1e3 * distance[after], 1e-4), color=colour,
-                         label=run.name)  # fmt: skip
+                         label=literal(run.name))  # fmt: skip
         axes[1].semilogy(time[after], np.maximum(np.degrees(angle[after]), 1e-4), color=colour)
     axes[0].set_ylabel("distance (mm)")
     axes[1].set_ylabel("angle (degrees)")

@@ -19,7 +19,7 @@ from ..study.folder import Folder
 from ..study.results import REAL_TIME, Results
 from ..study.tables import number
 from .palette import BLUE, COLOURS, INK, PALE, SOFT, VERMILION, letters_on
-from .style import look, panels
+from .style import literal, look, panels
 
 KINDS = ("png", "svg", "pdf")
 MOST_GROUPS = 24  # boxes beside each other that can still be read
@@ -96,8 +96,9 @@ def _success_bars(all_results: Sequence[Results], keys: Sequence[str]) -> Figure
         hits = results.successes()
         for values, rows in results.groups(keys).items():
             name = ", ".join(map(_word, values))
-            names.append(f"{results.name} {name}".strip() if len(all_results) > 1 or not name
-                         else name)
+            if len(all_results) > 1 or not name:
+                name = f"{literal(results.name)} {name}".strip()
+            names.append(name)
             rates.append(proportion(int(hits[rows].sum()), len(rows)))
     figure, (axis,) = panels(1, 0.42 * len(names) + 1.5, width=6.5)
     rows = np.arange(len(names))[::-1]
@@ -134,7 +135,7 @@ def _success_maps(all_results: Sequence[Results], down: str, across: str) -> Fig
         axis.grid(False)
         axis.set_xticks(range(len(columns)), map(_word, columns))
         axis.set_yticks(range(len(lines)), map(_word, lines))
-        axis.set(xlabel=across, title=results.name if count > 1 else "Success")
+        axis.set(xlabel=across, title=literal(results.name) if count > 1 else "Success")
     axes[0].set_ylabel(down)
     figure.colorbar(image, ax=axes, label="runs with success (%)", shrink=0.9)
     return figure
@@ -151,7 +152,8 @@ def _grouped(
     for results in all_results:
         for values, rows in results.groups(keys).items():
             name = ", ".join(f"{k} {_word(v)}" for k, v in zip(keys, values, strict=True))
-            name = f"{results.name} {name}".strip() if len(all_results) > 1 or not name else name
+            if len(all_results) > 1 or not name:
+                name = f"{literal(results.name)} {name}".strip()
             found.append((name, results, rows))
     return found
 
@@ -251,7 +253,7 @@ def trajectories(paths: Sequence[Path]) -> Figure | None:
             error = np.array(rows["error"].to_pylist(), float)
             time = stamp[run == one] - stamp[run == one][0]
             norm = np.linalg.norm(error, axis=1)
-            label = folder.path.resolve().name if n == 0 else None
+            label = literal(folder.path.resolve().name) if n == 0 else None
             known = norm[np.isfinite(norm)]
             if not known.size:
                 continue  # it never saw its target
@@ -288,9 +290,9 @@ def _scale(axis: Axes, side: str, values: Sequence[np.ndarray]) -> None:
 
 
 def _label(metric: Metric) -> str:
-    name = metric.name.replace("_", " ")
+    name = literal(metric.name.replace("_", " "))
     return f"{name} ({metric.unit})" if metric.unit else name
 
 
 def _word(value: object) -> str:
-    return number(value) if isinstance(value, float) else str(value)
+    return number(value) if isinstance(value, float) else literal(str(value))

@@ -167,6 +167,11 @@ def level(figures: Sequence[Figure]) -> None:
         grid.update(top=1.0 - top / height, bottom=bottom / height, hspace=gap / each)
 
 
+def literal(text: str) -> str:
+    """A text of a user's, for a figure: a $ in it begins no formula."""
+    return text.replace("$", r"\$")
+
+
 def heading(axis: Axes, text: str) -> None:
     """A title; in a paper the caption says it."""
     if not is_paper():

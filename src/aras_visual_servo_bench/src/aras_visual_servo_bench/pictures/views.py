@@ -17,7 +17,7 @@ from ..recording.run import Run
 from ..recording.tracks import Tracks, milestones
 from ..recording.tracks import tracks as tracks_of
 from .palette import COLOURS, FAINT, GOAL, GRID, INK, START
-from .style import Margins, figure_width, heading, is_paper, panels
+from .style import Margins, figure_width, heading, is_paper, literal, panels
 
 FADED = 0.35  # of a picture's contrast behind curves
 FLATTEST = 0.35  # least extent of an axis, part of the largest
@@ -56,12 +56,12 @@ def image_trajectory(runs: Sequence[Run]) -> Figure | None:
             Line2D([], [], marker="o", ls="", mfc="none", mec=GOAL, mew=1.6, ms=9, label="goal"),
         ]
         if len(tracks.names) <= 6:
-            handles = [Line2D([], [], color=_colour(tracks, i), label=name)
+            handles = [Line2D([], [], color=_colour(tracks, i), label=literal(name))
                        for i, name in enumerate(tracks.names)] + handles  # fmt: skip
         kind = "points that the scheme sees" if tracks.measured else "target's corners and centre"
         heading(axis, f"Way of the {kind} in the image")
     else:
-        handles = [Line2D([], [], color=COLOURS[i % len(COLOURS)], label=run.name)
+        handles = [Line2D([], [], color=COLOURS[i % len(COLOURS)], label=literal(run.name))
                    for i, (run, _) in enumerate(found)]  # fmt: skip
         heading(axis, "Ways of the target in the image")
     figure.legend(handles=handles, loc="lower center", ncols=min(len(handles), 5))
@@ -122,7 +122,7 @@ def filmstrip(runs: Sequence[Run]) -> Figure | None:
             axis.set_title(f"{stamp - run.began:.2f} s", fontweight="normal", loc="center",
                            fontsize=7 if is_paper() else 10, pad=3)  # fmt: skip
         if len(runs) > 1:
-            row[0].text(0.03, 0.95, run.name, transform=row[0].transAxes, va="top",
+            row[0].text(0.03, 0.95, literal(run.name), transform=row[0].transAxes, va="top",
                         fontsize=7 if is_paper() else 10,
                         bbox={"facecolor": "white", "alpha": 0.7, "pad": 0.5, "lw": 0})  # fmt: skip
     return figure
@@ -146,7 +146,7 @@ def camera_path(runs: Sequence[Run]) -> Figure | None:
         path = poses[:, :3, 3]
         shown += [path]
         axis.plot(*path.T, color=colour, lw=2.0, zorder=4,
-                  label="camera" if single else run.name)  # fmt: skip
+                  label="camera" if single else literal(run.name))  # fmt: skip
         goal = run.goal_pose
         if np.isfinite(goal).all():
             ideal = straight(poses[0], goal)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from ..numbers.metrics import condition
 from ..pictures.palette import BAD, COLOURS, SOFT
-from ..pictures.style import TIME, heading, is_paper, legend, logarithmic, panels
+from ..pictures.style import TIME, heading, is_paper, legend, literal, logarithmic, panels
 from ..recording.run import Run
 from .time_axes import colours, curve, times, zero
 
@@ -31,18 +31,19 @@ def joint_positions(runs: Sequence[Run]) -> Figure | None:
                 continue
             i = run.joint_names.index(name)
             shown = run.joint_time >= -0.1
-            time, style = run.joint_time[shown], {"color": COLOURS[0] if single else colour}
-            place.plot(time, run.measured[shown, i], label="measured" if single else run.name,
-                       **style)  # fmt: skip
+            time, style = run.joint_time[shown], {
+                "color": COLOURS[0] if single else colour,
+                "label": "measured" if single else literal(run.name),
+            }  # fmt: skip
+            place.plot(time, run.measured[shown, i], **style)
             if single:
                 place.plot(time, run.commanded[shown, i], color=COLOURS[1], lw=1.0, ls="--",
                            label="command")  # fmt: skip
-            speed.plot(time, run.measured_speed[shown, i],
-                       label="measured" if single else run.name, **style)  # fmt: skip
+            speed.plot(time, run.measured_speed[shown, i], **style)
             if single and is_paper():
                 speed.plot([], [], color=COLOURS[1], lw=1.0, ls="--", label="command")
         unit = dict(zip(names, runs[0].joint_units, strict=False)).get(name, "rad")
-        place.set_ylabel(f"{name} ({unit})")
+        place.set_ylabel(f"{literal(name)} ({unit})")
         speed.set_ylabel(f"({unit}/s)")
         zero(speed)
         _limits(place, *(bounds[j : j + 1] for bounds in runs[0].limits))
@@ -103,7 +104,7 @@ def conditioning(runs: Sequence[Run]) -> Figure | None:
             number = condition(values)
             if np.isfinite(number).any():
                 label = f"${name}$".replace(" ", r"\,") if single else \
-                    run.name if name == "L" else None
+                    literal(run.name) if name == "L" else None
                 curve(axes[0], run.time, number, color=shade if single else colour, ls=style,
                       label=label)  # fmt: skip
         curve(axes[1], run.time, run.manipulability, color=colour)
@@ -132,9 +133,9 @@ def timing(runs: Sequence[Run]) -> Figure | None:
         for run, colour in zip(runs, colours(runs), strict=True):
             for i, (name, time, values) in enumerate(panel(run)):
                 single = len(runs) == 1
+                label = name if single else literal(run.name) if i == 0 else None
                 axis.plot(time, values, "-" if panel is _paces else ".", ms=3, lw=1.0,
-                          color=COLOURS[i] if single else colour,
-                          label=name if single else run.name if i == 0 else None)  # fmt: skip
+                          color=COLOURS[i] if single else colour, label=label)  # fmt: skip
         low, high = axis.get_ylim()
         axis.set_ylim(min(low, 0.0), 1.15 * high)
         axis.set_ylabel({_intervals: "interval (ms)", _delays: "delay (ms)",

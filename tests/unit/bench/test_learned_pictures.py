@@ -58,7 +58,7 @@ class Told:
 @pytest.fixture
 def feature(monkeypatch):
     """One whose network is told what to say."""
-    monkeypatch.setattr(PoseNetwork, "load", classmethod(lambda cls, path: Told(np.zeros(6))))
+    monkeypatch.setattr(PoseNetwork, "load", classmethod(lambda cls: Told(np.zeros(6))))
     return LearnedPose()
 
 

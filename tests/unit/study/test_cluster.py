@@ -132,8 +132,8 @@ def test_a_named_clusters_workers_are_used_when_they_come(tiny, tmp_path, monkey
             sent += 1
         assert sent == 4  # two for each that there may be
         for _ in range(sent):
-            done = pool.next()
-            made.write(done.task.chunk, done.rows)
+            task, rows = pool.next()
+            made.write(task.chunk, rows)
         engine.carry_out(made, pool, Progress(study.runs, out=io.StringIO()))
     assert made.missing() == []
 

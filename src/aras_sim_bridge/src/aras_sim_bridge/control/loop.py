@@ -82,20 +82,25 @@ class ControlLoop:
             return None
         if self.manager.running is not self._running:
             self._gather(self.manager.running)
-        idle_ns = inf
-        for entry in self._others:
-            until_ns = entry.controller.idle_until(time_ns)
-            if until_ns < time_ns and entry.controller.looks:
-                self.hardware.read(time_ns, period)
-                self.manager.run(entry, time_ns, period)
-                until_ns = time_ns
-            idle_ns = min(idle_ns, until_ns)
-        if idle_ns < time_ns or self.manager.busy or self.hardware.sets_positions:
+        if self.manager.busy or self.hardware.sets_positions:
             return None
         for part in self._pids, self._commanded:
             for one in part:
                 if one.on_state is not None:
                     return None
+        idle_ns, due = inf, []
+        for entry in self._others:
+            until_ns = entry.controller.idle_until(time_ns)
+            if until_ns < time_ns:
+                if not entry.controller.looks:
+                    return None
+                due.append(entry)
+            idle_ns = min(idle_ns, until_ns)
+        if due:  # whoever has looked must not look again in `step`, so nothing returns None now
+            self.hardware.read(time_ns, period)
+            for entry in due:
+                self.manager.run(entry, time_ns, period)
+            idle_ns = time_ns
         for pid in self._pids:
             pid.take_gains()
         for controller in self._commanded:

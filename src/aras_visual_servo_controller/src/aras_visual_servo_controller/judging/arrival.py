@@ -44,6 +44,9 @@ WINDOW, FAR = 120, 12.0
 AGAIN = 0.7  # part of the mean error from which on what it leaves open is worked out anew
 VIEWS = 3  # images that show another view in their mean, from which on it is believed
 CERTAIN = 3.0  # standard deviations of that mean by which it has to be another, besides
+# Standard deviations by which the latest image's offset may differ from the mean of those brought
+# to where the camera is: more, and its motion is not what kinematics say.
+ELSEWISE = 5.0
 BLIND = 1e-6  # part of L's greatest singular value below which a direction is not seen
 TALL = 64  # rows of L from which on the normal equations are solved
 ROUNDING = 1e-9  # s
@@ -174,6 +177,9 @@ class Arrival:
         mean, scatter, count, enough = _averaged(
             rows, _seen(decision), min(len(self._errors), FEW), np.array(ARRIVED) / DEVIATIONS
         )
+        latest, noise = rows[-1, :6], _noise(rows[:, :6])
+        if (np.abs(latest - mean) > ELSEWISE * noise).any():
+            mean, scatter, count = latest, np.diag(noise**2), 1
         off = _size(mean.tolist())
         # Rounding may leave less than nothing of a variance.
         deviations = np.sqrt(np.maximum(np.diag(scatter), 0.0) / count)
@@ -193,6 +199,13 @@ class Arrival:
             f"the features are within their tolerances, but by L the camera is {1e3 * off[0]:.2f} "
             f"mm and {np.degrees(off[1]):.2f} degrees off"
         )
+
+
+def _noise(offsets: np.ndarray) -> np.ndarray:
+    """Standard deviation (6,) of offsets (m, 6) by their steps from image to image, which a slow
+    motion changes little."""
+    steps = np.diff(offsets, axis=0)
+    return np.sqrt((steps**2).sum(axis=0) / (2.0 * max(len(steps), 1))) + ROUNDING
 
 
 def offset_of(decision: Decision) -> np.ndarray | None:

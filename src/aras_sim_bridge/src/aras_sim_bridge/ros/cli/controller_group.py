@@ -54,8 +54,14 @@ def switch(wanted: list[str], others: set[str]) -> bool:
     to_stop = [name for name, runs in running.items() if runs and name in others]
     proxy = rospy.ServiceProxy("controller_manager/switch_controller", SwitchController)
     ok = proxy(to_start, to_stop, STRICT, False, 0.0).ok
-    done = f"started {to_start}, stopped {to_stop}"
-    print(f"Switched: {done}" if ok else f"Error when switching: would have {done}")
+    asked = {("starting", "Started"): to_start, ("stopping", "Stopped"): to_stop}
+    if ok:
+        for (_, done), names in asked.items():
+            if names:
+                print(f"{done} {names} successfully")
+    else:
+        doing = " and ".join(f"{word} {names}" for (word, _), names in asked.items() if names)
+        print(f"Error when {doing}")
     return ok
 
 

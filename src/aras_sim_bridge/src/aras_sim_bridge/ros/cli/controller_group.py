@@ -40,7 +40,7 @@ def spawn(wanted: list[str]) -> bool:
     return loaded and all([start_controller(name) for name in wanted])
 
 
-def switch(wanted: list[str], others: set[str]) -> bool:
+def switch(wanted: list[str], others: set[str]) -> None:
     """Start a group's controllers and stop those of the other groups, in one switch."""
     service = "controller_manager/list_controllers"
     rospy.wait_for_service(service, WAIT)
@@ -49,7 +49,7 @@ def switch(wanted: list[str], others: set[str]) -> bool:
     for name in wanted:
         if name not in running and not load_controller(name):
             print("Cancel group switching")
-            return False
+            return
     to_start = [name for name in wanted if not running.get(name)]
     to_stop = [name for name, runs in running.items() if runs and name in others]
     proxy = rospy.ServiceProxy("controller_manager/switch_controller", SwitchController)
@@ -62,7 +62,6 @@ def switch(wanted: list[str], others: set[str]) -> bool:
     else:
         doing = " and ".join(f"{word} {names}" for (word, _), names in asked.items() if names)
         print(f"Error when {doing}")
-    return ok
 
 
 def main() -> int:
@@ -90,7 +89,8 @@ def main() -> int:
         if args.command == "spawn":
             return 0 if spawn(wanted) else 1
         others = {name for names in groups.values() for name in names} - set(wanted)
-        return 0 if switch(wanted, others) else 1
+        switch(wanted, others)
+        return 0  # also where it was refused, as upstream's: scripts read what it prints
     except rospy.ROSInterruptException:
         return 1
     except (rospy.ServiceException, rospy.ROSException) as error:

@@ -72,6 +72,20 @@ def run_rrbot(positions: Mapping[str, float] = {}) -> int:  # noqa: B006
     return simulation.wait()
 
 
+def run_simple_bot() -> int:
+    """simple_bot_hw: one joint that efforts turn, with an inertia of 1 kg m²."""
+    rospy.init_node("simple_bot_hw", disable_rostime=True)
+    simulation = subprocess.Popen(["rosrun", "aras_sim_bridge", "gazebo", "__name:=gazebo"])
+    rospy.on_shutdown(simulation.terminate)
+    root = ElementTree.fromstring(rospy.get_param("/robot_description"))
+    body = next(link for link in root.iter("link") if link.get("name") == "simple_bot")
+    body.append(ElementTree.fromstring(
+        '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+        "</inertial>"))
+    spawn("simple_bot", driven(ElementTree.tostring(root, encoding="unicode"), {"joint": "Effort"}))
+    return simulation.wait()
+
+
 def run_dummy() -> int:
     """dummy_app: three joints that each have an effort and a velocity interface, and stand still.
 

@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 PLAIN = (3e-4, radians(0.3))  # m and rad: plain 'converged' leaves open no more than this
 # m and rad that a camera which stands still is known to: its joints move between images.
 STILL = (1e-5, 1e-4)
-# Times that an offset by L counts, its translation and its rotation: L's depth may be believed half
-# the true one, and the camera's mounting 8 degrees off.
-KNOWN = 2.0, 1.6
+# Times that an offset by L counts, its translation and its rotation: L's depth may be believed 0.6
+# of the true one, and the camera's mounting 8 degrees off.
+KNOWN = 1.7, 1.4
 Z_997 = 2.748  # of a normal distribution: 99.7 % are below
 # Part of one image's scatter that averaging does not take away: noise is cut at black and white,
 # and so moves what is measured. Corners and markers in noise of 5 grey levels, averaged over 25

@@ -33,6 +33,30 @@ def _box(size: tuple[float, float, float], mu: float, mass: float = 10.0) -> str
 <gazebo reference="box"><mu1>{mu}</mu1></gazebo></robot>"""
 
 
+def _round(name: str, shape: str, inertia: tuple[float, float, float], mass: float = 2.0) -> str:
+    """A link whose shape lies along y."""
+    ixx, iyy, izz = inertia
+    turned = f'<origin rpy="{math.pi / 2} 0 0"/>'
+    return f"""<link name="{name}"><inertial>{turned}<mass value="{mass}"/>
+<inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision>{turned}<geometry><{shape}/></geometry></collision></link>"""
+
+
+def _cylinder(mass: float, radius: float, length: float) -> tuple[float, float, float]:
+    """Principal moments of a solid cylinder along z, kg m²."""
+    across = mass * (3 * radius**2 + length**2) / 12
+    return across, across, mass * radius**2 / 2
+
+
+def _capsule(mass: float, radius: float, length: float) -> tuple[float, float, float]:
+    """The same of a solid capsule, `length` without its ends."""
+    share = length / (length + 4 / 3 * radius)
+    tube, balls = share * mass, (1 - share) * mass
+    across = tube * (length**2 / 12 + radius**2 / 4) + balls * (
+        0.4 * radius**2 + length**2 / 4 + 3 / 8 * length * radius)
+    return across, across, tube * radius**2 / 2 + balls * 0.4 * radius**2
+
+
 def _speed(model: Model) -> float:
     return math.hypot(*model.twist().linear)
 
@@ -159,6 +183,50 @@ def contact_friction() -> Iterator[Row]:
                 way = _way(box) - degrees
             yield Row(f"{name}, {degrees:g}° to its edges", "0.5 g", abs(found / 0.5 - 1.0), 0.01)
             yield Row(f"{name}, {degrees:g}° to its edges, way", "straight", abs(way), 0.5, "°")
+
+
+@check("closed form", quick=True)
+def rolling() -> Iterator[Row]:
+    """Round bodies of 2 kg and 0.1 m radius on slopes for 1 s; a cart on four cylinders for 2 s."""
+    size = 'radius="0.1" length="0.3"'
+    for name, shape, inertia in (
+            ("cylinder", f"cylinder {size}", _cylinder(2.0, 0.1, 0.3)),
+            ("capsule", f"capsule {size}", _capsule(2.0, 0.1, 0.3)),
+            ("sphere", 'sphere radius="0.1"', (0.008,) * 3)):
+        described = parse_urdf(f'<robot name="r">{_round("round", shape, inertia)}</robot>')
+        for degrees in (5.0, 10.0, 20.0):
+            angle = math.radians(degrees)
+            expected = G * math.sin(angle) / (1.0 + inertia[2] / 0.02)
+            with World(gravity=(G * math.sin(angle), 0.0, -G * math.cos(angle))) as world:
+                world.spawn_ground_plane()
+                body = world.spawn(described, "m", Pose((0, 0, 0.1)))
+                for _ in range(1000):
+                    world.step()
+                found = body.twist().linear[0] / 1.0
+            yield Row(f"{name} on {degrees:g}°", f"{expected:.3f} m/s²",
+                      abs(found / expected - 1.0), 0.01)
+    with World() as world:
+        world.spawn_ground_plane()
+        cart = world.spawn(parse_urdf(_cart()), "m", Pose((0, 0, 0.1)))
+        for _ in range(100):
+            world.step()
+        cart.set_twist(Twist((1.0, 0.0, 0.0)))
+        cart.joints.restore([(0.0, 10.0)] * 4)
+        for _ in range(2000):
+            world.step()
+        yield Row("a cart coasts for 2 s", "1 m/s", abs(cart.twist().linear[0] - 1.0), 0.01, "m/s")
+        yield Row("a cart's height", "0.1 m", 1e3 * abs(cart.pose().xyz[2] - 0.1), 0.05, "mm")
+
+
+def _cart() -> str:
+    wheel = _cylinder(1.0, 0.1, 0.05)
+    base = _box((0.8, 0.4, 0.1), 1.0).split("<gazebo")[0]
+    wheels = "".join(
+        _round(f"w{x}{y}", 'cylinder radius="0.1" length="0.05"', wheel, 1.0) +
+        f'<joint name="j{x}{y}" type="continuous"><origin xyz="{x} {y} 0"/><parent link="box"/>'
+        f'<child link="w{x}{y}"/><axis xyz="0 1 0"/></joint>'
+        for x in (-0.3, 0.3) for y in (-0.3, 0.3))
+    return base + wheels + "</robot>"
 
 
 @check("closed form", quick=True)

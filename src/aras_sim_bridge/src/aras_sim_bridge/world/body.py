@@ -8,7 +8,7 @@ from aras_visual_servo_base.poses import IDENTITY, Pose
 
 DEFAULT_FRICTION = 1.0  # Gazebo's
 _UNBOUNDED_VELOCITY = 1e9  # Bullet would cut joint velocities at 100 rad/s
-# m, by which Bullet makes the hulls of meshes and cylinders larger. A root's is what it lets bodies
+# m, by which Bullet makes the hulls of meshes larger. A root's is what it lets bodies
 # that rest sink in by, so that they stand at their own height; of links it does not let it be set.
 LINK_MARGIN = 1e-3
 ROOT_MARGIN = 1e-5
@@ -45,7 +45,9 @@ class Body:
             try:
                 self.body_id = pybullet.loadURDF(
                     files.urdf, pose.xyz, pose.quat, useFixedBase=self.fixed_base,
-                    flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=self.client)
+                    flags=pybullet.URDF_USE_INERTIA_FROM_FILE
+                    | pybullet.URDF_USE_IMPLICIT_CYLINDER,  # else prisms, which do not roll
+                    physicsClientId=self.client)
             except pybullet.error as error:
                 raise WorldError(
                     f"model '{self.name}': Bullet cannot load it ({error}); check its mesh files"

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
@@ -34,6 +34,7 @@ from aras_visual_servo_base.urdf import ZERO, Joint
 
 # Of a link without a visual Bullet makes pictures of the collisions: 4 ms for a plane.
 _NOTHING = '<visual><geometry><box size="0 0 0"/></geometry></visual>'
+_RIM, _THINNER = 1e-3, 1e-4  # m: width of the rims of what rolls; what is between them is thinner
 
 
 def root_is_fixed(description: RobotDescription) -> bool:
@@ -182,8 +183,34 @@ def _link(link: Link, concave: bool, colour: Rgba | None, files: BulletFiles) ->
         # A mesh that never moves keeps its hollows (a table inside a frame); Bullet wants moving
         # meshes convex.
         hollow = ' concave="yes"' if concave and collision.geometry.kind == "mesh" else ""
-        body += f"<collision{hollow}>{_shape(collision, files)}</collision>"
+        for part in (collision,) if concave else _rolling(collision):
+            body += f"<collision{hollow}>{_shape(part, files)}</collision>"
     return f"<link name={quoteattr(link.name)}>{body}</link>"
+
+
+def _rolling(collision: Collision) -> Iterator[Collision]:
+    """A moving cylinder or capsule in three parts, so that it rolls as one line does.
+
+    Bullet finds one point a step where two shapes touch, and keeps those that it found before where
+    they were: of a cylinder that rolls, the end that it found a step earlier lags behind, and the
+    weight on it drives it on by some percent. Rims at both ends touch in one point each; between
+    them the shape is a little thinner.
+    """
+    shape, half = collision.geometry, 0.5 * collision.geometry.length
+    if shape.kind not in ("cylinder", "capsule"):
+        yield collision
+        return
+    thinner = min(_THINNER, 0.01 * shape.radius)
+    if shape.kind == "capsule":
+        middle = replace(shape, radius=shape.radius - thinner)
+        rim = Geometry("sphere", radius=shape.radius)
+    else:
+        middle = replace(shape, radius=shape.radius - thinner, length=0.98 * shape.length)
+        rim = replace(shape, length=min(_RIM, half))
+        half -= 0.5 * rim.length
+    yield replace(collision, geometry=middle)
+    for end in (-half, half):
+        yield replace(collision, geometry=rim).at(collision.pose @ Pose((0.0, 0.0, end)))
 
 
 def _shape(part: Visual | Collision, files: BulletFiles) -> str:

@@ -1,0 +1,102 @@
+"""What is round rolls, stands and lies as its shape has it, against closed forms."""
+
+import math
+
+import pytest
+
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.world import Pose, Twist, World
+
+G = 9.8
+RADIUS, LENGTH, MASS = 0.05, 0.12, 1.5
+SHAPES = {
+    "cylinder": f'<cylinder radius="{RADIUS}" length="{LENGTH}"/>',
+    "capsule": f'<capsule radius="{RADIUS}" length="{LENGTH}"/>',
+}
+MOMENTS = (0.003, 0.003, 0.0011)
+
+
+def lying(make, kind, aslant=0.0):
+    """A body whose shape lies level, turned by `aslant` about z from y; its link stands upright."""
+    turned = f'<origin xyz="0 0 0.02" rpy="{math.pi / 2} 0 {aslant}"/>'
+    ixx, iyy, izz = MOMENTS
+    return parse_urdf(make.robot(
+        f'<link name="round"><inertial>{turned}<mass value="{MASS}"/><inertia ixx="{ixx}" '
+        f'iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0"/></inertial><collision>{turned}'
+        f"<geometry>{SHAPES[kind]}</geometry></collision></link>"))
+
+
+def block(make, size, top):
+    """What never moves, with its top at a height."""
+    x, y, z = size
+    return parse_urdf(make.robot(
+        f'<link name="world">{make.box(f"{x} {y} {z}", f"0 0 {top - z / 2}")}</link>'))
+
+
+@pytest.mark.parametrize("kind", list(SHAPES))
+@pytest.mark.parametrize("on", ["plane", "box"])
+@pytest.mark.parametrize("aslant", [0.0, 0.7])
+def test_it_rolls_across_its_axis(make, kind, on, aslant):
+    """Down a slope that falls across the axis, however that lies: by its own inertia."""
+    angle = math.radians(8.0)
+    down = G * math.sin(angle)
+    with World(gravity=(down * math.cos(aslant), down * math.sin(aslant),
+                        -G * math.cos(angle))) as world:
+        if on == "plane":
+            world.spawn_ground_plane()
+        else:
+            world.spawn(block(make, (8.0, 8.0, 1.0), 0.0), "floor")
+        body = world.spawn(lying(make, kind, aslant), "m", Pose((0, 0, RADIUS - 0.02)))
+        for _ in range(800):
+            world.step()
+        x, y, _ = body.link_state("round")[0].apply((0.0, 0.0, 0.02))
+        expected = down / (1.0 + MOMENTS[2] / (MASS * RADIUS**2))
+        assert math.hypot(x, y) == pytest.approx(expected * 0.8 * 0.801 / 2, rel=2e-3)
+        assert math.atan2(y, x) == pytest.approx(aslant, abs=2e-3)
+
+
+@pytest.mark.parametrize("width", [0.006, 0.05])
+def test_a_cart_coasts_on_its_wheels(make, width):
+    across = (2.6e-3, 2.6e-3, 5e-3, 0, 0, 0)
+    wheel = f'<collision><geometry><cylinder radius="0.1" length="{width}"/></geometry></collision>'
+    parts = [make.link("base", 10.0, "0 0 0", (0.3, 0.5, 0.6, 0, 0, 0))]
+    for k, (x, y) in enumerate(((0.3, 0.2), (0.3, -0.2), (-0.3, 0.2), (-0.3, -0.2))):
+        parts += [make.link(f"w{k}", 1.0, "0 0 0", across, wheel),
+                  make.joint(f"j{k}", "base", f"w{k}", "continuous", f"{x} {y} 0", "0 0 1",
+                             rpy=f"{-math.pi / 2} 0 0")]
+    with World() as world:
+        world.spawn_ground_plane()
+        cart = world.spawn(parse_urdf(make.robot(*parts)), "cart", Pose((0, 0, 0.1)))
+        for _ in range(100):
+            world.step()
+        cart.set_twist(Twist((1.0, 0.0, 0.0)))
+        cart.joints.restore([(0.0, 10.0)] * 4)
+        for _ in range(2000):
+            world.step()
+        assert cart.twist().linear[0] == pytest.approx(1.0, abs=1e-3)
+        assert cart.pose().xyz == pytest.approx((2.0, 0.0, 0.1), abs=2e-3)
+
+
+@pytest.mark.parametrize("kind", list(SHAPES))
+def test_it_rests_across_an_edge_by_its_middle(make, kind):
+    with World() as world:
+        world.spawn(block(make, (0.5, 0.04, 0.3), 0.3), "rail")
+        body = world.spawn(lying(make, kind), "m", Pose((0, 0, 0.3 + RADIUS - 0.02)))
+        for _ in range(1500):
+            world.step()
+        assert body.link_pose("round").apply((0, 0, 0.02))[2] == pytest.approx(
+            0.3 + RADIUS, abs=2e-4)
+
+
+def test_cylinders_stand_on_each_other(make):
+    tin = make.link("tin", 1.0, "0 0 0", (2.3e-3, 2.3e-3, 1.25e-3, 0, 0, 0),
+                    '<collision><geometry><cylinder radius="0.05" length="0.14"/></geometry>'
+                    "</collision>")
+    with World() as world:
+        world.spawn_ground_plane()
+        tins = [world.spawn(parse_urdf(make.robot(tin)), f"tin{k}", Pose((0, 0, 0.07 + 0.14 * k)))
+                for k in range(3)]
+        for _ in range(3000):
+            world.step()
+        for k, model in enumerate(tins):
+            assert model.pose().xyz == pytest.approx((0, 0, 0.07 + 0.14 * k), abs=2e-4)

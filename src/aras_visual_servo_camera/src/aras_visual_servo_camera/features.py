@@ -224,44 +224,33 @@ def compute(
         FeatureError: unknown name, order of moments too low, or no reference where one is needed.
     """
     names = tuple(names)
-    if plane is None:
-        if reference is None:
-            raise FeatureError("give a plane, or a reference that its depth can be taken from")
-        if not moments.area > 0.0:
-            raise FeatureError("the points coincide: no depth can be taken from them")
-        plane = Plane.fronto_parallel(reference.depth * sqrt(reference.area / moments.area))
-    plan = _plan(names, moments.kind)
-    needed = max(plan.centred_order, plan.raw_order) + 1
-    if moments.order < needed:
-        raise FeatureError(
-            f"{', '.join(names)} need moments up to order {needed} (one more than their values, "
-            f"for L); these go up to {moments.order}"
-        )
-    view = _View(moments, plane, reference, tolerance)
-    degenerate: dict[str, str] = {}
-    for name in names:
-        if (reason := view.undefined(name)) is not None:
-            degenerate[name] = reason
-    defined = tuple(name for name in names if name not in degenerate) if degenerate else names
-    try:
-        values, rows = view.evaluate(defined, plan.leaves)
-        found = dict(zip(defined, zip(values, rows, strict=True), strict=True))
-    except ZeroDivisionError:
-        found = {}
-        for name in defined:
-            try:
-                (value,), (row,) = view.evaluate((name,), plan.leaves)
-                found[name] = value, row
-            except ZeroDivisionError:
-                degenerate[name] = f"'{name}' divides by zero for this shape"
-    if len(found) < len(names):
-        nothing = 0.0, (0.0,) * len(plan.leaves)
-        values, rows = zip(*(found.get(name, nothing) for name in names), strict=True)
-    values = np.array(values)
+    plane = _plane(moments, reference) if plane is None else plane
+    view, plan = _View(moments, plane, reference, tolerance), _plan(names, moments.kind)
+    values, rows, degenerate = view.found(names, plan)
     L = np.array(rows) @ _leaf_rows(moments, plane, plan)
-    values.setflags(write=False)
     L.setflags(write=False)
     return FeatureSet(names, values, L, MappingProxyType(degenerate), plane)
+
+
+def values(
+    moments: Moments,
+    names: tuple[str, ...],
+    plane: Plane,
+    reference: Reference | None = None,
+    tolerance: float = DEFAULT_TOLERANCE,
+) -> Array:
+    """The values (k,) of `compute`, without L; FeatureError likewise."""
+    plan = _plan(names, moments.kind)
+    return _View(moments, plane, reference, tolerance).found(names, plan)[0]
+
+
+def _plane(moments: Moments, reference: Reference | None) -> Plane:
+    """Square to the optical axis, where the area matches the reference."""
+    if reference is None:
+        raise FeatureError("give a plane, or a reference that its depth can be taken from")
+    if not moments.area > 0.0:
+        raise FeatureError("the points coincide: no depth can be taken from them")
+    return Plane.fronto_parallel(reference.depth * sqrt(reference.area / moments.area))
 
 
 def _leaf_rows(moments: Moments, plane: Plane, plan: _Plan) -> Array:
@@ -290,6 +279,44 @@ class _View:
         self.reference = reference
         self.tolerance = tolerance
         self._mu = moments.centred.tolist()
+
+    def found(
+        self, names: tuple[str, ...], plan: _Plan
+    ) -> tuple[Array, tuple[tuple[float, ...], ...], dict[str, str]]:
+        """Values (k,) of the features, each one's derivatives by the plan's leaves, and why some
+        are undefined; those have zeros.
+
+        Raises:
+            FeatureError: the order of the moments is too low.
+        """
+        order, needed = self.moments.order, max(plan.centred_order, plan.raw_order) + 1
+        if order < needed:
+            raise FeatureError(
+                f"{', '.join(names)} need moments up to order {needed} (one more than their "
+                f"values, for L); these go up to {order}"
+            )
+        reasons = ((name, self.undefined(name)) for name in names)
+        degenerate = {name: reason for name, reason in reasons if reason is not None}
+        defined = tuple(n for n in names if n not in degenerate) if degenerate else names
+        try:
+            values, rows = self.evaluate(defined, plan.leaves)
+        except ZeroDivisionError:
+            values, rows = [], []
+            for name in defined:
+                try:
+                    (value,), (row,) = self.evaluate((name,), plan.leaves)
+                except ZeroDivisionError:
+                    degenerate[name] = f"'{name}' divides by zero for this shape"
+                else:
+                    values.append(value)
+                    rows.append(row)
+        if degenerate:
+            nothing, left = (0.0, (0.0,) * len(plan.leaves)), zip(values, rows, strict=True)
+            both = [nothing if name in degenerate else next(left) for name in names]
+            values, rows = zip(*both, strict=True)
+        values = np.array(values)
+        values.setflags(write=False)
+        return values, rows, degenerate
 
     def undefined(self, name: str) -> str | None:
         """Why the feature is undefined, or None."""

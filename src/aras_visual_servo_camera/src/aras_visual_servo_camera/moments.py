@@ -275,12 +275,9 @@ class Moments:
     @classmethod
     def _from_table(cls, table: Array, x0: float, y0: float, order: int, kind: str) -> Moments:
         """From the moments (order+1, order+1) about the point (x0, y0)."""
-        m00 = float(table[0, 0])
+        m00, dx, dy, centred = _about_centre(table)
         if not (m00 > 0.0 and isfinite(m00)):
             raise MomentsError(f"m00 = {m00:g} must be positive: the shape is empty")
-        dx, dy = float(table[1, 0]) / m00, float(table[0, 1]) / m00
-        centred = _triangle(translate(table, -dx, -dy), order)
-        centred[1, 0] = centred[0, 1] = 0.0
         return cls(order, kind, m00, x0 + dx, y0 + dy, _frozen(centred))
 
 
@@ -317,6 +314,18 @@ def translate(table, dx, dy):
                 moved[i, j] += factor * rows[i, k]
             factor *= dy * k / (j - k + 1)
     return moved
+
+
+@compiled("f8[:,:]")
+def _about_centre(table):
+    """m00 and the centre of gravity of moments about some point, and the same about that centre."""
+    m00 = table[0, 0]
+    dx, dy = table[1, 0] / m00, table[0, 1] / m00
+    centred = translate(table, -dx, -dy)
+    for i in range(len(table)):
+        centred[i, len(table) - i :] = 0.0
+    centred[1, 0] = centred[0, 1] = 0.0
+    return m00, dx, dy, centred
 
 
 def _extended(table: Array, extent: tuple[float, float, float]) -> Array:

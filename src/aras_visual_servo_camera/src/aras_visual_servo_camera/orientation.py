@@ -13,8 +13,7 @@ the image itself.
 
 from __future__ import annotations
 
-from cmath import exp
-from math import atan2, pi, remainder, sqrt
+from math import atan2, cos, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +26,8 @@ from .moments import DENSE, Array, Moments, translate
 # |mu3| / (m00 rg^3) below which a shape counts as symmetric. Pixels and the truncated expansion
 # leave up to 2e-3 of a rectangle; shapes that have a direction to the eye have 1e-2 and more.
 SYMMETRY_TOLERANCE = 0.003
+# Of a view: its centred moments, A, B, C of its plane, xg, yg, 3 for a region.
+VIEW = "f8[:,:], f8, f8, f8, f8, f8, f8"
 
 
 class Orientation(NamedTuple):
@@ -45,16 +46,8 @@ class Orientation(NamedTuple):
     @classmethod
     def of(cls, moments: Moments, plane: Plane) -> Orientation | None:
         """Orientation of one view; None without a main axis or without third-order moments."""
-        if moments.order < 3:
-            return None
-        mu = upright(moments, plane)
-        total, m00 = mu[2, 0] + mu[0, 2], mu[0, 0]
-        alpha, upright_alpha = _main_axis(moments.centred), _main_axis(mu)
-        if alpha is None or upright_alpha is None or not (total > 0.0 and m00 > 0.0):
-            return None
-        scale = m00 * (total / m00) ** 1.5
-        third = tuple(float(mu[3 - k, k]) / scale for k in range(4))
-        return cls(alpha, upright_alpha, third)
+        known, *found = _orientation(*_view(moments, plane))
+        return cls(*found) if known else None
 
     @property
     def symmetric(self) -> bool:
@@ -64,32 +57,15 @@ class Orientation(NamedTuple):
 
 def full_alpha(moments: Moments, alpha: float, plane: Plane, reference: Orientation) -> float:
     """alpha or alpha +- pi, in (-pi, pi]; alpha itself for a symmetric shape."""
-    current = Orientation.of(moments, plane)
-    if current is None or current.symmetric or reference.symmetric:
+    if reference.symmetric or not _opposite(*_view(moments, plane), alpha, *reference):
         return alpha
-    turn = current.upright_alpha - reference.upright_alpha
-    if product(rotate_third(reference.third, turn), current.third) < 0.0:
-        turn += pi
-    if abs(remainder(alpha - reference.alpha - turn, 2.0 * pi)) > 0.5 * pi:
-        alpha += pi if alpha <= 0.0 else -pi
-    return alpha
+    return alpha + (pi if alpha <= 0.0 else -pi)
 
 
-def rotate_third(third: tuple[float, ...], angle: float) -> tuple[float, float, float, float]:
-    """mu30, mu21, mu12, mu03 of a shape turned by `angle` (x towards y), rad."""
-    a, b, c, d = third
-    # The complex moments mu30 + mu12 + i (mu21 + mu03) and mu30 - 3 mu12 + i (3 mu21 - mu03)
-    # turn by once and three times the angle.
-    once = complex(a + c, b + d) * exp(1j * angle)
-    thrice = complex(a - 3 * c, 3 * b - d) * exp(3j * angle)
-    m30, m12 = (3 * once.real + thrice.real) / 4, (once.real - thrice.real) / 4
-    m03, m21 = (3 * once.imag - thrice.imag) / 4, (once.imag + thrice.imag) / 4
-    return m30, m21, m12, m03
-
-
-def product(p: tuple[float, ...], q: tuple[float, ...]) -> float:
-    """Scalar product of third-order moments that a common rotation leaves alone."""
-    return p[0] * q[0] + 3 * p[1] * q[1] + 3 * p[2] * q[2] + p[3] * q[3]
+def _view(moments: Moments, plane: Plane) -> tuple[Array | float, ...]:
+    """What the compiled functions take of one view."""
+    shrinking = 3.0 if moments.kind == DENSE else 0.0
+    return moments.centred, *plane, moments.xg, moments.yg, shrinking
 
 
 def upright(moments: Moments, plane: Plane) -> Array:
@@ -104,10 +80,26 @@ def upright(moments: Moments, plane: Plane) -> Array:
     Returns:
         (4, 4), up to a common factor per order: mu_ij at [i, j].
     """
-    shrinking = 3.0 if moments.kind == DENSE else 0.0
-    table = _in_plane_moments(moments.centred, *plane, moments.xg, moments.yg, shrinking)
-    m00 = float(table[0, 0])
-    return translate(table, -float(table[1, 0]) / m00, -float(table[0, 1]) / m00)
+    return _upright(*_view(moments, plane))
+
+
+@compiled("UniTuple(f8, 4), f8")
+def rotate_third(third, angle):
+    """mu30, mu21, mu12, mu03 of a shape turned by `angle` (x towards y), rad."""
+    a, b, c, d = third
+    # The complex moments mu30 + mu12 + i (mu21 + mu03) and mu30 - 3 mu12 + i (3 mu21 - mu03)
+    # turn by once and three times the angle.
+    once = complex(a + c, b + d) * complex(cos(angle), sin(angle))
+    thrice = complex(a - 3 * c, 3 * b - d) * complex(cos(3 * angle), sin(3 * angle))
+    m30, m12 = (3 * once.real + thrice.real) / 4, (once.real - thrice.real) / 4
+    m03, m21 = (3 * once.imag - thrice.imag) / 4, (once.imag + thrice.imag) / 4
+    return m30, m21, m12, m03
+
+
+@compiled("UniTuple(f8, 4), UniTuple(f8, 4)")
+def product(p, q):
+    """Scalar product of third-order moments that a common rotation leaves alone."""
+    return p[0] * q[0] + 3 * p[1] * q[1] + 3 * p[2] * q[2] + p[3] * q[3]
 
 
 @compiled("f8, f8, f8, f8, f8, f8, f8")
@@ -129,7 +121,7 @@ def _in_plane(A, B, C, xg, yg, ex, ey):
     return G
 
 
-@compiled("f8[:,:], f8, f8, f8, f8, f8, f8")
+@compiled(VIEW)
 def _in_plane_moments(centred, A, B, C, xg, yg, shrinking):
     """(4, 4) moments about the point of the plane (A, B, C) at (0, 0): of
     (G d)^(i, j) / (1 + e.d)^k, with k = i + j + shrinking."""
@@ -167,6 +159,41 @@ def _in_plane_moments(centred, A, B, C, xg, yg, shrinking):
     return result
 
 
-def _main_axis(mu: Array) -> float | None:
-    c, s = float(mu[2, 0] - mu[0, 2]), 2.0 * float(mu[1, 1])
-    return None if c == 0.0 and s == 0.0 else 0.5 * atan2(s, c)
+@compiled(VIEW, calls=(translate,))
+def _upright(centred, A, B, C, xg, yg, shrinking):
+    """See upright()."""
+    table = _in_plane_moments(centred, A, B, C, xg, yg, shrinking)
+    return translate(table, -table[1, 0] / table[0, 0], -table[0, 1] / table[0, 0])
+
+
+@compiled(VIEW, calls=(translate,))
+def _orientation(centred, A, B, C, xg, yg, shrinking):
+    """Whether there is one, and what Orientation holds."""
+    none = False, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0)
+    if len(centred) < 4:
+        return none
+    mu = _upright(centred, A, B, C, xg, yg, shrinking)
+    m00, total = mu[0, 0], mu[2, 0] + mu[0, 2]
+    c, s = centred[2, 0] - centred[0, 2], 2.0 * centred[1, 1]
+    upright_c, upright_s = mu[2, 0] - mu[0, 2], 2.0 * mu[1, 1]
+    if (c == s == 0.0) or (upright_c == upright_s == 0.0) or not (total > 0.0 and m00 > 0.0):
+        return none
+    scale = m00 * (total / m00) ** 1.5
+    third = mu[3, 0] / scale, mu[2, 1] / scale, mu[1, 2] / scale, mu[0, 3] / scale
+    return True, 0.5 * atan2(s, c), 0.5 * atan2(upright_s, upright_c), third
+
+
+@compiled(f"{VIEW}, f8, f8, f8, UniTuple(f8, 4)", calls=(translate,))
+def _opposite(centred, A, B, C, xg, yg, shrinking, alpha, of_alpha, of_upright_alpha, of_third):
+    """Whether a view with alpha (rad) in its image points the other way than alpha says.
+
+    of_alpha, of_upright_alpha, of_third: the reference's Orientation.
+    """
+    known, _, upright_alpha, third = _orientation(centred, A, B, C, xg, yg, shrinking)
+    if not known or np.sqrt(product(third, third)) < SYMMETRY_TOLERANCE:
+        return False
+    turn = upright_alpha - of_upright_alpha
+    if product(rotate_third(of_third, turn), third) < 0.0:
+        turn += pi
+    off = alpha - of_alpha - turn
+    return abs(off - 2.0 * pi * np.rint(off / (2.0 * pi))) > 0.5 * pi

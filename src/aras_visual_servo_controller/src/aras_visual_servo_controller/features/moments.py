@@ -16,6 +16,7 @@ servoing of planar objects, IEEE Transactions on Robotics 21(6), 2005.
 
 from __future__ import annotations
 
+from functools import cached_property
 from math import sqrt
 from typing import ClassVar
 
@@ -76,6 +77,11 @@ class _AtGoal:
         ray = (goal.moments.xg, goal.moments.yg, 1.0)
         depth = 1.0 / self.plane.inverse_depth(*ray[:2])
         self.patch = goal.moments.area * depth**2 / float(self.camera_normal @ ray)
+
+    @cached_property
+    def changes(self) -> np.ndarray:
+        """What displacements of the goal's outline do to its moments; see `displaced`."""
+        return displaced(self.goal.outline(), self.goal.moments.order)
 
     def formulas(self, moments: Moments) -> tuple[str, ...]:
         """Those that these moments tell: alpha over the whole turn where the goal's shape has a
@@ -146,12 +152,12 @@ class MomentFeature(Feature):
         if goal.camera == observation.camera:
             size *= FRESH
         columns = []
-        for change in displaced(goal.outline(), goal.moments.order):
+        for change in at.changes:
             ends = [
-                camera_features.compute(
+                camera_features.values(
                     goal.moments.plus(sign * size * change), formulas, at.plane, at.reference,
                     self.anisotropy,
-                ).values
+                )
                 for sign in (1.0, -1.0)
             ]  # fmt: skip
             columns.append(0.5 * (ends[0] - ends[1]))

@@ -215,18 +215,21 @@ def arrived(simulation):
     return simulation
 
 
-def test_ticks_in_a_row_end_before_a_sample_of_the_joints_and_before_a_picture():
+def test_ticks_in_a_row_end_with_a_sample_of_the_joints_and_before_a_picture():
     simulation = arrived(aras(cameras={"labrob": {"camera": {"update_rate": 15.0}}}))
-    simulation.step(10_000 * MS)
-    assert simulation.time_ns == 301 * MS  # the sample's
-    simulation.step(10_000 * MS)
-    assert simulation.time_ns == 310 * MS
+    states = robot_of(simulation).manager.get("joint_state_controller")
+    told = []
+    states.on_state = lambda state: told.append(state.stamp_ns)
+    for at in (301, 311):
+        simulation.step(10_000 * MS)
+        assert simulation.time_ns == at * MS
+    assert told == [301 * MS, 311 * MS]
     robot_of(simulation).manager.switch([], ["joint_state_controller"])
     simulation.step()
     (camera,) = simulation.cameras
     camera.enabled = True
     simulation.step(10_000 * MS)
-    assert simulation.time_ns == 312 * MS  # it begins to look
+    assert simulation.time_ns == 313 * MS  # it begins to look
     simulation.step(10_000 * MS)
     assert simulation.time_ns == 333 * MS  # a picture falls at 333.3
     camera.enabled = False

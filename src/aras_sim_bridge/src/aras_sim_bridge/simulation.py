@@ -253,8 +253,8 @@ class Simulation:
         made, end, bad = cycle.cycles(
             count, began_ns, step_ns, loops, hardware.handle_rows, hardware.drive_rows, *physics
         )
-        self.time_ns = began_ns + (made - (end == cycle.DIVERGED)) * step_ns
         robot.loop.end(began_ns + (made + (end == cycle.NOT_FINITE)) * step_ns)
+        self.time_ns = began_ns + (made - (end == cycle.DIVERGED)) * step_ns
         if end != cycle.ALL_MADE:
             hardware.tell()
         self.world.advanced(robot.model, bad, end != cycle.NOT_BORNE)

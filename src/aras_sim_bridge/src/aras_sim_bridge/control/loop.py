@@ -69,14 +69,13 @@ class ControlLoop:
         self._written_ns = time_ns
 
     def begin(self, time_ns: int, step_ns: int) -> tuple[np.ndarray, float] | None:
-        """Let controllers look that are due, and take commands and gains for compiled cycles from
-        `time_ns` on, a physics step of `step_ns` each; None, and nothing taken, where Python takes
-        part in the next one.
+        """Take commands and gains for compiled cycles from `time_ns` on, a physics step of
+        `step_ns` each; None, and nothing taken, where Python takes part in the next one.
 
         Returns:
-            Rows (m, 39) of the loops that run; up to when, ns, such cycles may go on.
+            Rows (m, 39) of the loops that run; the last cycle, ns, that may be among them.
         """
-        before, period = (None, time_ns - step_ns), step_ns / _NS_PER_S
+        before = None, time_ns - step_ns
         in_step = self._updated_ns in before and self._written_ns in before
         if not in_step or step_ns < self._control_ns:
             return None
@@ -88,19 +87,16 @@ class ControlLoop:
             for one in part:
                 if one.on_state is not None:
                     return None
-        idle_ns, due = inf, []
+        idle_ns = inf
         for entry in self._others:
             until_ns = entry.controller.idle_until(time_ns)
             if until_ns < time_ns:
                 if not entry.controller.looks:
                     return None
-                due.append(entry)
+                until_ns = time_ns
+            elif entry.controller.looks and until_ns < inf:
+                until_ns = time_ns + (int(until_ns - time_ns) // step_ns + 1) * step_ns
             idle_ns = min(idle_ns, until_ns)
-        if due:  # whoever has looked must not look again in `step`, so nothing returns None now
-            self.hardware.read(time_ns, period)
-            for entry in due:
-                self.manager.run(entry, time_ns, period)
-            idle_ns = time_ns
         for pid in self._pids:
             pid.take_gains()
         for controller in self._commanded:
@@ -122,5 +118,10 @@ class ControlLoop:
             first += len(controller.rows)
 
     def end(self, time_ns: int) -> None:
-        """Compiled cycles are over; the last one was at `time_ns`."""
+        """Compiled cycles are over; the last one was at `time_ns`. What they measured is still in
+        the handles: controllers that look and command nothing do so now."""
+        for entry in self._others:
+            controller = entry.controller
+            if controller.looks and controller.idle_until(time_ns) < time_ns:
+                self.manager.run(entry, time_ns, self._step_ns / _NS_PER_S)
         self._updated_ns = self._written_ns = time_ns

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ros_graph import Collector, Launch, RosMaster
 
 ROOT = Path(__file__).parents[2]
+FAILED = pytest.StashKey[bool]()
 
 
 def _sourced() -> bool:
@@ -31,6 +32,15 @@ def _sourced() -> bool:
     return str(ROOT / "src") in os.environ.get("ROS_PACKAGE_PATH", "").split(":") and all(
         importlib.util.find_spec(name) for name in ("rospy", "controller_manager_msgs")
     )
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo) -> Iterator[None]:
+    """Keep whether the test's body failed: see `launch`."""
+    report = yield
+    if call.when == "call":
+        item.stash[FAILED] = report.failed
+    return report
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -79,8 +89,24 @@ def ros_node(ros_master: RosMaster) -> str:
 
 
 @pytest.fixture(scope="module")
+def launches() -> list[Launch]:
+    """What `launch` has started for this module's tests, in order."""
+    return []
+
+
+@pytest.fixture(autouse=True)
+def _end_with_failure(request: pytest.FixtureRequest, launches: list[Launch]) -> Iterator[None]:
+    """End what a test's body launched where it fails, or the next would meet the same nodes."""
+    shared = len(launches)  # those of the module's fixtures, which were made before
+    yield
+    if request.node.stash.get(FAILED, False):
+        for launched in reversed(launches[shared:]):
+            launched.stop()
+
+
+@pytest.fixture(scope="module")
 def launch(
-    ros_master: RosMaster, tmp_path_factory: pytest.TempPathFactory
+    ros_master: RosMaster, tmp_path_factory: pytest.TempPathFactory, launches: list[Launch]
 ) -> Iterator[Callable[..., Launch]]:
     """Factory: `launch("package", "file.launch", nodes=["/gazebo"], gui=False)` → Launch.
 
@@ -90,7 +116,6 @@ def launch(
     """
     from ros_graph import GraphError, Launch, RosMaster
 
-    launches: list[Launch] = []
     masters: list[RosMaster] = []
 
     def start(

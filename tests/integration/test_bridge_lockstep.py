@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import signal
+import subprocess
 import threading
+import time
 import xmlrpc.client
 
+import rosbag
 import rospy
 from aras_sim_bridge.srv import StepWorld
 from controller_manager_msgs.srv import ListControllers
@@ -120,6 +125,61 @@ def test_silence_is_named_once_and_time_goes_on(launch, collect, ros_node):
     call("/gazebo/pause_physics", Empty)
     answers.unregister()
     world.stop()  # its parameters go with it
+
+
+def test_a_recorder_that_stands_still_for_a_while_loses_no_image(
+    launch, collect, ros_node, ros_master, tmp_path
+):
+    """Time goes as fast as the machine allows, 60 images of 0.2 MB and more a second."""
+    rospy.set_param("/gazebo/lockstep_timeout", 3.0)
+    rospy.set_param("/gazebo/lockstep_topics", ["/nobody"])
+    robot = launch(
+        "aras_visual_servo_gazebo",
+        "aras_visual_servo.launch",
+        nodes=["/gazebo"],
+        paused=True,
+        speed_mode="lockstep",
+    )
+    bag = tmp_path / "run.bag"
+    recorder = subprocess.Popen(
+        ["rosbag", "record", "--buffsize=0", f"--output-name={bag}", "/labrob/camera/image_raw",
+         "__name:=recorder"],
+        env=ros_master.environment,
+        stdin=subprocess.DEVNULL,
+        start_new_session=True,
+    )  # fmt: skip
+    try:
+        wait_for(
+            lambda: ("o", "/labrob/camera/image_raw") in connections(ros_master, "/gazebo"),
+            20.0,
+            "the recorder",
+        )
+        clock = collect("/clock", Clock)
+        wait_for(clock.connected, 5.0, "the clock")
+        call("/gazebo/unpause_physics", Empty)
+
+        def goes_on(seconds: float) -> None:
+            end = (clock.messages[-1].clock.to_sec() if clock.messages else 0.0) + seconds
+            clock.wait(timeout=60.0, where=lambda m: m.clock.to_sec() >= end)
+
+        goes_on(0.5)
+        os.killpg(recorder.pid, signal.SIGSTOP)
+        time.sleep(1.5)  # below lockstep_timeout: time waits
+        os.killpg(recorder.pid, signal.SIGCONT)
+        goes_on(0.5)
+        call("/gazebo/pause_physics", Empty)
+        last = clock.messages[-1].clock.to_nsec()
+    finally:
+        os.killpg(recorder.pid, signal.SIGINT)
+        recorder.wait(30.0)
+    wait_for(bag.exists, 20.0, "the bag to be closed")
+    with rosbag.Bag(str(bag)) as recorded:
+        stamps = [m.header.stamp.to_nsec() for _, m, _ in recorded.read_messages()]
+    assert last > 1.6e9, "its buffers were not filled"
+    assert stamps == [round(k * 1e9 / 30) for k in range(1, round(last * 30e-9) + 1)][: len(stamps)]
+    assert len(stamps) >= last * 30e-9 - 2
+    assert "which does not take" not in robot.output()
+    robot.stop()
 
 
 def test_lockstep_without_topics_does_not_start(launch, ros_node, ros_master):

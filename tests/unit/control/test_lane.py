@@ -78,6 +78,37 @@ def test_next_message_waits_behind_the_rest_of_the_one_before(line):
     assert received(theirs, SIZE) == bytes([3]) * SIZE
 
 
+def test_who_is_behind_is_told_until_it_has_taken_all_or_is_given_up(line):
+    lane, theirs, _ = line
+    lane.send(message(1))
+    assert lane.left
+    assert not lane.behind  # the socket has the beginning; the next message finds a place
+    lane.send(message(2))
+    assert lane.behind
+    assert lane in lanes.DRAIN.behind()
+    lane.given_up = True
+    assert lane not in lanes.DRAIN.behind()
+    assert received(theirs, 2 * SIZE) == bytes([1]) * SIZE + bytes([2]) * SIZE
+    end = time.monotonic() + 5.0
+    while lane.given_up and time.monotonic() < end:
+        time.sleep(0.001)
+    for n in (3, 4):
+        lane.send(message(n))
+    assert lane.behind  # it is waited for again
+
+
+def test_somebody_is_told_when_a_socket_took_more(line, monkeypatch):
+    lane, theirs, _ = line
+    told = []
+    monkeypatch.setattr(lanes.DRAIN, "on_taken", lambda: told.append(lane.left))
+    lane.send(message(1))
+    received(theirs, SIZE)
+    end = time.monotonic() + 5.0
+    while (not told or told[-1]) and time.monotonic() < end:
+        time.sleep(0.001)
+    assert told[-1] is False
+
+
 class Sip:
     """A socket that takes so many bytes at a time."""
 
@@ -127,7 +158,7 @@ def test_what_a_closed_socket_did_not_take_is_let_go(line):
     lane.socket.close()  # by rospy, which tells the publisher
     lane.close()
     assert not lane.left
-    assert lane not in lanes._drain._lanes.values()
+    assert lane not in lanes.DRAIN.sending()
     del image, images
     assert [reference() for reference in gone] == [None] * 3
     lane.send(message(9))
@@ -140,4 +171,4 @@ def test_a_lane_with_the_number_of_a_closed_one_keeps_its_turn(line):
     second = Lane(first.socket, QUEUE, lambda: None)
     second.send(message(2))
     first.close()
-    assert second in lanes._drain._lanes.values()
+    assert second in lanes.DRAIN.sending()

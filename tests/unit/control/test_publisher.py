@@ -17,6 +17,7 @@ class Connection:
     """A listener's, as rospy keeps it."""
 
     def __init__(self) -> None:
+        self.endpoint_id = "/listener"
         self.socket, self.far = socket.socketpair()
         self.far.settimeout(5.0)
 
@@ -99,7 +100,7 @@ def test_images_for_who_has_gone_are_let_go(ros):
     leave(ros, listener)
     assert not queued.left
     assert topic._lanes == {}
-    assert queued not in lane._drain._lanes.values()
+    assert queued not in lane.DRAIN.sending()
 
 
 def test_images_on_a_topic_that_is_taken_off_are_let_go(ros):

@@ -157,6 +157,7 @@ class Connection:
     """A listener's connection as rospy has it."""
 
     def __init__(self) -> None:
+        self.endpoint_id = "/listener"
         self.socket, self.heard = socket.socketpair()
         self.heard.setblocking(False)
 

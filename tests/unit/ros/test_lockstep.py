@@ -46,11 +46,15 @@ def made(ros):
     """Factory of gates; `wall` is their clock, `woken` counts calls of wake."""
 
     def make(*topics: str, period: float = 0.0) -> Lockstep:
-        make.gate = Lockstep(topics, 5.0, lambda: make.woken.append(1), period, lambda: make.wall)
+        make.gate = Lockstep(
+            topics, 5.0, lambda: make.woken.append(1), period, lambda: make.wall, make.drain
+        )
         return make.gate
 
     make.wall = 100.0
     make.woken = []
+    make.slow = []
+    make.drain = SimpleNamespace(behind=lambda: [lane for lane in make.slow if not lane.given_up])
     return make
 
 
@@ -120,6 +124,37 @@ def test_who_is_silent_too_long_is_named_once_and_left_out_until_heard(made, ros
     gate.before_frame()
     gate.heard("/a")
     assert gate.closed  # it is back
+
+
+def test_time_waits_for_a_listener_that_is_behind(made, ros):
+    gate = made("a")
+    gate.before_frame()
+    gate.heard("/a")
+    made.wall += 60.0  # paused; that wait was another
+    made.slow = [SimpleNamespace(name="/bag, which does not take /image", given_up=False)]
+    assert gate.closed
+    assert gate.remaining() == 5.0
+    made.wall += 3.0
+    assert gate.remaining() == pytest.approx(2.0)
+    made.slow.clear()
+    made.drain.on_taken()
+    assert made.woken == [1, 1]
+    assert not gate.closed
+    assert gate.remaining() is None
+    assert ros.lines == []
+
+
+def test_a_listener_that_takes_nothing_is_named_once_and_given_up(made, ros):
+    gate = made("a")
+    bag = SimpleNamespace(name="/bag, which does not take /image", given_up=False)
+    made.slow = [bag]
+    assert gate.remaining() == 5.0
+    made.wall += 5.1
+    assert gate.remaining() is None
+    assert bag.given_up
+    assert not gate.closed
+    assert len(ros.lines) == 1
+    assert "5 s of wall time in vain for /bag, which does not take /image;" in ros.lines[0]
 
 
 def test_a_topic_that_nobody_publishes_is_told_so(made, ros):

@@ -1,7 +1,8 @@
 """Writes messages into a socket without ever waiting.
 
 What does not fit is sent on by one thread for all sockets, as soon as they take more; of a
-listener that does not read for long the oldest messages are dropped, as from rospy's queue.
+listener that does not read for long the oldest messages are dropped, as from rospy's queue. Who
+must not lose one (lockstep) asks who is `behind` before the next message, and waits.
 """
 
 from __future__ import annotations
@@ -20,9 +21,14 @@ class Lane:
     """What has not been taken by one connection's socket yet."""
 
     def __init__(
-        self, target: socket.socket, queue_size: int, on_lost: Callable[[], None]
+        self, target: socket.socket, queue_size: int, on_lost: Callable[[], None], name: str = ""
     ) -> None:
-        """Write into `target`; `on_lost` is called once when it takes no more for ever."""
+        """Write into `target`; `on_lost` is called once when it takes no more for ever.
+
+        name: the topic and its listener, for the log.
+        """
+        self.name = name
+        self.given_up = False  # nobody waits for it, until it has taken all
         self.socket = target
         self.descriptor = target.fileno()
         self._on_lost = on_lost
@@ -37,7 +43,7 @@ class Lane:
             self._lost = True
             self._begun = ()
             self._waiting.clear()
-        _drain.forget(self)
+        DRAIN.forget(self)
 
     def send(self, parts: Parts) -> None:
         """Write what the socket takes now, and have the rest sent on."""
@@ -53,12 +59,17 @@ class Lane:
             else:
                 self._begun = rest
         if rest:
-            _drain.add(self)
+            DRAIN.add(self)
 
     @property
     def left(self) -> bool:
         """Whether something is still to be written."""
         return bool(self._begun or self._waiting)
+
+    @property
+    def behind(self) -> bool:
+        """Whether a message waits that nothing was sent of, and somebody may wait for it."""
+        return bool(self._waiting) and not self.given_up
 
     def flush(self) -> None:
         """Write what the socket takes now of what is left."""
@@ -67,6 +78,7 @@ class Lane:
                 self._begun = self._write(self._begun or self._waiting.popleft())
                 if self._begun:
                     return
+            self.given_up = False
 
     def _write(self, parts: Parts) -> Parts:
         """Write what the socket takes; the rest, which is `parts` itself if it takes nothing."""
@@ -87,13 +99,22 @@ class Lane:
         return rest
 
 
-class _Drain:
+class Drain:
     """Sends on what sockets did not take at once; one thread, started when first needed."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._lanes: dict[int, Lane] = {}
         self._poll: select.epoll | None = None
+        self.on_taken: Callable[[], None] = lambda: None  # a socket took more; from this thread
+
+    def sending(self) -> list[Lane]:
+        """Lanes that have something left."""
+        return list(self._lanes.values())
+
+    def behind(self) -> list[Lane]:
+        """Lanes in which a whole message waits."""
+        return [lane for lane in self.sending() if lane.behind]
 
     def add(self, lane: Lane) -> None:
         """Flush `lane` whenever its socket takes more, until nothing is left."""
@@ -127,6 +148,7 @@ class _Drain:
                     lane.flush()
                     if not lane.left:
                         self._rest(lane)
+                    self.on_taken()
 
     def _rest(self, lane: Lane) -> None:
         """Wait for the socket no more, unless the lane has something new to send."""
@@ -137,4 +159,4 @@ class _Drain:
                     self._poll.unregister(lane.descriptor)
 
 
-_drain = _Drain()
+DRAIN = Drain()

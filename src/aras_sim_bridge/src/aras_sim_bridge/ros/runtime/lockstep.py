@@ -5,6 +5,8 @@ then on every one of the topics must deliver a message; until the last has, no s
 command that answers a frame acts from the step after that frame on, in every run, however slow
 the node behind it is. Messages of different topics come over different connections, in any order:
 name all topics that act on the simulation, not only the last one that a node publishes.
+
+Nor is a step made while a listener has not taken an image or a state: a recorder loses none.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import rosgraph
 import rospy
 
 from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.ros.runtime.lane import DRAIN, Drain
 
 _WAITED_FOR = (
     "lockstep: simulated time waited %g s of wall time in vain for %s; it goes on without, until "
@@ -38,6 +41,7 @@ class Lockstep:
         wake: Callable[[], None],
         period: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
+        drain: Drain = DRAIN,
     ) -> None:
         """Wait for a message on each of `topics` a round.
 
@@ -45,6 +49,7 @@ class Lockstep:
             timeout: s of wall time after which a round is given up.
             wake: called from any thread when a round may be over.
             period: s of simulated time between two rounds; 0: after each camera frame.
+            drain: what listeners have not taken yet.
 
         Raises:
             SimError: when there is no topic, or a number is out of range.
@@ -69,12 +74,14 @@ class Lockstep:
         self._listeners: dict[str, rospy.Subscriber] = {}
         self._missing: set[str] = set()
         self._silent: set[str] = set()
-        self._deadline = 0.0
+        self._deadline: float | None = None  # of the wait that has begun
+        self._drain = drain
+        drain.on_taken = wake
 
     @property
     def closed(self) -> bool:
-        """Whether a round is open, so that no step may be made."""
-        return bool(self._missing)
+        """Whether an answer is missing or a listener behind, so that no step may be made."""
+        return bool(self._missing or self._drain.behind())
 
     def claim(self, topic: str) -> None:
         """Leave it to the caller to subscribe to `topic`, and to call `heard`."""
@@ -98,6 +105,7 @@ class Lockstep:
             self._missing.discard(topic)
             if self._missing:
                 return
+            self._deadline = None
         self._wake()
 
     def after_step(self, time_ns: int) -> None:
@@ -123,21 +131,30 @@ class Lockstep:
         """End the round: simulated time was set back."""
         with self._lock:
             self._missing.clear()
+            self._deadline = None
             self._next_ns = self._period_ns
 
     def remaining(self) -> float | None:
         """Seconds of wall time for which to wait on; None: go on. Complains when time is up."""
         with self._lock:
-            if not self._missing:
+            behind = self._drain.behind()
+            if not (self._missing or behind):
+                self._deadline = None
                 return None
-            left = self._deadline - self._clock()
-            if left > 0.0:
-                return left
+            now = self._clock()
+            if self._deadline is None:
+                self._deadline = now + self._timeout
+            if self._deadline > now:
+                return self._deadline - now
+            self._deadline = None
             late = sorted(self._missing)
             self._missing.clear()
             self._silent.update(late)
+            for lane in behind:
+                lane.given_up = True
         # Asking the master who they are takes its time: not in the simulation's thread.
-        threading.Thread(target=self._complain, args=(late,), daemon=True).start()
+        slow = sorted(lane.name for lane in behind)
+        threading.Thread(target=self._complain, args=(late, slow), daemon=True).start()
         return None
 
     def _listen(self, topic: str) -> None:
@@ -148,7 +165,7 @@ class Lockstep:
                     topic, rospy.AnyMsg, lambda _message: self.heard(topic), tcp_nodelay=True
                 )
 
-    def _complain(self, topics: list[str]) -> None:
+    def _complain(self, topics: list[str], slow: list[str]) -> None:
         who = publishers(topics)
         named = [
             f"{topic} (published by {', '.join(who[topic])})"
@@ -156,7 +173,7 @@ class Lockstep:
             else f"{topic} (nobody publishes it)"
             for topic in topics
         ]
-        rospy.logwarn(_WAITED_FOR, self._timeout, ", ".join(named))
+        rospy.logwarn(_WAITED_FOR, self._timeout, ", ".join(named + slow))
 
 
 def publishers(topics: Sequence[str]) -> dict[str, list[str]]:

@@ -64,6 +64,7 @@ class QuickPublisher:
             changed: called, from any thread, when listeners came or went; also before this
                 returns, where somebody waited for the topic.
         """
+        self._topic = topic
         self._queue_size = queue_size
         self._changed = changed
         self._lock = threading.Lock()
@@ -129,7 +130,10 @@ class QuickPublisher:
         if connection.socket is None:
             return None
         lane = self._lanes[connection] = Lane(
-            connection.socket, self._queue_size, lambda: self._close(connection)
+            connection.socket,
+            self._queue_size,
+            lambda: self._close(connection),
+            f"{connection.endpoint_id}, which does not take {self._topic}",
         )
         return lane
 

@@ -11,14 +11,14 @@ from aras_visual_servo_base.compiled import compiled
 TURN = 2.0 * pi
 
 
-@compiled("f8")
+@compiled("f8", allocates=False)
 def normalize_angle(angle):
     """`angle` in (-pi, pi]."""
     within = angle % TURN
     return within - TURN if within > pi else within
 
 
-@compiled("f8, f8")
+@compiled("f8, f8", allocates=False)
 def shortest(start, goal):
     """Distance from `start` to `goal` the short way round, in (-pi, pi]."""
     distance = goal - start
@@ -28,7 +28,7 @@ def shortest(start, goal):
     return normalize_angle(distance)
 
 
-@compiled("f8, f8, f8, f8")
+@compiled("f8, f8, f8, f8", allocates=False)
 def with_large_limits(start, goal, lower, upper):
     """Shortest distance that stays within [lower, upper], which may span several turns.
 
@@ -41,7 +41,7 @@ def with_large_limits(start, goal, lower, upper):
     return near
 
 
-@compiled("f8, f8, f8, f8")
+@compiled("f8, f8, f8, f8", allocates=False)
 def towards(start, goal, lower, upper):
     """As with_large_limits, but from outside the limits straight to the goal and so back in."""
     if lower <= start <= upper:

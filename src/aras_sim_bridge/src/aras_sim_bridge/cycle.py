@@ -20,7 +20,7 @@ CYCLE = "f8[:,::1], f8[:,::1], f8[:,::1]"
 ALL_MADE, NEWS, DIVERGED, NOT_BORNE, NOT_FINITE = range(5)
 
 
-@compiled("f8[:,::1], f8[:,::1], f8[:,::1]")
+@compiled("f8[:,::1], f8[:,::1], f8[:,::1]", allocates=False)
 def _put_through(drives, state, joints):
     """Outputs of drives into efforts and motors; False, and nothing done, if one is no number."""
     for k in range(len(drives)):
@@ -39,6 +39,7 @@ def _put_through(drives, state, joints):
 @compiled(
     f"i8, i8, i8, {CYCLE}, {STEP}, b1, {STANDING}",
     calls=(follow, written, advance, bears),
+    allocates=False,
 )
 def cycles(count, time_ns, step_ns, loops, handles, drives,
            bodies, tree, state, wrenches, gravity, frames, matrices, rows, joints, modes, dt,

@@ -198,7 +198,7 @@ class Occurrence:
         return noted(self.row, time_ns, self.patience_ns, self.quiet_ns)
 
 
-@compiled("f8[::1], f8, f8, f8")
+@compiled("f8[::1], f8, f8, f8", allocates=False)
 def noted(row, time_ns, patience_ns, quiet_ns):
     """See Occurrence.note."""
     if not 0.0 <= time_ns - row[_LAST] <= quiet_ns:

@@ -112,14 +112,14 @@ def rule_for(handle: JointHandle, limits: JointBounds | None,
     return LimitRule(_KINDS[handle.interface][handle.soft_limits is not None], limits, handle, row)
 
 
-@compiled("f8, f8, f8")
+@compiled("f8, f8, f8", allocates=False)
 def _saturated(value, low, high):
     # The upper bound wins where the two cross, as in the original's min(max()).
     value = low if value < low else value
     return high if value > high else value
 
 
-@compiled("f8[::1], f8")
+@compiled("f8[::1], f8", allocates=False)
 def _soft_speeds(row, position):
     """Slowest and fastest at a position, by the soft limits."""
     speed, gain = row[_SPEED], row[_K_POSITION]
@@ -131,7 +131,7 @@ def _soft_speeds(row, position):
     return slowest, fastest
 
 
-@compiled("f8[::1], f8[::1], f8")
+@compiled("f8[::1], f8[::1], f8", allocates=False)
 def enforced(row, handle, dt):
     """See LimitRule.enforce; `handle` (6,). Returns whether the command was changed."""
     kind, position, velocity = int(row[_KIND]), handle[Q], handle[V]

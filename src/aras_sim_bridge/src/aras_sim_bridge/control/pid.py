@@ -163,7 +163,7 @@ class Pid:
         )
 
 
-@compiled("f8[::1], f8, f8, b1, f8")
+@compiled("f8[::1], f8, f8, b1, f8", allocates=False)
 def computed(row, error, error_dot, known, dt):
     """See Pid.compute; `known`: whether `error_dot` is."""
     row[_DONE] = 0.0

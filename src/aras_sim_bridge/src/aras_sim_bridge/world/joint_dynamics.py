@@ -52,7 +52,7 @@ STEP = f"{_TREE}, f8[:,::1], i8[::1], f8"
 _SET = "i8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1]"
 
 
-@compiled("f8[::1], f8[::1], f8[::1]")
+@compiled("f8[::1], f8[::1], f8[::1]", allocates=False)
 def _weigh(b, f, gravity):
     """Inertia of a body, and the force that its motion asks for beyond gravity's, into `f`."""
     px, py, pz = f[9], f[10], f[11]
@@ -113,7 +113,7 @@ def _weigh(b, f, gravity):
     f[45] -= n * gravity[2]
 
 
-@compiled("f8[:,::1], i8[:,::1], f8[:,::1], f8[::1], f8[:,::1]")
+@compiled("f8[:,::1], i8[:,::1], f8[:,::1], f8[::1], f8[:,::1]", allocates=False)
 def _move(bodies, tree, state, gravity, frames):
     """Poses, joint axes, velocities, inertias and forces of all bodies into `frames`.
 
@@ -176,7 +176,7 @@ def _move(bodies, tree, state, gravity, frames):
         _weigh(b, f, gravity)
 
 
-@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1]")
+@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1]", allocates=False)
 def _gather(tree, frames, mass, bias):
     """Mass matrix and bias efforts from what `_move` left, the outermost bodies first."""
     n = len(tree)
@@ -211,7 +211,7 @@ def _gather(tree, frames, mass, bias):
                 p[k] += f[k]
 
 
-@compiled(_TREE)
+@compiled(_TREE, allocates=False)
 def _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows):
     """Mass matrix and bias."""
     _move(bodies, tree, state, gravity, frames)
@@ -221,7 +221,7 @@ def _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows):
     _gather(tree, frames, matrices[0], rows[BIAS])
 
 
-@compiled("f8[:,::1], f8[:,::1], f8[:,::1]")
+@compiled("f8[:,::1], f8[:,::1], f8[:,::1]", allocates=False)
 def _begin(state, wrenches, rows):
     """The equations stand: note the speeds, and forget what pushes."""
     for j in range(len(wrenches)):
@@ -230,7 +230,7 @@ def _begin(state, wrenches, rows):
             wrenches[j, k] = 0.0
 
 
-@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,:,::1], f8[:,::1]")
+@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,:,::1], f8[:,::1]", allocates=False)
 def _reduce(tree, joints, state, dt, matrices, rows):
     """The problem in the joints that mimic no other: matrix, right-hand side, bounds, friction."""
     n = len(tree)
@@ -264,7 +264,7 @@ def _reduce(tree, joints, state, dt, matrices, rows):
         rows[_TOP, c] = max(min(rows[_TOP, c], high), rows[_BOTTOM, c])
 
 
-@compiled(_SET)
+@compiled(_SET, allocates=False)
 def _speeds_of(tree, modes, matrices, rows):
     """New speeds for this set of joints that stick, slide and stand at stops (Cholesky)."""
     n = len(tree)
@@ -310,7 +310,7 @@ def _speeds_of(tree, modes, matrices, rows):
                 v[k] -= low[c, k] * v[c]
 
 
-@compiled(_SET)
+@compiled(_SET, allocates=False)
 def _correct(tree, modes, matrices, rows):
     """Mend the set where the speeds contradict it; whether anything had to be mended."""
     n = len(tree)
@@ -357,7 +357,7 @@ def _correct(tree, modes, matrices, rows):
     return wrong
 
 
-@compiled(_SET)
+@compiled(_SET, allocates=False)
 def _sweep(tree, modes, matrices, rows):
     """Projected Gauss-Seidel, which ends up right from any set, if slowly."""
     n = len(tree)
@@ -389,7 +389,7 @@ def _sweep(tree, modes, matrices, rows):
             break
 
 
-@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,:,::1], f8[:,::1], i8[::1]")
+@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,:,::1], f8[:,::1], i8[::1]", allocates=False)
 def _solve(tree, joints, state, dt, matrices, rows, modes):
     """The new speed of every joint into rows[SPEED]; followers have their leader's, times the
     ratio."""
@@ -411,13 +411,13 @@ def _solve(tree, joints, state, dt, matrices, rows, modes):
             rows[SPEED, j] = joints[j, RATIO] * rows[SPEED, tree[j, 3]]
 
 
-@compiled(_TREE)
+@compiled(_TREE, allocates=False)
 def dynamics(bodies, tree, state, wrenches, gravity, frames, matrices, rows):
     """Mass matrix (n, n) into matrices[0], bias efforts (n,) into rows[BIAS]."""
     _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
 
 
-@compiled(STEP)
+@compiled(STEP, allocates=False)
 def advance(
     bodies, tree, state, wrenches, gravity, frames, matrices, rows, joints, modes, dt
 ):
@@ -454,7 +454,7 @@ def advance(
     return -1
 
 
-@compiled(STEP)
+@compiled(STEP, allocates=False)
 def react(
     bodies, tree, state, wrenches, gravity, frames, matrices, rows, joints, modes, dt
 ):

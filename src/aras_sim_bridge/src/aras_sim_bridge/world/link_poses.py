@@ -87,7 +87,7 @@ def _chained(tree, offsets, axes, positions):
                     d * e - a * u - b * v - c * w,
                 )
         if parent >= 0:
-            i, j, k, h = turns[parent]
+            i, j, k, h = turns[parent, 0], turns[parent, 1], turns[parent, 2], turns[parent, 3]
             s, t, r = 2.0 * (j * z - k * y), 2.0 * (k * x - i * z), 2.0 * (i * y - j * x)
             x, y, z = (
                 places[parent, 0] + x + h * s + j * r - k * t,

@@ -39,7 +39,7 @@ BOLTED = (np.zeros(11), np.zeros((1, 6)), np.zeros(6), np.zeros(6))
 
 
 @compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1], "
-          "f8[::1], f8")
+          "f8[::1], f8", allocates=False)
 def bears(tree, frames, state, before, gravity, ground, corners, touch, load, dt):
     """Whether the ground can bear a bolted tree's base over the step that was just made.
 
@@ -108,7 +108,7 @@ def bears(tree, frames, state, before, gravity, ground, corners, touch, load, dt
     return slide + twist * np.sqrt(farthest) / nearest <= _SHARE * friction * pressure
 
 
-@compiled("f8[:,::1], f8[:,::1], f8[::1]")
+@compiled("f8[:,::1], f8[:,::1], f8[::1]", allocates=False)
 def _add_up(pushes, root, touch):
     """Torque and force (6,) of contacts, in the root's axes about its origin, added to `touch`.
 

@@ -89,7 +89,7 @@ def _moved(joint: Joint, position: float) -> np.ndarray:
     return exponential(twist)
 
 
-@compiled("f8[::1], f8[:,:], f8[::1]")
+@compiled("f8[::1], f8[:,:], f8[::1]", allocates=False)
 def _placed(frame, place, out):
     """A frame (12 and more) carried on by a place (4, 4), into `out`."""
     for i in range(3):

@@ -71,7 +71,7 @@ class Interpolation:
         return moved(self.row, period)
 
 
-@compiled("f8[::1], f8, f8", calls=(towards,))
+@compiled("f8[::1], f8, f8", calls=(towards,), allocates=False)
 def headed(row, command, time_ns):
     """See Interpolation.take."""
     if not isnan(row[_ARRIVAL]):
@@ -95,7 +95,7 @@ def headed(row, command, time_ns):
     row[_RATE], row[MOVES] = distance / row[_LEFT], 1.0
 
 
-@compiled("f8[::1], f8")
+@compiled("f8[::1], f8", allocates=False)
 def moved(row, period):
     """See Interpolation.advance."""
     row[_LEFT] -= period

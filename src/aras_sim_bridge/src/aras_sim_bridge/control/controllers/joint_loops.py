@@ -131,7 +131,7 @@ class JointLoop:
         )
 
 
-@compiled("f8[::1], f8, f8", calls=(headed,))
+@compiled("f8[::1], f8, f8", calls=(headed,), allocates=False)
 def taken(row, command, time_ns):
     """Let a loop go to a command, which arrived in the cycle at `time_ns`; where, within limits."""
     row[_COMMAND] = command = min(max(command, row[_LOWER]), row[_UPPER])
@@ -142,7 +142,7 @@ def taken(row, command, time_ns):
     return command
 
 
-@compiled("f8[:,::1], f8[:,::1], f8", calls=(towards, moved, computed))
+@compiled("f8[:,::1], f8[:,::1], f8", calls=(towards, moved, computed), allocates=False)
 def follow(rows, handles, period):
     """One cycle of loops, `period` s after the last one: their outputs into the handles (h, 6)."""
     for k in range(len(rows)):

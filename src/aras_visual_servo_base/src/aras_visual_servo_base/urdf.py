@@ -7,6 +7,7 @@ What a link weighs, looks like and touches is for the simulator to read.
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Self
 from xml.etree.ElementTree import Element
@@ -133,6 +134,7 @@ class UrdfTree:
         return joints[::-1]
 
 
+@lru_cache(maxsize=8)
 def robot_name(urdf: str) -> str:
     """The robot's name in its description; '' for what is no URDF with a name."""
     try:

@@ -147,7 +147,7 @@ class Robot:
 
     def _arm(self, urdf: str) -> Arm:
         try:
-            return Arm.from_urdf(urdf, self.spec.camera_frame, target_frame=self.spec.target_frame)
+            return _arm_of(urdf, self.spec.camera_frame, self.spec.target_frame)
         except ConfigurationError as error:
             raise ExperimentError(f"{self.spec.urdf}: {error}") from None
 
@@ -168,6 +168,12 @@ class Robot:
 
 
 _functions = functools.cache(runpy.run_path)
+
+
+@functools.lru_cache(maxsize=8)
+def _arm_of(urdf: str, camera_frame: str, target_frame: str) -> Arm:
+    """Read once a process, as `_described`."""
+    return Arm.from_urdf(urdf, camera_frame, target_frame=target_frame)
 
 
 @functools.lru_cache(maxsize=8)

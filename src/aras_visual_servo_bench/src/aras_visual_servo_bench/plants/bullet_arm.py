@@ -178,8 +178,7 @@ class BulletArm(Plant):
     def poses(self, positions: np.ndarray) -> np.ndarray:
         """See Plant.poses; by the true robot's description, which spares Bullet being asked in
         between."""
-        root = self._model.pose().matrix()
-        return np.array([root @ self._arm.pose(q) for q in positions]).reshape(-1, 4, 4)
+        return self._model.pose().matrix() @ self._arm.poses(positions)
 
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities from the physics."""

@@ -119,6 +119,10 @@ class Arm:
         the base's, or the target's own where the arm moves it; read-only."""
         return self.view(q)[0]
 
+    def poses(self, positions: np.ndarray) -> np.ndarray:
+        """The same (m, 4, 4) for joints (m, n)."""
+        return self.chain.poses(positions)
+
     def jacobian(self, q: np.ndarray) -> np.ndarray:
         """Geometric Jacobian (6, n) of the camera, expressed in the optical frame.
 

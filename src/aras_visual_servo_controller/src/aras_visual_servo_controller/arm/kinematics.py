@@ -80,6 +80,12 @@ class Chain(NamedTuple):
         _view(*self, q, pose, jacobian)
         return pose, jacobian
 
+    def poses(self, positions: np.ndarray) -> np.ndarray:
+        """`target_T_camera` (m, 4, 4) for joints (m, n)."""
+        poses = np.empty((len(positions), 4, 4))
+        _views(*self, np.asarray(positions, float), poses, np.empty((6, len(self.order))))
+        return poses
+
 
 def _moved(joint: Joint, position: float) -> np.ndarray:
     """Motion (4, 4) of a joint at a position, rad or m, in its own frame."""
@@ -158,3 +164,12 @@ def _view(order, parents, slides, signs, places, axes, ends, tips, q, pose, jaco
             cx, cy, cz = camera[i], camera[3 + i], camera[6 + i]
             jacobian[i, j] = cx * vx + cy * vy + cz * vz
             jacobian[3 + i, j] = cx * wx + cy * wy + cz * wz
+
+
+@compiled("i8[::1], i8[::1], b1[::1], f8[::1], f8[:,:,::1], f8[:,::1], i8[::1], f8[:,:,::1], "
+          "f8[:,:], f8[:,:,::1], f8[:,::1]")
+def _views(order, parents, slides, signs, places, axes, ends, tips, positions, poses, jacobian):
+    """See Chain.poses; `jacobian`: (6, n) to work with."""
+    for m in range(len(poses)):
+        _view(order, parents, slides, signs, places, axes, ends, tips, positions[m], poses[m],
+              jacobian)

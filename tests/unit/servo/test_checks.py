@@ -9,6 +9,7 @@ import pytest
 from free_camera import exponential
 from loop_rig import scaled
 
+from aras_visual_servo_base.poses import logarithm
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.judging.camera_check import DIRECTIONS, CameraCheck
 from aras_visual_servo_controller.judging.oscillation import Oscillation
@@ -137,7 +138,7 @@ def judged(seed, jacobian=None):
             shaken = ways.max()
         evidence.add(
             SimpleNamespace(rate=0.0, L=L, error=error),
-            SimpleNamespace(previous_T_camera=pose, dt=1 / 30, joints=joints), tolerances,
+            SimpleNamespace(motion=logarithm(pose), dt=1 / 30, joints=joints), tolerances,
         )  # fmt: skip
         if before is not None:
             rows.add(before, (error, L), twist, tolerances, shaken)
@@ -181,7 +182,7 @@ def test_only_an_image_that_follows_another_counts():
     evidence = CameraCheck()
     for error in wrong:
         evidence.add(SimpleNamespace(rate=0.0, L=L, error=error),
-                     SimpleNamespace(previous_T_camera=None, dt=1 / 30, joints=None), tolerances)
+                     SimpleNamespace(motion=None, dt=1 / 30, joints=None), tolerances)
     assert not evidence.fault()
 
 

@@ -8,7 +8,7 @@ import pytest
 from free_camera import exponential
 from loop_rig import CAMERA, STARTS, Rig, lost, scaled, the_arm, the_goal, the_limits, the_servo
 
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import logarithm, transform
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller import judging
 from aras_visual_servo_controller.errors import MeasurementError
@@ -684,7 +684,7 @@ def seen_by(scale, images=12, noise=0.0, seed=0, count=4, tolerance=1e-3, drift=
     for _ in range(images):
         measured = error + noise * tolerance * random.normal(size=count)
         decision = SimpleNamespace(rate=rate, L=L, error=measured)
-        seen = SimpleNamespace(previous_T_camera=pose, dt=1 / 30, joints=None)
+        seen = SimpleNamespace(motion=logarithm(pose), dt=1 / 30, joints=None)
         evidence.add(decision, seen, tolerances)
         twist = 2e-2 * random.normal(size=6)
         pose = exponential(twist)
@@ -727,7 +727,7 @@ def test_two_translations_are_compared_however_little_one_of_them_is(factor):
     position, pose = np.zeros(3), np.eye(4)
     for _ in range(30):
         decision = SimpleNamespace(rate=0.0, L=L, error=position * [1.0, 1.0, factor])
-        seen = SimpleNamespace(previous_T_camera=pose, dt=1 / 30, joints=None)
+        seen = SimpleNamespace(motion=logarithm(pose), dt=1 / 30, joints=None)
         evidence.add(decision, seen, tolerances)
         way = 1e-3 * np.array([8.0, 5.0, 1.0, 0.0, 0.0, 0.0])
         position, pose = position + way[:3], exponential(way)
@@ -741,7 +741,7 @@ def slowly(step, images, factor=0.8):
     position, pose = np.zeros(3), np.eye(4)
     for k in range(images):
         decision = SimpleNamespace(rate=0.0, L=np.eye(6)[:3], error=position * [1.0, 1.0, factor])
-        seen = SimpleNamespace(previous_T_camera=pose, dt=1 / 30, joints=None)
+        seen = SimpleNamespace(motion=logarithm(pose), dt=1 / 30, joints=None)
         evidence.add(decision, seen, tolerances)
         way = 1e-3 * step * np.eye(6)[2 * (k // 8 % 2)]
         position, pose = position + way[:3], exponential(way)
@@ -793,7 +793,7 @@ def test_little_motion_and_broken_sequences_are_no_evidence():
     for k in range(40):
         decision = SimpleNamespace(rate=0.0, L=np.ones((2, 6)), error=np.full(2, 0.01 * k))
         evidence.interrupt()
-        moved = SimpleNamespace(previous_T_camera=exponential(0.01 * ONE), dt=1 / 30, joints=None)
+        moved = SimpleNamespace(motion=0.01 * ONE, dt=1 / 30, joints=None)
         evidence.add(decision, moved, np.full(2, 1e-3))
     assert not evidence.fault()
 
@@ -814,7 +814,7 @@ def believed_by_shaken_joints(shake, scale, jacobian, images=40, seed=0):
         moved = np.eye(4) if before is None else exponential(believed - before)
         evidence.add(
             SimpleNamespace(rate=0.0, L=L, error=(L * scale) @ true),
-            SimpleNamespace(previous_T_camera=moved, dt=1 / 30, joints=joints),
+            SimpleNamespace(motion=logarithm(moved), dt=1 / 30, joints=joints),
             tolerances,
         )
         before = believed
@@ -911,7 +911,7 @@ def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal(
         )
         goal = replace(the_goal("2016"), camera=CAMERA)
         seen = SimpleNamespace(valid=True, touches=(), moments=None, camera=CAMERA,
-                               previous_T_camera=None, world_T_camera=None, dt=0.03)  # fmt: skip
+                               motion=None, world_T_camera=None, dt=0.03)  # fmt: skip
         decision = SimpleNamespace(error=np.zeros(1), L=None, rate=0.0, task=None)
         left = Arrived(True, open=LeftOpen(1e-4, 2e-3))
         state = SimpleNamespace(stamp=1.0, phase=CONVERGED, decision=decision, reason="",

@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
-from aras_visual_servo_base.poses import logarithm
 
 from ..arm.task import DIRECTIONS
 from ..schemes.base import Decision
@@ -76,20 +75,18 @@ class CameraCheck:
     def add(self, decision: Decision, observation: Observation, tolerances: np.ndarray) -> None:
         """Take in one image."""
         L, error = decision.L, decision.error
-        moved = observation.previous_T_camera
         before, self._before = self._before, None
         joints, self._joints = self._joints, observation.joints
         if L is None or np.shape(L) != (len(error), 6):
             return
-        L, rate = np.asarray(L, float), np.broadcast_to(decision.rate, np.shape(error))
-        self._before = (error, L, rate)
-        if before is None or moved is None or len(before[0]) != len(error):
+        self._before = error, np.asarray(L, float), np.ravel(decision.rate)
+        if before is None or observation.motion is None or len(before[0]) != len(error):
             self._begin(error)
             return
-        self._parts, predicted, wrapped = _advanced(
-            *before[:2], error, L, logarithm(moved), tolerances, self._parts
-        )
-        self._own = self._own + 0.5 * (before[2] + rate) * observation.dt
+        predicted, wrapped = _advanced(
+            *before, *self._before, observation.motion, observation.dt, tolerances, self._parts,
+            self._own,
+        )  # fmt: skip
         if wrapped:
             self._begin(error)
             return
@@ -105,7 +102,7 @@ class CameraCheck:
     def _begin(self, error: np.ndarray) -> None:
         """A row from this image on, where the error is (k,)."""
         self._from, self._parts = error, np.zeros((len(error), 6))
-        self._images, self._shaking, self._own = 0, 0.0, 0.0
+        self._images, self._shaking, self._own = 0, 0.0, np.zeros(len(error))
 
     def _row(self, predicted: float, measured: np.ndarray) -> None:
         """Take in how far the features moved (k,), and had to at most, in tolerances."""
@@ -134,11 +131,10 @@ class CameraCheck:
         """How far at most the features moved otherwise than the joints tell, in tolerances."""
         if self._jacobian is None or before is None or now is None:
             return 0.0
-        dt, change = now.stamp - before.stamp, now.velocities - before.velocities
-        told = (before.velocities + 0.5 * change) * dt
-        unexplained = np.abs(now.positions - before.positions - told) + self.LATE * dt * abs(change)
-        moved = L @ (self._jacobian(now.positions) * unexplained)
-        return float(np.abs(moved / tolerances[:, None]).max())
+        return _unexplained(
+            before.positions, before.velocities, now.positions, now.velocities,
+            now.stamp - before.stamp, self.LATE, self._jacobian(now.positions), L, tolerances,
+        )  # fmt: skip
 
     def fault(self) -> str:
         """What cannot be with the camera as believed, in words; empty where all can."""
@@ -241,22 +237,26 @@ def _scales(normal, right, square, rows, known, turned, off, deviations, quiet):
     return depth, misfit / square, rest, one, other, scale[max(one, 0)], beside
 
 
-@compiled("f8[:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:], f8[:,:]")
-def _advanced(error_before, L_before, error, L, motion, tolerances, before):
-    """What each direction of the camera should have done to the features up to this image.
+@compiled("f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[:], f8[:,::1], f8[::1]",
+          allocates=False)
+def _advanced(error_before, L_before, rate_before, error, L, rate, motion, dt, tolerances, parts,
+              own):
+    """Add what each direction of the camera should have done to the features up to this image, and
+    what was no doing of the camera's.
 
     Args:
-        error_before, error: (k,); L_before, L: (k, 6) at the two last images.
-        motion: (6,) of the camera between them.
-        tolerances: (k,), the unit of all that is answered.
-        before: (k, 6) what they should have done up to the image before.
+        error_before, error: (k,); L_before, L: (k, 6); rate_before, rate: (k,) or (1,), at the two
+            last images.
+        motion: (6,) of the camera between them; dt: s.
+        tolerances: (k,), the unit of `parts`.
+        parts, own: (k, 6), (k,) up to the image before; they are added to.
 
     Returns:
-        That up to this one (k, 6); the greatest of its sums; whether an error moved so far that
-        an angle wrapped round.
+        The greatest of the sums of `parts`; whether an error moved so far that an angle wrapped.
     """
-    parts = before.copy()
-    widest, greatest, wrapped = tolerances.max(), 0.0, False
+    widest, greatest, wrapped = 0.0, 0.0, False
+    for tolerance in tolerances:
+        widest = max(widest, tolerance)
     for i in range(len(error)):
         predicted = 0.0
         for j in range(6):
@@ -264,4 +264,29 @@ def _advanced(error_before, L_before, error, L, motion, tolerances, before):
             predicted += parts[i, j]
         greatest = max(greatest, abs(predicted))
         wrapped |= abs(error[i] - error_before[i]) / tolerances[i] > 1.0 / widest
-    return parts, greatest, wrapped
+        both = rate_before[min(i, len(rate_before) - 1)] + rate[min(i, len(rate) - 1)]
+        own[i] += 0.5 * both * dt
+    return greatest, wrapped
+
+
+@compiled("f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:,:], f8[:,:], f8[:]", allocates=False)
+def _unexplained(q_before, v_before, q, v, dt, late, jacobian, L, tolerances):
+    """Most that a joint's motion moves a feature which its speeds (n,) do not explain, in
+    tolerances (k,).
+
+    Args:
+        q_before, v_before, q, v: (n,) positions and speeds, dt (s) apart.
+        late: part of dt for which a speed that changed may have gone on.
+        jacobian, L: (6, n), (k, 6).
+    """
+    most = 0.0
+    for j in range(len(q)):
+        change = v[j] - v_before[j]
+        told = (v_before[j] + 0.5 * change) * dt
+        unexplained = abs(q[j] - q_before[j] - told) + late * dt * abs(change)
+        for i in range(len(L)):
+            moved = 0.0
+            for k in range(6):
+                moved += L[i, k] * (jacobian[k, j] * unexplained)
+            most = max(most, abs(moved / tolerances[i]))
+    return most

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_visual_servo_base.poses import logarithm
+from aras_visual_servo_base.compiled import compiled
 
 from ..features.points import point_interaction
 from ..goals.goal import Goal
@@ -65,6 +65,7 @@ class TargetCheck:
         self._rows: deque[_Row] = deque()
         self._new = 0
         self._moves = ""
+        # Error (k,), L (k, 6), rate (k,) or (1,) and tolerances (k,) of the last image.
         self._before: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None = None
         self._begin()
 
@@ -91,21 +92,21 @@ class TargetCheck:
         if not viewed or np.shape(L) != (len(error), 6):
             error, L, rate = _centre(observation, goal)
             tolerances = np.full(len(error), self.TOLERANCE)
-        L = np.asarray(L, float) / np.reshape(tolerances, (-1, 1))
-        now = error / tolerances, L, np.broadcast_to(rate, np.shape(error)) / tolerances, tolerances
+        now = np.asarray(error, float), np.asarray(L, float), np.ravel(rate), tolerances
         before, self._before = self._before, now
-        moved, pose = observation.previous_T_camera, observation.world_T_camera
-        if (
-            before is None or moved is None or pose is None or len(before[0]) != len(error) or
-            not len(error) or np.abs((now[0] - before[0]) * tolerances).max() > 1.0
-        ):  # an angle that wrapped moves by more than any feature
+        motion, pose = observation.motion, observation.world_T_camera
+        if before is None or motion is None or pose is None or len(before[0]) != len(error):
             self._begin()
             return self._moves
-        dt, mean = observation.dt, 0.5 * (before[1] + L)
+        if not self._images:
+            self._moved, self._L = np.zeros(len(error)), np.zeros((len(error), 6))
+        dt = observation.dt
+        if not len(error) or _followed(*before, *now, dt, self._moved, self._L):
+            self._begin()
+            return self._moves
         self._time += dt
         self._images += 1
-        self._moved = self._moved + now[0] - before[0] - 0.5 * (before[2] + now[2]) * dt
-        self._L, self._motion = self._L + mean, self._motion + logarithm(moved)
+        self._motion = self._motion + motion
         if self._time >= self.PERIOD:
             self._row(observation.stamp - 0.5 * self._time, pose[:3, :3].T)
         return self._moves
@@ -113,7 +114,7 @@ class TargetCheck:
     def _begin(self) -> None:
         """A row from this image on."""
         self._time, self._images = 0.0, 0
-        self._moved, self._L, self._motion = 0.0, 0.0, np.zeros(6)
+        self._motion = np.zeros(6)
 
     def _row(self, stamp: float, camera_R_world: np.ndarray) -> None:
         L = self._L / self._images
@@ -194,6 +195,28 @@ def _centre(observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarra
     depth = goal.depth * np.sqrt(wanted.m00 / seen.m00)
     centre = np.array([[seen.xg, seen.yg]])
     return centre[0], point_interaction(centre, np.array([1.0 / depth])), 0.0
+
+
+@compiled("f8[:], f8[:,:], f8[:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[::1], f8[:,::1]",
+          allocates=False)
+def _followed(error_before, L_before, rate_before, tolerances_before, error, L, rate, tolerances,
+              dt, moved, summed):
+    """Add how features moved from one image to the next, and the mean of both L, in tolerances, to
+    moved (k,) and summed (k, 6); True where an angle wrapped: by more than any feature moves.
+
+    rate_before, rate: (k,) or (1,); dt: s.
+    """
+    wrapped = False
+    for i in range(len(error)):
+        before, now = error_before[i] / tolerances_before[i], error[i] / tolerances[i]
+        wrapped |= abs((now - before) * tolerances[i]) > 1.0
+        own = rate_before[min(i, len(rate_before) - 1)] / tolerances_before[i]
+        own += rate[min(i, len(rate) - 1)] / tolerances[i]
+        moved[i] = moved[i] + now - before - 0.5 * own * dt
+        for j in range(6):
+            mean = L_before[i, j] / tolerances_before[i] + L[i, j] / tolerances[i]
+            summed[i, j] += 0.5 * mean
+    return wrapped
 
 
 def _mixed(row: _Row) -> np.ndarray:

@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aras_visual_servo_base.poses import relative
+from aras_visual_servo_base.poses import logarithm, relative
 from aras_visual_servo_camera.contour import CORNER_ACCURACY, corners_of, outline_of
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import Image
@@ -100,6 +101,11 @@ class Observation:
     kernel: np.ndarray | None = None
     previous_T_camera: np.ndarray | None = None
     commands: tuple[JointSample, ...] = ()
+
+    @cached_property
+    def motion(self) -> np.ndarray | None:
+        """(6,) previous_T_camera as the twist that makes it in one second."""
+        return None if self.previous_T_camera is None else logarithm(self.previous_T_camera)
 
 
 class Observer:

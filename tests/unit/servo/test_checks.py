@@ -168,7 +168,7 @@ def test_only_an_image_that_follows_another_counts():
         evidence = CameraCheck()
         for k, error in enumerate(wrong):
             decision = {"L": L, "error": error, "rate": 0.0}
-            seen = {"previous_T_camera": exponential(twist), "dt": 1 / 30, "joints": None}
+            seen = {"motion": twist, "dt": 1 / 30, "joints": None}
             if k % 2:
                 change(decision, seen)
             evidence.add(SimpleNamespace(**decision), SimpleNamespace(**seen),

@@ -79,7 +79,7 @@ class CameraCheck:
         joints, self._joints = self._joints, observation.joints
         if L is None or np.shape(L) != (len(error), 6):
             return
-        self._before = error, np.asarray(L, float), np.ravel(decision.rate)
+        self._before = error, np.asarray(L, float), np.array(decision.rate, float, ndmin=1)
         if before is None or observation.motion is None or len(before[0]) != len(error):
             self._begin(error)
             return
@@ -92,7 +92,7 @@ class CameraCheck:
             return
         self._images += 1
         self._shaking = max(
-            self._shaking, self._shaken(joints, observation.joints, L, tolerances)
+            self._shaking, self._shaken(joints, observation.joints, self._before[1], tolerances)
         )
         if predicted >= self.LEAST:
             self._row(predicted, (error - self._from - self._own) / tolerances)

@@ -92,7 +92,8 @@ class TargetCheck:
         if not viewed or np.shape(L) != (len(error), 6):
             error, L, rate = _centre(observation, goal)
             tolerances = np.full(len(error), self.TOLERANCE)
-        now = np.asarray(error, float), np.asarray(L, float), np.ravel(rate), tolerances
+        rate = np.array(rate, float, ndmin=1)
+        now = np.asarray(error, float), np.asarray(L, float), rate, tolerances
         before, self._before = self._before, now
         motion, pose = observation.motion, observation.world_T_camera
         if before is None or motion is None or pose is None or len(before[0]) != len(error):

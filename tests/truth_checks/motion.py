@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio
 from scipy.special import ellipk
 
-from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.description import RobotDescription, parse_urdf
 from aras_sim_bridge.world import Model, Pose, Twist, World
 
 from .check import Row, check
@@ -227,6 +227,37 @@ def _cart() -> str:
         f'<child link="w{x}{y}"/><axis xyz="0 1 0"/></joint>'
         for x in (-0.3, 0.3) for y in (-0.3, 0.3))
     return base + wheels + "</robot>"
+
+
+@check("the same without it", quick=True)
+def what_is_elsewhere() -> Iterator[Row]:
+    """The shipped arm thrown about for 1 s, alone and with another model in its world."""
+    box = parse_urdf(_box((0.1, 0.1, 0.1), 0.5, 1.0))
+    shelf = parse_urdf(_box((0.4, 0.4, 0.05), 0.5).replace(
+        "</robot>", '<gazebo reference="box"><kinematic>true</kinematic></gazebo></robot>'))
+    alone = _thrown_about(None, Pose())
+    for what, model, at in (("a box on the ground, 7 m away", box, Pose((7.0, 0.0, 0.05))),
+                            ("a box on the robot's base", box, Pose((-0.9, 0.4, 0.65))),
+                            ("a shelf within its reach", shelf, Pose((0.6, 0.5, 1.2)))):
+        differ = int((_thrown_about(model, at) != alone).sum())
+        yield Row(f"{what}: joint positions", "equal to the bit", differ, 0.0, "differ")
+
+
+def _thrown_about(model: RobotDescription | None, at: Pose) -> np.ndarray:
+    """Positions of the joints, a row a step."""
+    robot = ArasRobot()
+    try:
+        if model is not None:
+            robot.simulation.spawn(model, "other", at)
+        seen = []
+        for k in range(1000):
+            if k % 500 == 0:
+                robot.command([(-1) ** (k // 500) * q for q in (0.1, 0.3, 0.2, -0.2, -0.2, 0.4)])
+            robot.steps(1)
+            seen.append(robot.model.read_joints()[0])
+        return np.array(seen)
+    finally:
+        robot.close()
 
 
 @check("closed form", quick=True)

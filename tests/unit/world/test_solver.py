@@ -9,7 +9,7 @@ from aras_robot import ArasRobot
 import aras_sim_bridge.world.world as world_module
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
-from aras_sim_bridge.world import Pose, World, bullet, reach
+from aras_sim_bridge.world import Pose, World, bullet, islands, reach
 from aras_sim_bridge.world.bullet import pybullet
 
 POSE = (0.1, 0.0, 0.17, -0.09, -0.09, 0.0)
@@ -160,6 +160,7 @@ def test_more_models_than_bullet_has_groups_stand_on_the_ground(make):
 
 
 def trace(cube, steps=700):
+    """With the arm left to Bullet."""
     robot = ArasRobot(Simulation(SimulationConfig(renderer="tiny")))
     robot.simulation.spawn(parse_urdf(cube), "cube", Pose((7.0, 0.0, 0.05)))  # Bullet makes steps
     states = []
@@ -177,6 +178,7 @@ def test_the_shipped_robot_moves_the_same_bits_with_all_pairs(make, monkeypatch)
     cube = make.robot(make.link("cube", 1.0, inertia=(2e-3, 2e-3, 2e-3, 0, 0, 0),
                                 shapes=make.box("0.1 0.1 0.1")))
     masks = {}
+    monkeypatch.setattr(islands, "_BACK", math.inf)
     real = pybullet.setCollisionFilterGroupMask
     monkeypatch.setattr(pybullet, "setCollisionFilterGroupMask",
                         lambda *args, **named: (masks.update({args[:2]: args[3]}),
@@ -220,11 +222,18 @@ def test_joints_that_friction_holds_stand_still(robot):
     assert creep(robot) < 1e-12
 
 
-def test_a_free_body_brings_the_sweeps_and_takes_them_along(robot, make):
+def test_a_free_body_beside_the_arm_brings_the_sweeps_and_takes_them_along(robot, make):
     world = robot.simulation.world
-    world.spawn(parse_urdf(make.robot(make.link("cube", shapes=make.box("0.1 0.1 0.1")))), "cube",
-                Pose((3, 0, 0.05)))
+    robot.steps(1)
+    robot.command(POSE)
+    robot.steps(2000)
+    at = robot.model.link_pose("link6").xyz
+    cube = world.spawn(parse_urdf(make.robot(
+        make.link("cube", shapes=make.box("0.02 0.02 0.02")),
+        '<gazebo reference="cube"><gravity>false</gravity></gazebo>')), "cube", Pose(at))
+    cube.set_pose(Pose((at[0] + 0.09, at[1], at[2])))
     assert 1e-8 < creep(robot) < 1e-4
+    assert not robot.model.joints.own
     world.delete("cube")
     assert creep(robot) < 1e-12
 

@@ -249,7 +249,7 @@ class Simulation:
                 idle_ns: float) -> None:
         """Compiled ticks up to `until_ns`, or `idle_ns`; WorldError where one diverges."""
         began_ns, step_ns, hardware = self.time_ns, self.step_ns, robot.hardware
-        count = int(min(until_ns, idle_ns) - began_ns) // step_ns
+        count = min(int(min(until_ns, idle_ns) - began_ns) // step_ns, self.world.outlook)
         made, end, bad = cycle.cycles(
             count, began_ns, step_ns, loops, hardware.handle_rows, hardware.drive_rows, *physics
         )
@@ -257,7 +257,7 @@ class Simulation:
         self.time_ns = began_ns + (made - (end == cycle.DIVERGED)) * step_ns
         if end != cycle.ALL_MADE:
             hardware.tell()
-        self.world.advanced(robot.model, bad, end != cycle.NOT_BORNE)
+        self.world.advanced(robot.model, made, bad, end != cycle.NOT_BORNE)
         if end == cycle.NOT_FINITE:
             hardware.apply(self.time_ns)
             robot.model.check_efforts()

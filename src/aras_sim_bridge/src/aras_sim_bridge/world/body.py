@@ -22,6 +22,7 @@ class Body:
         links: Bullet's index by link; -1 is the root.
         joint_indices, dofs: Bullet's index, and place among the degrees of freedom, by joint.
         inertial_poses: link_T_principal, Bullet's frame of a link, by link.
+        asleep: whether Bullet's steps leave it alone.
         weightless: mass of the links that gravity does not pull at, kg.
         friction: contact friction coefficient by Bullet's index of the link.
     """
@@ -31,6 +32,7 @@ class Body:
         self.name = name
         self.fixed_base = fixed_base
         self.body_id = -1
+        self.asleep = False
 
     def load(self, description: RobotDescription, pose: Pose) -> None:
         """Bring a description into Bullet with its root at `pose`, at rest.
@@ -63,6 +65,7 @@ class Body:
             link.name: link.inertial.mass for link in bodies.links.values()
             if not link.gravity and link.inertial is not None
         }
+        self.asleep = False
         self._number(description)
         self._set_dynamics(bodies)
 
@@ -74,6 +77,17 @@ class Body:
     def remove(self) -> None:
         """Take the body out of Bullet."""
         pybullet.removeBody(self.body_id, physicsClientId=self.client)
+
+    def put_to_sleep(self, asleep: bool) -> None:
+        """Let Bullet's steps leave the body alone, or move it again from the next but one on."""
+        self.asleep = asleep
+        states = ((pybullet.ACTIVATION_STATE_ENABLE_SLEEPING,
+                   pybullet.ACTIVATION_STATE_DISABLE_WAKEUP, pybullet.ACTIVATION_STATE_SLEEP)
+                  if asleep else (pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
+                                  pybullet.ACTIVATION_STATE_WAKE_UP))
+        for state in states:
+            pybullet.changeDynamics(self.body_id, -1, activationState=state,
+                                    physicsClientId=self.client)
 
     def _number(self, description: RobotDescription) -> None:
         links: dict[str, int] = {description.root: -1}

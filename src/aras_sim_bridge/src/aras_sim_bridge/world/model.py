@@ -38,8 +38,9 @@ class Model:
     def __init__(self, client: int, description: RobotDescription, name: str, pose: Pose,
                  joint_positions: Mapping[str, float], fixed_base: bool,
                  gravity: Vector3 = (0.0, 0.0, -9.8),
-                 on_moved: Callable[[Model], None] = lambda model: None) -> None:
-        """`on_moved` is called with a model that is bolted down and was put elsewhere."""
+                 on_moved: Callable[[Model, bool], None] = lambda model, put: None) -> None:
+        """`on_moved` is called with the model whenever it (True) or its joints (False) are put
+        elsewhere, or it gets a twist or, loose, a push (False)."""
         self.client = client
         self.name = name
         self.description = description
@@ -56,7 +57,6 @@ class Model:
         self.read_joints = self.joints.read
         self.apply_effort = self.joints.apply_effort
         self.set_position = self.joints.set_position
-        self.set_joint_positions = self.joints.set_joint_positions
         self.set_velocity_motor = self.joints.set_velocity_motor
         self.bound_speed = self.joints.bound_speed
         self.bias_efforts = self.joints.bias_efforts
@@ -241,7 +241,7 @@ class Model:
                                                  physicsClientId=self.client)
         if self.fixed_base:
             self.joints.place(pose)
-            self._on_moved(self)
+        self._on_moved(self, True)
 
     def set_twist(self, twist: Twist) -> None:
         """Give the model `twist` (of its root frame, world axes) as one rigid body.
@@ -257,6 +257,12 @@ class Model:
         linear = add(twist.linear, cross(twist.angular, arm))
         pybullet.resetBaseVelocity(self.body_id, linear, twist.angular,
                                    physicsClientId=self.client)
+        self._on_moved(self, False)
+
+    def set_joint_positions(self, positions: dict[str, float]) -> None:
+        """See ModelJoints."""
+        self.joints.set_joint_positions(positions)
+        self._on_moved(self, False)
 
     def _release(self) -> None:
         if self.let_go is not None:
@@ -267,6 +273,8 @@ class Model:
         """Force (N) at a world position and torque (N m), world axes, for the next step only."""
         self._push(link, force, position, torque)
         self.pushes.append((link, force, position, torque))
+        if not self.fixed_base:
+            self._on_moved(self, False)
 
     def _push(self, link: str, force: Vector3, position: Vector3,
               torque: Vector3 = (0.0, 0.0, 0.0)) -> None:

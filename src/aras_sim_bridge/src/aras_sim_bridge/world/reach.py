@@ -5,6 +5,7 @@ everything. An arm that hangs above the ground pays a tenth of its step for such
 """
 
 import math
+from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
 from aras_sim_bridge.world.bullet import pybullet
@@ -37,14 +38,22 @@ class Box(NamedTuple):
         return Box(*(tuple(v + side for v in corner)
                      for corner, side in zip(self, (-margin, margin), strict=True)))
 
-    def overlaps(self, other: "Box") -> bool:
-        """Whether the two have a point in common."""
-        return all(a <= d and c <= b for a, b, c, d in zip(*self, *other, strict=True))
+    def gap(self, other: "Box") -> float:
+        """Distance of the two along the axis that parts them most, m; negative: they overlap."""
+        return max(max(c - b, a - d) for a, b, c, d in zip(*self, *other, strict=True))
 
-    def reaches_below(self, point: Vector3, normal: Vector3) -> bool:
-        """Whether a corner lies below the plane through `point`."""
-        corner = (low if n > 0.0 else high for low, high, n in zip(*self, normal, strict=True))
-        return sum(n * (c - p) for n, c, p in zip(normal, corner, point, strict=True)) < 0.0
+
+class HalfSpace(NamedTuple):
+    """What a plane bounds: all below it."""
+
+    point: Vector3
+    normal: Vector3
+
+    def gap(self, box: Box) -> float:
+        """Height of the lowest corner, m; negative: it lies below."""
+        corner = (low if n > 0.0 else high
+                  for low, high, n in zip(*box, self.normal, strict=True))
+        return sum(n * (c - p) for n, c, p in zip(self.normal, corner, self.point, strict=True))
 
 
 def leave_out_pairs(models: list[Model]) -> None:
@@ -57,7 +66,7 @@ def leave_out_pairs(models: list[Model]) -> None:
     for model in models:
         # Bullet has no groups for more models; the links of those that follow are paired in vain.
         group = next(own, 0)
-        reach = _reach(model) if model.fixed_base else None
+        reach = reach_of(model) if model.fixed_base else None
         others = [other for other in fixed if other is not model]
         for link, index in model.link_indices.items():
             if index == -1 and model.fixed_base:
@@ -69,24 +78,24 @@ def leave_out_pairs(models: list[Model]) -> None:
                                                  _ALL & ~left_out, physicsClientId=model.client)
 
 
-def out_of_touch(models: list[Model]) -> bool:
-    """Whether no link of these models can ever touch one of another: all are bolted down, and
-    nothing that a joint moves gets near a link of another model."""
-    if not all(model.fixed_base for model in models):
-        return False
-    reaches = [_reach(model) for model in models]
-    for model, reach in zip(models, reaches, strict=True):
-        moved = [reach[link].grown(MARGIN) for link in model.joints.moved_links if link in reach]
-        for other, boxes in zip(models, reaches, strict=True):
-            if other is not model and any(
-                _may_meet(box, other) or any(box.overlaps(b) for b in boxes.values())
-                for box in moved
-            ):
-                return False
-    return True
+def solids(model: Model, links: Collection[int]) -> list[Box | HalfSpace]:
+    """What of these links, by Bullet's index, may be touched, where it stands now."""
+    found: list[Box | HalfSpace] = []
+    body = model.body_id
+    for name, index in model.link_indices.items():
+        if index not in links:
+            continue
+        collisions = model.description.links[name].collisions
+        planes = [collision for collision in collisions if collision.geometry.kind == "plane"]
+        for plane in planes:
+            pose = model.link_pose(name) @ plane.pose
+            found.append(HalfSpace(pose.xyz, rotate(pose.quat, plane.geometry.normal)))
+        if len(planes) < len(collisions):
+            found.append(Box(*pybullet.getAABB(body, index, model.client)))
+    return found
 
 
-def _reach(model: Model) -> dict[str, Box]:
+def reach_of(model: Model) -> dict[str, Box]:
     """A box that a link's shapes never leave, by link; without the root, which stands still."""
     description = model.description
     children: dict[str, list[Joint]] = {}
@@ -137,12 +146,10 @@ def _extent(model: Model, link: str) -> float:
 
 def _may_meet(box: Box, other: Model) -> bool:
     """Whether something in `box` may touch the root link of another, fixed model."""
-    collisions = other.description.links[other.description.root].collisions
-    planes = [collision for collision in collisions if collision.geometry.kind == "plane"]
-    for plane in planes:
-        pose = other.pose() @ plane.pose
-        if box.reaches_below(pose.xyz, rotate(pose.quat, plane.geometry.normal)):
-            return True
-    if len(planes) == len(collisions):
-        return False
-    return box.overlaps(Box(*pybullet.getAABB(other.body_id, -1, other.client)))
+    return any(solid.gap(box) <= 0.0 for solid in solids(other, (-1,)))
+
+
+def may_meet(moved: Iterable[Box], other: Model) -> bool:
+    """Whether something in these boxes may ever touch a link of another, fixed model."""
+    reach = reach_of(other).values()
+    return any(_may_meet(box, other) or any(box.gap(b) <= 0.0 for b in reach) for box in moved)

@@ -17,6 +17,7 @@ from aras_visual_servo_base.poses import Vector3, add, cross, scaled, subtract
 
 _SLOW = 5e-3  # m/s; slower bodies are left to Bullet, which brings them to rest
 _SLOW_TURN = 5e-2  # rad/s
+_PAUSE = 5  # steps between two looks where nothing moved
 _STEPS = 4  # a point slides when friction needs so many steps at least to hold it up
 
 
@@ -27,21 +28,27 @@ class SlidingFriction:
         self._client = client
         self.loose: list[Model] = []
         self._fixed: frozenset[int] = frozenset()
+        self.pause = 0  # steps; to be set to 0 where a body is pushed
 
     def models_changed(self, models: Iterable[Model]) -> None:
         """Models came, went, were loaded anew or are held."""
         models = list(models)
         self.loose = [model for model in models if not (model.fixed_base or model.joint_names)]
-        self._fixed = frozenset(model.body_id for model in models if model.fixed_base)
+        self.pause = 0
+        self._fixed = frozenset(model.body.body_id for model in models if model.fixed_base)
 
     def before_step(self, dt: float) -> None:
         """Mend in the coming step of `dt` s what was wrong with friction in the last one."""
+        if self.pause:
+            self.pause -= 1
+            return
         done: set[int] = set()
         for model in self.loose:
-            linear, angular = pybullet.getBaseVelocity(model.body_id, self._client)
+            linear, angular = pybullet.getBaseVelocity(model.body.body_id, self._client)
             if math.hypot(*linear) > _SLOW or math.hypot(*angular) > _SLOW_TURN:
                 self._mend(model, linear, angular, dt, done)
                 done.add(model.body_id)
+        self.pause = 0 if done else _PAUSE
 
     def _mend(self, model: Model, linear: Vector3, angular: Vector3, dt: float,
               done: set[int]) -> None:

@@ -196,10 +196,13 @@ class StandingBase:
         self.arrays = (space.tree, space.frames, space.state, space.before, space.gravity,
                         self._ground, self._corners, self._touch, self._load)
 
-    def bears(self, dt: float) -> bool:
-        """Whether the ground could bear the step of `dt` s that was just made."""
+    def bears(self, dt: float, touchable: bool) -> bool:
+        """Whether the ground could bear the step of `dt` s that was just made.
+
+        touchable: whether something may touch the base though the model makes its own steps."""
         if not self.model.joints.own:
             self.model.joints.take_note()
+        if touchable or not self.model.joints.own:
             self._feel()
         return bears(*self.arrays, dt)
 
@@ -287,10 +290,11 @@ class FreeBases:
         self.fresh = False
         return True
 
-    def check(self, dt: float) -> None:
-        """After a step of `dt` s: set all free where the ground cannot bear one."""
+    def check(self, dt: float, touchable: bool) -> None:
+        """After a step of `dt` s: set all free where the ground cannot bear one; `touchable` as
+        Islands has it."""
         for standing in self.held:
-            if not standing.bears(dt):
+            if not standing.bears(dt, touchable):
                 self.let_go()
                 return
 
@@ -302,9 +306,15 @@ class FreeBases:
         for standing in held:
             standing.push()
 
-    def ground_moved(self, model: Model) -> None:
-        """A fixed model was put elsewhere: set all free where one stood on it."""
-        if any(model.body.body_id in standing.grounds for standing in self.held):
+    def came(self, model: Model) -> None:
+        """Set all free where one is too light to be held beside a new model."""
+        if not model.fixed_base and any(one.mass < _HEAVIER * model.mass for one in self.held):
+            self.release()
+
+    def leaves(self, model: Model) -> None:
+        """A model goes, or is put elsewhere: set all free where one is held that stood on it, or
+        is the model itself."""
+        if any(model is one.model or model.body.body_id in one.grounds for one in self.held):
             self.release()
 
     def release(self) -> None:

@@ -20,8 +20,9 @@ from aras_sim_bridge.world import bullet_file
 from aras_sim_bridge.world.bullet import connected, give_back, pybullet, quiet
 from aras_sim_bridge.world.checks import LARGEST, check_simulable
 from aras_sim_bridge.world.friction import ContactFriction
+from aras_sim_bridge.world.islands import Islands
 from aras_sim_bridge.world.model import Model
-from aras_sim_bridge.world.reach import leave_out_pairs, out_of_touch
+from aras_sim_bridge.world.reach import leave_out_pairs
 from aras_sim_bridge.world.sliding import SlidingFriction
 from aras_sim_bridge.world.standing import BOLTED, FreeBases
 from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, checked_pose, checked_vector
@@ -61,8 +62,10 @@ class World:
         self._gravity = _checked_gravity(gravity)
         self._iterations = _checked_iterations(solver_iterations)
         self.models: dict[str, Model] = {}
-        self._active: list[Model] = []
-        self._apart = False
+        self._own: list[Model] = []
+        self._bullets: list[Model] = []
+        self._bullet_steps = self._pairs_left_out = False
+        self._islands = Islands(self.models, gui)
         self.revision = 0
         try:
             self.client = connected(gui)
@@ -171,17 +174,17 @@ class World:
             raise WorldError(f"model '{name}': position {pose.xyz} is beyond {LARGEST:.0e} m")
         start = _start_positions(description, name, joint_positions or {})
         fixed = bullet_file.root_is_fixed(description) if fixed_base is None else fixed_base
-        self._bases.release()
         bodies = pybullet.getNumBodies(physicsClientId=self.client)
         try:
             model = Model(self.client, description, name, pose, start, fixed,
-                          self._gravity, self._fixed_model_moved)
+                          self._gravity, self._model_moved)
         except WorldError:
             for i in range(pybullet.getNumBodies(physicsClientId=self.client) - 1, bodies - 1, -1):
                 pybullet.removeBody(pybullet.getBodyUniqueId(i, physicsClientId=self.client),
                                     physicsClientId=self.client)
             raise
         self.models[name] = model
+        self._bases.came(model)
         self._models_changed()
         logger.debug("spawned '%s': %d links, %d joints, %s base", name, len(model.link_names),
                      len(model.joint_names), "fixed" if fixed else "free")
@@ -205,7 +208,7 @@ class World:
     def delete(self, name: str) -> None:
         """Take a model out; WorldError when there is none of that name."""
         model = self.model(name)
-        self._bases.release()
+        self._bases.leaves(model)
         model.remove()
         del self.models[name]
         self._models_changed()
@@ -233,21 +236,32 @@ class World:
         self._models_moved()
         self._bases.models_changed()
 
-    def _fixed_model_moved(self, model: Model) -> None:
-        self._bases.ground_moved(model)
-        self._models_moved()
+    def _model_moved(self, model: Model, put: bool) -> None:
+        """A model was `put` elsewhere as a whole; or pushed, or its joints were put elsewhere."""
+        if put and model.fixed_base:
+            self._bases.leaves(model)
+            self._models_moved()
+        else:
+            self._islands.wait = self._sliding.pause = 0
 
     def _models_moved(self) -> None:
-        """Choose who makes the steps: where nothing can touch anything, each model for itself (see
-        joint_dynamics.py), in a tenth of Bullet's time and to the last digit."""
-        models = list(self.models.values())
-        self._apart = not self._gui and out_of_touch(models)
-        if not self._apart:
-            leave_out_pairs(models)
-        for model in models:
-            model.joints.set_own(self._apart)
-        self._active = [model for model in models
-                        if model.joint_names or not self._apart and model.needs_steps]
+        self._islands.models_moved()
+        self._pairs_left_out = False
+        self._look()
+
+    def _look(self) -> None:
+        """Choose who makes the steps of which model (see islands.py)."""
+        self._islands.look(self._time_step)
+        models = self.models.values()
+        self._own = [model for model in models if model.joints.own]
+        self._bullet_steps = self._gui or any(
+            not (model.fixed_base and (model.body.asleep or not model.joint_names))
+            for model in models)
+        self._bullets = [model for model in models
+                         if self._bullet_steps and model.needs_steps and not model.joints.own]
+        if self._bullet_steps and not self._pairs_left_out:
+            self._pairs_left_out = True
+            leave_out_pairs(list(models))
 
     # ------------------------------------------------------------------ time
 
@@ -259,18 +273,25 @@ class World:
         """
         if self._bases.fresh:
             self._bases.begin()
-        models = self._active
+        if self._islands.wait <= 0:
+            self._look()
+        self._islands.wait -= 1
         dt = self._time_step
-        held = self._bases.held
-        for model in models:
+        for model in (*self._own, *self._bullets):
             model.check_efforts()
-        if self._apart:
-            for model in models:
-                model.advance(dt)
-            if held:
-                self._bases.check(dt)
-            return
-        for model in models:
+        for model in self._own:
+            model.advance(dt)
+        bullet_steps = self._bullet_steps
+        if bullet_steps:
+            self._step_bullet(dt)
+        if self._bases.held:
+            self._bases.check(dt, self._islands.touchable)
+        if bullet_steps and self._bases.watched:
+            self._bases.look()
+
+    def _step_bullet(self, dt: float) -> None:
+        """One step of all that does not make its own."""
+        for model in self._bullets:
             model.before_step(dt)
         if self._friction.watched:
             self._friction.before_step()
@@ -278,18 +299,22 @@ class World:
             self._sliding.before_step(dt)
         pybullet.stepSimulation(self.client)
         self._stepped = True
-        for model in models:
+        for model in self._bullets:
             model.after_step()
-        if held:
-            self._bases.check(dt)
-        if self._bases.watched:
-            self._bases.look()
+
+    @property
+    def outlook(self) -> int:
+        """Steps that `alone`'s model may make before something else may touch it."""
+        return self._islands.wait
 
     def alone(self, model: Model) -> tuple[np.ndarray | float, ...] | None:
         """What compiled steps of a model take (see cycle.py): JointSpace.arrays, the time step, and
-        how it stands; None where they may not be made without the world: something else moves or
-        can touch it, or an effort waits."""
-        if not (self._apart and self._active == [model]) or self._bases.fresh:
+        how it stands; None where they may not be made without the world: something else has joints
+        or can touch it, or an effort waits. What is loose catches up in `advanced`."""
+        if self._islands.wait <= 0:
+            self._look()
+        if (self._own != [model] or self._bullets or self._bases.fresh or self._bases.watched
+                or self._islands.touchable):
             return None
         joints, held = model.joints, self._bases.held
         if not joints.calm:
@@ -298,8 +323,8 @@ class World:
         space = joints.space
         return *space.arrays, self._time_step, bool(held), space.before, *stands
 
-    def advanced(self, model: Model, bad: int = -1, borne: bool = True) -> None:
-        """Such steps were made.
+    def advanced(self, model: Model, made: int, bad: int = -1, borne: bool = True) -> None:
+        """`made` such steps were made.
 
         Args:
             bad: joint that diverged, or -1. borne: whether the ground bore the last one.
@@ -308,6 +333,9 @@ class World:
             WorldError: the simulation diverged.
         """
         model.joints.advanced(bad)
+        self._islands.wait -= made
+        for _ in range(made if self._bullet_steps else 0):
+            self._step_bullet(self._time_step)
         if not borne:
             self._bases.let_go()
 

@@ -1,0 +1,137 @@
+"""Who makes the steps of a bolted model: its own dynamics, or Bullet while something may touch it.
+
+Own steps (joint_dynamics.py) take a tenth of Bullet's time and are exact; and a model that makes
+them moves to the last bit as if it were alone. So from time to time the boxes of all that may come
+near are looked at, as seldom as speeds allow. Bullet keeps what it holds of such a model asleep,
+where it stood at the last look: nothing gets there before the next one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from aras_sim_bridge.world.model import Model
+from aras_sim_bridge.world.reach import MARGIN, Box, HalfSpace, may_meet, reach_of, solids
+
+_NEAR = 0.02  # m between boxes: whoever is nearer may touch in the next step
+# m/s, on top of all speeds seen: what pushes and accelerates between two looks may add.
+_SUDDEN = 5.0
+_BACK = 8  # steps' travel that has to be free before a model makes its own steps again
+_FAR = 1e9  # m
+_ARM = 2.0  # m, of another robot, whose joints' speeds are known
+# steps between looks: once Bullet has the model, with something within its reach, outside it
+_OFTEN, _WITHIN, _SELDOM, _NEVER = 10, 20, 100, 1 << 60
+
+
+@dataclass(frozen=True, eq=False)
+class Island:
+    """A bolted model with joints.
+
+    reach: what its moved links never leave. links: their indices in Bullet. grounds: bolted
+    models that they may touch.
+    """
+
+    model: Model
+    reach: tuple[Box, ...]
+    links: frozenset[int]
+    grounds: tuple[Model, ...]
+
+    def now(self) -> tuple[list[Box], float]:
+        """Boxes of the moved links as they stand; more than the speed of any of their points, m/s.
+        """
+        boxes = solids(self.model, self.links)
+        root = self.model.pose().xyz
+        corners = [(*low, *high) for low, high in (*boxes, Box(root, root))]
+        extent = math.dist(*(tuple(map(pick, zip(*corners, strict=True)))[part]
+                             for pick, part in ((min, slice(0, 3)), (max, slice(3, 6)))))
+        return boxes, sum(map(abs, self.model.read_joints()[1])) * max(1.0, extent)
+
+
+    def steps_alone(self, loose: list[list[Box | HalfSpace]], fastest: float, dt: float) -> float:
+        """Steps of `dt` s in which nothing can touch the moved links.
+
+        Args:
+            loose: solids of the loose models. fastest: the greatest speed among them, m/s.
+        """
+        if not (loose or self.grounds):
+            return _NEVER
+        far = min((_steps(self.reach, solid, fastest, dt) for solid in loose), default=_SELDOM)
+        if far >= _SELDOM and not self.grounds:  # of all that the model can ever reach
+            return _SELDOM
+        boxes, speed = self.now()
+        near = [_steps(boxes, solid, speed + fastest, dt) for solid in loose]
+        for other in self.grounds:
+            both = speed + sum(map(abs, other.read_joints()[1])) * _ARM
+            near.append(_steps(boxes, solids(other, other.link_indices.values()), both, dt))
+        return min(_WITHIN, *near)
+
+
+class Islands:
+    """Looks at what may touch the bolted models of a world.
+
+    Attributes:
+        wait: steps until `look` is due.
+        touchable: whether something loose may touch the base of a model that is held.
+    """
+
+    def __init__(self, models: Mapping[str, Model], window: bool) -> None:
+        """`window`: Bullet makes all steps, for what its window shows is Bullet's."""
+        self._models, self._window = models, window
+        self._islands: list[Island] = []
+        self._loose: list[Model] = []
+        self.wait, self.touchable = 0, False
+
+    def models_moved(self) -> None:
+        """Models came, went, were bolted or let go, or a bolted one was put elsewhere."""
+        models = self._models.values()
+        fixed = [model for model in models if model.fixed_base]
+        self._loose = [model for model in models if not model.fixed_base]
+        self._islands = []
+        for model in () if self._window else fixed:
+            if model.joint_names:
+                reach = reach_of(model)
+                moved = {link: reach[link].grown(MARGIN) for link in model.joints.moved_links
+                         if link in reach}
+                self._islands.append(Island(
+                    model, tuple(moved.values()), frozenset(map(model.link_index, moved)),
+                    tuple(other for other in fixed
+                          if other is not model and may_meet(moved.values(), other))))
+        self.wait = 0
+
+    def look(self, dt: float) -> None:
+        """Choose for each model, for steps of `dt` s."""
+        loose = [solids(model, model.link_indices.values()) for model in self._loose]
+        fastest = 2.0 * max(map(_speed, self._loose), default=0.0)  # one may strike another
+        wait, self.touchable = _NEVER, False
+        for island in self._islands:
+            model = island.model
+            steps = island.steps_alone(loose, fastest, dt)
+            own = steps >= (1 if model.joints.own else _BACK)
+            if model.body.asleep and not own:  # it wakes in the next step
+                model.body.put_to_sleep(False)
+                wait = 1
+                continue
+            if own and not model.body.asleep:
+                model.body.put_to_sleep(True)
+            model.joints.set_own(own)
+            wait = min(wait, steps if own else _OFTEN)
+            if model.let_go is not None and loose:
+                base = solids(model, model.base_links())
+                steps = min(_steps(solid, base, fastest, dt) for solid in loose)
+                self.touchable = self.touchable or steps < 1
+                wait = min(wait, _OFTEN if steps < 1 else steps)
+        self.wait = max(1, int(wait))
+
+
+def _speed(model: Model) -> float:
+    twist = model.twist()
+    return math.hypot(*twist.linear) + math.hypot(*twist.angular)
+
+
+def _steps(some: Iterable[Box], others: Iterable[Box | HalfSpace], speed: float,
+           dt: float) -> float:
+    """Steps of `dt` s that these need at least to come near each other at `speed` m/s."""
+    gap = min((other.gap(one) for one in some for other in others), default=_FAR)
+    return (gap - _NEAR) / ((speed + _SUDDEN) * dt)

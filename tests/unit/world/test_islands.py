@@ -1,0 +1,272 @@
+"""A bolted model moves as if it were alone until something can touch it."""
+
+import math
+
+import numpy as np
+import pytest
+from aras_robot import ArasRobot
+
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.world import Pose, Twist, World, islands
+
+POSES = ((0.1, 0.2, 0.25, -0.1, -0.1, 0.3), (-0.2, -0.4, 0.1, 0.3, 0.2, -0.5))
+
+
+def ball(make, radius=0.05, mass=1.0, gravity=True):
+    shape = f'<collision><geometry><sphere radius="{radius}"/></geometry></collision>'
+    still = (0.4 * mass * radius**2,) * 3 + (0, 0, 0)
+    return parse_urdf(make.robot(
+        make.link("ball", mass, "0 0 0", still, shape),
+        f'<gazebo reference="ball"><gravity>{str(gravity).lower()}</gravity></gazebo>'))
+
+
+def shelf(make, size="0.4 0.4 0.05"):
+    return parse_urdf(make.robot(f'<link name="world">{make.box(size)}</link>'))
+
+
+class Trial:
+    """The shipped robot, thrown about by its controllers; what its joints did in each step."""
+
+    def __init__(self):
+        self.robot = ArasRobot(Simulation(SimulationConfig(renderer="tiny")))
+        self.world = self.robot.simulation.world
+        self.model = self.robot.model
+        self.states, self.own = [], []
+
+    def run(self, count=600, stride=1):
+        simulation = self.robot.simulation
+        for k in range(0, count, stride):
+            if k % 300 == 0:
+                self.robot.command(POSES[k // 300 % 2])
+            until = simulation.time_ns + stride * simulation.step_ns
+            while simulation.time_ns < until:
+                simulation.step(until)
+            self.states.append((self.model.joints.read()[0], self.model.joints.read()[1]))
+            self.own.append(self.model.joints.own)
+        return self
+
+    def handles(self):
+        """What the controllers remember."""
+        return [row.tolist() for entry in self.robot.manager.running
+                for row in getattr(entry.controller, "rows", ())]
+
+
+def alone(count=600, stride=1):
+    trial = Trial()
+    trial.robot.steps(2)
+    return trial.run(count, stride)
+
+
+def add_resting(make, world):
+    world.spawn(ball(make), "ball", Pose((7.0, 0.0, 0.05)))
+
+
+def add_flying(make, world):
+    world.spawn(ball(make), "ball", Pose((3.0, 0.0, 1.0))).set_twist(Twist((0.0, 4.0, 3.0)))
+
+
+def add_on_the_base(make, world):
+    world.spawn(ball(make), "ball", Pose((-0.9, 0.4, 0.7)))
+
+
+def add_shelf(make, world):
+    world.spawn(shelf(make), "shelf", Pose((0.6, 0.5, 1.2)))
+
+
+def add_cart(make, world):
+    far = parse_urdf(make.robot(
+        make.link("base", 10.0, "0 0 0", shapes=make.box("0.4 0.4 0.1")), make.link("mast"),
+        make.joint("turn", "base", "mast", "continuous", axis="0 0 1")))
+    world.spawn(far, "cart", Pose((4.0, 0.0, 0.3)))
+
+
+@pytest.mark.parametrize("stride", [1, 15])
+@pytest.mark.parametrize("add", [add_resting, add_flying, add_on_the_base, add_shelf, add_cart])
+def test_what_is_out_of_its_way_changes_no_bit_of_a_trajectory(make, add, stride):
+    """Loose on the ground, in the air and on the robot's own base; bolted within its reach."""
+    trial = Trial()
+    add(make, trial.world)
+    trial.robot.steps(2)
+    trial.run(stride=stride)
+    expected = alone(stride=stride)
+    assert all(trial.own)
+    assert trial.states == expected.states
+    assert repr(trial.handles()) == repr(expected.handles())  # NaN equals NaN
+    assert np.ptp([q for q, _ in trial.states], axis=0).min() > 0.1
+
+
+def test_what_is_loose_moves_the_same_in_strides(make):
+    """The arm's steps in one call, the ball's after them: the same states at the same times."""
+    def run(stride):
+        trial = Trial()
+        body = trial.world.spawn(ball(make), "ball", Pose((-3.0, 0.4, 0.4)))
+        body.set_twist(Twist((0.1, 0.0, 0.0)))
+        trial.run(900, stride)
+        return trial.states[-1], body.pose(), body.twist()
+    assert run(1) == run(30)
+
+
+def test_a_ball_that_is_thrown_at_the_arm_strikes_it_and_leaves_it_alone_again(make):
+    trial, expected = Trial(), Trial()
+    for each in (trial, expected):
+        each.robot.steps(2)
+        each.run(300)
+    target = trial.model.link_pose("link3").xyz
+    body = trial.world.spawn(ball(make, mass=0.05, gravity=False), "ball",
+                             Pose((target[0], target[1] - 1.0, target[2])))
+    body.set_twist(Twist((0.0, 8.0, 0.0)))
+    for each in (trial, expected):
+        each.run(300)
+    first = trial.own.index(False)
+    assert trial.states[:first] == expected.states[:first]
+    assert 300 < first < 300 + 125  # before the surfaces meet
+    away = np.abs(np.subtract(trial.states, expected.states)).max(axis=(1, 2))
+    assert away[first:].max() > 0.02, "it was struck"
+    assert trial.model.fixed_base
+    assert abs(body.twist().linear[1]) < 7.0
+    body.set_pose(Pose((5.0, 0.0, 1.0)))
+    trial.run(2)
+    assert trial.own[-1], "and moves by itself when the ball has gone"
+
+
+def test_hands_change_without_a_step_or_a_memory_lost(make, monkeypatch):
+    """What is near but does not touch: Bullet's steps go on from ours and ours from Bullet's."""
+    trial, expected = Trial(), Trial()
+    trial.world.spawn(ball(make), "ball", Pose((5.0, 0.0, 0.05)))
+    for each in (trial, expected):
+        each.robot.steps(2)
+        each.run(200)
+    assert trial.own[-1]
+    monkeypatch.setattr(islands, "_NEAR", 50.0)
+    trial.world.model("ball").set_twist(Twist((0.1, 0.0, 0.0)))
+    for each in (trial, expected):
+        each.run(100)
+    assert trial.own[200:] == [True] + [False] * 99  # it takes Bullet a step to wake up
+    np.testing.assert_allclose(trial.states, expected.states, atol=2e-4)
+    positions = [[q for q, _ in each.states] for each in (trial, expected)]
+    np.testing.assert_allclose(*positions, atol=2e-6)
+    monkeypatch.undo()
+    for each in (trial, expected):
+        each.run(100)
+    assert trial.own[-80:] == [True] * 80
+    positions = [[q for q, _ in each.states] for each in (trial, expected)]
+    np.testing.assert_allclose(*positions, atol=2e-6)
+    np.testing.assert_allclose(np.concatenate(trial.handles(), axis=None),
+                               np.concatenate(expected.handles(), axis=None), atol=1e-2, rtol=1e-3)
+
+
+def lever(make, length=0.5):
+    """An arm that turns about z, bolted at its middle height."""
+    return parse_urdf(make.robot(
+        '<link name="world"/>',
+        make.link("lever", 2.0, f"{length / 2} 0 0", (0.01, 0.05, 0.05, 0, 0, 0),
+                  make.box(f"{length} 0.05 0.05", f"{length / 2} 0 0")),
+        make.joint("turn", "world", "lever", "continuous", axis="0 0 1")))
+
+
+def test_where_a_lever_was_nothing_stands_any_more(make):
+    """A ball falls through the place that the lever left, and lands on the lever where it is."""
+    with World() as world:
+        world.spawn_ground_plane()
+        model = world.spawn(lever(make), "lever", Pose((0, 0, 0.5)))
+        model.set_joint_positions({"turn": math.pi / 2})
+        falling = world.spawn(ball(make), "ball", Pose((0.3, 0.0, 1.2)))
+        lying = world.spawn(ball(make), "other", Pose((0.0, 0.3, 1.2)))
+        heights = []
+        for _ in range(1000):
+            world.step()
+            heights.append(lying.pose().xyz[2])
+        assert falling.pose().xyz[2] == pytest.approx(0.05, abs=1e-3)
+        assert heights[-1] == pytest.approx(0.575, abs=1e-3)
+        assert not model.joints.own
+
+
+@pytest.mark.parametrize("turn", [2.0, 20.0])
+def test_a_lever_stops_at_a_bolted_post_in_its_way(make, turn):
+    with World() as world:
+        model = world.spawn(lever(make), "lever", Pose((0, 0, 0.5)))
+        world.spawn(shelf(make, "0.1 0.1 1.0"), "post", Pose((0.0, 0.4, 0.5)))
+        world.step()
+        assert model.joints.own
+        model.joints.restore([(0.0, turn)])
+        farthest = 0.0
+        for _ in range(2000):
+            model.apply_effort("turn", 0.5)
+            world.step()
+            farthest = max(farthest, model.read_joints()[0][0])
+        # The lever's side meets the post's near corner.
+        meets = math.atan2(0.35, 0.05) - math.asin(0.025 / math.hypot(0.05, 0.35))
+        assert farthest < math.pi / 2
+        assert model.read_joints()[0][0] == pytest.approx(meets, abs=0.02)
+
+
+@pytest.mark.parametrize("speed", [1.0, 60.0])
+def test_a_lever_strikes_a_ball_that_lies_in_its_way_where_it_lies(make, speed):
+    with World() as world:
+        model = world.spawn(lever(make), "lever", Pose((0, 0, 0.5)))
+        body = world.spawn(ball(make, gravity=False), "ball", Pose((-0.3, 0.3, 0.5)))
+        world.step()
+        assert model.joints.own
+        model.joints.restore([(0.0, speed)])
+        world._islands.wait = 0  # nobody notes a speed that comes from nowhere
+        while body.twist() == Twist():
+            world.step()
+            assert model.read_joints()[0][0] < 0.75 * math.pi
+        meets = 0.75 * math.pi - math.asin(0.075 / math.hypot(0.3, 0.3))
+        assert model.read_joints()[0][0] == pytest.approx(meets, abs=0.0015 * speed + 2e-3)
+
+
+def test_two_robots_that_reach_for_one_another_touch(make):
+    with World() as world:
+        one, two = (world.spawn(lever(make), f"lever{k}", Pose((x, 0.0, 0.5)))
+                    for k, x in enumerate((0.0, 0.8)))
+        two.set_joint_positions({"turn": math.pi / 2})
+        world.step()
+        assert one.joints.own and two.joints.own
+        alone_until = None
+        for _ in range(2500):
+            two.apply_effort("turn", 0.3)
+            world.step()
+            if alone_until is None and not two.joints.own:
+                alone_until = two.read_joints()[0][0]
+        assert math.pi / 2 + 0.1 < alone_until < math.pi - 0.05
+        assert abs(one.read_joints()[0][0]) > 0.05, "it is pushed aside"
+
+
+def test_only_who_is_near_changes_hands(make):
+    """Two arms far from each other, a ball on one: the other moves as if alone."""
+    def run(with_ball):
+        with World() as world:
+            world.spawn_ground_plane()
+            near, far = (world.spawn(lever(make), f"lever{k}", Pose((x, 0.0, 0.5)))
+                         for k, x in enumerate((0.0, 5.0)))
+            if with_ball:
+                world.spawn(ball(make), "ball", Pose((0.3, 0.0, 0.7)))
+            seen = []
+            for _ in range(400):
+                far.apply_effort("turn", 0.3)
+                world.step()
+                seen.append(far.read_joints()[0][0])
+            assert near.joints.own is not with_ball
+            assert far.joints.own
+            return seen
+    assert run(True) == run(False)
+
+
+def test_a_loose_body_that_is_put_beside_the_arm_is_felt_at_once(make):
+    with World() as world:
+        model = world.spawn(lever(make), "lever", Pose((0, 0, 0.5)))
+        body = world.spawn(ball(make, gravity=False), "ball", Pose((9.0, 0.0, 0.5)))
+        for _ in range(5):
+            world.step()
+        assert model.joints.own and world._islands.wait > 50
+        body.set_pose(Pose((0.4, 0.08, 0.5)))
+        world.step()
+        world.step()
+        assert not model.joints.own
+        body.set_pose(Pose((9.0, 0.0, 0.5)))
+        world.step()
+        assert model.joints.own
+        body.apply_force("ball", (0.0, 0.0, 1e5), body.pose().xyz)
+        assert world._islands.wait == 0

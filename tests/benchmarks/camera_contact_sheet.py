@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from render import NEAR, REPOSITORY, robot_scene
 from scenes import Bench, link_pose, looking
+from tiny import create_renderer
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
-from aras_sim_bridge.rendering import create_renderer
 
 COLUMNS, WIDTH, HEIGHT, TITLE, GAP = 5, 264, 198, 22, 8
 EYE = looking([1.0, -0.9, 1.5], [0.1, 0.0, 0.8])

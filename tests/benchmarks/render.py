@@ -38,15 +38,14 @@ sys.path.insert(0, str(REPOSITORY / "src/aras_sim_bridge/src"))
 sys.path.insert(0, str(REPOSITORY / "tests/unit/camera"))
 
 from scenes import Bench, link_pose, looking, table_and_target  # noqa: E402
+from tiny import TinyRenderer  # noqa: E402
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor  # noqa: E402
 from aras_sim_bridge.camera.effects import EffectChain, Effects  # noqa: E402
 from aras_sim_bridge.description import Geometry, parse_urdf  # noqa: E402
-from aras_sim_bridge.rendering import (  # noqa: E402
-    Renderer,
-    View,
-    create_renderer,
-)
+from aras_sim_bridge.rendering import Sun, View, create_renderer  # noqa: E402
+from aras_sim_bridge.rendering.renderer import Renderer  # noqa: E402
+from aras_sim_bridge.rendering.scene import Scene  # noqa: E402
 from aras_visual_servo_base.poses import Pose, optical  # noqa: E402
 
 ROBOT = REPOSITORY / "src/aras_visual_servo_gazebo"
@@ -109,7 +108,7 @@ def flat_view(pose: np.ndarray, width: int, height: int, fov: float) -> View:
 
 def visible_copy(bench: Bench) -> int:
     """A Bullet client with the triangles that ours draws, for Bullet's own renderers."""
-    tiny = create_renderer("tiny", bench.world)
+    tiny = TinyRenderer(bench.world, Sun())
     tiny._prepare(1.0)
     return tiny._client
 
@@ -132,7 +131,7 @@ def mujoco_picture(bench: Bench, view: View, shadows: bool = True) -> Callable[[
     os.environ.setdefault("MUJOCO_GL", "egl")
     import mujoco
 
-    scene = create_renderer("tiny", bench.world).scene
+    scene = Scene(bench.world)
     scene.refresh()
     poses = scene.poses()
     assets, bodies = [], []

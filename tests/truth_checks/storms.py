@@ -119,7 +119,7 @@ class Rig:
             for name, joint in described.joints.items()
             if joint.moves and joint.kind != "continuous"
         }
-        self.simulation = Simulation(SimulationConfig(renderer="tiny", ground_plane=False))
+        self.simulation = Simulation(SimulationConfig(ground_plane=False))
         self.model = self.simulation.spawn(
             described, "robot", parameters=parameters,
             joint_positions={joint: self.middle(joint) for joint in self.joints})

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import yaml
 from scenes import TARGET_CORNERS, chessboard, looking, table_and_target, to_camera
+from tiny import create_renderer
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
-from aras_sim_bridge.rendering import View, create_renderer
+from aras_sim_bridge.rendering import View
 
 SIZE = (480, 360)
 LENSES = {

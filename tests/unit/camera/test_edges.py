@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from scenes import Bench, chessboard, looking, table_and_target
 from test_accuracy import LENSES, camera, sensor_of, target_errors
+from tiny import create_renderer
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.description import Geometry
-from aras_sim_bridge.rendering import View, create_renderer
+from aras_sim_bridge.rendering import View
 from aras_sim_bridge.rendering.renderer import CENTRE
 from aras_sim_bridge.rendering.shading import word
 from aras_sim_bridge.rendering.tiles import MISFIT, TILE, Tiles

@@ -21,10 +21,9 @@ MS = 1_000_000
 PLACE = {"parent": "world", "pose": [0, 0, 1, 0, 0, 0], "width": 32, "height": 24}
 
 
-@pytest.mark.parametrize("renderer", ["exact", "tiny"])
-def test_a_model_spawned_while_the_camera_runs_is_seen(renderer):
+def test_a_model_spawned_while_the_camera_runs_is_seen():
     """At 30 Hz pictures fall between two steps, so the renderer is asked before and after one."""
-    simulation = Simulation(SimulationConfig(renderer=renderer))
+    simulation = Simulation()
     camera = simulation.add_camera("c", PLACE)
     frames = []
     camera.on_frame, camera.enabled = frames.append, True
@@ -134,7 +133,7 @@ def test_cameras_differ_in_their_noise():
 
 
 def test_next_picture_is_told():
-    simulation = Simulation(SimulationConfig(renderer="tiny"))
+    simulation = Simulation()
     assert simulation.next_picture_ns() is None
     slow = simulation.add_camera("slow", {**PLACE, "update_rate": 30.0})
     fast = simulation.add_camera("fast", {**PLACE, "update_rate": 40.0, "latency": 0.0021})

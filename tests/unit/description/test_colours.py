@@ -4,7 +4,7 @@ import pytest
 
 from aras_sim_bridge.description import parse_sdf, parse_urdf
 from aras_sim_bridge.description.gazebo_materials import COLOURS, WHITE
-from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.simulation import Simulation
 
 BOX = "<geometry><box size='1 1 1'/></geometry>"
 SDF_BOX = "<geometry><box><size>1 1 1</size></box></geometry>"
@@ -73,7 +73,7 @@ def test_an_unknown_material_is_white_with_a_warning_and_costs_no_robot(name, ne
         (warning,) = description.warnings
         assert f"link 'a': material '{name}'" in warning
         assert f"The nearest is '{nearest}" in warning
-        simulation = Simulation(SimulationConfig(renderer="tiny"))
+        simulation = Simulation()
         simulation.spawn(description, "r")
         assert "r" in simulation.world.models
         simulation.close()

@@ -5,7 +5,7 @@ from pathlib import Path
 import yaml
 
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.simulation import Simulation
 
 SOURCES = Path(__file__).parents[3] / "src"
 ROBOT = SOURCES / "aras_visual_servo_gazebo"
@@ -41,7 +41,7 @@ class ArasRobot:
 
         Without `interpolate`, commands are steps, as the original controllers take them.
         """
-        self.simulation = simulation or Simulation(SimulationConfig(renderer="tiny"))
+        self.simulation = simulation or Simulation()
         self.settings = parameters()
         for controller in CONTROLLERS.values():
             self.settings[controller]["interpolate"] = interpolate

@@ -5,7 +5,7 @@ import yaml
 from aras_robot import CONTROLLERS, ArasRobot
 
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.simulation import Simulation
 
 PLUGIN = '<gazebo><plugin name="c" filename="libgazebo_ros_control.so"/></gazebo>'
 TRANSMISSION = """<transmission name="t"><type>transmission_interface/SimpleTransmission</type>
@@ -67,7 +67,7 @@ def test_a_position_joint_stays_where_it_is_spawned_put_and_reset(make, interfac
     """spawn_model -J and set_model_configuration had no effect: the first step went to 0."""
     pendulum = make.pendulum(kind="revolute").replace(
         "</robot>", TRANSMISSION.format(interface) + PLUGIN + "</robot>")
-    simulation = Simulation(SimulationConfig(renderer="tiny"))
+    simulation = Simulation()
     model = simulation.spawn(parse_urdf(pendulum), "arm", parameters=parameters,
                              joint_positions={"swing": 0.7})
 

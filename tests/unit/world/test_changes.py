@@ -6,7 +6,7 @@ import pytest
 
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world import Pose, Twist, World
 from aras_sim_bridge.world.changes import with_joint, with_link
 
@@ -67,7 +67,7 @@ def test_a_model_with_mimic_joints_can_be_changed_and_deleted(make):
                      make.joint("leader", "world", "a", axis="0 0 1"),
                      make.joint("follower", "world", "b", axis="0 0 1", xyz="1 0 0",
                                 extra='<mimic joint="leader" multiplier="-2"/>'))
-    simulation = Simulation(SimulationConfig(renderer="tiny"))
+    simulation = Simulation()
     model = simulation.spawn(parse_urdf(xml), "m")
     simulation.world.change("m", with_joint(model.description, "leader", damping=1.0))
     for _ in range(200):

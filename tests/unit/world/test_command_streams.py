@@ -10,7 +10,7 @@ import random
 import pytest
 from aras_robot import CONTROLLERS, ArasRobot, parameters
 
-from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.simulation import Simulation
 
 MOTIONS = {  # (position after t s, greatest speed)
     "ramp": (lambda t: min(t, 0.6), 1.0),
@@ -20,7 +20,7 @@ MOTIONS = {  # (position after t s, greatest speed)
 
 @pytest.fixture
 def robot():
-    it = ArasRobot(Simulation(SimulationConfig(renderer="tiny")))
+    it = ArasRobot(Simulation())
     it.steps(300)
     yield it
     it.close()

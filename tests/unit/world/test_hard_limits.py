@@ -18,7 +18,7 @@ def spawned(make, switch, bolted=True, velocity="100"):
     text = text.replace('velocity="100"', f'velocity="{velocity}"')
     if not bolted:
         text = text.replace('<link name="world"/>', make.link("hub")).replace("world", "hub")
-    simulation = Simulation(SimulationConfig(renderer="tiny", ground_plane=False))
+    simulation = Simulation(SimulationConfig(ground_plane=False))
     parameters = {} if switch is None else {"gazebo_ros_control": {"hard_velocity_limits": switch}}
     return simulation, simulation.spawn(parse_urdf(text), "wheel", parameters=parameters)
 
@@ -72,7 +72,7 @@ def test_a_position_command_beyond_the_stop_rests_at_it_with_one_warning(make, c
         POSITION.format("shoulder"), POSITION.format("elbow"),
         '<gazebo><plugin name="c" filename="libgazebo_ros_control.so"/></gazebo>')
     wide = {"has_position_limits": True, "min_position": -3.0, "max_position": 3.0}
-    simulation = Simulation(SimulationConfig(renderer="tiny", ground_plane=False))
+    simulation = Simulation(SimulationConfig(ground_plane=False))
     model = simulation.spawn(parse_urdf(text), "arm",
                              parameters={"joint_limits": {"shoulder": wide}},
                              joint_positions={"elbow": 0.3})
@@ -88,7 +88,7 @@ def test_a_position_command_beyond_the_stop_rests_at_it_with_one_warning(make, c
 
 
 def test_joints_put_somewhere_stay_within_their_stops(make):
-    simulation = Simulation(SimulationConfig(renderer="tiny", ground_plane=False))
+    simulation = Simulation(SimulationConfig(ground_plane=False))
     model = simulation.spawn(
         parse_urdf(make.pendulum(kind="revolute", lower=-0.5, upper=1.2)), "pendulum")
     for asked, put in ((2.0, 1.2), (-0.7, -0.5), (0.4, 0.4)):

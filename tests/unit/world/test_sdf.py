@@ -10,7 +10,7 @@ import pytest
 from aras_sim_bridge.description import Light, parse_sdf, read_sdf
 from aras_sim_bridge.errors import DescriptionError, WorldError
 from aras_sim_bridge.rendering.scene import Scene
-from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world import Pose, World
 
 ROBOT = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
@@ -154,7 +154,7 @@ def test_what_is_not_supported_is_named(text, reason):
 
 
 def test_lights_come_change_and_go():
-    simulation = Simulation(SimulationConfig(renderer="tiny"))
+    simulation = Simulation()
     (sun,) = read_sdf((ROBOT / "world/aras_visual_servo.world").read_text()).lights
     simulation.set_light(sun)
     assert simulation.lights == {"sun": sun}

@@ -5,14 +5,14 @@ import pytest
 from aras_robot import CONTROLLERS, description, parameters
 
 from aras_sim_bridge.errors import ControllerError, WorldError
-from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.simulation import Simulation
 
 START = {"gantry": 0.1, "J1": 0.0, "J2": 0.17, "J3": -0.09, "J5": -0.09, "J6": 0.3}
 
 
 @pytest.fixture
 def simulation():
-    simulation = Simulation(SimulationConfig(renderer="tiny"))
+    simulation = Simulation()
     simulation.spawn(description(), "arm", namespace="/arm", parameters=parameters(),
                      joint_positions=START)  # fmt: skip
     yield simulation

@@ -8,7 +8,7 @@ from aras_robot import ArasRobot
 
 import aras_sim_bridge.world.world as world_module
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world import Pose, World, bullet, islands, reach
 from aras_sim_bridge.world.bullet import pybullet
 
@@ -161,7 +161,7 @@ def test_more_models_than_bullet_has_groups_stand_on_the_ground(make):
 
 def trace(cube, steps=700):
     """With the arm left to Bullet."""
-    robot = ArasRobot(Simulation(SimulationConfig(renderer="tiny")))
+    robot = ArasRobot(Simulation())
     robot.simulation.spawn(parse_urdf(cube), "cube", Pose((7.0, 0.0, 0.05)))  # Bullet makes steps
     states = []
     for k in range(3):
@@ -194,7 +194,7 @@ def test_the_shipped_robot_moves_the_same_bits_with_all_pairs(make, monkeypatch)
 
 @pytest.fixture
 def robot():
-    it = ArasRobot(Simulation(SimulationConfig(renderer="tiny")))
+    it = ArasRobot(Simulation())
     yield it
     it.close()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -31,10 +32,13 @@ from aras_sim_bridge.errors import (
     SimError,
     WorldError,
 )
-from aras_sim_bridge.rendering import Renderer, Sun, create_renderer
+from aras_sim_bridge.rendering import Sun, create_renderer
 from aras_sim_bridge.sensors import KINDS, RateSensor
 from aras_sim_bridge.world import Model, Pose, World
 from aras_visual_servo_base.poses import IDENTITY
+
+if TYPE_CHECKING:
+    from aras_sim_bridge.rendering.renderer import Renderer
 
 log = logging.getLogger(__name__)
 
@@ -390,7 +394,6 @@ class Simulation:
             self._renderer = create_renderer(
                 self.config.renderer, self.world, self._sunlight()
             )
-            log.info("pictures are drawn by the renderer '%s'", self._renderer.name)
         sensor = CameraSensor(config, self._renderer)
         sensor.check_time_step(self.step_ns)
         sensor.reset(self.time_ns)

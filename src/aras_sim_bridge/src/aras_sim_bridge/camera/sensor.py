@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,12 +13,15 @@ from aras_visual_servo_base.poses import Pose, optical
 
 from ..blending import blended
 from ..errors import CameraError, RenderingError
-from ..rendering import Renderer, View
+from ..rendering import View
 from ..rendering.tiles import Tiles, shared
 from . import formats
 from .config import CameraConfig
 from .effects import EffectChain
 from .intrinsics import CameraIntrinsics
+
+if TYPE_CHECKING:
+    from ..rendering.renderer import Renderer
 
 _log = logging.getLogger(__name__)
 NEVER = (1 << 63) - 1  # ns: when a camera exposes that waits for its trigger

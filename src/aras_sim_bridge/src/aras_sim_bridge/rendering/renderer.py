@@ -44,10 +44,11 @@ class _Sampled:
     samples: Samples
 
 
-class ExactRenderer:
-    """Draws on the processor, the same picture on every machine."""
+class Renderer:
+    """Draws views of one World on the processor, the same picture on every machine.
 
-    name = "exact"
+    light: of the pictures that follow.
+    """
 
     def __init__(self, world: World, light: Sun) -> None:
         self.scene = Scene(world)
@@ -59,16 +60,23 @@ class ExactRenderer:
         self._closed = False
 
     def snapshot(self) -> None:
+        """Remember where everything is; `blend` < 1 draws between there and the present."""
         self.scene.snapshot()
 
     def close(self) -> None:
+        """Give the memory back."""
         self._closed = True
         self._canvases.clear()
 
     def prepare(self, view: View) -> None:
+        """Make ready what pictures through the same pixels need.
+
+        Raises RenderingError or MemoryError where they cannot be drawn.
+        """
         self._canvas(view)
 
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
+        """Picture of the view, (height, width, 3) uint8 rgb, top row first."""
         one = self._sample(view, blend, UPPER_LEFT)
         canvas, triangles = one.canvas, self._triangles
         background = 255.0 * np.array(self.light.background[:3])
@@ -83,11 +91,18 @@ class ExactRenderer:
         return cv2.cvtColor(rgba[:view.height, :view.width], cv2.COLOR_RGBA2RGB)
 
     def measure(self, view: View, blend: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+        """Depth and segmentation of the view, at the centre of each pixel.
+
+        Depth (height, width) float32, m, inf where nothing is: along the optical axis, or
+        along the ray through lenses with pixels that look sideways or back. Segmentation
+        (height, width) int32: body id + (link index + 1) << 24 as in Bullet, -1 where nothing is.
+        """
         one = self._sample(view, blend, CENTRE)
         labels = self.scene.labels()[self._triangles.row[one.seen.triangle]]
         return measured(one.canvas.tiles, one.seen, one.samples, labels)
 
     def bodies_around(self, point: np.ndarray) -> list[str]:
+        """Names 'model::link' of the visuals that the point (3,), world frame, is inside of."""
         return self.scene.bodies_around(point)
 
     def _canvas(self, view: View) -> _Canvas:

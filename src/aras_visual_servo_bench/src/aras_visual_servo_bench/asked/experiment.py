@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from aras_sim_bridge.description.lights import SUN
+from aras_sim_bridge.rendering import RENDERERS
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_base.settings import annotations, build, check, convert, parameter
@@ -29,7 +30,6 @@ TARGETS = (
 LARGEST_TARGET = 2.0  # m
 FEATURES = ("auto", "pictures", "exact")
 COMMANDS = ("joint_states", "images")
-RENDERERS = ("auto", "exact", "tiny", "opengl")  # the last is the old name of exact
 Pair = tuple[float, float]
 Six = tuple[float, float, float, float, float, float]
 
@@ -170,7 +170,7 @@ class Experiment:
     options: further parameters of the controller, by name, as its node has them.
     duration: s after the first image. linger: s to go on after it has converged; None: to the end.
     reached: m and rad within which the goal counts as reached.
-    seed: of all that is random. renderer: of the Bullet arm: auto (exact), exact or tiny.
+    seed: of all that is random. renderer: of the Bullet arm; all names mean one.
     traced: note each joint's greatest speed at every step of the physics.
     """
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
+from aras_sim_bridge.rendering import RENDERERS
 from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
 from aras_visual_servo_base.settings import build, parameter
 from aras_visual_servo_ros.parameters import InvalidParameterError
 
 LOG_LEVELS = ("debug", "info", "warn", "error")
 SPEED_MODES = ("real_time", "max", "lockstep")
-RENDERERS = ("auto", "exact", "tiny", "opengl")
 # Written by the node itself, or by others who share the namespace with Gazebo.
 FOREIGN = {field.name for field in PHYSICS_FIELDS} | {"cameras", "robot_description"}
 

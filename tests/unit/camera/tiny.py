@@ -1,4 +1,4 @@
-"""Renderer on PyBullet's TinyRenderer: slow, and a second opinion."""
+"""Renderer on PyBullet's TinyRenderer: slow, and a second opinion beside the simulator's own."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
+from aras_sim_bridge import rendering
+from aras_sim_bridge.errors import RenderingError
+from aras_sim_bridge.rendering import Sun, View
+from aras_sim_bridge.rendering.scene import Part, Scene
+from aras_sim_bridge.world import World
 from aras_sim_bridge.world.bullet import pybullet
 from aras_visual_servo_base.poses import quaternion_from_matrix
-
-from ..errors import RenderingError
-from ..world import World
-from .scene import Part, Scene
-from .view import Sun, View
 
 FINE = 3  # samples along a pixel's side
 # face_R_optical of the forward, right, left, lower, upper and backward faces of a cube.
@@ -27,13 +27,16 @@ CUBE = np.array([
 ], dtype=float)
 
 
+def create_renderer(name: str, world: World):
+    """'tiny', or the simulator's own renderer."""
+    return TinyRenderer(world, Sun()) if name == "tiny" else rendering.create_renderer(name, world)
+
+
 class TinyRenderer:
     """Draws with getCameraImage.
 
     The shapes are copied to a Bullet client of its own, each visual as a fixed body.
     """
-
-    name = "tiny"
 
     def __init__(self, world: World, light: Sun) -> None:
         self.scene = Scene(world)

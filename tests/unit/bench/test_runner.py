@@ -69,6 +69,17 @@ def test_reaches_its_goal(experiment):
     np.testing.assert_allclose(np.diff(result.stamp), 1.0 / 30.0, atol=1e-8)
 
 
+@pytest.mark.parametrize(("delay", "streamed", "by_images"), [
+    (0.0, 1, 1), (0.005, 1, 2), (0.015, 1, 2), (0.030, 2, 2), (0.040, 2, 3),
+])  # fmt: skip
+def test_with_a_command_an_image_an_answer_waits_for_an_image(delay, streamed, by_images):
+    """As the table of experiments says: images that still show the start, at 30 a second."""
+    for commands, count in (("joint_states", streamed), ("images", by_images)):
+        result = run(CHAIN.with_(commands=commands, delay=delay, duration=0.3, linger=None))
+        moved = np.abs(result.error - result.error[0]).max(axis=1) > 1e-9
+        assert moved.argmax() == count, commands
+
+
 def test_a_users_own_feature_is_named_by_its_class():
     result = run(FREE.with_(scheme=f"{__name__}:TwoMeans"))
     assert result.names == ("x", "y")

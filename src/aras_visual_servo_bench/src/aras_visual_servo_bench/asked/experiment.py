@@ -163,7 +163,8 @@ class Experiment:
     noise: of grey levels, standard deviation. jitter: of exact features, px.
     delay: s from an exposure to its answer, computing included.
     commands: 'joint_states': streamed with each of them, as on a graph in real time; 'images':
-        one an image, as on a graph in lockstep.
+        one an image, as on a graph in lockstep: an answer moves the arm from the first image on
+        that its delay is over, so a delay is rounded up to whole image periods.
     start: name of a pose, joints (rad, m), a CameraPose, a Sampler, or a RelativeStart.
     goal: name or path of a goal file, joints, or a CameraPose, at which the goal is taught.
     scheme: name, or 'package.module:Class'. law: its name. gain: 1/s; None: the law's own.

@@ -50,7 +50,8 @@ class ServoSettings:
     longest_step: s, as long as which a longer gap between ticks is integrated.
     lead: m, rad, by which a command may be ahead of its joint.
     lag: s, of joint speed by which it may be ahead besides.
-    delay: s, from exposure to its answer, in simulated time.
+    delay: s, from exposure to its answer, in simulated time; in lockstep, where commands go out
+        with images alone, an answer acts from the first image on that its delay is over.
     watchdog: s, without a fresh answer (or three image periods) before the arm is stopped.
     watchdog_images: image periods that count likewise.
     stop_time: s, in which a stop comes to rest.

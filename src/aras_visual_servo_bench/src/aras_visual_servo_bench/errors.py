@@ -1,5 +1,10 @@
 """Faults of this package: each message says what, where and how to mend it."""
 
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Collection, Iterable, Iterator
+
 
 class BenchError(Exception):
     """Base of every fault that this package raises on purpose."""
@@ -21,6 +26,22 @@ def require(condition: bool, text: str) -> None:
     """Raise ExperimentError with this text unless the condition holds."""
     if not condition:
         raise ExperimentError(text)
+
+
+def check_formats(given: Iterable[str], known: Collection[str]) -> None:
+    """StudyError naming the first format that is not among the known ones."""
+    for name in given:
+        if name not in known:
+            raise StudyError(f"no format '{name}': there are {', '.join(known)}")
+
+
+@contextlib.contextmanager
+def writing(where: object, fault: type[BenchError] = StudyError) -> Iterator[None]:
+    """Raise `fault`, in one line, where what is within cannot write there."""
+    try:
+        yield
+    except OSError as error:
+        raise fault(f"cannot write {where}: {error.strerror or error}") from error
 
 
 def first_line(error: BaseException) -> str:

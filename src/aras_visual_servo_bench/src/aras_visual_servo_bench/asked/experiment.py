@@ -17,16 +17,13 @@ from aras_visual_servo_base.yaml_files import read_yaml
 
 from ..errors import ExperimentError, require
 from ..targets.geometry import Motion
+from ..targets.outlines import NAMES
 from .cameras import Belief
 from .relative_start import RelativeStart
 from .robots import RobotSpec
 
 PLANTS = ("bullet", "chain", "free", "ideal")
 FLYING = ("free", "ideal")
-TARGETS = (
-    "aras", "square", "triangle", "l_shape", "heptagon", "circle", "four_dots", "marker",
-    "line_grid", "poster",
-)  # fmt: skip
 LARGEST_TARGET = 2.0  # m
 FEATURES = ("auto", "pictures", "exact")
 COMMANDS = ("joint_states", "images")
@@ -111,9 +108,9 @@ class TargetSpec:
     def __post_init__(self) -> None:
         check(self, ExperimentError, "target")
         require(
-            self.shape == "aras" or isinstance(self.shape, tuple) or named(self.shape),
+            isinstance(self.shape, tuple) or self.shape in NAMES or bool(Path(self.shape).suffix),
             f"target.shape is '{self.shape}', must be a list of corners, the path of a picture or "
-            f"an SVG, or a name: {nearest(str(self.shape), TARGETS)}",
+            f"an SVG, or a name: {nearest(str(self.shape), NAMES)}",
         )
 
 
@@ -136,11 +133,6 @@ class Ideal:
 
     def __post_init__(self) -> None:
         check(self, ExperimentError, "ideal")
-
-
-def named(shape: str) -> bool:
-    """Whether it is a target's name, or may be a path."""
-    return shape in TARGETS or bool(Path(shape).suffix)
 
 
 @dataclass(frozen=True)

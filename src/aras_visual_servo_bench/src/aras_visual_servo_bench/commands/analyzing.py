@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..errors import BenchError, ExperimentError
+from ..errors import BenchError, ExperimentError, check_formats
 from ..recording.run import Run
 from ..study.progress import Bar
 
@@ -46,12 +46,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def carry_out(options: argparse.Namespace) -> int:
     """Read, draw, write; the page's path is printed."""
     from ..numbers.summary import summarise, told
-    from ..report.write import KINDS, write_report
+    from ..pictures.style import KINDS
+    from ..report.write import write_report
 
     kinds = [kind.strip() for kind in options.formats.split(",") if kind.strip()]
-    for kind in kinds:  # before a minute of reading
-        if kind not in KINDS:
-            raise BenchError(f"no format '{kind}': there are {', '.join(KINDS)}")
+    check_formats(kinds, KINDS)  # before a minute of reading
     names = [name.strip() for name in options.names.split(",") if name.strip()]
     if names and len(names) != len(options.runs):
         raise BenchError(f"{len(names)} names for {len(options.runs)} runs")

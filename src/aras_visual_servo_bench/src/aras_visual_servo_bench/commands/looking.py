@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from ..errors import BenchError, StudyError
+from ..errors import BenchError, StudyError, writing
 from ..study import engine, overrides
 from ..study.folder import Folder
 from ..study.progress import Progress
@@ -65,11 +65,9 @@ def _show(options: argparse.Namespace) -> int:
 def _raised(error: BaseException, out: Path) -> Path:
     """The file in the folder that now says where an exception was raised."""
     path = out / "traceback.txt"
-    try:
+    with writing(f"into {out}"):
         out.mkdir(parents=True, exist_ok=True)
         path.write_text("".join(traceback.format_exception(error)), encoding="utf-8")
-    except OSError as fault:
-        raise StudyError(f"cannot write into {out}: {fault.strerror}") from None
     return path
 
 
@@ -85,12 +83,10 @@ def _show_bag(options: argparse.Namespace) -> int:
     for note in found.notes:
         print(f"# {note}")
     if options.out is not None:
-        try:
+        with writing(f"into {options.out}"):
             options.out.mkdir(parents=True, exist_ok=True)
             for name, text in {"experiment.yaml": told, **found.files()}.items():
                 (options.out / name).write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise StudyError(f"cannot write into {options.out}: {error.strerror}") from None
     return 0
 
 

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..errors import StudyError
+from ..errors import check_formats, writing
 from ..study import compare, tables
 from ..study.results import Results
 
@@ -38,8 +38,7 @@ def _words(text: str) -> list[str]:
 
 
 def _table(options: argparse.Namespace) -> int:
-    if options.format not in tables.FORMATS:
-        raise StudyError(f"no format '{options.format}': there are {', '.join(tables.FORMATS)}")
+    check_formats([options.format], tables.FORMATS)
     found = [Results.read(folder) for folder in options.folders]
     text = tables.written(
         tables.tabulated(found, _words(options.by), _words(options.metrics)), options.format
@@ -47,10 +46,8 @@ def _table(options: argparse.Namespace) -> int:
     if options.out is None:
         print(text, end="")
         return 0
-    try:
+    with writing(options.out):
         options.out.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise StudyError(f"cannot write {options.out}: {error.strerror}") from None
     return 0
 
 

@@ -411,12 +411,5 @@ BUILT_IN: dict[str, Metric] = {
     )
 }  # fmt: skip
 TABLE: dict[str, Metric] = BUILT_IN | {
-    m.name: m
-    for m in (
-        reached, reduced, open_distance, open_angle, iterations, start_distance, start_angle,
-        largest_depth,
-        decay_predicted, error_settled, servoing_time, top_speed, smallest_singular_value,
-        condition_L, manipulability, scale, images, image_rate, images_late, delay, computing,
-        real_time_factor,
-    )
-}  # fmt: skip
+    m.name: m for m in list(vars().values()) if isinstance(m, Metric)
+}

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy import stats
 
-from ..errors import StudyError
+from ..errors import check_formats, writing
 from ..numbers.metrics import Metric
 from ..numbers.statistics import proportion
 from ..study import folder as folders
@@ -19,9 +19,8 @@ from ..study.folder import Folder
 from ..study.results import REAL_TIME, Results
 from ..study.tables import number
 from .palette import BLUE, COLOURS, INK, PALE, SOFT, VERMILION, letters_on
-from .style import literal, look, panels
+from .style import KINDS, literal, look, panels
 
-KINDS = ("png", "svg", "pdf")
 MOST_GROUPS = 24  # boxes beside each other that can still be read
 MOST_CURVES = 8  # in a panel
 MOST_TRACES = 200
@@ -41,9 +40,7 @@ def write_all(
     Raises:
         StudyError: a kind that there is not, or a folder that cannot be written.
     """
-    for kind in kinds:
-        if kind not in KINDS:
-            raise StudyError(f"no format '{kind}': there are {', '.join(KINDS)}")
+    check_formats(kinds, KINDS)
     chosen = [m for m in all_results[0].chosen(metrics) if metrics or m != REAL_TIME]
     chosen = [m for m in chosen if _shows(m, all_results) or metrics]
     drawings: dict[str, Callable[[], Figure | None]] = {
@@ -54,19 +51,16 @@ def write_all(
         "trajectories": lambda: trajectories(paths),
     }
     written: list[Path] = []
-    try:
+    with writing(f"into {folder}"), look():
         folder.mkdir(parents=True, exist_ok=True)
-        with look():
-            for name, draw in drawings.items():
-                figure = draw()
-                if figure is None:
-                    continue
-                for kind in kinds:
-                    written.append(folder / f"{name}.{kind}")
-                    figure.savefig(written[-1])
-                plt.close(figure)
-    except OSError as error:
-        raise StudyError(f"cannot write into {folder}: {error.strerror or error}") from None
+        for name, draw in drawings.items():
+            figure = draw()
+            if figure is None:
+                continue
+            for kind in kinds:
+                written.append(folder / f"{name}.{kind}")
+                figure.savefig(written[-1])
+            plt.close(figure)
     return written
 
 

@@ -69,6 +69,7 @@ PAPER = {
     "pdf.fonttype": 42,
     "ps.fonttype": 42,
 }
+KINDS = ("png", "svg", "pdf")  # of files
 WIDE = 12.0  # inches, of figures over the page's whole width: letters as large as elsewhere
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 TIME = "time since servoing began (s)"

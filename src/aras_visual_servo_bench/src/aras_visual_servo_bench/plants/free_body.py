@@ -66,10 +66,6 @@ class FreeBody:
         """pose and jacobian."""
         return self.pose(q), self.jacobian(q)
 
-    def target_pose(self, q: np.ndarray) -> np.ndarray:
-        """The target stands in the world: identity."""
-        return np.eye(4)
-
     def inverse(
         self, world_T_camera: np.ndarray, q0: np.ndarray | None = None, tolerance: float = 0.0
     ) -> np.ndarray:

@@ -14,15 +14,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..errors import BenchError
+from ..errors import BenchError, check_formats, writing
 from ..numbers.summary import Quantity, mapping, summarise
 from ..pictures import curves, style, views
+from ..pictures.style import KINDS
 from ..recording.run import Run
 from . import machine
 from .page import Shown, page
 
 Drawing = Callable[[Sequence[Run]], Figure | None]
-KINDS = ("png", "svg", "pdf")
 # name of the files, title, words below, drawing; rows of the page
 FIGURES: tuple[tuple[tuple[str, str, str, Drawing], ...], ...] = (
     (("filmstrip", "Filmstrip", "What the camera saw as the error shrank; green: the outline that "
@@ -70,17 +70,11 @@ def write_report(
     Raises:
         BenchError: a kind that there is not, or a folder that cannot be written to.
     """
-    for kind in kinds:
-        if kind not in KINDS:
-            raise BenchError(f"no format '{kind}': there are {', '.join(KINDS)}")
+    check_formats(kinds, KINDS)
     if not runs:
         raise BenchError("nothing to report on")
-    try:
+    with writing(f"the report into {out}"):
         return _Report(runs, out, kinds, paper, progress).write()
-    except OSError as error:
-        raise BenchError(
-            f"cannot write the report into {out}: {error.strerror or error}"
-        ) from None
 
 
 class _Report:

@@ -31,6 +31,7 @@ from aras_visual_servo_controller.laws.registry import LAWS
 from aras_visual_servo_controller.schemes.registry import SCHEMES
 from aras_visual_servo_controller.settings import Settings
 
+from ..errors import writing
 from ..live.requests import RefusedError
 from .described import preset_of
 from .keeping import LOGGED
@@ -270,11 +271,9 @@ class Actions:
 
     def _written(self, name: str, text: str) -> Path:
         path = self.directory / "goals" / f"{name}.yaml"
-        try:
+        with writing(path, RefusedError):
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise RefusedError(f"cannot write {path}: {error.strerror}") from error
         return path
 
     @staticmethod

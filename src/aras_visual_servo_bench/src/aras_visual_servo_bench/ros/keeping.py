@@ -8,6 +8,7 @@ import subprocess
 import time
 from pathlib import Path
 
+from ..errors import writing
 from ..live.requests import RefusedError
 from .processes import Launch
 
@@ -116,10 +117,8 @@ class Keeping:
 
     def _made(self, part: str) -> Path:
         path = self.directory / part
-        try:
+        with writing(f"to {path}", RefusedError):
             path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RefusedError(f"cannot write to {path}: {error.strerror}") from error
         return path
 
     @staticmethod

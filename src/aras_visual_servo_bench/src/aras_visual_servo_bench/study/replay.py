@@ -12,7 +12,7 @@ import numpy as np
 from ..asked import cameras
 from ..asked.assembly import assemble
 from ..asked.experiment import Experiment
-from ..errors import ExperimentError, StudyError
+from ..errors import ExperimentError, StudyError, writing
 from ..plants import CameraReading
 from ..recording.from_loop import with_pictures
 from ..recording.run import Run
@@ -105,12 +105,10 @@ def _picture(reading: CameraReading, loop: Loop) -> np.ndarray:
 
 def write(run: Run, out: Path) -> list[Path]:
     """The report, with video.mp4 where there are pictures; StudyError where it cannot."""
-    try:
+    with writing(f"into {out}"):
         written = write_report([run], out, ("png",))
         if run.images.pictures:
             written.append(_video(run, out / "video.mp4"))
-    except OSError as error:
-        raise StudyError(f"cannot write into {out}: {error.strerror or error}") from None
     return written
 
 

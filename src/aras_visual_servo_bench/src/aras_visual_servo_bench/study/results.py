@@ -13,7 +13,7 @@ from pyarrow.csv import write_csv
 
 from aras_visual_servo_base.names import nearest
 
-from ..errors import StudyError
+from ..errors import StudyError, writing
 from ..numbers import metrics
 from ..numbers.metrics import Metric
 from . import folder as folders
@@ -78,10 +78,8 @@ class Results:
     def write_csv(self, path: Path) -> int:
         """A row a run, without what is the same in all; answers how many."""
         columns = [name for name in self.table.column_names if name not in rows.LABELS]
-        try:
+        with writing(path):
             write_csv(self.table.select(columns), path)
-        except OSError as error:
-            raise StudyError(f"cannot write {path}: {error.strerror or error}") from None
         return self.table.num_rows
 
     @property

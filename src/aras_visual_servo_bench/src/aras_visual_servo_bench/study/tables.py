@@ -8,7 +8,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..errors import StudyError
+from ..errors import check_formats
 from ..numbers.statistics import Estimate, median, proportion
 from .results import Results
 
@@ -51,13 +51,8 @@ def tabulated(
 
 def written(table: Table, style: str) -> str:
     """The table as text; StudyError for a style that there is not."""
-    if style == "md":
-        return _markdown(table)
-    if style == "csv":
-        return _csv(table)
-    if style == "tex":
-        return _latex(table)
-    raise StudyError(f"no format '{style}': there are {', '.join(FORMATS)}")
+    check_formats([style], FORMATS)
+    return {"md": _markdown, "csv": _csv, "tex": _latex}[style](table)
 
 
 def number(value: float) -> str:

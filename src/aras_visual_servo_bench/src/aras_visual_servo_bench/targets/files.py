@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from ..asked.experiment import Pair, TargetSpec
-from ..errors import ExperimentError, require
+from ..errors import ExperimentError, require, writing
 from .geometry import Target
 from .outlines import shape_of
 from .textures import TexturedTarget
@@ -61,7 +61,7 @@ def write(
         "target.shape 'aras' is part of the robot's description: no files are made of it",
     )
     where = meshes or f"file://{folder.resolve()}"
-    try:
+    with writing(f"the target into {folder}", ExperimentError):
         folder.mkdir(parents=True, exist_ok=True)
         if isinstance(target, TexturedTarget):
             faces = [(0, 3, 2), (0, 2, 1)]  # from the picture's first corner, seen from above
@@ -79,8 +79,6 @@ def write(
             more = OCCLUDER.format(x=0.0, y=0.0, z=ABOVE, mesh=f"{where}/{name}_occluder.obj")
         path = folder / f"{name}.urdf"
         path.write_text(URDF.format(name=name, mesh=f"{where}/{name}.obj", more=more))
-    except OSError as error:
-        raise ExperimentError(f"cannot write the target into {folder}: {error.strerror}") from None
     return path
 
 

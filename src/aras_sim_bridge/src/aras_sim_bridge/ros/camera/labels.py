@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-import rospy
+from collections.abc import Callable
+
 import yaml
 from std_msgs.msg import String
 
-from aras_sim_bridge.ros.runtime.publisher import Peers, connections
+from aras_sim_bridge.ros.runtime.publisher import QuickPublisher
 from aras_sim_bridge.simulation import Simulation
 
 
-class LabelTopic:
+class LabelTopic(QuickPublisher):
     """A latched YAML text `number: model::link`, sent anew when models come or go."""
 
-    def __init__(self, topic: str, peers: Peers) -> None:
-        """Advertise; `peers` hears of subscribers."""
-        self._publisher = rospy.Publisher(
-            topic, String, latch=True, queue_size=2, subscriber_listener=peers
-        )
+    def __init__(self, topic: str, changed: Callable[[], None]) -> None:
+        """Advertise; `changed` is called, from any thread, when listeners came or went."""
+        super().__init__(topic, String, queue_size=2, latch=True, changed=changed)
         self._known: tuple[tuple[str, int], ...] | None = None
-
-    @property
-    def listeners(self) -> int:
-        """Number of listeners."""
-        return len(connections(self._publisher))
 
     def update(self, simulation: Simulation) -> None:
         """Look at the models; runs in the simulation's thread."""
@@ -37,8 +31,4 @@ class LabelTopic:
             for name, model in models.items()
             for link, index in model.link_indices.items()
         }
-        self._publisher.publish(yaml.safe_dump(labels, sort_keys=True))
-
-    def unregister(self) -> None:
-        """Take the topic off the graph."""
-        self._publisher.unregister()
+        self.publish(String(yaml.safe_dump(labels, sort_keys=True)))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable
-from io import BytesIO
 
 import numpy as np
 from genpy import Time
@@ -15,14 +13,13 @@ from aras_sim_bridge.camera.points import COLOUR, POINT_FLOATS, PointCloud
 from aras_sim_bridge.description import DepthTopics
 from aras_sim_bridge.ros.runtime.publisher import QuickPublisher
 
-_LENGTH = struct.Struct("<I")
 _FIELDS = [
     PointField(name, 4 * place, PointField.FLOAT32, 1)
     for name, place in (("x", 0), ("y", 1), ("z", 2), ("rgb", COLOUR))
 ]
 
 
-class PointsTopic:
+class PointsTopic(QuickPublisher):
     """To be published on from one thread; points are in the camera's optical axes."""
 
     def __init__(
@@ -36,9 +33,9 @@ class PointsTopic:
         """
         self._cloud = PointCloud(rays, settings)
         self._rows = settings.rows
-        self._publisher = QuickPublisher(topic, PointCloud2, queue_size=1, changed=changed)
+        super().__init__(topic, PointCloud2, queue_size=1, changed=changed)
 
-    def publish(self, stamp: Time, frame_id: str, frame: Frame) -> None:
+    def send(self, stamp: Time, frame_id: str, frame: Frame) -> None:
         """Send the cloud of a frame with depth."""
         if not self.listeners:
             return
@@ -52,19 +49,4 @@ class PointsTopic:
         message.height, message.width = height, width
         message.row_step = message.point_step * width
         message.is_dense = bool(np.isfinite(points[..., 2]).all())
-        message.header.seq = self._publisher.next_sequence()
-        buffer = BytesIO()
-        message.serialize(buffer)
-        head = buffer.getvalue()  # ends with the data's length, 0 so far, and is_dense
-        length = _LENGTH.pack(points.nbytes)
-        self._publisher.publish_bytes(
-            head[: -_LENGTH.size - 1] + length, memoryview(points).cast("B"), head[-1:])
-
-    @property
-    def listeners(self) -> int:
-        """Number of listeners."""
-        return self._publisher.listeners
-
-    def unregister(self) -> None:
-        """Take the topic off the graph."""
-        self._publisher.unregister()
+        self.publish_array(message, points, behind=1)  # is_dense

@@ -26,7 +26,7 @@ from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_visual_servo_ros.parameters import Value
 from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
 
-Topic = ImageTopic | QuickPublisher | CompressedTopic | LabelTopic | PointsTopic
+Topic = QuickPublisher | CompressedTopic
 
 
 class CameraTopics:
@@ -93,7 +93,7 @@ class CameraTopics:
         if config.segmentation:
             topic = f"{root}/segmentation/image_raw"
             self._segmentation = self._kept(ImageTopic(topic, self._changed))
-            self._labels = self._kept(LabelTopic(f"{root}/segmentation/labels", peers))
+            self._labels = self._kept(LabelTopic(f"{root}/segmentation/labels", self._changed))
         self._closing.append(ServiceTable(self.namespace, self._thread, self.set_camera_info))
         if config.camera_name:  # as upstream: none without a name of its own
             self._closing.append(self._rate_server(self._thread.call(self._rate)))
@@ -173,7 +173,7 @@ class CameraTopics:
         if self._before_frame is not None:
             self._before_frame()
         stamp = to_time(frame.stamp_ns)
-        self._image.publish(stamp, self._frame_id, frame.image, frame.encoding)
+        self._image.send(stamp, self._frame_id, frame.image, frame.encoding)
         for publisher in (self._info, self._depth_info):
             if _heard(publisher):
                 self._info_message.header.stamp = stamp
@@ -182,14 +182,14 @@ class CameraTopics:
             self._compressed.publish(stamp, self._frame_id, frame)
         if frame.depth is not None and self._depth is not None:
             names = self._mounted.sensor.config.depth_topics
-            self._depth.publish(stamp, self._frame_id, within_reach(frame.depth, names),
+            self._depth.send(stamp, self._frame_id, within_reach(frame.depth, names),
                                 "16UC1" if names.millimetres else "32FC1")
         if frame.depth is not None and self._points is not None:
-            self._points.publish(stamp, self._frame_id, frame)
+            self._points.send(stamp, self._frame_id, frame)
         if self._labels is not None:
             self._labels.update(self._thread.simulation)
         if frame.segmentation is not None and self._segmentation is not None:
-            self._segmentation.publish(stamp, self._frame_id, frame.segmentation, "32SC1")
+            self._segmentation.send(stamp, self._frame_id, frame.segmentation, "32SC1")
 
     @serves(SetCameraInfo, outside=True)
     def set_camera_info(self, _thread: SimulationThread, request: SetCameraInfo) -> Fields:

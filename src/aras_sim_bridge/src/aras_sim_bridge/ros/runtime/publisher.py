@@ -12,6 +12,7 @@ import threading
 from collections.abc import Callable
 from io import BytesIO
 
+import numpy as np
 import rospy
 from genpy import Message
 from rospy.impl.tcpros_base import TCPROSTransport
@@ -86,18 +87,24 @@ class QuickPublisher:
 
     def publish(self, message: Message) -> None:
         """Send a message to those who listen; its header gets the next sequence number."""
-        if not self._wanted():
-            return
+        if self._wanted():
+            self.publish_bytes(self._serialised(message))
+
+    def publish_array(self, message: Message, array: np.ndarray, behind: int = 0) -> None:
+        """Send a message whose empty `data` are to be an array's bytes, which go from there into
+        the sockets and must not change any more; `behind`: bytes of the fields after `data`."""
+        body = self._serialised(message)
+        end = len(body) - behind
+        head = body[: end - _LENGTH.size] + _LENGTH.pack(array.nbytes)
+        self.publish_bytes(head, memoryview(array).cast("B"), body[end:])
+
+    def _serialised(self, message: Message) -> bytes:
         if message._has_header:
-            message.header.seq = self.next_sequence()
+            self._sequence += 1
+            message.header.seq = self._sequence
         buffer = BytesIO()
         message.serialize(buffer)
-        self.publish_bytes(buffer.getvalue())
-
-    def next_sequence(self) -> int:
-        """Number for the header of the next message."""
-        self._sequence += 1
-        return self._sequence
+        return buffer.getvalue()
 
     def publish_bytes(self, *body: bytes | memoryview) -> None:
         """Send a message that is serialised already, in parts that must not change any more."""

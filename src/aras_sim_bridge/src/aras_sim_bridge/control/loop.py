@@ -1,10 +1,11 @@
 """gazebo_ros_control's part of a physics step: read, update controllers, write."""
 
-from math import inf
+from itertools import chain
+from math import inf, nan
 
 import numpy as np
 
-from aras_sim_bridge.control.controllers.joint_loops import LOOP_COLUMNS
+from aras_sim_bridge.control.controllers.joint_loops import LOOP_COLUMNS, taken_together
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.manager import ControllerManager
 from aras_sim_bridge.control.switching import Entry
@@ -101,8 +102,19 @@ class ControlLoop:
             pid.take_gains()
         for controller in self._commanded:
             if controller.slot:
-                controller.take(time_ns)
+                self._take(time_ns)
+                break
         return self._loops, idle_ns
+
+    def _take(self, time_ns: int) -> None:
+        """Let all loops take the commands that wait, as CommandedController.take one by one."""
+        given = [c.slot.pop() if c.slot else [nan] * len(c.loops) for c in self._commanded]
+        commands = list(chain(*given))
+        if taken_together(self._loops, np.array(commands), time_ns):
+            loops = chain.from_iterable(c.loops for c in self._commanded)
+            for loop, command in zip(loops, commands, strict=True):
+                if command == command:
+                    loop.told(command, time_ns)
 
     def _gather(self, running: tuple[Entry, ...]) -> None:
         """Put the rows of all loops that run into one array."""

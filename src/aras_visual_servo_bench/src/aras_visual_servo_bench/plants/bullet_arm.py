@@ -128,6 +128,7 @@ class BulletArm(Plant):
         self._robot.hardware.read(simulation.time_ns, 0.0)
         self._robot.manager.carry_out(simulation.time_ns)
         self._robot.manager.get(spec.joint_states).on_state = self._on_joints
+        self._commanded = [self._robot.manager.get(name) for name in self._controllers]
         mounted = simulation.camera("/" + camera.strip("/"))
         mounted.on_frame, mounted.enabled = self._on_frame, self._sight is None
         self._link_T_camera = np.array(mounted.parent_T_optical)
@@ -165,8 +166,8 @@ class BulletArm(Plant):
             raise ExperimentError(
                 f"the robot's controllers take {', '.join(self.outputs)} commands, not {kind}"
             )
-        for controller, value in zip(self._controllers, values, strict=True):
-            self._robot.command(controller, float(value))
+        for controller, value in zip(self._commanded, values, strict=True):
+            controller.set_command(value)
 
     def pose(self) -> np.ndarray:
         """world_T_camera (4, 4) from the physics; in the target's link where the arm moves that."""

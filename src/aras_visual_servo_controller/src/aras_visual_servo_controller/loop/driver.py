@@ -79,6 +79,7 @@ class Driver:
         """`clock`: s, of the stamps, simulated or not; `wall`: s of wall time."""
         self.servo, self.observer, self.settings = servo, observer, settings
         self._face, self._clock, self._wall = face, clock, wall
+        self._lead = np.atleast_1d(np.asarray(servo.settings.lead, float))
         self._lock = threading.RLock()
         self.history = JointHistory()
         self._commands: deque[JointSample] = deque(maxlen=256)
@@ -311,7 +312,7 @@ class Driver:
         behind = np.abs(command.positions - newest.positions)
         if self._behind is None:
             self._behind = behind
-        if (behind > self._behind + JUMP * np.asarray(self.servo.settings.lead)).any():
+        if (behind > self._behind + JUMP * self._lead).any():
             return False
         return command.stamp - self._sent_at >= REPEAT_PERIOD - 1e-9
 
@@ -323,7 +324,7 @@ class Driver:
         dt = sample.stamp - newest.stamp
         return dt > self.settings.watchdog or _jumped(
             sample.positions, newest.positions, sample.velocities, newest.velocities,
-            np.atleast_1d(np.asarray(self.servo.settings.lead, float)), dt,
+            self._lead, dt,
         )  # fmt: skip
 
     def _now_and_then(self, command: Command, joints: JointSample | None, reason: str = "") -> None:

@@ -111,7 +111,12 @@ class JointLoop:
 
     def take(self, command: float, time_ns: int) -> None:
         """Go to `command` (rad, m or per s, N m, N), which arrived in the cycle at `time_ns`."""
-        reachable = taken(self.row, command, time_ns)
+        taken(self.row, command, time_ns)
+        self.told(command, time_ns)
+
+    def told(self, command: float, time_ns: int) -> None:
+        """Say that a command which was taken is beyond the limits, if it is."""
+        reachable = self.row.item(_COMMAND)
         if reachable != command and self._beyond.note(time_ns):
             self._warn(
                 f"controller '{self._label}': command {command:g} for joint "
@@ -140,6 +145,16 @@ def taken(row, command, time_ns):
     else:
         row[_SET_POINT] = command
     return command
+
+
+@compiled("f8[:,::1], f8[::1], f8", calls=(headed,), allocates=False)
+def taken_together(rows, commands, time_ns):
+    """Let loops go to their commands, where these are numbers; whether one is beyond its limits."""
+    beyond = False
+    for k in range(len(rows)):
+        if commands[k] == commands[k]:
+            beyond |= taken(rows[k], commands[k], time_ns) != commands[k]
+    return beyond
 
 
 @compiled("f8[:,::1], f8[:,::1], f8", calls=(towards, moved, computed), allocates=False)

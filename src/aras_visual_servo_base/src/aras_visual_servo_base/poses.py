@@ -163,8 +163,13 @@ def quaternion_from_matrix(rotation: Sequence[Sequence[float]]) -> Quaternion:
 
 def rotation_from_quaternion(q: Quaternion) -> tuple[Vector3, Vector3, Vector3]:
     """Rows of the (3, 3) rotation of a unit quaternion."""
-    x, y, z = (rotate(q, axis) for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
-    return (x[0], y[0], z[0]), (x[1], y[1], z[1]), (x[2], y[2], z[2])
+    x, y, z, w = q
+    a, b, c = 2.0 * x, 2.0 * y, 2.0 * z
+    return (
+        (1.0 - y * b - z * c, y * a - w * c, w * b + z * a),
+        (w * c + x * b, 1.0 - z * c - x * a, z * b - w * a),
+        (x * c - w * b, w * a + y * c, 1.0 - x * a - y * b),
+    )
 
 
 def rpy_from_rotation(R: Sequence[Sequence[float]]) -> Vector3:

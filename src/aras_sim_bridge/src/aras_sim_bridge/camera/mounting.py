@@ -122,7 +122,7 @@ class MountedCamera:
     def _pose(self) -> np.ndarray:
         if self.model is None:
             return self._fixed
-        return np.array(self.model.link_pose(self.link).matrix())
+        return self.model.link_pose(self.link).matrix()
 
 
 def together(camera: MountedCamera, cameras: Iterable[MountedCamera]) -> list[MountedCamera]:

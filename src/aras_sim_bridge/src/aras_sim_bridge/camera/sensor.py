@@ -282,8 +282,8 @@ class CameraSensor:
         The camera's own link may well hold the lens: Gazebo too draws no faces from behind.
         """
         first, self._first = self._first, False
-        # One pixel mostly settles it, at a tenth of the time.
-        black = not (self._told_black or image[0, 0].any() or image[::8, ::8].any())
+        # One number mostly settles it.
+        black = not (self._told_black or image[0, 0, 0] or image[::8, ::8].any())
         if not first and not black:
             return
         around = [name for name in self.renderer.bodies_around(view.world_T_optical[:3, 3])

@@ -17,7 +17,7 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
 
-from ..arm.inversion import least_squares, svd
+from ..arm.inversion import least_squares, svd, task_finite
 from ..seeing.ring_buffer import RecentErrors
 from .left_open import LeftOpen, Margin, Offsets, symmetric, view_difference
 
@@ -215,12 +215,10 @@ def offset_of(decision: Decision) -> np.ndarray | None:
     error = decision.error if decision.residual is None else decision.residual
     if L is None or task is None or np.shape(L) != (len(error), 6):
         return None
-    L = np.where(task.modelled, L, 0.0)
-    if not (np.isfinite(L).all() and np.isfinite(error).all()):
-        return None
+    L, error, blind = np.where(task.modelled, L, 0.0), np.asarray(error, float), BLIND
     if len(L) > TALL:
-        return least_squares(L.T @ L, L.T @ error, BLIND**2)
-    return least_squares(L, np.asarray(error, float), BLIND)
+        L, error, blind = L.T @ L, L.T @ error, BLIND**2
+    return least_squares(L, error, blind) if task_finite(L, error) else None
 
 
 def _seen(decision: Decision) -> np.ndarray:

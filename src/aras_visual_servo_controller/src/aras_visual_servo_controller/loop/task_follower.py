@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arm.inversion import finite
 from ..arm.task import Task
 from ..errors import ServoError
 from ..schemes.answer_checks import checked_joints, guarded
@@ -117,6 +118,6 @@ class Pursuit:
 
 def checked_resolution(resolution: Resolution) -> Resolution:
     """The same, if its joint velocities are finite; ServoError."""
-    if not np.isfinite(resolution.velocities).all():
+    if not finite(*(resolution.velocities,) * 3):
         raise ServoError("the joint velocities are not finite")
     return resolution

@@ -137,6 +137,13 @@ def test_bad_parameters_are_named(parameters, text):
         Pid.from_parameters(parameters, "/r/c/pid")
 
 
+def test_a_misspelt_gain_is_told_with_the_nearest_name(caplog):
+    Pid.from_parameters({"p": 1, "i_clmap": 2.0, "d": 3}, "/r/c/pid")
+    assert caplog.messages == [
+        "parameter /r/c/pid/i_clmap is not read: did you mean 'i_clamp'?"
+    ]
+
+
 def test_bad_gains_are_refused_and_the_old_ones_stay():
     pid = Pid(1)
     for gains in (Gains(nan), Gains(1, inf), Gains(1, 1, 0, -1, 1)):

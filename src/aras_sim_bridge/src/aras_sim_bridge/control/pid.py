@@ -1,5 +1,6 @@
 """PID with control_toolbox's semantics, because users tuned their gains on them."""
 
+import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -10,12 +11,18 @@ import numpy as np
 
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.compiled import column, compiled
+from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.settings import read
+
+log = logging.getLogger(__name__)
 
 # Columns of a PID's row: its gains, the last error, and what the last computation saw and gave;
 # whether it came to a command.
 (_P, _I, _D, _I_MAX, _I_MIN, _ANTIWINDUP, _LAST_ERROR, _ERROR, _ERROR_DOT, _INTEGRAL, _COMMAND,
  _I_TERM, _DONE), PID_COLUMNS = range(13), 13
+
+# Parameters of a PID.
+KEYS = ("p", "i", "d", "i_clamp", "i_clamp_min", "i_clamp_max", "antiwindup", "publish_state")
 
 
 class Gains(NamedTuple):
@@ -85,9 +92,13 @@ class Pid:
     def from_parameters(cls, parameters: Mapping, where: str) -> "Pid":
         """Read p (required), i, d, i_clamp, i_clamp_min, i_clamp_max, antiwindup, publish_state.
 
-        `where` is the full name of the mapping, for the message. Raises ControllerError if p is
-        missing or a value has the wrong type or is not finite.
+        `where` is the full name of the mapping, for the messages. A key that is none of these is
+        logged, with the nearest one. Raises ControllerError if p is missing or a value has the
+        wrong type or is not finite.
         """
+        for key in parameters:
+            if key not in KEYS:
+                log.warning("parameter %s/%s is not read: %s", where, key, nearest(key, KEYS))
         if "p" not in parameters:
             raise ControllerError(
                 f"no proportional gain: set parameter {where}/p (and i, d, i_clamp as needed)"

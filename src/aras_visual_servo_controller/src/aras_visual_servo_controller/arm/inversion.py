@@ -7,7 +7,10 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
 
-RANK_TOLERANCE = 1e-4  # below this part of the greatest singular value there is nothing but noise
+# Parts of the greatest singular value below which one counts as 0: of what was measured, where it
+# is nothing but noise, and of what was computed, where it is a rounding error: float64
+# leaves 1e-15.
+NOISE_PART, ROUNDING_PART = 1e-4, 1e-9
 # From this part of L's greatest singular value on all twists are seen alike.
 WELL_SEEN = 0.05
 # A weak joint motion is damped at least as if the demand saw so much of it.
@@ -151,7 +154,7 @@ def _demanded(L, rate, held, speeds, free, scaled, least, fully):
     rest = rate - _applied(L, _applied(along.T, weights * wanted))
     u, s, vt = svd(_times(L, free.T))
     rank = 0
-    while rank < len(s) and s[rank] > RANK_TOLERANCE * s[0]:
+    while rank < len(s) and s[rank] > NOISE_PART * s[0]:
         rank += 1
     seen = _applied(u.T, rest)
     basis = np.empty((rank + len(reach), 6))

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .inversion import RANK_TOLERANCE, svd
+from .inversion import NOISE_PART, svd
 
 UNITS = ("m/s",) * 3 + ("rad/s",) * 3
 
@@ -123,4 +123,4 @@ def rank(singular_values: np.ndarray) -> int:
     """How many singular values, largest first, are more than noise."""
     if not singular_values.size or singular_values[0] <= 0.0:
         return 0
-    return int((singular_values > RANK_TOLERANCE * singular_values[0]).sum())
+    return int((singular_values > NOISE_PART * singular_values[0]).sum())

@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import TaskError
-from .inversion import least_squares, svd, task_finite
+from .inversion import ROUNDING_PART, least_squares, svd, task_finite
 
 ALL_DIRECTIONS = (True,) * 6
 DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
-# A singular value below this part of the greatest is none: rounding of float64 leaves 1e-15.
-RANK_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,14 +100,14 @@ class Task:
     def rank(self) -> int:
         """Rank of L in its modelled directions."""
         s = self.singular_values
-        return int((s > RANK_TOLERANCE * s[0]).sum()) if s.size and s[0] > 0.0 else 0
+        return int((s > ROUNDING_PART * s[0]).sum()) if s.size and s[0] > 0.0 else 0
 
     @cached_property
     def twist(self) -> np.ndarray:
         """(6,) least-squares twist of a camera that moves in the modelled directions alone."""
         twist = np.zeros(6)
         twist[self.modelled] = least_squares(
-            self.L[:, self.modelled], self.rate, RANK_TOLERANCE
+            self.L[:, self.modelled], self.rate, ROUNDING_PART
         )
         return twist
 

@@ -19,7 +19,7 @@ from aras_visual_servo_base.compiled import compiled
 
 from ..arm.inversion import least_squares, svd, task_finite
 from ..seeing.ring_buffer import RecentErrors
-from .left_open import LeftOpen, Margin, Offsets, symmetric, view_difference
+from .left_open import BLIND, LeftOpen, Margin, Offsets, symmetric, view_difference
 
 if TYPE_CHECKING:
     from ..arm.resolution import Resolution
@@ -47,7 +47,6 @@ CERTAIN = 3.0  # standard deviations of that mean by which it has to be another,
 # Standard deviations by which the latest image's offset may differ from the mean of those brought
 # to where the camera is: more, and its motion is not what kinematics say.
 ELSEWISE = 5.0
-BLIND = 1e-6  # part of L's greatest singular value below which a direction is not seen
 TALL = 64  # rows of L from which on the normal equations are solved
 ROUNDING = 1e-9  # s
 

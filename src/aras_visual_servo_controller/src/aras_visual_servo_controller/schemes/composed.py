@@ -8,8 +8,8 @@ import numpy as np
 
 from aras_visual_servo_base.names import unknown
 
-from ..arm.inversion import least_squares
-from ..arm.task import RANK_TOLERANCE, Task
+from ..arm.inversion import ROUNDING_PART, least_squares
+from ..arm.task import Task
 from ..errors import ConfigurationError
 from ..features.base import Feature, Measured, Stack
 from ..goals.goal import Goal
@@ -149,4 +149,4 @@ def _rotated(L: np.ndarray, error: np.ndarray, weights: np.ndarray | None) -> np
         L, error = weights[:, None] * L, weights * error
     if len(L) > 64:
         L, error = L.T @ L, L.T @ error
-    return least_squares(L, error, RANK_TOLERANCE)
+    return least_squares(L, error, ROUNDING_PART)

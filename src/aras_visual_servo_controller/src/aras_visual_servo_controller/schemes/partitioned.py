@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arm.inversion import least_squares
-from ..arm.task import RANK_TOLERANCE, Task
+from ..arm.inversion import ROUNDING_PART, least_squares
+from ..arm.task import Task
 from ..errors import MeasurementError
 from ..features.base import wrap
 from ..features.corners import NumberedPoints
@@ -34,7 +34,7 @@ class Partitioned(OfFeature):
         measured = self.measured(observation, goal)
         L, error = measured.L, measured.error
         points, desired = measured.s.reshape(-1, 2), measured.desired.reshape(-1, 2)
-        rotated = least_squares(L, error, RANK_TOLERANCE)
+        rotated = least_squares(L, error, ROUNDING_PART)
         wanted = self.law.rate(error, L, rotated, t, observation.dt)
         size = float(np.linalg.norm(error))
         gain = -float(wanted @ error) / size**2 if size > 0.0 else 0.0
@@ -43,7 +43,7 @@ class Partitioned(OfFeature):
         twist[2] = gain * depth * 0.5 * np.log(_area(desired) / _area(points))
         twist[5] = gain * float(wrap(_angle(points) - _angle(desired)))
         rest = wanted - measured.rate - L @ twist
-        twist[~ALONG] = least_squares(np.ascontiguousarray(L[:, ~ALONG]), rest, RANK_TOLERANCE)
+        twist[~ALONG] = least_squares(np.ascontiguousarray(L[:, ~ALONG]), rest, ROUNDING_PART)
         return Decision(
             names=self.names, features=measured.s, desired=measured.desired, error=error,
             task=Task.of_twist(twist), L=L, up_to=measured.up_to, notes=measured.notes,

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from feature_cases import L_SHAPE, View, rotation
 
+from aras_visual_servo_base.lenses import brown
 from aras_visual_servo_camera.errors import CalibrationError
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.moments import Moments, exponents
 from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings
-from aras_visual_servo_camera.undistortion import CameraModel, PixelTables, _distort_polynomial
+from aras_visual_servo_camera.undistortion import CameraModel, PixelTables
 
 K = (195.0507, 0.0, 162.4058, 0.0, 195.0992, 127.1973, 0.0, 0.0, 1.0)
 LAB = CameraModel(320, 240, K, (-0.33060, 0.1170, 0.0, 0.0, 0.0))
@@ -127,11 +128,11 @@ def test_jacobian_of_the_polynomial_by_finite_differences() -> None:
     """With every coefficient at work; in Newton's method a wrong one would only cost steps."""
     D = (0.4, 0.3, 0.05, -0.07, 0.2, 0.7, 0.25, 0.15)
     x, y = np.random.default_rng(1).uniform(-0.8, 0.8, (2, 30))
-    _, _, jxx, jxy, jyy = _distort_polynomial(x, y, D)
+    _, _, jxx, jxy, jyy = brown(x, y, D)
 
     def slope(dx: float, dy: float) -> tuple[np.ndarray, ...]:
-        after = _distort_polynomial(x + dx, y + dy, D)[:2]
-        before = _distort_polynomial(x - dx, y - dy, D)[:2]
+        after = brown(x + dx, y + dy, D)[:2]
+        before = brown(x - dx, y - dy, D)[:2]
         return tuple((a - b) / (2 * (dx + dy)) for a, b in zip(after, before, strict=True))
 
     by_x, by_y = slope(1e-5, 0.0), slope(0.0, 1e-5)

@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from aras_visual_servo_base.lenses import brown, kannala_brandt
+
 from .errors import CalibrationError
 from .moments import Array, Pinhole
 
@@ -148,27 +150,9 @@ class CameraModel:
             if self.model in FISHEYE_MODELS:
                 x, y = _distort_fisheye(x, y, self.D or (0.0,) * 4)
             else:
-                x, y = _distort_polynomial(x, y, self.D)[:2]
+                x, y = brown(x, y, self.D)[:2]
         camera = self.pinhole
         return camera.fx * x + camera.cx, camera.fy * y + camera.cy
-
-
-def _distort_polynomial(x: Array, y: Array, D: tuple[float, ...]):
-    """Brown's model with OpenCV's order k1 k2 p1 p2 k3 k4 k5 k6; with its Jacobian."""
-    k1, k2, p1, p2, k3, k4, k5, k6 = (*D, *(0.0,) * (8 - len(D)))
-    r2 = x * x + y * y
-    top = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    low = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6))
-    radial = top / low
-    dtop = k1 + r2 * (2.0 * k2 + 3.0 * k3 * r2)
-    dlow = k4 + r2 * (2.0 * k5 + 3.0 * k6 * r2)
-    slope = (dtop - radial * dlow) / low  # d(radial)/d(r2)
-    xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
-    yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
-    jxx = radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x
-    jxy = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y
-    jyy = radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x
-    return xd, yd, jxx, jxy, jyy
 
 
 def _undistort_polynomial(xd: Array, yd: Array, D: tuple[float, ...]):
@@ -176,14 +160,14 @@ def _undistort_polynomial(xd: Array, yd: Array, D: tuple[float, ...]):
     x, y = xd.copy(), yd.copy()
     with np.errstate(all="ignore"):
         for _ in range(30):
-            px, py, jxx, jxy, jyy = _distort_polynomial(x, y, D)
+            px, py, jxx, jxy, jyy = brown(x, y, D)
             ex, ey = px - xd, py - yd
             if float(np.nanmax(np.abs(ex) + np.abs(ey))) < 1e-14:
                 break
             determinant = jxx * jyy - jxy * jxy
             x = x - (jyy * ex - jxy * ey) / determinant
             y = y - (jxx * ey - jxy * ex) / determinant
-        px, py, jxx, jxy, jyy = _distort_polynomial(x, y, D)
+        px, py, jxx, jxy, jyy = brown(x, y, D)
         valid = np.abs(px - xd) + np.abs(py - yd) < 1e-10
         # beyond a fold a root on the far side of the axis mirrors twice: its Jacobian is negative
         valid &= (jxx * jyy - jxy * jxy > 0.0) & (jxx + jyy > 0.0)
@@ -192,24 +176,18 @@ def _undistort_polynomial(xd: Array, yd: Array, D: tuple[float, ...]):
 
 
 def _distort_fisheye(x: Array, y: Array, D: tuple[float, ...]):
-    k1, k2, k3, k4 = D
     r = np.hypot(x, y)
-    theta = np.arctan(r)
-    t2 = theta * theta
-    rd = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
+    rd, _ = kannala_brandt(np.arctan(r), D)
     scale = np.divide(rd, r, out=np.ones_like(r), where=r > 0.0)
     return x * scale, y * scale
 
 
 def _undistort_fisheye(xd: Array, yd: Array, D: tuple[float, ...]):
-    k1, k2, k3, k4 = D
     rd = np.hypot(xd, yd)
     theta = rd.copy()
     with np.errstate(all="ignore"):
         for _ in range(30):
-            t2 = theta * theta
-            value = theta * (1.0 + t2 * (k1 + t2 * (k2 + t2 * (k3 + t2 * k4))))
-            slope = 1.0 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
+            value, slope = kannala_brandt(theta, D)
             step = (value - rd) / slope
             theta = theta - step
             if float(np.nanmax(np.abs(step))) < 1e-15:

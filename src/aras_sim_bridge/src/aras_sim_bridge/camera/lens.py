@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aras_visual_servo_base.lenses import brown, kannala_brandt
+
 from ..errors import CameraError
 
 # Angle from the optical axis up to which each lens has an image, rad; the pinhole stays below.
@@ -78,7 +80,7 @@ class BrownLens:
 
     def fold_radius(self) -> float:
         """Undistorted radius at which the radial part stops growing; infinite if it never does."""
-        k1, k2, _, _, k3, k4, k5, k6 = self._padded()
+        k1, k2, _, _, k3, k4, k5, k6 = (*self.D, *(0.0,) * (8 - len(self.D)))
         one = np.polynomial.Polynomial([1.0])
         s = np.polynomial.Polynomial([0.0, 1.0])  # r squared
         n, d = one + k1 * s + k2 * s**2 + k3 * s**3, one + k4 * s + k5 * s**2 + k6 * s**3
@@ -88,24 +90,10 @@ class BrownLens:
         real = roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 1e-12)].real
         return float(np.sqrt(real.min())) if len(real) else math.inf
 
-    def _padded(self) -> tuple[float, ...]:
-        return (*self.D, *(0.0,) * (8 - len(self.D)))
-
     def _distort(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Distorted points and the entries a, b, d of the symmetric Jacobian [[a, b], [b, d]]."""
-        k1, k2, p1, p2, k3, k4, k5, k6 = self._padded()
-        x, y = p.T
-        s = x * x + y * y
-        n = 1 + s * (k1 + s * (k2 + s * k3))
-        m = 1 + s * (k4 + s * (k5 + s * k6))
-        radial = n / m
-        slope = (k1 + s * (2 * k2 + s * 3 * k3) - radial * (k4 + s * (2 * k5 + s * 3 * k6))) / m
-        value = np.stack([x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x),
-                          y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y], axis=1)
-        a = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
-        b = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
-        d = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
-        return value, a, b, d
+        x, y, a, b, d = brown(*p.T, self.D)
+        return np.stack([x, y], axis=1), a, b, d
 
 
 @dataclass(frozen=True)
@@ -120,15 +108,11 @@ class FisheyeLens:
 
     def radius(self, theta: np.ndarray) -> np.ndarray:
         """Distance from the image's centre at unit focal length, of angles from the axis, rad."""
-        t = np.asarray(theta) ** 2
-        k1, k2, k3, k4 = self.D
-        return theta * (1 + t * (k1 + t * (k2 + t * (k3 + t * k4))))
+        return kannala_brandt(theta, self.D)[0]
 
     def slope(self, theta: np.ndarray) -> np.ndarray:
         """Derivative of the radius with the angle, at angles from the axis, rad."""
-        t = np.asarray(theta) ** 2
-        k1, k2, k3, k4 = self.D
-        return 1 + t * (3 * k1 + t * (5 * k2 + t * (7 * k3 + t * 9 * k4)))
+        return kannala_brandt(theta, self.D)[1]
 
     def project(self, rays: np.ndarray) -> np.ndarray:
         """Image coordinates (N, 2) of rays (N, 3) in any direction."""

@@ -269,8 +269,6 @@ def test_hold_of_zero_judges_each_image():
     assert feed(Arrival(0.0), [2.0, 0.5, 1.2, 1.7, 0.5]) == [False, True, True, False, True]
 
 
-
-
 # -- what is left open -------------------------------------------------------------------------
 
 STILL = np.zeros((6, 6))
@@ -304,6 +302,47 @@ def test_an_exact_view_leaves_open_what_L_sees():
     assert left.distance == pytest.approx(1.7 * np.hypot(1e-4, 5e-5) + MOVES)
     assert left.angle == pytest.approx(1.4 * 0.2 / 573.0 + TURNS)
     assert (left.up_to, left.reason, left.mend) == ("", "", "")
+
+
+def test_a_camera_that_moves_may_go_on_for_some_hundredths_of_a_second():
+    """Images in 0.1 s, the last steps 0.02 mm along y and 0.1 mrad about x."""
+    y = 1e-5 * np.array([19.0, 13.0, 8.0, 4.0, 1.0, -1.0])
+    turn = 5.0 * y
+    errors = [STRONG @ (0.0, b, 0.0, a, 0.0, 0.0) for b, a in zip(y, turn, strict=True)]
+    poses = [
+        HERE @ transform(np.array([0.0, b, 0.0]), (a, 0.0, 0.0))
+        for b, a in zip(y, turn, strict=True)
+    ]
+    left = left_by(errors, STRONG, poses=poses)
+    assert left.distance == pytest.approx(1.7 * 1e-5 + 0.6 * 2e-5 + MOVES, rel=1e-3)
+    assert left.angle == pytest.approx(1.4 * 5e-5 + 0.6 * 1e-4 + TURNS, rel=1e-3)
+    # not where the target moves along, nor where noise moves the offset alone
+    still = 0.01 * np.ones(6)
+    along = [at(0.03 * k) for k in range(6)]
+    assert left_by([still] * 6, STRONG, poses=along).distance == pytest.approx(
+        left_by([still] * 6, STRONG).distance
+    )
+    noise = np.outer(np.tile([1.0, -1.0], 30), [0.0, 0.01, 0.0, 0.0, 0.0, 0.0])
+    assert left_by(noise, STRONG).distance < MOVES + 1.8e-5
+
+
+def test_what_is_known_to_a_twentieth_of_the_depth_only_is_known_not_at_all():
+    """At a depth of 0.5 m, 0.05 / 2.748 of it is 9.1 mm: a standard deviation of 9 or 9.2 mm."""
+    for deviation, known in ((9.0, True), (9.2, False)):
+        left = left_by([np.zeros(6)] * 6, STRONG, accuracy=deviation * np.eye(6)[:, [1]])
+        assert (left.up_to == "1 direction") is not known
+        assert np.isfinite(left.distance) is np.bool_(known)
+    assert "sees, or too little" in left.reason
+
+
+def test_a_slow_motion_is_no_noise_that_hides_a_wrong_kinematic_chain():
+    """Exact images of a camera that comes to its goal along y; the arm says, along x."""
+    y = 1e-4 * 0.8 ** np.arange(12)
+    errors = [STRONG @ (0.0, b, 0.0, 0.0, 0.0, 0.0) for b in y]
+    poses = [at(b, 0.0, 0.0) for b in y]
+    left = left_by(errors, STRONG, poses=poses)
+    # the latest image's alone, and some of its speed; their mean is nearly twice as much
+    assert (1.7 + 0.6 * 0.25) * y[-1] < left.distance - MOVES < 2.1 * y[-1]
 
 
 def test_noise_leaves_its_mean_s_deviation_open():

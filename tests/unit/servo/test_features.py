@@ -89,9 +89,7 @@ def test_the_interaction_matrix_is_the_derivative(name, view):
     np.testing.assert_allclose(measured.L / scale, np.stack(columns, axis=1) / scale, atol=2e-7)
     assert measured.s.shape == measured.desired.shape == measured.error.shape
     assert measured.L.shape == (len(feature.names), 6)
-    np.testing.assert_allclose(
-        measured.error[0], measured.s[0] - measured.desired[0], atol=1e-15
-    )
+    np.testing.assert_allclose(measured.error[0], measured.s[0] - measured.desired[0], atol=1e-15)
     assert len(feature.tolerances) == len(feature.names) == len(feature.units)
 
 
@@ -266,6 +264,22 @@ def test_accuracy_of_moments_is_that_of_the_outline(name):
     assert found[at_an, 0] == pytest.approx(-0.5 * goal.depth * length * d / area, rel=0.02)
     assert np.abs(found[0, 1]) > 5.0 * np.abs(found[0, 2])  # cos phi moves it along x
     assert middle.shape == (2,)
+
+
+@pytest.mark.parametrize(("wide", "as_shown"), [(0.06, 0.12), (0.051, 1.0)])
+def test_alpha_of_a_nearly_round_outline_gains_nothing_by_the_same_view(wide, as_shown):
+    """Rectangles 0.05 m high: (w^2 - h^2) / (w^2 + h^2) is 0.18 and 0.02."""
+    feature = create_feature("moments")
+    w, h = 0.5 * wide, 0.025
+    outline = np.array([[-w, -h], [w, -h], [w, h], [-w, h]])
+    goal = replace(taught(feature, outline), camera=None)
+    feature.check(goal)
+    view = replace(look(feature.needs, GOAL, dense(outline)), pixel_count=900)
+    other = feature.accuracy(view, goal)
+    shown = feature.accuracy(view, replace(goal, camera=view.camera))
+    np.testing.assert_allclose(shown[:3], 0.12 * other[:3], rtol=1e-3, atol=1e-12)
+    alpha = np.linalg.norm(shown[3]) / np.linalg.norm(other[3])
+    assert alpha == pytest.approx(as_shown, rel=0.15)
 
 
 TILTED = pose((0.012, -0.02, 0.3), (0.25, -0.3, 0.4))

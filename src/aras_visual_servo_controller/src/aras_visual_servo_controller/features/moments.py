@@ -17,7 +17,7 @@ servoing of planar objects, IEEE Transactions on Robotics 21(6), 2005.
 from __future__ import annotations
 
 from functools import cached_property
-from math import sqrt
+from math import hypot, sqrt
 from typing import ClassVar
 
 import numpy as np
@@ -39,6 +39,9 @@ DIRECTED_ORDER = 4  # of moments that tell alpha over the whole turn, with its L
 # to, rms; of a goal that this camera has shown the picture is nearly the same, and FRESH is left of
 # it. Measured on squares of 15 to 55 px, drawn with and without physics (0.01 to 0.04).
 EDGE, FRESH = 0.03, 0.12
+# Difference of the outline's widths, part of their sum of squares, below which pixels make as much
+# of alpha as the target's own shape: alpha is then as if another camera had shown the goal.
+ROUND = 0.1
 HARMONICS = 9  # 1, cos phi, sin phi, ... cos 4 phi, sin 4 phi, of the direction from the middle
 PIECES = 16  # of each side of an outline
 
@@ -149,7 +152,8 @@ class MomentFeature(Feature):
         at = self._at(goal)
         formulas = at.formulas(goal.moments)
         size = EDGE / sqrt(observation.pixel_count) / observation.camera.K[0]
-        if goal.camera == observation.camera:
+        shown = goal.camera == observation.camera
+        if shown:
             size *= FRESH
         columns = []
         for change in at.changes:
@@ -162,9 +166,13 @@ class MomentFeature(Feature):
             ]  # fmt: skip
             columns.append(0.5 * (ends[0] - ends[1]))
         found = np.transpose(columns)
+        mu20, mu11, mu02 = goal.moments.second
+        nearly_round = hypot(mu20 - mu02, 2.0 * mu11) < ROUND * (mu20 + mu02)
         for i, formula in enumerate(formulas):
             if formula.startswith("alpha"):
                 found[i] = 0.5 * wrap(2.0 * found[i], np.pi)
+                if shown and nearly_round:
+                    found[i] /= FRESH
         return found
 
     def _at(self, goal: Goal) -> _AtGoal:

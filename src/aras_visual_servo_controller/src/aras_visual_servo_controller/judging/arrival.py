@@ -47,6 +47,7 @@ CERTAIN = 3.0  # standard deviations of that mean by which it has to be another,
 # Standard deviations by which the latest image's offset may differ from the mean of those brought
 # to where the camera is: more, and its motion is not what kinematics say.
 ELSEWISE = 5.0
+STEPS = 8  # latest images, at least, whose steps tell how noisy they are
 TALL = 64  # rows of L from which on the normal equations are solved
 ROUNDING = 1e-9  # s
 
@@ -133,9 +134,7 @@ class Arrival:
             whole = not (decision.up_to or self._margin.blind)
         return Arrived(True, "", whole and self._elsewhere(), left)
 
-    def _note(
-        self, decision: Decision, observation: Observation, tolerances: np.ndarray
-    ) -> None:
+    def _note(self, decision: Decision, observation: Observation, tolerances: np.ndarray) -> None:
         """Note where the camera is by this image, if it is near the goal and L tells it."""
         if (np.abs(decision.error) > FAR * tolerances).any():
             self._offsets.clear()
@@ -170,20 +169,31 @@ class Arrival:
             return False
         return len(seen) >= FEW or bool((np.abs(seen.errors) < limit).all())
 
+    def _speed(self) -> tuple[float, float]:
+        """The camera's towards or from its goal before the last image, m/s and rad/s: the less of
+        what kinematics (a target may move along) and images (in which noise moves) say of it."""
+        rows, stamps = self._offsets.errors, self._offsets.stamps
+        if len(rows) < 2 or stamps[-1] <= stamps[-2]:
+            return 0.0, 0.0
+        seen = _size((rows[-1, :6] - rows[-2, :6]).tolist())
+        moved = _size(_since(rows, len(rows) - 2).tolist())  # no numbers where poses are unknown
+        past = stamps[-1] - stamps[-2]
+        return tuple(float(np.fmin(*pair)) / past for pair in zip(seen, moved, strict=True))
+
     def _offset(self, decision: Decision) -> tuple[Offsets, str]:
         """The camera's mean offset, and why it is too much, in words."""
         rows = self._offsets.errors
         mean, scatter, count, enough = _averaged(
             rows, _seen(decision), min(len(self._errors), FEW), np.array(ARRIVED) / DEVIATIONS
         )
-        latest, noise = rows[-1, :6], _noise(rows[:, :6])
+        latest, noise = rows[-1, :6], _noise(rows[-max(count, STEPS) :, :6])
         if (np.abs(latest - mean) > ELSEWISE * noise).any():
             mean, scatter, count = latest, np.diag(noise**2), 1
         off = _size(mean.tolist())
         # Rounding may leave less than nothing of a variance.
         deviations = np.sqrt(np.maximum(np.diag(scatter), 0.0) / count)
         unknown = _size((DEVIATIONS * deviations).tolist())
-        offsets = Offsets(mean, scatter, count)
+        offsets = Offsets(mean, scatter, count, self._speed())
         if not (enough or self._reached) and len(rows) < WINDOW:
             return offsets, (
                 "the features are within their tolerances, but scatter: where the camera is, is "
@@ -201,10 +211,12 @@ class Arrival:
 
 
 def _noise(offsets: np.ndarray) -> np.ndarray:
-    """Standard deviation (6,) of offsets (m, 6) by their steps from image to image, which a slow
-    motion changes little."""
-    steps = np.diff(offsets, axis=0)
-    return np.sqrt((steps**2).sum(axis=0) / (2.0 * max(len(steps), 1))) + ROUNDING
+    """Standard deviation (6,) of offsets (m, 6), by their steps from image to image, or better by
+    how these differ, which a slow motion changes little."""
+    order = 2 if len(offsets) > 2 else 1
+    steps = np.diff(offsets, n=order, axis=0)
+    variance = (steps**2).sum(axis=0) / max(len(steps), 1) / (2.0, 6.0)[order - 1]
+    return np.sqrt(variance) + ROUNDING
 
 
 def offset_of(decision: Decision) -> np.ndarray | None:
@@ -260,8 +272,9 @@ def _since(rows, i):
     for a in range(3):
         moved[a] = 0.0
         for c in range(3):
-            moved[a] += rows[last, k + 4 * c + a] * (rows[last, k + 4 * c + 3]
-                                                     - rows[i, k + 4 * c + 3])
+            moved[a] += rows[last, k + 4 * c + a] * (
+                rows[last, k + 4 * c + 3] - rows[i, k + 4 * c + 3]
+            )
         for b in range(3):
             for c in range(3):
                 turned[a, b] += rows[i, k + 4 * c + a] * rows[last, k + 4 * c + b]

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 PLAIN = (3e-4, radians(0.3))  # m and rad: plain 'converged' leaves open no more than this
 # m and rad that a camera which stands still is known to: its joints move between images.
 STILL = (1e-5, 1e-4)
+# s for which a camera may go on as before the last image: its answer takes time and is ramped.
+GOES_ON = 0.06
 # Times that an offset by L counts, its translation and its rotation: L's depth may be believed 0.6
 # of the true one, and the camera's mounting 8 degrees off.
 KNOWN = 1.7, 1.4
@@ -41,8 +43,8 @@ Z_997 = 2.748  # of a normal distribution: 99.7 % are below
 LASTING = 0.25
 BLIND = 1e-6  # part of L's greatest singular value below which a direction is not seen
 # Part of the depth (and rad) that an offset may be for L to hold; what is known less well counts as
-# a direction that nothing measures.
-LINEAR = 0.3
+# a direction that nothing measures. A small plate is seen alike from two sides: 0.08 was 0.19.
+LINEAR = 0.05
 # Of a direction that nothing measures: translation, times the (scaled) rotation, above which it is
 # no turn about an axis.
 STRAIGHT = 20.0
@@ -75,11 +77,15 @@ class LeftOpen:
 
 
 class Offsets(NamedTuple):
-    """Of a camera from its goal by `count` noisy images: mean (6,), covariance (6, 6); m, rad."""
+    """Of a camera from its goal by `count` noisy images: mean (6,), covariance (6, 6); m, rad.
+
+    speed: of the camera towards or from its goal before the last image, m/s and rad/s.
+    """
 
     mean: np.ndarray
     scatter: np.ndarray
     count: int
+    speed: tuple[float, float]
 
 
 class Margin:
@@ -149,12 +155,13 @@ class Margin:
         distance, angle = _bounds(
             offsets.mean, offsets.scatter, self._measured, part, self._coupling, held, self._scale
         )
-        distance, angle = distance + STILL[0], angle / self._depth + STILL[1]
+        distance += STILL[0] + GOES_ON * offsets.speed[0]
+        angle = angle / self._depth + STILL[1] + GOES_ON * offsets.speed[1]
         words = [self._up_to] if self._up_to else []
         reason = mend = ""
         if count := len(self._unseen):
             words.append(f"{count} direction{'s' if count > 1 else ''}")
-            reason = f"there are {count} motions of the camera that no feature sees"
+            reason = f"there are {count} motions of the camera that no feature sees, or too little"
             mend = "add a feature for them, if the pose matters"
         elif size := _in_words(distance, angle):
             words.append(size)

@@ -22,13 +22,14 @@ from feature_cases import (
 from aras_visual_servo_camera import features
 from aras_visual_servo_camera.definitions import FORMULAS
 from aras_visual_servo_camera.errors import DegenerateFeatureError, FeatureError
-from aras_visual_servo_camera.features import INVARIANTS, PAPER, Reference, compute, required_order
+from aras_visual_servo_camera.features import PAPER, Reference, compute, required_order
 from aras_visual_servo_camera.formula import Formula
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import Moments, exponents
 
 MOMENTS = tuple(f"m{i}{j}" for i, j in exponents(5)) + tuple(f"mu{i}{j}" for i, j in exponents(5))
 COMBINATIONS = ("Sxn", "Syn", "Pyn", "r1", "r2", "c3", "C3 - 0.5 * C4", "sqrt(Px) / an")
+INVARIANTS = tuple(f"C{k}" for k in range(1, 11)) + ("Sx", "Sy", "Px", "Py")
 ALL = ("xg", "yg", "area", *PAPER, *INVARIANTS, *MOMENTS, *COMBINATIONS)
 REFERENCE = Reference.from_moments(Moments.from_polygon(L_SHAPE / 0.5), 0.5)
 FRONT = Plane.fronto_parallel(0.5)

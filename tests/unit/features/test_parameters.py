@@ -6,14 +6,16 @@ from pathlib import Path
 
 import pytest
 
+from aras_visual_servo_base.settings import defaults
 from aras_visual_servo_camera.errors import ParameterError
-from aras_visual_servo_camera.parameters import DEFAULTS, VisionParameters
+from aras_visual_servo_camera.parameters import VisionParameters
 
 README = Path(__file__).parents[3] / "src" / "aras_visual_servo_camera" / "README.md"
 
 
 def test_defaults_are_accepted() -> None:
-    assert VisionParameters.from_mapping({}) == VisionParameters.from_mapping(DEFAULTS)
+    given = defaults(VisionParameters)
+    assert VisionParameters.from_mapping({}) == VisionParameters.from_mapping(given)
     assert VisionParameters.from_mapping({}).settings.original_threshold == 250.0
 
 
@@ -55,4 +57,4 @@ def test_wrong_parameters_are_refused(given, text: str) -> None:
 
 def test_readme_lists_every_parameter() -> None:
     text = README.read_text()
-    assert [name for name in DEFAULTS if f"`~{name}`" not in text] == []
+    assert [name for name in defaults(VisionParameters) if f"`~{name}`" not in text] == []

@@ -35,7 +35,6 @@ from .moments import DENSE, Array, Moments, exponents
 from .orientation import Orientation, full_alpha
 
 PAPER = ("xn", "yn", "an", "alpha")
-INVARIANTS = tuple(f"C{k}" for k in range(1, 11)) + ("Sx", "Sy", "Px", "Py")
 
 _MOMENT = re.compile(r"(m|mu)(\d)(\d)\Z")
 

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aras_visual_servo_base.settings import build, defaults, parameter
+from aras_visual_servo_base.settings import build, parameter
 
 from .errors import ParameterError, SegmentationError
 from .pipeline import PipelineSettings
@@ -97,6 +97,3 @@ class VisionParameters:
                 f"parameter ~mask_image: cannot read an image from '{self.mask_image}'"
             )
         return mask
-
-
-DEFAULTS: dict[str, Any] = defaults(VisionParameters)

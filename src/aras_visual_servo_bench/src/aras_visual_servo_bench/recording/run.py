@@ -233,12 +233,6 @@ class Run:
         )
 
     @cached_property
-    def smallest(self) -> np.ndarray:
-        """(n,) least singular value of L."""
-        values = (state.singular_values_L for state in self.states)
-        return np.array([s[-1] if len(s) else np.nan for s in values], float)
-
-    @cached_property
     def manipulability(self) -> np.ndarray:
         """(n,) product of the singular values of L J."""
         return self._of_resolution("manipulability")
@@ -304,12 +298,6 @@ class Run:
         return self.joint_stamp - self.began
 
     # -- the way ---------------------------------------------------------------------------
-
-    def commanded_speed(self) -> np.ndarray:
-        """Greatest speed (j,) at which position commands moved, rad/s or m/s."""
-        moved = np.diff(self.commanded, axis=0) / np.diff(self.joint_stamp)[:, None]
-        known = moved[np.isfinite(moved).all(axis=1)]
-        return np.abs(known).max(axis=0, initial=0.0)
 
     def way(self) -> tuple[np.ndarray, np.ndarray]:
         """Distance (m,) m and angle (m,) rad of the true camera from its goal, at joint_stamp."""

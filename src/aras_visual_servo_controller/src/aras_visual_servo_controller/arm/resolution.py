@@ -94,11 +94,6 @@ class Resolution:
         """Of L J: how many of the features the joints move independently."""
         return rank(self.singular_values)
 
-    @property
-    def rank_L(self) -> int:
-        """Of L in the directions that the task models."""
-        return rank(self.singular_values_L)
-
     @cached_property
     def manipulability(self) -> float:
         """sqrt(det(L J J^T L^T)): the product of the singular values of L J."""
@@ -109,14 +104,6 @@ class Resolution:
         """Joint motion (n,), of length 1, that moves the features least."""
         matrix = self.L @ self.jacobian
         return np.linalg.svd(matrix, full_matrices=True)[2][-1]
-
-    @cached_property
-    def null_twist(self) -> np.ndarray:
-        """Camera motion (6,), of length 1, that moves the features least, as far as modelled."""
-        twist = np.zeros(6)
-        columns = self.L[:, self.modelled]
-        twist[self.modelled] = np.linalg.svd(columns, full_matrices=True)[2][-1]
-        return twist
 
 
 def rank(singular_values: np.ndarray) -> int:

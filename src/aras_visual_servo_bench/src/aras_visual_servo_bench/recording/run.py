@@ -17,7 +17,6 @@ from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.loop.state import CONVERGED, ServoState
 
 from ..asked.experiment import Experiment
-from ..errors import ViewError
 from ..targets.geometry import PlacedTarget
 
 REACHED, MISSED = "goal_reached", "goal_missed"
@@ -322,13 +321,10 @@ class Run:
 
     def outline(self, pose: np.ndarray, stamp: float) -> np.ndarray | None:
         """Pixels (c, 2) of the target's silhouette for world_T_camera (4, 4); None: unknown."""
-        if self.target is None or self.camera is None or not np.isfinite(pose).all():
+        if self.target is None or self.camera is None:
             return None
-        try:
-            rim = self.target.shape.outline(self.target.seen_from(pose, stamp))
-        except ViewError:
-            return None
-        return np.column_stack(self.camera.project(*np.asarray(rim, float).T))
+        rim = self.target.view(self.target.shape.outline, pose, stamp)
+        return None if rim is None else np.column_stack(self.camera.project(*rim.T))
 
 
 def settling(stamp: np.ndarray, values: np.ndarray, floor: float = 0.0) -> float:

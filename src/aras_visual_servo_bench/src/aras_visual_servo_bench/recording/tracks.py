@@ -11,8 +11,7 @@ import numpy as np
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..errors import ViewError
-from ..targets.geometry import PlacedTarget, Target
+from ..targets.geometry import PlacedTarget
 from .run import Run, scaled
 
 POINT = re.compile(r"([xy])_?(\d+)$")
@@ -76,10 +75,10 @@ def _corner_tracks(run: Run) -> Tracks | None:
     seen: list[np.ndarray] = []
     wanted: list[np.ndarray] = []
     shape = None if run.target is None else run.target.shape
-    corners = None if shape is None else _corners(shape, run.target, run.goal_pose, 0.0)
+    corners = None if shape is None else run.target.view(shape.points, run.goal_pose)
     if corners is not None and len(corners) <= MOST_CORNERS:
         tracked = [
-            _corners(shape, run.target, pose, float(stamp))
+            run.target.view(shape.points, pose, float(stamp))
             for pose, stamp in zip(poses, stamps, strict=True)
         ]
         tracked = [np.full(corners.shape, np.nan) if one is None else one for one in tracked]
@@ -102,27 +101,12 @@ def _corner_tracks(run: Run) -> Tracks | None:
     return Tracks(tuple(names), stamps, np.stack(seen, 1), np.array(wanted), measured=False)
 
 
-def _corners(
-    shape: Target, target: PlacedTarget, pose: np.ndarray, stamp: float
-) -> np.ndarray | None:
-    """Normalised corners (c, 2) from world_T_camera; None where one is not before the camera."""
-    if not np.isfinite(pose).all():
-        return None
-    try:
-        return shape.points(target.seen_from(pose, stamp))
-    except ViewError:
-        return None
-
-
 def _centre(target: PlacedTarget, pose: np.ndarray, stamp: float) -> np.ndarray:
     """Of gravity of the silhouette (2,), normalised; NaN where it is not before the camera."""
-    if not np.isfinite(pose).all():
+    rim = target.view(target.shape.outline, pose, stamp)
+    if rim is None:
         return np.full(2, np.nan)
-    try:
-        rim = target.shape.outline(target.seen_from(pose, stamp))
-    except ViewError:
-        return np.full(2, np.nan)
-    moments = Moments.from_polygon(np.asarray(rim, float), 2)
+    moments = Moments.from_polygon(rim, 2)
     return np.array([moments.xg, moments.yg])
 
 

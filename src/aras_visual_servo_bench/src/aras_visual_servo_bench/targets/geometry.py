@@ -7,6 +7,7 @@ coordinates are x right, y down, on the plane one metre before the camera.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -203,6 +204,21 @@ class PlacedTarget:
     def seen_from(self, world_T_camera: np.ndarray, time: float = 0.0) -> np.ndarray:
         """target_T_camera (4, 4)."""
         return inverse(self.world_T_target(time)) @ world_T_camera
+
+    def view(
+        self, of: Callable[[np.ndarray], np.ndarray | None], pose: np.ndarray, time: float = 0.0
+    ) -> np.ndarray | None:
+        """Places (n, 2), normalised, that a method of the shape gives for world_T_camera (4, 4).
+
+        of: the shape's `points` or `outline`. None where the pose is unknown (NaN), or a place is
+        not before the camera.
+        """
+        if not np.isfinite(pose).all():
+            return None
+        try:
+            return of(self.seen_from(pose, time))
+        except ViewError:
+            return None
 
 
 def project(points: np.ndarray, frame_T_camera: np.ndarray) -> np.ndarray:

@@ -11,7 +11,6 @@ import sys
 import time
 from typing import Any
 
-import numpy as np
 import rospy
 
 from aras_visual_servo_controller.errors import ServoError
@@ -142,9 +141,6 @@ class Demo:
 
         _say("reading the bag, drawing the report")
         record = read_bag(self.bag, name=self.out.name)
-        factor = self.progress.real_time_factor
-        if factor is not None:  # of the whole run; the bag has the simulator's own
-            record.pace = np.array([[record.began, factor]])
         record.settings = {
             "scheme": self.arguments.scheme, "start": self.arguments.start, **self._world(),
             **record.settings,

@@ -1,10 +1,9 @@
-"""What the demo sees of the running graph: the controller's state, and how fast time goes."""
+"""What the demo sees of the running graph: the controller's state, and that joints are told."""
 
 import contextlib
-import threading
 import time
 import xmlrpc.client
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import rosgraph
@@ -28,15 +27,6 @@ class WatchedRun:
     converged: float | None = None
     stamp: float = 0.0
     joints: bool = False
-    pace: list[tuple[float, float]] = field(default_factory=list)
-
-    @property
-    def real_time_factor(self) -> float | None:
-        """Simulated over wall time between the first and last state while servoing."""
-        if len(self.pace) < 2 or self.pace[-1][0] <= self.pace[0][0]:
-            return None
-        (wall_0, stamp_0), (wall_1, stamp_1) = self.pace[0], self.pace[-1]
-        return (stamp_1 - stamp_0) / (wall_1 - wall_0)
 
 
 class Watch:
@@ -48,7 +38,6 @@ class Watch:
         from sensor_msgs.msg import JointState
 
         self.progress = WatchedRun()
-        self._lock = threading.Lock()
         rospy.init_node(
             "aras_visual_servo_demo", anonymous=True, disable_signals=True, disable_rostime=True
         )
@@ -65,18 +54,13 @@ class Watch:
 
     def _on_state(self, message) -> None:
         progress, stamp = self.progress, message.header.stamp.to_sec()
-        with self._lock:
-            progress.phase, progress.reason, progress.stamp = message.phase, message.reason, stamp
-            if message.phase not in ("servoing", "converged"):
-                progress.converged = None
-                return
-            if progress.began is None:
-                progress.began = stamp
-            progress.pace.append((time.monotonic(), stamp))
-            if message.phase != "converged":
-                progress.converged = None
-            elif progress.converged is None:
-                progress.converged = stamp
+        progress.phase, progress.reason, progress.stamp = message.phase, message.reason, stamp
+        if progress.began is None and message.phase in ("servoing", "converged"):
+            progress.began = stamp
+        if message.phase != "converged":
+            progress.converged = None
+        elif progress.converged is None:
+            progress.converged = stamp
 
 
 def wait_for_master(uri: str, alive, timeout: float) -> bool:

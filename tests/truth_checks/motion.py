@@ -229,6 +229,52 @@ def _cart() -> str:
     return base + wheels + "</robot>"
 
 
+@check("closed form", quick=True)
+def drops() -> Iterator[Row]:
+    """A ball of 20 mm radius and a cube of 30 mm, wherever in a step they strike; two balls."""
+    still = 0.4 * 2.0 * 0.02**2
+    ball = _round("box", 'sphere radius="0.02"', (still,) * 3)
+    cube = _box((0.03, 0.03, 0.03), 0.5, 2.0)
+    for name, text, height in (("ball", f'<robot name="r">{ball}</robot>', 0.02),
+                               ("cube", cube, 0.015)):
+        for speed in (1.0, 5.9):
+            for share in (0.0, 0.5, 0.9):
+                tag = "" if not share else (
+                    '<gazebo reference="box"><collision><surface><bounce><restitution_coefficient>'
+                    f"{share}</restitution_coefficient></bounce></surface></collision></gazebo>")
+                described = parse_urdf(text.replace("</robot>", tag + "</robot>"))
+                worst = max(abs(_rebound(described, height + 0.02 + k / 8 * speed * 1e-3, speed)
+                                - share) for k in range(8))
+                yield Row(f"{name} at {speed:g} m/s, restitution {share:g}",
+                          f"leaves at {share:g} of its speed", worst, 0.01 if not share
+                          else 0.05 * share)
+    with World(gravity=(0.0, 0.0, 0.0)) as world:
+        balls = [world.spawn(parse_urdf(f'<robot name="r">{ball}</robot>'), f"ball{k}",
+                             Pose((0.1003 * k, 0.0, 0.0))) for k in range(2)]
+        balls[0].set_twist(Twist((5.9, 0.0, 0.0)))
+        for _ in range(50):
+            world.step()
+        parted = balls[1].twist().linear[0] - balls[0].twist().linear[0]
+    yield Row("two balls at 5.9 m/s, restitution 0", "stay together", abs(parted) / 5.9, 0.01)
+
+
+def _rebound(described: RobotDescription, height: float, speed: float) -> float:
+    """Share of its speed at which a body that is thrown at the ground leaves it."""
+    with World() as world:
+        world.spawn_ground_plane()
+        body = world.spawn(described, "m", Pose((0, 0, height)))
+        body.set_twist(Twist((0.0, 0.0, -speed)))
+        before = after = 0.0
+        for _ in range(100):
+            now = body.twist().linear[2]
+            world.step()
+            if not before and body.twist().linear[2] > now + 1e-6:
+                before = -now
+            if before:
+                after = max(after, body.twist().linear[2])
+        return after / before
+
+
 @check("the same without it", quick=True)
 def what_is_elsewhere() -> Iterator[Row]:
     """The shipped arm thrown about for 1 s, alone and with another model in its world."""

@@ -1,11 +1,11 @@
-"""The shape in a visual or collision, of URDF and of SDF."""
+"""The shape in a visual or collision, of URDF and of SDF, and how it bounces."""
 
 from collections.abc import Callable
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description.types import Geometry
 from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_base.safe_xml import direction, numbers, shorten, text_of
+from aras_visual_servo_base.safe_xml import direction, number, numbers, shorten, text_of
 
 SHAPES = ("box", "cylinder", "sphere", "capsule", "plane", "mesh")
 Resolve = Callable[[str, str], str]  # a mesh's URI and who names it -> the path of its file
@@ -27,6 +27,23 @@ def sdf_geometry(element: Element, where: str, resolve: Resolve) -> Geometry:
     if shape.find("submesh") is not None:
         raise DescriptionError(f"{where}: <submesh> is not supported; give it a file of its own")
     return _geometry(shape, where, resolve, lambda tag: text_of(shape, tag), "uri", (1.0, 1.0))
+
+
+def bounce(collision: Element, where: str) -> tuple[float, float] | None:
+    """Coefficient of restitution and least speed (m/s) in a collision's `<surface>`; None: neither.
+
+    Raises:
+        DescriptionError: a coefficient outside 0 to 1, or a speed below 0.
+    """
+    node = collision.find("surface/bounce")
+    if text_of(node, "restitution_coefficient") is None:
+        return None
+    share = number(text_of(node, "restitution_coefficient"), f"{where}: restitution_coefficient")
+    least = number(text_of(node, "threshold"), f"{where}: threshold", 0.0)
+    if not (0.0 <= share <= 1.0 and least >= 0.0):
+        raise DescriptionError(f"{where}: restitution_coefficient {share} and threshold {least} of "
+                               "<bounce>: need 0 to 1, and a speed that is not negative")
+    return share, least
 
 
 def _shape(element: Element, where: str) -> Element:

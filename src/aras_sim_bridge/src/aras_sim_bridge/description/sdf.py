@@ -24,7 +24,7 @@ from aras_sim_bridge.description import (
     population,
     sensor_tags,
 )
-from aras_sim_bridge.description.geometry import Resolve, sdf_geometry
+from aras_sim_bridge.description.geometry import Resolve, bounce, sdf_geometry
 from aras_sim_bridge.description.inertia import checked_inertial
 from aras_sim_bridge.description.lights import read_light
 from aras_sim_bridge.description.ogre_materials import Locate, Look
@@ -286,7 +286,7 @@ def _link(element: Element, model: str, resolve: Resolve, looks: Sequence[Look |
         where, mass, pose.xyz, pose.rpy,
         tuple(number(text_of(tensor, key), f"{where}: {key}", defaults.get(key, 0.0))
               for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")), warnings)
-    visuals, collisions, mu = [], [], None
+    visuals, collisions, mu, bounces = [], [], None, None
     for kind in ("visual", "collision"):
         paired = looks if kind == "visual" else repeat(None)
         for part, look in zip(element.findall(kind), paired, strict=False):
@@ -310,9 +310,10 @@ def _link(element: Element, model: str, resolve: Resolve, looks: Sequence[Look |
                     mu = number(text_of(friction, "mu"), f"{inside}: mu")
                     if mu < 0.0:
                         raise DescriptionError(f"{inside}: mu is {mu}; it must not be negative")
+                bounces = bounce(part, inside) or bounces
     return Link(name, inertial, tuple(visuals), tuple(collisions),
                 truth(text_of(element, "gravity"), f"{where}: gravity", True),
-                truth(text_of(element, "kinematic"), f"{where}: kinematic", False), mu)
+                truth(text_of(element, "kinematic"), f"{where}: kinematic", False), mu, bounces)
 
 
 def _sensors(element: Element, link: str, cameras: list[CameraDescription],

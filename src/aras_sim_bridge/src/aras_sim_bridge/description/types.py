@@ -68,7 +68,10 @@ class Inertial(Placed):
 @dataclass(frozen=True)
 class Link:
     """A rigid body. gravity and kinematic come from `<gazebo reference>` (`<gravity>`,
-    `<turnGravityOff>`, `<kinematic>`); mu is its Coulomb contact friction."""
+    `<turnGravityOff>`, `<kinematic>`); mu is its Coulomb contact friction.
+
+    bounce: coefficient of restitution, and the m/s below which it does not act; None: not given.
+    """
 
     name: str
     inertial: Inertial | None
@@ -77,6 +80,7 @@ class Link:
     gravity: bool = True
     kinematic: bool = False
     mu: float | None = None
+    bounce: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterable
 
 from aras_sim_bridge.world.bullet import contacts_of, pybullet
+from aras_sim_bridge.world.impacts import Impacts
 from aras_sim_bridge.world.model import Model
 from aras_visual_servo_base.poses import Vector3, add, cross, scaled, subtract
 
@@ -26,6 +27,7 @@ class SlidingFriction:
 
     def __init__(self, client: int) -> None:
         self._client = client
+        self._impacts = Impacts(client)
         self.loose: list[Model] = []
         self._fixed: frozenset[int] = frozenset()
         self.pause = 0  # steps; to be set to 0 where a body is pushed
@@ -35,10 +37,13 @@ class SlidingFriction:
         models = list(models)
         self.loose = [model for model in models if not (model.fixed_base or model.joint_names)]
         self.pause = 0
+        self._impacts.models_changed(models)
         self._fixed = frozenset(model.body.body_id for model in models if model.fixed_base)
 
     def before_step(self, dt: float) -> None:
-        """Mend in the coming step of `dt` s what was wrong with friction in the last one."""
+        """Mend in the coming step of `dt` s what was wrong with friction in the last one, and see
+        what the bodies strike in it."""
+        self._impacts.begin()
         if self.pause:
             self.pause -= 1
             return
@@ -47,6 +52,7 @@ class SlidingFriction:
             linear, angular = pybullet.getBaseVelocity(model.body.body_id, self._client)
             if math.hypot(*linear) > _SLOW or math.hypot(*angular) > _SLOW_TURN:
                 self._mend(model, linear, angular, dt, done)
+                self._impacts.watch(model.body_id, linear, angular, dt)
                 done.add(model.body_id)
         self.pause = 0 if done else _PAUSE
 

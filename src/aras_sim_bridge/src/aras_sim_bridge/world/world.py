@@ -92,6 +92,7 @@ class World:
             enableFileCaching=0,
             # Split impulses leave a joint beyond its limit by more than 4 cm (bullet3#2944).
             useSplitImpulse=0,
+            restitutionVelocityThreshold=0.0,  # impacts.py decides
             # Both sides of a pair have to want it; Bullet is content with one.
             collisionFilterMode=0,
             physicsClientId=self.client)

@@ -10,7 +10,10 @@ import argparse
 import sys
 from pathlib import Path
 
-from sphinx.cmd.build import build_main
+try:
+    from sphinx.cmd.build import build_main
+except ModuleNotFoundError as error:
+    sys.exit(f"{error.name} is missing: run ./setup.sh --for developing first")
 
 ROOT = Path(__file__).resolve().parents[1]
 

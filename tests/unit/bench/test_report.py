@@ -259,6 +259,18 @@ def test_curves_are_the_arrays(moments):
         plt.close("all")
 
 
+def test_what_settled_is_marked_in_its_own_curve(moments):
+    """The features' errors settle later here than the camera: each figure says its own time."""
+    camera, errors = metrics.settled.measure(moments), metrics.error_settled.measure(moments)
+    assert abs(camera - errors) > 0.01
+    for draw, settled in ((curves.pose_errors, camera), (curves.feature_errors, errors)):
+        with style.look():
+            figure = draw([moments])
+            said = [text.get_text() for axis in figure.axes for text in axis.texts]
+        plt.close(figure)
+        assert f"settled after {settled:.2f} s" in said
+
+
 def test_limits_that_are_near_are_lines_and_others_words(moments):
     run = moments
     top = float(run.measured[:, 0].max())
@@ -295,8 +307,9 @@ def test_a_name_with_dollars_is_drawn_as_it_stands(draw, moments, tmp_path):
         for state in moments.states
     )
     joints = (name, *moments.joint_names[1:])
-    hostile = replace(moments, name=name, states=states, joint_names=joints,
-                      units=("$x$", *moments.units[1:]))
+    hostile = replace(
+        moments, name=name, states=states, joint_names=joints, units=("$x$", *moments.units[1:])
+    )
     with style.look():
         for records in ([hostile], [hostile, replace(hostile, name="$^$")]):
             figure = draw(records)
@@ -358,12 +371,12 @@ def test_tables_hold_the_arrays_with_units(moments):
     rows = list(csv.DictReader(tables(moments)["images"].splitlines()))
     assert len(rows) == len(moments.stamp)
     assert float(rows[7]["alpha error [rad]"]) == pytest.approx(moments.error[7, 3], rel=1e-8)
-    assert float(rows[7]["wy achieved [rad/s]"]) == pytest.approx(
-        moments.achieved[7, 4], rel=1e-8)
+    assert float(rows[7]["wy achieved [rad/s]"]) == pytest.approx(moments.achieved[7, 4], rel=1e-8)
     assert rows[-1]["phase"] == "converged"
     joints = list(csv.DictReader(tables(moments)["joints"].splitlines()))
     assert float(joints[50]["J2 speed [rad/s]"]) == pytest.approx(
-        moments.measured_speed[50, 2], rel=1e-8)
+        moments.measured_speed[50, 2], rel=1e-8
+    )
     assert "gantry [m]" in joints[0]
 
 
@@ -377,9 +390,15 @@ def test_several_runs_are_compared_with_the_best_marked(moments, points, tmp_pat
     assert "final_error_alpha" not in compared and "final_error_x0" not in compared
     assert "&lt;points&gt;" in page and "<points>" not in page
     assert [one["name"] for one in json.loads((tmp_path / "summary.json").read_text())] == [
-        "moments", "<points>"]
+        "moments",
+        "<points>",
+    ]
     assert {path.name for path in (tmp_path / "data").iterdir()} == {
-        "1_images.csv", "1_joints.csv", "2_images.csv", "2_joints.csv"}
+        "1_images.csv",
+        "1_joints.csv",
+        "2_images.csv",
+        "2_joints.csv",
+    }
 
 
 def test_figures_for_a_paper_are_vectors_a_column_wide(points, tmp_path):

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..numbers.metrics import error_settled, settled
 from ..recording.run import Run, scaled
 from ..report.time_axes import colours, curve, settled_mark, times, zero
 from .palette import COLOURS, GOAL, GOOD
@@ -83,7 +84,7 @@ def feature_errors(runs: Sequence[Run]) -> Figure | None:
     told += ["band: counts as reached"] if run.tolerances else []
     heading(axes[0], "Feature errors s − s*" + (f"  ({'; '.join(told)})" if told else ""))
     _norm(axes[-1], [run])
-    settled_mark(axes[-1], run)
+    settled_mark(axes[-1], run, error_settled.measure(run))
     times(axes, runs)
     return figure
 
@@ -187,11 +188,11 @@ def pose_errors(runs: Sequence[Run]) -> Figure | None:
     axes[1].set_ylabel("angle (degrees)")
     for axis in axes:
         logarithmic(axis)
-    heading(axes[0], "Way of the camera to its goal that is left")
+    heading(axes[0], "Distance of the camera from its goal")
     if len(runs) > 1:
         legend(axes[0])
     else:
-        settled_mark(axes[0], runs[0])
+        settled_mark(axes[0], runs[0], settled.measure(runs[0]))
     times(axes, runs)
     return figure
 

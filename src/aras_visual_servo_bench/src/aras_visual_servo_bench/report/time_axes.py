@@ -44,9 +44,8 @@ def _end(runs: Sequence[Run]) -> float:
     return max([1e-3, *(float(r.time[-1]) for r in runs if len(r.time))])
 
 
-def settled_mark(axis: Axes, run: Run) -> None:
-    """When the camera was there, if it ever was."""
-    settled = run.settled()
+def settled_mark(axis: Axes, run: Run, settled: float) -> None:
+    """When what the axis shows had settled, s; not finite: never."""
     if np.isfinite(settled):
         left = settled > RIGHT * _end([run])
         axis.axvline(settled, color=GOAL, ls=":", lw=1.2)

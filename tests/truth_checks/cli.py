@@ -43,6 +43,12 @@ All of it where Bullet makes the steps, that is where something can touch someth
 - *What strikes a standing base* rebounds for one step as from a wall: its speed after is wrong by
   the share its mass has of the base's, at most 1 %, since no base is held while anything heavier
   than a hundredth of it is loose. Momentum is kept.
+- *Wheels given as meshes* are the prisms that their triangles make, and bump.
+- *Models with joints that fall* leave with up to 14 % of their speed, for Bullet pushes them out of
+  what they sank into within a step; loose bodies are put where they strike (see "drops"), and
+  alone bounce where a file asks for it.
+- *A robot that something touches* is Bullet's for as long as that is near: its joints are off by
+  1e-6 rad then, and by what other bodies that are near it, too, do to Bullet's sweeps.
 """
 
 

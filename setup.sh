@@ -191,6 +191,7 @@ export PIP_USER=0
         "Move the workspace to a folder with letters, digits, and _ - . + , @ ~ alone in its path."
 ((${#root} <= 200)) || fail "this path is longer than the first line of a node can carry: $root" \
     "Move the workspace to a folder with a path of at most 200 letters."
+[[ ! -L .venv ]] || fail ".venv is a link to $(readlink .venv), which would be made anew for this folder: rm .venv, and start again"
 [[ -z ${unsupported-} ]] || fail "this is '$system'. $unsupported" ${conda:+"$conda"}
 [[ $(uname -m) == x86_64 ]] ||
     fail "this machine is $(uname -m), tried is x86_64 alone: PyPI has PyBullet built for no other. Use an x86_64 machine."

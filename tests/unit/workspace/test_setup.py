@@ -100,6 +100,15 @@ def test_a_path_that_nodes_cannot_have(machine, folder, told):
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="root alone can become another user")
+def test_an_environment_that_is_a_link_is_left_alone(machine, tmp_path):
+    theirs = tmp_path / "another"
+    theirs.mkdir()
+    (theirs / "kept").touch()
+    status, text = machine(before=f"ln -s '{theirs}' WORKSPACE/.venv")
+    assert status == 1 and ".venv is a link" in text and "rm .venv" in text
+    assert [p.name for p in theirs.iterdir()] == ["kept"]
+
+
 def test_without_root_the_command_to_run_is_told(machine):
     status, text = machine(root=False)
     assert status == 1

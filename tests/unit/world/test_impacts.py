@@ -201,6 +201,23 @@ def test_a_fast_ball_does_not_pass_through_a_thin_wall(make):
         assert abs(model.twist().linear[0]) < 0.1
 
 
+@pytest.mark.parametrize("change", ["thrown", "put"])
+def test_a_ball_that_is_sent_elsewhere_in_flight_is_watched_at_once(make, change):
+    wall = parse_urdf(make.robot(f'<link name="world">{make.box("0.004 1 1")}</link>'))
+    with World() as world:
+        world.spawn(wall, "wall")
+        model = world.spawn(ball(make, gravity=False), "ball", Pose((-0.15, 0.0, 0.0)))
+        model.set_twist(Twist((0.0, 0.0, 3.0)))
+        for _ in range(3):
+            world.step()
+        if change == "put":
+            model.set_pose(Pose((-0.0901, 0.0, 0.0)))
+        model.set_twist(Twist((60.0, 0.0, 0.0)))
+        for _ in range(20):
+            world.step()
+        assert model.pose().xyz[0] == pytest.approx(-0.022, abs=1e-4)
+
+
 def test_a_block_that_lands_askew_turns_over_the_edge_that_strikes(make):
     """From rest at 30 degrees: it ends flat, and energy only goes down."""
     with World() as world:

@@ -26,6 +26,7 @@ from aras_visual_servo_base.poses import (
 _SINK = 1e-5  # m, by which Bullet lets what touches sink in
 _SLOWEST = 0.05  # m/s; slower bodies strike nothing: they roll, slide and come to rest
 _AHEAD = 1.25  # steps: gravity adds to the speed of the slowest
+_OUTLOOK, _CLEAR = 10, 6  # steps looked ahead; not looked at where nothing is so near
 _TILT, _SIDES = 5e-3, 9  # rad: a third of what Bullet forgets corners at; to how many sides
 
 _Part = tuple[int, int]  # Bullet's numbers of body and link
@@ -37,6 +38,7 @@ class Impacts:
     def __init__(self, client: int) -> None:
         self._client = client
         self._links: dict[int, list[int]] = {}  # that may touch, by loose body
+        self._clear: dict[int, int] = {}  # steps in which nothing is near
         self._planes: set[int] = set()
         self._bounce: dict[_Part, tuple[float, float]] = {}
         self._bouncing: list[_Part] = []
@@ -56,6 +58,11 @@ class Impacts:
                 self._planes.add(body)
             if not (model.fixed_base or model.joint_names):
                 self._links[body] = list(shapes)
+        self.pushed()
+
+    def pushed(self) -> None:
+        """A body was pushed or put elsewhere: look at all in the next step."""
+        self._clear = dict.fromkeys(self._links, 0)
 
     def begin(self) -> None:
         """Before each step: what bounced in the last one is as before."""
@@ -65,19 +72,21 @@ class Impacts:
 
     def watch(self, body: int, linear: Vector3, angular: Vector3, dt: float) -> None:
         """Put a loose body that moves so where it strikes something in a step of `dt` s."""
-        if not self._links[body]:
+        if self._clear[body] > 0 or not self._links[body]:
+            self._clear[body] -= 1
             return
         low, high = self._box(body)
         speed = math.hypot(*linear) + 0.5 * math.hypot(*angular) * math.dist(low, high)
         if speed < _SLOWEST:
             return
-        travel = _AHEAD * speed * dt
+        travel = _OUTLOOK * speed * dt
         near = pybullet.getOverlappingObjects([v - travel for v in low],
                                               [v + travel for v in high], self._client) or ()
-        first = None
+        first, self._clear[body] = None, _CLEAR
         for other in sorted({one for one, _ in near} - {body}):
             for point in pybullet.getClosestPoints(body, other, travel,
                                                    physicsClientId=self._client):
+                self._clear[body] = 0
                 found = self._strike(body, linear, angular, point, dt)
                 if found is not None and (first is None or found[0] < first[0]):
                     first = found

@@ -30,13 +30,18 @@ class SlidingFriction:
         self._impacts = Impacts(client)
         self.loose: list[Model] = []
         self._fixed: frozenset[int] = frozenset()
-        self.pause = 0  # steps; to be set to 0 where a body is pushed
+        self._pause = 0  # steps
+
+    def pushed(self) -> None:
+        """A body was pushed or put elsewhere: look at all in the next step."""
+        self._pause = 0
+        self._impacts.pushed()
 
     def models_changed(self, models: Iterable[Model]) -> None:
         """Models came, went, were loaded anew or are held."""
         models = list(models)
         self.loose = [model for model in models if not (model.fixed_base or model.joint_names)]
-        self.pause = 0
+        self._pause = 0
         self._impacts.models_changed(models)
         self._fixed = frozenset(model.body.body_id for model in models if model.fixed_base)
 
@@ -44,8 +49,8 @@ class SlidingFriction:
         """Mend in the coming step of `dt` s what was wrong with friction in the last one, and see
         what the bodies strike in it."""
         self._impacts.begin()
-        if self.pause:
-            self.pause -= 1
+        if self._pause:
+            self._pause -= 1
             return
         done: set[int] = set()
         for model in self.loose:
@@ -54,7 +59,7 @@ class SlidingFriction:
                 self._mend(model, linear, angular, dt, done)
                 self._impacts.watch(model.body_id, linear, angular, dt)
                 done.add(model.body_id)
-        self.pause = 0 if done else _PAUSE
+        self._pause = 0 if done else _PAUSE
 
     def _mend(self, model: Model, linear: Vector3, angular: Vector3, dt: float,
               done: set[int]) -> None:

@@ -243,7 +243,8 @@ class World:
             self._bases.leaves(model)
             self._models_moved()
         else:
-            self._islands.wait = self._sliding.pause = 0
+            self._islands.wait = 0
+            self._sliding.pushed()
 
     def _models_moved(self) -> None:
         self._islands.models_moved()

@@ -84,6 +84,8 @@ def test_pose_and_jacobian_are_pinocchio_s(kinds, target_kinds, shared, joints, 
         assert pose == pytest.approx(wanted.homogeneous, abs=1e-13)
         assert jacobian == pytest.approx(moving, abs=1e-13)
         assert arm.view(q)[0] is pose and not pose.flags.writeable
+        many = np.array([q, draw.uniform(-2.5, 2.5, len(arm))])
+        assert (arm.poses(many) == [arm.pose(one) for one in many]).all()
 
 
 def test_joint_frames_are_those_that_turn_the_camera():

@@ -52,6 +52,19 @@ def test_arrays_in_any_order_are_only_read() -> None:
     assert copy[0] == 1.0
 
 
+def test_what_makes_no_arrays_looks_at_rows_and_is_refused_when_it_does() -> None:
+    def sums(rows, out):
+        for k in range(len(rows)):
+            row = rows[k]
+            out[k] = row[0] + 2.0 * row[1:][0]
+
+    rows, out = np.arange(6.0).reshape(3, 2), np.zeros(3)
+    compiled.compiled("f8[:,::1], f8[::1]", allocates=False)(sums)(rows, out)
+    assert out.tolist() == [2.0, 8.0, 14.0]
+    with pytest.raises(numba.core.errors.NumbaError):
+        compiled.compiled("f8[::1]", allocates=False)(lambda x: np.empty(len(x)))
+
+
 def test_a_changed_callee_of_another_module_counts(tmp_path, monkeypatch) -> None:
     """What was kept of a caller must not go on with what its callee was."""
     monkeypatch.syspath_prepend(str(tmp_path))

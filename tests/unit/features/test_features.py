@@ -177,6 +177,16 @@ def test_undefined_features_say_so_and_are_never_nan(shape, names) -> None:
     assert caught.value.name == names[0]
 
 
+def test_values_alone_are_those_beside_their_interaction_matrix() -> None:
+    moments, plane = Moments.from_polygon(TARGET), Plane(0.2, -0.1, 2.0)
+    names = ("xn", "alpha_full", "1 / (m00 - a)", "an", "Sx")
+    found = compute(moments, names, plane, REFERENCE)
+    assert found.degenerate.keys() == {"1 / (m00 - a)"} and found.values.all() == 0.0
+    assert (features.values(moments, names, plane, REFERENCE) == found.values).all()
+    with pytest.raises(FeatureError, match="up to order 4"):
+        features.values(Moments.from_polygon(TARGET, 3), names, plane, REFERENCE)
+
+
 def test_tolerance_decides_for_a_nearly_square_target() -> None:
     nearly = Moments.from_polygon(SQUARE * [1.001, 1.0])
     assert compute(nearly, ("alpha",), FRONT).ok

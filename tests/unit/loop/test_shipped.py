@@ -42,7 +42,12 @@ def test_settles_at_the_goal_with_a_camera_moved_and_tilted(start):
 
 
 def test_a_run_repeats_bit_by_bit():
-    one, two = (run(Experiment(camera="noisy", duration=0.5, seed=3)) for _ in range(2))
+    """Whatever ran before it in the same process."""
+    one, _, two = (
+        run(Experiment(camera="noisy", duration=0.5, seed=3, **between))
+        for between in ({}, {"start": "2015", "scheme": "points", **MOVED}, {})
+    )
+    np.testing.assert_array_equal(one.true_pose, two.true_pose)
     np.testing.assert_array_equal(one.measured, two.measured)
     np.testing.assert_array_equal(one.error, two.error)
     other = run(Experiment(camera="noisy", duration=0.5, seed=4))

@@ -14,6 +14,7 @@ from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.judging.camera_check import DIRECTIONS, CameraCheck
 from aras_visual_servo_controller.judging.oscillation import Oscillation
 from aras_visual_servo_controller.judging.shape_check import ShapeCheck
+from aras_visual_servo_controller.judging.target_check import TargetCheck
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 
 # -- is the camera as believed? ------------------------------------------------------------------
@@ -184,6 +185,23 @@ def test_only_an_image_that_follows_another_counts():
         evidence.add(SimpleNamespace(rate=0.0, L=L, error=error),
                      SimpleNamespace(motion=None, dt=1 / 30, joints=None), tolerances)
     assert not evidence.fault()
+
+
+@pytest.mark.parametrize("known, said", [(1.0, False), (0.0, True), (-1.0, True)])
+def test_a_target_s_motion_that_the_scheme_knows_is_taken_off(known, said):
+    """Before a camera that goes to and fro, by kinematics and by L."""
+    draw, dt = np.random.default_rng(4), 1 / 30
+    L, tolerances = draw.normal(size=(6, 6)), np.array([1e-3, 2e-3, 1e-3, 3e-3, 1e-3, 2e-3])
+    drift, check, error = -L[:, :3] @ [0.02, -0.01, 0.005], TargetCheck(), np.zeros(6)
+    for k in range(120):
+        motion = 2e-3 * np.sin([0.3 * k, 0.2 * k, 0.1 * k, 0.0, 0.0, 0.0])
+        error = error + L @ motion + drift * dt
+        moves = check.add(
+            SimpleNamespace(error=error, L=L, rate=known * drift),
+            SimpleNamespace(stamp=k * dt, dt=dt, motion=motion, world_T_camera=np.eye(4)),
+            None, tolerances, True,
+        )  # fmt: skip
+    assert bool(moves) is said
 
 
 # -- does it ring? -------------------------------------------------------------------------------

@@ -90,14 +90,6 @@ def _setting(block: Element, tag: str) -> str | None:
     return text_of(block, tag)
 
 
-def _bounce(block: Element, where: str, before: tuple[float, float] | None
-            ) -> tuple[float, float] | None:
-    """What `<collision>` in the block, which Gazebo copies into the link's, says of bouncing."""
-    for collision in block.findall("collision"):
-        before = bounce(collision, where) or before
-    return before
-
-
 def _link_flags(block: Element, name: str, tags: GazeboTags, warnings: list[str]) -> None:
     where = f"<gazebo reference='{name}'>"
     link = tags.links[name]
@@ -113,6 +105,8 @@ def _link_flags(block: Element, name: str, tags: GazeboTags, warnings: list[str]
         raise DescriptionError(f"{where}: mu1 is {friction}; it must not be negative")
     tags.links[name] = replace(
         link, gravity=gravity, mu=friction,
-        bounce=_bounce(block, where, link.bounce),
+        # Gazebo copies what <collision> holds into the link's own.
+        bounce=next(filter(None, (bounce(one, where) for one in block.findall("collision"))),
+                    link.bounce),
         kinematic=truth(_setting(block, "kinematic"), f"{where}: kinematic", link.kinematic),
     )

@@ -25,7 +25,7 @@ _ARM = 2.0  # m, of another robot, whose joints' speeds are known
 _OFTEN, _WITHIN, _SELDOM, _NEVER = 10, 20, 100, 1 << 60
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Island:
     """A bolted model with joints.
 
@@ -84,7 +84,7 @@ class Islands:
         self.wait, self.touchable = 0, False
 
     def models_moved(self) -> None:
-        """Models came, went, were bolted or let go, or a bolted one was put elsewhere."""
+        """Models came, went, were bolted or let go."""
         models = self._models.values()
         fixed = [model for model in models if model.fixed_base]
         self._loose = [model for model in models if not model.fixed_base]
@@ -98,6 +98,17 @@ class Islands:
                     model, tuple(moved.values()), frozenset(map(model.link_index, moved)),
                     tuple(other for other in fixed
                           if other is not model and may_meet(moved.values(), other))))
+        self.wait = 0
+
+    def put(self, model: Model) -> None:
+        """A bolted model was put elsewhere."""
+        if model.joint_names:
+            self.models_moved()
+            return
+        for island in self._islands:
+            if island.model is not model:
+                others = tuple(one for one in island.grounds if one is not model)
+                island.grounds = (*others, model) if may_meet(island.reach, model) else others
         self.wait = 0
 
     def look(self, dt: float) -> None:

@@ -151,5 +151,5 @@ def _may_meet(box: Box, other: Model) -> bool:
 
 def may_meet(moved: Iterable[Box], other: Model) -> bool:
     """Whether something in these boxes may ever touch a link of another, fixed model."""
-    reach = reach_of(other).values()
-    return any(_may_meet(box, other) or any(box.gap(b) <= 0.0 for b in reach) for box in moved)
+    found = [*solids(other, (-1,)), *reach_of(other).values()]
+    return any(solid.gap(box) <= 0.0 for box in moved for solid in found)

@@ -234,22 +234,20 @@ class World:
         self._friction.models_changed(self.models.values())
         self._sliding.models_changed(self.models.values())
         self._choose_solver()
-        self._models_moved()
+        self._islands.models_moved()
+        self._pairs_left_out = False
+        self._look()
         self._bases.models_changed()
 
     def _model_moved(self, model: Model, put: bool) -> None:
         """A model was `put` elsewhere as a whole; or pushed, or its joints were put elsewhere."""
         if put and model.fixed_base:
             self._bases.leaves(model)
-            self._models_moved()
+            self._islands.put(model)
+            self._pairs_left_out = False
         else:
             self._islands.wait = 0
             self._sliding.pushed()
-
-    def _models_moved(self) -> None:
-        self._islands.models_moved()
-        self._pairs_left_out = False
-        self._look()
 
     def _look(self) -> None:
         """Choose who makes the steps of which model (see islands.py)."""

@@ -32,8 +32,8 @@ def _looks(server):
 class Killing(Progress):
     """Kills a worker when the first chunk is there."""
 
-    def more(self, runs, failed):
-        super().more(runs, failed)
+    def more(self, *told):
+        super().more(*told)
         if self.victims:
             os.kill(self.victims.pop(), signal.SIGKILL)
 

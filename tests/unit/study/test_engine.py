@@ -391,18 +391,39 @@ def test_traces_are_beside_the_results(tiny, tmp_path):
     assert set(made.manifest["parts"]) == set(hashes(tmp_path, ("parts", "traces")))
 
 
+def walls(worker, *seconds):
+    return [{"worker": worker, "wall": wall} for wall in seconds]
+
+
 def test_the_line_of_progress():
     now = [0.0]
     out = io.StringIO()
     progress = Progress(100, 20, out, clock=lambda: now[0])
     now[0] = 10.0
-    progress.more(20, 3)
+    progress.more(20, 3, walls("a", *[1.0] * 20), 2)
     assert "40/100 runs, 2/s, 3 without success, 30 s left" in out.getvalue()
     progress.more(1, 0)
     assert out.getvalue().count("\n") == 1  # nobody wants a line a chunk in a log
     now[0] = 21.0
     progress.more(59, 0)
-    assert "100/100" in out.getvalue()
+    assert "100/100" in out.getvalue() and "0 s left" in out.getvalue()
+
+
+def test_the_first_line_does_not_take_compiling_for_the_rate():
+    """A run that compiles loops takes 40 s, every other 1 s: of 160 runs 40 minutes were told."""
+    now = [40.0]
+    progress = Progress(160, 0, io.StringIO(), clock=lambda: now[0])
+    progress.more(1, 0, walls("a", 40.0), 2)
+    assert "1/160 runs, 0 without success, unknown time left" in progress.line()
+    now[0] = 41.0
+    progress.more(3, 0, walls("b", 41.0, 1.0, 1.0), 2)
+    assert "2/s, 0 without success, 78 s left" in progress.line()
+    now[0] = 45.0
+    progress.more(8, 0, walls("a", *[1.0] * 8), 2)
+    assert "74 s left" in progress.line()
+    now[0] = 85.0  # the workers wait for chunks: the clock knows better than the runs
+    progress.more(2, 0, walls("a", 1.0, 1.0), 2)
+    assert "8 min left" in progress.line()
 
 
 def test_a_study_of_the_ideal_camera_flies_it_as_a_run_does():

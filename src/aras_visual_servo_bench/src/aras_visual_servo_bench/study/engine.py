@@ -86,7 +86,7 @@ def carry_out(
         folder.write(task.chunk, done)
         bad = [values for values in done.values if not succeeded(values)]
         failed += len(bad)
-        progress.more(len(done.values), len(bad))
+        progress.more(len(done.values), len(bad), done.times, pool.workers)
         if fail_fast and bad:
             stopped = stopped or bad[0]
     if not todo:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
-from collections.abc import Callable
-from typing import TextIO
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TextIO
+
+from ..numbers.printing import number
 
 EVERY = 10.0  # s between lines where there is no terminal
 
@@ -18,18 +21,34 @@ class Progress:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:  # fmt: skip
         """`total`: runs of the study. `done`: of them, kept already."""
-        self._total, self._before, self._done = total, done, done
+        self._total, self._done = total, done
         self._out = sys.stderr if out is None else out
         self._clock = clock
-        self._began = clock()
+        self._first: tuple[float, int] | None = None  # when the first came, and how many were done
         self._said = float("-inf")
+        self._known: set[str] = set()  # workers that have done a run
+        self._workers, self._timed, self._wall = 1, 0, 0.0
         self.failed = 0
 
-    def more(self, runs: int, failed: int) -> None:
-        """So many runs are done, of which so many did not succeed."""
+    def more(
+        self, runs: int, failed: int, times: Sequence[Mapping[str, Any]] = (), workers: int = 1
+    ) -> None:
+        """So many runs are done, of which so many did not succeed.
+
+        Args:
+            times: rows of their wall times; see rows.TIMES.
+            workers: that share what is left.
+        """
         self._done += runs
         self.failed += failed
+        self._workers = max(workers, 1)
+        for row in times:
+            if row["worker"] in self._known:  # its first run may have compiled loops
+                self._timed += 1
+                self._wall += row.get("wall", 0.0)
+            self._known.add(row["worker"])
         now = self._clock()
+        self._first = self._first or (now, self._done)
         terminal = self._out.isatty()
         if terminal or now - self._said >= EVERY or self._done == self._total:
             self._said = now
@@ -39,13 +58,26 @@ class Progress:
     def line(self) -> str:
         """As it stands."""
         part = self._done / self._total if self._total else 1.0
-        spent = max(self._clock() - self._began, 1e-9)
-        rate = (self._done - self._before) / spent
-        left = (self._total - self._done) / rate if rate else float("inf")
+        each = self._each()
+        left = (self._total - self._done) * each if self._done < self._total else 0.0
+        rate = f"{number(1.0 / each)}/s, " if 0.0 < each < math.inf else ""
         return (
-            f"{bar(part)} {self._done}/{self._total} runs, "
-            f"{rate:.3g}/s, {self.failed} without success, {duration(left)} left"
+            f"{bar(part)} {self._done}/{self._total} runs, {rate}{self.failed} without success, "
+            f"{duration(left)} left"
         )
+
+    def _each(self) -> float:
+        """Seconds from one run to the next, without those of the start; inf: not known yet.
+
+        By the runs' own wall times, which hold from the first chunk on; or by the clock, where
+        that is slower: the workers then wait for chunks.
+        """
+        if self._first is None or not self._timed:
+            return math.inf
+        when, before = self._first
+        done = self._done - before
+        by_clock = (self._clock() - when) / done if done else 0.0
+        return max(self._wall / self._timed / self._workers, by_clock)
 
     def close(self) -> None:
         """Leave the line."""

@@ -1,0 +1,58 @@
+"""How numbers are printed: in tables, on pages, in figures and on the screen."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+
+NONE = "–"  # where there is no number
+DIGITS = 3
+LEAST, MOST = 1e-3, 1e5  # of the largest of some numbers that are printed without powers of ten
+NOTHING = 6  # decades below the largest; what is smaller is printed as 0
+
+
+def notation(values: Iterable[float], digits: int = DIGITS) -> Callable[[float], str]:
+    """How to print numbers that stand together: all of them with powers of ten, or none.
+
+    Args:
+        values: of a cell, row or column; those that are not finite do not matter.
+        digits: significant ones.
+    """
+    largest = max((abs(v) for v in values if math.isfinite(v)), default=0.0)
+    raised = largest > 0.0 and not LEAST <= largest < MOST
+    smallest = 0.5 * 10.0 ** (math.floor(math.log10(largest)) - NOTHING) if largest else 0.0
+
+    def printed(value: float) -> str:
+        if math.isnan(value):
+            return NONE
+        if math.isinf(value):
+            return "-∞" if value < 0.0 else "∞"
+        if abs(value) <= smallest:
+            return "0"
+        if raised:
+            return f"{value:.{digits - 1}e}"
+        decimals = max(digits - 1 - math.floor(math.log10(abs(value))), 0)
+        text = f"{value:.{decimals}f}"
+        return text.rstrip("0").rstrip(".") if decimals else text
+
+    return printed
+
+
+def number(value: float, digits: int = DIGITS) -> str:
+    """One number that stands alone."""
+    return notation((value,), digits)(value)
+
+
+def word(value: object) -> str:
+    """A setting's value: a number as all numbers, anything else as it is."""
+    return number(value) if isinstance(value, float) else str(value)
+
+
+def headed(name: str, unit: str) -> str:
+    """What stands over a column, or beside an axis."""
+    return f"{name} ({unit})" if unit else name
+
+
+def amount(value: object, unit: str) -> str:
+    """A value with its unit."""
+    return f"{value} {unit}" if unit else str(value)

@@ -19,10 +19,11 @@ from aras_visual_servo_bench.commands import analyzing, main
 from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.numbers import metrics, summary
 from aras_visual_servo_bench.pictures import curves, style, views
+from aras_visual_servo_bench.recording.from_loop import settings_of
 from aras_visual_servo_bench.recording.run import CameraRecord, settling
 from aras_visual_servo_bench.recording.tracks import milestones, nearest, tracks
-from aras_visual_servo_bench.report import machine
-from aras_visual_servo_bench.report.time_axes import broken
+from aras_visual_servo_bench.report import machine, page
+from aras_visual_servo_bench.report.time_axes import broken, looks
 from aras_visual_servo_bench.report.write import FIGURES, NAMES, tables, write_report
 from aras_visual_servo_bench.study.replay import carried_out, with_all_pictures
 
@@ -134,19 +135,54 @@ def test_words_tell_a_failure_with_reason_and_mend(moments):
     assert re.search(r"Camera off its goal by +unknown\n", told)
 
 
-def test_the_best_of_each_row_is_marked_once_it_differs_in_print():
-    def column(*numbers):
-        return [summary.Quantity("settled", numbers[0], "s", "-", "smaller"),
-                summary.Quantity("images", numbers[1], "", "-")]  # fmt: skip
+def column(*numbers):
+    return [summary.Quantity("settled", numbers[0], "s", "-", "smaller"),
+            summary.Quantity("images", numbers[1], "", "-"),
+            summary.Quantity("overshoot", numbers[0], "", "-", "smaller", of_features=True),
+            ]  # fmt: skip
 
-    columns = {"a": column(1.0, 3), "b": column(0.5, 9), "c": column(0.50000001, 9)}
-    assert summary.best(columns, "settled") == {"b", "c"}
-    assert summary.best(columns, "images") == set()
-    assert summary.best({"a": columns["b"], "b": columns["c"]}, "settled") == set()
-    better = {k: [replace(q[0], better="greater")] for k, q in columns.items()}
-    assert summary.best(better, "settled") == {"a"}
-    columns["d"] = column(float("nan"), 1)
-    assert summary.best(columns, "settled") == {"b", "c"}
+
+def test_the_best_of_each_row_is_marked_once_it_differs_in_print(moments):
+    columns = [column(1.0, 3), column(0.5, 9), column(0.50000001, 9)]
+    runs = [moments] * 3
+    assert summary.best(runs, columns, "settled") == {1, 2}
+    assert summary.best(runs, columns, "images") == set()
+    assert summary.best(runs[1:], columns[1:], "settled") == set()
+    better = [[replace(q[0], better="greater")] for q in columns]
+    assert summary.best(runs, better, "settled") == {0}
+    assert summary.best([moments] * 4, [*columns, column(np.nan, 1)], "settled") == {1, 2}
+
+
+def test_no_run_that_failed_is_best(moments):
+    """A run that ended 82 mm off had a star for its overshoot."""
+    columns = [column(0.1, 3), column(0.5, 9), column(0.7, 9)]
+    off = replace(moments, verdict=replace(moments.verdict, word="goal_missed", distance=0.082))
+    lost = replace(moments, outcome="target_lost")
+    for failed in (off, lost):
+        for key in ("settled", "overshoot"):
+            assert summary.best([failed, moments, moments], columns, key) == {1}
+            assert summary.best([failed, moments, failed], columns, key) == set()
+    unknown = replace(moments, verdict=replace(moments.verdict, word=""))  # the goal's pose
+    assert summary.best([unknown, moments, off], columns, "settled") == {0}
+
+
+def test_what_is_of_the_features_has_a_best_only_within_a_scheme(moments, points):
+    columns = [column(0.1, 3), column(0.5, 9)]
+    assert moments.succeeded and points.succeeded
+    assert summary.best([moments, points], columns, "overshoot") == set()
+    assert summary.best([moments, points], columns, "settled") == {0}
+    assert summary.best([moments, moments], columns, "overshoot") == {0}
+    other = replace(moments, states=tuple(replace(s, scheme="another") for s in moments.states))
+    assert summary.best([moments, other], columns, "overshoot") == set()
+    of_features = {q.key for q in summary.summarise(moments) if q.of_features}
+    assert of_features == {"overshoot", "decay_rate", "error_settled", "condition_L",
+                           "smallest_singular_value", "manipulability"}  # fmt: skip
+
+
+def test_a_row_of_the_comparison_is_in_one_notation():
+    row = [summary.Quantity("a", value, "m", "-") for value in (0.00141, 2.5e-5, np.nan)]
+    assert summary.shown([*row, None]) == ["0.00141", "0.000025", "–", "–"]
+    assert summary.shown([replace(row[0], value="word"), replace(row[0], value=7)]) == ["word", "7"]
 
 
 # -- what happened in the image --------------------------------------------------------------
@@ -365,6 +401,73 @@ def test_the_report_is_one_page_that_needs_nothing_else(moments, tmp_path):
     with (tmp_path / "summary.csv").open() as stream:
         rows = {row["quantity"]: row for row in csv.DictReader(stream)}
     assert float(rows["settled"]["value"]) == kept["settled"] and rows["settled"]["unit"] == "s"
+
+
+def test_headers_say_settings_in_plain_words_with_units(points):
+    """They had CameraPose(pose=(0.06, …))."""
+    settings = points.settings
+    assert settings["start"] == (
+        "camera at x 0.05, y -0.03, z 0.4 m, roll 180°, pitch 0°, yaw 28.65°"
+    )
+    asked = points.experiment.with_(
+        start={"height": [0.15, 0.5], "side": 0.1, "turn": 0.5236}, camera={"width": 320},
+        target={"shape": [[0, 0], [0.1, 0], [0, 0.1]]},
+    )  # fmt: skip
+    told = settings_of(asked)
+    assert told["start"] == "drawn, camera 0.15 to 0.5 m above the target and up to 0.1 m beside " \
+        "it, turned by up to 30°"  # fmt: skip
+    assert told["camera"] == "settings of its own" and told["target"] == "polygon of 3 corners"
+    joints = settings_of(asked.with_(start=[0.1, -0.2]))["start"]
+    assert joints == "joints 0.1 -0.2"
+    for kind in ("turned", "back", "plane", "looking"):
+        relative = settings_of(asked.with_(start={"kind": kind, "angle": 30.0, "distance": 0.5}))
+        assert re.match(r"the goal's pose, [^=]+$", relative["start"])
+    shown = page._run(points, [])
+    assert "gain " not in shown["meta"] and "delay 0.015 s" in shown["meta"]
+    shown = page._run(replace(points, settings=settings_of(asked.with_(gain=2.0))), [])
+    assert "gain 2 1/s" in shown["meta"] and ("gain", "2 1/s") in shown["settings"]
+
+
+def test_runs_are_told_apart_without_colour_and_none_hides_another():
+    with style.look(paper=True):
+        five = looks(5)
+    assert looks(1) == [{"color": looks(1)[0]["color"]}]
+    assert len({one["marker"] for one in five}) == 5
+    assert len({one["markevery"] for one in five}) == 5
+    widths = [one["lw"] for one in five]
+    assert widths == sorted(widths, reverse=True) and widths[0] > 1.5 * widths[-1]
+    many = looks(30)
+    assert len({(one["color"], one["marker"]) for one in many}) == 30
+
+
+def test_a_pace_without_a_curve_leaves_no_empty_panel(moments):
+    """Real-time factors come once a second: a short run has none, or one, of its own."""
+    paces = {
+        "late": [[moments.began + 100.0, 1.0]], "unknown": [[moments.began + 0.1, np.nan]],
+        "one": [[moments.began + 0.5, 0.98]],
+    }  # fmt: skip
+    for name, pace in paces.items():
+        with style.look():
+            figure = machine.timing([replace(moments, pace=np.array(pace))])
+            labels = [axis.get_ylabel() for axis in figure.axes]
+            assert ("real-time factor" in labels) == (name == "one"), name
+            if name == "one":
+                (line,) = figure.axes[-1].lines
+                assert line.get_marker() == "." and list(line.get_xdata()) == pytest.approx([0.5])
+            plt.close("all")
+
+
+def test_a_delay_below_zero_is_shown_and_explained(moments, tmp_path):
+    stamp = moments.stamp
+    early = replace(moments, cameras={"camera": CameraRecord(None, stamp, stamp - 0.13)})
+    with style.look():
+        labels = [axis.get_ylabel() for axis in machine.timing([early]).axes]
+        assert "delay (ms)" in labels
+        plt.close("all")
+    write_report([early], tmp_path, ())
+    told = (tmp_path / "report.html").read_text()
+    assert "A delay below 0: the picture came before the clock message" in told
+    assert "below 0 where" in metrics.delay.source
 
 
 def test_tables_hold_the_arrays_with_units(moments):

@@ -19,7 +19,7 @@ from aras_visual_servo_bench.live.shapes import (
     picture_border,
     picture_depth,
 )
-from aras_visual_servo_bench.live.story import FRUSTUM, LONGEST, SECONDS, Story
+from aras_visual_servo_bench.live.story import FRUSTUM, LETTERS, LINE, LONGEST, SECONDS, Story
 from aras_visual_servo_bench.live.track import MOST, Pace, Track
 from aras_visual_servo_bench.live.units import feature_units
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -203,6 +203,28 @@ def test_words_have_their_units(story):
     story.say(told(names=names, error=(0.01, -0.02, 0.0, 0.5)), STRAIGHT)
     assert "xn +0.0100 m\n" in "\n".join(story.words())
     assert "alpha +0.5000 rad" in story.words()
+
+
+def test_words_say_no_minus_zero(story):
+    story.say(told(names=("xn",), error=(-0.00004,)), STRAIGHT)
+    assert "xn +0.0000" in "\n".join(story.words())
+
+
+def test_what_is_drawn_has_a_legend_in_its_colours(story):
+    story.say(SERVOING, STRAIGHT)
+    story.say(SERVOING, BENT)
+    story.joints(BENT)
+    drawn = {s.name: s for s in story.shapes()}
+    legend = {s.text: s for s in drawn.values() if s.name.startswith("legend ")}
+    for text, name in (
+        ("path", "path"), ("straight to the goal", "ideal path"), ("camera", "camera picture"),
+        ("goal", "desired camera picture"), ("velocity asked", "asked velocity"),
+        ("turn achieved", "achieved turn"),
+    ):  # fmt: skip
+        assert legend[text].colour[:3] == drawn[name].colour[:3], text
+    heights = sorted(s.points[0, 2] for s in legend.values())
+    top_of_words = drawn["words"].points[0, 2] + 0.5 * LINE * drawn["words"].text.count("\n")
+    assert heights[0] > top_of_words and np.diff(heights).min() >= LETTERS
 
 
 def drawn(name):

@@ -13,12 +13,13 @@ from scipy import stats
 
 from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.numbers import statistics
+from aras_visual_servo_bench.numbers import printing, statistics
 from aras_visual_servo_bench.numbers.metrics import metric
 from aras_visual_servo_bench.pictures import figures
 from aras_visual_servo_bench.study import compare, replay, rows, tables
 from aras_visual_servo_bench.study.engine import carry_out
 from aras_visual_servo_bench.study.folder import Folder
+from aras_visual_servo_bench.study.overrides import unit_of
 from aras_visual_servo_bench.study.pools import ThisProcess
 from aras_visual_servo_bench.study.progress import Progress
 from aras_visual_servo_bench.study.results import Results
@@ -37,6 +38,7 @@ def made(success, settled, name="one", seeds=None, gains=(1.0, 2.0)):
         "run": list(range(len(success))), "seed": list(seeds or range(len(success))),
         "gain": [g for g in gains for _ in range(each)], "success": list(map(float, success)),
         "settled": list(map(float, settled)), "outcome": ["x"] * len(success),
+        "verdict": [""] * len(success), "reason": [""] * len(success),
         "real_time_multiple": [10.0] * len(success),
     })  # fmt: skip
     return Results(name, study, table)
@@ -94,14 +96,96 @@ def test_a_table_has_a_row_for_each_setting():
     assert (first[0].value, second[0].value) == (1.0, 0.5)
     assert (first[1].value, second[1].value) == (1.5, 8.5)
     lines = tables.written(found, "md").splitlines()
-    assert lines[0] == "| gain | runs | success | settled (s) |"
+    assert lines[0] == "| gain (1/s) | runs | success | settled (s) | commonest failure |"
     assert lines[2].startswith("| 1 | 2 | 1 [0.342, 1] | 1.5 [")
     rows = list(csv.DictReader(io.StringIO(tables.written(found, "csv"))))
     assert float(rows[1]["success"]) == 0.5 and int(rows[1]["settled_n"]) == 2
+    assert rows[1]["gain"] == "2.0" and rows[1]["commonest failure"] == "1 of 1 x"
     tex = tables.written(found, "tex")
-    assert tex.count(r"\\") == 3 and r"\begin{tabular}{lrrr}" in tex
+    assert tex.count(r"\\") == 3 and r"\begin{tabular}{lrrrl}" in tex
     several = tables.tabulated([made([1, 1], [1, 1]), made([0, 0], [1, 1], "two")])
     assert several.keys[0] == "study" and several.rows[3][0] == ("two", 2.0)
+
+
+def test_a_column_is_written_in_one_notation():
+    """A table had '0.00141 [9.80e-04, 0.00169]', and 2.50e-05 below 0.00125."""
+    one = made([1] * 4, [0.00098, 0.00169, 2.5e-5, 0.00125])
+    told = tables.written(tables.tabulated([one], metrics=["settled"]), "md")
+    assert "| 0.00134 [0.00098, 0.00169] |" in told
+    assert "| 0.000638 [0.000025, 0.00125] |" in told
+    small = made([1] * 4, [9.8e-5, 1.69e-4, 0.0, 1.25e-4])
+    told = tables.written(tables.tabulated([small], metrics=["settled"]), "md")
+    assert "| 1.33e-04 [9.80e-05, 1.69e-04] |" in told and "[0, 1.25e-04]" in told
+    assert "| 1 [0.342, 1] |" in told  # each column has its own
+    tex = tables.written(tables.tabulated([small], metrics=["settled"]), "tex")
+    assert r"$9.80 \cdot 10^{-5}$" not in tex and r"[9.80 \cdot 10^{-5}, 1.69" in tex
+
+
+@pytest.mark.parametrize(("value", "shown"), [
+    (0.0, "0"), (-0.0, "0"), (0.5, "0.5"), (2.0, "2"), (0.015, "0.015"), (123.4, "123"),
+    (1234.4, "1234"), (12345.6, "12346"), (99999.9, "100000"), (123456.0, "1.23e+05"),
+    (0.00123, "0.00123"), (0.000999, "9.99e-04"), (-0.0021, "-0.0021"), (np.nan, "–"),
+    (np.inf, "∞"),
+])  # fmt: skip
+def test_numbers_have_three_digits_and_no_more_zeros_than_they_need(value, shown):
+    assert printing.number(value) == shown
+
+
+def test_numbers_beside_each_other_are_all_plain_or_all_raised():
+    plain = printing.notation([0.002, 3e-5, 1e-12, np.nan, np.inf])
+    assert [plain(v) for v in (0.002, 3e-5, 1e-12)] == ["0.002", "0.00003", "0"]
+    raised = printing.notation([2e5, -1.0], 4)
+    assert [raised(v) for v in (2e5, -1.0)] == ["2.000e+05", "-1.000e+00"]
+
+
+def test_a_table_says_why_runs_failed():
+    results = made([1, 0, 0, 0, 0, 0, 1, 1, 1, 1], [1.0] * 10)
+    lost = "over the left border at {} s"
+    columns = {
+        "outcome": ["converged", *["target_lost"] * 2, "joint_limit", "converged"] + ["x"] * 5,
+        "verdict": ["goal_reached", "", "", "", "goal_missed"] + [""] * 5,
+        "reason": ["", lost.format(0.31), lost.format(0.4), "J2", ""] + ["a | b " * 30] * 5,
+    }
+    table = results.table.drop_columns(list(columns))
+    for name, values in columns.items():
+        table = table.append_column(name, pa.array(values))
+    found = tables.tabulated([Results("one", results.study, table)])
+    assert found.failures[0] == "2 of 4 target_lost: over the left border at 0.31 s"
+    assert found.failures[1].startswith("1 of 1 x: a | b a") and found.failures[1].endswith(" …")
+    assert len(found.failures[1]) < 110
+    assert r"| 1 of 1 x: a \| b a" in tables.written(found, "md")
+    assert "2 of 4 target_lost: over" in tables.written(found, "csv")
+    assert r"2 of 4 target\_lost: over" in tables.written(found, "tex")
+    missed = results.table.take([4]).drop_columns(list(columns))
+    for name, values in columns.items():
+        missed = missed.append_column(name, pa.array(values[4:5]))
+    found = tables.tabulated([Results("one", results.study, missed)])
+    assert found.failures == ("1 of 1 converged, goal_missed",)
+
+
+def test_a_map_has_the_units_of_its_settings():
+    """Its axes said 'delay' and 'gain'."""
+    study = Study.from_mapping({"experiment": {"plant": "free"}, "vary": {
+        "delay": [0.01, 0.1], "gain": [1.0, 2.0]}, "metrics": ["success"]})  # fmt: skip
+    table = pa.table({
+        "run": list(range(4)), "delay": [0.01, 0.01, 0.1, 0.1], "gain": [1.0, 2.0] * 2,
+        "success": [1.0, 1.0, 1.0, 0.0], "outcome": ["x"] * 4,
+    })  # fmt: skip
+    axis = figures.success([Results("one", study, table)]).axes[0]
+    assert (axis.get_ylabel(), axis.get_xlabel()) == ("delay (s)", "gain (1/s)")
+    assert [t.get_text() for t in axis.get_yticklabels()] == ["0.01", "0.1"]
+    figures.plt.close("all")
+
+
+@pytest.mark.parametrize(("key", "unit"), [
+    ("delay", "s"), ("gain", "1/s"), ("start.side", "m"), ("target.size", "m"),
+    ("target.motion.frequency", "Hz"), ("options.max_velocity", "m/s or rad/s"),
+    ("options.smoothing", "s"), ("believed.focal", ""), ("law", ""), ("no_such_key", ""),
+    ("start.turn", ""),  # rad of a drawn start, degrees of a relative one
+    ("camera.width", ""), ("options", ""), ("options.none", ""),
+])  # fmt: skip
+def test_a_setting_has_the_unit_that_its_class_says(key, unit):
+    assert unit_of(key) == unit
 
 
 def test_words_are_safe_in_latex_and_markdown():
@@ -187,7 +271,7 @@ def test_nothing_of_a_picture_is_cut_off_or_lies_on_something_else():
     assert legend.get_window_extent().y1 <= lowest
     # Curves that are too many are of fewer keys, not of the first settings alone.
     names = [text.get_text() for text in legend.get_texts()]
-    assert names == [f"start.height [{k}, 0.4]" for k in range(3)]
+    assert names == [f"start.height [{k}, 0.4] m" for k in range(3)]
 
 
 def test_a_success_map_shows_the_counts():

@@ -35,10 +35,10 @@ class Belief:
     """
 
     focal: float = parameter(1.0, above=0.0)
-    centre: tuple[float, float] = (0.0, 0.0)
+    centre: tuple[float, float] = parameter((0.0, 0.0), "px")
     distortion: tuple[float, ...] | None = None
-    xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    xyz: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "m")
+    rpy: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "rad")
     depth: float = parameter(1.0, above=0.0)
 
     def __post_init__(self) -> None:

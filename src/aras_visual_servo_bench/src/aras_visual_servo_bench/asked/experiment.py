@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,11 +42,11 @@ class Sampler:
     attempts: after which the sampler gives up.
     """
 
-    height: Pair = (0.15, 0.5)
-    side: float = parameter(0.1, least=0.0)
-    turn: float = parameter(2.967, least=0.0)  # 170 degrees
-    tilt: float = parameter(0.0, least=0.0)
-    margin: float = parameter(2.0, least=0.0)
+    height: Pair = parameter((0.15, 0.5), "m")
+    side: float = parameter(0.1, "m", least=0.0)
+    turn: float = parameter(2.967, "rad", least=0.0)  # 170 degrees
+    tilt: float = parameter(0.0, "rad", least=0.0)
+    margin: float = parameter(2.0, "px", least=0.0)
     attempts: int = parameter(500, least=1)
 
     def __post_init__(self) -> None:
@@ -53,12 +54,24 @@ class Sampler:
         low, high = self.height
         require(0.0 < low <= high, f"start.height is {low:g} to {high:g}, must rise from above 0 m")
 
+    def __str__(self) -> str:
+        low, high = self.height
+        turns = f"turned by up to {math.degrees(self.turn):.3g}°"
+        tilts = f", tilted by up to {math.degrees(self.tilt):.3g}°" if self.tilt else ""
+        return (f"drawn, camera {low:g} to {high:g} m above the target and up to {self.side:g} m "
+                f"beside it, {turns}{tilts}")  # fmt: skip
+
 
 @dataclass(frozen=True)
 class CameraPose:
     """A pose of the camera's optical frame in the world: x, y, z (m), roll, pitch, yaw (rad)."""
 
     pose: Six
+
+    def __str__(self) -> str:
+        x, y, z = (f"{value:.4g}" for value in self.pose[:3])
+        roll, pitch, yaw = (f"{math.degrees(value):.4g}" for value in self.pose[3:])
+        return f"camera at x {x}, y {y}, z {z} m, roll {roll}°, pitch {pitch}°, yaw {yaw}°"
 
 
 @dataclass(frozen=True)
@@ -175,11 +188,11 @@ class Experiment:
     target: TargetSpec = TargetSpec()
     sun: SunSpec = SunSpec()
     camera: str | Mapping[str, Any] = "original"
-    camera_xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    camera_rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    camera_xyz: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "m")
+    camera_rpy: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "rad")
     believed: Belief = Belief()
     features: str = parameter("auto", choices=FEATURES)
-    noise: float = parameter(0.0, least=0.0)
+    noise: float = parameter(0.0, "grey levels", least=0.0)
     jitter: float = parameter(0.0, "px", least=0.0)
     delay: float = parameter(0.015, "s", least=0.0)
     commands: str = parameter("joint_states", choices=COMMANDS)

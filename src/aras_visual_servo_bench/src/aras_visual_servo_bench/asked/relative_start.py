@@ -28,17 +28,25 @@ class RelativeStart:
     """
 
     kind: str = parameter(choices=KINDS)
-    angle: float = 0.0
+    angle: float = parameter(0.0, "degrees")
     axis: Three = (0.0, 0.0, 1.0)
-    distance: float = 0.0
-    box: Three = (0.6, 0.6, 0.15)
-    radii: tuple[float, ...] = (0.08, 0.16, 0.24, 0.32)
-    turn: float = 120.0
+    distance: float = parameter(0.0, "m")
+    box: Three = parameter((0.6, 0.6, 0.15), "m")
+    radii: tuple[float, ...] = parameter((0.08, 0.16, 0.24, 0.32), "m")
+    turn: float = parameter(120.0, "degrees")
     of: int = parameter(100, least=1)
     scatter: tuple[float, float] = parameter((0.0, 0.0), least=0.0)
 
     def __post_init__(self) -> None:
         check(self, ExperimentError, "start")
+
+    def __str__(self) -> str:
+        return "the goal's pose, " + {
+            "turned": f"turned by {self.angle:g}° about ({', '.join(f'{v:g}' for v in self.axis)})",
+            "back": f"{self.distance:g} m back along the optical axis",
+            "plane": f"gone round the target by {self.angle:g}°",
+            "looking": "moved in a box, looking at a point near the target",
+        }[self.kind]
 
     def pose(self, goal: np.ndarray, target: np.ndarray, seed: int) -> tuple[float, ...]:
         """x, y, z (m), roll, pitch, yaw (rad) in the world, of the goal's and target's (4, 4)."""

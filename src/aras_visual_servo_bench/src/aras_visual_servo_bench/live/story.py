@@ -54,6 +54,13 @@ NEAR = 5e-4  # m between two points of the path
 NEAR_IN_PICTURE = 2e-3  # likewise of trajectories, normalised
 BESIDE = (-0.29, 0.24, 0.19)  # m from the camera to the words, in the base: beside the arm
 MOST = 6  # errors that are read out
+LETTERS, LINE = 0.023, 0.028  # m, height of letters, and from one line to the next
+LEGEND = (  # from its lowest line up
+    ("turn achieved", rgb(LIVE["achieved-turn"])), ("turn asked", rgb(LIVE["asked-turn"])),
+    ("velocity achieved", rgb(LIVE["achieved"])), ("velocity asked", rgb(LIVE["asked"])),
+    ("target in the picture", FEATURE), ("straight to the goal", IDEAL), ("path", PATH),
+    ("goal", GOAL), ("camera", NOW),
+)  # fmt: skip
 
 
 NOTHING = ServoState(0.0, "")  # before the controller has said anything
@@ -156,7 +163,7 @@ class Story:
         if told.names:
             units = feature_units(told.scheme, len(told.names)) or ("",) * len(told.names)
             rows = zip(told.names[:MOST], told.error[:MOST], units, strict=False)
-            lines += [f"{name} {error:+.4f} {unit}".rstrip() for name, error, unit in rows]
+            lines += [f"{name} {error:+z.4f} {unit}".rstrip() for name, error, unit in rows]
             if len(told.names) > MOST:
                 lines.append(f"and {len(told.names) - MOST} more")
         if self.factor is not None:
@@ -180,8 +187,16 @@ class Story:
             shapes += frustum("camera", self._pose, border, FRUSTUM, (*NOW, 0.9))
             shapes += self._seen(border)
         shapes += self._arrows()
-        text, place = "\n".join(self.words()), (self._pose[:3, 3] + BESIDE)[None]
-        shapes.append(Shape("words", TEXT, place, (1.0, 1.0, 1.0, 1.0), 0.023, text))
+        return shapes + self._texts()
+
+    def _texts(self) -> list[Shape]:
+        """The words, and above them what is drawn in which colour, beside the camera."""
+        words, place = "\n".join(self.words()), (self._pose[:3, 3] + BESIDE)[None]
+        shapes = [Shape("words", TEXT, place, (1.0, 1.0, 1.0, 1.0), LETTERS, words)]
+        above = 0.5 * (words.count("\n") + 1)  # lines: the words stand about their place
+        for line, (text, colour) in enumerate(LEGEND, 1):
+            up = (0.0, 0.0, LINE * (above + line))
+            shapes.append(Shape(f"legend {text}", TEXT, place + up, (*colour, 1.0), LETTERS, text))
         return shapes
 
     def _picture(self) -> np.ndarray | None:

@@ -35,6 +35,8 @@ class Metric:
 
     name: column in the results. unit: '' for none. better: 'smaller', 'greater' or ''.
     source: its formula, or where it is defined. measure: the function.
+    of_features: measured on the scheme's own features, so that it means something else of another
+        scheme.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Metric:
     better: str
     source: str
     measure: Callable[[Run], float]
+    of_features: bool = False
 
     @property
     def text(self) -> str:
@@ -49,11 +52,13 @@ class Metric:
         return (self.measure.__doc__ or "").strip().splitlines()[0]
 
 
-def metric(unit: str, better: str, source: str) -> Callable[[Callable], Metric]:
+def metric(
+    unit: str, better: str, source: str, of_features: bool = False
+) -> Callable[[Callable], Metric]:
     """Make a metric of a function that has a docstring."""
     if better not in (SMALLER, GREATER, NEITHER):
         raise StudyError(f"better is '{better}', must be {SMALLER} or {GREATER}")
-    return lambda measure: Metric(measure.__name__, unit, better, source, measure)
+    return lambda measure: Metric(measure.__name__, unit, better, source, measure, of_features)
 
 
 def find(name: str) -> Metric:
@@ -78,7 +83,7 @@ def find(name: str) -> Metric:
 @metric("", GREATER, "the loop's outcome and the physics' verdict together")
 def success(run: Run) -> float:
     """1 where the loop holds that it has converged and the camera truly stands at its goal."""
-    return _of_verdict(run, run.converged and run.verdict.reached)
+    return _of_verdict(run, run.succeeded)
 
 
 @metric("", GREATER, "the physics' verdict alone, within the experiment's `reached`")
@@ -117,7 +122,7 @@ def settled(run: Run) -> float:
     return _known(run.settled())
 
 
-@metric("", SMALLER, "control's overshoot, of the worst feature")
+@metric("", SMALLER, "control's overshoot, of the worst feature", of_features=True)
 def overshoot(run: Run) -> float:
     """How far a feature's error goes beyond its goal, as a part of its first error."""
     error = run.error[_measured(run)]
@@ -249,7 +254,10 @@ def limit_time(run: Run) -> float:
 # -- errors of the features --------------------------------------------------------------------
 
 
-@metric("1/s", GREATER, "logarithm of the error between 80 and 15 % of its first value")
+@metric(
+    "1/s", GREATER, "logarithm of the error between 80 and 15 % of its first value",
+    of_features=True,
+)  # fmt: skip
 def decay_rate(run: Run) -> float:
     """How fast the norm of the features' error, each in parts of its first, decays."""
     known = _measured(run)
@@ -277,7 +285,10 @@ def decay_predicted(run: Run) -> float:
     return decay.predicted(run.experiment.gain, decay.delay_of(run.experiment), period)
 
 
-@metric("s", SMALLER, "2 % band of the norm of the errors, each in parts of its largest")
+@metric(
+    "s", SMALLER, "2 % band of the norm of the errors, each in parts of its largest",
+    of_features=True,
+)  # fmt: skip
 def error_settled(run: Run) -> float:
     """Time until the norm of the features' errors stays under 2 % of its first."""
     known = _measured(run)
@@ -299,20 +310,23 @@ def top_speed(run: Run) -> float:
     return float(np.nanmax(np.linalg.norm(run.achieved[:, :3], axis=1), initial=0.0))
 
 
-@metric("", GREATER, "L J of each image")
+@metric("", GREATER, "L J of each image", of_features=True)
 def smallest_singular_value(run: Run) -> float:
     """Least singular value of the task's Jacobian L J."""
     return _known(np.nanmin(run.singular_LJ, initial=np.inf))
 
 
-@metric("", SMALLER, "largest over smallest singular value of L, greatest of all images")
+@metric(
+    "", SMALLER, "largest over smallest singular value of L, greatest of all images",
+    of_features=True,
+)  # fmt: skip
 def condition_L(run: Run) -> float:
     """Greatest condition number of L in the directions that are servoed."""
     found = condition(run.singular_L)
     return float(np.nanmax(found)) if not np.isnan(found).all() else np.nan
 
 
-@metric("", GREATER, "sqrt(det(L J J^T L^T)), least of all images")
+@metric("", GREATER, "sqrt(det(L J J^T L^T)), least of all images", of_features=True)
 def manipulability(run: Run) -> float:
     """Least product of the singular values of L J."""
     return _known(np.nanmin(run.manipulability, initial=np.inf))
@@ -351,7 +365,7 @@ def images_late(run: Run) -> float:
     return float(missing + np.count_nonzero(run.images.arrival - run.images.stamp > LATE * period))
 
 
-@metric("ms", NEITHER, "the recorder's clock")
+@metric("ms", NEITHER, "the recorder's clock; below 0 where that had not yet heard the time")
 def delay(run: Run) -> float:
     """Mean time from an exposure until the recorder had it."""
     late = 1e3 * (run.images.arrival - run.images.stamp)

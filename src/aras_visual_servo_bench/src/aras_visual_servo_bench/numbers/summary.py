@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..recording.run import Run
 from . import metrics
+from .printing import NONE, notation
 
 COUNTS = ("iterations", "images", "images_late")
 FINAL_WINDOW, LAST = 1.0, 2.0  # s before the end
-DIGITS = 4  # that are printed
+DIGITS = 4  # that a report prints
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,7 @@ class Quantity:
 
     key: its name. value: a float (NaN: there is none), a word, or an int. unit: '' for none.
     text: what it is. better: 'smaller', 'greater', or '' where neither is.
+    of_features: measured on the scheme's own features, which other schemes have not.
     """
 
     key: str
@@ -29,18 +31,23 @@ class Quantity:
     unit: str
     text: str
     better: str = ""
+    of_features: bool = False
 
     @property
     def shown(self) -> str:
         """As it is printed; '–' for what there is none of."""
-        if isinstance(self.value, float):
-            return printed(self.value)
-        return str(self.value) if self.value != "" else "–"
+        return shown([self])[0]
 
 
-def printed(value: float) -> str:
-    """A number to the digits that all tables of a report have."""
-    return f"{value:.{DIGITS}g}" if math.isfinite(value) else "–"
+def shown(beside: Sequence[Quantity | None]) -> list[str]:
+    """As they are printed beside each other; '–' for what there is none of."""
+    numbers = [q.value for q in beside if q is not None and isinstance(q.value, float)]
+    printed = notation(numbers, DIGITS)
+    return [
+        NONE if q is None or q.value == "" else
+        printed(q.value) if isinstance(q.value, float) else str(q.value)
+        for q in beside
+    ]  # fmt: skip
 
 
 def summarise(run: Run) -> list[Quantity]:
@@ -55,7 +62,9 @@ def summarise(run: Run) -> list[Quantity]:
         value = float(metric.measure(run))
         if name in COUNTS:
             value = int(value)
-        found.append(Quantity(name, value, metric.unit, metric.text, metric.better))
+        found.append(Quantity(
+            name, value, metric.unit, metric.text, metric.better, metric.of_features
+        ))
     return [*found, *_of_features(run)]
 
 
@@ -117,9 +126,9 @@ def told(run: Run, quantities: Sequence[Quantity]) -> str:
         ("Camera off its goal by", number("final_distance", "{:.2f} mm, ", 1e3)
          + number("final_angle", "{:.2f} degrees", 180.0 / math.pi, "")),
         *((f"Error of {q.key.removeprefix('final_error_')}",
-           f"{1e3 * q.value:+.2f} mm" if q.unit == "m" else
-           f"{math.degrees(q.value):+.2f} degrees" if q.unit == "rad" else
-           f"{q.value:+.2g} {q.unit}".strip())
+           f"{1e3 * q.value:+z.2f} mm" if q.unit == "m" else
+           f"{math.degrees(q.value):+z.2f} degrees" if q.unit == "rad" else
+           f"{q.value:+z.2g} {q.unit}".strip())
           for q in [q for q in quantities if q.key.startswith("final_error_")][:8]
           if math.isfinite(q.value)),
         ("Simulation speed", number("real_time_factor", "{:.2f} x real time")),
@@ -131,14 +140,22 @@ def told(run: Run, quantities: Sequence[Quantity]) -> str:
     return "\n".join(f"  {name:<{width}}  {value}" for name, value in rows)
 
 
-def best(columns: Mapping[str, Sequence[Quantity]], key: str) -> set[str]:
-    """Names of the runs that are best in this quantity; empty where nothing is better."""
-    values = {name: {q.key: q for q in qs}.get(key) for name, qs in columns.items()}
-    known = {name: float(q.value) for name, q in values.items()
-             if q is not None and q.better and isinstance(q.value, (int, float))
-             and math.isfinite(q.value)}  # fmt: skip
-    if len(known) < 2 or len({printed(v) for v in known.values()}) < 2:
+def best(runs: Sequence[Run], columns: Sequence[Sequence[Quantity]], key: str) -> set[int]:
+    """Which of the runs that succeeded are best in this quantity, to the printed digits.
+
+    Empty where less than two can be compared: by their number of successes, or because the
+    quantity is of features that not all of them have.
+    """
+    found = [{q.key: q for q in column}.get(key) for column in columns]
+    able = {i: q for i, q in enumerate(found)
+            if runs[i].succeeded and q is not None and q.better
+            and isinstance(q.value, (int, float)) and math.isfinite(q.value)}  # fmt: skip
+    schemes = {(runs[i].scheme, runs[i].names) for i in able}
+    if not able or len(schemes) > 1 and any(q.of_features for q in able.values()):
         return set()
-    smaller = next(q for q in values.values() if q is not None).better == metrics.SMALLER
-    top = min(known.values()) if smaller else max(known.values())
-    return {name for name, value in known.items() if printed(value) == printed(top)}
+    printed = dict(zip(able, shown(list(able.values())), strict=True))
+    if len(set(printed.values())) < 2:
+        return set()
+    smaller = next(iter(able.values())).better == metrics.SMALLER
+    top = (min if smaller else max)(able, key=lambda i: able[i].value)
+    return {i for i in able if printed[i] == printed[top]}

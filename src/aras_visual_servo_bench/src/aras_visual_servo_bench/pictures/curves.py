@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from ..numbers.metrics import error_settled, settled
 from ..recording.run import Run, scaled
-from ..report.time_axes import colours, curve, settled_mark, times, zero
+from ..report.time_axes import curve, looks, settled_mark, times, zero
 from .palette import COLOURS, GOAL, GOOD
 from .style import heading, legend, literal, logarithmic, panels
 
@@ -91,13 +91,13 @@ def feature_errors(runs: Sequence[Run]) -> Figure | None:
 
 def _norm(axis: Axes, runs: Sequence[Run]) -> None:
     """Norm of the errors, each in parts of its largest: several units have no norm."""
-    for run, colour in zip(runs, colours(runs), strict=True):
+    for run, look in zip(runs, looks(len(runs)), strict=True):
         size = np.linalg.norm(scaled(run.error), axis=1)
         known = np.isfinite(size)
         if known.any():
             first = size[known][0] or 1.0
-            curve(axis, run.time, np.maximum(size / first, FLOOR), color=colour,
-                  label=literal(run.name))  # fmt: skip
+            curve(axis, run.time, np.maximum(size / first, FLOOR),
+                  label=literal(run.name), **look)  # fmt: skip
     axis.set_yscale("log")
     logarithmic(axis)
     axis.axhline(SETTLED, color=GOAL, ls="--", lw=0.9)
@@ -114,8 +114,8 @@ def _compared_errors(runs: Sequence[Run]) -> Figure:
     if same:
         for i, axis in enumerate(axes[:-1]):
             zero(axis)
-            for run, colour in zip(runs, colours(runs), strict=True):
-                curve(axis, run.time, run.error[:, i], color=colour, label=literal(run.name))
+            for run, look in zip(runs, looks(len(runs)), strict=True):
+                curve(axis, run.time, run.error[:, i], label=literal(run.name), **look)
             axis.set_ylabel(with_unit(symbol(names[i]), runs[0].units[i]))
     _norm(axes[-1], runs)
     heading(axes[0], "Feature errors s − s*" if same else "Feature errors, norm of each run")
@@ -150,11 +150,11 @@ def camera_twist(runs: Sequence[Run]) -> Figure | None:
     figure, axes = panels(2, each=2.1)
     for axis, begin, letter, unit in ((axes[0], 0, "v", "m/s"), (axes[1], 3, r"\omega", "rad/s")):
         zero(axis)
-        for run, colour in zip(runs, colours(runs), strict=True):
+        for run, look in zip(runs, looks(len(runs)), strict=True):
             part = slice(begin, begin + 3)
             if len(runs) > 1:
                 size = np.linalg.norm(run.achieved[:, part], axis=1)
-                curve(axis, run.time, size, color=colour, label=literal(run.name))
+                curve(axis, run.time, size, label=literal(run.name), **look)
                 continue
             for i in range(3):
                 curve(axis, run.time, run.asked[:, begin + i], color=COLOURS[i], ls="--",
@@ -178,12 +178,12 @@ def pose_errors(runs: Sequence[Run]) -> Figure | None:
     if not runs:
         return None
     figure, axes = panels(2, each=1.9)
-    for run, colour in zip(runs, colours(runs), strict=True):
+    for run, look in zip(runs, looks(len(runs)), strict=True):
         distance, angle = run.way()
         time, after = run.joint_time, run.servoing
-        axes[0].semilogy(time[after], np.maximum(1e3 * distance[after], 1e-4), color=colour,
-                         label=literal(run.name))  # fmt: skip
-        axes[1].semilogy(time[after], np.maximum(np.degrees(angle[after]), 1e-4), color=colour)
+        axes[0].semilogy(time[after], np.maximum(1e3 * distance[after], 1e-4),
+                         label=literal(run.name), **look)  # fmt: skip
+        axes[1].semilogy(time[after], np.maximum(np.degrees(angle[after]), 1e-4), **look)
     axes[0].set_ylabel("distance (mm)")
     axes[1].set_ylabel("angle (degrees)")
     for axis in axes:

@@ -13,11 +13,12 @@ from scipy import stats
 
 from ..errors import check_formats, writing
 from ..numbers.metrics import Metric
+from ..numbers.printing import amount, headed, word
 from ..numbers.statistics import proportion
 from ..study import folder as folders
 from ..study.folder import Folder
+from ..study.overrides import unit_of
 from ..study.results import REAL_TIME, Results
-from ..study.tables import number
 from .palette import BLUE, COLOURS, INK, PALE, SOFT, VERMILION, letters_on
 from .style import KINDS, literal, look, panels
 
@@ -103,7 +104,7 @@ def _success_bars(all_results: Sequence[Results], keys: Sequence[str]) -> Figure
     axis.errorbar(value, rows, xerr=spread, fmt="none", ecolor=INK, capsize=3, lw=1.1)
     axis.set_yticks(rows, names)
     axis.set(xlim=(0.0, 103.0), xlabel="runs with success (%), Wilson's 95 % interval",
-             title=f"Success by {keys[0]}" if keys else "Success")
+             title=f"Success by {_named(keys[0])}" if keys else "Success")
     axis.grid(axis="y", visible=False)
     return figure
 
@@ -129,8 +130,8 @@ def _success_maps(all_results: Sequence[Results], down: str, across: str) -> Fig
         axis.grid(False)
         axis.set_xticks(range(len(columns)), map(_word, columns))
         axis.set_yticks(range(len(lines)), map(_word, lines))
-        axis.set(xlabel=across, title=literal(results.name) if count > 1 else "Success")
-    axes[0].set_ylabel(down)
+        axis.set(xlabel=_named(across), title=literal(results.name) if count > 1 else "Success")
+    axes[0].set_ylabel(_named(down))
     figure.colorbar(image, ax=axes, label="runs with success (%)", shrink=0.9)
     return figure
 
@@ -145,7 +146,10 @@ def _grouped(
     found = []
     for results in all_results:
         for values, rows in results.groups(keys).items():
-            name = ", ".join(f"{k} {_word(v)}" for k, v in zip(keys, values, strict=True))
+            name = ", ".join(
+                f"{literal(k)} {amount(_word(v), unit_of(k))}"
+                for k, v in zip(keys, values, strict=True)
+            )
             if len(all_results) > 1 or not name:
                 name = f"{literal(results.name)} {name}".strip()
             found.append((name, results, rows))
@@ -225,7 +229,7 @@ def sensitivity(results: Results, metrics: Sequence[Metric]) -> Figure | None:
         if np.isfinite(value):
             axis.text(j, i, f"{value:+.2f}", ha="center", va="center", fontsize=9,
                       color=letters_on(image.cmap(0.5 + 0.5 * value)))
-    axis.set_xticks(range(len(keys)), keys, rotation=20 if len(keys) > 3 else 0)
+    axis.set_xticks(range(len(keys)), map(literal, keys), rotation=20 if len(keys) > 3 else 0)
     axis.set_yticks(range(len(names)), [m.name for m in names])
     axis.set_title("What follows what")
     figure.colorbar(image, ax=axis, label="rank correlation (Spearman)", shrink=0.9)
@@ -284,9 +288,13 @@ def _scale(axis: Axes, side: str, values: Sequence[np.ndarray]) -> None:
 
 
 def _label(metric: Metric) -> str:
-    name = literal(metric.name.replace("_", " "))
-    return f"{name} ({metric.unit})" if metric.unit else name
+    return literal(headed(metric.name.replace("_", " "), metric.unit))
+
+
+def _named(key: str) -> str:
+    """A setting beside an axis, with its unit."""
+    return literal(headed(key, unit_of(key)))
 
 
 def _word(value: object) -> str:
-    return number(value) if isinstance(value, float) else literal(str(value))
+    return literal(word(value))

@@ -16,6 +16,7 @@ from aras_visual_servo_base.poses import exponential, rotation_vector
 from ..recording.run import Run
 from ..recording.tracks import Tracks, milestones
 from ..recording.tracks import tracks as tracks_of
+from ..report.time_axes import looks
 from .palette import COLOURS, FAINT, GOAL, GRID, INK, START
 from .style import Margins, figure_width, heading, is_paper, literal, panels
 
@@ -45,8 +46,9 @@ def image_trajectory(runs: Sequence[Run]) -> Figure | None:
     pictures = found[0][0].images.pictures
     if pictures and pictures[-1][1].shape[:2] == (camera.height, camera.width):
         axis.imshow((255.0 - FADED * (255.0 - pictures[-1][1])).astype(np.uint8))
+    styles = looks(len(found))
     for number, (run, tracks) in enumerate(found):
-        _tracks(axis, run, tracks, None if len(found) == 1 else COLOURS[number % len(COLOURS)])
+        _tracks(axis, run, tracks, None if len(found) == 1 else styles[number])
     axis.set(xlabel="column (pixel)", ylabel="row (pixel)", aspect="equal",
              xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5))  # fmt: skip
     if len(found) == 1:
@@ -59,11 +61,11 @@ def image_trajectory(runs: Sequence[Run]) -> Figure | None:
             handles = [Line2D([], [], color=_colour(tracks, i), label=literal(name))
                        for i, name in enumerate(tracks.names)] + handles  # fmt: skip
         kind = "points that the scheme sees" if tracks.measured else "target's corners and centre"
-        heading(axis, f"Way of the {kind} in the image")
+        heading(axis, f"Path of the {kind} in the image")
     else:
-        handles = [Line2D([], [], color=COLOURS[i % len(COLOURS)], label=literal(run.name))
-                   for i, (run, _) in enumerate(found)]  # fmt: skip
-        heading(axis, "Ways of the target in the image")
+        handles = [Line2D([], [], label=literal(run.name), **look)
+                   for (run, _), look in zip(found, styles, strict=True)]  # fmt: skip
+        heading(axis, "Paths of the target in the image")
     figure.legend(handles=handles, loc="lower center", ncols=min(len(handles), 5))
     return figure
 
@@ -75,7 +77,7 @@ def _colour(tracks: Tracks, i: int) -> str:
     return COLOURS[i % len(COLOURS)]
 
 
-def _tracks(axis: Axes, run: Run, tracks: Tracks, colour: str | None) -> None:
+def _tracks(axis: Axes, run: Run, tracks: Tracks, look: dict[str, object] | None) -> None:
     for i in range(len(tracks.names)):
         pixels = tracks.pixels[:, i]
         known = np.isfinite(pixels).all(axis=1)
@@ -83,9 +85,14 @@ def _tracks(axis: Axes, run: Run, tracks: Tracks, colour: str | None) -> None:
             continue
         strong = tracks.measured or tracks.names[i].startswith("centre")
         shown = pixels[known]
-        axis.plot(*shown.T, color=colour or _colour(tracks, i), lw=1.8 if strong else 0.9,
-                  alpha=1.0 if strong else 0.8, zorder=4 if strong else 3)  # fmt: skip
-        axis.plot(*shown[0], "o", color=colour or START, ms=6 if strong else 3, zorder=5)
+        weight = {"alpha": 1.0 if strong else 0.8, "zorder": 4 if strong else 3}
+        if look is None:
+            own = {"color": _colour(tracks, i), "lw": 1.8 if strong else 0.9}
+        else:
+            own = look if strong else {**look, "lw": 0.5 * look["lw"], "marker": ""}
+        axis.plot(*shown.T, **{**own, **weight})
+        axis.plot(*shown[0], "o", color=START if look is None else look["color"],
+                  ms=6 if strong else 3, zorder=5)  # fmt: skip
         if np.isfinite(tracks.desired[i]).all():
             axis.plot(*tracks.desired[i], "o", mfc="none", mec=GOAL, mew=1.6 if strong else 0.9,
                       ms=9 if strong else 5, zorder=6)  # fmt: skip
@@ -140,13 +147,12 @@ def camera_path(runs: Sequence[Run]) -> Figure | None:
     )  # fmt: skip
     shown: list[np.ndarray] = []
     single = len(runs) == 1
-    for number, run in enumerate(runs):
-        poses = _poses(run)
-        colour = COLOURS[number % len(COLOURS)]
+    styles = [{"color": COLOURS[0], "lw": 2.0}] if single else looks(len(runs))
+    for run, look in zip(runs, styles, strict=True):
+        poses, colour = _poses(run), look["color"]
         path = poses[:, :3, 3]
         shown += [path]
-        axis.plot(*path.T, color=colour, lw=2.0, zorder=4,
-                  label="camera" if single else literal(run.name))  # fmt: skip
+        axis.plot(*path.T, zorder=4, label="camera" if single else literal(run.name), **look)
         goal = run.goal_pose
         if np.isfinite(goal).all():
             ideal = straight(poses[0], goal)
@@ -157,9 +163,8 @@ def camera_path(runs: Sequence[Run]) -> Figure | None:
     points = np.vstack(shown + ([target] if target is not None else []))
     low, high = points.min(axis=0), points.max(axis=0)
     size = max(float((high - low).max()), 1e-3)
-    for number, run in enumerate(runs):
-        poses = _poses(run)
-        colour = COLOURS[number % len(COLOURS)]
+    for number, (run, look) in enumerate(zip(runs, styles, strict=True)):
+        poses, colour = _poses(run), look["color"]
         _camera(axis, poses[0], FRUSTUM * size, START if single else colour, "start" if single
                 else None)  # fmt: skip
         if np.isfinite(run.goal_pose).all():

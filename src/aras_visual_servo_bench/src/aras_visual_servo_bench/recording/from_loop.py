@@ -78,12 +78,22 @@ def with_pictures(run: Run, pictures: Sequence[tuple[float, np.ndarray]]) -> Run
 
 
 def settings_of(experiment: Experiment) -> dict[str, str]:
-    """What of an experiment a reader wants to see first, in words."""
+    """What of an experiment a reader wants to see first, in words; numbers without their units."""
     asked = {key: getattr(experiment, key) for key in (
         "plant", "scheme", "law", "gain", "start", "goal", "camera", "delay", "seed",
     )}  # fmt: skip
     asked["target"] = experiment.target.shape
-    return {key: str(value) for key, value in asked.items() if value is not None}
+    return {key: _told(key, value) for key, value in asked.items() if value is not None}
+
+
+def _told(key: str, value: Any) -> str:
+    if key == "camera" and not isinstance(value, str):
+        return "settings of its own"
+    if isinstance(value, tuple):
+        if key == "target":
+            return f"polygon of {len(value)} corners"
+        return f"joints {' '.join(f'{q:g}' for q in value)}"
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def joint_units(arm: Arm) -> tuple[str, ...]:

@@ -153,6 +153,11 @@ class Run:
         decisions = (state.decision for state in self.states)
         return next((tuple(d.names) for d in decisions if d is not None), ())
 
+    @property
+    def scheme(self) -> str:
+        """Its name, as the loop has it."""
+        return self.states[0].scheme if self.states else ""
+
     def _of_features(self, field_name: str) -> np.ndarray:
         """(n, k) of the decisions that have these features; NaN where there is none."""
         return _table(
@@ -268,6 +273,14 @@ class Run:
     def converged(self) -> bool:
         """Whether the loop says that it has reached its goal."""
         return self.outcome.startswith("converged")
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the loop holds that it has converged, and the camera truly stands at its goal.
+
+        The loop's word alone where nobody knows where the goal is.
+        """
+        return self.converged and (self.verdict.reached or not self.verdict.word)
 
     @property
     def held(self) -> bool:

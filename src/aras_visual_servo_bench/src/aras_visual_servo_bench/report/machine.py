@@ -12,7 +12,7 @@ from ..numbers.metrics import condition
 from ..pictures.palette import BAD, COLOURS, SOFT
 from ..pictures.style import TIME, heading, is_paper, legend, literal, logarithmic, panels
 from ..recording.run import Run
-from .time_axes import colours, curve, times, zero
+from .time_axes import curve, end, looks, times, zero
 
 UNLIMITED = 100.0  # rad or m beyond which a limit is none
 
@@ -26,15 +26,14 @@ def joint_positions(runs: Sequence[Run]) -> Figure | None:
     figure, axes = panels(2 * len(names), each=1.25, columns=2, wide=True)
     for j, name in enumerate(names):
         place, speed = axes[2 * j : 2 * j + 2]
-        for run, colour in zip(runs, colours(runs), strict=True):
+        for run, look in zip(runs, looks(len(runs)), strict=True):
             if name not in run.joint_names:
                 continue
             i = run.joint_names.index(name)
             shown = run.joint_time >= -0.1
-            time, style = run.joint_time[shown], {
-                "color": COLOURS[0] if single else colour,
-                "label": "measured" if single else literal(run.name),
-            }  # fmt: skip
+            time = run.joint_time[shown]
+            style = {"color": COLOURS[0], "label": "measured"} if single else \
+                {"label": literal(run.name), **look}  # fmt: skip
             place.plot(time, run.measured[shown, i], **style)
             if single:
                 place.plot(time, run.commanded[shown, i], color=COLOURS[1], lw=1.0, ls="--",
@@ -94,29 +93,28 @@ def conditioning(runs: Sequence[Run]) -> Figure | None:
     runs = [r for r in runs if np.isfinite(r.singular_L).any()]
     if not runs:
         return None
-    figure, axes = panels(3, each=1.5)
-    for run, colour in zip(runs, colours(runs), strict=True):
-        single = len(runs) == 1
-        for values, name, shade, style in (
-            (run.singular_L, "L", COLOURS[0], "-"), (run.singular_LJ, "L J", COLOURS[1],
-                                                         "--"),
-        ):  # fmt: skip
-            number = condition(values)
-            if np.isfinite(number).any():
-                label = f"${name}$".replace(" ", r"\,") if single else \
-                    literal(run.name) if name == "L" else None
-                curve(axes[0], run.time, number, color=shade if single else colour, ls=style,
-                      label=label)  # fmt: skip
-        curve(axes[1], run.time, run.manipulability, color=colour)
-        curve(axes[2], run.time, run.scale, color=colour)
-    axes[0].set_yscale("log")
-    axes[0].set_ylabel("condition number")
-    logarithmic(axes[0])
-    axes[1].set_ylabel("manipulability")
-    axes[2].set_ylabel("scale")
-    axes[2].set_ylim(-0.05, 1.1)
-    heading(axes[0], "Conditioning" + ("  (full: L, dashed: L J)" if len(runs) > 1 else ""))
-    heading(axes[2], "Factor by which limits slowed the task")
+    single = len(runs) == 1
+    figure, axes = panels(3 if single else 4, each=1.5)
+    ratios = axes[:-2]  # of one run in one panel, of several in a panel for L and one for L J
+    for run, look in zip(runs, looks(len(runs)), strict=True):
+        for axis, values, name, shade, style in (
+            (ratios[0], run.singular_L, "$L$", COLOURS[0], "-"),
+            (ratios[-1], run.singular_LJ, r"$L\,J$", COLOURS[1], "--"),
+        ):
+            own = {"color": shade, "ls": style, "label": name} if single else \
+                {"label": literal(run.name), **look}  # fmt: skip
+            curve(axis, run.time, condition(values), **own)
+        curve(axes[-2], run.time, run.manipulability, **look)
+        curve(axes[-1], run.time, run.scale, **look)
+    for axis, name in zip(ratios, ("",) if single else (" of $L$", r" of $L\,J$"), strict=True):
+        axis.set_yscale("log")
+        axis.set_ylabel("condition" + (name or " number"))
+        logarithmic(axis)
+    axes[-2].set_ylabel("manipulability")
+    axes[-1].set_ylabel("scale")
+    axes[-1].set_ylim(-0.05, 1.1)
+    heading(axes[0], "Conditioning")
+    heading(axes[-1], "Factor by which limits slowed the task")
     legend(axes[0])
     times(axes, runs)
     return figure
@@ -130,12 +128,13 @@ def timing(runs: Sequence[Run]) -> Figure | None:
         return None
     figure, axes = panels(len(kinds), each=1.5)
     for axis, panel in zip(axes, kinds, strict=True):
-        for run, colour in zip(runs, colours(runs), strict=True):
+        for run, look in zip(runs, looks(len(runs)), strict=True):
             for i, (name, time, values) in enumerate(panel(run)):
                 single = len(runs) == 1
-                label = name if single else literal(run.name) if i == 0 else None
-                axis.plot(time, values, "-" if panel is _paces else ".", ms=3, lw=1.0,
-                          color=COLOURS[i] if single else colour, label=label)  # fmt: skip
+                own = {"color": COLOURS[i], "label": name, "marker": "."} if single else \
+                    {**look, "markevery": None, "label": literal(run.name) if i == 0 else None}
+                axis.plot(time, values, **{**own, "ms": 3, "lw": 1.0},
+                          ls="-" if panel is _paces else "")  # fmt: skip
         low, high = axis.get_ylim()
         axis.set_ylim(min(low, 0.0), 1.15 * high)
         axis.set_ylabel({_intervals: "interval (ms)", _delays: "delay (ms)",
@@ -161,7 +160,7 @@ def _intervals(run: Run) -> Dots:
 def _delays(run: Run) -> Dots:
     images, found = run.images, []
     shown = images.stamp >= run.began
-    if np.any(images.arrival > images.stamp):
+    if np.any(images.arrival != images.stamp):
         delay = 1e3 * (images.arrival - images.stamp)
         found.append(("exposure to recorder", images.stamp[shown] - run.began, delay[shown]))
     if np.isfinite(run.computing).any():
@@ -173,5 +172,6 @@ def _paces(run: Run) -> Dots:
     if not len(run.pace):
         return []
     stamp, factor = run.pace.T
-    shown = stamp >= run.began
-    return [("pace", stamp[shown] - run.began, factor[shown])] if shown.any() else []
+    time = stamp - run.began
+    shown = (time >= 0.0) & (time <= end([run])) & np.isfinite(factor)
+    return [("pace", time[shown], factor[shown])] if shown.any() else []

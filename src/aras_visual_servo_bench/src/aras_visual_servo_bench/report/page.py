@@ -10,9 +10,11 @@ from pathlib import Path
 
 import jinja2
 
-from ..numbers.summary import Quantity, best
+from ..numbers.printing import NONE, amount, number
+from ..numbers.summary import Quantity, best, shown
 from ..pictures.palette import REPORT, css
 from ..recording.run import Run
+from ..study.overrides import unit_of
 
 # On the tiles: key, factor, unit of what is printed, words.
 TILES = (
@@ -72,12 +74,13 @@ def page(
 
 
 def _run(run: Run, quantities: Sequence[Quantity]) -> Mapping[str, object]:
-    told = ", ".join(f"{key} {value}" for key, value in list(run.settings.items())[:7])
+    settings = {key: amount(value, unit_of(key)) for key, value in run.settings.items()}
+    told = ", ".join(f"{key} {value}" for key, value in list(settings.items())[:7])
     return {
         "name": run.name, "outcome": run.outcome, "verdict": run.verdict.word,
         "converged": run.held, "reached": run.verdict.reached, "reason": run.reason,
         "mend": run.mend, "notes": run.notes, "quantities": quantities,
-        "settings": list(run.settings.items()), "versions": list(run.versions.items()),
+        "settings": list(settings.items()), "versions": list(run.versions.items()),
         "experiment": run.yaml,
         "meta": " · ".join(filter(None, (run.source, told))),
     }  # fmt: skip
@@ -89,7 +92,7 @@ def _tiles(quantities: Sequence[Quantity]) -> list[Mapping[str, str]]:
     for key, factor, unit, text in TILES:
         value = known.get(key, float("nan"))
         if isinstance(value, float) and math.isfinite(value):
-            found.append({"value": f"{factor * value:.3g} {unit}".strip(), "text": text})
+            found.append({"value": amount(number(factor * value), unit), "text": text})
     return found
 
 
@@ -97,18 +100,17 @@ def _comparison(
     runs: Sequence[Run], summaries: Sequence[Sequence[Quantity]]
 ) -> list[Mapping[str, object]]:
     """A row a quantity that at least two runs have, a column a run, the best marked."""
-    columns = {str(i): list(qs) for i, qs in enumerate(summaries)}
     keys = list(dict.fromkeys(q.key for qs in summaries for q in qs))
     rows = []
     for key in keys:
-        cells = {name: {q.key: q for q in qs}.get(key) for name, qs in columns.items()}
-        first = next(q for q in cells.values() if q is not None)
-        shown = {name: "–" if q is None else q.shown for name, q in cells.items()}
-        if sum(value != "–" for value in shown.values()) < 2:
+        row = [{q.key: q for q in qs}.get(key) for qs in summaries]
+        first = next(q for q in row if q is not None)
+        cells = shown(row)
+        if sum(cell != NONE for cell in cells) < 2:
             continue
-        top = best(columns, key)
+        top = best(runs, summaries, key)
         rows.append({
             "key": key, "unit": first.unit, "text": first.text,
-            "cells": [{"value": shown[name], "best": name in top} for name in columns],
+            "cells": [{"value": cell, "best": i in top} for i, cell in enumerate(cells)],
         })  # fmt: skip
     return rows

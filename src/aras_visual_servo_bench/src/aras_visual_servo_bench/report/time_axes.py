@@ -1,9 +1,10 @@
-"""What all curves over time share: their axis, the lines on it, gaps, one colour a run."""
+"""What all curves over time share: their axis, the lines on it, gaps, one look a run."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
@@ -12,6 +13,9 @@ from ..pictures.style import TIME
 from ..recording.run import Run
 
 LONGEST, PERIODS = 0.3, 5.0  # s, and median steps, after which a curve is not joined any more
+MARKERS = ("o", "s", "^", "D", "v", "P")  # of runs, along their curves
+MARKED = 0.125  # of an axis' size, along a curve from one marker to the next
+THICKER = 0.9  # part by which the first of several curves is thicker than the last
 RIGHT = 0.75  # part of the axis behind which words stand to the left of their line
 
 
@@ -37,17 +41,18 @@ def zero(axis: Axes) -> None:
 def times(axes: Sequence[Axes], runs: Sequence[Run], label: str = TIME) -> None:
     """Label and range of a column of axes."""
     axes[-1].set_xlabel(label)
-    axes[-1].set_xlim(0.0, _end(runs))
+    axes[-1].set_xlim(0.0, end(runs))
 
 
-def _end(runs: Sequence[Run]) -> float:
+def end(runs: Sequence[Run]) -> float:
+    """Of the axis, s since servoing began."""
     return max([1e-3, *(float(r.time[-1]) for r in runs if len(r.time))])
 
 
 def settled_mark(axis: Axes, run: Run, settled: float) -> None:
     """When what the axis shows had settled, s; not finite: never."""
     if np.isfinite(settled):
-        left = settled > RIGHT * _end([run])
+        left = settled > RIGHT * end([run])
         axis.axvline(settled, color=GOAL, ls=":", lw=1.2)
         axis.annotate(
             f"settled after {settled:.2f} s", (settled, 1.0), xycoords=("data", "axes fraction"),
@@ -56,6 +61,21 @@ def settled_mark(axis: Axes, run: Run, settled: float) -> None:
         )  # fmt: skip
 
 
-def colours(runs: Sequence[Run]) -> list[str]:
-    """Of each run; one alone needs none."""
-    return [INK] if len(runs) == 1 else [COLOURS[i % len(COLOURS)] for i in range(len(runs))]
+def looks(count: int) -> list[dict[str, object]]:
+    """How the curves of each of so many runs are drawn; one alone needs neither colour nor marker.
+
+    Markers tell runs apart without colour. Earlier curves are thicker, and the markers of each have
+    places of their own, so that curves that coincide are all to be seen.
+    """
+    if count == 1:
+        return [{"color": INK}]
+    width = plt.rcParams["lines.linewidth"]
+    return [
+        {
+            "color": COLOURS[i % len(COLOURS)], "alpha": 0.9,
+            "marker": MARKERS[(i + i // len(COLOURS)) % len(MARKERS)], "mew": 0.0,
+            "ms": 2.6 * width, "markevery": (MARKED * i / count, MARKED),
+            "lw": width * (1.0 + THICKER * (count - 1 - i) / (count - 1)),
+        }
+        for i in range(count)
+    ]  # fmt: skip

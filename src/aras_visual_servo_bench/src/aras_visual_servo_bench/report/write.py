@@ -41,7 +41,8 @@ FIGURES: tuple[tuple[tuple[str, str, str, Drawing], ...], ...] = (
     (("joint_positions", "Joints", "Red: limits of the description.", machine.joint_positions),),
     (("conditioning", "Conditioning", "L in its modelled directions; L J is what the arm inverts.",
       machine.conditioning),
-     ("timing", "Timing", "In simulated time; the real-time factor is what the simulator tells.",
+     ("timing", "Timing", "In simulated time; the real-time factor is what the simulator tells. A "
+      "delay below 0: the picture came before the clock message that tells the recorder its time.",
       machine.timing)),
 )  # fmt: skip
 RASTER = ("filmstrip",)  # pictures of pictures: on the page as PNG

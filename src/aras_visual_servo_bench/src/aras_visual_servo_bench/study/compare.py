@@ -10,9 +10,9 @@ import numpy as np
 
 from ..errors import StudyError
 from ..numbers.metrics import GREATER
+from ..numbers.printing import notation
 from ..numbers.statistics import Comparison, compare_rates, compare_values, holm
 from .results import REAL_TIME, Results
-from .tables import number
 
 LEVEL = 0.05
 
@@ -72,6 +72,7 @@ def told(found: Sequence[Difference], all_of_them: bool = False) -> str:
     lines = []
     for d in shown:
         verdict = {True: "better", False: "WORSE", None: "chance"}[d.better]
+        number = notation((d.found.before, d.found.after))
         pairs = f"{d.found.count} {'pairs' if d.found.paired else 'runs'}"
         lines.append(
             f"{verdict:<7} {d.metric:<18} {number(d.found.before)} -> {number(d.found.after)}  "

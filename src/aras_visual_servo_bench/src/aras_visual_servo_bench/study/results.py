@@ -116,6 +116,13 @@ class Results:
             for outcome in self.column("outcome")
         ])  # fmt: skip
 
+    def ends(self) -> list[str]:
+        """How each run ended, in a word; with the verdict where the loop holds to be there."""
+        return [
+            f"{outcome}, {verdict}" if outcome.startswith("converged") else outcome
+            for outcome, verdict in zip(self.column("outcome"), self.column("verdict"), strict=True)
+        ]
+
     def groups(self, keys: Sequence[str]) -> dict[tuple, np.ndarray]:
         """Rows (n,) int of each combination of the keys' values, in order of appearance."""
         columns = [self.column(key) for key in keys]

@@ -4,24 +4,37 @@ from __future__ import annotations
 
 import csv
 import io
-import math
-from collections.abc import Sequence
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ..errors import check_formats
+from ..numbers.printing import NONE, headed, notation, word
 from ..numbers.statistics import Estimate, median, proportion
+from .overrides import unit_of
 from .results import Results
 
 FORMATS = ("md", "csv", "tex")
+FAILURE = "commonest failure"
+LONGEST_REASON = 90  # letters of a reason in a cell
+NUMBER = re.compile(r"[-+]?\d+(\.\d+)?")
 
 
 @dataclass(frozen=True)
 class Table:
-    """Cells. keys: names of the leading columns. measured: of the estimates, with their units."""
+    """Cells.
+
+    keys: names of the leading columns. measured: of the estimates, with their units.
+    failures: of each row, why runs did not succeed; empty: the table has no such column.
+    """
 
     keys: tuple[str, ...]
     measured: tuple[tuple[str, str], ...]
     rows: tuple[tuple[tuple[object, ...], tuple[Estimate, ...]], ...]
+    failures: tuple[str, ...] = ()
 
 
 def tabulated(
@@ -37,16 +50,32 @@ def tabulated(
     keys = tuple(by) or first.parameters
     chosen = first.chosen(metrics)
     many = len(all_results) > 1
-    lines = []
+    lines, failures = [], []
     for results in all_results:
-        success = results.successes()
+        success, ends, reasons = results.successes(), results.ends(), results.column("reason")
         numbers = [results.numbers(m.name) for m in chosen]
         for values, rows in results.groups(keys).items():
             rate = proportion(int(success[rows].sum()), len(rows))
             others = tuple(median(n[rows]) for n in numbers)
             lines.append((((results.name,) if many else ()) + values, (rate, *others)))
+            failures.append(_commonest([(ends[i], reasons[i]) for i in rows if not success[i]]))
     names = (("study",) if many else ()) + keys
-    return Table(names, (("success", ""), *((m.name, m.unit) for m in chosen)), tuple(lines))
+    measured = (("success", ""), *((m.name, m.unit) for m in chosen))
+    return Table(names, measured, tuple(lines), tuple(failures))
+
+
+def _commonest(failed: Sequence[tuple[str, str]]) -> str:
+    """The end and reason that most of the failed runs have, with how many of them end so."""
+    if not failed:
+        return ""
+    (end, count), = Counter(end for end, _ in failed).most_common(1)
+    # Reasons that differ by their numbers are one reason, told of the first such run.
+    kinds = Counter(NUMBER.sub("", why) for of, why in failed if of == end)
+    (kind, _), = kinds.most_common(1)
+    reason = next(why for of, why in failed if of == end and NUMBER.sub("", why) == kind)
+    if len(reason) > LONGEST_REASON:
+        reason = f"{reason[:LONGEST_REASON].rpartition(' ')[0]} …"
+    return f"{count} of {len(failed)} {end}" + (f": {reason}" if reason else "")
 
 
 def written(table: Table, style: str) -> str:
@@ -55,31 +84,34 @@ def written(table: Table, style: str) -> str:
     return {"md": _markdown, "csv": _csv, "tex": _latex}[style](table)
 
 
-def number(value: float) -> str:
-    """Three digits, and no more zeros than it needs."""
-    if math.isnan(value):
-        return "none"
-    if value and (abs(value) < 1e-3 or abs(value) >= 1e5):
-        return f"{value:.2e}"
-    return f"{value:.3g}" if abs(value) < 1000.0 else f"{value:.0f}"
+def _headings(table: Table) -> list[str]:
+    keys = [headed(key, unit_of(key)) for key in table.keys]
+    measured = [headed(*m) for m in table.measured]
+    return [*keys, "runs", *measured, *([FAILURE] if table.failures else [])]
 
 
-def _interval(estimate: Estimate) -> str:
-    if not estimate.count or math.isnan(estimate.value):
-        return "none"
-    return f"{number(estimate.value)} [{number(estimate.low)}, {number(estimate.high)}]"
+Interval = Callable[[str, str, str], str]  # of value, low and high as they are printed
 
 
-def _heading(name: str, unit: str) -> str:
-    return f"{name} ({unit})" if unit else name
+def _cells(table: Table, interval: Interval, none: str) -> Iterator[list[str]]:
+    """Words of each row; numbers of a column are all printed with powers of ten, or none is."""
+    columns = zip(*(estimates for _, estimates in table.rows), strict=True)
+    printed = [notation([n for e in column for n in (e.value, e.low, e.high)])
+               for column in columns]  # fmt: skip
+    for row, (values, estimates) in enumerate(table.rows):
+        known = [e.count and not np.isnan(e.value) for e in estimates]
+        yield [
+            *map(word, values), str(estimates[0].count),
+            *(interval(*map(p, (e.value, e.low, e.high))) if there else none
+              for p, e, there in zip(printed, estimates, known, strict=True)),
+            *([table.failures[row] or none] if table.failures else []),
+        ]  # fmt: skip
 
 
 def _markdown(table: Table) -> str:
-    heading = [*table.keys, "runs", *(_heading(*m) for m in table.measured)]
+    heading = _headings(table)
     lines = [heading, ["---"] * len(heading)]
-    for values, estimates in table.rows:
-        cells = [number(v) if isinstance(v, float) else str(v) for v in values]
-        cells += [str(estimates[0].count), *(_interval(e) for e in estimates)]
+    for cells in _cells(table, lambda value, low, high: f"{value} [{low}, {high}]", NONE):
         lines.append([cell.replace("|", "\\|") for cell in cells])
     told = "\n".join(f"| {' | '.join(line)} |" for line in lines)
     return f"{told}\n\nRates with Wilson's 95 % interval, medians with the bootstrap's.\n"
@@ -90,10 +122,13 @@ def _csv(table: Table) -> str:
     writer = csv.writer(out, lineterminator="\n")
     parts = ("", "_low", "_high", "_n")
     columns = [name + part for name, _ in table.measured for part in parts]
-    writer.writerow([*table.keys, *columns])
-    for values, estimates in table.rows:
+    writer.writerow([*table.keys, *columns, *([FAILURE] if table.failures else [])])
+    for row, (values, estimates) in enumerate(table.rows):
         numbers = [n for e in estimates for n in (e.value, e.low, e.high, e.count)]
-        writer.writerow([*values, *(repr(n) if isinstance(n, float) else n for n in numbers)])
+        writer.writerow([
+            *values, *(repr(n) if isinstance(n, float) else n for n in numbers),
+            *table.failures[row : row + 1],
+        ])  # fmt: skip
     return out.getvalue()
 
 
@@ -107,27 +142,26 @@ def _tex(text: str) -> str:
     return "".join(_SPECIAL.get(c, c) for c in text)
 
 
-def _power(value: float) -> str:
+def _power(number: str) -> str:
     """A number in a formula, where 1e-04 would be read as a product with e."""
-    digits, e, exponent = number(value).partition("e")
+    digits, e, exponent = number.partition("e")
     return f"{digits} \\cdot 10^{{{int(exponent)}}}" if e and exponent else digits + e
 
 
 def _latex(table: Table) -> str:
     """For the package booktabs."""
-    heading = [*table.keys, "runs", *(_heading(*m) for m in table.measured)]
+    heading, told = _headings(table), "l" if table.failures else ""
+    numbers = len(heading) - len(table.keys) - len(told)
     lines = [
-        r"\begin{tabular}{" + "l" * len(table.keys) + "r" * (len(heading) - len(table.keys)) + "}",
+        r"\begin{tabular}{" + "l" * len(table.keys) + "r" * numbers + told + "}",
         r"\toprule", " & ".join(map(_tex, heading)) + r" \\", r"\midrule",
     ]  # fmt: skip
-    for values, estimates in table.rows:
-        cells = [_tex(number(v) if isinstance(v, float) else str(v)) for v in values]
-        cells.append(str(estimates[0].count))
-        for e in estimates:
-            known = e.count and not math.isnan(e.value)
-            cells.append(
-                f"${_power(e.value)}$ {{\\small $[{_power(e.low)}, {_power(e.high)}]$}}"
-                if known else "--"
-            )
+    for cells in _cells(table, _interval_in_tex, "--"):
+        for i in (*range(len(table.keys)), *range(len(table.keys) + numbers, len(heading))):
+            cells[i] = _tex(cells[i])
         lines.append(" & ".join(cells) + r" \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+
+
+def _interval_in_tex(value: str, low: str, high: str) -> str:
+    return f"${_power(value)}$ {{\\small $[{_power(low)}, {_power(high)}]$}}"

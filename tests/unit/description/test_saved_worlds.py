@@ -233,7 +233,7 @@ def test_frames_of_a_world_and_what_is_left_out_of_one(read):
     assert xyz == pytest.approx((1, 5, 1))
     assert rpy == pytest.approx((0, 0, math.pi / 2))
     assert found.warnings == (
-        "SDF: <joint> 'j' is not served; left out",
+        "SDF: <joint> 'j' of the world is left out: there is no link ''",
         "SDF: <actor> 'walks' is not served; left out",
     )
 

@@ -23,6 +23,7 @@ from aras_sim_bridge.description import (
     plugins,
     population,
     sensor_tags,
+    world_joints,
 )
 from aras_sim_bridge.description.geometry import Resolve, bounce, sdf_geometry
 from aras_sim_bridge.description.inertia import checked_inertial
@@ -138,6 +139,7 @@ def read_sdf(
                 *model_folders.expanded(inserted, warnings, base_directory)]
     elements = [one for element in elements for one in (
         population.members(element, warnings) if element.tag == "population" else (element,))]
+    elements = world_joints.bolted(elements, warnings)
     _refuse_unknown(elements, _WORLD_TAGS, "SDF", warnings)
     frames = _frames(scope)
     for element in elements:

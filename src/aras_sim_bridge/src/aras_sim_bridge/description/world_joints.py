@@ -1,0 +1,67 @@
+"""Fixed `<joint>`s of a world: what they join to the world, or to what stands, is bolted down."""
+
+import copy
+from collections.abc import Iterable
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base.safe_xml import shorten, text_of, truth
+
+WORLD = "world"
+
+
+def bolted(elements: Iterable[Element], warnings: list[str]) -> list[Element]:
+    """The elements of a world without its joints; a model that a joint holds where it is has a
+    fixed joint to the world instead. Each joint that is not served is a sentence in `warnings`."""
+    elements = list(elements)
+    models = {one.get("name"): one for one in elements if one.tag == "model"}
+    for joint in elements:
+        if joint.tag == "joint":
+            try:
+                _bolt(joint, models)
+            except DescriptionError as error:
+                name = shorten(joint.get("name") or "")
+                warnings.append(f"SDF: <joint> '{name}' of the world is left out: {error}")
+    return [models[one.get("name")] if one.tag == "model" else one
+            for one in elements if one.tag != "joint"]
+
+
+def _bolt(joint: Element, models: dict[str | None, Element]) -> None:
+    if joint.get("type") != "fixed":
+        raise DescriptionError("only fixed ones are served between models")
+    ends = [_end(text_of(joint, tag) or "", models) for tag in ("child", "parent")]
+    loose = [(name, link) for name, link in ends if not _stands(models.get(name), link)]
+    if len(loose) == 2:
+        raise DescriptionError("both its ends may move; write them as models in one model, joined "
+                               "there")
+    for name, link in loose:
+        joints = models[name].findall("joint")
+        if joint.get("name") in (None, "", *(one.get("name") for one in joints)):
+            raise DescriptionError("it needs a name that no joint of its model has")
+        if any(text_of(one, "child") == link for one in joints):
+            raise DescriptionError(f"link '{shorten(link)}' hangs on another joint; join the "
+                                   f"root link of '{shorten(name)}'")
+        models[name] = copy.copy(models[name])  # the caller keeps its own
+        bolt = ElementTree.SubElement(models[name], "joint", joint.attrib)
+        for tag, text in (("parent", WORLD), ("child", link)):
+            ElementTree.SubElement(bolt, tag).text = text
+
+
+def _end(text: str, models: dict[str | None, Element]) -> tuple[str, str]:
+    """Names of the model and the link that are meant; a model's name alone is its first link."""
+    name, _, link = text.partition("::")
+    if name == WORLD:
+        return name, ""
+    links = [one.get("name") for one in models[name].findall("link")] if name in models else []
+    link = link or next(iter(links), "")
+    if link not in links:
+        raise DescriptionError(f"there is no link '{shorten(text)}'")
+    return name, link
+
+
+def _stands(model: Element | None, link: str) -> bool:
+    """Whether a link never moves; no model is the world."""
+    return model is None or truth(text_of(model, "static"), "static", False) or any(
+        text_of(one, "parent") == WORLD and text_of(one, "child") == link
+        for one in model.findall("joint[@type='fixed']"))

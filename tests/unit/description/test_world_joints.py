@@ -1,0 +1,103 @@
+"""Joints between the models of a world: what is bolted down by them, and what is left out."""
+
+import numpy as np
+import pytest
+
+from aras_sim_bridge.description import world_file
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+
+BODY = "<collision name='c'><geometry><box><size>0.1 0.2 0.3</size></box></geometry></collision>"
+LINK = "<link name='{}'><pose>{} 0 0.1 0 0 0.4</pose>{}</link>"
+HINGE = ("<joint name='hinge' type='revolute'><pose>-0.3 0 0 0 0 0</pose><parent>base</parent>"
+         "<child>arm</child><axis>"
+         "<xyz>0 1 0</xyz></axis></joint>")
+
+
+def model(name, height, static=0):
+    return (f"<model name='{name}'><static>{static}</static><pose>1 2 {height} 0.1 0.2 0.3</pose>"
+            f"{LINK.format('body', 0, BODY)}</model>")
+
+
+def arm(height):
+    return (f"<model name='arm'><pose>-3 0 {height} 0 0 0</pose>{LINK.format('base', 0, BODY)}"
+            f"{LINK.format('arm', 0.5, BODY)}{HINGE}</model>")
+
+
+def joint(parent, child, kind="fixed", name="j"):
+    return (f"<joint name='{name}' type='{kind}'><parent>{parent}</parent><child>{child}</child>"
+            "</joint>")
+
+
+@pytest.fixture
+def read(tmp_path):
+    def world(*inside):
+        path = tmp_path / "a.world"
+        path.write_text(f"<sdf version='1.6'><world name='w'>{''.join(inside)}</world></sdf>")
+        return world_file.read(str(path))
+
+    return world
+
+
+def fallen(found):
+    """How far each model's link comes down in 0.2 s, m, of an arm the moved one; a free one falls
+    by 0.196 m."""
+    simulation = Simulation(SimulationConfig(ground_plane=False))
+    world_file.populate(simulation.spawn, found)
+    models = simulation.world.models
+    seen = {name: "arm" if name == "arm" else "body" for name in models}
+    before = {name: one.link_pose(seen[name]) for name, one in models.items()}
+    put = {name: np.array(one.description.initial_pose[0]) for name, one in models.items()}
+    for _ in range(200):
+        simulation.step()
+    down = {}
+    for name, one in models.items():
+        assert np.linalg.norm(before[name].xyz - put[name]) < 0.6  # it is put where it was
+        down[name] = before[name].xyz[2] - one.link_pose(seen[name]).xyz[2]
+    simulation.close()
+    return down
+
+
+@pytest.mark.parametrize(("parent", "child"), [
+    ("world", "lamp::body"), ("lamp::body", "world"), ("table::body", "lamp::body"),
+    ("lamp", "table"),
+])
+def test_what_is_fixed_to_what_stands_is_bolted_down(read, parent, child):
+    found = read(model("table", 0.5, static=1), model("lamp", 2.0), model("loose", 4.0),
+                 joint(parent, child))
+    assert found.warnings == ()
+    down = fallen(found)
+    assert down["table"] == down["lamp"] == 0.0
+    assert down["loose"] == pytest.approx(0.196, abs=2e-3)
+
+
+def test_one_hangs_on_another_and_joints_of_its_own_move(read):
+    found = read(model("lamp", 2.0), arm(5.0), joint("world", "lamp", name="a"),
+                 joint("lamp::body", "arm::base", name="b"))
+    assert found.warnings == ()
+    down = fallen(found)
+    assert down["lamp"] == 0.0 and down["arm"] > 0.01
+    assert "hinge" in found.models[1].joints
+
+
+def test_two_that_stand_need_no_bolt(read):
+    found = read(model("a", 0.5, 1), model("b", 2.0, 1), joint("a::body", "b::body"))
+    assert found.warnings == () and all("world" not in m.links for m in found.models)
+
+
+@pytest.mark.parametrize(("added", "reason"), [
+    (joint("world", "lamp::body", "revolute"), "only fixed ones are served"),
+    (joint("world", "ghost::body"), "there is no link 'ghost::body'"),
+    (joint("world", "lamp::wick"), "there is no link 'lamp::wick'"),
+    (joint("world", ""), "there is no link ''"),
+    ("<joint name='j' type='fixed'/>", "there is no link ''"),
+    (joint("arm::base", "lamp::body"), "both its ends may move"),
+    (joint("world", "arm::arm"), "link 'arm' hangs on another joint; join the root link of 'arm'"),
+    (joint("world", "arm::base").replace("'j'", "'hinge'"), "a name that no joint of its model"),
+])
+def test_a_joint_that_cannot_be_served_is_one_warning_and_the_rest_goes_on(read, added, reason):
+    found = read(model("lamp", 2.0), arm(5.0), added)
+    assert [m.name for m in found.models] == ["lamp", "arm"]
+    (warning,) = found.warnings
+    assert "of the world is left out: " in warning and reason in warning
+    down = fallen(found)
+    assert down["lamp"] == pytest.approx(0.196, abs=2e-3)

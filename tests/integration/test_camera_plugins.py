@@ -43,6 +43,7 @@ WORLD = f"""<sdf version="1.6"><world name="w">
         "<useDepth16UC1Format>1</useDepth16UC1Format>")}
 {sensor("stereo/camera", "multicamera", "libgazebo_ros_multicamera.so",
         "<hackBaseline>0.1</hackBaseline>", ("my_left", "my_right"))}
+{sensor("pair", "multicamera", "libgazebo_ros_triggered_multicamera.so", "", ("left", "right"))}
 </world></sdf>"""
 
 
@@ -50,6 +51,7 @@ WORLD = f"""<sdf version="1.6"><world name="w">
 def machine(launch, ros_node, tmp_path_factory):
     path = tmp_path_factory.mktemp("plugins") / "cameras.world"
     path.write_text(WORLD)
+    rospy.set_param("/gazebo/cameras/deep/hack_baseline", 0.25)
     return launch("aras_sim_bridge", "empty_world.launch", nodes=["/gazebo"], world_name=path)
 
 
@@ -114,6 +116,11 @@ def test_a_cloud_is_its_depth_picture_s(collect, name):
     assert np.array_equal(colours, pixels if image.encoding == "bgr8" else pixels[..., ::-1])
 
 
+def test_parameters_are_laid_over_the_cameras_of_a_world_file(collect):
+    info = collect("/deep/camera_info", CameraInfo).wait(1, 20.0)
+    assert info.P[3] == pytest.approx(-0.25 * info.P[0])
+
+
 def test_both_eyes_see_one_instant(collect):
     root = "/stereo/camera"
     found = of_one_stamp(*(collect(f"{root}/{side}/{name}", kind) for side in ("left", "right")
@@ -123,7 +130,21 @@ def test_both_eyes_see_one_instant(collect):
     assert left.P[3] == 0.0 and right.P[3] == pytest.approx(-0.1 * right.P[0])
 
 
-def test_nothing_waits_for_triggers_but_the_camera_that_has_one():
+def test_one_trigger_is_for_both_eyes(collect):
+    eyes = [collect(f"/pair/{side}/image_raw", Image) for side in ("left", "right")]
+    trigger = rospy.Publisher("/pair/right/image_trigger", Empty, queue_size=10)
+    wait_for(lambda: trigger.get_num_connections() and all(eye.connected() for eye in eyes), 10.0,
+             "connections")
+    time.sleep(0.5)
+    assert not any(eye.messages for eye in eyes)
+    trigger.publish()
+    wait_for(lambda: all(eye.messages for eye in eyes), 10.0, "a picture of each eye")
+    time.sleep(0.5)
+    left, right = ([m.header.stamp for m in eye.messages] for eye in eyes)
+    assert left == right and len(left) == 1
+
+
+def test_nothing_waits_for_triggers_but_the_cameras_that_have_one():
     subscribed = [topic for topic, _ in rospy.get_master().getSystemState()[2][1]]
-    assert [topic for topic in subscribed if "trigger" in topic or topic.endswith("/go")] == [
-        "/shot/go"]
+    assert {topic for topic in subscribed if "trigger" in topic or topic.endswith("/go")} == {
+        "/shot/go", "/pair/left/image_trigger", "/pair/right/image_trigger"}

@@ -169,7 +169,9 @@ def table(tried: Sequence[Tried], commits: Mapping[str, str]) -> str:
         apart = {k: why for k, why in one.suite.not_applicable.items() if k in one.failed}
         failed = one.problem or "; ".join([str(len(one.counted)), *one.counted])
         reasons = sorted(set(apart.values()))
-        lines.append(f"| {one.suite.name} | {len(one.passed)} | {failed} "
+        given = ", ".join(f"`{key}:={value}`" for key, value in one.suite.parameters.items())
+        name = f"{one.suite.name} with {given}" if given else one.suite.name
+        lines.append(f"| {name} | {len(one.passed)} | {failed} "
                      f"| {'; '.join([str(len(apart)), *reasons])} |")
     of = ", ".join(f"{name} {commit[:12]}" for name, commit in sorted(commits.items()))
     return "\n".join([*lines, "", f"Sources: {of or 'without commits'}."])

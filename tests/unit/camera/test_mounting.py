@@ -37,6 +37,29 @@ def test_a_model_spawned_while_the_camera_runs_is_seen():
     simulation.close()
 
 
+def test_triggers_count_from_when_somebody_looks():
+    simulation = Simulation()
+    camera = simulation.add_camera("c", {**PLACE, "trigger_topic": "go"})
+    frames = []
+    camera.on_frame = frames.append
+
+    def trigger_and_step(steps):
+        camera.trigger(simulation.time_ns, simulation.step_ns)
+        for _ in range(steps):
+            simulation.step()
+
+    trigger_and_step(3)
+    camera.enabled = True
+    for _ in range(3):
+        simulation.step()
+    assert not frames
+    camera.enabled = False
+    camera.enabled = True  # between two steps
+    trigger_and_step(2)
+    assert [frame.stamp_ns for frame in frames] == [7 * MS]
+    simulation.close()
+
+
 def test_settings_are_found_by_name_and_the_rest_is_told():
     settings = {"a": {"b": {"width": 10}}, "c": {"parent": "world"}, "d": {"height": 3}}
     assert mounting.below(settings, "a/b") == {"width": 10}

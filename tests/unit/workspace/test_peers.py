@@ -37,10 +37,11 @@ def test_results_are_read_by_name_and_reason(peers, tmp_path):
 def test_the_table_counts_apart_what_cannot_apply(peers):
     suite = peers.Suite("pkg", "test/arm.test", not_applicable={"Arm.smooth": "its hardware's"})
     one = peers.Tried(suite, ("Arm.moves",), {"Arm.stops": "a b", "Arm.smooth": "gone"})
-    two = peers.Tried(peers.Suite("pkg", "test/leg.test"), problem="not built")
+    slow = peers.Suite("pkg", "test/leg.test", parameters={"/arm/delay": 0.1})
+    two = peers.Tried(slow, problem="not built")
     text = peers.table([one, two], {"them": "0123456789abcdef"})
     assert "| pkg/arm | 1 | 1; Arm.stops | 1; its hardware's |" in text
-    assert "| pkg/leg | 0 | not built | 0 |" in text
+    assert "| pkg/leg with `/arm/delay:=0.1` | 0 | not built | 0 |" in text
     assert text.endswith("Sources: them 0123456789ab.")
     assert one.counted == {"Arm.stops": "a b"}
 

@@ -73,3 +73,12 @@ def test_the_rate_of_one_eye_is_that_of_both(simulation, caplog):
         simulation.cameras[0].sensor.set_rate(0.0, 0, simulation.step_ns)
     frames = pictures(simulation, 3)
     assert [f.stamp_ns for f in frames[0]] == [f.stamp_ns for f in frames[1]]
+
+
+def test_eyes_of_two_heads_expose_each_head_by_itself(simulation):
+    left, right = simulation.cameras
+    other = {"robot_namespace": "other"}
+    simulation.spawn(left.model.description, "twin",
+                     cameras={"stereo": {"camera": {"left": other, "right": other}}})
+    assert len(simulation.cameras) == 4
+    assert together(left, simulation.cameras) == [left, right]

@@ -8,6 +8,7 @@ import os
 import sys
 import threading
 from collections.abc import Mapping
+from functools import partial
 from types import MappingProxyType
 
 import rospy
@@ -15,7 +16,7 @@ import rospy
 from aras_sim_bridge.description import world_file
 from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.ros.camera.settings import mount_world_cameras
+from aras_sim_bridge.ros.camera import settings
 from aras_sim_bridge.ros.gazebo_api import GazeboApi
 from aras_sim_bridge.ros.runtime.clock import ClockPublisher
 from aras_sim_bridge.ros.runtime.graph import OnGraph
@@ -77,7 +78,7 @@ class GazeboNode:
             self.api = GazeboApi(
                 self.thread, self.on_graph, self.on_time_reset, parameters.extra_interfaces
             )
-            mount_world_cameras(self.thread)
+            settings.mount_world_cameras(self.thread)
             self.on_graph.sync()
             self.record.restore()
         if not parameters.paused:
@@ -160,7 +161,7 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
     )
     simulation.time_ns = world.time_ns
     try:
-        world_file.populate(simulation.spawn, world)
+        world_file.populate(partial(simulation.spawn, cameras=settings.read()), world)
     except SimError:
         simulation.close()
         raise

@@ -11,6 +11,7 @@ import pytest
 import yaml
 from robot_figures import GAINS, PACKAGE
 
+SHOW_RVIZ = str(PACKAGE.parent / "aras_visual_servo_bench/scripts/show_rviz")
 LAUNCH = sorted((PACKAGE / "launch").glob("*.launch"))
 GAZEBO_ARGUMENTS = {
     "paused", "use_sim_time", "gui", "headless", "debug", "verbose", "world_name",
@@ -57,9 +58,9 @@ def test_every_argument_used_is_declared_and_every_declared_one_used(path):
 
 @pytest.mark.parametrize("path", LAUNCH, ids=lambda path: path.name)
 def test_files_of_this_package_exist_and_are_its_own(path):
-    """$(find) gives the first package of that name: in a workspace over the originals, theirs."""
+    """A name gives the first package of that name: in a workspace over the originals, theirs."""
     text = path.read_text()
-    assert not re.search(r"find(\('| )aras_visual_servo_gazebo", text)
+    assert not re.search(r"(find(\('| )|pkg=\")aras_visual_servo_gazebo", text)
     for name in re.findall(r"\$\(dirname\)/([\w./]+)", text):
         assert (path.parent / name).exists(), name
 
@@ -203,7 +204,7 @@ def test_rviz_shows_the_robot_its_frames_the_images_and_the_run():
 ])  # fmt: skip
 def test_without_a_display_rviz_says_so_and_the_run_goes_on(display, why):
     done = subprocess.run(
-        [sys.executable, str(PACKAGE / "scripts" / "show_rviz"), "-d", "x.rviz"],
+        [sys.executable, SHOW_RVIZ, "-d", "x.rviz"],
         env={"PATH": os.environ["PATH"], "DISPLAY": display}, capture_output=True, text=True,
         timeout=20, check=False,
     )  # fmt: skip
@@ -219,7 +220,7 @@ def test_rviz_is_shown_where_there_is_a_display(tmp_path):
         server.bind(f"\0/tmp/.X11-unix/X{os.getpid()}")
         server.listen()
         done = subprocess.run(
-            [sys.executable, str(PACKAGE / "scripts" / "show_rviz"), "-d", "x.rviz"],
+            [sys.executable, SHOW_RVIZ, "-d", "x.rviz"],
             env={"PATH": f"{tmp_path}:{os.environ['PATH']}", "DISPLAY": name},
             capture_output=True, text=True, timeout=20, check=False,
         )  # fmt: skip

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hmac
+import re
 import secrets
 from dataclasses import dataclass, field
-from ipaddress import ip_address
-from urllib.parse import urlsplit
+from ipaddress import IPv4Address, IPv6Address, ip_address
 
-LOCAL = ("127.0.0.1", "localhost")
-ANYWHERE = ("0.0.0.0", "::", "")  # addresses to listen on that are no name of a machine
+LOCAL = (IPv4Address("127.0.0.1"), "localhost")
+# A Host header: a name, or an IPv6 address in brackets, and a port.
+PLACE = re.compile(r"(?:\[(?P<six>[^][]+)\]|(?P<name>[^][:@/?#\\\s]+))(?::(?P<port>[0-9]{1,5}))?")
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,9 @@ class Access:
     @property
     def address(self) -> str:
         """What to open in a browser."""
-        host = "127.0.0.1" if self.host in ANYWHERE else self.host
+        host = self.host
+        if self._anywhere:
+            host = "::1" if ":" in host else "127.0.0.1"
         return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/?token={self.token}"
 
     def refusal(self, token: str, host: str, origin: str | None) -> str:
@@ -40,9 +43,11 @@ class Access:
                 would carry that name.
             origin: its Origin header, None where it has none.
         """
-        if not self._ours(f"http://{host}"):
+        if not self._is_own(host):
             return f"this page is not served under the name {host[:60]!r}"
-        if origin is not None and not self._ours(origin):
+        if origin is not None and not (
+            origin.startswith("http://") and self._is_own(origin.removeprefix("http://"))
+        ):
             return f"a page of {origin[:60]!r} may not ask here"
         if not token:
             return "the address has no token: open the one that the simulator printed"
@@ -50,24 +55,30 @@ class Access:
             return "the token is not this simulator's: open the address that it printed"
         return ""
 
-    def _ours(self, origin: str) -> bool:
-        """Whether http://NAME:PORT is one of this server's own."""
-        try:
-            parts = urlsplit(origin)
-            name, port = parts.hostname or "", parts.port or 80
-        except ValueError:
+    @property
+    def _anywhere(self) -> bool:
+        """Whether it listens on all of the machine's addresses, and so has no name of its own."""
+        own = _name(self.host)
+        return own == "" or not isinstance(own, str) and own.is_unspecified
+
+    def _is_own(self, place: str) -> bool:
+        """Whether NAME:PORT, as in a Host header, is this server's."""
+        found = PLACE.fullmatch(place)
+        if found is None or int(found["port"] or 80) != self.port:
             return False
-        if origin != f"http://{parts.netloc}" or "@" in parts.netloc or port != self.port:
+        name = _name(found["six"] or found["name"])
+        if isinstance(name, IPv6Address) != bool(found["six"]):
             return False
         # Who opened the page to other machines cannot say by what names they know this one; there
         # an address is taken, which no foreign page can pretend to be.
-        return name in LOCAL or name == self.host or self.host in ANYWHERE and _is_address(name)
+        own = not isinstance(name, str) if self._anywhere else name == _name(self.host)
+        return own or name in LOCAL
 
 
-def _is_address(name: str) -> bool:
-    """Whether it is an IPv4 or IPv6 address, as a browser writes it."""
+def _name(text: str) -> str | IPv4Address | IPv6Address:
+    """An address, however it is written and without its zone; any other name in lower case."""
     try:
-        ip_address(name)
+        found = ip_address(text)
     except ValueError:
-        return False
-    return True
+        return text.lower()
+    return IPv6Address(found.packed) if found.version == 6 else found

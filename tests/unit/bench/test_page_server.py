@@ -20,7 +20,8 @@ from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_bench.live.outbox import AHEAD
 from aras_visual_servo_bench.live.page import KEPT, Page
 from aras_visual_servo_bench.live.robot_model import parts, robot_model
-from aras_visual_servo_bench.live.server import PortTakenError, bound
+from aras_visual_servo_bench.live.server import PortTakenError, bound, serve
+from aras_visual_servo_bench.ros.keeping import Keeping
 
 SAMPLE = told(error=(0.1, -0.2))
 
@@ -83,6 +84,34 @@ def test_whoever_has_it_gets_the_page_and_nothing_that_lets_others_in(server):
         assert get(server, f"{path}?token={server.access.token}")[0] == 404
 
 
+@pytest.mark.parametrize("path", [
+    "/report/%00", "/report/a%00b.html", "/report/" + "a" * 5000, "/report/" + "a/" * 3000,
+    "/report/%ff", "/report/%2e%2e%2fgoals", "/report/..", "/report/", "/report/%0a", "/%00",
+])  # fmt: skip
+def test_a_name_that_no_report_has_is_answered_by_one_clear_line(server, host, tmp_path, path,
+                                                                 monkeypatch):  # fmt: skip
+    monkeypatch.setattr(host, "file", Keeping(tmp_path).file)
+    status, text, _ = get(server, f"{path}?token={server.access.token}")
+    assert 400 <= status < 500
+    assert text.startswith(("There is n", "<html><title>400: Bad Request"))
+
+
+@pytest.mark.parametrize("host_name", ["127.0.0.1", "0.0.0.0", "::1", "::", ""])
+def test_the_address_that_is_printed_answers(host, host_name):
+    try:
+        with socket.socket(socket.AF_INET6 if ":" in host_name else socket.AF_INET) as probe:
+            probe.bind(("::1" if ":" in host_name else "127.0.0.1", 0))
+            port = probe.getsockname()[1]
+    except OSError as error:
+        pytest.skip(f"this machine has no IPv6: {error}")
+    served = serve(host, host_name, port, "a-token-of-sixteen", lambda _: None)
+    try:
+        with urllib.request.urlopen(served.access.address, timeout=20) as answer:
+            assert answer.status == 200
+    finally:
+        served.close()
+
+
 @pytest.mark.parametrize(("token", "headers"), [
     ("", None), ("wrong", None), (None, {"Origin": "http://evil.example"}),
     (None, {"Origin": "null"}), (None, {"Host": "evil.example:80"}),
@@ -99,10 +128,11 @@ def test_requests_are_answered_and_wrong_ones_refused_with_the_reason(server, ho
     heard, told = talk(server, *sent, answers=4)
     by_text = {answer["text"]: answer["done"] for answer in heard}
     assert by_text == {
-        "done: start": True, "steps is -1: it must be 1 to 10000": False,
+        "done: start": True, "step: steps is -1, must be >= 1": False,
         "a request is a JSON object": False, "no controller here": False,
     }  # fmt: skip
     assert sorted(request.do for request in host.asked) == ["hold", "start"]
+    assert sorted(str(answer["do"]) for answer in heard) == ["None", "hold", "start", "step"]
     assert told[0]["kind"] == "whole"
     assert told[0]["limits"]["names"] == list(host.arm.names)
 

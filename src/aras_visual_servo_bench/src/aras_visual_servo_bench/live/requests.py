@@ -6,10 +6,11 @@ import json
 import math
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, make_dataclass
 from typing import Any
 
-from aras_visual_servo_base.names import likely
+from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.settings import build, parameter, said
 
 from ..errors import BenchError
 
@@ -25,61 +26,48 @@ class RefusedError(BenchError):
 
 
 @dataclass(frozen=True)
-class Number:
-    """A field that holds a number between two bounds; whole: no fraction."""
+class Taught:
+    """The name of a goal, which becomes a file's."""
 
-    least: float
-    greatest: float
-    whole: bool = False
-    default: float | None = None
+    name: str
 
-    def read(self, name: str, value: Any) -> float:
-        """The number; RefusedError naming the field."""
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise RefusedError(f"{name} is {str(value)[:40]!r}: it must be a number")
-        try:
-            value = float(value)
-        except OverflowError:  # a whole number of hundreds of digits
-            value = math.inf if value > 0 else -math.inf
-        if not self.least <= value <= self.greatest:  # NaN fails, too
-            raise RefusedError(f"{name} is {value:g}: it must be {self.least:g} to "
-                               f"{self.greatest:g}")  # fmt: skip
-        if self.whole and value != int(value):
-            raise RefusedError(f"{name} is {value:g}: it must be a whole number")
-        return int(value) if self.whole else float(value)
+    def __post_init__(self) -> None:
+        if not NAME.fullmatch(self.name):
+            raise RefusedError(f"teach: name is {said(self.name)}, must be letters, digits, - and "
+                               "_, 40 at most")  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Choice:
-    """A field that holds one of the page's choices of a kind."""
-
-    kind: str
-
-
-@dataclass(frozen=True)
-class Word:
-    """A field that holds a name: letters, digits, - and _, at most 40."""
+def _asked(**fields: type | tuple[type, Any]) -> type:
+    """A dataclass: each field's kind of value, with its rules where it has some."""
+    found = [(name, *(kind if isinstance(kind, tuple) else (kind,)))
+             for name, kind in fields.items()]  # fmt: skip
+    return make_dataclass("Asked", found, frozen=True)
 
 
-Spec = Number | Choice | Word
-MOVE, ROTATE = Number(-SPEED, SPEED, default=0.0), Number(-TURN_RATE, TURN_RATE, default=0.0)
-SHIFT = Number(-OFFSET, OFFSET, default=0.0)
+def _up_to(most: float) -> tuple[type, Any]:
+    return float, parameter(0.0, least=-most, most=most)
+
+
 # What may be asked for, and with what.
-REQUESTS: dict[str, dict[str, Spec]] = {
-    "start": {}, "stop": {}, "hold": {}, "reset": {}, "pause": {}, "resume": {},
-    "step": {"steps": Number(1, STEPS, whole=True)},
-    "gain": {"name": Choice("gains"), "value": Number(1e-3, 100.0)},
-    "servo": {
-        "scheme": Choice("schemes"), "law": Choice("laws"), "start": Choice("starts"),
-        "goal": Choice("goals"),
-    },
-    "goal": {"x": SHIFT, "y": SHIFT, "z": SHIFT, "turn": Number(-TURN, TURN, default=0.0)},
-    "camera": {"preset": Choice("cameras")},
-    "target": {"name": Choice("targets")},
-    "teach": {"name": Word()},
-    "record": {}, "stop_record": {}, "report": {},
-    "jog": {"vx": MOVE, "vy": MOVE, "vz": MOVE, "wx": ROTATE, "wy": ROTATE, "wz": ROTATE},
-    "jog_joint": {"joint": Choice("joints"), "speed": Number(-1.0, 1.0)},
+REQUESTS: dict[str, type] = {
+    **dict.fromkeys(("start", "stop", "hold", "reset", "pause", "resume", "record", "stop_record",
+                     "report"), _asked()),
+    "step": _asked(steps=(int, parameter(least=1, most=STEPS))),
+    "gain": _asked(name=str, value=(float, parameter(least=1e-3, most=100.0))),
+    "servo": _asked(scheme=str, law=str, start=str, goal=str),
+    "goal": _asked(x=_up_to(OFFSET), y=_up_to(OFFSET), z=_up_to(OFFSET), turn=_up_to(TURN)),
+    "camera": _asked(preset=str),
+    "target": _asked(name=str),
+    "teach": Taught,
+    "jog": _asked(vx=_up_to(SPEED), vy=_up_to(SPEED), vz=_up_to(SPEED), wx=_up_to(TURN_RATE),
+                  wy=_up_to(TURN_RATE), wz=_up_to(TURN_RATE)),
+    "jog_joint": _asked(joint=str, speed=(float, parameter(least=-1.0, most=1.0))),
+}  # fmt: skip
+# Fields that hold one of the page's choices, and the kind of those.
+CHOSEN = {
+    "gain": {"name": "gains"}, "camera": {"preset": "cameras"}, "target": {"name": "targets"},
+    "servo": {"scheme": "schemes", "law": "laws", "start": "starts", "goal": "goals"},
+    "jog_joint": {"joint": "joints"},
 }  # fmt: skip
 
 
@@ -91,11 +79,11 @@ class Request:
     given: Mapping[str, Any]
 
 
-def read_request(text: str | bytes, choices: Mapping[str, Collection[str]]) -> Request:
-    """A request of a page's message, a JSON object {"do": NAME, ...}.
+def read_message(text: str | bytes) -> tuple[str, dict[str, Any]]:
+    """What a page's message, a JSON object {"do": NAME, ...}, asks for, and the fields given.
 
     Raises:
-        RefusedError: it is none, is too long, or one of its fields is missing, unknown or wrong.
+        RefusedError: it is none, or too long, or there is no such request.
     """
     if not isinstance(text, str) or len(text) > LARGEST:
         raise RefusedError(f"a request is a text of at most {LARGEST} characters")
@@ -107,35 +95,22 @@ def read_request(text: str | bytes, choices: Mapping[str, Collection[str]]) -> R
         raise RefusedError("a request is a JSON object with a key 'do'")
     do = data.pop("do")
     if do not in REQUESTS:
-        near = likely(do, REQUESTS)
-        raise RefusedError(f"there is no request '{do[:40]}'" + (
-            f": did you mean '{near}'?" if near else f"; there are {', '.join(REQUESTS)}"))
-    specs = REQUESTS[do]
-    for name in data:
-        if name not in specs:
-            raise RefusedError(f"{do} takes no '{name[:40]}'" + (
-                f"; it takes {', '.join(specs)}" if specs else ""))
-    return Request(do, {name: _read(name, spec, data, choices) for name, spec in specs.items()})
+        raise RefusedError(f"there is no request {said(do)}: {nearest(do, REQUESTS)}")
+    return do, data
 
 
-def _read(
-    name: str, spec: Spec, data: Mapping[str, Any], choices: Mapping[str, Collection[str]]
-) -> Any:
-    if name not in data:
-        if isinstance(spec, Number) and spec.default is not None:
-            return spec.default
-        raise RefusedError(f"'{name}' is missing")
-    value = data[name]
-    if isinstance(spec, Number):
-        return spec.read(name, value)
-    if isinstance(spec, Choice):
-        known = choices.get(spec.kind, ())
-        if not isinstance(value, str) or value not in known:
-            raise RefusedError(f"{name} is {str(value)[:40]!r}: there are "
-                               f"{', '.join(known) or 'none now'}")  # fmt: skip
-        return value
-    if not isinstance(value, str) or not NAME.fullmatch(value):
-        raise RefusedError(
-            f"{name} is {str(value)[:40]!r}: letters, digits, - and _ are allowed, 40 at most"
-        )
-    return value
+def read_request(
+    do: str, fields: Mapping[str, Any], choices: Mapping[str, Collection[str]]
+) -> Request:
+    """A request that there is, of its fields.
+
+    Raises:
+        RefusedError: one of the fields is missing, unknown or wrong.
+    """
+    given = vars(build(REQUESTS[do], fields, f"{do}: ", RefusedError))
+    for name, kind in CHOSEN.get(do, {}).items():
+        known = choices.get(kind, ())
+        if given[name] not in known:
+            raise RefusedError(f"{do}: {name} is {said(given[name])}: "
+                               f"{nearest(given[name], known)}")  # fmt: skip
+    return Request(do, given)

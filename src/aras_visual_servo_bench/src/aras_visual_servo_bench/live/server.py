@@ -28,7 +28,7 @@ from ..pictures.palette import LIVE, css
 from .access import Access
 from .outbox import SEEN, Outbox, text_of
 from .page import Page
-from .requests import LARGEST, RefusedError, Request, read_request
+from .requests import LARGEST, RefusedError, Request, read_message, read_request
 
 FILES = Path(__file__).parent / "page"
 RATE = 15.0  # messages a second to each viewer
@@ -339,8 +339,8 @@ class Viewer(Guarded, tornado.websocket.WebSocketHandler):
         loop, host = tornado.ioloop.IOLoop.current(), self.server.host
         do: str | None = None
         try:
-            request = read_request(message, host.page.choices)
-            do = request.do
+            do, fields = read_message(message)
+            request = read_request(do, fields, host.page.choices)
             text = await loop.run_in_executor(self.server.workers, host.do, request)
             answer = {"kind": "answer", "do": do, "done": True, "text": text}
         except RefusedError as error:

@@ -53,7 +53,7 @@ class StandIn:
             "gains": ["gain"], "joints": list(arm.names),
         }  # fmt: skip
         self.page.state = {"scheme": "moments", "gains": {"gain": 5.0}, "robot": 1,
-                           "start": "2016", "camera": "original"}  # fmt: skip
+                           "controller": True, "start": "2016", "camera": "original"}  # fmt: skip
         self.move()
 
     def move(self, phase: str = "servoing") -> None:

@@ -97,6 +97,105 @@ def test_what_is_pressed_is_asked_for_and_answered(page, host):
     assert host.asked[1].given == {"name": "gain", "value": pytest.approx(2.0, rel=0.05)}
 
 
+@pytest.fixture
+def state(host):
+    """Changes the words and numbers that the page is told, until the test ends."""
+    before = host.page.state
+
+    def change(**more):
+        host.page.state = {**host.page.state, **more}
+
+    yield change
+    host.page.state = before
+
+
+def button(do: str) -> str:
+    return f"document.querySelector('[data-do={do}]')"
+
+
+def test_what_is_carried_out_is_said_and_no_older_answer_stands_beside_it(page, host, state):
+    answer = "document.getElementById('answer').textContent"
+    running = "document.getElementById('running').textContent"
+    host.waited.clear()
+    state(recorded="one.bag")
+    page.wait(f"{button('report')}.getAttribute('aria-disabled') === 'false'")
+    page.js(f"{button('hold')}.click()")
+    page.wait(f"{answer} === 'no controller here'")
+    host.asked.clear()
+    page.js(f"{button('report')}.click()")
+    assert (page.js(answer), page.js(running)) == ("", "Report: 0 s")
+    assert page.js(f"{button('report')}.getAttribute('aria-busy')") == "true"
+    page.wait(f"{running} === 'Report: 1 s'")
+    page.js(f"{button('report')}.click()")  # once is enough
+    assert page.js(answer) == "that is being carried out"
+    page.js(f"{button('pause')}.click()")  # which lets the report end
+    page.wait(f"{running} === '' && {answer}.startsWith('done: ')")
+    assert page.js(f"{button('report')}.getAttribute('aria-busy')") == "false"
+    assert sorted(request.do for request in host.asked) == ["pause", "report"]
+
+
+def test_an_error_of_driving_by_hand_ends_with_the_next_key(page, host):
+    page.js(f"{button('hold')}.click()")
+    page.wait("document.getElementById('answer').classList.contains('refused')")
+    assert page.js("""(() => { document.getElementById("scene").dispatchEvent(
+        new KeyboardEvent("keydown", {key: "d", bubbles: true}));
+        return document.getElementById("answer").textContent; })()""") == ""
+    page.js('dispatchEvent(new KeyboardEvent("keyup", {key: "d"}))')
+
+
+@pytest.mark.parametrize(("do", "told", "why"), [
+    ("start", {"controller": False}, "no controller runs: start the nodes with a scheme"),
+    ("stop", {"controller": False}, "no controller runs: start the nodes with a scheme"),
+    ("hold", {"controller": False}, "no controller runs: start the nodes with a scheme"),
+    ("target", {}, "there are no targets to choose from"),
+    ("teach", {}, "give the goal a name first"),
+    ("record", {"recording": "one.bag"}, "a bag is being recorded already"),
+    ("stop_record", {}, "nothing is being recorded"),
+    ("report", {}, "nothing has been recorded yet"),
+    ("report", {"recording": "two.bag", "recorded": "one.bag"},
+     "a bag is being recorded: stop that first"),
+])  # fmt: skip
+def test_a_button_that_cannot_act_says_why(page, host, state, do, told, why):
+    state(**told)
+    page.wait(f"{button(do)}.title === {why!r}")
+    host.asked.clear()
+    assert page.js(f"{button(do)}.getAttribute('aria-disabled')") == "true"
+    page.js(f"{button(do)}.click()")
+    assert page.js("document.getElementById('answer').textContent") == why
+    page.js(f"{button('reset')}.click()")  # which can
+    page.wait("document.getElementById('answer').textContent.startsWith('reset failed')")
+    assert [request.do for request in host.asked] == ["reset"]
+
+
+def test_it_can_act_again_as_soon_as_what_hindered_it_is_over(page, state):
+    state(controller=False, recording="one.bag")
+    page.wait(f"{button('start')}.title && !{button('stop_record')}.title")
+    state(controller=True, recording="one.bag", trouble="the disk is full")
+    page.wait(f"!{button('start')}.title && !{button('record')}.title")
+    page.js("""(() => { const name = document.getElementById("teach-name"); name.value = "mine";
+        name.dispatchEvent(new Event("input")); })()""")
+    assert page.js(f"{button('teach')}.getAttribute('aria-disabled')") == "false"
+    page.js("document.getElementById('teach-name').value = ''")
+
+
+@pytest.mark.parametrize("width", [320, 390, 820, 1085, 1440])
+def test_the_page_is_no_wider_than_the_screen(page, width):
+    page.js("document.querySelectorAll('details').forEach((d) => { d.open = true; })")
+    page.call("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1,
+              mobile=width < 800)  # fmt: skip
+    try:
+        wide = page.js("""[...document.querySelectorAll("body *")]
+            .filter((e) => e.getBoundingClientRect().right > document.documentElement.clientWidth)
+            .map((e) => `${e.tagName} ${e.id} ${e.getBoundingClientRect().right}`)""")
+        assert wide == []
+        assert page.js("document.documentElement.scrollWidth") <= width
+        if (keep := os.environ.get("ARAS_SCREENSHOTS")) and width == 390:
+            Path(keep, "page_390.png").write_bytes(page.screenshot())
+    finally:
+        page.call("Emulation.setDeviceMetricsOverride", width=1440, height=900,
+                  deviceScaleFactor=1, mobile=False)  # fmt: skip
+
+
 def test_what_may_be_chosen_shows_what_runs_until_another_is_chosen(page, host):
     def shown(what: str) -> str:
         return page.js(f"document.getElementById('choose-{what}').value")

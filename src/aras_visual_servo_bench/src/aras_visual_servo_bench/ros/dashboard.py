@@ -140,7 +140,8 @@ class Dashboard:
         story = listener.look()
         if story is None or not self._viewers:
             return
-        if story.told.phase and not self._actions.controller_is_there():
+        controller = self._actions.controller_is_there()
+        if story.told.phase and not controller:
             listener.forget()
         self._target.tell(story, self._actions.robot)
         arm = story.arm
@@ -150,7 +151,7 @@ class Dashboard:
         self.page.choices = self._actions.choices()
         self.page.state = {
             **self._actions.given(), "gains": self._actions.gains,
-            "robot": listener.robots, "picture": self._pictures.note,
+            "controller": controller, "robot": listener.robots, "picture": self._pictures.note,
             "recording": str(keeping.recording or ""), "recorded": str(keeping.recorded or ""),
             "trouble": keeping.trouble(),
             "report": keeping.report,

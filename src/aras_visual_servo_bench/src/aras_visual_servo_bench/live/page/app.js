@@ -30,13 +30,70 @@ function trouble(text) {
   $("trouble").hidden = !text;
 }
 
+// -- what is asked for -------------------------------------------------------------------
+
+const running = new Map();  // requests that are being carried out: since when, ms
+const LOST = "no connection to the simulator", NOBODY = "no controller runs: start the nodes with a scheme";
+const loop = () => state.values.controller ? "" : NOBODY;
+// Why a request cannot be carried out now, "" where it can; those that are not here always can.
+const UNABLE = {
+  start: loop, stop: loop, hold: loop,
+  goal: () => (state.limits.names || []).length ? "" : "there is no robot yet",
+  target: () => (state.choices.targets || []).length ? "" : "there are no targets to choose from",
+  teach: () => $("teach-name").value ? "" : "give the goal a name first",
+  record: () => state.values.recording && !state.values.trouble ? "a bag is being recorded already" : "",
+  stop_record: () => state.values.recording ? "" : "nothing is being recorded",
+  report: () => state.values.recording ? "a bag is being recorded: stop that first"
+    : state.values.recorded ? "" : "nothing has been recorded yet",
+};
+// The fields of those that have some.
+const FIELDS = {
+  step: () => ({ steps: +$("steps").value }),
+  servo: () => ({ scheme: $("choose-scheme").value, law: $("choose-law").value,
+    start: $("choose-start").value, goal: $("choose-goal").value }),
+  goal: () => Object.fromEntries(Object.entries(goalRows).map(([k, row]) => [k, +row.input.value])),
+  camera: () => ({ preset: $("choose-camera").value }),
+  target: () => ({ name: $("choose-target").value }),
+  teach: () => ({ name: $("teach-name").value }),
+};
+
+function connected() { return socket !== null && socket.readyState === WebSocket.OPEN; }
+
+function unable(what) {
+  if (!connected()) return LOST;
+  if (running.has(what)) return "that is being carried out";
+  return what in UNABLE ? UNABLE[what]() : "";
+}
+
 function ask(request) {
-  if (!socket || socket.readyState !== WebSocket.OPEN) {
-    say({ done: false, text: "no connection to the simulator" });
-    return;
+  if (!connected()) { say({ done: false, text: LOST }); return; }
+  if (!request.do.startsWith("jog")) {  // those come ten times a second
+    running.set(request.do, performance.now());
+    begin();
   }
   socket.send(JSON.stringify(request));
 }
+
+// Something new begins: what was said of the last is over.
+function begin() {
+  $("answer").textContent = "";
+  show();
+}
+
+// Which buttons can act now, what is being carried out, and what the loop does.
+function show() {
+  for (const button of document.querySelectorAll("[data-do]")) {
+    button.title = unable(button.dataset.do);
+    button.setAttribute("aria-disabled", String(Boolean(button.title)));
+    button.setAttribute("aria-busy", String(running.has(button.dataset.do)));
+  }
+  $("running").textContent = [...running].map(([what, since]) => {
+    const button = document.querySelector(`[data-do=${what}]`);
+    return `${button ? button.textContent : what}: ${((performance.now() - since) / 1e3).toFixed(0)} s`;
+  }).join("\n");
+  words();
+}
+setInterval(() => { if (running.size) show(); }, 1000);
 
 function say(answer) {
   if (answer.done && !answer.text) return;
@@ -50,7 +107,7 @@ function connect() {
   socket = new WebSocket(`ws://${location.host}/live?token=${encodeURIComponent(token)}`);
   socket.binaryType = "arraybuffer";
   let opened = false;
-  socket.onopen = () => { opened = true; refused = 0; link("connected", true); trouble(sceneless); };
+  socket.onopen = () => { opened = true; refused = 0; link("connected", true); trouble(sceneless); show(); };
   socket.onmessage = (event) => {
     const message = typeof event.data === "string" ? JSON.parse(event.data) : null;
     try {
@@ -63,6 +120,8 @@ function connect() {
   };
   socket.onclose = async () => {
     link("no connection", false);
+    running.clear();  // their answers come no more
+    show();
     if (!opened) {
       try {  // a refusal is said in words, a simulator that is gone says nothing
         const reply = await fetch(`/robot?token=${encodeURIComponent(token)}`);
@@ -81,18 +140,25 @@ function link(text, on) {
 }
 
 function hear(message) {
-  if (message.kind === "answer") { say(message); return; }
+  if (message.kind === "answer") {
+    if (message.do) running.delete(message.do);
+    else running.clear();  // of which one is not known: what is not sent again does no harm
+    say(message);
+    show();
+    return;
+  }
   const whole = message.kind === "whole";
   if (whole) { state.samples = []; robotOf = null; }
   if (message.limits) limits(message.limits);
   if (message.choices) choices(message.choices);
   if (message.state) values(message.state);
-  if (message.told) told(message.told);
+  if (message.told) { state.told = message.told; plots[0].units = message.told.units || []; }
   if (message.names) state.names = plots[0].names = message.names;
   if (message.samples) samples(message.samples);
   if (scene && (message.shapes || whole)) scene.setShapes(message.shapes || {}, whole);
   if (message.joints) joints(message.joints, message.speeds);
   if ("factor" in message) $("factor").textContent = message.factor === null ? "–" : message.factor.toFixed(2);
+  if (message.told || message.state || message.choices || message.limits) show();
   if ("stamp" in message) $("time").textContent = message.stamp.toFixed(2);
 }
 
@@ -107,16 +173,16 @@ function samples(rows) {
   dirty = true;
 }
 
-function told(words) {
-  state.told = words;
-  plots[0].units = words.units || [];
-  $("phase").textContent = words.phase || "waiting";
-  $("phase").className = `badge ${words.phase || "waiting"}`;
-  $("scheme").textContent = words.scheme;
-  const outcome = words.outcome && !["running", words.phase].includes(words.outcome) ? words.outcome.replace(/_/g, " ") : "";
-  const text = words.phase ? [outcome, words.reason].filter(Boolean).join(": ")
-    : "no controller runs: start the nodes with a scheme";
-  $("words").textContent = words.mend && outcome ? `${text} — ${words.mend}` : text;
+function words() {
+  const told = state.told;
+  $("phase").textContent = told.phase || "waiting";
+  $("phase").className = `badge ${told.phase || "waiting"}`;
+  $("scheme").textContent = told.scheme || "";
+  const outcome = told.outcome && !["running", told.phase].includes(told.outcome) ? told.outcome.replace(/_/g, " ") : "";
+  const idle = running.has("servo") || running.has("goal") ? "the nodes are being started"
+    : loop() || "the controller runs and has told of no image yet";
+  const text = told.phase ? [outcome, told.reason].filter(Boolean).join(": ") : idle;
+  $("words").textContent = told.mend && outcome ? `${text} — ${told.mend}` : text;
   $("words").title = $("words").textContent;
 }
 
@@ -200,7 +266,6 @@ function choices(given) {
     const wanted = (given[kind] || []).includes(own) ? own : state.values[current];
     if (wanted) select.value = wanted;
   }
-  $("target").disabled = !(given.targets || []).length;
 }
 
 function values(given) {
@@ -265,19 +330,14 @@ for (const [name, reach] of [["x", 0.1], ["y", 0.1], ["z", 0.1], ["turn", 1.5]])
 }
 
 for (const button of document.querySelectorAll("[data-do]")) {
-  button.addEventListener("click", () => ask({ do: button.dataset.do }));
+  const what = button.dataset.do;
+  button.addEventListener("click", () => {
+    const why = unable(what);
+    if (why) say({ done: false, text: why });
+    else ask({ do: what, ...(what in FIELDS ? FIELDS[what]() : {}) });
+  });
 }
-$("step").addEventListener("click", () => ask({ do: "step", steps: +$("steps").value }));
-$("servo").addEventListener("click", () => ask({
-  do: "servo", scheme: $("choose-scheme").value, law: $("choose-law").value,
-  start: $("choose-start").value, goal: $("choose-goal").value,
-}));
-$("goal").addEventListener("click", () => ask({
-  do: "goal", ...Object.fromEntries(Object.entries(goalRows).map(([k, row]) => [k, +row.input.value])),
-}));
-$("camera").addEventListener("click", () => ask({ do: "camera", preset: $("choose-camera").value }));
-$("target").addEventListener("click", () => ask({ do: "target", name: $("choose-target").value }));
-$("teach").addEventListener("click", () => ask({ do: "teach", name: $("teach-name").value }));
+$("teach-name").addEventListener("input", show);
 $("view-all").addEventListener("click", () => scene && scene.setView("all"));
 $("view-run").addEventListener("click", () => scene && scene.setView("run"));
 
@@ -291,7 +351,7 @@ let jogging = null;
 
 function hold(key, request) {
   held.set(key, request);
-  if (!jogging) { jog(); jogging = setInterval(jog, JOG_PERIOD); }
+  if (!jogging) { begin(); jog(); jogging = setInterval(jog, JOG_PERIOD); }
 }
 
 function release(key) {
@@ -356,4 +416,5 @@ setInterval(() => {
 new ResizeObserver(() => { dirty = true; }).observe($("plots-box"));
 // For tests and pictures: what is known, and `still`, which lets nothing change any more.
 window.arasPage = { state, still: false, get scene() { return scene; } };
+show();
 connect();

@@ -98,15 +98,17 @@ def test_what_is_pressed_is_asked_for_and_answered(page, host):
 
 
 @pytest.fixture
-def state(host):
+def state(page, host):
     """Changes the words and numbers that the page is told, until the test ends."""
     before = host.page.state
 
     def change(**more):
-        host.page.state = {**host.page.state, **more}
+        host.page.state = {**host.page.state, **more, "mark": time.monotonic()}
+        page.wait(f"arasPage.state.values.mark === {host.page.state['mark']}")
 
     yield change
     host.page.state = before
+    page.wait("!('mark' in arasPage.state.values)")
 
 
 def button(do: str) -> str:
@@ -118,7 +120,7 @@ def test_what_is_carried_out_is_said_and_no_older_answer_stands_beside_it(page, 
     running = "document.getElementById('running').textContent"
     host.waited.clear()
     state(recorded="one.bag")
-    page.wait(f"{button('report')}.getAttribute('aria-disabled') === 'false'")
+    assert page.js(f"{button('report')}.getAttribute('aria-disabled')") == "false"
     page.js(f"{button('hold')}.click()")
     page.wait(f"{answer} === 'no controller here'")
     host.asked.clear()
@@ -157,7 +159,7 @@ def test_an_error_of_driving_by_hand_ends_with_the_next_key(page, host):
 ])  # fmt: skip
 def test_a_button_that_cannot_act_says_why(page, host, state, do, told, why):
     state(**told)
-    page.wait(f"{button(do)}.title === {why!r}")
+    assert page.js(f"{button(do)}.title") == why
     host.asked.clear()
     assert page.js(f"{button(do)}.getAttribute('aria-disabled')") == "true"
     page.js(f"{button(do)}.click()")
@@ -169,13 +171,32 @@ def test_a_button_that_cannot_act_says_why(page, host, state, do, told, why):
 
 def test_it_can_act_again_as_soon_as_what_hindered_it_is_over(page, state):
     state(controller=False, recording="one.bag")
-    page.wait(f"{button('start')}.title && !{button('stop_record')}.title")
+    assert page.js(f"[{button('start')}.title !== '', {button('stop_record')}.title]") == [True, ""]
     state(controller=True, recording="one.bag", trouble="the disk is full")
-    page.wait(f"!{button('start')}.title && !{button('record')}.title")
+    assert page.js(f"[{button('start')}.title, {button('record')}.title]") == ["", ""]
     page.js("""(() => { const name = document.getElementById("teach-name"); name.value = "mine";
         name.dispatchEvent(new Event("input")); })()""")
     assert page.js(f"{button('teach')}.getAttribute('aria-disabled')") == "false"
     page.js("document.getElementById('teach-name').value = ''")
+
+
+def test_what_the_server_took_none_of_may_be_asked_again(page, monkeypatch):
+    monkeypatch.setattr(server_module, "ASKED", 0)
+    page.js(f"{button('reset')}.click()")
+    page.wait("document.getElementById('answer').textContent.includes('wait for them')")
+    assert page.js(f"{button('reset')}.getAttribute('aria-disabled')") == "false"
+
+
+def test_without_a_phase_it_is_said_what_is_missing(page, state):
+    words = "document.getElementById('words').textContent"
+    page.js("window.before = arasPage.state.told; arasPage.state.told = {}")
+    said = page.js(f"{button('servo')}.click(); {words}")
+    assert said == "the nodes are being started"
+    state(controller=False)
+    assert page.js(words) == "no controller runs: start the nodes with a scheme"
+    state(controller=True)
+    assert page.js(words) == "the controller runs and has told of no image yet"
+    page.js("arasPage.state.told = window.before")
 
 
 @pytest.mark.parametrize("width", [320, 390, 820, 1085, 1440])
@@ -374,11 +395,17 @@ def test_a_page_of_elsewhere_gets_nothing(browser, page, server):
 
 def test_a_simulator_started_again_is_found_again(browser, host, server):
     port, token = server.access.port + 1000, "a-token-of-sixteen"
+    host.waited.clear()
     again = serve(host, "127.0.0.1", port, token, lambda _: None)
     tab = browser.open(again.access.address)
     tab.wait("window.arasPage && document.getElementById('link').textContent === 'connected'")
+    tab.js(f"arasPage.state.values.recorded = 'one.bag'; {button('report')}.click()")
+    tab.wait("document.getElementById('running').textContent === 'Report: 1 s'")
     again.close()
     tab.wait("document.getElementById('link').textContent === 'no connection'")
+    assert tab.js("document.getElementById('running').textContent") == ""  # it is not known any more
+    assert tab.js(f"{button('start')}.title") == "no connection to the simulator"
+    host.waited.set()
     third = serve(host, "127.0.0.1", again.access.port, token, lambda _: None)
     try:
         tab.wait("document.getElementById('link').textContent === 'connected'")

@@ -310,17 +310,19 @@ def test_time_stands_still_steps_and_begins_anew(viewer):
 def test_another_scheme_and_a_moved_goal(viewer):
     done, why = viewer.ask("servo", scheme="os:system", law="proportional", start="2016",
                            goal="auto")  # fmt: skip
-    assert not done and why.startswith("scheme is 'os:system': there are")
+    assert not done and why.startswith("servo: scheme is 'os:system': known are alpha, ")
     done, why = viewer.ask("servo", scheme="luminance", law="proportional", start="2015",
                            goal="2016", timeout=90.0)  # fmt: skip
     assert not done
     assert why.startswith("no controller runs now: goal_2016.yaml holds no picture"), why
     wait_for(lambda: not viewer.phase(), 20.0, "the page to know that no controller is there")
+    wait_for(lambda: not viewer.told["state"]["controller"], 20.0, "the same of its state")
     # Corners, which the goal's file does not hold, are those of the target's geometry.
     done, text = viewer.ask("servo", scheme="points", law="proportional", start="2015",
                             goal="2016", timeout=90.0)  # fmt: skip
     assert done, text
     wait_for(lambda: viewer.told["told"]["scheme"] == "points", 60.0, "points")
+    wait_for(lambda: viewer.told["state"]["controller"], 20.0, "the controller")
     viewer.wait("converged", 120.0)
     at = viewer.told["joints"][0]
     done, text = viewer.ask("goal", x=0.03, y=0.0, z=0.0, turn=0.0, timeout=90.0)

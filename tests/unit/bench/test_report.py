@@ -440,6 +440,47 @@ def test_runs_are_told_apart_without_colour_and_none_hides_another():
     assert len({(one["color"], one["marker"]) for one in many}) == 30
 
 
+@pytest.mark.parametrize("paper", [False, True])
+@pytest.mark.parametrize("count", [1, 2, 5])
+@pytest.mark.parametrize("draw", [d for row in FIGURES for *_, d in row], ids=NAMES)
+def test_nothing_of_a_figure_is_cut_off_or_lies_on_a_legend(draw, count, paper, moments):
+    """Names of runs are as long as a user's; a paper's column is 3.5 inches wide."""
+    runs = [replace(moments, name=f"moments, gain {1.5 * i:g} and filter") for i in range(count)]
+    with style.look(paper):
+        figure = draw(runs)
+        if figure is None:
+            return
+        figure.canvas.draw()
+        width, height = figure.get_size_inches() * figure.dpi
+        spatial = any(axis.name == "3d" for axis in figure.axes)
+        for axis in [] if spatial else [a for a in figure.axes if a.get_visible()]:
+            box = axis.get_tightbbox()
+            assert box.x0 >= -1.0 and box.x1 <= width + 1.0
+            assert box.y0 >= -1.0 and box.y1 <= height + 1.0
+        legends = [axis.get_legend() for axis in figure.axes if axis.get_legend()]
+        for legend in [*legends, *figure.legends]:
+            box = legend.get_window_extent()
+            for axis in figure.axes if spatial else ():
+                for label in (axis.xaxis.label, axis.yaxis.label, axis.zaxis.label):
+                    place = label.get_window_extent()
+                    assert place.x0 >= 0.0 and place.x1 <= width and not box.overlaps(place)
+            assert box.x0 >= -1.0 and box.x1 <= width + 1.0
+            assert box.y0 >= -1.0 and box.y1 <= height + 1.0
+            for axis in [] if spatial else [a for a in figure.axes if a.get_visible()]:
+                labels = [*axis.get_xticklabels(), *axis.get_yticklabels(), axis.xaxis.label,
+                          axis.yaxis.label, axis.title, axis._left_title]  # fmt: skip
+                inside = axis.get_window_extent()
+                for label in [t for t in labels if t.get_text() and t.get_visible()]:
+                    place = label.get_window_extent()
+                    hidden = label in labels[:-4] and not (  # a tick beyond the axis' end
+                        inside.y0 - 40 < 0.5 * (place.y0 + place.y1) < inside.y1 + 1)
+                    assert hidden or not box.overlaps(place), label.get_text()
+                if axis.get_legend() is not legend:
+                    other = axis.get_window_extent()
+                    assert not box.overlaps(other)
+        plt.close("all")
+
+
 def test_a_pace_without_a_curve_leaves_no_empty_panel(moments):
     """Real-time factors come once a second: a short run has none, or one, of its own."""
     paces = {

@@ -67,6 +67,9 @@ def feature_errors(runs: Sequence[Run]) -> Figure | None:
     figure, axes = panels(len(groups) + 1, each=1.75)
     error, filtered = run.error, run.filtered
     smoothed = filtered.shape == error.shape and not np.allclose(filtered, error, equal_nan=True)
+    told = ["pale: as measured, full: filtered"] if smoothed else []
+    told += ["band: counts as reached"] if run.tolerances else []
+    heading(axes[0], "Feature errors s − s*" + (f"  ({'; '.join(told)})" if told else ""))
     for axis, (unit, members) in zip(axes, groups, strict=False):
         bounds = {run.tolerances[i] for i in members} if run.tolerances else set()
         if len(bounds) == 1:
@@ -80,9 +83,6 @@ def feature_errors(runs: Sequence[Run]) -> Figure | None:
         axis.set_ylabel(with_unit("error", unit))
         if len(members) <= MOST_CURVES:
             legend(axis, 6)
-    told = ["pale: as measured, full: filtered"] if smoothed else []
-    told += ["band: counts as reached"] if run.tolerances else []
-    heading(axes[0], "Feature errors s − s*" + (f"  ({'; '.join(told)})" if told else ""))
     _norm(axes[-1], [run])
     settled_mark(axes[-1], run, error_settled.measure(run))
     times(axes, runs)
@@ -131,6 +131,7 @@ def features(runs: Sequence[Run]) -> Figure | None:
     run = runs[0]
     groups = unit_groups(run)
     figure, axes = panels(len(groups), each=2.0)
+    heading(axes[0], "Features s  (dashed: desired s*)")
     for axis, (unit, members) in zip(axes, groups, strict=True):
         for i, style in zip(members, _paint(axis, len(members)), strict=True):
             curve(axis, run.time, run.desired[:, i],
@@ -140,7 +141,6 @@ def features(runs: Sequence[Run]) -> Figure | None:
         axis.set_ylabel(with_unit("feature", unit))
         if len(members) <= MOST_CURVES:
             legend(axis, 6)
-    heading(axes[0], "Features s  (dashed: desired s*)")
     times(axes, runs)
     return figure
 
@@ -163,11 +163,11 @@ def camera_twist(runs: Sequence[Run]) -> Figure | None:
                       label=f"${letter}_{'xyz'[i]}$")  # fmt: skip
         symbols = f"|{letter}|" if len(runs) > 1 else letter
         axis.set_ylabel(f"${symbols}$ ({unit})")
+    heading(axes[0], "Speed of the camera" if len(runs) > 1 else
+            "Twist  (dashed: asked, full: given)")  # fmt: skip
     legend(axes[0])
     if len(runs) == 1:
         legend(axes[1])
-    heading(axes[0], "Speed of the camera" if len(runs) > 1 else
-            "Twist  (dashed: asked, full: given)")  # fmt: skip
     times(axes, runs)
     return figure
 

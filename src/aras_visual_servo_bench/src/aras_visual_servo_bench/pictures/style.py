@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -11,9 +11,12 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.transforms import ScaledTranslation
 
 from .palette import COLOURS, FAINT, GRID, INK, SOFT
 
@@ -71,6 +74,7 @@ PAPER = {
 }
 KINDS = ("png", "svg", "pdf")  # of files
 WIDE = 12.0  # inches, of figures over the page's whole width: letters as large as elsewhere
+EDGE = 3.0  # pixels between a legend and the edge of its figure
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 TIME = "time since servoing began (s)"
 
@@ -103,7 +107,7 @@ class Margins(NamedTuple):
     beside: float = 0.0  # between columns
 
 
-TIMED = Margins(0.92, 0.12, 0.36, 0.52, 0.3, 1.0)
+TIMED = Margins(0.92, 0.12, 0.36, 0.58, 0.3, 1.0)
 
 
 def panels(
@@ -148,7 +152,7 @@ def panels(
     for axis in axes[count:]:
         axis.set_visible(False)
     for axis in axes if width is None and margins is TIMED else ():
-        axis.yaxis.set_label_coords(-0.74 * part / across, 0.5)
+        axis.yaxis.set_label_coords(-0.71 * part / across, 0.5)
     return figure, axes[:count]
 
 
@@ -197,10 +201,78 @@ def _power(value: float, _position: int) -> str:
 
 
 def legend(axis: Axes, columns: int = 4, **options: object) -> None:
-    """Above the data at the right, never over it."""
+    """Above the data at the right, never over it, nor over a title or tick labels.
+
+    It has as many columns as the figure has room for, and the figure grows by its lines.
+    """
     handles, labels = axis.get_legend_handles_labels()
-    if labels:
-        axis.legend(
-            handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.1,
-            ncols=min(columns, len(labels)), **options,
+    if not labels:
+        return
+    figure = axis.get_figure()
+    right = axis.get_window_extent().x1
+
+    def made(count: int, up: float = 0.0) -> Legend:
+        lifted = axis.transAxes + ScaledTranslation(0.0, up / 72.0, figure.dpi_scale_trans)
+        return axis.legend(
+            handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), bbox_transform=lifted,
+            borderaxespad=0.1, ncols=count, **options,
         )  # fmt: skip
+
+    found, count = _fitting(made, min(columns, len(labels)), right - EDGE)
+    titles = [a.title if a.get_title() else a._left_title for a in figure.axes]
+    box, up = found.get_window_extent(), 0.0  # points
+    if box.x0 < axis.get_window_extent().x0:
+        up = 0.6 * axis.yaxis.get_ticklabels()[0].get_fontsize()  # half a label at the axis' top
+    if any(t.get_text() and box.overlaps(t.get_window_extent()) for t in titles):
+        up = plt.rcParams["axes.titlepad"] + 1.2 * titles[0].get_fontsize()
+    if up:
+        _shortened(made(count, up), right - EDGE)
+    if axis.get_subplotspec().is_first_row():
+        above = (1.0 - axis.get_position().y1) * figure.get_figheight()
+        _grow(figure, above=max(box.height / figure.dpi + up / 72.0 + 0.04 - above, 0.0))
+
+
+def legend_below(figure: Figure, columns: int, handles: Sequence[Artist] | None = None) -> None:
+    """In the middle below all axes; the figure grows by the lines after the first."""
+    if handles is None:
+        handles = [one for axis in figure.axes for one in axis.get_legend_handles_labels()[0]]
+    room = figure.get_figwidth() * figure.dpi - 2.0 * EDGE
+
+    def made(count: int) -> Legend:
+        for former in figure.legends[:]:
+            former.remove()
+        return figure.legend(handles=handles, loc="lower center", ncols=count)
+
+    found, count = _fitting(made, min(columns, len(handles)), room)
+    lines = -(-len(handles) // count)
+    _grow(figure, below=found.get_window_extent().height / figure.dpi * (lines - 1) / lines)
+
+
+def _fitting(made: Callable[[int], Legend], columns: int, room: float) -> tuple[Legend, int]:
+    """The legend with the most columns that fit into so many pixels, and how many these are."""
+    for count in range(columns, 0, -1):
+        found = made(count)
+        if found.get_window_extent().width <= room:
+            break
+    _shortened(found, room)
+    return found, count
+
+
+def _shortened(legend: Legend, room: float) -> None:
+    """Cut its words where even one column is wider than so many pixels."""
+    width = legend.get_window_extent().width
+    longest = max(len(text.get_text()) for text in legend.get_texts())
+    if width > room:
+        most = max(int(longest * room / width) - 3, 1)
+        for text in legend.get_texts():
+            if len(text.get_text()) > most:
+                text.set_text(text.get_text()[:most].rstrip("\\") + "…")
+
+
+def _grow(figure: Figure, above: float = 0.0, below: float = 0.0) -> None:
+    """Make a figure's margins larger by so many inches; its axes keep their sizes."""
+    before, grid = figure.get_figheight(), figure.axes[0].get_gridspec()
+    top, bottom = (1.0 - grid.top) * before + above, grid.bottom * before + below
+    height = before + above + below
+    figure.set_figheight(height)
+    grid.update(top=1.0 - top / height, bottom=bottom / height)

@@ -18,7 +18,7 @@ from ..recording.tracks import Tracks, milestones
 from ..recording.tracks import tracks as tracks_of
 from ..report.time_axes import looks
 from .palette import COLOURS, FAINT, GOAL, GRID, INK, START
-from .style import Margins, figure_width, heading, is_paper, literal, panels
+from .style import Margins, figure_width, heading, is_paper, legend_below, literal, panels
 
 FADED = 0.35  # of a picture's contrast behind curves
 FLATTEST = 0.35  # least extent of an axis, part of the largest
@@ -66,7 +66,7 @@ def image_trajectory(runs: Sequence[Run]) -> Figure | None:
         handles = [Line2D([], [], label=literal(run.name), **look)
                    for (run, _), look in zip(found, styles, strict=True)]  # fmt: skip
         heading(axis, "Paths of the target in the image")
-    figure.legend(handles=handles, loc="lower center", ncols=min(len(handles), 5))
+    legend_below(figure, 5, handles)
     return figure
 
 
@@ -142,7 +142,8 @@ def camera_path(runs: Sequence[Run]) -> Figure | None:
         return None
     width, part = figure_width(), 0.66 if is_paper() else 1.0
     figure, (axis,) = panels(
-        1, 0.72 * width / part - BELOW, margins=Margins(bottom=BELOW),
+        1, 0.72 * width / part - BELOW,
+        margins=Margins(bottom=(1.5 if is_paper() else 1.0) * BELOW),
         subplot_kw={"projection": "3d", "computed_zorder": False},
     )  # fmt: skip
     shown: list[np.ndarray] = []
@@ -179,13 +180,14 @@ def camera_path(runs: Sequence[Run]) -> Figure | None:
              xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))  # fmt: skip
     extent = high - low
     tall = extent[2] > TALL * extent[:2].max()  # its foot would stand in the legend
-    axis.set_box_aspect(extent, zoom=0.82 if tall else 0.97)
+    small = 0.82 if is_paper() else 1.0  # whose letters are large beside it
+    axis.set_box_aspect(extent, zoom=small * (0.82 if tall else 0.97))
     axis.view_init(elev=20, azim=-58)
     for pane in (axis.xaxis, axis.yaxis, axis.zaxis):
         pane.set_pane_color((1.0, 1.0, 1.0, 0.0))
         pane.set_major_locator(plt.MaxNLocator(2 if tall and pane is not axis.zaxis else 4))
         pane._axinfo["grid"].update(color=GRID, linewidth=0.6)
-    figure.legend(loc="lower center", ncols=5)
+    legend_below(figure, 5)
     if not is_paper():
         figure.text(0.1 / width, 0.995, "Path of the camera in the world  (dashed: straight to the "
                     "goal)", va="top", fontweight="bold", fontsize=10.5)  # fmt: skip

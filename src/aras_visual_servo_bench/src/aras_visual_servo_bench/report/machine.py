@@ -131,10 +131,10 @@ def timing(runs: Sequence[Run]) -> Figure | None:
         for run, look in zip(runs, looks(len(runs)), strict=True):
             for i, (name, time, values) in enumerate(panel(run)):
                 single = len(runs) == 1
-                own = {"color": COLOURS[i], "label": name, "marker": "."} if single else \
-                    {**look, "markevery": None, "label": literal(run.name) if i == 0 else None}
-                axis.plot(time, values, **{**own, "ms": 3, "lw": 1.0},
-                          ls="-" if panel is _paces else "")  # fmt: skip
+                own = {"color": COLOURS[i], "label": name, "marker": ".", "ms": 3} if single else \
+                    {**look, "markevery": None, "ms": 2.0 * look["lw"],
+                     "label": literal(run.name) if i == 0 else None}  # fmt: skip
+                axis.plot(time, values, **{**own, "lw": 1.0}, ls="-" if panel is _paces else "")
         low, high = axis.get_ylim()
         axis.set_ylim(min(low, 0.0), 1.15 * high)
         axis.set_ylabel({_intervals: "interval (ms)", _delays: "delay (ms)",

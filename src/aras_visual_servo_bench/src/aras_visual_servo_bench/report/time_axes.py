@@ -15,7 +15,7 @@ from ..recording.run import Run
 LONGEST, PERIODS = 0.3, 5.0  # s, and median steps, after which a curve is not joined any more
 MARKERS = ("o", "s", "^", "D", "v", "P")  # of runs, along their curves
 MARKED = 0.125  # of an axis' size, along a curve from one marker to the next
-THICKER = 0.9  # part by which the first of several curves is thicker than the last
+THICKER = 0.7  # part by which the first of several curves is thicker than the last
 RIGHT = 0.75  # part of the axis behind which words stand to the left of their line
 
 
@@ -74,7 +74,7 @@ def looks(count: int) -> list[dict[str, object]]:
         {
             "color": COLOURS[i % len(COLOURS)], "alpha": 0.9,
             "marker": MARKERS[(i + i // len(COLOURS)) % len(MARKERS)], "mew": 0.0,
-            "ms": 2.6 * width, "markevery": (MARKED * i / count, MARKED),
+            "ms": 4.2 * width, "markevery": (MARKED * i / count, MARKED),
             "lw": width * (1.0 + THICKER * (count - 1 - i) / (count - 1)),
         }
         for i in range(count)

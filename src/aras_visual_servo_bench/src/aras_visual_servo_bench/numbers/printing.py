@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable
 NONE = "–"  # where there is no number
 DIGITS = 3
 LEAST, MOST = 1e-3, 1e5  # of the largest of some numbers that are printed without powers of ten
+SMALLEST = 1e-5  # that stands beside these; below it nobody counts the zeros
 NOTHING = 6  # decades below the largest; what is smaller is printed as 0
 
 
@@ -18,16 +19,18 @@ def notation(values: Iterable[float], digits: int = DIGITS) -> Callable[[float],
         values: of a cell, row or column; those that are not finite do not matter.
         digits: significant ones.
     """
-    largest = max((abs(v) for v in values if math.isfinite(v)), default=0.0)
-    raised = largest > 0.0 and not LEAST <= largest < MOST
-    smallest = 0.5 * 10.0 ** (math.floor(math.log10(largest)) - NOTHING) if largest else 0.0
+    sizes = [abs(v) for v in values if math.isfinite(v)]
+    largest = max(sizes, default=0.0)
+    nothing = 0.5 * 10.0 ** (math.floor(math.log10(largest)) - NOTHING) if largest else 0.0
+    smallest = min((size for size in sizes if size > nothing), default=LEAST)
+    raised = largest > 0.0 and not (LEAST <= largest < MOST and smallest >= SMALLEST)
 
     def printed(value: float) -> str:
         if math.isnan(value):
             return NONE
         if math.isinf(value):
             return "-∞" if value < 0.0 else "∞"
-        if abs(value) <= smallest:
+        if abs(value) <= nothing:
             return "0"
         if raised:
             return f"{value:.{digits - 1}e}"

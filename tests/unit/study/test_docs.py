@@ -27,7 +27,7 @@ def test_the_first_study_is_five_lines_and_ends_in_a_table_and_a_picture(tmp_pat
     words = [str(tmp_path / word) if word.startswith("first") else word for word in words]
     assert main([*words, "--in-process", "repeats=1", "duration=0.1", "delay=0.0"]) == 0
     told = capsys.readouterr().out
-    assert "| gain | runs | success |" in told and "4 of 4 runs" in told
+    assert "| gain (1/s) | runs | success |" in told and "4 of 4 runs" in told
     assert (tmp_path / "first" / "plots" / "success.png").stat().st_size > 5000
     assert "| 8 | 1 |" in (tmp_path / "first" / "table.md").read_text()
 

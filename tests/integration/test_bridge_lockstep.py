@@ -46,15 +46,20 @@ def connections(master, node: str) -> set[tuple[str, str]]:
     return {(link[2], link[4]) for link in links if link[5]}
 
 
-def run_once(launch, collect, master) -> tuple[list[str], list[str]]:
-    """Image hashes and joint states of the first frames of a closed loop."""
-    robot = launch(
+def paused_in_lockstep(launch):
+    """The ARAS robot, whose time stands still until it is told to go on."""
+    return launch(
         "aras_visual_servo_gazebo",
         "aras_visual_servo.launch",
         nodes=["/gazebo"],
         paused=True,
         speed_mode="lockstep",
     )
+
+
+def run_once(launch, collect, master) -> tuple[list[str], list[str]]:
+    """Image hashes and joint states of the first frames of a closed loop."""
+    robot = paused_in_lockstep(launch)
     nodes = launch(
         "aras_visual_servo_gazebo",
         "aras_visual_servo_nodes.launch",
@@ -133,13 +138,7 @@ def test_a_recorder_that_stands_still_for_a_while_loses_no_image(
     """Time goes as fast as the machine allows, 60 images of 0.2 MB and more a second."""
     rospy.set_param("/gazebo/lockstep_timeout", 3.0)
     rospy.set_param("/gazebo/lockstep_topics", ["/nobody"])
-    robot = launch(
-        "aras_visual_servo_gazebo",
-        "aras_visual_servo.launch",
-        nodes=["/gazebo"],
-        paused=True,
-        speed_mode="lockstep",
-    )
+    robot = paused_in_lockstep(launch)
     bag = tmp_path / "run.bag"
     recorder = subprocess.Popen(
         ["rosbag", "record", "--buffsize=0", f"--output-name={bag}", "/labrob/camera/image_raw",

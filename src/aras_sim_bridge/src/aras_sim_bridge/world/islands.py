@@ -48,7 +48,6 @@ class Island:
                              for pick, part in ((min, slice(0, 3)), (max, slice(3, 6)))))
         return boxes, sum(map(abs, self.model.read_joints()[1])) * max(1.0, extent)
 
-
     def steps_alone(self, loose: list[list[Box | HalfSpace]], fastest: float, dt: float) -> float:
         """Steps of `dt` s in which nothing can touch the moved links.
 

@@ -375,6 +375,36 @@ def test_a_bag_is_recorded_and_reported_on_and_a_goal_taught(viewer, directory, 
     wait_for(lambda: "mine" in viewer.told["choices"]["goals"], 20.0, "the taught goal")
 
 
+def test_nothing_is_taught_while_time_stands_still(viewer):
+    done, text = viewer.ask("pause")
+    assert done, text
+    wait_for(lambda: viewer.told["factor"] is None, 20.0, "no joint states")
+    began = time.monotonic()
+    done, text = viewer.ask("teach", name="still")
+    assert not done and "time stands still" in text and time.monotonic() - began < 2.0
+    done, text = viewer.ask("resume")
+    assert done, text
+
+
+def test_a_target_that_was_taken_away_is_said_and_not_asked_for_again(viewer, graph, ros_node):
+    import rospy
+    from gazebo_msgs.srv import DeleteModel
+
+    wait_for(lambda: viewer.told["factor"] is not None, 20.0, "joint states")
+    assert viewer.told["state"]["no_target"] == ""
+    assert rospy.ServiceProxy("/gazebo/delete_model", DeleteModel)("target").success
+    wait_for(lambda: viewer.told["state"]["no_target"], 20.0, "that there is no target")
+    assert viewer.told["state"]["no_target"] == "no model named target is in the simulation"
+    wait_for(lambda: not viewer.shapes["target"]["points"], 20.0, "no target to be drawn")
+    before = graph.output()
+    time.sleep(3.0)
+    assert "get_model_state" not in graph.output()[len(before) :]
+    began = time.monotonic()
+    done, text = viewer.ask("teach", name="nothing")
+    assert not done and "bring the target into view" in text, text
+    assert time.monotonic() - began < 2.0
+
+
 def test_without_a_viewer_nothing_is_drawn(viewer, port, ros_node, ros_master):
     second = Viewer(port)
     wait_for(lambda: second.told.get("joints"), 20.0, "the second viewer's joints")

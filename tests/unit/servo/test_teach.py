@@ -86,7 +86,13 @@ def test_bad_views_and_bad_joints_are_not_kept():
     assert "lack" in teacher.reason
     teacher.joints(arm.names, np.zeros(6), [], 0.0)
     teacher.image(0.1, lambda joints, _: lost(view_at(teacher.observer, 0.1, joints), "gone"))
-    assert (teacher.views, teacher.reason) == ([], "gone")
+    assert (teacher.views, teacher.reason, teacher.refused) == ([], "gone", 1)
+    for _ in range(3):
+        teacher.image(0.2, lambda joints, _: lost(view_at(teacher.observer, 0.2, joints), "gone"))
+    assert teacher.refused == 4
+    teacher.joints(arm.names, the_goal("2016").joint_values(arm.names), [], 0.3)
+    teacher.image(0.3, lambda joints, _: view_at(teacher.observer, 0.3, joints))
+    assert (len(teacher.views), teacher.refused) == (1, 0)
 
 
 def test_the_command_line_that_is_written_works(tmp_path):

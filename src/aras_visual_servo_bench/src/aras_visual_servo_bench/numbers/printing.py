@@ -9,7 +9,8 @@ NONE = "–"  # where there is no number
 DIGITS = 3
 LEAST, MOST = 1e-3, 1e5  # of the largest of some numbers that are printed without powers of ten
 SMALLEST = 1e-5  # that stands beside these; below it nobody counts the zeros
-NOTHING = 6  # decades below the largest; what is smaller is printed as 0
+NEXT_TO_NOTHING = "≈0"  # beside the largest; a 0 is exactly 0
+LOST = 6  # decades below the largest, from which on a number is next to nothing
 
 
 def notation(values: Iterable[float], digits: int = DIGITS) -> Callable[[float], str]:
@@ -21,7 +22,7 @@ def notation(values: Iterable[float], digits: int = DIGITS) -> Callable[[float],
     """
     sizes = [abs(v) for v in values if math.isfinite(v)]
     largest = max(sizes, default=0.0)
-    nothing = 0.5 * 10.0 ** (math.floor(math.log10(largest)) - NOTHING) if largest else 0.0
+    nothing = 0.5 * 10.0 ** (math.floor(math.log10(largest)) - LOST) if largest else 0.0
     smallest = min((size for size in sizes if size > nothing), default=LEAST)
     raised = largest > 0.0 and not (LEAST <= largest < MOST and smallest >= SMALLEST)
 
@@ -31,7 +32,7 @@ def notation(values: Iterable[float], digits: int = DIGITS) -> Callable[[float],
         if math.isinf(value):
             return "-∞" if value < 0.0 else "∞"
         if abs(value) <= nothing:
-            return "0"
+            return NEXT_TO_NOTHING if value else "0"
         if raised:
             return f"{value:.{digits - 1}e}"
         decimals = max(digits - 1 - math.floor(math.log10(abs(value))), 0)

@@ -14,6 +14,7 @@ import rospy
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.settings import build, defaults, parameter
 from aras_visual_servo_controller.errors import ServoError
+from aras_visual_servo_controller.seeing.observation import SEGMENTED
 from aras_visual_servo_ros.connections import open_wide
 from aras_visual_servo_ros.shutdown import beats, begin_node
 
@@ -78,7 +79,7 @@ class Dashboard:
             "goal": lambda g: actions.goal(**g),
             "camera": lambda g: actions.camera(**g),
             "target": lambda g: actions.target(**g),
-            "teach": lambda g: keeping.teach(g["name"], actions.given().get("scheme", "moments")),
+            "teach": lambda g: self._teach(g["name"]),
             "record": lambda g: keeping.record(),
             "stop_record": lambda g: keeping.stop_record(),
             "report": lambda g: keeping.make_report(),
@@ -132,6 +133,18 @@ class Dashboard:
         """A file of the last run's report."""
         return self._keeping.file(path)
 
+    def _teach(self, name: str) -> str:
+        """Refused at once where it is known already that the tool would see nothing."""
+        listener, scheme = self._listener, self._actions.given().get("scheme", "moments")
+        if listener.story is None or listener.story.factor is None:
+            raise RefusedError("time stands still, so that no images come: let it go on first")
+        settings = listener.settings
+        needs = settings.from_mapping({"scheme": scheme}, settings.package).make_scheme().needs
+        if listener.unseen and (not needs or needs & SEGMENTED):
+            raise RefusedError(f"the camera sees nothing that could be taught ({listener.unseen}): "
+                               "bring the target into view and teach again")
+        return self._keeping.teach(name, scheme)
+
     # -- what changes seldom -----------------------------------------------------------------
 
     def refresh(self) -> None:
@@ -153,7 +166,7 @@ class Dashboard:
             **self._actions.given(), "gains": self._actions.gains,
             "controller": controller, "robot": listener.robots, "picture": self._pictures.note,
             "recording": str(keeping.recording or ""), "recorded": str(keeping.recorded or ""),
-            "trouble": keeping.trouble(),
+            "trouble": keeping.trouble(), "no_target": self._target.missing,
             "report": keeping.report,
         }  # fmt: skip
 

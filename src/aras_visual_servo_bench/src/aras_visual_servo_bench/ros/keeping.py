@@ -13,6 +13,7 @@ from ..live.requests import RefusedError
 from .processes import Launch
 
 TEACHING, REPORTING, CLOSING = 90.0, 180.0, 15.0  # s of wall time
+IMAGES = 20.0  # s that teaching waits for images
 REPORT = "report"
 ACTIVE = ".active"  # behind the name of a bag that is not closed
 LOGGED = re.compile(r"^\[ ?\w+\] \[[\d., ]+\]: ")  # what a log line begins with
@@ -38,7 +39,8 @@ class Keeping:
         """The view that the camera has now, as a goal of that name."""
         path = self._made("goals") / f"{name}.yaml"
         tool = ["rosrun", "aras_visual_servo_controller", "teach"]
-        self._run([*tool, str(path), "--scheme", scheme], TEACHING)
+        self._run([*tool, str(path), "--scheme", scheme,
+                   "--timeout", str(IMAGES)], TEACHING)
         return f"the goal {name} is what the camera sees now: {path}"
 
     def record(self) -> str:

@@ -47,6 +47,7 @@ class Listener:
         self.velocities: np.ndarray | None = None
         self.report: ServoReport | None = None
         self.stamp = 0.0  # of the latest joint states, s
+        self.unseen = ""  # why the latest image shows no target; '' where it does
         self.lock = threading.RLock()
         self._description = DescriptionWatch(settings.description)
         self._pace, self._joints, self._heard = Pace(), b"", -1e9
@@ -152,6 +153,7 @@ class Listener:
             self._outline = np.array(outline_of(message)).reshape(-1, 2)
 
     def _on_moments(self, message: ImageMoments) -> None:
+        self.unseen = "" if message.valid else message.reason
         if message.valid and len(message.m) > 2 and message.m[0] > 0.0:
             with self.lock:
                 if self.story is not None:

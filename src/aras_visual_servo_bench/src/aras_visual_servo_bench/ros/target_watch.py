@@ -13,16 +13,21 @@ from aras_sim_bridge.ros.conversions import from_pose
 
 from ..live.outlines import NOTHING, Drawing, drawing_of
 from ..live.story import Story
-from .target_place import TOPIC, TargetPlace
+from .target_place import TARGET, TOPIC, TargetPlace
 
 TARGET_DESCRIPTION = "/target_description"
 PERIOD = 0.5  # s of wall time between two questions
 
 
 class TargetWatch:
-    """Draws the target where it lies; looks for it twice a second at most."""
+    """Draws the target where it lies; looks for it twice a second at most.
+
+    Attributes:
+        missing: why none is drawn, where the simulation has none; or ''.
+    """
 
     def __init__(self) -> None:
+        self.missing = ""
         self._asked = -1e9
         self._known: tuple[str, Drawing] = ("", NOTHING)
         self._shapes = NOTHING.shapes(None)
@@ -54,6 +59,8 @@ class TargetWatch:
     def _pose(self, robot: str) -> np.ndarray | None:
         """(4, 4) base_T_target; None where nothing is known of it."""
         found = self._place.of(robot)
+        none = self._place.answered and found is None
+        self.missing = f"no model named {TARGET} is in the simulation" if none else ""
         if not self._place.answered:
             found = self._told
         if found is None:

@@ -31,6 +31,7 @@ class Teacher:
     Attributes:
         observer: makes the observations.
         views: the valid ones so far.
+        refused: images since the last valid one.
         reason: why the last one was not.
     """
 
@@ -50,7 +51,7 @@ class Teacher:
             self._approach = Approach(arm.names, np.minimum(arm.velocity, 1.0), settings)
         self._sample: JointSample | None = None
         self.views: list[Observation] = []
-        self.reason = NO_IMAGES
+        self.refused, self.reason = 0, NO_IMAGES
 
     @property
     def there(self) -> bool:
@@ -85,8 +86,9 @@ class Teacher:
         view = look(self._sample, ())
         if view.valid:
             self.views.append(view)
+            self.refused = 0
         else:
-            self.reason = view.reason
+            self.refused, self.reason = self.refused + 1, view.reason
 
 
 def goal_of(

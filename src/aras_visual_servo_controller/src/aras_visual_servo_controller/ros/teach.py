@@ -24,7 +24,8 @@ def live(arguments: argparse.Namespace) -> Goal:
     """Collect views from the graph, where asked for after driving to a pose.
 
     Raises:
-        ServoError: nothing usable is seen in time, with the reason.
+        ServoError: as many images in a row as are to be averaged show nothing usable, or too few
+            come in time; with the reason.
     """
     begin_node("teach", anonymous=True)
     settings, arm = robots_settings({"scheme": arguments.scheme})
@@ -46,6 +47,11 @@ def live(arguments: argparse.Namespace) -> Goal:
     inputs = Inputs(settings, teacher)
     deadline = time.monotonic() + arguments.timeout
     while len(teacher.views) < arguments.images:
+        if teacher.refused >= arguments.images:  # waiting longer would show the same
+            raise ServoError(
+                f"the last {teacher.refused} images show nothing that could be taught "
+                f"({teacher.reason}): bring the target into view and teach again"
+            )
         if rospy.is_shutdown() or time.monotonic() > deadline:
             raise ServoError(
                 f"after {arguments.timeout:.0f} s only {len(teacher.views)} of {arguments.images} "

@@ -39,7 +39,8 @@ const loop = () => state.values.controller ? "" : NOBODY;
 const UNABLE = {
   start: loop, stop: loop, hold: loop,
   goal: () => (state.limits.names || []).length ? "" : "there is no robot yet",
-  target: () => (state.choices.targets || []).length ? "" : "there are no targets to choose from",
+  target: () => state.values.no_target ? `${state.values.no_target}, whose place it could take` :
+    (state.choices.targets || []).length ? "" : "there are no targets to choose from",
   teach: () => $("teach-name").value ? "" : "give the goal a name first",
   record: () => state.values.recording && !state.values.trouble ? "a bag is being recorded already" : "",
   stop_record: () => state.values.recording ? "" : "nothing is being recorded",
@@ -284,6 +285,7 @@ function values(given) {
     : given.recorded ? `recorded: ${given.recorded}` : "";
   $("report-link").hidden = !given.report;
   if (given.report) $("report-link").href = `/report/${given.report}?token=${encodeURIComponent(token)}`;
+  $("no-target").textContent = given.no_target || "";
   if (given.picture) $("picture-note").textContent = given.picture;
 }
 

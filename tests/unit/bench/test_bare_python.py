@@ -33,7 +33,8 @@ bullet = run(Experiment(duration=0.2))
 assert len(bullet.stamp) > 4, bullet
 assert run(Experiment(plant="free")).verdict.reached
 foreign = [n for n in sys.modules if n.split(".")[0] in (
-    "rospy", "rospkg", "genpy", "catkin", "catkin_pkg", "std_msgs", "sensor_msgs", "angles", "tf")]
+    "rospy", "rospkg", "genpy", "catkin", "catkin_pkg", "std_msgs", "sensor_msgs", "angles", "tf",
+    "pinocchio")]
 assert not foreign, foreign
 print("bare")
 """

@@ -4,8 +4,9 @@ import contextlib
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
-from aras_visual_servo_base.poses import exponential, logarithm, transform
+from aras_visual_servo_base.poses import exponential, logarithm, skew, transform
 from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
@@ -131,6 +132,23 @@ def test_a_constant_twist_is_integrated_exactly_over_any_steps(arm, sight):
         ends.append(camera.pose())
     np.testing.assert_allclose(ends[0], origin @ exponential(twist), atol=1e-12)
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-12)
+
+
+@pytest.mark.parametrize("mounted", [False, True])
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 0.3, 1.5, 3.1, 6.0])
+def test_a_free_bodys_jacobian_is_exact_at_any_turn(arm, angle, mounted):
+    mounting = transform((0.02, -0.01, 0.03), (0.3, -0.4, 0.9)) if mounted else None
+    body = FreeBody(arm.pose(START), mounting)
+    move, axis = np.array([0.1, -0.2, 0.05]), np.array([0.48, -0.36, 0.8])
+    turned = skew(angle * axis)
+    ad = np.block([[turned, skew(move)], [np.zeros((3, 3)), turned]])
+    # The right Jacobian is the integral of exp(-s ad) over s from 0 to 1: by one exponential.
+    whole = expm(np.block([[-ad, np.eye(6)], [np.zeros((6, 12))]]))[:6, 6:]
+    if mounted:
+        R, lever = mounting[:3, :3], skew(mounting[:3, 3])
+        whole = np.block([[R.T, -R.T @ lever], [np.zeros((3, 3)), R.T]]) @ whole
+    q = np.array([*move, *(angle * axis)])
+    np.testing.assert_allclose(body.jacobian(q), whole, atol=2e-13)
 
 
 def test_a_free_bodys_jacobian_is_that_of_its_pose(arm):

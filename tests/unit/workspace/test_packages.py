@@ -21,7 +21,6 @@ KEYS = {
     "mcap": "python3-mcap-pip",
     "mpl_toolkits": "python3-matplotlib",
     "pybullet": "python3-pybullet-pip",
-    "pinocchio": "pinocchio",
     **{
         name: f"python3-{name}"
         for name in ("dask", "distributed", "jinja2", "matplotlib", "numba", "numpy", "pandas",

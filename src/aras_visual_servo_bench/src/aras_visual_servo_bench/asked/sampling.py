@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio
 
-from aras_visual_servo_base.poses import exponential, rotation_from_rpy
+from aras_visual_servo_base.poses import exponential, logarithm, relative, rotation_from_rpy
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.arm.inversion import least_squares
@@ -89,7 +88,7 @@ def _joints_at(
     Raises:
         UnreachableError: they are not found, or beyond a limit.
     """
-    goal, count = pinocchio.SE3(pose), len(near)
+    count = len(near)
     # Least squares of these rows are damped: the elbow may come near to stretched.
     rows, error = np.vstack([np.zeros((6, count)), DAMPED * np.eye(count)]), np.zeros(6 + count)
     for _ in range(BEGINNINGS):
@@ -98,7 +97,7 @@ def _joints_at(
         q[-1] = near[-1]
         for step in range(NEWTON_STEPS):
             now, rows[:6] = arm.view(q)
-            error[:6] = pinocchio.log6(pinocchio.SE3(now).actInv(goal)).vector
+            error[:6] = logarithm(relative(now, pose))
             left = max(map(abs, error.tolist()))
             if step >= SIX and left > NEAR:
                 break

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio
 
-from aras_visual_servo_base.poses import exponential, inverse, logarithm, relative
+from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.poses import exponential, inverse, logarithm, relative, skew
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
 
@@ -57,10 +57,12 @@ class FreeBody:
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
         """(6, 6): the camera's twist in its own frame is jacobian(q) @ q_dot."""
-        rates = pinocchio.Jexp6(np.asarray(q, float))
+        rates = _exponential_rate(np.asarray(q, float))
         if self.mounting is None:
             return rates
-        return pinocchio.SE3(self.mounting).actionInverse @ rates
+        camera_R_body, place = self.mounting[:3, :3].T, self.mounting[:3, 3]
+        rates[:3] -= skew(place) @ rates[3:]
+        return np.vstack([camera_R_body @ rates[:3], camera_R_body @ rates[3:]])
 
     def view(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """pose and jacobian."""
@@ -94,3 +96,31 @@ class FreeBody:
         speed = np.array(velocities, float) if len(velocities) else np.zeros(6)
         self.check(q, speed)
         return JointSample(stamp, self.names, q, speed)
+
+
+@compiled("f8[:]")
+def _exponential_rate(twist):
+    """(6, 6) right Jacobian J: b of a_T_b = exponential(twist) moves with the twist J @ d(twist)/dt
+    in its own frame; the sum of (-ad twist)^k / (k + 1)!, to the last bit of its largest number."""
+    vx, vy, vz, x, y, z = twist
+    turn = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    move = np.array([[0.0, -vz, vy], [vz, 0.0, -vx], [-vy, vx, 0.0]])
+    # The upper rows; the lower ones are zeros and the upper ones' left half.
+    rate, term, following, k = np.eye(3, 6), np.eye(3, 6), np.empty((3, 6)), 1
+    largest = 1.0
+    while largest > 1e-17:
+        k, largest = k + 1, 0.0
+        for i in range(3):
+            for j in range(6):
+                total = 0.0
+                for m in range(3):
+                    total -= turn[i, m] * term[m, j]
+                    if j > 2:
+                        total -= move[i, m] * term[m, j - 3]
+                following[i, j] = total / k
+                largest = max(largest, abs(following[i, j]))
+        term, following = following, term
+        rate += term
+    whole = np.zeros((6, 6))
+    whole[:3], whole[3:, 3:] = rate, rate[:, :3]
+    return whole

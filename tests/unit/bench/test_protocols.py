@@ -15,7 +15,7 @@ from aras_visual_servo_base.poses import pose_difference, transform
 from aras_visual_servo_bench.asked.assembly import assemble
 from aras_visual_servo_bench.asked.experiment import CameraPose, Experiment
 from aras_visual_servo_bench.asked.relative_start import RelativeStart
-from aras_visual_servo_bench.commands.protocol import main
+from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.study.results import met
@@ -49,7 +49,7 @@ def study_of(name):
 
 def rows_of(name, out, *arguments):
     """Of a published protocol, as its command leaves them."""
-    assert main([name, "--out", str(out), "--in-process", *arguments]) == 0
+    assert main(["protocol", name, "--out", str(out), "--in-process", *arguments]) == 0
     return table(out)
 
 
@@ -104,16 +104,16 @@ def test_a_published_protocol_says_its_source_and_what_was_chosen(name):
 )  # fmt: skip
 def test_a_wrong_key_is_one_line(tmp_path, capsys, values, named):
     (tmp_path / "mine.yaml").write_text(yaml.safe_dump(values))
-    assert main([str(tmp_path / "mine.yaml"), "--out", str(tmp_path / "out")]) == 1
+    assert main(["protocol", str(tmp_path / "mine.yaml"), "--out", str(tmp_path / "out")]) == 1
     told = capsys.readouterr().err
     assert named in told
     assert told.count("\n") == 1
 
 
 def test_an_unknown_protocol_names_the_nearest(tmp_path, capsys):
-    assert main(["visp_four_point", "--out", str(tmp_path)]) == 1
+    assert main(["protocol", "visp_four_point", "--out", str(tmp_path)]) == 1
     assert "did you mean 'visp_four_points'?" in capsys.readouterr().err
-    assert main(["visp_four_points", "--out", str(tmp_path), "--case", "lambda 5"]) == 1
+    assert main(["protocol", "visp_four_points", "--out", str(tmp_path), "--case", "lambda 5"]) == 1
     assert "case 'lambda 5': " in capsys.readouterr().err
 
 

@@ -12,6 +12,7 @@ import runpy
 import shutil
 import subprocess
 import sys
+import tomllib
 import types
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
@@ -113,6 +114,8 @@ def python(words: Words, folder: Path) -> None:
     rest = words[1:]
     if rest[0] == "-m" and rest[1] in ("pytest", "ruff"):
         there(rest[2:])
+    elif rest[:2] == ["-m", "venv"]:
+        assert len(rest) == 3, rest
     elif rest[0] == "-m":
         taken(lambda: runpy.run_module(rest[1], run_name="__main__", alter_sys=True), rest[1:])
     else:
@@ -264,9 +267,20 @@ def dask(words: Words, folder: Path) -> None:
     program.make_context(" ".join(words[:2]), list(words[2:]))
 
 
+def pip(words: Words, folder: Path) -> None:
+    """Of this checkout, with extras that it has."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert words[1] == "install" and re.fullmatch(r"\.(\[\w+\])?", words[2]), words
+    assert words[2][2:-1] in ("", *project["optional-dependencies"]), words
+
+
+def aras_servo(words: Words, folder: Path) -> None:
+    rosrun(["rosrun", "aras_visual_servo_bench", "bench", *words[1:]], folder)
+
+
 CHECKS: dict[str, Callable[[Words, Path], None]] = {
     "python": python, "rosrun": rosrun, "roslaunch": roslaunch, "docker": docker, "rosbag": bag,
-    "cp": copy, "dask": dask,
+    "cp": copy, "dask": dask, "pip": pip, "aras-servo": aras_servo,
     "setup.sh": script, "demo.sh": script, "test.sh": script,
     "truth": lambda w, f: taken(lambda: runpy.run_path(str(ROOT / w[0]), run_name="__main__"), w),
     **dict.fromkeys(("rosservice", "rostopic", "rosparam", "rosnode"), service),

@@ -66,3 +66,16 @@ def test_several_packages_are_compiled_and_one_that_is_not_there_is_told(package
     done = run(packages / "source", "-m", "aras_visual_servo_base.loops", "looping", "nothing")
     assert done.returncode == 1 and "no package nothing on PYTHONPATH" in done.stderr
     assert len(kept(packages / "source")) == 2
+
+
+def test_packages_are_missing_until_each_of_their_loops_is_kept(packages, monkeypatch):
+    source = packages / "source"
+    ask = "from aras_visual_servo_base.loops import missing; print(missing(['looping']))"
+    assert run(source, "-c", ask).stdout == "['looping']\n"
+    run(source, "-m", "aras_visual_servo_base.loops", "looping")
+    assert run(source, "-c", ask).stdout == "[]\n"
+    thrice = source / "looping" / "thrice.py"
+    thrice.write_text(TWICE.replace("2 * x", "3 * x"))
+    assert run(source, "-c", ask).stdout == "['looping']\n"
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(packages / "elsewhere"))
+    assert run(source, "-c", ask).stdout == "[]\n"

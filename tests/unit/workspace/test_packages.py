@@ -99,3 +99,24 @@ def test_what_is_taken_out_of_the_image_is_imported_by_nobody():
     assert {"pybullet_data", "pip"} <= removed
     used = {name for package in PACKAGES for path in programs(package) for name in imported(path)}
     assert not removed & used
+
+
+def test_pips_package_asks_for_what_its_command_line_imports():
+    """And the extras for the rest; what ROS brings is imported by nodes alone."""
+    project = tomllib.loads((SOURCES.parent / "pyproject.toml").read_text())
+    told = project["project"]
+    assert told["scripts"] == {"aras-servo": "aras_visual_servo_bench.commands:main"}
+    names = {"cv2": "opencv-python-headless", "PIL": "pillow", "yaml": "PyYAML",
+             "collada": "pycollada", "mpl_toolkits": "matplotlib", "sklearn": "scikit-learn"}
+    extras = told["optional-dependencies"]
+    known = {*told["dependencies"], *(name for some in extras.values() for name in some)}
+    roots = project["tool"]["setuptools"]["packages"]["find"]["where"]
+    own = {path.name for root in roots for path in (SOURCES.parent / root).iterdir()}
+    own |= {"rospy", "aras_visual_servo_ros", "std_msgs", "sensor_msgs", "geometry_msgs"}
+    asked = set()
+    for root in roots:
+        for path in (SOURCES.parent / root).rglob("*.py"):
+            if "ros" not in path.relative_to(SOURCES.parent / root).parts:
+                asked |= {names.get(name, name) for name in imported(path) - own}
+    assert asked - known == set()
+    assert set(told["dependencies"]) - asked == set(), "asked for but never imported"

@@ -16,6 +16,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 HAS_LOOPS = re.compile(r"^from .*compiled import", re.MULTILINE)
@@ -55,6 +56,24 @@ def take_over(package: str, folder: Path) -> None:
         for kept in sorted((source.parent / "__pycache__").glob(f"{source.stem}.*.nb[ic]")):
             (copy.parent / "__pycache__").mkdir(exist_ok=True)
             shutil.copy2(kept, copy.parent / "__pycache__")
+
+
+def missing(packages: Sequence[str]) -> list[str]:
+    """Those of the packages with loops for which nothing is kept beside their sources, though it
+    could be: what starts next would compile them."""
+    if os.environ.get("NUMBA_CACHE_DIR"):
+        return []
+    found = []
+    for package in packages:
+        parent = _folder(package)
+        paths = [parent / path for path in sources(package)]
+        if any(
+            os.access(path.parent, os.W_OK)
+            and not any((path.parent / "__pycache__").glob(f"{path.stem}.*.nbi"))
+            for path in paths
+        ):
+            found.append(package)
+    return found
 
 
 def main(argv: list[str] | None = None) -> int:

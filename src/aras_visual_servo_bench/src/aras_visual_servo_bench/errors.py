@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 from collections.abc import Collection, Iterable, Iterator
+from pathlib import Path
 
 
 class BenchError(Exception):
@@ -42,6 +44,21 @@ def writing(where: object, fault: type[BenchError] = StudyError) -> Iterator[Non
         yield
     except OSError as error:
         raise fault(f"cannot write {where}: {error.strerror or error}") from error
+
+
+def program() -> str:
+    """What the command line of this package is called here: `aras-servo` where pip installed it,
+    `bench` where catkin did. Messages name commands by it."""
+    called = Path(sys.argv[0]).name
+    return called if called == "aras-servo" else "bench"
+
+
+def not_installed(library: str | None, extra: str = "bench") -> BenchError:
+    """The fault that a library is missing, which is among pip's `extra`."""
+    return BenchError(
+        f"{library} is not installed: run ./setup.sh; without ROS, pip install '.[{extra}]' in the "
+        "folder of the sources"
+    )
 
 
 def first_line(error: BaseException) -> str:

@@ -1,12 +1,42 @@
-"""The bench's command line: run, resume, table, plot, diff, show, tune, analyze and
-convert."""
+"""Visual servoing, simulated: carry out experiments, studies and protocols, and look at them."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+import time
 
-from ..errors import BenchError
+from aras_visual_servo_base import loops
+
+from ..errors import BenchError, not_installed, program
+
+EXAMPLES = {
+    "run": "run first --out out/first",
+    "resume": "resume out/first",
+    "protocol": "protocol visp_four_points --out out/visp",
+    "table": "table out/first --format tex",
+    "plot": "plot out/first --metrics settled",
+    "diff": "diff out/before out/after",
+    "show": "show out/first 12",
+    "tune": "tune first --over gain=0.5:4 --out out/tuned",
+    "analyze": "analyze out/first:12 --out out/report",
+    "convert": "convert out/run.bag",
+}
+
+
+# Those of this workspace with loops, which pip's installation leaves to be compiled.
+PACKAGES = ("aras_visual_servo_base", "aras_sim_bridge", "aras_visual_servo_camera",
+            "aras_visual_servo_controller", "aras_visual_servo_bench")  # fmt: skip
+
+
+def _compile_loops() -> None:
+    """What ./setup.sh does, where pip installed this program: all cores compile, and it is said."""
+    due = loops.missing(PACKAGES)
+    if due:
+        begun = time.monotonic()
+        print("compiling loops, once: a minute or two", file=sys.stderr, flush=True)
+        if loops.main(due) == 0:
+            print(f"compiled in {time.monotonic() - begun:.0f} s", file=sys.stderr)
 
 
 def parser() -> argparse.ArgumentParser:
@@ -16,22 +46,26 @@ def parser() -> argparse.ArgumentParser:
         BenchError: a library is missing, as where the workspace was set up for the demo alone.
     """
     try:
-        from . import analyzing, looking, reading, running
+        from . import analyzing, looking, protocol, reading, running
     except ModuleNotFoundError as error:
-        raise BenchError(f"{error.name} is not installed: ./setup.sh installs it") from None
-    made = argparse.ArgumentParser(prog="bench", description=__doc__.splitlines()[0])
+        raise not_installed(error.name) from None
+    made = argparse.ArgumentParser(prog=program(), description=__doc__.splitlines()[0])
     commands = made.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for part in (running, reading, looking, analyzing):
+    for part in (running, protocol, reading, looking, analyzing):
         part.add(commands)
+    for name, one in commands.choices.items():
+        one.epilog = f"example: {program()} {EXAMPLES[name]}"
     return made
 
 
 def main(argv: list[str] | None = None) -> int:
     """Carry a command out; what cannot be is one line and 1, a wrong call 2."""
+    if program() != "bench":
+        _compile_loops()
     try:
         made = parser()
     except BenchError as error:
-        print(f"bench: {error}", file=sys.stderr)
+        print(f"{program()}: {error}", file=sys.stderr)
         return 1
     options, behind = made.parse_known_args(argv)
     overrides = [word for word in behind if "=" in word and not word.startswith("-")]
@@ -42,10 +76,10 @@ def main(argv: list[str] | None = None) -> int:
     try:
         return options.carry_out(options)
     except BenchError as error:
-        print(f"bench: {error}", file=sys.stderr)
+        print(f"{program()}: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("bench: interrupted", file=sys.stderr)
+        print(f"{program()}: interrupted", file=sys.stderr)
         return 130
     except BrokenPipeError:  # as in `bench table DIR | head`
         sys.stderr.close()

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,9 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def carry_out(options: argparse.Namespace) -> int:
     """Read, draw, write; the page's path is printed."""
-    from ..numbers.summary import summarise, told
     from ..pictures.style import KINDS
-    from ..report.write import write_report
 
     kinds = [kind.strip() for kind in options.formats.split(",") if kind.strip()]
     check_formats(kinds, KINDS)  # before a minute of reading
@@ -64,18 +62,34 @@ def carry_out(options: argparse.Namespace) -> int:
             run.name = names[i] if names else run.name
             runs.append(run)
         _told_apart(runs)
-        written = write_report(
-            runs, options.out, kinds, options.paper,
-            lambda part, what: bar.show(0.5 + 0.5 * part, what),
-        )  # fmt: skip
     finally:
         bar.close()
+    report(runs, options.out, kinds, options.paper)
+    return 0
+
+
+def report(
+    runs: list[Run], out: Path | None, kinds: Sequence[str] = ("png",), paper: bool = False
+) -> None:
+    """Write the runs' report into `out`, unless that is None, and print what came of them."""
+    from ..numbers.summary import summarise, told
+    from ..report.write import write_report
+
+    written = []
+    if out is not None:
+        bar = Bar(sys.stderr)
+        try:
+            written = write_report(
+                runs, out, kinds, paper, lambda part, what: bar.show(0.5 + 0.5 * part, what)
+            )
+        finally:
+            bar.close()
     for run in runs:
         print(f"\n{run.name}:\n{told(run, summarise(run))}")
         for note in run.notes:
             print(f"  Note: {note}")
-    print(f"\n{len(written)} files, the page is {written[0]}")
-    return 0
+    if written:
+        print(f"\n{len(written)} files, the page is {written[0]}")
 
 
 def read(given: str, progress: Callable[[float], None]) -> Run:

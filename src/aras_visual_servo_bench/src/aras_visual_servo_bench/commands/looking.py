@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from ..errors import BenchError, StudyError, writing
+from ..errors import BenchError, StudyError, program, writing
 from ..study import engine, overrides
 from ..study.folder import Folder
 from ..study.progress import Progress
@@ -44,7 +44,7 @@ def _show(options: argparse.Namespace) -> int:
     if options.folder.is_file():
         return _show_bag(options)
     if options.run is None:
-        raise StudyError(f"say which run of {options.folder}: bench show {options.folder} 0")
+        raise StudyError(f"say which run: {program()} show {options.folder} 0")
     from ..study import replay  # half a second that the others need not wait for
 
     folder = Folder.open(options.folder)

@@ -1,4 +1,4 @@
-"""`protocol NAME --out DIR`: a published protocol, as `bench run` of the study of that name.
+"""`bench protocol NAME --out DIR`: a published protocol, as `bench run` of the study of that name.
 
 Besides the study's folder it leaves table.csv, a row a run.
 """
@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import sys
 from pathlib import Path
+from typing import Any
 
 import yaml
 
 from aras_visual_servo_base.names import nearest
 
-from ..errors import BenchError, StudyError
+from ..errors import StudyError
 from ..study import engine
 from ..study.folder import Folder
 from ..study.results import Results
@@ -25,9 +25,9 @@ TABLE = "table.csv"
 CHOICES = {"case": "scheme", "condition": "condition", "start": "start"}  # option: axis
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run a protocol; returns the exit status."""
-    parser = argparse.ArgumentParser(prog="protocol", description=__doc__.splitlines()[0])
+def add(commands: Any) -> None:
+    """The command's own parser."""
+    parser = commands.add_parser("protocol", help="carry out a published protocol, as a table")
     parser.add_argument("study", metavar="NAME", type=Path, help="of a shipped study, or a file")
     parser.add_argument("--out", type=Path, required=True, help="folder of the results")
     parser.add_argument("--seeds", type=int, help="fewer or more than the file says")
@@ -36,17 +36,15 @@ def main(argv: list[str] | None = None) -> int:
         parser.add_argument(f"--{option}", action="append", help=f"only these {option}s")
     parser.add_argument("--mix", action="store_true", help="go on although the code has changed")
     running.add_workers(parser)
-    parser.set_defaults(fail_fast=False, no_report=True)
-    options = parser.parse_args(argv)
-    try:
-        study = _chosen(Study.from_yaml(running.study_file(options.study)), options)
-        engine.check_study(study)
-        text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
-        status = running.carry_out(Folder.create(options.out, study, text), options)
-        written = Results.read(options.out).write_csv(options.out / TABLE)
-    except BenchError as error:
-        print(f"protocol: {error}", file=sys.stderr)
-        return 1
+    parser.set_defaults(fail_fast=False, no_report=True, carry_out=_carry_out)
+
+
+def _carry_out(options: argparse.Namespace) -> int:
+    study = _chosen(Study.from_yaml(running.study_file(options.study)), options)
+    engine.check_study(study)
+    text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
+    status = running.carry_out(Folder.create(options.out, study, text), options)
+    written = Results.read(options.out).write_csv(options.out / TABLE)
     print(f"wrote {options.out / TABLE}: {written} runs")
     return status
 

@@ -1,18 +1,22 @@
-"""`bench run STUDY --out DIR` and `bench resume DIR`."""
+"""`bench run [EXPERIMENT]`, `bench run STUDY --out DIR` and `bench resume DIR`."""
 
 from __future__ import annotations
 
 import argparse
 import os
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.yaml_files import read_yaml
 
+from ..asked.experiment import Experiment
 from ..asked.packages import PackagePath
-from ..errors import StudyError
+from ..errors import ExperimentError, StudyError, program
+from ..running import loop
 from ..study import engine, overrides, tables
 from ..study.folder import Folder
 from ..study.pools import RENEWED, DaskPool, Pool, ThisProcess
@@ -26,11 +30,14 @@ SHOWN = ("settled", "final_distance", "image_excursion")
 
 def add(commands: Any) -> None:
     """The commands' own parsers."""
-    run = commands.add_parser("run", help="carry out a study")
-    run.add_argument("study", type=Path, help="YAML file, or a shipped study's name")
+    run = commands.add_parser("run", help="carry out an experiment or a study")
+    run.add_argument("study", nargs="?", type=Path, metavar="FILE|NAME",
+                     help="YAML file of an experiment or a study, or a shipped study's name; "
+                          "without it: the demo's experiment")
     run.add_argument("overrides", nargs="*", metavar="key=value",
                      help="other values, as in gain=2.0 or repeats=5")
-    run.add_argument("--out", type=Path, help="folder of the results; new, or of the same study")
+    run.add_argument("--out", type=Path, help="folder of the results; new, or of the same study; "
+                                              "of an experiment: its report goes there")
     run.add_argument("--dry-run", action="store_true", help="only say what would be done")
     run.set_defaults(carry_out=_run)
     resume = commands.add_parser("resume", help="go on with a study that was begun")
@@ -68,7 +75,13 @@ def study_file(given: Path) -> Path:
 
 
 def _run(options: argparse.Namespace) -> int:
+    if options.study is not None and "=" in str(options.study):  # the demo's, with overrides
+        options.overrides.insert(0, str(options.study))
+        options.study = None
     changed = overrides.parsed(options.overrides)
+    experiment = _experiment(options.study, changed)
+    if experiment is not None:
+        return _run_experiment(experiment, options)
     options.study = study_file(options.study)
     study = Study.from_yaml(options.study, changed)
     engine.check_study(study)
@@ -82,6 +95,42 @@ def _run(options: argparse.Namespace) -> int:
     if changed or "experiment" in text and Study.from_yaml(options.study).digest != study.digest:
         text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
     return carry_out(Folder.create(options.out, study, text), options)
+
+
+def _experiment(given: Path | None, changed: dict[str, Any]) -> Experiment | None:
+    """The experiment that a file holds; None where it is a study, or the name of one."""
+    values: Any = {}
+    if given is not None:
+        if not given.is_file():
+            return None
+        values = read_yaml(given, ExperimentError)
+        keys = {name for name in values} if isinstance(values, dict) else set()
+        own = {f.name for f in fields(Experiment)} - {f.name for f in fields(Study)}
+        if not keys & own:
+            return None
+    for key, value in changed.items():
+        overrides.check_key(key)
+        values = overrides.with_override(values, key, value)
+    return Experiment.from_mapping(values)
+
+
+def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
+    """One run: what came of it, and its report where --out says so."""
+    from ..study import replay  # half a second that a study's workers need not wait for
+    from . import analyzing
+
+    for name in ("dry_run", "workers", "in_process", "scheduler", "cluster", "fail_fast", "mix"):
+        if getattr(options, name):
+            raise StudyError(f"--{name.replace('_', '-')} is for studies: an experiment is one run")
+    name, source = ("demo", "") if options.study is None else (options.study.stem, options.study)
+    out = None if options.no_report else options.out
+    if out is None:
+        done = loop.run(experiment)
+        done.name = name
+    else:
+        done = replay.carried_out(name, experiment, str(source))
+    analyzing.report([done], out)
+    return 0
 
 
 def _resume(options: argparse.Namespace) -> int:
@@ -115,7 +164,8 @@ def carry_out(folder: Folder, options: argparse.Namespace) -> int:
             if done.stopped:
                 row = done.stopped
                 print(f"stopped at run {row['run']}, {row['outcome']}: "
-                      f"{row['reason'] or row['verdict']}; bench show {folder.path} {row['run']}")
+                      f"{row['reason'] or row['verdict']}; "
+                      f"{program()} show {folder.path} {row['run']}")
                 return 1
         else:
             folder.finish()
@@ -141,7 +191,7 @@ def _report(path: Path) -> None:
 
 
 def _kept(folder: Folder) -> str:
-    return f"{folder.done()} of {folder.study.runs} runs are kept: bench resume {folder.path}"
+    return f"{folder.done()} of {folder.study.runs} runs are kept: {program()} resume {folder.path}"
 
 
 def _workers(options: argparse.Namespace) -> int:

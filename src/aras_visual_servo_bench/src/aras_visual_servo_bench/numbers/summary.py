@@ -131,7 +131,8 @@ def told(run: Run, quantities: Sequence[Quantity]) -> str:
            f"{q.value:+z.2g} {q.unit}".strip())
           for q in [q for q in quantities if q.key.startswith("final_error_")][:8]
           if math.isfinite(q.value)),
-        ("Simulation speed", number("real_time_factor", "{:.2f} x real time")),
+        *([("Simulation speed", number("real_time_factor", "{:.2f} x real time"))]
+          if math.isfinite(known["real_time_factor"].value) else []),
         ("Camera images", f"{known['images'].value}" + (
             number("image_rate", " at {:.1f} Hz, ") + f"{known['images_late'].value} late"
             if known["images"].value else "")),

@@ -26,7 +26,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from ..errors import StudyError, first_line
+from ..errors import StudyError, first_line, program
 from . import rows, versions
 from .study import Study
 
@@ -307,6 +307,6 @@ def _writing(path: Path) -> Iterator[None]:
         if error.errno in _FULL:
             raise StudyError(
                 f"the disk of {path} is full: what was done before is kept; make room, then "
-                f"bench resume {path}"
+                f"{program()} resume {path}"
             ) from error
         raise StudyError(f"cannot write {path}: {error.strerror or error}") from error

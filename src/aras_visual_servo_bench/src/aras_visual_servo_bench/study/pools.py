@@ -18,7 +18,7 @@ from typing import Any
 from aras_visual_servo_base.settings import unknown_key
 from aras_visual_servo_base.yaml_files import read_yaml
 
-from ..errors import StudyError, first_line
+from ..errors import StudyError, first_line, not_installed
 from . import rows, versions, work
 from .work import StudyTask
 
@@ -295,8 +295,11 @@ class DaskPool(Pool):
 
 def _configured() -> Any:
     """distributed, told to keep little and to watch little."""
-    import dask
-    import distributed  # first, for it lays its own defaults over what is set before
+    try:
+        import dask
+        import distributed  # first, for it lays its own defaults over what is set before
+    except ModuleNotFoundError as error:
+        raise not_installed(error.name, "studies") from None
 
     dask.config.set({
         "distributed.nanny.pre-spawn-environ": work.ONE_THREAD,

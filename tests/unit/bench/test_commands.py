@@ -1,0 +1,113 @@
+"""The command line as a whole: one experiment, its name where pip installs it, its examples."""
+
+import json
+import sys
+
+import pytest
+
+from aras_visual_servo_bench import commands
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.commands import EXAMPLES, main, parser
+from aras_visual_servo_bench.errors import BenchError, not_installed
+from aras_visual_servo_bench.running.loop import run
+
+
+@pytest.fixture
+def experiment(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("plant: free\nscheme: points\nduration: 6.0\ngain: 2.0\n")
+    return path
+
+
+def test_an_experiments_file_is_run_with_what_the_command_line_changes(experiment, capsys):
+    images = {}
+    for gain in (2.0, 4.0):
+        assert main(["run", str(experiment), f"gain={gain}"]) == 0
+        told = capsys.readouterr().out
+        assert told.startswith("\nmine:\n  Target reached           yes"), told
+        assert "Simulation speed" not in told  # it ran in simulated time alone
+        images[gain] = int(told.split("Camera images")[1].split()[0])
+        own = run(Experiment(plant="free", scheme="points", duration=6.0, gain=gain))
+        assert images[gain] == len(own.states)
+    assert images[2.0] > 1.2 * images[4.0]
+
+
+def test_without_a_file_the_demos_experiment_is_run(capsys):
+    assert main(["run", "duration=0.2"]) == 0
+    assert "demo:\n  Target reached           NO: " in capsys.readouterr().out
+
+
+def test_the_report_of_an_experiment_is_written_where_out_says(experiment, tmp_path, capsys):
+    out = tmp_path / "report"
+    assert main(["run", str(experiment), "duration=0.3", "--out", str(out)]) == 0
+    assert f"the page is {out / 'report.html'}" in capsys.readouterr().out
+    assert json.loads((out / "summary.json").read_text())["name"] == "mine"
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["gian=2.0"], "an experiment has no 'gian': did you mean gain?"),
+        (["--workers", "2"], "--workers is for studies: an experiment is one run"),
+        (["--dry-run"], "--dry-run is for studies"),
+        (["--fail-fast"], "--fail-fast is for studies"),
+        (["duration=-1"], "duration"),
+    ],
+)
+def test_what_an_experiment_cannot_be_run_with_is_one_line(experiment, words, told, capsys):
+    assert main(["run", str(experiment), *words]) == 1
+    said = capsys.readouterr().err
+    assert told in said and said.count("\n") == 1
+
+
+def test_a_study_with_keys_of_both_kinds_stays_a_study(tmp_path, capsys):
+    """seed is a key of studies as of experiments."""
+    path = tmp_path / "study.yaml"
+    path.write_text("seed: 3\nexperiment: {plant: free}\nvary: {gain: [1.0, 2.0]}\n")
+    assert main(["run", str(path), "--dry-run"]) == 0
+    assert "2 runs" in capsys.readouterr().out
+
+
+def test_pips_program_names_itself_and_compiles_before_it_starts(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["/home/me/venv/bin/aras-servo"])
+    compiled = []
+    monkeypatch.setattr(commands.loops, "missing", lambda packages: [packages[1]])
+    monkeypatch.setattr(commands.loops, "main", lambda due: compiled.extend(due) or 0)
+    assert main(["resume", "/nowhere"]) == 1
+    said = capsys.readouterr().err.splitlines()
+    assert compiled == ["aras_sim_bridge"]
+    assert said[0] == "compiling loops, once: a minute or two"
+    assert said[-1].startswith("aras-servo: ")
+    assert parser().prog == "aras-servo"
+    with pytest.raises(BenchError, match="say which run: aras-servo show out 0"):
+        raise_of(["show", "out"])
+
+
+def raise_of(words):
+    options = parser().parse_args(words)
+    options.carry_out(options)
+
+
+def test_the_workspaces_program_leaves_compiling_to_the_set_up(monkeypatch):
+    monkeypatch.setattr(commands.loops, "missing", lambda packages: pytest.fail("asked"))
+    assert main(["run", "duration=0.1"]) == 0
+
+
+def test_each_command_shows_an_example_that_it_understands(capsys):
+    made = parser()
+    with pytest.raises(SystemExit):
+        made.parse_args(["--help"])
+    listed = capsys.readouterr().out
+    for name, words in EXAMPLES.items():
+        assert words.split()[0] == name and f"    {name} " in listed
+        assert made.parse_args(words.split()).command == name
+        with pytest.raises(SystemExit):
+            made.parse_args([name, "--help"])
+        assert f"example: bench {words}" in capsys.readouterr().out
+
+
+def test_a_missing_library_is_named_with_both_ways_to_install_it():
+    assert str(not_installed("dask", "studies")) == (
+        "dask is not installed: run ./setup.sh; without ROS, pip install '.[studies]' in the "
+        "folder of the sources"
+    )

@@ -7,6 +7,6 @@ setup(**generate_distutils_setup(
     packages=find_packages("src"),
     package_dir={"": "src"},
     package_data={
-        "aras_visual_servo_bench.live": ["page/*"], "aras_visual_servo_bench.report": ["page.html"],
+        "aras_visual_servo_bench.live": ["page/*"], "aras_visual_servo_bench.report": ["page/*"],
     },
 ))  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import base64
 import contextlib
+import importlib.util
 import itertools
 import json
 import os
@@ -35,6 +36,11 @@ START, ANSWER = 60.0, 200.0  # s of wall time
 def chromium() -> str | None:
     """The program; None where there is none."""
     return next(filter(None, map(shutil.which, NAMES)), None)
+
+
+AUDIT = """axe.run(document, {resultTypes: ["violations"]}).then((found) => found.violations.map(
+  (v) => `${v.id}: ${v.help}: ${v.nodes.slice(0, 3).map((n) => n.html.slice(0, 160) + " "
+    + n.any.map((a) => a.message).join("; ")).join(" | ")}`))"""
 
 
 class Browser:
@@ -139,6 +145,23 @@ class Tab:
                 raise AssertionError(f"waited {timeout:g} s in vain for {expression}")
             time.sleep(0.1)
         return value
+
+    def resize(self, width: int, height: int = 900) -> None:
+        """Another size of the window, pixels; a narrow one is a telephone's."""
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height,
+                  deviceScaleFactor=1, mobile=width < 500)  # fmt: skip
+
+    def mouse(self, kind: str, x: float, y: float, held: bool = False) -> None:
+        """Pressed, Moved or Released at a place of the window."""
+        self.call("Input.dispatchMouseEvent", type=f"mouse{kind}", x=x, y=y, clickCount=1,
+                  button="left" if held or kind != "Moved" else "none",
+                  buttons=int(held or kind == "Pressed"))  # fmt: skip
+
+    def audit(self) -> list[str]:
+        """What axe-core finds that hinders readers."""
+        folder = Path(importlib.util.find_spec("axe_core_python").submodule_search_locations[0])
+        self.js((folder / "axe.min.js").read_text(encoding="utf-8") + "; true")
+        return self.js(AUDIT)
 
     def screenshot(self) -> bytes:
         """PNG of what is to be seen."""

@@ -97,6 +97,19 @@ def test_what_is_pressed_is_asked_for_and_answered(page, host):
     assert host.asked[1].given == {"name": "gain", "value": pytest.approx(2.0, rel=0.05)}
 
 
+@pytest.mark.parametrize("width", [1440, 390])
+def test_nothing_hinders_readers(page, width):
+    page.js("""arasPage.still = true;
+        for (const part of document.querySelectorAll("details")) part.open = true""")
+    page.resize(width)
+    try:
+        assert page.audit() == []
+        assert page.js("document.documentElement.scrollWidth") == width
+    finally:
+        page.resize(1440)
+        page.js("arasPage.still = false")
+
+
 @pytest.fixture
 def state(page, host):
     """Changes the words and numbers that the page is told, until the test ends."""

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_bench.pictures import palette, style
-from aras_visual_servo_bench.pictures.palette import LIVE, REPORT, contrast, letters_on, rgb
+from aras_visual_servo_bench.pictures.palette import (
+    LIVE,
+    REPORT,
+    REPORT_DARK,
+    contrast,
+    letters_on,
+    rgb,
+)
 from aras_visual_servo_camera import overlay
 
 BENCH = Path(palette.__file__).parents[1]
@@ -16,9 +23,11 @@ WHITE = "#ffffff"
 PAIRS = [
     *((letters, ground) for letters in (palette.INK, palette.SOFT, palette.GOOD, palette.BAD,
                                         palette.WARN) for ground in (WHITE, palette.GROUND)),
-    *((WHITE, REPORT[name]) for name in ("good", "bad", "warn", "soft")),
-    (REPORT["ink"], REPORT["bad-ground"]), (REPORT["ink"], REPORT["warn-ground"]),
-    (REPORT["mark"], WHITE), (REPORT["mark"], REPORT["ground"]),
+    *((report[letters], report[ground]) for report in (REPORT, REPORT_DARK)
+      for letters, grounds in (
+          ("badge", ("good", "bad", "warn", "soft")), ("ink", ("bad-ground", "warn-ground")),
+          *((name, ("box", "ground")) for name in ("ink", "soft", "good", "bad", "warn", "mark")),
+      ) for ground in grounds),
     *((LIVE[name], LIVE[ground]) for name in ("text", "quiet", "label", "words", "address", "red")
       for ground in ("back", "box")),
     *((LIVE["text"], LIVE[ground]) for ground in ("line", "well", "button", "over", "active",
@@ -64,8 +73,12 @@ def test_what_the_page_asks_for_is_in_the_palette():
     asked |= {"quiet", "zero", "grid", *(f"curve-{i}" for i in range(8))}
     assert '["quiet", "zero", "grid"].map(colour)' in plots and "[...Array(8)" in plots
     assert asked <= set(LIVE) and len(palette.LIVE_CURVES) == 8
-    report = (BENCH / "report" / "page.html").read_text()
-    assert set(re.findall(r"var\(--([\w-]+)\)", report)) <= set(REPORT)
+    report = BENCH / "report" / "page"
+    asked = set(re.findall(r"var\(--([\w-]+)\)", (report / "style.css").read_text())) - {"shade"}
+    for script in report.glob("*.js"):
+        asked |= set(re.findall(r'colour\("([\w-]+)"\)', script.read_text()))
+    asked |= {f"curve-{i}" for i in range(8)}
+    assert asked <= set(REPORT) and set(REPORT) == set(REPORT_DARK)
 
 
 @pytest.mark.parametrize("paper", [False, True])

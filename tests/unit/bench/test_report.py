@@ -24,7 +24,7 @@ from aras_visual_servo_bench.recording.run import CameraRecord, settling
 from aras_visual_servo_bench.recording.tracks import milestones, nearest, tracks
 from aras_visual_servo_bench.report import machine, page
 from aras_visual_servo_bench.report.time_axes import broken, looks
-from aras_visual_servo_bench.report.write import FIGURES, NAMES, tables, write_report
+from aras_visual_servo_bench.report.write import NAMES, PARTS, tables, write_report
 from aras_visual_servo_bench.study.replay import carried_out, with_all_pictures
 
 SECONDS = 3.0
@@ -320,21 +320,21 @@ def test_limits_that_are_near_are_lines_and_others_words(moments):
         plt.close("all")
 
 
-@pytest.mark.parametrize("draw", [d for row in FIGURES for *_, d in row], ids=NAMES)
+@pytest.mark.parametrize("draw", [part.draw for row in PARTS for part in row], ids=NAMES)
 def test_every_figure_is_drawn_of_one_run_of_two_and_for_paper(draw, moments, points):
     for paper in (False, True):
         with style.look(paper):
             for records in ([moments], [points], [moments, points], [moments, moments]):
                 figure = draw(records)
                 if figure is not None:
-                    alone = any(len(row) == 1 and row[0][3] is draw for row in FIGURES)
+                    alone = any(len(row) == 1 and row[0].draw is draw for row in PARTS)
                     width = 3.5 if paper else style.WIDE if alone else 7.2
                     assert figure.get_size_inches()[0] == width
                     assert all(axis.has_data() for axis in figure.axes if axis.get_visible())
             plt.close("all")
 
 
-@pytest.mark.parametrize("draw", [d for row in FIGURES for *_, d in row], ids=NAMES)
+@pytest.mark.parametrize("draw", [part.draw for row in PARTS for part in row], ids=NAMES)
 def test_a_name_with_dollars_is_drawn_as_it_stands(draw, moments, tmp_path):
     name = r"$\input{x}$"
     names = tuple(f"{name}{i}" for i in range(len(moments.names)))
@@ -388,9 +388,11 @@ def test_the_report_is_one_page_that_needs_nothing_else(moments, tmp_path):
         moments.notes.clear()
     page = (tmp_path / "report.html").read_text()
     assert written[0] == tmp_path / "report.html"
-    assert not re.findall(r'(?:src|href)="(?!data:|#)', page) and "http" not in page
+    assert not re.findall(r'(?:src|href)="(?!data:|#)|@import|url\((?!data:)', page)
+    assert set(re.findall(r"https?://[\w./-]+", page)) == {"https://github.com/leeoniya/uPlot"}
     assert "the bag was &lt;not&gt; closed" in page
-    assert page.count("<img ") == len(NAMES)
+    parts = {part.name for row in PARTS for part in row if part.panels([moments])}
+    assert parts == set(re.findall(r'<section id="(\w+)"[^>]*>.*\n<div class="panels">', page))
     assert {path.stem for path in (tmp_path / "figures").iterdir()} == set(NAMES)
     assert told == sorted(told) and told[-1] == 1.0
     kept = json.loads((tmp_path / "summary.json").read_text())
@@ -442,7 +444,7 @@ def test_runs_are_told_apart_without_colour_and_none_hides_another():
 
 @pytest.mark.parametrize("paper", [False, True])
 @pytest.mark.parametrize("count", [1, 2, 5])
-@pytest.mark.parametrize("draw", [d for row in FIGURES for *_, d in row], ids=NAMES)
+@pytest.mark.parametrize("draw", [part.draw for row in PARTS for part in row], ids=NAMES)
 def test_nothing_of_a_figure_is_cut_off_or_lies_on_a_legend(draw, count, paper, moments):
     """Names of runs are as long as a user's; a paper's column is 3.5 inches wide."""
     runs = [replace(moments, name=f"moments, gain {1.5 * i:g} and filter") for i in range(count)]
@@ -608,4 +610,7 @@ sys.exit(main(["analyze", "run.bag", "--out", "report"]))"""
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True,
                           env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})  # fmt: skip
     assert done.returncode == 1
-    assert done.stderr == "bench: pyarrow is not installed: ./setup.sh installs it\n"
+    assert done.stderr == (
+        "bench: pyarrow is not installed: run ./setup.sh; without ROS, pip install '.[bench]' in "
+        "the folder of the sources\n"
+    )

@@ -15,12 +15,11 @@ import numpy as np
 
 from aras_visual_servo_controller.loop.state import ServoState
 
-from .shapes import TEXT, Shape
+from .shapes import DIGITS, TEXT, Shape
 from .story import Story
 from .units import feature_units
 
 KEPT = 900  # samples: half a minute at 30 images/s
-DIGITS = 5  # of a length, m; a pixel of the page is a millimetre
 NEW_RUN = -1.0  # s; a stamp that much older than the last begins anew
 
 
@@ -133,15 +132,12 @@ class Page:
             if shape.kind == TEXT:
                 continue  # the page says it in its own place
             names.add(shape.name)
-            points = np.round(shape.points, DIGITS)
-            mark = hashlib.blake2b(points.tobytes(), digest_size=8).hexdigest()
+            rounded = np.round(shape.points, DIGITS).tobytes()
+            mark = hashlib.blake2b(rounded, digest_size=8).hexdigest()
             if self._sent.get(f"shape {shape.name}") == mark:
                 continue
             self._sent[f"shape {shape.name}"] = mark
-            changed[shape.name] = self._shapes[shape.name] = {
-                "kind": shape.kind, "points": points.ravel().tolist(),
-                "colour": list(shape.colour), "width": shape.width,
-            }  # fmt: skip
+            changed[shape.name] = self._shapes[shape.name] = shape.plain()
         for name in set(self._shapes) - names:
             del self._shapes[name]
             self._sent.pop(f"shape {name}", None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ LINES, STRIP, ARROW, TEXT, FACES = "lines", "strip", "arrow", "text", "faces"
 # Half an angle of view beyond this is drawn as this: the sides of a fisheye's pyramid would lie
 # in a plane, or point backwards.
 WIDEST = np.radians(70.0)
+DIGITS = 5  # of a length that is drawn, m; a pixel of the page is a millimetre
 SIDE_POINTS = 8  # of each side of a picture, so that a lens's bent border looks bent
 
 
@@ -37,6 +39,13 @@ class Shape:
     colour: Rgba
     width: float = 0.004
     text: str = ""
+
+    def plain(self) -> dict[str, Any]:
+        """As the scene's script takes it, with its points to 10 um."""
+        return {
+            "kind": self.kind, "points": np.round(self.points, DIGITS).ravel().tolist(),
+            "colour": list(self.colour), "width": self.width,
+        }  # fmt: skip
 
 
 def carried(a_T_b: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -12,9 +12,12 @@ COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)  # of curves, in this or
 START, GOAL, PALE = VERMILION, GREEN, "#cfe3f1"
 INK, SOFT, GOOD, BAD, WARN = "#202124", "#5f6368", "#00734f", "#b3261e", "#8a5a00"  # of letters
 FAINT, GRID, GROUND = "#9aa0a6", "#e6e8ea", "#f6f7f8"
+CURVES = (*COLOURS, "#6b4fbb", "#7a5c00")  # of a report's page
 REPORT = {
     "ink": INK, "soft": SOFT, "line": GRID, "ground": GROUND, "good": GOOD, "bad": BAD,
     "warn": WARN, "mark": BLUE, "bad-ground": "#fdf3f2", "warn-ground": "#fff8e6",
+    "box": "#ffffff", "badge": "#ffffff", "edge": "#8a9099", "cursor": INK, "zero": FAINT,
+    **{f"curve-{i}": colour for i, colour in enumerate(CURVES)},
 }  # fmt: skip
 
 # -- on the dark of the live page, and of rviz -----------------------------------------------------
@@ -35,6 +38,16 @@ LIVE = {
     **{f"curve-{i}": colour for i, colour in enumerate(LIVE_CURVES)},
 }  # fmt: skip
 
+REPORT_DARK = {  # the same names as on white
+    "ink": LIVE["text"], "soft": LIVE["quiet"], "line": LIVE["line"], "ground": LIVE["back"],
+    "good": "#4cd6a8", "bad": "#ff8a80", "warn": "#e6b450", "mark": LIVE["address"],
+    "bad-ground": "#33201f", "warn-ground": "#2e2818", "box": LIVE["box"], "badge": LIVE["back"],
+    "edge": "#5d6b82", "cursor": LIVE["white"], "zero": LIVE["zero"],
+    **{f"curve-{i}": colour for i, colour in enumerate(LIVE_CURVES)},
+}  # fmt: skip
+SCENE = {"start": ORANGE, "goal": "#00bf8c", "ideal": LIVE["ideal"], "face": "#6b7688",
+         "rim": LIVE["white"]}  # fmt: skip
+
 
 def rgb(colour: str) -> tuple[float, float, float]:
     """Red, green and blue, 0 to 1."""
@@ -42,9 +55,9 @@ def rgb(colour: str) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def css(colours: dict[str, str]) -> str:
-    """A rule that gives a page these colours as its variables."""
-    return f":root {{ {' '.join(f'--{name}: {value};' for name, value in colours.items())} }}\n"
+def css(colours: dict[str, str], of: str = ":root") -> str:
+    """A rule that gives a page, or what the selector `of` names, these colours as variables."""
+    return f"{of} {{ {' '.join(f'--{name}: {value};' for name, value in colours.items())} }}\n"
 
 
 def contrast(one: tuple[float, ...], other: tuple[float, ...]) -> float:

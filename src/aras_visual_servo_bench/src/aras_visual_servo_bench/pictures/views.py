@@ -137,7 +137,7 @@ def filmstrip(runs: Sequence[Run]) -> Figure | None:
 
 def camera_path(runs: Sequence[Run]) -> Figure | None:
     """The camera's path in the world, and the straight one with it, above the target."""
-    runs = [r for r in runs if len(_poses(r))]
+    runs = [r for r in runs if len(servoed_poses(r))]
     if not runs:
         return None
     width, part = figure_width(), 0.66 if is_paper() else 1.0
@@ -150,7 +150,7 @@ def camera_path(runs: Sequence[Run]) -> Figure | None:
     single = len(runs) == 1
     styles = [{"color": COLOURS[0], "lw": 2.0}] if single else looks(len(runs))
     for run, look in zip(runs, styles, strict=True):
-        poses, colour = _poses(run), look["color"]
+        poses, colour = servoed_poses(run), look["color"]
         path = poses[:, :3, 3]
         shown += [path]
         axis.plot(*path.T, zorder=4, label="camera" if single else literal(run.name), **look)
@@ -165,7 +165,7 @@ def camera_path(runs: Sequence[Run]) -> Figure | None:
     low, high = points.min(axis=0), points.max(axis=0)
     size = max(float((high - low).max()), 1e-3)
     for number, (run, look) in enumerate(zip(runs, styles, strict=True)):
-        poses, colour = _poses(run), look["color"]
+        poses, colour = servoed_poses(run), look["color"]
         _camera(axis, poses[0], FRUSTUM * size, START if single else colour, "start" if single
                 else None)  # fmt: skip
         if np.isfinite(run.goal_pose).all():
@@ -194,7 +194,7 @@ def camera_path(runs: Sequence[Run]) -> Figure | None:
     return figure
 
 
-def _poses(run: Run) -> np.ndarray:
+def servoed_poses(run: Run) -> np.ndarray:
     """Of the camera while servoing (m, 4, 4), those that are known."""
     poses = run.true_pose[run.servoing]
     return poses[np.isfinite(poses).all(axis=(1, 2))]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from aras_visual_servo_controller.ros.read_back import state_of
 from ..errors import BenchError
 from ..ros.described import Described
 from ..targets.geometry import BoxesTarget, PlacedTarget
+from .film import chosen, film
 from .from_graph import Heard
 from .from_loop import joint_units, with_pictures
 from .run import CAMERA, CameraRecord, Run, Verdict
@@ -85,7 +86,25 @@ class Messages:
         )  # fmt: skip
         units, tolerances = told.features(states[0].scheme, len(run.names))
         run = replace(run, units=units, tolerances=tolerances, centres=self._centres(stamp))
-        return with_pictures(run, tuple(read.pictures(milestones(run))))
+        return self._with_pictures(run, exposed)
+
+    def _with_pictures(self, run: Run, exposed: np.ndarray) -> Run:
+        """The run with its milestones' pictures and its film, read in one pass; `exposed`: (p,)."""
+        if not len(exposed):
+            return run
+        shown = set(exposed[nearest(exposed, np.array(milestones(run)))].tolist())
+        filmed = set(chosen(exposed[exposed <= run.stamp[-1] + 1e-6], run.began).tolist())
+        kept: list[tuple[float, np.ndarray]] = []
+
+        def passing() -> Iterator[tuple[float, np.ndarray]]:
+            for stamp, picture in self._read.pictures(sorted(shown | filmed)):
+                if stamp in shown:
+                    kept.append((stamp, picture))
+                if stamp in filmed:
+                    yield stamp, picture
+
+        frames = film(passing(), len(filmed))
+        return with_pictures(run, kept, frames)
 
     def _camera(self) -> CameraModel | None:
         with contextlib.suppress(CalibrationError):  # the camera node has told

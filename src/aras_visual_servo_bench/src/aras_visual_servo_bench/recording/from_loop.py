@@ -15,6 +15,7 @@ from aras_visual_servo_controller.schemes import JointController, Scheme
 from ..asked.assembly import Assembly
 from ..asked.experiment import Experiment
 from ..plants import Plant
+from .film import Film
 from .run import CAMERA, CameraRecord, Run
 
 
@@ -71,9 +72,11 @@ class Recorder:
         return run
 
 
-def with_pictures(run: Run, pictures: Sequence[tuple[float, np.ndarray]]) -> Run:
-    """The run with pictures (stamp, rgb) of the camera that is servoed."""
-    seen = replace(run.images, pictures=tuple(pictures))
+def with_pictures(
+    run: Run, pictures: Sequence[tuple[float, np.ndarray]], film: Film = ()
+) -> Run:
+    """The run with pictures (stamp, rgb) of the camera that is servoed, and a film of it."""
+    seen = replace(run.images, pictures=tuple(pictures), film=film)
     return replace(run, cameras={**run.cameras, CAMERA: seen})
 
 

@@ -18,6 +18,7 @@ from aras_visual_servo_controller.loop.state import CONVERGED, ServoState
 
 from ..asked.experiment import Experiment
 from ..targets.geometry import PlacedTarget
+from .film import Film
 
 REACHED, MISSED = "goal_reached", "goal_missed"
 SETTLED = 0.02  # part of the way at the start
@@ -53,12 +54,14 @@ class CameraRecord:
         model: the true one; None: unknown.
         stamp: (p,) exposures, s. arrival: (p,) when the recorder had them, s of the same clock.
         pictures: some of them, (stamp, (rows, columns, 3) rgb), in order.
+        film: some more, smaller, (stamp, JPEG), in order; none: it is made of the pictures.
     """
 
     model: CameraModel | None = None
     stamp: np.ndarray = field(default_factory=lambda: np.zeros(0))
     arrival: np.ndarray = field(default_factory=lambda: np.zeros(0))
     pictures: tuple[tuple[float, np.ndarray], ...] = ()
+    film: Film = ()
 
     def nearest(self, stamp: float) -> np.ndarray | None:
         """The picture that is next to a stamp (s); None where there is none."""

@@ -123,7 +123,7 @@ def conditioning(runs: Sequence[Run]) -> Figure | None:
 def timing(runs: Sequence[Run]) -> Figure | None:
     """Intervals between images, delays, and the pace of simulated time, as far as recorded."""
     runs = [r for r in runs if len(r.time) > 2]
-    kinds = [panel for panel in (_intervals, _delays, _paces) if any(map(panel, runs))]
+    kinds = [panel for panel in (intervals, delays, paces) if any(map(panel, runs))]
     if not kinds:
         return None
     figure, axes = panels(len(kinds), each=1.5)
@@ -134,12 +134,12 @@ def timing(runs: Sequence[Run]) -> Figure | None:
                 own = {"color": COLOURS[i], "label": name, "marker": ".", "ms": 3} if single else \
                     {**look, "markevery": None, "ms": 2.0 * look["lw"],
                      "label": literal(run.name) if i == 0 else None}  # fmt: skip
-                axis.plot(time, values, **{**own, "lw": 1.0}, ls="-" if panel is _paces else "")
+                axis.plot(time, values, **{**own, "lw": 1.0}, ls="-" if panel is paces else "")
         low, high = axis.get_ylim()
         axis.set_ylim(min(low, 0.0), 1.15 * high)
-        axis.set_ylabel({_intervals: "interval (ms)", _delays: "delay (ms)",
-                         _paces: "real-time factor"}[panel])  # fmt: skip
-        if len(runs) == 1 and panel is _delays:
+        axis.set_ylabel({intervals: "interval (ms)", delays: "delay (ms)",
+                         paces: "real-time factor"}[panel])  # fmt: skip
+        if len(runs) == 1 and panel is delays:
             legend(axis)
     heading(axes[0], "Time between images")
     if len(runs) > 1:
@@ -151,13 +151,13 @@ def timing(runs: Sequence[Run]) -> Figure | None:
 Dots = list[tuple[str, np.ndarray, np.ndarray]]
 
 
-def _intervals(run: Run) -> Dots:
+def intervals(run: Run) -> Dots:
     stamp = run.images.stamp if len(run.images.stamp) > 2 else run.stamp
     time = stamp[1:] - run.began
     return [("interval", time[time >= 0.0], 1e3 * np.diff(stamp)[time >= 0.0])]
 
 
-def _delays(run: Run) -> Dots:
+def delays(run: Run) -> Dots:
     images, found = run.images, []
     shown = images.stamp >= run.began
     if np.any(images.arrival != images.stamp):
@@ -168,7 +168,7 @@ def _delays(run: Run) -> Dots:
     return found
 
 
-def _paces(run: Run) -> Dots:
+def paces(run: Run) -> Dots:
     if not len(run.pace):
         return []
     stamp, factor = run.pace.T

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-import base64
+import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import jinja2
 
+from .. import live
 from ..numbers.printing import NONE, amount, number
 from ..numbers.summary import Quantity, best, shown
-from ..pictures.palette import REPORT, css
+from ..pictures.palette import LIVE_CURVES, REPORT, REPORT_DARK, SCENE, css
 from ..recording.run import Run
 from ..study.overrides import unit_of
+from .contents import contents
+from .library import SCRIPT, STYLE, uplot
+from .panels import Panel
 
 # On the tiles: key, factor, unit of what is printed, words.
 TILES = (
@@ -29,48 +32,63 @@ TILES = (
 )
 
 
-@dataclass(frozen=True)
-class Shown:
-    """A figure on the page: name of its files, title, words below, content of its SVG or PNG."""
-
-    name: str
-    title: str
-    text: str
-    content: bytes
-    kind: str = "svg+xml"
-
-    @property
-    def data(self) -> str:
-        """As an address that holds the picture itself."""
-        return f"data:image/{self.kind};base64,{base64.b64encode(self.content).decode()}"
+FOLDER = Path(__file__).parent / "page"
+SCRIPTS = (Path(live.__file__).parent / "page" / "scene.js",
+           *(FOLDER / f"{name}.js" for name in ("charts", "film", "report")))
 
 
 def page(
     title: str,
     runs: Sequence[Run],
     summaries: Sequence[Sequence[Quantity]],
-    figures: Sequence[Sequence[Shown]],
+    groups: Sequence[tuple[str, str, str, Sequence[Panel]]],
     footer: str,
 ) -> str:
     """The HTML text.
 
     Args:
-        summaries: of each run. figures: rows of one or two.
+        summaries: of each run. groups: of panels of curves: key, title, words below, panels.
+
+    Raises:
+        BenchError: the library that draws the curves is not there.
     """
     made = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        loader=jinja2.FileSystemLoader(FOLDER),
         autoescape=True, trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    return made.get_template("page.html").render(
+    groups = [group for group in groups if group[-1]]
+    told = contents(runs, groups)
+    tracked = [run["film"]["tracks"] for run in told["runs"] if run["film"]]
+    return made.get_template("index.html").render(
         title=title,
-        colours=css(REPORT),
+        uplot_style=uplot(STYLE), uplot_script=uplot(SCRIPT),
+        colours=css(REPORT) + css(REPORT_DARK, "[data-theme=dark]"),
+        style=(FOLDER / "style.css").read_text(encoding="utf-8"),
+        scripts="\n".join(path.read_text(encoding="utf-8") for path in SCRIPTS),
+        contents=in_script({**told, "colours": LIVE_CURVES, **{
+            name: SCENE[name] for name in ("goal", "start", "ideal")}}),
+        film=_tracked(tracked) if tracked else "", scene=told["scene"],
         runs=[_run(run, quantities) for run, quantities in
               zip(runs, summaries, strict=True)],
         tiles=_tiles(summaries[0]) if len(runs) == 1 else [],
         comparison=_comparison(runs, summaries) if len(runs) > 1 else [],
-        figures=figures,
+        groups=[{"key": key, "title": title, "text": text, "count": len(found)}
+                for key, title, text, found in groups],
         footer=footer,
     )  # fmt: skip
+
+
+def in_script(values: object) -> str:
+    """JSON that may stand within a script: no name in it can end that."""
+    text = json.dumps(values, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _tracked(tracks: Sequence[Mapping[str, object] | None]) -> str:
+    """Whose paths the film shows, in words."""
+    if not any(tracks):
+        return "nothing that is known"
+    return "the features" if any(t and t["measured"] for t in tracks) else "the target's corners"
 
 
 def _run(run: Run, quantities: Sequence[Quantity]) -> Mapping[str, object]:

@@ -7,6 +7,7 @@ import io
 import json
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
@@ -19,34 +20,53 @@ from ..numbers.summary import Quantity, mapping, summarise
 from ..pictures import curves, style, views
 from ..pictures.style import KINDS
 from ..recording.run import Run
-from . import machine
-from .page import Shown, page
+from . import machine, panels
+from .page import page
+from .panels import Panel
 
 Drawing = Callable[[Sequence[Run]], Figure | None]
-# name of the files, title, words below, drawing; rows of the page
-FIGURES: tuple[tuple[tuple[str, str, str, Drawing], ...], ...] = (
-    (("filmstrip", "Filmstrip", "What the camera saw as the error shrank; green: the outline that "
-      "the goal wants.", views.filmstrip),),
-    (("feature_errors", "Errors", "Errors by unit, and their norm with each in parts of its "
-      "largest.", curves.feature_errors),
-     ("pose_errors", "Pose", "Of the true camera; what the loop itself does not know.",
-      curves.pose_errors)),
-    (("features", "Features", "As measured, and as wanted.", curves.features),
-     ("camera_twist", "Twist", "In the camera's optical frame: x right, y down, z ahead.",
-      curves.camera_twist)),
-    (("image_trajectory", "Image plane", "Behind the curves: the last picture.",
-      views.image_trajectory),
-     ("camera_path", "Path", "In the world's frame; frusta open along the optical axis.",
-      views.camera_path)),
-    (("joint_positions", "Joints", "Red: limits of the description.", machine.joint_positions),),
-    (("conditioning", "Conditioning", "L in its modelled directions; L J is what the arm inverts.",
-      machine.conditioning),
-     ("timing", "Timing", "In simulated time; the real-time factor is what the simulator tells. A "
-      "delay below 0: the picture came before the clock message that tells the recorder its time.",
-      machine.timing)),
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """A chapter of a report: a figure in a file, and panels of curves on the page.
+
+    name: of the files. title: of both. text: below. draw: the figure; None where the runs have
+    none. panels: of the page, which shows film and path itself.
+    """
+
+    name: str
+    title: str
+    text: str
+    draw: Drawing
+    panels: Callable[[Sequence[Run]], list[Panel]] = lambda runs: []
+
+
+# Rows of figures, which stand beside each other.
+PARTS: tuple[tuple[Chapter, ...], ...] = (
+    (Chapter("filmstrip", "Filmstrip", "What the camera saw as the error shrank; green: the "
+             "outline that the goal wants.", views.filmstrip),),
+    (Chapter("feature_errors", "Errors", "Errors by unit, and their norm with each in parts of "
+             "its largest.", curves.feature_errors, panels.errors),
+     Chapter("pose_errors", "Pose", "Of the true camera; what the loop itself does not know.",
+             curves.pose_errors, panels.poses)),
+    (Chapter("features", "Features", "As measured, and as wanted (dashed).", curves.features,
+             panels.features),
+     Chapter("camera_twist", "Twist", "In the camera's optical frame: x right, y down, z ahead. "
+             "Dashed: asked.", curves.camera_twist, panels.twists)),
+    (Chapter("image_trajectory", "Image plane", "Behind the curves: the last picture.",
+             views.image_trajectory),
+     Chapter("camera_path", "Path", "In the world's frame; frusta open along the optical axis.",
+             views.camera_path)),
+    (Chapter("joint_positions", "Joints", "Red: limits of the description.",
+             machine.joint_positions, panels.joints),),
+    (Chapter("conditioning", "Conditioning", "L in its modelled directions; L J is what the arm "
+             "inverts.", machine.conditioning, panels.conditioning),
+     Chapter("timing", "Timing", "In simulated time; the real-time factor is what the simulator "
+             "tells. A delay below 0: the picture came before the clock message that tells the "
+             "recorder its time.", machine.timing, panels.timing)),
 )  # fmt: skip
-RASTER = ("filmstrip",)  # pictures of pictures: on the page as PNG
-NAMES = tuple(name for row in FIGURES for name, *_ in row)
+NAMES = tuple(part.name for row in PARTS for part in row)
 
 
 def write_report(
@@ -61,8 +81,8 @@ def write_report(
     Args:
         runs: one run, or several to be compared.
         out: made if need be; files of the same names are overwritten.
-        kinds: of png, svg, pdf; of figures as files. Those of the page are SVG if that is one.
-        paper: figures as a paper's column has them, vector files alone; the page keeps its own.
+        kinds: of png, svg, pdf; of figures as files. The page needs none of them.
+        paper: figures as a paper's column has them, vector files alone.
         progress: told the part that is done and what comes next.
 
     Returns:
@@ -88,7 +108,7 @@ class _Report:
         self.runs, self.out, self.progress = list(runs), out, progress
         self.kinds, self.paper = [k for k in kinds if not (paper and k == "png")], paper
         self.written: list[Path] = []
-        self._steps, self._done = len(NAMES) * (2 if paper else 1) + 2, 0
+        self._steps, self._done = (len(NAMES) if self.kinds else 0) + 2, 0
 
     def write(self) -> list[Path]:
         """All files."""
@@ -101,18 +121,17 @@ class _Report:
             label = "" if len(self.runs) == 1 else f"{number + 1}_"
             for name, table in tables(run).items():
                 self._text(self.out / "data" / f"{label}{name}.csv", table)
-        with style.look():
-            rows = [self._row(row) for row in FIGURES]
-        if self.paper:
-            with style.look(paper=True):
-                for row in FIGURES:
-                    self._row(row, files=True)
         self._next("page")
         names = [run.name for run in self.runs]
         title = names[0] if len(names) == 1 else "Comparison of " + ", ".join(names)
         footer = f"Written {datetime.now():%Y-%m-%d %H:%M} by aras_visual_servo_bench analyze."
-        text = page(title, self.runs, summaries, [row for row in rows if row], footer)
+        groups = [(p.name, p.title, p.text, p.panels(self.runs)) for row in PARTS for p in row]
+        text = page(title, self.runs, summaries, groups, footer)
         self._text(self.out / "report.html", text)
+        if self.kinds:
+            with style.look(paper=self.paper):
+                for row in PARTS:
+                    self._figures(row)
         self.progress(1.0, "done")
         return [self.out / "report.html",
                 *(path for path in self.written if path.name != "report.html")]  # fmt: skip
@@ -138,28 +157,22 @@ class _Report:
                 rows.writerow([run.name, q.key, value, q.unit, q.text])
         self._text(self.out / "summary.csv", stream.getvalue())
 
-    def _row(self, row: Sequence[tuple], files: bool | None = None) -> list[Shown]:
-        """Draw a row's figures; those of a paper go into files alone."""
-        files = not self.paper if files is None else files
+    def _figures(self, row: Sequence[Chapter]) -> None:
+        """Draw a row's figures into files."""
         drawn = []
-        for name, title, text, draw in row:
-            self._next(title.lower())
-            figure = draw(self.runs)
+        for part in row:
+            self._next(part.title.lower())
+            figure = part.draw(self.runs)
             if figure is not None:
-                drawn.append((name, title, text, figure))
-        if drawn and not style.is_paper():
-            style.level([figure for *_, figure in drawn])
-        found = []
-        for name, title, text, figure in drawn:
-            kind = "png" if name in RASTER or "svg" not in self.kinds else "svg"
-            shown = _drawn(figure, kind)
-            for wanted in self.kinds if files else ():
-                path = self.out / "figures" / f"{name}.{wanted}"
-                path.write_bytes(shown if wanted == kind else _drawn(figure, wanted))
+                drawn.append((part.name, figure))
+        if drawn and not self.paper:
+            style.level([figure for _, figure in drawn])
+        for name, figure in drawn:
+            for kind in self.kinds:
+                path = self.out / "figures" / f"{name}.{kind}"
+                path.write_bytes(_drawn(figure, kind))
                 self.written.append(path)
             plt.close(figure)
-            found.append(Shown(name, title, text, shown, "svg+xml" if kind == "svg" else "png"))
-        return found
 
 
 def _drawn(figure: Figure, kind: str) -> bytes:

@@ -268,18 +268,21 @@ class Reader(Heard):
         return pose
 
     def pictures(self, stamps: Iterable[float]) -> Iterator[tuple[float, np.ndarray]]:
-        """The pictures that are next to these exposures, as rgb."""
-        if not self.stamps:
+        """The pictures that are next to these exposures, as rgb, read in one pass."""
+        stamps = np.array(list(stamps))
+        if not self.stamps or not len(stamps):
             return
         exposures = np.array([row[0] for row in self.stamps])
-        for index in dict.fromkeys(nearest(exposures, np.array(list(stamps))).tolist()):
-            exposure, _, written = self.stamps[index]
-            times = {"start_time": written, "end_time": written}
-            for _, message, _ in self._bag.read_messages([self._topics.image], raw=True, **times):
-                picture = _rgb(unpacked(message))
-                if picture is not None:
-                    yield exposure, picture
-                    break
+        wanted = {self.stamps[i][2].to_nsec(): exposures[i]
+                  for i in nearest(exposures, stamps).tolist()}  # fmt: skip
+        times = [self.stamps[i][2] for i in nearest(exposures, stamps[[0, -1]]).tolist()]
+        for _, message, written in self._bag.read_messages(
+            [self._topics.image], start_time=min(times), end_time=max(times), raw=True
+        ):
+            exposure = wanted.pop(written.to_nsec(), None)
+            picture = None if exposure is None else _rgb(unpacked(message))
+            if picture is not None:
+                yield float(exposure), picture
 
 
 def unpacked(raw: tuple) -> Any:

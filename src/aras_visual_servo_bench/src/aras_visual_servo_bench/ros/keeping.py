@@ -96,7 +96,7 @@ class Keeping:
             raise RefusedError("nothing has been recorded yet")
         out = self._made(REPORT) / self.recorded.stem
         self._run(["rosrun", "aras_visual_servo_bench", "analyze", str(self.recorded), "--out",
-                   str(out), "--formats", "svg"], REPORTING)  # the page's own, in half the time
+                   str(out), "--formats", ""], REPORTING)  # the page alone
         pages = sorted(out.rglob("*.html"))
         if not pages:
             raise RefusedError(f"analyze left no page in {out}")

@@ -1,0 +1,43 @@
+"""A film of a run for a page: a few hundred pictures as JPEG, in so many bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import cv2
+import numpy as np
+
+FRAMES = 600  # at most; a minute at 10 Hz
+BYTES = 8_000_000  # of all frames; on a page they take a third more
+# Longest side, pixels, and quality: the first with which a film is small enough.
+SIZES = ((640, 85), (480, 75), (400, 65), (320, 50), (240, 40), (160, 30))
+Film = tuple[tuple[float, bytes], ...]  # stamp, s, and JPEG
+
+
+def chosen(stamps: np.ndarray, began: float, most: int = FRAMES) -> np.ndarray:
+    """Of the stamps (n,) of images those of a film: from `began` on, evenly, first and last."""
+    shown = stamps[stamps >= began - 1e-6]
+    if not len(shown):
+        return shown
+    at = np.linspace(0, len(shown) - 1, min(most, len(shown)))
+    return shown[np.unique(np.rint(at).astype(int))]
+
+
+def film(pictures: Iterable[tuple[float, np.ndarray]], count: int) -> Film:
+    """JPEGs of `count` pictures (stamp, rgb), as large and as good as BYTES allow."""
+    left, level, frames = BYTES, 0, []
+    for number, (stamp, picture) in enumerate(pictures):
+        room = left / max(count - number, 1)  # what is left for this one
+        while len(frame := _jpeg(picture, *SIZES[level])) > room and level < len(SIZES) - 1:
+            level += 1  # and for all that follow
+        left -= len(frame)
+        frames.append((stamp, frame))
+    return tuple(frames)
+
+
+def _jpeg(picture: np.ndarray, side: int, quality: int) -> bytes:
+    factor = side / max(picture.shape[:2])
+    if factor < 1.0:
+        picture = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    encoded = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    return encoded.tobytes()

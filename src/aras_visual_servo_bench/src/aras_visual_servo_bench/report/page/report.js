@@ -1,0 +1,254 @@
+// The report's page: one time for curves, film, path and words; runs to switch off; a range to zoom.
+
+const $ = (id) => document.getElementById(id);
+const contents = JSON.parse($("contents").textContent);
+const arrays = contents.arrays.map(() => null);
+const style = () => getComputedStyle(document.documentElement);
+const LEAST = 1e-3;  // s, of a range
+
+const page = {
+  contents, time: 0, range: [0, contents.end], off: new Set(), overlay: true, several: contents.runs.length > 1,
+  dark: contents.colours, goalColour: contents.goal, colours: {},
+  array(i) { return arrays[i] ||= new Float32Array(bytesOf(contents.arrays[i]).buffer); },
+  colour(name) { return this.colours[name] ||= style().getPropertyValue(`--${name}`).trim(); },
+  setTime(t) {
+    t = Math.min(Math.max(t, 0), contents.end);
+    if (!Number.isFinite(t) || t === page.time) return;
+    page.time = t;
+    ask();
+  },
+  setRange(low = 0, high = contents.end) {
+    low = Math.max(low, 0); high = Math.min(high, contents.end);
+    if (high - low < LEAST) return;
+    page.range = [low, high];
+    for (const chart of charts) chart.setRange();
+    phases();
+  },
+};
+
+// -- what is drawn ---------------------------------------------------------------------------
+
+const charts = [], films = [];
+let space = null, asked = false;
+
+function ask() {  // once for each picture of the screen
+  if (asked) return;
+  asked = true;
+  requestAnimationFrame(() => { asked = false; showTime(); });
+}
+
+function showTime() {
+  for (const chart of charts) if (chart.seen) chart.setTime(page.time);
+  films.forEach((film, k) => { if (!page.off.has(film.number)) film.setTime(page.time); });
+  if (space) space.setTime(page.time);
+  $("time").value = page.time;
+  $("now").textContent = `${page.time.toFixed(3)} s`;
+  words();
+  phases();
+}
+
+/** What the loop was doing at the cursor, of each run that is on. */
+function words() {
+  const box = $("state");
+  box.textContent = "";
+  contents.runs.forEach((run, k) => {
+    if (page.off.has(k) || !run.events.length) return;
+    const [, phase, outcome, reason] = eventAt(run, page.time), line = document.createElement("span");
+    const strong = document.createElement("b");
+    strong.textContent = page.several ? `${run.name}: ${phase}` : phase;
+    const more = [outcome && outcome !== phase && outcome !== "running" ? outcome.replace(/_/g, " ") : "", reason].filter(Boolean);
+    line.append(strong, more.length ? ` – ${more.join(": ")}` : "");
+    box.append(line);
+  });
+}
+
+function eventAt(run, t) {
+  let found = run.events[0];
+  for (const event of run.events) if (event[0] <= t + 1e-9) found = event;
+  return found;
+}
+
+const SHADE = { converged: "good", servoing: "mark", holding: "warn", stopped: "bad", approaching: "soft" };
+function phases() {
+  const canvas = $("phases"), width = canvas.clientWidth * (window.devicePixelRatio || 1), c = canvas.getContext("2d");
+  canvas.width = Math.max(1, width); canvas.height = 6;
+  const [low, high] = page.range, X = (t) => (t - low) / (high - low) * canvas.width;
+  const run = contents.runs.find((_, k) => !page.off.has(k));
+  if (run) run.events.forEach(([t, phase], i) => {
+    const end = i + 1 < run.events.length ? run.events[i + 1][0] : contents.end;
+    c.fillStyle = page.colour(SHADE[phase] || "soft");
+    c.fillRect(X(t), 0, X(end) - X(t), 6);
+  });
+  c.fillStyle = page.colour("ink");
+  c.fillRect(X(page.time) - 1.5, 0, 3, 6);
+}
+
+// -- curves, film, path ---------------------------------------------------------------------------
+
+const watch = new IntersectionObserver((entries) => {
+  for (const entry of entries) {
+    const chart = entry.target.chart;
+    chart.seen = entry.isIntersecting;
+    if (!chart.seen) continue;
+    if (!chart.plot) chart.draw(); else chart.resize();
+  }
+}, { rootMargin: "200px" });
+const sizes = new ResizeObserver((entries) => { for (const { target } of entries) target.chart.resize(); });
+
+for (const group of contents.groups) {
+  const box = document.querySelector(`#${CSS.escape(group.key)} .panels`);
+  for (const panel of group.panels) {
+    const own = document.createElement("div");
+    own.className = "panel";
+    box.append(own);
+    const chart = own.chart = new Chart(own, panel, page);
+    chart.plotBox.chart = chart;
+    charts.push(chart);
+    watch.observe(own);
+    sizes.observe(chart.plotBox);
+  }
+}
+
+contents.runs.forEach((run, k) => {
+  if (!run.film || !$("films")) return;
+  const figure = document.createElement("figure"), canvas = document.createElement("canvas");
+  const caption = document.createElement("figcaption");
+  canvas.width = run.film.width; canvas.height = run.film.height;
+  canvas.setAttribute("role", "img");
+  canvas.setAttribute("aria-label", `what the camera of ${run.name} saw`);
+  figure.append(canvas, caption);
+  $("films").append(figure);
+  const film = new Film(canvas, caption, run, page);
+  film.number = k; film.figure = figure;
+  films.push(film);
+  new ResizeObserver(() => film.setTime(page.time)).observe(canvas);
+});
+
+/** Pictures of the first film's milestones, to go there. */
+async function strip() {
+  const film = films[0];
+  if (!film) return;
+  for (const t of film.film.milestones) {
+    const button = document.createElement("button"), canvas = document.createElement("canvas");
+    const bitmap = await film.picture(film.index(t)), text = document.createElement("span");
+    canvas.width = 184; canvas.height = Math.round(184 * bitmap.height / bitmap.width);
+    canvas.getContext("2d").drawImage(bitmap, 0, 0, canvas.width, canvas.height);
+    text.textContent = `${t.toFixed(2)} s`;
+    button.append(canvas, text);
+    button.addEventListener("click", () => page.setTime(t));
+    $("strip").append(button);
+  }
+}
+strip();
+
+if ($("space")) {
+  try {
+    space = new Space($("space"), page);
+    const still = page.several ? [["start, goal, straight paths", contents.ideal]]
+      : [["goal", contents.goal], ["start", contents.start], ["straight path", contents.ideal]];
+    const entries = [...still,
+      ...contents.runs.map((run, k) => [page.several ? run.name : "path", page.dark[k % page.dark.length]])];
+    for (const [text, shade] of entries) {
+      const mark = document.createElement("i");
+      mark.style.setProperty("--shade", shade);
+      $("key").append(mark, text);
+    }
+  } catch (error) {
+    $("key").textContent = String(error.message || error);
+    $("space").hidden = true;
+  }
+}
+
+// -- what is pressed ---------------------------------------------------------------------------
+
+const times = (films[0] && films[0].time) || (charts[0] && charts[0].curves[0].time) || new Float32Array([0]);
+Object.assign($("time"), { max: contents.end });
+$("time").addEventListener("input", () => page.setTime(+$("time").value));
+const step = (by) => page.setTime(times[Math.min(Math.max(near(times, page.time) + by, 0), times.length - 1)]);
+$("back").addEventListener("click", () => step(-1));
+$("on").addEventListener("click", () => step(1));
+$("time").addEventListener("keydown", (e) => {
+  const by = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 }[e.key];
+  if (by) { e.preventDefault(); step(by); }
+});
+function zoom(factor) {
+  const [low, high] = page.range, half = 0.5 * factor * (high - low);
+  const middle = Math.min(Math.max(page.time, half), Math.max(contents.end - half, half));
+  page.setRange(middle - half, middle + half);
+}
+$("nearer").addEventListener("click", () => zoom(0.5));
+$("farther").addEventListener("click", () => zoom(2));
+$("whole").addEventListener("click", () => page.setRange());
+if ($("overlay")) $("overlay").addEventListener("change", () => { page.overlay = $("overlay").checked; showTime(); });
+
+let playing = null;
+$("play").addEventListener("click", () => {
+  if (playing !== null) { stop(); return; }
+  if (page.time >= contents.end) page.time = 0;
+  let before = performance.now();
+  $("play").textContent = "Pause";
+  $("play").setAttribute("aria-pressed", "true");
+  playing = setInterval(() => {
+    const now = performance.now();
+    page.setTime(page.time + 1e-3 * (now - before));
+    before = now;
+    if (page.time >= contents.end) stop();
+  }, 33);
+});
+function stop() {
+  clearInterval(playing);
+  playing = null;
+  $("play").textContent = "Play";
+  $("play").setAttribute("aria-pressed", "false");
+}
+
+if (page.several) contents.runs.forEach((run, k) => {
+  const button = document.createElement("button"), mark = document.createElement("i"), name = document.createElement("span");
+  button.className = "chip";
+  button.dataset.run = k;
+  mark.style.setProperty("--shade", `var(--curve-${k % 8})`);
+  name.textContent = name.title = run.name;
+  button.append(mark, name);
+  button.setAttribute("aria-pressed", "true");
+  button.addEventListener("click", () => {
+    if (!page.off.delete(k)) page.off.add(k);
+    button.setAttribute("aria-pressed", String(!page.off.has(k)));
+    for (const chart of charts) chart._showCurves();
+    for (const film of films) film.figure.hidden = page.off.has(film.number);
+    for (const cell of document.querySelectorAll(`[data-run="${k}"]:not(button)`)) cell.hidden = page.off.has(k);
+    if (space) space.setRuns();
+    showTime();
+  });
+  $("runs").append(button);
+});
+
+// Columns of the tables of numbers.
+for (const table of document.querySelectorAll("table.columns")) {
+  const set = document.createElement("fieldset"), legend = document.createElement("legend");
+  legend.textContent = "Columns";
+  set.append(legend);
+  [...table.rows[0].cells].forEach((cell, n) => {
+    const label = document.createElement("label"), box = document.createElement("input");
+    box.type = "checkbox"; box.checked = true;
+    box.addEventListener("change", () => { for (const row of table.rows) row.cells[n].hidden = !box.checked; });
+    label.append(box, ` ${cell.textContent}`);
+    set.append(label);
+  });
+  table.parentElement.before(set);
+}
+
+function themed() {
+  const dark = document.documentElement.dataset.theme === "dark";
+  $("theme").textContent = dark ? "Light" : "Dark";
+  page.colours = {};
+  for (const chart of charts) if (chart.plot) chart.draw();
+  showTime();
+}
+$("theme").addEventListener("click", () => {
+  const root = document.documentElement;
+  root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark";
+  try { localStorage.setItem("aras-report-theme", root.dataset.theme); } catch { /* nowhere to keep it */ }
+  themed();
+});
+themed();
+window.arasReport = { page, charts, films, get space() { return space; } };  // for tests

@@ -1,0 +1,193 @@
+"""The report in a real browser: zoomed, scrubbed, runs switched off, wide and narrow."""
+
+import json
+import os
+from dataclasses import replace
+
+import pytest
+from browser import HOW, Browser, chromium
+
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.report.write import write_report
+from aras_visual_servo_bench.study.replay import carried_out
+
+SIZES = (1440, 390)
+HOSTILE = "<img src=x onerror='window.hit=1'>"
+READY = "!!window.arasReport"
+
+
+@pytest.fixture(scope="module")
+def browser():
+    if chromium() is None:
+        if os.environ.get("CI"):
+            pytest.fail(HOW)
+        pytest.skip(HOW)
+    with Browser() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def runs():
+    """Two of unlike gains and lengths."""
+    asked = Experiment(plant="chain", start="2016", duration=2.0, linger=None)
+    quick, slow = carried_out("quick", asked), carried_out("slow", asked.with_(gain=2.0))
+    return [quick, replace(slow, name=f"slow {HOSTILE}")]
+
+
+@pytest.fixture(scope="module")
+def opened(browser, runs, tmp_path_factory):
+    """A tab with the report of one run, or of both, in a window so wide."""
+    pages = {count: write_report(runs[:count], tmp_path_factory.mktemp("report"), ())[0]
+             for count in (1, 2)}  # fmt: skip
+
+    def show(count, width):
+        tab = browser.open("about:blank")
+        tab.resize(width)
+        tab.call("Page.addScriptToEvaluateOnNewDocument", source="window.wrong = []; "
+                 "addEventListener('error', (e) => wrong.push(e.message)); "
+                 "addEventListener('unhandledrejection', (e) => wrong.push(String(e.reason)))")
+        tab.call("Page.navigate", url=pages[count].as_uri())
+        tab.wait(READY)
+        return tab
+
+    return show
+
+
+@pytest.fixture(params=SIZES)
+def page(request, opened):
+    tab = opened(1, request.param)
+    yield tab
+    assert tab.js("wrong") == []
+    tab.close()
+
+
+@pytest.fixture(params=SIZES)
+def both(request, opened):
+    tab = opened(2, request.param)
+    yield tab
+    assert tab.js("wrong") == [] and tab.js("window.hit") is None
+    tab.close()
+
+
+def over(tab, chart=0):
+    """Place and size (x, y, width, height) of a chart's plot in the window, scrolled to."""
+    tab.js(f"arasReport.charts[{chart}].box.scrollIntoView({{block: 'center'}})")
+    tab.wait(f"!!arasReport.charts[{chart}].plot")
+    return tab.js(f"""(() => {{ const r = arasReport.charts[{chart}].plot.over
+        .getBoundingClientRect(); return [r.x, r.y, r.width, r.height]; }})()""")
+
+
+def test_a_chart_is_zoomed_by_dragging_and_all_others_with_it(page, runs):
+    end = page.js("arasReport.page.contents.end")
+    assert end == pytest.approx(runs[0].time[-1])
+    x, y, width, height = over(page)
+    page.mouse("Moved", x + 0.25 * width, y + 0.5 * height)
+    page.mouse("Pressed", x + 0.25 * width, y + 0.5 * height)
+    page.mouse("Moved", x + 0.6 * width, y + 0.5 * height, held=True)
+    page.mouse("Released", x + 0.6 * width, y + 0.5 * height)
+    page.wait(f"arasReport.page.range[1] < {0.9 * end}")
+    low, high = page.js("arasReport.page.range")
+    assert (low, high) == pytest.approx((0.25 * end, 0.6 * end), abs=0.02 * end)
+    shown = page.js("arasReport.charts.filter((c) => c.plot)"
+                    ".map((c) => [c.plot.scales.x.min, c.plot.scales.x.max])")  # fmt: skip
+    assert len(shown) > 1 and all(pair == pytest.approx([low, high]) for pair in shown)
+    page.js("document.getElementById('nearer').click()")
+    assert page.js("arasReport.page.range[1] - arasReport.page.range[0]") == pytest.approx(
+        0.5 * (high - low))  # fmt: skip
+    page.js("document.getElementById('whole').click()")
+    assert page.js("arasReport.page.range") == [0, pytest.approx(end)]
+
+
+def test_one_cursor_goes_through_all_curves_film_path_and_words(page, runs):
+    (run, _), told = runs, "document.getElementById"
+    camera = "JSON.stringify(arasReport.space.scene.shapes['0 camera edges'].points)"
+    before = page.js(camera)
+    x, y, width, height = over(page)
+    page.mouse("Moved", x + 0.31 * width, y + 0.4 * height)
+    page.wait("arasReport.page.time > 0")
+    time = page.js("arasReport.page.time")
+    assert time == pytest.approx(0.31 * run.time[-1], rel=0.02)
+    page.wait(f"{told}('now').textContent === '{time:.3f} s'")
+    lefts = page.js("""arasReport.charts.filter((c) => c.seen).map(
+        (c) => c.plot.posToVal(c.plot.cursor.left, "x"))""")
+    assert len(lefts) > 1 and lefts == pytest.approx([time] * len(lefts), abs=0.02)
+    image = int(abs(run.time - time).argmin())
+    value = page.js("arasReport.charts[0].entries[0].value.textContent")
+    assert float(value) == pytest.approx(run.error[image, 0], rel=2e-3)
+    page.wait(f"{told}('films').innerText.includes('image {image + 1} of {len(run.time)}')")
+    edges = json.loads(page.js(camera))
+    assert json.dumps(edges) != before
+    joint = int(abs(run.joint_time - time).argmin())
+    assert edges[:3] == pytest.approx(run.true_pose[joint, :3, 3], abs=1e-4)
+    assert run.phases[image] in page.js(f"{told}('state').textContent")
+
+
+def test_the_film_goes_on_image_by_image_by_button_key_and_slider(page, runs):
+    frame = "arasReport.films[0].frame"
+    page.js("arasReport.page.setTime(0.5)")
+    page.wait(f"Math.abs(arasReport.films[0].time[{frame}] - 0.5) < 0.02")
+    first = page.js(frame)
+    page.js("document.getElementById('on').click()")
+    page.wait(f"{frame} === {first + 1}")
+    page.js("document.getElementById('time').focus()")
+    for key in ("ArrowLeft", "ArrowLeft"):
+        page.call("Input.dispatchKeyEvent", type="keyDown", key=key, code=key)
+        page.js("new Promise(requestAnimationFrame)")
+    page.wait(f"{frame} === {first - 1}")
+    page.js("""(() => { const t = document.getElementById("time"); t.value = 1.25;
+        t.dispatchEvent(new Event("input")); })()""")
+    page.wait(f"Math.abs(arasReport.films[0].time[{frame}] - 1.25) < 0.02")
+    ink = """(() => { const c = arasReport.films[0].canvas; const d = c.getContext("2d")
+        .getImageData(0, 0, c.width, c.height).data; let n = 0;
+        for (let i = 0; i < d.length; i += 4) if (d[i + 1] > d[i] + 60) n++; return n; })()"""
+    assert page.js(ink) > 20  # the green outline
+    page.js("document.getElementById('overlay').click()")
+    page.wait(f"{ink} === 0")
+    page.wait("document.querySelectorAll('#strip button').length > 2")
+    page.js("document.querySelectorAll('#strip button')[1].click()")
+    page.wait("Math.abs(arasReport.page.time - arasReport.films[0].film.milestones[1]) < 1e-6")
+    page.js("document.getElementById('play').click()")
+    page.wait("arasReport.page.time > arasReport.films[0].film.milestones[1] + 0.2")
+    page.js("document.getElementById('play').click()")
+
+
+def test_a_run_is_switched_off_everywhere(both):
+    assert both.js("document.querySelector('#runs button + button').textContent") == (
+        f"slow {HOSTILE}")  # fmt: skip
+    over(both)
+    both.js("document.querySelector('#runs button + button').click()")
+    drawn = "arasReport.charts[0].plot.series.slice(1).map((s) => s.show)"
+    assert both.js(drawn) == [True, False]
+    assert both.js("arasReport.films.map((f) => f.figure.hidden)") == [False, True]
+    assert both.js("[...document.querySelectorAll('#comparison tr')].map((r) => r.cells[2].hidden)"
+                   ".every(Boolean)")  # fmt: skip
+    assert not both.js("Object.keys(arasReport.space.scene.shapes).some((k) => k[0] === '1')")
+    both.js("document.querySelector('#runs button + button').click()")
+    assert both.js(drawn) == [True, True]
+    both.js("arasReport.charts[0].entries[0].button.click()")  # one curve alone
+    assert both.js(drawn) == [False, True]
+
+
+def test_columns_are_hidden(page):
+    column = "[...document.querySelectorAll('#numbers tr')].map((r) => r.cells[3].hidden)"
+    assert not any(page.js(column))
+    page.js("document.querySelectorAll('#numbers fieldset input')[3].click()")
+    assert all(page.js(column))
+
+
+@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("width", SIZES)
+def test_nothing_hinders_readers_nor_sticks_out_nor_is_fetched(opened, count, width, tmp_path):
+    tab = opened(count, width)
+    for theme in ("Dark", "Light"):
+        assert tab.js("document.documentElement.scrollWidth") == width
+        assert tab.audit() == []
+        if keep := os.environ.get("ARAS_SCREENSHOTS"):
+            with open(f"{keep}/report_{count}_{width}_{theme}.png", "wb") as file:
+                file.write(tab.screenshot())
+        tab.js(f"document.getElementById('theme').textContent === '{theme}' "
+               "&& document.getElementById('theme').click()")  # fmt: skip
+        tab.wait(f"document.getElementById('theme').textContent !== '{theme}'")
+    assert tab.js("performance.getEntriesByType('resource').filter("
+                  "(e) => !/^(data|blob):/.test(e.name)).map((e) => e.name)") == []  # fmt: skip
+    tab.close()

@@ -1,0 +1,205 @@
+"""What the report's page is made of: the runs' own arrays, film, events; any name is harmless."""
+
+import base64
+import html
+import json
+import re
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.errors import BenchError
+from aras_visual_servo_bench.pictures.curves import unit_groups
+from aras_visual_servo_bench.recording.film import BYTES, FRAMES, chosen, film
+from aras_visual_servo_bench.report import library, panels
+from aras_visual_servo_bench.report.contents import contents
+from aras_visual_servo_bench.report.page import in_script
+from aras_visual_servo_bench.report.write import PARTS, write_report
+from aras_visual_servo_bench.study.replay import carried_out
+
+HOSTILE = '</script><img src=x onerror="window.hit=1">&amp;\'"<!--'
+
+
+@pytest.fixture(scope="module")
+def moments():
+    """Joints, pictures, a start that is turned against the goal."""
+    asked = Experiment(plant="chain", start="2016", duration=1.5, linger=None)
+    return carried_out("moments", asked)
+
+
+@pytest.fixture(scope="module")
+def flying():
+    """Four points, seen by a camera that flies, whose target drifts."""
+    return carried_out("flying", Experiment.from_mapping({
+        "plant": "free", "scheme": "numbered_points", "duration": 1.0, "linger": None,
+        "target": {"shape": "square", "size": [0.1, 0.1],
+                   "motion": {"velocity": [0.02, -0.01, 0.0, 0.0, 0.0, 0.1]}},
+        "start": {"pose": [0.05, -0.03, 0.4, 3.14159, 0.0, 0.5]},
+        "goal": {"pose": [0.0, 0.0, 0.25, 3.14159, 0.0, 0.0]},
+    }))  # fmt: skip
+
+
+def of_page(runs):
+    """The page's contents with its arrays read."""
+    groups = [(p.name, p.title, p.text, p.panels(runs)) for row in PARTS for p in row]
+    told = json.loads(in_script(contents(runs, groups)))
+    told["arrays"] = [np.frombuffer(base64.b64decode(text), "<f4") for text in told["arrays"]]
+    return told
+
+
+def curves_of(told, group, title):
+    (found,) = [p for g in told["groups"] if g["key"] == group
+                for p in g["panels"] if p["title"] == title]  # fmt: skip
+    return {c["name"]: (told["arrays"][c["x"]], told["arrays"][c["y"]]) for c in found["curves"]}
+
+
+def test_the_curves_are_the_runs_arrays(moments):
+    told = of_page([moments])
+    for unit, members in unit_groups(moments):
+        found = curves_of(told, "feature_errors", f"error ({unit})" if unit else "error")
+        for i in members:
+            time, values = found[moments.names[i]]
+            np.testing.assert_allclose(time, moments.time, atol=1e-6)
+            np.testing.assert_allclose(values, moments.error[:, i], rtol=1e-5, atol=1e-7)
+    distance, angle = moments.way()
+    after = moments.servoing
+    time, values = curves_of(told, "pose_errors", "distance to the goal (mm)")["distance"]
+    np.testing.assert_allclose(time, moments.joint_time[after], atol=1e-6)
+    np.testing.assert_allclose(values, 1e3 * distance[after], rtol=1e-4, atol=2e-4)
+    _, values = curves_of(told, "pose_errors", "angle to the goal (°)")["angle"]
+    np.testing.assert_allclose(values, np.degrees(angle[after]), rtol=1e-4, atol=2e-4)
+    twist = curves_of(told, "camera_twist", "turning of the camera (rad/s)")
+    np.testing.assert_allclose(twist["ωy"][1], moments.achieved[:, 4], rtol=1e-5, atol=1e-7)
+    np.testing.assert_allclose(twist["ωz asked"][1], moments.asked[:, 5], rtol=1e-5, atol=1e-7)
+    name, unit = moments.joint_names[2], moments.joint_units[2]
+    joint = curves_of(told, "joint_positions", f"{name} ({unit})")
+    shown = moments.joint_time >= -0.1
+    np.testing.assert_allclose(
+        joint["measured"][1], moments.measured[shown, 2], rtol=1e-5, atol=1e-7
+    )
+    speed = curves_of(told, "joint_positions", f"{name}, speed ({unit}/s)")["measured"][1]
+    np.testing.assert_allclose(speed, moments.measured_speed[shown, 2], rtol=1e-5, atol=1e-7)
+
+
+def test_curves_of_several_runs_know_their_run_and_what_one_lacks_is_left_out(moments, flying):
+    lost = replace(moments, name="lost", goal_pose=np.full((4, 4), np.nan))
+    found = panels.poses([lost, moments, flying])
+    assert [[(c.name, c.run, c.shade) for c in p.curves] for p in found] == [
+        [("moments", 1, 1), ("flying", 2, 2)]
+    ] * 2
+    joints = panels.joints([moments, flying])
+    assert all(curve.run == 0 for p in joints for curve in p.curves)
+    told = of_page([lost, moments, flying])
+    assert [run["poses"] is not None for run in told["runs"]] == [True] * 3
+    assert set(told["scene"]["shapes"]) == {"target", "0", "1", "2"}
+    assert [name for name, _ in told["scene"]["shapes"]["0"]][0] == "path"
+    assert not any(name.startswith("goal") for name, _ in told["scene"]["shapes"]["0"])
+
+
+def test_the_film_has_the_cameras_pictures_and_where_the_goal_wants_the_target(moments, flying):
+    for run in (moments, flying):
+        told = of_page([run])
+        shown = told["runs"][0]["film"]
+        stamps = told["arrays"][shown["time"]] + run.began
+        assert len(shown["frames"]) == len(stamps) == len(run.images.pictures)
+        for i in (0, len(stamps) // 2):
+            frame = np.frombuffer(base64.b64decode(shown["frames"][i]), np.uint8)
+            picture = cv2.imdecode(frame, cv2.IMREAD_COLOR)[..., ::-1]
+            original = run.images.nearest(float(stamps[i]))
+            assert picture.shape == original.shape == (shown["height"], shown["width"], 3)
+            assert np.abs(picture.astype(int) - original).mean() < 4.0
+        moves = not run.target.motion.still
+        assert len(shown["wanted"]) == (len(stamps) if moves else 1)
+        rim = told["arrays"][shown["wanted"][-1]].reshape(-1, 2)
+        wanted = run.outline(run.goal_pose, float(stamps[-1] if moves else stamps[0]))
+        np.testing.assert_allclose(rim, wanted, atol=1e-3)
+        tracks = shown["tracks"]
+        assert tracks["measured"] == (run is flying)
+        assert len(tracks["pixels"]) == len(tracks["names"])
+        centre = told["arrays"][tracks["pixels"][-1]].reshape(-1, 2)
+        assert centre.shape == (len(run.stamp), 2)
+
+
+def test_the_camera_in_space_is_the_true_one(moments):
+    told = of_page([moments])
+    poses = told["runs"][0]["poses"]
+    time = told["arrays"][poses["time"]]
+    rows = told["arrays"][poses["rows"]].reshape(-1, 3, 4)
+    np.testing.assert_allclose(time, moments.joint_time[moments.servoing], atol=1e-6)
+    np.testing.assert_allclose(rows, moments.true_pose[moments.servoing][:, :3], atol=1e-6)
+    shapes = dict(told["scene"]["shapes"]["0"])
+    path = np.reshape(shapes["path"]["points"], (-1, 3))
+    np.testing.assert_allclose(path[-1], moments.true_pose[-1, :3, 3], atol=1e-5)
+    straight = np.reshape(shapes["straight"]["points"], (-1, 3))
+    np.testing.assert_allclose(straight[-1], moments.goal_pose[:3, 3], atol=1e-5)
+
+
+def test_the_words_change_when_the_loops_do(moments):
+    found = of_page([moments])["runs"][0]["events"]
+    assert found[0][0] == 0.0 and found[0][1] == moments.phases[0]
+    for time, phase, outcome, reason in found:
+        i = int(np.argmin(np.abs(moments.time - time)))
+        assert (phase, outcome, reason) == (
+            moments.phases[i], moments.outcomes[i], moments.reasons[i])  # fmt: skip
+    assert all(a[1:] != b[1:] for a, b in zip(found, found[1:], strict=False))
+
+
+def test_a_film_is_chosen_evenly_from_where_servoing_began():
+    stamps = np.arange(0.0, 60.0, 1 / 30)
+    found = chosen(stamps, began=10.0)
+    assert len(found) == FRAMES and found[0] == pytest.approx(10.0) and found[-1] == stamps[-1]
+    assert np.ptp(np.diff(found)) < 1 / 25
+    np.testing.assert_array_equal(chosen(stamps[:5], 0.0), stamps[:5])
+    assert len(chosen(stamps, 100.0)) == 0
+
+
+def test_a_film_of_noise_keeps_within_its_bytes():
+    drawn = np.random.default_rng(3)
+    pictures = (((0.1 * i), drawn.integers(0, 255, (480, 640, 3), np.uint8)) for i in range(FRAMES))
+    frames = film(pictures, FRAMES)
+    assert len(frames) == FRAMES and frames[7][0] == pytest.approx(0.7)
+    assert sum(len(frame) for _, frame in frames) <= BYTES
+    calm = film([(0.0, np.full((240, 320, 3), 200, np.uint8))], 1)
+    assert cv2.imdecode(np.frombuffer(calm[0][1], np.uint8), 1).shape == (240, 320, 3)
+
+
+def test_no_name_is_markup(moments, tmp_path):
+    decision = moments.states[0].decision
+    names = tuple(f"{HOSTILE}{i}" for i in range(len(decision.names)))
+    states = tuple(
+        state if state.decision is None else
+        replace(state, reason=HOSTILE, decision=replace(state.decision, names=names))
+        for state in moments.states
+    )  # fmt: skip
+    joints = tuple(f"{HOSTILE}{name}" for name in moments.joint_names)
+    bad = replace(moments, name=HOSTILE, states=states, reason=HOSTILE, mend=HOSTILE,
+                  source=HOSTILE, notes=[HOSTILE], settings={HOSTILE: HOSTILE}, yaml=HOSTILE,
+                  joint_names=joints)  # fmt: skip
+    for runs in ([bad], [bad, bad]):
+        page = write_report(runs, tmp_path, ())[0].read_text()
+        assert "<img" not in page and "onerror" in page
+        inside = re.search(r'id="contents">(.*?)</script>', page, re.DOTALL)[1]
+        assert json.loads(inside)["runs"][0]["name"] == HOSTILE
+        assert html.escape(HOSTILE, quote=False)[:20] in page
+
+
+def test_of_ten_thousand_curves_a_panel_shows_those_that_change_most(moments):
+    time = np.arange(5.0)
+    curves = [panels.Curve(f"pixel {i}", time, (1e-3 * i) * time, shade=i) for i in range(10_000)]
+    (found,) = panels.panel("error", "", curves)
+    assert len(found.curves) == panels.MOST_CURVES and found.left_out == 10_000 - len(found.curves)
+    assert [c.name for c in found.curves] == [f"pixel {i}" for i in range(9976, 10_000)]
+    assert panels.panel("nothing", "", [replace(curves[0], values=np.full(5, np.nan))]) == []
+
+
+def test_the_library_is_the_one_that_is_meant(tmp_path, monkeypatch):
+    assert "var uPlot=" in library.uplot(library.SCRIPT)
+    assert ".u-over" in library.uplot(library.STYLE)
+    with pytest.raises(BenchError, match="uplot.min.css is not the uPlot .* pip install youplot"):
+        library.uplot((library.STYLE[0], "0" * 64))
+    monkeypatch.setattr(library, "CARRIER", "no_such_package")
+    with pytest.raises(BenchError, match="uPlot, which is not installed: ./setup.sh"):
+        library.uplot(library.SCRIPT)

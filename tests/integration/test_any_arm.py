@@ -119,10 +119,30 @@ def goal_of(arm: Arm, near: list[float]) -> Goal:
     return Goal.teach(create_scheme("points"), observation, "above", target=target)
 
 
-@pytest.mark.parametrize(("name", "scheme"), [("ur5", "points"), ("panda", "moments")])
-def test_another_arm_is_servoed(name, scheme, launch, ros_node, collect, tmp_path):
+def controllers_of(joints: tuple[str, ...], kind: str) -> dict[str, dict[str, object]]:
+    """Velocity controllers of odd names for each joint, beside others; or one group for positions,
+    which has the joints in another order."""
+    states = {"type": "joint_state_controller/JointStateController", "publish_rate": 100}
+    if kind == "position":
+        made = {"type": "position_controllers/JointGroupPositionController",
+                "joints": list(reversed(joints))}  # fmt: skip
+        return {"all_joints": made, "joint_state_controller": states}
+    each = {
+        f"speed_{i}": {"type": "velocity_controllers/JointVelocityController", "joint": joint}
+        for i, joint in enumerate(joints)
+    }
+    unused = {"type": "position_controllers/JointPositionController", "joint": joints[1]}
+    return {f"{joints[1]}_position_controller": unused, **each, "joint_state_controller": states}
+
+
+@pytest.mark.parametrize(
+    ("name", "scheme", "kind"), [("ur5", "points", "position"), ("panda", "moments", "velocity")]
+)
+def test_another_arm_is_servoed(name, scheme, kind, launch, ros_node, collect, tmp_path):
     urdf = tmp_path / f"{name}.urdf"
-    urdf.write_text(description(name))
+    urdf.write_text(description(name).replace(
+        "PositionJointInterface", f"{kind.capitalize()}JointInterface"
+    ))  # fmt: skip
     arm = Arm.from_urdf(urdf.read_text())
     goal = goal_of(arm, ARMS[name][2])
     (tmp_path / "goal.yaml").write_text(goal.to_yaml("for a test"))
@@ -132,14 +152,8 @@ def test_another_arm_is_servoed(name, scheme, launch, ros_node, collect, tmp_pat
     turn = transform((0, 0, 0), (0.0, 0.0, 0.3))
     away[:3, :3] = turn[:3, :3] @ away[:3, :3]
     start = arm.inverse(away, reached)
-    controllers = [f"{joint}_position_controller" for joint in arm.names]
-    entries = {
-        controller: {"type": "position_controllers/JointPositionController", "joint": joint}
-        for controller, joint in zip(controllers, arm.names, strict=True)
-    }
-    entries["joint_state_controller"] = {
-        "type": "joint_state_controller/JointStateController", "publish_rate": 100
-    }  # fmt: skip
+    entries = controllers_of(arm.names, kind)
+    controllers = [one for one in entries if one.startswith(("speed_", "all_"))]
     gains = tmp_path / "controllers.yaml"
     gains.write_text(yaml.safe_dump({SPACE[1:]: entries}))
     states = collect(f"{SPACE}/controller/state", ServoState)
@@ -158,6 +172,7 @@ def test_another_arm_is_servoed(name, scheme, launch, ros_node, collect, tmp_pat
         "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch",
         nodes=["/aras_visual_servo_controller"], scheme=scheme, goal=str(tmp_path / "goal.yaml"),
         start=str([round(float(q), 6) for q in start]), gain=3.0,
+        output=kind,
     )  # fmt: skip
     try:
         wait_for(

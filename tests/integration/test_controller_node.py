@@ -528,6 +528,64 @@ def test_velocity_output_ends_with_zero(plant, start, states, collect):
     wait_for(lambda: not np.any(speeds.messages[-1].data), 5.0, "zero")
 
 
+@pytest.fixture
+def controllers():
+    """Puts parameters of controllers where a robot's are, and takes them away."""
+    put = []
+
+    def add(name, kind, **joints):
+        put.append(f"{NAMESPACE}/{name}")
+        rospy.set_param(put[-1], {"type": f"effort_controllers/Joint{kind}Controller", **joints})
+
+    yield add
+    for name in put:
+        rospy.delete_param(name)
+
+
+def test_controllers_are_found_by_joint_and_type(plant, start, states, collect, controllers):
+    """Beside those of positions, which the robot's own file names; who is not there is named."""
+    for name in ARM.names:
+        controllers(CONTROLLERS[name], "Position", joint=name)
+        controllers(f"turns_{name}", "Velocity", joint=name)
+    heard = {n: collect(f"{NAMESPACE}/turns_{n}/command", Float64) for n in ARM.names[:-1]}
+    node = start("_start:=none", "_output:=velocity")
+    wait_for(phase_is(states, "servoing"), 20.0, "servoing")
+    wait_for(lambda: all(topic.messages for topic in heard.values()), 10.0, "speeds")
+    wait_for(lambda: "nobody takes the commands" in node.output(), 20.0, "a warning")
+    (told, *_) = [line for line in node.output().splitlines() if "nobody takes" in line]
+    assert f"on {NAMESPACE}/turns_{ARM.names[-1]}/command: start that controller" in told
+    assert not plant.received
+
+
+def test_a_group_gets_the_numbers_in_its_own_order(plant, start, states, controllers):
+    order = (*ARM.names[2:], *ARM.names[:2])
+    controllers("whole", "GroupPosition", joints=list(order))
+
+    def taken(message):
+        for name, value in zip(order, message.data, strict=True):
+            plant.command[ARM.names.index(name)] = value
+
+    topic = rospy.Subscriber(f"{NAMESPACE}/whole/command", Float64MultiArray, taken)
+    start("_start:=2016")
+    try:
+        wait_for(phase_is(states, "converged"), 30.0, "the goal")
+    finally:
+        topic.unregister()
+    assert not plant.received
+    distance, angle = plant.off()
+    assert distance < 1e-3 and angle < 0.01
+
+
+def test_controllers_of_another_kind_end_the_node_in_one_line(plant, start, controllers):
+    controllers(CONTROLLERS["J2"], "Position", joint="J2")
+    node = start("_output:=velocity")
+    assert node.process.wait(20.0 * PATIENCE) == 1
+    lines = [line for line in node.output().splitlines() if line.strip()]
+    assert len(lines) == 1 and (
+        f"takes velocity commands for J2 ({CONTROLLERS['J2']} takes position)" in lines[0]
+    )
+
+
 @pytest.mark.parametrize(
     ("argument", "words"),
     [

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import re
 import runpy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,13 +16,11 @@ from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import to_xyz_rpy, transform
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.arm.joint_controllers import joint_controllers
 from aras_visual_servo_controller.errors import ConfigurationError
 
 from ..errors import ExperimentError
 from .packages import PackagePath
-
-_KINDS = {"Position": "position", "Velocity": "velocity", "Effort": "effort"}
-_TYPE = re.compile(r"^\w+_controllers/Joint(Position|Velocity|Effort)Controller$")
 
 
 @dataclass(frozen=True)
@@ -118,6 +115,7 @@ class Robot:
             ExperimentError: a joint without a controller, or controllers of different kinds.
         """
         wanted = self.spec.controllers or tuple(self.parameters)
+        known = {one.name: one for one in joint_controllers(self.parameters) if not one.group}
         found: dict[str, str] = {}
         kinds = set()
         for name in wanted:
@@ -126,13 +124,10 @@ class Robot:
                     f"controller '{name}' is not in {self.spec.config}: "
                     + nearest(name, self.parameters)
                 )
-            settings = self.parameters[name]
-            if not isinstance(settings, Mapping):
-                continue
-            kind = _TYPE.match(str(settings.get("type", "")))
-            if kind and settings.get("joint") in joints:
-                found.setdefault(settings["joint"], name)
-                kinds.add(_KINDS[kind[1]])
+            one = known.get(name)
+            if one is not None and one.joints[0] in joints:
+                found.setdefault(one.joints[0], name)
+                kinds.add(one.kind)
         missing = [joint for joint in joints if joint not in found]
         if missing:
             raise ExperimentError(

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import rospy
 
 from aras_visual_servo_controller.arm import Resolver
+from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.hands.jog import Jog
 from aras_visual_servo_controller.ros.commands import CommandTopics, stop_controller
 from aras_visual_servo_controller.settings import Settings
@@ -58,7 +59,10 @@ class Driving:
         if self._jog is None or self._jog.arm is not story.arm:
             settings = self._settings.for_robot(self._listener.robot, ())
             limits = settings.limits(story.arm)
-            topics = CommandTopics(settings, story.arm.names)
+            try:
+                topics = CommandTopics(settings, story.arm.names, "position")
+            except ConfigurationError as error:
+                raise RefusedError(str(error)) from None
             with self._lock:
                 if self._topics is not None:
                     self._topics.close()

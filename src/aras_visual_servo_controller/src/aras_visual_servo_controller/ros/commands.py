@@ -10,6 +10,9 @@ import rospy
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
+from aras_visual_servo_ros.parameters import namespace_of
+
+from ..arm.joint_controllers import chosen
 from ..settings import Settings
 
 STOPPING = 0.5  # s of wall time for the controller's services to be there
@@ -17,33 +20,57 @@ KEPT = 10  # commands that wait for a slow connection; the last one counts, a re
 
 
 class CommandTopics:
-    """Publishers of one arm's commands."""
+    """Publishers of one arm's commands: to each joint's controller, or to one for all."""
 
-    def __init__(self, settings: Settings, names: Sequence[str]) -> None:
-        """`names`: of the joints, in the order of the numbers that are put."""
+    def __init__(self, settings: Settings, names: Sequence[str], kind: str) -> None:
+        """Find who takes them, by the parameters of the controllers.
+
+        Args:
+            settings: where, and which controllers.
+            names: of the joints, in the order of the numbers that are put.
+            kind: of the commands: 'position', 'velocity' or 'effort'.
+
+        Raises:
+            ConfigurationError: a joint whose controllers take other commands.
+        """
         space, group = settings.namespace.rstrip("/"), settings.command_topic
+        self._order = range(len(names))
         self._group: rospy.Publisher | None = None
-        self._each: list[rospy.Publisher] = []
+        self._each: dict[str, rospy.Publisher] = {}
         if group:
             topic = group if group.startswith("/") else f"{space}/{group}"
             self._group = rospy.Publisher(topic, Float64MultiArray, queue_size=KEPT)
             return
-        for name in names:
-            controller = settings.controllers.get(name, f"{name}_{settings.output}_controller")
-            topic = f"{space}/{controller}/command"
-            self._each.append(rospy.Publisher(topic, Float64, queue_size=KEPT))
+        found = chosen(namespace_of(space or "/"), names, kind, settings.controllers, space)
+        if found[0].group:
+            topic = f"{space}/{found[0].name}/command"
+            self._order = [list(names).index(joint) for joint in found[0].joints]
+            self._group = rospy.Publisher(topic, Float64MultiArray, queue_size=KEPT)
+            return
+        for name, one in zip(names, found, strict=True):
+            topic = f"{space}/{one.name}/command"
+            self._each[name] = rospy.Publisher(topic, Float64, queue_size=KEPT)
 
-    def put(self, values: np.ndarray) -> None:
-        """Numbers (n,): m and rad, m/s and rad/s, or N and N m, whichever the controllers take."""
+    def put(self, values: np.ndarray, only: str = "") -> None:
+        """Numbers (n,): m and rad, m/s and rad/s, or N and N m, whichever the controllers take.
+
+        only: name of the joint that is commanded alone; a group gets all numbers all the same.
+        """
         numbers = values.tolist()
         if self._group is not None:
-            publish(self._group, Float64MultiArray(data=numbers))
-        for publisher, value in zip(self._each, numbers, strict=False):
-            publish(publisher, Float64(value))
+            publish(self._group, Float64MultiArray(data=[numbers[i] for i in self._order]))
+        for (name, publisher), value in zip(self._each.items(), numbers, strict=False):
+            if only in ("", name):
+                publish(publisher, Float64(value))
+
+    def unheard(self) -> list[str]:
+        """Topics of commands to which nobody listens."""
+        publishers = [p for p in (*self._each.values(), self._group) if p is not None]
+        return [p.resolved_name for p in publishers if not p.get_num_connections()]
 
     def close(self) -> None:
         """Publish no more."""
-        for publisher in (*self._each, self._group):
+        for publisher in (*self._each.values(), self._group):
             if publisher is not None:
                 publisher.unregister()
 

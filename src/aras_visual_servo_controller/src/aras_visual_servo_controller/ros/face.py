@@ -30,7 +30,7 @@ class RosFace:
     def __init__(self, settings: Settings, names: Sequence[str]) -> None:
         self._settings, self.names = settings, tuple(names)
         space = settings.namespace.rstrip("/")
-        self.commands = CommandTopics(settings, self.names)
+        self.commands = CommandTopics(settings, self.names, settings.output)
         self.state = rospy.Publisher(f"{space}/controller/state", ServoState, queue_size=5)
         self._reports = rospy.Publisher(f"{space}/controller/diagnosis", ServoReport, queue_size=5)
         self._twists = rospy.Publisher(
@@ -38,6 +38,7 @@ class RosFace:
         )
         self.latest: State | None = None
         self._said, self._said_at = ("", ""), -1e9
+        self._looked_at: float | None = None  # whether somebody takes the commands
 
     def await_listeners(self) -> None:
         """Give a recorder the time to connect; nothing has been subscribed to or sent yet."""
@@ -61,6 +62,7 @@ class RosFace:
         """To the joints."""
         if command.values is not None:
             self.commands.put(command.values)
+            self._check_listeners()
 
     def report(self, state: State) -> None:
         """Publish the state of one image, and log what is new about it."""
@@ -77,6 +79,20 @@ class RosFace:
             publish(self._reports, report)
         publish(self._twists, TwistStamped(header=message.header, twist=message.camera_twist))
         self._log(state.phase, state.reason)
+
+    def _check_listeners(self) -> None:
+        """Say now and then that nobody takes the commands: the arm then stands, and only that."""
+        now = time.monotonic()
+        if self._looked_at is None:
+            self._looked_at = now
+        elif now - self._looked_at > REPEAT_WARNING:
+            self._looked_at = now
+            if unheard := self.commands.unheard():
+                rospy.logwarn(
+                    "nobody takes the commands on %s: start that controller (rosrun "
+                    "controller_manager controller_manager list), or name another one in "
+                    "~controllers", ", ".join(unheard),
+                )  # fmt: skip
 
     def say(self, text: str) -> None:
         """One line, or the traceback of a scheme's fault."""

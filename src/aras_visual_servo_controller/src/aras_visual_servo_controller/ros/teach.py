@@ -42,7 +42,7 @@ def live(arguments: argparse.Namespace) -> Goal:
             joints = Goal.load(path).for_arm(arm).joint_values(arm.names)
         if joints is None:
             joints = start_joints(arguments.go, arm, package)
-        commands = CommandTopics(settings, arm.names)
+        commands = CommandTopics(settings, arm.names, "position")
     teacher = Teacher(arm, observer, joints, None if commands is None else commands.put)
     inputs = Inputs(settings, teacher)
     deadline = time.monotonic() + arguments.timeout

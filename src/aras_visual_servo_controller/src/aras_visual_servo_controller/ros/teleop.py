@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import rospy
 from sensor_msgs.msg import JointState, Joy
-from std_msgs.msg import Float64
 
 from aras_visual_servo_base.names import unknown
 
@@ -43,14 +42,7 @@ class Teleop:
                 raise ConfigurationError(unknown("joint", name, arm.names))
         self._jog = Jog(arm, self._limits, Resolver(arm, self._limits))
         self._keys = teleop.Keys(arm.names)
-        self._topics = CommandTopics(settings, arm.names)
-        self._steps = {
-            way: rospy.Publisher(
-                f"{self._space}/{settings.controllers.get(name, f'{name}_position_controller')}"
-                "/command", Float64, queue_size=1,
-            )
-            for way, name in self._joints.items()
-        }  # fmt: skip
+        self._topics = CommandTopics(settings, arm.names, "position")
         self._measured: np.ndarray | None = None
         self._heard, self._pad = threading.Event(), threading.Lock()
         self._stopped, self._told = False, ""
@@ -93,8 +85,7 @@ class Teleop:
             command, told = teleop.command_for(key, command, self._limits, self._joints)
             print(told)
             way = teleop.KEYS[key][0]
-            value = command[self._limits.names.index(self._joints[way])]
-            self._steps[way].publish(Float64(float(value)))
+            self._topics.put(command, self._joints[way])
         else:
             moves, told = self._keys.press(key, self._jog, time.monotonic())
             if moves:

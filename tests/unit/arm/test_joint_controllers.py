@@ -1,0 +1,86 @@
+"""Controllers found by joint and type, as a robot's namespace has their parameters."""
+
+import pytest
+
+from aras_visual_servo_controller.arm.joint_controllers import (
+    RosController,
+    chosen,
+    joint_controllers,
+)
+from aras_visual_servo_controller.errors import ConfigurationError
+
+SPACE = "/robot"
+
+
+def single(kind, joint, package="effort_controllers"):
+    return {"type": f"{package}/Joint{kind}Controller", "joint": joint}
+
+
+PARAMETERS = {
+    "states": {"type": "joint_state_controller/JointStateController", "publish_rate": 100},
+    "rate": 50,
+    "b_position_controller": single("Position", "b"),
+    "turns_b": single("Velocity", "b", "velocity_controllers"),
+    "a_position_controller": single("Position", "a", "position_controllers"),
+    "slow_a": single("Velocity", "a"),
+    "push_a": single("Effort", "a"),
+    "follow": {"type": "effort_controllers/JointTrajectoryController", "joints": ["a", "b"]},
+    "nothing": {"type": "effort_controllers/JointPositionController"},
+    "both": {"type": "effort_controllers/JointGroupEffortController", "joints": ["b", "a"]},
+}
+
+
+def names(kind, named=None, joints=("a", "b"), parameters=PARAMETERS):
+    return [one.name for one in chosen(parameters, joints, kind, named or {}, SPACE)]
+
+
+def test_what_moves_joints_is_told_by_its_type():
+    found = {one.name: one for one in joint_controllers(PARAMETERS)}
+    assert list(found) == ["b_position_controller", "turns_b", "a_position_controller", "slow_a",
+                           "push_a", "both"]  # fmt: skip
+    assert found["turns_b"] == RosController("turns_b", ("b",), "velocity", False)
+    assert found["both"] == RosController("both", ("b", "a"), "effort", True)
+
+
+def test_each_joint_has_its_controller_of_the_kind():
+    assert names("position") == ["a_position_controller", "b_position_controller"]
+    assert names("velocity") == ["slow_a", "turns_b"]
+    assert names("velocity", joints=("b", "a")) == ["turns_b", "slow_a"]
+
+
+def test_a_named_controller_comes_first_if_it_takes_the_kind():
+    more = {**PARAMETERS, "quick_a": single("Velocity", "a"), "z": single("Position", "a")}
+    assert names("velocity", parameters=more)[0] == "slow_a"  # the first of those that fit
+    assert names("velocity", {"a": "quick_a"}, parameters=more)[0] == "quick_a"
+    # as the shipped robot's file names its position controllers
+    shipped = {"a": "a_position_controller", "b": "b_position_controller"}
+    assert names("velocity", shipped) == ["slow_a", "turns_b"]
+    assert names("position", {"a": "z"}, parameters=more)[0] == "z"
+
+
+def test_a_group_serves_where_no_single_one_does():
+    (group,) = chosen(PARAMETERS, ("a", "b"), "effort", {}, SPACE)
+    assert group.joints == ("b", "a") and group.group
+    with pytest.raises(ConfigurationError, match="for b "):  # the group has not all of these
+        chosen(PARAMETERS, ("a", "b", "c"), "effort", {"b": "mine"}, SPACE)
+
+
+def test_a_joint_whose_controllers_take_other_commands_is_refused():
+    given = {name: PARAMETERS[name] for name in ("a_position_controller", "turns_b", "slow_a")}
+    with pytest.raises(ConfigurationError) as fault:
+        chosen(given, ("a", "b"), "position", {}, SPACE)
+    assert str(fault.value) == (
+        "no controller in /robot takes position commands for b (turns_b takes velocity): load and "
+        "start one of type .../JointPositionController, or set ~output"
+    )
+
+
+def test_where_nothing_is_known_the_name_counts():
+    assert names("velocity", parameters={}) == ["a_velocity_controller", "b_velocity_controller"]
+    assert names("position", {"b": "mine"}, parameters={"rate": 3}) == [
+        "a_position_controller", "mine",
+    ]
+    # nothing tells what it takes, but its name does
+    assert names("velocity", {"a": "a_position_controller", "b": "b_velocity"}, parameters={}) == [
+        "a_velocity_controller", "b_velocity",
+    ]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.arm.fold import Fold
 
 ROBOTS = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo" / "robots"
 FOREIGN = Path(sysconfig.get_paths()["purelib"], "cmeel.prefix/share/example-robot-data/robots")
@@ -46,3 +47,14 @@ def within(arm: Arm, random: np.random.Generator, part: float = 0.9) -> np.ndarr
     low, high = np.maximum(arm.lower, -1.5), np.minimum(arm.upper, 1.5)
     middle, half = 0.5 * (low + high), 0.5 * part * (high - low)
     return middle + half * random.uniform(-1.0, 1.0, len(low))
+
+
+def bent(fold: Fold, q: np.ndarray, angle: float) -> np.ndarray:
+    """The posture q (n,) with the elbow at that angle from straight, rad, and what that turns with
+    it."""
+    posture = np.array(q, float)
+    more = fold.straight + angle - posture[fold.joint]
+    posture[fold.joint] += more
+    posture[fold.before] += fold.share_before * more
+    posture[fold.after] += fold.share_after * more
+    return posture

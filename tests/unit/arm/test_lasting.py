@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from arms import make
+from arms import bent, make
 
 from aras_visual_servo_controller.arm import Limits, Resolver
 from aras_visual_servo_controller.arm.inversion import LASTING
@@ -42,11 +42,12 @@ def test_near_a_limit_that_this_motion_reaches_it_does_not(joint):
 def test_an_elbow_about_to_straighten_is_looked_at_in_every_step():
     resolver = Resolver(make("aras"))
     fold = resolver.folds[0]
-    q = fold.bent(np.array(Q), 1e-4 - fold.bend(np.array(Q)))
+    bend = 1e-4
+    q = bent(fold, Q, bend)
     lasting = 0
     for part in np.linspace(-1.0, 1.0, 21):
         answer = resolver.resolve(q, Task.of_twist(part * np.eye(6)[0] * 1e-3), 0.01)
-        passes = fold.bend(q) + LASTING * answer.velocities[fold.joint] < 0.5 * fold.bend(q)
+        passes = bend + LASTING * answer.velocities[fold.joint] < 0.5 * bend
         assert not (passes and answer.lasts > 0.0)
         lasting += answer.lasts > 0.0
         resolver.reset()

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from arms import NAMES, make, urdf, within
+from arms import NAMES, bent, make, urdf, within
 
 from aras_visual_servo_base.poses import pose_difference, rotation_vector
 from aras_visual_servo_controller.arm import (
@@ -438,7 +438,7 @@ def test_an_elbow_is_one_whichever_way_its_axes_point(signs, bend):
     q = np.array([0.3, fold.straight, 0.2])
     assert np.linalg.norm(arm.pose(q)[:3, 3]) == pytest.approx(0.5)  # stretched
     here = arm.pose(q)
-    off = [pose_difference(here, arm.pose(fold.bent(q, angle))) for angle in (0.01, 0.02)]
+    off = [pose_difference(here, arm.pose(bent(fold, q, angle))) for angle in (0.01, 0.02)]
     assert max(angle for _, angle in off) < 1e-7
     assert 1e-7 < off[0][0] < 1e-4 and off[1][0] == pytest.approx(4.0 * off[0][0], rel=0.02)
 
@@ -463,10 +463,10 @@ def test_a_small_bend_keeps_the_direction_and_the_attitude(name):
     (fold,) = find(arm)
     q = np.zeros(len(arm.names))
     q[fold.before] = 0.3
-    here, there = arm.pose(q), arm.pose(fold.bent(q, 0.01))
+    here, there = arm.pose(q), arm.pose(bent(fold, q, 0.01))
     distance, angle = pose_difference(here, there)
     assert angle < 1e-7 and 1e-7 < distance < 1e-4  # of second order
-    assert pose_difference(here, arm.pose(fold.bent(q, 0.02)))[0] == pytest.approx(
+    assert pose_difference(here, arm.pose(bent(fold, q, 0.02)))[0] == pytest.approx(
         4.0 * distance, rel=0.02
     )
 

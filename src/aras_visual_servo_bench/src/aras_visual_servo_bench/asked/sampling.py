@@ -7,7 +7,7 @@ import numpy as np
 from aras_visual_servo_base.poses import exponential, logarithm, relative, rotation_from_rpy
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.inversion import least_squares
+from aras_visual_servo_controller.arm.algebra import least_squares
 from aras_visual_servo_controller.errors import ServoError, UnreachableError
 
 from ..errors import ExperimentError, ViewError

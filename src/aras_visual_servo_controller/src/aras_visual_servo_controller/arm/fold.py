@@ -13,7 +13,6 @@ from aras_visual_servo_base.names import nearest
 
 from ..errors import ConfigurationError
 from .arm import Arm
-from .inversion import STRAIGHT
 
 PARALLEL = 1e-4  # rad; descriptions write pi as 3.1416
 SHORTEST = 1e-3  # m; a link shorter than this does not stretch
@@ -39,23 +38,6 @@ class Fold:
     after: int
     share_before: float
     share_after: float
-
-    def bend(self, q: np.ndarray) -> float:
-        """Angle from straight, rad."""
-        return float(q[self.joint]) - self.straight
-
-    def side_of(self, q: np.ndarray) -> float:
-        """Side on which the elbow is bent, +1 or -1."""
-        bend = self.bend(q)
-        return float(np.sign(bend)) if abs(bend) > STRAIGHT else self.side
-
-    def bent(self, q: np.ndarray, bend: float) -> np.ndarray:
-        """The posture q (n,) with the elbow bent by that much more, rad."""
-        posture = np.array(q, float)
-        posture[self.joint] += bend
-        posture[self.before] += self.share_before * bend
-        posture[self.after] += self.share_after * bend
-        return posture
 
 
 def find(arm: Arm, sides: dict[str, float] | None = None) -> tuple[Fold, ...]:

@@ -1,16 +1,16 @@
-"""The linear algebra of an image and of one answer of the resolver, compiled.
+"""One answer of the resolver, compiled.
 
-The resolver's twists are scaled: the rotations by a length, so that all six numbers are in m/s.
+Twists are scaled: the rotations by a length, so that all six numbers are in m/s.
 """
 
 import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
 
-# Parts of the greatest singular value below which one counts as 0: of what was measured, where it
-# is nothing but noise, and of what was computed, where it is a rounding error: float64
-# leaves 1e-15.
-NOISE_PART, ROUNDING_PART = 1e-4, 1e-9
+from .algebra import NOISE_PART, all_above, applied, svd, times
+from .held import held_at
+from .kinematics import CHAIN, viewed
+
 # From this part of L's greatest singular value on all twists are seen alike.
 WELL_SEEN = 0.05
 # A weak joint motion is damped at least as if the demand saw so much of it.
@@ -20,121 +20,9 @@ STRAIGHT = 1e-9  # rad; where an elbow is bent less, rounding would choose its s
 # Joints that move less than this leave the Jacobian as it is, beside an elbow too, rad or m.
 STILL = 0.002
 LASTING = 0.05  # s that steady velocities may be kept; a slow camera's image period
-# Cosine between two rows that rounding leaves of a right angle; six sweeps are usual.
-RIGHT_ANGLE, SWEEPS = 2e-15, 40
 
 
-@compiled("f8[:,:]")
-def svd(a):
-    """U (m, r), s (r,) largest first, V^T (r, n) of a (m, n), r = min(m, n); also of no rows.
-
-    By one-sided Jacobi rotations (M. Hestenes, Inversion of matrices by biorthogonalization, 1958).
-    Where a singular value is 0 its vector on the longer side is 0 too.
-
-    Raises:
-        numpy.linalg.LinAlgError: a number is not finite.
-    """
-    m, n = a.shape
-    r, length = min(m, n), max(m, n)
-    largest = 0.0
-    for i in range(m):
-        for j in range(n):
-            if not abs(a[i, j]) < np.inf:
-                raise np.linalg.LinAlgError("singular values of a matrix that is not finite")
-            largest = max(largest, abs(a[i, j]))
-    rows, turn = np.zeros((r, length)), np.eye(r)  # turn @ the shorter side = rows
-    if largest > 0.0:  # squares of what is scaled by it neither overflow nor vanish
-        for i in range(r):
-            for j in range(length):
-                rows[i, j] = (a[i, j] if m <= n else a[j, i]) / largest
-    for _ in range(SWEEPS):
-        done = True
-        for i in range(r - 1):
-            for j in range(i + 1, r):
-                one, other, both = 0.0, 0.0, 0.0
-                for k in range(length):
-                    one += rows[i, k] * rows[i, k]
-                    other += rows[j, k] * rows[j, k]
-                    both += rows[i, k] * rows[j, k]
-                if abs(both) <= RIGHT_ANGLE * np.sqrt(one * other):
-                    continue
-                done = False
-                slope = (other - one) / (2.0 * both)
-                tangent = 1.0 / (abs(slope) + np.sqrt(1.0 + slope * slope))
-                if slope < 0.0:
-                    tangent = -tangent
-                cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
-                sine = cosine * tangent
-                for k in range(length):
-                    x, y = rows[i, k], rows[j, k]
-                    rows[i, k], rows[j, k] = cosine * x - sine * y, sine * x + cosine * y
-                for k in range(r):
-                    x, y = turn[i, k], turn[j, k]
-                    turn[i, k], turn[j, k] = cosine * x - sine * y, sine * x + cosine * y
-        if done:
-            break
-    sizes, order = np.empty(r), np.empty(r, np.int64)
-    for i in range(r):  # as NumPy's functions do it, in a tenth of their machine code
-        square = 0.0
-        for k in range(length):
-            square += rows[i, k] * rows[i, k]
-        sizes[i] = np.sqrt(square)
-        place = i
-        while place > 0 and sizes[order[place - 1]] < sizes[i]:
-            order[place] = order[place - 1]
-            place -= 1
-        order[place] = i
-    u, s, vt = np.empty((m, r)), np.empty(r), np.empty((r, n))
-    for i in range(r):
-        row = order[i]
-        size = sizes[row]
-        s[i] = size * largest
-        for k in range(length):
-            value = rows[row, k] / size if size > 0.0 else 0.0
-            if m <= n:
-                vt[i, k] = value
-            else:
-                u[k, i] = value
-        for k in range(r):
-            if m <= n:
-                u[k, i] = turn[row, k]
-            else:
-                vt[i, k] = turn[row, k]
-    return u, s, vt
-
-
-@compiled("f8[:,:], f8[:,:]")
-def _times(a, b):
-    """a @ b; BLAS takes longer to be called."""
-    product = np.zeros((a.shape[0], b.shape[1]))
-    for i in range(a.shape[0]):
-        for j in range(b.shape[1]):
-            for k in range(a.shape[1]):
-                product[i, j] += a[i, k] * b[k, j]
-    return product
-
-
-@compiled("f8[:,:], f8[:]")
-def _applied(a, x):
-    """a @ x."""
-    product = np.zeros(a.shape[0])
-    for i in range(a.shape[0]):
-        for k in range(a.shape[1]):
-            product[i] += a[i, k] * x[k]
-    return product
-
-
-@compiled("f8[:,:], f8[:], f8")
-def least_squares(L, e, tolerance):
-    """L^+ e (n,) of L (k, n); singular values up to `tolerance` of the greatest count as 0."""
-    u, s, vt = svd(L)
-    parts = _applied(u.T, e)
-    for i in range(len(s)):
-        parts[i] = parts[i] / s[i] if s[i] > tolerance * s[0] else 0.0
-    return _applied(vt.T, parts)
-
-
-@compiled("f8[:,:], f8[:], f8[:,:], f8[:], f8[:,:], f8[:,:], f8, f8")
+@compiled("f8[:,:], f8[:], f8[:,:], f8[:], f8[:,:], f8[:,:], f8, f8", calls=(svd,))
 def _demanded(L, rate, held, speeds, free, scaled, least, fully):
     """Rows for a task, and those for what it does not model.
 
@@ -153,21 +41,21 @@ def _demanded(L, rate, held, speeds, free, scaled, least, fully):
         the arm has to choose.
     """
     # Along which of the held directions can the arm move?
-    turned, reach, _ = svd(_times(held, scaled))
-    along, wanted = _times(turned.T, held), _applied(turned.T, speeds)
+    turned, reach, _ = svd(times(held, scaled))
+    along, wanted = times(turned.T, held), applied(turned.T, speeds)
     weights = np.empty(len(reach))
     for i in range(len(reach)):
         part = min(max((reach[i] - least) / (fully - least), 0.0), 1.0)
         weights[i] = part * part * (3.0 - 2.0 * part)
     # What holding does to the features on its way is not the rest's to do.
-    rest = rate - _applied(L, _applied(along.T, weights * wanted))
-    u, s, vt = svd(_times(L, free.T))
+    rest = rate - applied(L, applied(along.T, weights * wanted))
+    u, s, vt = svd(times(L, free.T))
     rank = 0
     while rank < len(s) and s[rank] > NOISE_PART * s[0]:
         rank += 1
-    seen = _applied(u.T, rest)
+    seen = applied(u.T, rest)
     basis = np.empty((rank + len(reach), 6))
-    basis[:rank], basis[rank:] = _times(vt[:rank], free), along
+    basis[:rank], basis[rank:] = times(vt[:rank], free), along
     speed, weight = np.empty(len(basis)), np.empty(len(basis))
     speed[rank:], weight[rank:] = wanted, weights
     for i in range(rank):
@@ -177,26 +65,7 @@ def _demanded(L, rate, held, speeds, free, scaled, least, fully):
     return basis, speed, weight
 
 
-@compiled("f8[:,:], f8")
-def _all_above(a, bound):
-    """Whether all singular values of a (m, n) are above the bound: then Cholesky's decomposition of
-    its shorter side's squares, less the bound's, ends."""
-    side = a if a.shape[0] <= a.shape[1] else a.T
-    squares = _times(side, side.T)
-    for i in range(len(squares)):
-        squares[i, i] -= bound * bound
-        for j in range(i + 1):
-            for k in range(j):
-                squares[i, j] -= squares[i, k] * squares[j, k]
-            if j < i:
-                squares[i, j] /= squares[j, j]
-        if not squares[i, i] > 0.0:
-            return False
-        squares[i, i] = np.sqrt(squares[i, i])
-    return True
-
-
-@compiled("f8[:,:], f8[:,:], f8[:], f8[:], f8[:], b1[:], f8[:], f8, f8")
+@compiled("f8[:,:], f8[:,:], f8[:], f8[:], f8[:], b1[:], f8[:], f8, f8", calls=(svd,))
 def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
     """Joint velocities for a demand, the others at their fixed ones, and what is free.
 
@@ -215,10 +84,10 @@ def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
     for column, joint in enumerate(joints):
         arm[:, column] = scaled[:, joint]
     rows = weights.copy().reshape(-1, 1) * basis
-    rates = weights * wanted - _applied(rows, _applied(scaled, fixed))
-    task = _times(rows, arm)
+    rates = weights * wanted - applied(rows, applied(scaled, fixed))
+    task = times(rows, arm)
     m, damped = len(task), task
-    if not _all_above(arm, below):
+    if not all_above(arm, below):
         turned, s, weak = svd(arm)
         strong = 0
         while strong < len(s) and s[strong] >= below:
@@ -226,7 +95,7 @@ def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
         damped = np.empty((m + len(s) - strong, len(joints)))
         damped[:m] = task
         # As strong as the demand is in that direction, whatever the units of its rows.
-        seen = _times(rows, turned)
+        seen = times(rows, turned)
         for i in range(strong, len(s)):
             strength = max(np.sqrt((seen[:, i] * seen[:, i]).sum()), LEAST_SEEN)
             ratio = s[i] / below
@@ -235,12 +104,12 @@ def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
     wishes = np.empty(len(joints))
     for column, joint in enumerate(joints):
         wishes[column] = wish[joint]
-    towards, against = _applied(u[:m].T, rates), _applied(u[:m].T, _applied(task, wishes))
+    towards, against = applied(u[:m].T, rates), applied(u[:m].T, applied(task, wishes))
     for i in range(len(s)):
         inverse = 1.0 / s[i] if s[i] >= SMALLEST else 0.0
         towards[i] *= inverse
         against[i] *= inverse
-    moved, kept = _applied(vt.T, towards), wishes - _applied(vt.T, against)
+    moved, kept = applied(vt.T, towards), wishes - applied(vt.T, against)
     primary, secondary = fixed.copy(), np.zeros(len(free))
     for column, joint in enumerate(joints):
         primary[joint], secondary[joint] = moved[column], kept[column]
@@ -335,7 +204,7 @@ def _passes(q, fold, velocities, reach, dt):
 
 
 @compiled("f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:], f8[:,:], f8[:,:], "
-          "f8[:], f8, f8, f8[:]")
+          "f8[:], f8, f8, f8[:]", calls=(svd,))
 def _joint_by_joint(scaled, bent, basis, wanted, weights, wish, low, high, folds, limits,
                     q, dt, reach, damping):
     """Solve again and again, until no joint passes its range and no elbow its straight.
@@ -385,32 +254,24 @@ def _joint_by_joint(scaled, bent, basis, wanted, weights, wish, low, high, folds
     return solution, spare, free, stopped[:stops], straight
 
 
-@compiled("f8[:], f8[:], f8[:]")
-def finite(a, b, c):
-    """Whether three arrays (k,) are all finite: 0 times what is not is NaN."""
-    return (0.0 * a).sum() + (0.0 * b).sum() + (0.0 * c).sum() == 0.0
+RESOLVED = ("f8[:,:], f8[:,:], f8[:], b1[:], f8[:], f8[:,:,:], f8[:,:], f8[:,:], f8, b1, f8[:], "
+            "f8[:,:], f8[:]")
 
 
-@compiled("f8[:,:], f8[:]")
-def task_finite(L, rate):
-    """Whether L (k, 6) and rate (k,) are finite."""
-    return (0.0 * L).sum() + (0.0 * rate).sum() == 0.0
-
-
-@compiled("f8[:], f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:,:], f8[:], f8[:,:], "
-          "f8[:,:], f8, b1, f8[:], f8[:], f8[:], f8[:]")
-def resolved(q, jacobian, bent, L, rate, held, errors, free, wish, folds, limits,
-             dt, limited, previous, total, task, settings):
+@compiled(f"f8[:], f8[:,:], f8[:,:], f8[:,:], {RESOLVED}", calls=(svd, held_at))
+def resolved(q, view, jacobian, bent, goal, L, rate, modelled, wish, pulls, folds, limits,
+             dt, limited, previous, last, settings):
     """What Resolver.resolve answers, in numbers.
 
     Args:
-        q: (n,) joints. jacobian, bent: (6, n) there, and with bent elbows.
-        L, rate: (k, 6), (k,) of the task.
-        held, errors, free: (p, 6), (p,), (6 - p, 6) as in Held.
-        wish: (n,) of the secondary tasks.
-        folds: (m, 3) joint, straight and side of each elbow.
+        q: (n,) joints. view: (4, 4), jacobian, bent: (6, n) there, and with bent elbows.
+        goal: (4, 4) as Resolver's.
+        L, rate, modelled: (k, 6), (k,), (6,) of the task.
+        wish: (n,) of the secondary tasks; pulls: (p, 3, n) of those that are a Pull.
+        folds: (m, 7) of each elbow, see Fold.
         limits: (4, n) lower, upper, velocity, acceleration.
-        dt, limited, previous, total, task: see `_within`.
+        dt, limited, previous: see `_within`; last: (2, n) the last velocities, and their part for
+            the task.
         settings: length, damping, damping_below, hold_gain, held_from, held_fully, reach_bend,
             shortfall, lost_part.
 
@@ -418,9 +279,14 @@ def resolved(q, jacobian, bent, L, rate, held, errors, free, wish, folds, limits
         velocities, primary (n,); twists asked, given and lost (6,), in SI units; scale; the joint
         that slowed the task or -1; joints that a limit stops; whether an elbow would be straight;
         whether so much is lost that it is worth a word; whether the velocities last; distances
-        (n,) to the limits.
+        (n,) to the limits; the Jacobian.
     """
     length, reach = settings[0], settings[6]
+    held, errors, free = held_at(view, goal, modelled, length)
+    wish = wish.copy()
+    for pull in pulls:
+        for i in range(len(q)):
+            wish[i] += pull[2, i] * (min(max(q[i], pull[0, i]), pull[1, i]) - q[i])
     scale = np.ones(6)
     scale[3:] = length
     column = scale.copy().reshape(6, 1)
@@ -435,10 +301,10 @@ def resolved(q, jacobian, bent, L, rate, held, errors, free, wish, folds, limits
         q, dt, reach, settings[1:3],
     )  # fmt: skip
     velocities, primary, part, slowest = _within(
-        solution, spare, low, high, limits, dt, limited, previous, total, task
+        solution, spare, low, high, limits, dt, limited, previous, last[0], last[1]
     )
-    short = wanted - _applied(basis, _applied(scaled, solution))
-    asked, missing = _applied(basis.T, wanted), _applied(basis.T, short)
+    short = wanted - applied(basis, applied(scaled, solution))
+    asked, missing = applied(basis.T, wanted), applied(basis.T, short)
     wish_size, lost_size = np.sqrt((asked * asked).sum()), np.sqrt((missing * missing).sum())
     worth_a_word = lost_size > max(settings[7], settings[8] * wish_size)
     lasts = len(stopped) == 0 and not straight and slowest < 0
@@ -449,7 +315,39 @@ def resolved(q, jacobian, bent, L, rate, held, errors, free, wish, folds, limits
         for fold in folds:
             lasts &= not (moving[int(fold[0])] and _passes(q, fold, velocities, reach, LASTING))
     return (
-        velocities, primary, asked / scale, _applied(jacobian, velocities), missing / scale, part,
+        velocities, primary, asked / scale, applied(jacobian, velocities), missing / scale, part,
         slowest, stopped, straight, worth_a_word, lasts,
-        np.minimum(q - limits[0], limits[1] - q),
+        np.minimum(q - limits[0], limits[1] - q), jacobian,
     )  # fmt: skip
+
+
+@compiled("f8[:], f8[:,:], f8")
+def _bent(q, folds, reach):
+    """The posture (n,) with elbows bent by `reach` at least, see Fold, and whether it differs."""
+    bent, other = q.copy(), False
+    for fold in folds:
+        joint = int(fold[0])
+        bend = q[joint] - fold[1]
+        if abs(bend) < reach:
+            side = np.sign(bend) if abs(bend) > STRAIGHT else fold[2]
+            more, other = side * reach - bend, True
+            bent[joint] += more
+            bent[int(fold[3])] += fold[5] * more
+            bent[int(fold[4])] += fold[6] * more
+    return bent, other
+
+
+@compiled(f"{CHAIN}, f8[:], {RESOLVED}", calls=(svd, held_at, viewed))
+def resolved_at(order, parents, slides, signs, places, axes, ends, tips, q, goal, L, rate, modelled,
+                wish, pulls, folds, limits, dt, limited, previous, last, settings):
+    """`resolved` of a Chain at joints q (n,)."""
+    pose, jacobian = np.empty((4, 4)), np.empty((6, len(q)))
+    viewed(order, parents, slides, signs, places, axes, ends, tips, q, pose, jacobian)
+    posture, other = _bent(q, folds, settings[6])
+    bent = jacobian
+    if other:
+        bent = np.empty((6, len(q)))
+        viewed(order, parents, slides, signs, places, axes, ends, tips, posture, np.empty((4, 4)),
+               bent)
+    return resolved(q, pose, jacobian, bent, goal, L, rate, modelled, wish, pulls, folds, limits,
+                    dt, limited, previous, last, settings)

@@ -13,6 +13,8 @@ from aras_visual_servo_base.compiled import compiled
 from aras_visual_servo_base.poses import exponential, transform
 from aras_visual_servo_base.urdf import Joint
 
+CHAIN = "i8[::1], i8[::1], b1[::1], f8[::1], f8[:,:,::1], f8[:,::1], i8[::1], f8[:,:,::1]"
+
 
 class Chain(NamedTuple):
     """The joints on the way from a base to a camera, and to a target where an arm moves that.
@@ -77,7 +79,7 @@ class Chain(NamedTuple):
     def view(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`target_T_camera` (4, 4), and its Jacobian (6, n) in the camera's frame, for q (n,)."""
         pose, jacobian = np.empty((4, 4)), np.empty((6, len(q)))
-        _view(*self, q, pose, jacobian)
+        viewed(*self, q, pose, jacobian)
         return pose, jacobian
 
     def poses(self, positions: np.ndarray) -> np.ndarray:
@@ -132,9 +134,8 @@ def _move(order, parents, slides, places, axes, q, frames):
             f[9 + i] = here[9 + i]
 
 
-@compiled("i8[::1], i8[::1], b1[::1], f8[::1], f8[:,:,::1], f8[:,::1], i8[::1], f8[:,:,::1], f8[:],"
-          " f8[:,::1], f8[:,::1]")
-def _view(order, parents, slides, signs, places, axes, ends, tips, q, pose, jacobian):
+@compiled(f"{CHAIN}, f8[:], f8[:,::1], f8[:,::1]")
+def viewed(order, parents, slides, signs, places, axes, ends, tips, q, pose, jacobian):
     """See Chain.view."""
     frames, base = np.empty((len(order), 15)), np.zeros(15)
     base[0] = base[4] = base[8] = 1.0
@@ -166,10 +167,9 @@ def _view(order, parents, slides, signs, places, axes, ends, tips, q, pose, jaco
             jacobian[3 + i, j] = cx * wx + cy * wy + cz * wz
 
 
-@compiled("i8[::1], i8[::1], b1[::1], f8[::1], f8[:,:,::1], f8[:,::1], i8[::1], f8[:,:,::1], "
-          "f8[:,:], f8[:,:,::1], f8[:,::1]")
+@compiled(f"{CHAIN}, f8[:,:], f8[:,:,::1], f8[:,::1]")
 def _views(order, parents, slides, signs, places, axes, ends, tips, positions, poses, jacobian):
     """See Chain.poses; `jacobian`: (6, n) to work with."""
     for m in range(len(poses)):
-        _view(order, parents, slides, signs, places, axes, ends, tips, positions[m], poses[m],
-              jacobian)
+        viewed(order, parents, slides, signs, places, axes, ends, tips, positions[m], poses[m],
+               jacobian)

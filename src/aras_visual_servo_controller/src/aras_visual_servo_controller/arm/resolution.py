@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .inversion import NOISE_PART, svd
+from .algebra import NOISE_PART, svd
 
 UNITS = ("m/s",) * 3 + ("rad/s",) * 3
 

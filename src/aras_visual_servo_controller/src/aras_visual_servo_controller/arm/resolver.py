@@ -30,23 +30,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .algebra import finite
 from .arm import Arm
 from .fold import Fold, find
-from .held import held_at
-from .inversion import LASTING, finite, resolved
+from .inversion import LASTING, resolved, resolved_at
 from .limits import Limits
 from .resolution import UNITS, Resolution
-from .secondary import SecondaryTask
+from .secondary import Pull, SecondaryTask
 from .task import DIRECTIONS
 
 if TYPE_CHECKING:
     from .task import Task
-
 
 
 @dataclass(frozen=True)
@@ -75,6 +74,7 @@ class ResolverSettings:
     shortfall: float = 0.002
     lost_part: float = 0.1
 
+
 class Resolver:
     """Inverts what a task asks of an arm, with respect for singularities, limits, other tasks.
 
@@ -98,26 +98,21 @@ class Resolver:
         self.settings = settings if settings is not None else ResolverSettings()
         self.folds = tuple(find(arm) if folds is None else folds)
         self.goal: np.ndarray | None = None
-        numbers, limits = self.settings, self.limits
-        self._scale = np.array([1.0] * 3 + [numbers.length] * 3)
-        self._numbers = np.array([
-            numbers.length, numbers.damping, numbers.damping_below, numbers.hold_gain,
-            numbers.held_from, numbers.held_fully, numbers.reach_bend, numbers.shortfall,
-            numbers.lost_part,
-        ])  # fmt: skip
-        self._limits = np.array(
-            [limits.lower, limits.upper, limits.velocity, limits.acceleration], float
-        )
-        self._accelerates = bool(np.isfinite(limits.acceleration).any())
-        folded = [(fold.joint, fold.straight, fold.side) for fold in self.folds]
-        self._folds = np.array(folded, float).reshape(-1, 3)
+        self._scale = np.array([1.0] * 3 + [self.settings.length] * 3)
+        self._numbers = np.array(astuple(self.settings))
+        self._limits = np.array(astuple(self.limits)[1:], float)
+        self._accelerates = bool(np.isfinite(self.limits.acceleration).any())
+        self._folds = np.array([astuple(fold) for fold in self.folds], float).reshape(-1, 7)
+        pulls = [task for task in self.tasks if type(task).velocity is Pull.velocity]
+        self._pulls = np.array([task.rows for task in pulls]).reshape(-1, 3, len(arm.names))
+        self._others = [task for task in self.tasks if task not in pulls]
         self.reset()
 
     def reset(self) -> None:
         """Forget the last velocities, and where the camera was when first asked."""
         self._kept: np.ndarray | None = None
-        # The last velocities, and their part for the task.
-        self._last: tuple[np.ndarray, np.ndarray] | None = None
+        # The last velocities, and their part for the task; none yet.
+        self._last = np.full((2, len(self.arm.names)), np.nan)
 
     def resolve(
         self, q: np.ndarray, task: Task, dt: float, previous: np.ndarray | None = None
@@ -135,24 +130,25 @@ class Resolver:
             numpy.linalg.LinAlgError: the Jacobian is not finite.
         """
         q, dt = np.asarray(q, float), float(dt)
-        L, rate = task.L, task.rate
         if not (finite(q, q, q) and math.isfinite(dt)):
             raise ValueError(f"resolver: not finite: joints {q}, dt {dt}")
-        view, jacobian = self.arm.view(q)
-        held = self._held(view, task.modelled)
         wish = np.zeros(len(q))
-        for entry in self.tasks:
+        for entry in self._others:
             wish += entry.velocity(q)
         limited = previous is not None and self._accelerates and dt > 0.0
         before = np.asarray(previous, float) if limited else q
-        last = (before, before) if self._last is None else self._last
-        found = resolved(
-            q, jacobian, self._bent(q, jacobian), L, rate, *held, wish, self._folds, self._limits,
-            dt, limited, before, *last, self._numbers,
+        asked = (
+            self._goal(q, task.modelled), task.L, task.rate, task.modelled, wish, self._pulls,
+            self._folds, self._limits, dt, limited, before, self._last, self._numbers,
         )  # fmt: skip
+        if isinstance(self.arm, Arm):
+            found = resolved_at(*self.arm.chain, q, *asked)
+        else:
+            view, jacobian = self.arm.view(q)
+            found = resolved(q, view, jacobian, jacobian, *asked)
         velocities, primary, asked, twist, lost, scale = found[:6]
-        slowest, stopped, straight, short, lasts, margins = found[6:]
-        self._last = velocities, primary
+        slowest, stopped, straight, short, lasts, margins, jacobian = found[6:]
+        self._last[:] = velocities, primary
         names = [self.arm.names[joint] for joint in stopped]
         reasons = [f"{name} stopped at its limit" for name in names]
         if short:
@@ -162,27 +158,19 @@ class Resolver:
             reasons.append(f"slowed to {100.0 * scale:.0f} % for a limit of {slowing}")
         return Resolution(
             velocities, primary, asked, twist, lost, scale, margins, tuple(names), slowing,
-            tuple(reasons), L, jacobian, task.modelled, LASTING if lasts else 0.0,
+            tuple(reasons), task.L, jacobian, task.modelled, LASTING if lasts else 0.0,
         )  # fmt: skip
 
-    def _held(
-        self, view: np.ndarray, modelled: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Rows, errors and free directions, see Held, of what a task does not model."""
-        goal = self.goal
-        if goal is None:
-            if self._kept is None and not modelled.all():
-                self._kept = view
-            goal = self._kept if self._kept is not None else view
-        return held_at(view, goal, modelled, self.settings.length)
-
-    def _bent(self, q: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
-        """The Jacobian (6, n) with slightly bent elbows, where some are nearly straight."""
-        bend, bent = self.settings.reach_bend, q
-        for fold in self.folds:
-            if abs(fold.bend(q)) < bend:
-                bent = fold.bent(bent, fold.side_of(q) * bend - fold.bend(q))
-        return jacobian if bent is q else self.arm.jacobian(bent)
+    def _goal(self, q: np.ndarray, modelled: np.ndarray) -> np.ndarray:
+        """What `goal` is, or stands for."""
+        if self.goal is not None:
+            return self.goal
+        if self._kept is not None:
+            return self._kept
+        view = self.arm.view(q)[0]
+        if not modelled.all():
+            self._kept = view
+        return view
 
     def _lost(self, lost: np.ndarray, stopped: bool, straight: bool) -> list[str]:
         """Why a twist (6,) that is asked of the camera cannot be had, in words."""

@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled
 from aras_visual_servo_base.names import nearest
 
 from ..errors import ConfigurationError
@@ -24,7 +23,21 @@ class SecondaryTask(ABC):
         """Joint velocities this task would like, before projection."""
 
 
-class Posture(SecondaryTask):
+class Pull(SecondaryTask):
+    """Draws joints into ranges: velocity_i = gain_i (q_i within its range - q_i).
+
+    Attributes:
+        rows: (3, n) lowest and highest positions, rad or m, and gains, 1/s.
+    """
+
+    rows: np.ndarray
+
+    def velocity(self, q: np.ndarray) -> np.ndarray:
+        low, high, gains = self.rows
+        return gains * (np.clip(q, low, high) - q)
+
+
+class Posture(Pull):
     """Draws some joints to preferred values: velocity = gain (preferred - q)."""
 
     def __init__(self, arm: Arm, preferred: Mapping[str, float], gain: float = 1.0) -> None:
@@ -33,8 +46,7 @@ class Posture(SecondaryTask):
         Raises:
             ConfigurationError: an unknown joint, or no position that it can have.
         """
-        self.preferred = np.zeros(len(arm.names))
-        self.gains = np.zeros(len(arm.names))
+        self.rows = np.zeros((3, len(arm.names)))
         for name, value in preferred.items():
             if name not in arm.names:
                 raise ConfigurationError(
@@ -47,13 +59,10 @@ class Posture(SecondaryTask):
                     f"posture: {name} is {value!r}, must be a number within its limits "
                     f"{arm.lower[joint]:g} to {arm.upper[joint]:g}"
                 )
-            self.preferred[joint], self.gains[joint] = value, gain
-
-    def velocity(self, q: np.ndarray) -> np.ndarray:
-        return self.gains * (self.preferred - q)
+            self.rows[:, joint] = value, value, gain
 
 
-class JointLimitAvoidance(SecondaryTask):
+class JointLimitAvoidance(Pull):
     """Pushes joints out of a margin before their limits.
 
     velocity_i = gain (depth of q_i inside the margin), away from the limit.
@@ -62,17 +71,8 @@ class JointLimitAvoidance(SecondaryTask):
     def __init__(self, limits: Limits, margin: float = 0.2, gain: float = 2.0) -> None:
         """`margin`: rad or m, at most a quarter of a joint's range; gain in 1/s."""
         margins = np.minimum(margin, 0.25 * (limits.upper - limits.lower))
-        self._from, self._to = limits.lower + margins, limits.upper - margins
-        self.gain = gain
-
-    def velocity(self, q: np.ndarray) -> np.ndarray:
-        return _back(np.asarray(q, float), self._from, self._to, self.gain)
-
-
-@compiled("f8[:], f8[:], f8[:], f8")
-def _back(q, low, high, gain):
-    """(n,) towards the range from low to high, gain times the way."""
-    return gain * (np.minimum(np.maximum(q, low), high) - q)
+        gains = np.full(len(margins), gain)
+        self.rows = np.array([limits.lower + margins, limits.upper - margins, gains])
 
 
 class SingularityAvoidance(SecondaryTask):

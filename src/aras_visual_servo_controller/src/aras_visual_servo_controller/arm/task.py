@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import TaskError
-from .inversion import ROUNDING_PART, least_squares, svd, task_finite
+from .algebra import ROUNDING_PART, least_squares, svd, task_finite
 
 ALL_DIRECTIONS = (True,) * 6
 DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")

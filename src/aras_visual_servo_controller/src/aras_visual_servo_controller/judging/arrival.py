@@ -17,7 +17,7 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
 
-from ..arm.inversion import least_squares, svd, task_finite
+from ..arm.algebra import least_squares, svd, task_finite
 from ..seeing.ring_buffer import RecentErrors
 from .left_open import BLIND, LeftOpen, Margin, Offsets, symmetric, view_difference
 

@@ -181,8 +181,8 @@ class Margin:
         here, goal = observation.world_T_camera, self._goal.world_T_camera
         if here is None or goal is None:
             return np.zeros(6), np.eye(6)[self._modelled]
-        held = held_at(here, goal, self._modelled, self._depth)
-        return -held.errors @ held.rows, held.free
+        held, errors, free = held_at(here, goal, self._modelled, self._depth)
+        return -errors @ held, free
 
     def _anywhere(self) -> tuple[float, float]:
         """m and rad that the camera may go along directions that nothing measures."""

@@ -20,7 +20,7 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
 
-from ..arm.inversion import finite
+from ..arm.algebra import finite
 from ..errors import MeasurementError
 from ..seeing.joint_history import FARTHEST, JointHistory
 from ..seeing.joint_sample import JointSample

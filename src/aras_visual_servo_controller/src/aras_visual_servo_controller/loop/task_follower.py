@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arm.inversion import finite
+from ..arm.algebra import finite
 from ..arm.task import Task
 from ..errors import ServoError
 from ..schemes.answer_checks import checked_joints, guarded

@@ -11,7 +11,7 @@ import numpy as np
 
 from aras_visual_servo_base.names import words
 
-from ..arm.inversion import finite
+from ..arm.algebra import finite
 from ..arm.task import Task
 from ..errors import ConfigurationError, MeasurementError, SchemeError
 from .base import Decision, JointController, Scheme

@@ -8,7 +8,7 @@ import numpy as np
 
 from aras_visual_servo_base.names import unknown
 
-from ..arm.inversion import ROUNDING_PART, least_squares
+from ..arm.algebra import ROUNDING_PART, least_squares
 from ..arm.task import Task
 from ..errors import ConfigurationError
 from ..features.base import Feature, Measured, Stack

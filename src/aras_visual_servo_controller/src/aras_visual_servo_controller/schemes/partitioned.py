@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arm.inversion import ROUNDING_PART, least_squares
+from ..arm.algebra import ROUNDING_PART, least_squares
 from ..arm.task import Task
 from ..errors import MeasurementError
 from ..features.base import wrap

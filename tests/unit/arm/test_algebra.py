@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_controller.arm.inversion import _all_above, least_squares, svd
+from aras_visual_servo_controller.arm.algebra import all_above, least_squares, svd
 
 SHAPES = [(1, 1), (2, 6), (6, 2), (4, 6), (6, 6), (6, 7), (11, 6), (12, 7), (6, 12)]
 
@@ -65,7 +65,7 @@ def test_whether_a_motion_is_weak_is_told_without_its_singular_values(shape, lea
     for _ in range(20):
         u, s, vt = np.linalg.svd(random.normal(size=shape), full_matrices=False)
         s = np.append(random.uniform(0.02, 2.0, len(s) - 1), least)
-        assert _all_above((u * s) @ vt, 0.012) == above
+        assert all_above((u * s) @ vt, 0.012) == above
 
 
 def test_least_squares_leave_out_what_is_not_seen():

@@ -173,7 +173,7 @@ def test_converged_is_left_when_the_target_moves():
     rig.servo.goal.world_T_camera.setflags(write=False)
     rig.q[0] += 0.01
     rig._target[0] += 0.01
-    rig.servo._motion.command[0] += 0.01
+    rig.servo.motion.command[0] += 0.01
     after = [s for s in rig.run(2.0) if s.stamp > 3.0]
     assert SERVOING in phases(after)
     assert after[-1].phase == CONVERGED

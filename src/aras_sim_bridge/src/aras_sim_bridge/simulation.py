@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -38,9 +38,11 @@ from aras_sim_bridge.world import Model, Pose, World
 from aras_visual_servo_base.poses import IDENTITY
 
 if TYPE_CHECKING:
+    from aras_sim_bridge.control.controllers.joint_state import JointStateController
     from aras_sim_bridge.rendering.renderer import Renderer
 
 log = logging.getLogger(__name__)
+Cycles = Callable[..., tuple[int, int, int]]
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,16 @@ class ControlledModel:
             ControllerError: no such controller, or a value that it cannot use.
         """
         self.manager.get(controller).set_command(value)
+
+
+class Answers(Protocol):
+    """Answers what a controller samples with commands, in compiled cycles."""
+
+    def begin(self, time_ns: int, until_ns: int) -> JointStateController | None:
+        """The controller whose samples cycles at these times (ns) answer; None: they do not."""
+
+    def cycles(self, *arguments: object) -> tuple[int, int, int]:
+        """As cycle.cycles, which ends where Python has to look."""
 
 
 class Simulation:
@@ -205,25 +217,24 @@ class Simulation:
                 return Sun(light.direction, diffuse=max(light.diffuse[:3]))
         return Sun(diffuse=0.0)
 
-    def step(self, until_ns: int = 0) -> None:
+    def step(self, until_ns: int = 0, answers: Answers | None = None) -> None:
         """One tick in Gazebo's order: time, controllers, physics, sensors.
 
         With `until_ns`, as many in one compiled call as end up to then and before somebody looks: a
-        camera, a listener, a controller in Python. They are the same as one by one.
+        camera, a listener, a controller in Python. They are the same as one by one. With `answers`
+        what looks at the joints looks in that call, and commands them.
         """
         began_ns, time_ns = self.time_ns, self.time_ns + self.step_ns
-        begun = self._begun(time_ns)
+        cameras = [camera for camera in self.cameras if camera.enabled]
+        sensors = [sensor for sensor in self.sensors if sensor.enabled]
+        for looks in (*cameras, *sensors):
+            until_ns = min(until_ns, looks.idle_until_ns)
+        begun = self._begun(time_ns, max(until_ns, time_ns), answers)
         if begun is None:
             for robot in self.robots.values():
                 robot.loop.step(time_ns)
-        cameras = [camera for camera in self.cameras if camera.enabled]
-        for camera in cameras:
-            until_ns = min(until_ns, camera.idle_until_ns)
-            camera.before_step(began_ns, time_ns)
-        sensors = [sensor for sensor in self.sensors if sensor.enabled]
-        for sensor in sensors:
-            until_ns = min(until_ns, sensor.idle_until_ns)
-            sensor.before_step(began_ns, time_ns)
+        for looks in (*cameras, *sensors):
+            looks.before_step(began_ns, time_ns)
         if begun is None:
             self.world.step()
             self.time_ns = time_ns
@@ -239,22 +250,28 @@ class Simulation:
         for camera in due:
             camera.after_step(self.time_ns)
 
-    def _begun(self, time_ns: int) -> tuple[ControlledModel, tuple, np.ndarray, float] | None:
+    def _begun(
+        self, time_ns: int, until_ns: int, answers: Answers | None
+    ) -> tuple[ControlledModel, Cycles, tuple, np.ndarray, float] | None:
         """The one robot, if it moves alone and Python takes no part in the tick that ends at
-        `time_ns`; what World.alone and ControlLoop.begin answer."""
+        `time_ns`; what makes its cycles, and what World.alone and ControlLoop.begin answer."""
         if len(self.robots) != 1:
             return None
         (robot,) = self.robots.values()
         physics = self.world.alone(robot.model)
-        begun = None if physics is None else robot.loop.begin(time_ns, self.step_ns)
-        return None if begun is None else (robot, physics, *begun)
+        if physics is None:
+            return None
+        sampled = None if answers is None else answers.begin(time_ns, until_ns)
+        begun = robot.loop.begin(time_ns, self.step_ns, sampled)
+        cycles = cycle.cycles if sampled is None else answers.cycles
+        return None if begun is None else (robot, cycles, physics, *begun)
 
-    def _cycles(self, until_ns: int, robot: ControlledModel, physics: tuple, loops: np.ndarray,
-                idle_ns: float) -> None:
+    def _cycles(self, until_ns: int, robot: ControlledModel, cycles: Cycles, physics: tuple,
+                loops: np.ndarray, idle_ns: float) -> None:
         """Compiled ticks up to `until_ns`, or `idle_ns`; WorldError where one diverges."""
         began_ns, step_ns, hardware = self.time_ns, self.step_ns, robot.hardware
         count = min(int(min(until_ns, idle_ns) - began_ns) // step_ns, self.world.outlook)
-        made, end, bad = cycle.cycles(
+        made, end, bad = cycles(
             count, began_ns, step_ns, loops, hardware.handle_rows, hardware.drive_rows, *physics
         )
         robot.loop.end(began_ns + (made + (end == cycle.NOT_FINITE)) * step_ns)

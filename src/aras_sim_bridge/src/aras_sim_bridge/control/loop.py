@@ -1,11 +1,17 @@
 """gazebo_ros_control's part of a physics step: read, update controllers, write."""
 
+from collections.abc import Iterable
 from itertools import chain
 from math import inf, nan
 
 import numpy as np
 
-from aras_sim_bridge.control.controllers.joint_loops import LOOP_COLUMNS, taken_together
+from aras_sim_bridge.control.controllers.base import Controller
+from aras_sim_bridge.control.controllers.joint_loops import (
+    LOOP_COLUMNS,
+    JointLoop,
+    taken_together,
+)
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.manager import ControllerManager
 from aras_sim_bridge.control.switching import Entry
@@ -69,9 +75,12 @@ class ControlLoop:
         self.hardware.write(time_ns, elapsed_ns / _NS_PER_S)
         self._written_ns = time_ns
 
-    def begin(self, time_ns: int, step_ns: int) -> tuple[np.ndarray, float] | None:
+    def begin(
+        self, time_ns: int, step_ns: int, sampled: Controller | None = None
+    ) -> tuple[np.ndarray, float] | None:
         """Take commands and gains for compiled cycles from `time_ns` on, a physics step of
-        `step_ns` each; None, and nothing taken, where Python takes part in the next one.
+        `step_ns` each; None, and nothing taken, where Python takes part in the next one. What the
+        controller `sampled` looks at is looked at in those cycles.
 
         Returns:
             Rows (m, 39) of the loops that run; the last cycle, ns, that may be among them.
@@ -91,6 +100,8 @@ class ControlLoop:
         idle_ns = inf
         for entry in self._others:
             until_ns = entry.controller.idle_until(time_ns)
+            if entry.controller is sampled and until_ns > -inf:
+                continue
             if until_ns < time_ns:
                 if not entry.controller.looks:
                     return None
@@ -106,15 +117,23 @@ class ControlLoop:
                 break
         return self._loops, idle_ns
 
+    @property
+    def loops(self) -> list[JointLoop]:
+        """Of the rows that `begin` answers."""
+        return list(chain.from_iterable(c.loops for c in self._commanded))
+
     def _take(self, time_ns: int) -> None:
         """Let all loops take the commands that wait, as CommandedController.take one by one."""
         given = [c.slot.pop() if c.slot else [nan] * len(c.loops) for c in self._commanded]
         commands = list(chain(*given))
         if taken_together(self._loops, np.array(commands), time_ns):
-            loops = chain.from_iterable(c.loops for c in self._commanded)
-            for loop, command in zip(loops, commands, strict=True):
-                if command == command:
-                    loop.told(command, time_ns)
+            self.told(commands, time_ns)
+
+    def told(self, commands: Iterable[float], time_ns: int) -> None:
+        """Say which of the loops' commands is beyond its limits; NaN: there was none."""
+        for loop, command in zip(self.loops, commands, strict=True):
+            if command == command:
+                loop.told(command, time_ns)
 
     def _gather(self, running: tuple[Entry, ...]) -> None:
         """Put the rows of all loops that run into one array."""

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.undistortion import CameraModel
+
+if TYPE_CHECKING:
+    from aras_visual_servo_controller.loop.driver import Driver
 
 NS = 1_000_000_000
 
@@ -85,6 +89,16 @@ class CameraReading:
 Reading = JointReading | CameraReading
 
 
+class JointListener(Protocol):
+    """Is told what a plant's joints measured, and what they were commanded."""
+
+    def commanded(self, values: np.ndarray) -> None:
+        """(n,) were sent."""
+
+    def joints(self, stamp: float, positions: np.ndarray, velocities: np.ndarray) -> None:
+        """A joint state, (n,) and (n,), after the command that it brought about."""
+
+
 class Plant(ABC):
     """An arm or a free camera before its target, in simulated time from 0 on.
 
@@ -128,6 +142,12 @@ class Plant(ABC):
     @abstractmethod
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """The truth: positions (n,) and velocities (n,) in the order of `joint_names`."""
+
+    def join(
+        self, driver: Driver, listener: JointListener, last_ns: Callable[[], float]
+    ) -> None:
+        """Up to `last_ns`() (ns) joint states may be answered as this driver would and told to the
+        listener, and need not be delivered by `advance`."""
 
     def close(self) -> None:
         """Give back what it holds; safe to call twice."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,8 +21,11 @@ from ..asked import cameras
 from ..asked.robots import Robot
 from ..errors import ExperimentError
 from ..targets.geometry import PlacedTarget
-from .base import CameraReading, JointReading, Plant, Reading
+from .base import CameraReading, JointListener, JointReading, Plant, Reading
 from .kinematic import Sight
+
+if TYPE_CHECKING:
+    from aras_visual_servo_controller.loop.driver import Driver
 
 MODEL, TARGET = "robot", "target"
 NS = 1_000_000_000
@@ -127,6 +130,7 @@ class BulletArm(Plant):
         # count, from the first step on, and joint states come in the graph's rhythm.
         self._robot.hardware.read(simulation.time_ns, 0.0)
         self._robot.manager.carry_out(simulation.time_ns)
+        self._joint_states, self._answers = spec.joint_states, None
         self._robot.manager.get(spec.joint_states).on_state = self._on_joints
         self._commanded = [self._robot.manager.get(name) for name in self._controllers]
         mounted = simulation.camera("/" + camera.strip("/"))
@@ -150,7 +154,9 @@ class BulletArm(Plant):
     def advance(self, until_ns: int) -> list[Reading]:
         """Step until something was measured or `until_ns` is reached."""
         simulation, readings = self._simulation, self._readings
-        step = simulation.step if self._peak is None else self._traced_step
+        step = partial(simulation.step, answers=self._answers)
+        if self._peak is not None:
+            step = self._traced_step
         if self._carried is not None:
             step = partial(self._carrying_step, step)
         if self._sight is not None:
@@ -168,6 +174,18 @@ class BulletArm(Plant):
             )
         for controller, value in zip(self._commanded, values, strict=True):
             controller.set_command(value)
+
+    def join(
+        self, driver: Driver, listener: JointListener, last_ns: Callable[[], float]
+    ) -> None:
+        """See Plant.join."""
+        from ..running.answers import ArmAnswers  # here, because many plants are no arms
+
+        (kind,) = self.outputs
+        self._answers = ArmAnswers(
+            driver, listener, self._robot, self._joint_states, self.joint_names,
+            partial(self.command, kind), last_ns,
+        )  # fmt: skip
 
     def pose(self) -> np.ndarray:
         """world_T_camera (4, 4) from the physics; in the target's link where the arm moves that."""

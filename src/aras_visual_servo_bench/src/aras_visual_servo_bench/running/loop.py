@@ -68,6 +68,7 @@ class Loop:
         self._answered = False
         self._began_ns: int | None = None
         self._converged_ns: int | None = None
+        self.plant.join(self._driver, self._recorder, lambda: self._last_ns)
 
     # -- what the driver tells -------------------------------------------------------------
 
@@ -106,17 +107,21 @@ class Loop:
     @property
     def over(self) -> bool:
         """Whether the experiment's end has come."""
-        now, linger = self.plant.time_ns, self.experiment.linger
         if self._ending is not None and self._ending.over:
             return True
+        return self.plant.time_ns > self._last_ns
+
+    @property
+    def _last_ns(self) -> float:
+        """The time, ns, behind which the end has come, as known by now."""
+        linger = self.experiment.linger
         if self._began_ns is None:
-            return now >= PATIENCE_NS
+            return PATIENCE_NS - 1
         # An image more, for the loop to find that its time is over.
-        if now - self._began_ns > self.experiment.duration * NS + LAST_NS:
-            return True
+        last_ns = self._began_ns + self.experiment.duration * NS + LAST_NS
         if linger is None or self._converged_ns is None or self._flies:
-            return False
-        return now - self._converged_ns >= linger * NS
+            return last_ns
+        return min(last_ns, np.nextafter(self._converged_ns + linger * NS, 0.0))
 
     def to_end(self) -> None:
         """Go on until the end has come."""

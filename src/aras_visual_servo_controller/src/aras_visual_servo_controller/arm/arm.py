@@ -36,6 +36,7 @@ class Arm:
         prismatic: (n,) bool.
         camera_frame, base_frame, target_frame: links; target_frame '': the target stands still.
         chain: of the joints, in arrays.
+        plausible: (3, n) least and greatest positions that can be measured, and greatest speeds.
     """
 
     def __init__(
@@ -55,9 +56,11 @@ class Arm:
         limits = np.array(list(zip(*map(_limits, moving), strict=True)))
         self.lower, self.upper, self.velocity, self.effort = map(_read_only, limits)
         span = np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, np.nan)
-        self._least = np.nan_to_num(self.lower - span, nan=-UNLIMITED_SPAN)
-        self._most = np.nan_to_num(self.upper + span, nan=UNLIMITED_SPAN)
-        self._fastest = IMPLAUSIBLE_SPEED * np.clip(self.velocity, 1.0, UNLIMITED_SPAN)
+        self.plausible = np.array([
+            np.nan_to_num(self.lower - span, nan=-UNLIMITED_SPAN),
+            np.nan_to_num(self.upper + span, nan=UNLIMITED_SPAN),
+            IMPLAUSIBLE_SPEED * np.clip(self.velocity, 1.0, UNLIMITED_SPAN),
+        ])  # fmt: skip
         self._still = _read_only(np.zeros(len(moving)))
         self._told: tuple[tuple[str, ...], list[int]] = ((), [])  # names of a message, our rows
         self.names = tuple(joint.name for joint in moving)
@@ -201,7 +204,7 @@ class Arm:
                 f"joint positions {q.shape} and velocities {speeds.shape} for an arm of "
                 f"{len(self.names)} joints"
             )
-        joint, speeding = _implausible(q, speeds, self._least, self._most, self._fastest)
+        joint, speeding = implausible(q, speeds, *self.plausible)
         if joint >= 0 and not speeding:
             raise MeasurementError(
                 f"{self.names[joint]} measured at {q[joint]:g}: no position that it can have "
@@ -227,7 +230,7 @@ class Arm:
 
 
 @compiled("f8[:], f8[:], f8[:], f8[:], f8[:]")
-def _implausible(q, velocities, least, most, fastest):
+def implausible(q, velocities, least, most, fastest):
     """The first joint whose position, or else speed, is none; and whether it is the speed. -1: all
     are plausible. Numbers that are not finite fail every comparison."""
     for i in range(len(q)):

@@ -81,6 +81,8 @@ class Resolver:
     Attributes:
         goal: `reference_T_camera` (4, 4) whose attitude and place the directions that a task does
             not model are held at; None: where the camera is when first asked after a reset.
+        others: secondary tasks that are no Pull.
+        numbers, limit_rows, accelerates, fold_rows, pulls, last: as `resolved` takes them.
     """
 
     def __init__(
@@ -99,20 +101,20 @@ class Resolver:
         self.folds = tuple(find(arm) if folds is None else folds)
         self.goal: np.ndarray | None = None
         self._scale = np.array([1.0] * 3 + [self.settings.length] * 3)
-        self._numbers = np.array(astuple(self.settings))
-        self._limits = np.array(astuple(self.limits)[1:], float)
-        self._accelerates = bool(np.isfinite(self.limits.acceleration).any())
-        self._folds = np.array([astuple(fold) for fold in self.folds], float).reshape(-1, 7)
+        self.numbers = np.array(astuple(self.settings))
+        self.limit_rows = np.array(astuple(self.limits)[1:], float)
+        self.accelerates = bool(np.isfinite(self.limits.acceleration).any())
+        self.fold_rows = np.array([astuple(fold) for fold in self.folds], float).reshape(-1, 7)
         pulls = [task for task in self.tasks if type(task).velocity is Pull.velocity]
-        self._pulls = np.array([task.rows for task in pulls]).reshape(-1, 3, len(arm.names))
-        self._others = [task for task in self.tasks if task not in pulls]
+        self.pulls = np.array([task.rows for task in pulls]).reshape(-1, 3, len(arm.names))
+        self.others = [task for task in self.tasks if task not in pulls]
         self.reset()
 
     def reset(self) -> None:
         """Forget the last velocities, and where the camera was when first asked."""
         self._kept: np.ndarray | None = None
         # The last velocities, and their part for the task; none yet.
-        self._last = np.full((2, len(self.arm.names)), np.nan)
+        self.last = np.full((2, len(self.arm.names)), np.nan)
 
     def resolve(
         self, q: np.ndarray, task: Task, dt: float, previous: np.ndarray | None = None
@@ -133,13 +135,13 @@ class Resolver:
         if not (finite(q, q, q) and math.isfinite(dt)):
             raise ValueError(f"resolver: not finite: joints {q}, dt {dt}")
         wish = np.zeros(len(q))
-        for entry in self._others:
+        for entry in self.others:
             wish += entry.velocity(q)
-        limited = previous is not None and self._accelerates and dt > 0.0
+        limited = previous is not None and self.accelerates and dt > 0.0
         before = np.asarray(previous, float) if limited else q
         asked = (
-            self._goal(q, task.modelled), task.L, task.rate, task.modelled, wish, self._pulls,
-            self._folds, self._limits, dt, limited, before, self._last, self._numbers,
+            self._goal(q, task.modelled), task.L, task.rate, task.modelled, wish, self.pulls,
+            self.fold_rows, self.limit_rows, dt, limited, before, self.last, self.numbers,
         )  # fmt: skip
         if isinstance(self.arm, Arm):
             found = resolved_at(*self.arm.chain, q, *asked)
@@ -148,7 +150,7 @@ class Resolver:
             found = resolved(q, view, jacobian, jacobian, *asked)
         velocities, primary, asked, twist, lost, scale = found[:6]
         slowest, stopped, straight, short, lasts, margins, jacobian = found[6:]
-        self._last[:] = velocities, primary
+        self.last[:] = velocities, primary
         names = [self.arm.names[joint] for joint in stopped]
         reasons = [f"{name} stopped at its limit" for name in names]
         if short:

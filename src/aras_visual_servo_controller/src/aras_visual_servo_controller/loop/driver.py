@@ -18,14 +18,13 @@ from typing import Protocol
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled
-
 from ..arm.algebra import finite
 from ..errors import MeasurementError
 from ..seeing.joint_history import FARTHEST, JointHistory
 from ..seeing.joint_sample import JointSample
 from ..seeing.observation import Observation, Observer
 from ..settings import Settings
+from .motion import JUMP, jumped
 from .servo import Servo
 from .state import (
     APPROACHING,
@@ -44,9 +43,6 @@ SILENT = 0.05  # s without a joint state after which time goes on by the clock
 STANDING = 0.5  # s of wall time after which a clock that does not go on is worth a word
 SKEW = 0.5  # s; stamps further off the clock are of another clock, or of none
 REPEAT_PERIOD = 0.1  # s between two sendings of a command that a joint does not follow
-# Two joint states are no motion where they differ by more than this part of `lead`, and by more
-# than so many times the way at their greater speed.
-JUMP, JUMP_SPEEDS = 0.5, 4.0
 
 Look = Callable[[JointSample | None, tuple[JointSample, ...]], Observation]
 
@@ -82,7 +78,7 @@ class Driver:
         self._lead = np.atleast_1d(np.asarray(servo.settings.lead, float))
         self._lock = threading.RLock()
         self.history = JointHistory()
-        self._commands: deque[JointSample] = deque(maxlen=256)
+        self.commands: deque[JointSample] = deque(maxlen=256)
         self._joints_heard = self._images_heard = self._answered = wall()
         self._said_silence = -1e9
         self._moved = wall()  # when the clock last went on
@@ -171,14 +167,14 @@ class Driver:
             self._face.say(state.fault)
         if state.phase in (SERVOING, CONVERGED):
             self._answered = self._wall()
-        at = stamp if self._time is None else max(stamp, self._time)
-        self._send(self._tick(at if lockstep else self._time or at), repeat=lockstep)
+        at = stamp if self.time is None else max(stamp, self.time)
+        self._send(self._tick(at if lockstep else self.time or at), repeat=lockstep)
         self._report(state)
 
     def _commanded_since(self, stamp: float) -> tuple[JointSample, ...]:
         """The latest commands, from the stamp on."""
         later: list[JointSample] = []
-        for command in reversed(self._commands):
+        for command in reversed(self.commands):
             if command.stamp < stamp:
                 break
             later.append(command)
@@ -235,13 +231,13 @@ class Driver:
 
     def _clear(self) -> None:
         self.history.clear()
-        self._commands.clear()
+        self.commands.clear()
         self._waiting: tuple[float, Look] | None = None
         self._stamp: float | None = None  # of the latest joint state
         self._arrived = 0.0  # when that came, by the clock
-        self._time: float | None = None  # that the loop was last told
+        self.time: float | None = None  # that the loop was last told
         self._now: float | None = None
-        self._sent: np.ndarray | None = None
+        self.sent: np.ndarray | None = None
         self._sent_at = 0.0
         self._behind: np.ndarray | None = None  # (n,) that the joints lacked when it came to rest
         self._reported = -1e9
@@ -272,10 +268,10 @@ class Driver:
         self, t: float, sample: JointSample | None = None, unmeasured: str = ""
     ) -> Command:
         # A joint state that was held up comes behind a tick by the clock, which did not go back.
-        t = self._time = t if self._time is None else max(t, self._time)
+        t = self.time = t if self.time is None else max(t, self.time)
         command = self.servo.tick(t, sample, unmeasured)
         if command.positions is not None:
-            self._commands.append(JointSample.of(t, command.names, command.positions))
+            self.commands.append(JointSample.of(t, command.names, command.positions))
         return command
 
     def _blind(self, t: float, reason: str) -> None:
@@ -290,14 +286,14 @@ class Driver:
         values = command.values
         if values is None or not finite(values, values, values):
             return
-        if self._sent is None and self.servo.phase == STOPPED:
+        if self.sent is None and self.servo.phase == STOPPED:
             return  # standing by: whoever commands the joints now goes on doing so
-        same = self._sent is not None and values.tolist() == self._sent.tolist()
+        same = self.sent is not None and values.tolist() == self.sent.tolist()
         if not same:
             self._behind = None
         elif command.positions is not None and not (repeat or self._due_again(command)):
             return
-        self._sent, self._sent_at = values, command.stamp
+        self.sent, self._sent_at = values, command.stamp
         if not self.settings.dry:
             self._face.send(command)
 
@@ -316,13 +312,26 @@ class Driver:
             return False
         return command.stamp - self._sent_at >= REPEAT_PERIOD - 1e-9
 
+    def ticked(
+        self, samples: Sequence[JointSample], commands: np.ndarray, sent: np.ndarray, at: float
+    ) -> None:
+        """Compiled ticks answered joint states with commands (m, n); what was sent last, and when,
+        s."""
+        still = np.zeros(len(sent))
+        for sample, command in zip(samples, commands, strict=True):
+            self.history.add(sample)
+            self.commands.append(JointSample(sample.stamp, sample.names, command, still))
+        self._stamp = self._arrived = self.time = self._now = samples[-1].stamp
+        if at > self._sent_at:
+            self.sent, self._sent_at, self._behind = sent, at, None
+
     def _discontinuous(self, sample: JointSample) -> bool:
         """Whether the joints were not heard of for long, or jumped since."""
         newest = self.history.newest
         if newest is None:
             return False
         dt = sample.stamp - newest.stamp
-        return dt > self.settings.watchdog or _jumped(
+        return dt > self.settings.watchdog or jumped(
             sample.positions, newest.positions, sample.velocities, newest.velocities,
             self._lead, dt,
         )  # fmt: skip
@@ -360,14 +369,3 @@ class Driver:
         phase = HOLDING if self.servo.phase == HOLDING else WAITING
         reason = " and ".join(missing) + (f"; {words}" if (words := self._standing()) else "")
         self._report(ServoState(now, phase, self.servo.outcome.kind, reason))
-
-
-@compiled("f8[:], f8[:], f8[:], f8[:], f8[:], f8")
-def _jumped(positions, before, velocities, velocities_before, lead, dt):
-    """Whether a joint went further in `dt` s than any motion; lead: one or (n,)."""
-    for i in range(len(positions)):
-        way = abs(positions[i] - before[i])
-        speed = max(abs(velocities[i]), abs(velocities_before[i]))
-        if way > JUMP * lead[min(i, len(lead) - 1)] and way > JUMP_SPEEDS * speed * dt:
-            return True
-    return False

@@ -16,6 +16,11 @@ if TYPE_CHECKING:
     from ..arm.limits import Limits
 
 
+# Two joint states are no motion where they differ by more than this part of `lead`, and by more
+# than so many times the way at their greater speed.
+JUMP, JUMP_SPEEDS = 0.5, 4.0
+
+
 class CommandMotion:
     """The command, which only moves on from where it is, whatever is asked.
 
@@ -23,11 +28,12 @@ class CommandMotion:
         command: (n,) rad or m; None before `begin`.
         velocity: (n,) at which it moved last.
         late: (n,) bool, of joints that the last `advance` waited for.
+        lead: (n,) see ServoSettings.
     """
 
     def __init__(self, names: Sequence[str], limits: Limits, settings: ServoSettings) -> None:
         self.names, self.limits, self.settings = tuple(names), limits, settings
-        self._lead = np.broadcast_to(np.asarray(settings.lead, float), (len(self.names),))
+        self.lead = np.full(len(self.names), settings.lead, float)
         self.reset()
 
     def reset(self) -> None:
@@ -69,25 +75,32 @@ class CommandMotion:
         """
         if dt <= 0.0:
             return ""
-        after, speeds, stopped, late = _advanced(
+        after, speeds, stopped, late = advanced(
             self.command, self.velocity, velocities, measured, self.limits.lower,
-            self.limits.upper, self._lead, self.settings.lag, dt,
+            self.limits.upper, self.lead, self.settings.lag, dt,
         )  # fmt: skip
+        if not late.any():
+            self.go_on(after, speeds)
+            return self.stopped_words(np.flatnonzero(stopped))
         self.late = late
-        if late.any():
-            self.brake(dt)
-            if self.at_rest and self.settings.output == "velocity":
-                self.command = np.array(measured, float)
-            return "; ".join(
-                f"waiting for {self.names[i]}, which is {abs(after[i] - measured[i]):.3f} behind "
-                "its command"
-                for i in np.flatnonzero(late)
-            )
-        self._brake, self.velocity, self.command = None, speeds, after
-        if not len(stopped):
-            return ""
+        self.brake(dt)
+        if self.at_rest and self.settings.output == "velocity":
+            self.command = np.array(measured, float)
         return "; ".join(
-            f"{self.names[i]} stopped at its limit of {after[i]:.4f}" for i in stopped
+            f"waiting for {self.names[i]}, which is {abs(after[i] - measured[i]):.3f} behind "
+            "its command"
+            for i in np.flatnonzero(late)
+        )
+
+    def go_on(self, command: np.ndarray, velocity: np.ndarray) -> None:
+        """The command (n,) has moved on, at a velocity (n,), and waits for no joint."""
+        self.wait_for_none()
+        self._brake, self.velocity, self.command = None, velocity, command
+
+    def stopped_words(self, stopped: Sequence[int]) -> str:
+        """That these joints' limits stopped the command, in words."""
+        return "; ".join(
+            f"{self.names[i]} stopped at its limit of {self.command[i]:.4f}" for i in stopped
         )
 
     def brake(self, dt: float) -> None:
@@ -155,12 +168,12 @@ class CommandMotion:
 
 
 @compiled("f8[:], f8[:], f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8")
-def _advanced(command, velocity, velocities, measured, lower, upper, lead, lag, dt):
+def advanced(command, velocity, velocities, measured, lower, upper, lead, lag, dt):
     """One step of the command from its place (n,) and velocity (n,).
 
     Returns:
-        Where it goes (n,), from beyond a limit back and not on; at which velocities (n,); indices
-        of the joints that a limit stops; (n,) which do not follow.
+        Where it goes (n,), from beyond a limit back and not on; at which velocities (n,); (n,)
+        which joints a limit stops; (n,) which do not follow.
     """
     after = np.empty(len(command))
     stopped, late = np.zeros(len(command), np.bool_), np.zeros(len(command), np.bool_)
@@ -173,4 +186,15 @@ def _advanced(command, velocity, velocities, measured, lower, upper, lead, lag, 
         # flying camera asked for more than 5 rad/s from rest never set out.
         known = before > 0.5 * lead[i]
         late[i] = known and ahead > lead[i] + lag * abs(velocity[i]) and ahead > before
-    return after, (after - command) / dt, np.flatnonzero(stopped), late
+    return after, (after - command) / dt, stopped, late
+
+
+@compiled("f8[:], f8[:], f8[:], f8[:], f8[:], f8")
+def jumped(positions, before, velocities, velocities_before, lead, dt):
+    """Whether a joint went further in `dt` s than any motion; lead: one or (n,)."""
+    for i in range(len(positions)):
+        way = abs(positions[i] - before[i])
+        speed = max(abs(velocities[i]), abs(velocities_before[i]))
+        if way > JUMP * lead[min(i, len(lead) - 1)] and way > JUMP_SPEEDS * speed * dt:
+            return True
+    return False

@@ -67,6 +67,7 @@ class Servo:
         beyond: why the arm cannot be where the goal was taught, in words; empty where it can.
         phase, reason: of the loop now.
         source: of the images, for messages.
+        motion, pursuit: where the commands stand, and what they go after.
         state: the latest ServoState, None before the first.
     """
 
@@ -100,8 +101,8 @@ class Servo:
             )
         joints = self.goal.joint_values(arm.names)
         resolver.goal = self.goal.world_T_camera if joints is None else arm.view(joints)[0]
-        self._motion = CommandMotion(arm.names, resolver.limits, self.settings)
-        self._pursuit = Pursuit(self.name, scheme, resolver, self._motion, self.settings)
+        self.motion = CommandMotion(arm.names, resolver.limits, self.settings)
+        self.pursuit = Pursuit(self.name, scheme, resolver, self.motion, self.settings)
         self._approach = None
         if self.settings.start is not None:
             limits = resolver.limits
@@ -119,7 +120,7 @@ class Servo:
         """Begin anew, as if just constructed: for a clock that went back."""
         self.phase, self.reason = WAITING, ""
         self.state: ServoState | None = None
-        self._motion.reset()
+        self.motion.reset()
         self._jumped = False
         if self._approach is not None:
             self._approach.reset()
@@ -143,7 +144,7 @@ class Servo:
         self._held = ""
         if self.phase in (STOPPED, HOLDING):
             if self._joints is not None:
-                self._motion.take_up(self._joints.positions)
+                self.motion.take_up(self._joints.positions)
             self.phase, self.reason = WAITING, ""
         self.diagnosis.reset()
         self._pause()
@@ -170,7 +171,7 @@ class Servo:
         """Whether the command rests, on the way, until joints have followed it."""
         if self.phase == APPROACHING:
             return bool(self._approach.reason)
-        return self.phase in (SERVOING, CONVERGED) and bool(self._motion.late.any())
+        return self.phase in (SERVOING, CONVERGED) and bool(self.motion.late.any())
 
     @property
     def approaching(self) -> bool:
@@ -185,7 +186,7 @@ class Servo:
     @property
     def command(self) -> np.ndarray | None:
         """(n,) positions that the commands stand at; None before the first tick."""
-        return None if self._motion.command is None else self._motion.command.copy()
+        return None if self.motion.command is None else self.motion.command.copy()
 
     # -- images ----------------------------------------------------------------------------
 
@@ -231,7 +232,7 @@ class Servo:
     ) -> tuple[Decision, Resolution | None]:
         """Everything that can go wrong, before anything counts."""
         self.arm.check(joints.positions, joints.velocities)
-        if self._paused and self._motion.at_rest:
+        if self._paused and self.motion.at_rest:
             # The arm stands: integrals and the start's profile begin anew.
             self._began = observation.stamp
             guarded(self.name, self._begin_scheme)
@@ -243,7 +244,7 @@ class Servo:
         if decision.task is None:
             return decision, None
         resolution = self.resolver.resolve(
-            joints.positions, decision.task, self.settings.resolve_period, self._motion.velocity
+            joints.positions, decision.task, self.settings.resolve_period, self.motion.velocity
         )
         return decision, checked_resolution(resolution)
 
@@ -258,7 +259,7 @@ class Servo:
         stamp = observation.stamp
         self._paused, self._fault = False, ""
         self._fresh = True
-        self._pursuit.ask(decision.task, resolution, stamp, self._now)
+        self.pursuit.ask(decision.task, resolution, stamp, self._now)
         arrived = self._arrival.add(decision, observation, self.goal, self.scheme, resolution)
         self.phase = CONVERGED if arrived.reached else SERVOING
         reasons = [] if resolution is None else list(resolution.reasons)
@@ -307,14 +308,14 @@ class Servo:
             if self.phase != STOPPED and not self._held:
                 self._halt(HOLDING, unmeasured)
                 self.diagnosis.unmeasured(unmeasured)
-            self._motion.brake(dt)
+            self.motion.brake(dt)
             return self._sent(t, self._joints, unmeasured)
         if self._joints is None:
             self.phase = WAITING if self.phase != STOPPED else STOPPED
             return self._sent(t, None, "no joint states yet")
         measured = self._joints
-        if self._motion.command is None:
-            self._motion.begin(measured.positions)
+        if self.motion.command is None:
+            self.motion.begin(measured.positions)
         if self.approaching and self.phase != STOPPED and not self._held:
             return self._approached(t, dt, measured)
         self._watch(t)
@@ -322,11 +323,11 @@ class Servo:
 
     def _move(self, t: float, dt: float, measured: JointSample) -> str:
         """Integrate what was asked last; what held it back, in words."""
-        self._pursuit.take_up(t)
-        if self._pursuit.task is not None and dt <= 0.0:
+        self.pursuit.take_up(t)
+        if self.pursuit.task is not None and dt <= 0.0:
             return ""  # an image's own instant: the joints will be newer when time goes on
         try:
-            asked = self._pursuit.velocities(t, dt, measured, self._began)
+            asked = self.pursuit.velocities(t, dt, measured, self._began)
         except SchemeError as error:
             self._fault = str(error)
             self._halt(HOLDING, str(error))
@@ -335,13 +336,13 @@ class Servo:
             self._halt(HOLDING, str(error))
         else:
             if asked is None:
-                self._motion.brake(dt)
+                self.motion.brake(dt)
                 return ""
             velocities, reason = asked
             self._take_up_jumped(measured)
-            self._late = self._motion.advance(velocities, measured.positions, dt)
+            self._late = self.motion.advance(velocities, measured.positions, dt)
             return "; ".join(text for text in (reason, self._late) if text)
-        self._motion.brake(dt)
+        self.motion.brake(dt)
         return self.reason
 
     def _watch(self, t: float) -> None:
@@ -350,10 +351,10 @@ class Servo:
             self._fresh, self._answered = False, t
         if self.phase not in (SERVOING, CONVERGED):
             return
-        patience = max(self.settings.watchdog, self.settings.watchdog_images * self._period)
-        if self._answered is not None and t - self._answered > patience:
+        answered, patience = self.answered
+        if answered is not None and t - answered > patience:
             self.diagnosis.starved(t, self._period)
-            self._halt(WAITING, self.source.missing(t - self._answered))
+            self._halt(WAITING, self.source.missing(t - answered))
 
     def _approached(self, t: float, dt: float, measured: JointSample) -> Command:
         self.phase = APPROACHING
@@ -361,13 +362,30 @@ class Servo:
             self._approach.reset()
         command = self._approach.command(t, dt, measured.positions)
         if dt > 0.0:
-            self._motion.velocity = (command - self._motion.command) / dt
-        self._motion.command = command
+            self.motion.velocity = (command - self.motion.command) / dt
+        self.motion.command = command
         self.reason = self._approach.reason
         if self._approach.done:
             self.phase, self.reason = WAITING, ""
-            self._motion.velocity = np.zeros_like(command)
+            self.motion.velocity = np.zeros_like(command)
         return self._sent(t, measured, self.reason)
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether the coming ticks do nothing but go after the task."""
+        return self.phase in (SERVOING, CONVERGED) and not (
+            self._fresh or self._jumped or self._held or self.approaching
+        )
+
+    @property
+    def answered(self) -> tuple[float, float]:
+        """When the last image was answered, and for how long that is enough, s."""
+        settings = self.settings
+        return self._answered, max(settings.watchdog, settings.watchdog_images * self._period)
+
+    def ticked(self, joints: JointSample, late: str) -> None:
+        """Ticks were made up to these joints; what was late in the last one, in words."""
+        self._now, self._joints, self._late = joints.stamp, joints, late
 
     # -- shared ----------------------------------------------------------------------------
 
@@ -375,7 +393,7 @@ class Servo:
         """Command the joints from where they are, if they have jumped; whether they had."""
         jumped, self._jumped = self._jumped, False
         if jumped:
-            self._motion.begin(measured.positions)
+            self.motion.begin(measured.positions)
         return jumped
 
     @property
@@ -390,11 +408,11 @@ class Servo:
 
     def _pause(self) -> None:
         """Nothing is asked of the arm any more; the next image begins the scheme anew."""
-        self._pursuit.drop()
+        self.pursuit.drop()
         self._paused = True
         self._fresh, self._answered = False, None
         self._late = ""
-        self._motion.wait_for_none()
+        self.motion.wait_for_none()
 
     def _halt(self, phase: str, reason: str) -> None:
         self.phase, self.reason = phase, reason
@@ -402,7 +420,7 @@ class Servo:
         self._arrival.clear()
 
     def _sent(self, t: float, measured: JointSample | None, reason: str) -> Command:
-        return self._motion.sent(t, measured, self.arm.effort, reason, self.phase)
+        return self.motion.sent(t, measured, self.arm.effort, reason, self.phase)
 
     def _record(
         self,
@@ -427,7 +445,7 @@ class Servo:
         if reason is None:
             if self._joints is not None:
                 self.diagnosis.joints(
-                    state.stamp, self._motion.late, self._motion.velocity, self._joints.velocities
+                    state.stamp, self.motion.late, self.motion.velocity, self._joints.velocities
                 )
             outcome = self.diagnosis.see(state, observation, self.goal, self.scheme, faulty)
             state = replace(state, outcome=outcome.kind, mend=outcome.mend)

@@ -21,12 +21,18 @@ if TYPE_CHECKING:
     from ..arm.resolver import Resolver
 
 
+ROUNDING = 1e-12  # s
+
+
 class Pursuit:
     """Joint velocities for what was asked last.
 
     Attributes:
         task: that is resolved now; None: none is, or the scheme answers joints itself.
         controlled: whether it does, and may.
+        pending: tasks that wait for the delay to be over, with the time when it is, s.
+        kept: when velocities (n,) were worked out, those, how long they last, s, and what holds
+            them back, in words; None: they have to be.
     """
 
     def __init__(
@@ -46,8 +52,8 @@ class Pursuit:
         """Nothing is asked of the arm any more."""
         self.task: Task | None = None
         self.controlled = False
-        self._pending: deque[tuple[float, Task]] = deque()
-        self._resolved: tuple[float, Resolution] | None = None
+        self.pending: deque[tuple[float, Task]] = deque()
+        self.kept: tuple[float, np.ndarray, float, str] | None = None
 
     def ask(
         self, task: Task | None, resolution: Resolution | None, stamp: float, now: float | None
@@ -62,16 +68,16 @@ class Pursuit:
         if task is None:
             self.controlled = True
         elif self.settings.delay > 0.0:
-            self._pending.append((stamp + self.settings.delay, task))
+            self.pending.append((stamp + self.settings.delay, task))
         else:
-            self.task, self._resolved = task, None
+            self.task, self.kept = task, None
             if resolution is not None and resolution.lasts > 0.0 and now is not None:
-                self._resolved = (now, resolution)
+                self.kept = _kept(now, resolution)
 
     def take_up(self, t: float) -> None:
         """Have the tasks whose delay is over at t (s) count."""
-        while self._pending and self._pending[0][0] <= t + 1e-12:
-            self.task, self._resolved = self._pending.popleft()[1], None
+        while self.pending and self.pending[0][0] <= t + ROUNDING:
+            self.task, self.kept = self.pending.popleft()[1], None
 
     def velocities(
         self, t: float, dt: float, measured: JointSample, began: float
@@ -91,13 +97,13 @@ class Pursuit:
 
     def _of_task(self, t: float, dt: float, measured: JointSample) -> tuple[np.ndarray, str]:
         period = self.settings.resolve_period
-        kept = self._resolved
-        if kept is None or t - kept[0] >= max(kept[1].lasts, period) - 1e-9:
+        kept = self.kept
+        if kept is None or t - kept[0] >= max(kept[2], period) - 1e-9:
             resolution = self.resolver.resolve(
                 measured.positions, self.task, max(dt, period), self.motion.velocity
             )
-            kept = self._resolved = (t, checked_resolution(resolution))
-        return kept[1].velocities, "; ".join(kept[1].reasons)
+            kept = self.kept = _kept(t, checked_resolution(resolution))
+        return kept[1], kept[3]
 
     def _of_controller(
         self, t: float, dt: float, measured: JointSample
@@ -114,6 +120,10 @@ class Pursuit:
         else:
             velocities = answer
         return self.motion.limited(velocities, dt)
+
+
+def _kept(t: float, resolution: Resolution) -> tuple[float, np.ndarray, float, str]:
+    return t, resolution.velocities, resolution.lasts, "; ".join(resolution.reasons)
 
 
 def checked_resolution(resolution: Resolution) -> Resolution:

@@ -101,6 +101,20 @@ class JointStateController(Controller):
         if listener is not None:
             listener(self.sample(time_ns))
 
+    def due_in(self, time_ns: int, until_ns: int, step_ns: int) -> list[int]:
+        """The cycles in which it samples, of those every `step_ns` from `time_ns` to `until_ns`."""
+        found: list[int] = []
+        due_ns = self._due_ns
+        while (tick_ns := max(_after(due_ns, time_ns, step_ns), time_ns)) <= until_ns:
+            found.append(tick_ns)
+            due_ns = self._start_ns + (self._periods + 1 + len(found)) * self._step_ns
+            time_ns = tick_ns + step_ns
+        return found
+
+    def sampled(self, count: int) -> None:
+        """So many samples were taken of `handle_rows`, in cycles of `due_in`."""
+        self._periods += count
+
     def sample(self, time_ns: int) -> JointStates:
         """All joints now."""
         measured = self._rows[self._order].T.tolist()
@@ -112,6 +126,11 @@ class JointStateController(Controller):
             measured[1] + velocities,
             measured[2] + efforts,
         )
+
+
+def _after(due_ns: float, time_ns: int, step_ns: int) -> int:
+    """The first of the cycles every `step_ns` from `time_ns` on which is later than `due_ns`."""
+    return time_ns + (int(due_ns - time_ns) // step_ns + 1) * step_ns
 
 
 def _extra_joints(

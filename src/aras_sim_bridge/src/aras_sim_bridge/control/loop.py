@@ -1,17 +1,12 @@
 """gazebo_ros_control's part of a physics step: read, update controllers, write."""
 
-from collections.abc import Iterable
 from itertools import chain
 from math import inf, nan
 
 import numpy as np
 
 from aras_sim_bridge.control.controllers.base import Controller
-from aras_sim_bridge.control.controllers.joint_loops import (
-    LOOP_COLUMNS,
-    JointLoop,
-    taken_together,
-)
+from aras_sim_bridge.control.controllers.joint_loops import LOOP_COLUMNS, taken_together
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.manager import ControllerManager
 from aras_sim_bridge.control.switching import Entry
@@ -118,22 +113,22 @@ class ControlLoop:
         return self._loops, idle_ns
 
     @property
-    def loops(self) -> list[JointLoop]:
+    def joints(self) -> list[str]:
         """Of the rows that `begin` answers."""
-        return list(chain.from_iterable(c.loops for c in self._commanded))
+        return [loop.handle.name for c in self._commanded for loop in c.loops]
 
     def _take(self, time_ns: int) -> None:
         """Let all loops take the commands that wait, as CommandedController.take one by one."""
         given = [c.slot.pop() if c.slot else [nan] * len(c.loops) for c in self._commanded]
-        commands = list(chain(*given))
-        if taken_together(self._loops, np.array(commands), time_ns):
-            self.told(commands, time_ns)
+        self.take(np.array(list(chain(*given))), time_ns)
 
-    def told(self, commands: Iterable[float], time_ns: int) -> None:
-        """Say which of the loops' commands is beyond its limits; NaN: there was none."""
-        for loop, command in zip(self.loops, commands, strict=True):
-            if command == command:
-                loop.told(command, time_ns)
+    def take(self, commands: np.ndarray, time_ns: int) -> None:
+        """Let all loops take commands (m,), in the cycle at `time_ns`; NaN: there is none."""
+        if taken_together(self._loops, commands, time_ns):
+            loops = chain.from_iterable(c.loops for c in self._commanded)
+            for loop, command in zip(loops, commands.tolist(), strict=True):
+                if command == command:
+                    loop.told(command, time_ns)
 
     def _gather(self, running: tuple[Entry, ...]) -> None:
         """Put the rows of all loops that run into one array."""

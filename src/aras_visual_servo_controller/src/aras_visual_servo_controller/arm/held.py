@@ -3,38 +3,57 @@
 Twists are scaled here: the rotations by a length, so that all six numbers are in m/s.
 """
 
-from math import atan2, sqrt
+from math import atan2, pi, sqrt
 
 import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
 
 
-@compiled("f8[:,:], f8[:,:]")
-def _turn(view, goal):
-    """Axis times angle (3,), rad, by which the camera has to turn, in its own frame."""
-    R = np.zeros((3, 3))
+@compiled("f8[:], f8[:], f8[::1]", allocates=False)
+def _cross(a, b, product):
+    """a x b, into `product`."""
+    product[0] = a[1] * b[2] - a[2] * b[1]
+    product[1] = a[2] * b[0] - a[0] * b[2]
+    product[2] = a[0] * b[1] - a[1] * b[0]
+
+
+@compiled("f8[:], f8[:]", allocates=False)
+def _dot(a, b):
+    """a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled("f8[:,:], f8[:,:], f8, f8[::1]")
+def _turn(view, goal, length, errors):
+    """By which the camera has to turn, in its own frame: axis times angle (3,), rad, times the
+    length; into errors (6,) from 3 on."""
+    R, odd, axis = np.zeros((3, 3)), np.empty(3), np.empty(3)
     for i in range(3):
         for j in range(3):
             for k in range(3):
                 R[i, j] += view[k, i] * goal[k, j]
-    odd = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    sine = 0.5 * sqrt((odd * odd).sum())
+    for i in range(3):
+        odd[i] = R[(i + 2) % 3, (i + 1) % 3] - R[(i + 1) % 3, (i + 2) % 3]
+    sine = 0.5 * sqrt(_dot(odd, odd))
     cosine = 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
     angle = atan2(sine, cosine)
-    if sine > 1e-4 or cosine > 0.0:
-        return (0.5 * angle / sine if sine > 1e-6 else 0.5) * odd
-    # Near half a turn the symmetric part is exact: (R + R^T) / 2 - cosine = (1 - cosine) u u^T.
-    outer = 0.5 * (R + R.T) - cosine * np.eye(3)
-    longest = 0
+    factor = 0.5 * angle / sine if sine > 1e-6 else 0.5
+    if sine <= 1e-4 and cosine <= 0.0:
+        # Near half a turn the symmetric part is exact: (R + R^T) / 2 - cosine = (1 - cosine) u u^T.
+        longest = 0
+        for i in range(3):
+            if R[i, i] > R[longest, longest]:
+                longest = i
+        for i in range(3):
+            axis[i] = 0.5 * (R[longest, i] + R[i, longest])
+        axis[longest] -= cosine
+        factor = angle / sqrt(_dot(axis, axis))
+        if _dot(axis, odd) < 0.0:
+            factor = -factor
+        odd = axis
     for i in range(3):
-        if outer[i, i] > outer[longest, longest]:
-            longest = i
-    axis = outer[longest].copy()
-    size = sqrt((axis * axis).sum())
-    if (axis * odd).sum() < 0.0:
-        size = -size
-    return angle / size * axis
+        errors[3 + i] = length * factor * odd[i]
 
 
 @compiled("f8[:,:], f8[:,:], f8, i8, f8[:,::1], f8[::1]")
@@ -46,22 +65,27 @@ def _vertical(view, goal, length, row, held, errors):
         view, goal: `reference_T_camera` (4, 4), now and at the goal.
         length: m that weigh as much as one radian.
     """
-    now, wanted = view[2, :3].copy(), goal[2, :3].copy()
-    first = np.array([0.0, now[2], -now[1]])
+    now, wanted = view[2, :3], goal[2, :3]
+    first, second, turn = np.zeros(3), np.empty(3), np.empty(3)
     if abs(now[0]) >= 0.7:
-        first = np.array([-now[2], 0.0, now[0]])
-    first /= np.sqrt((first * first).sum())
-    second = np.cross(now, first)
+        first[0], first[2] = -now[2], now[0]
+    else:
+        first[1], first[2] = now[2], -now[1]
+    size = sqrt(_dot(first, first))
+    for i in range(3):
+        first[i] /= size
+    _cross(now, first, second)
     # Turning the camera by w moves what stands still by -w x c in its frame.
-    turn = np.cross(wanted, now)
-    sine, cosine = np.sqrt((turn * turn).sum()), (now * wanted).sum()
+    _cross(wanted, now, turn)
+    sine, cosine = sqrt(_dot(turn, turn)), _dot(now, wanted)
     if sine >= 1e-9:
-        factor = length * np.arctan2(sine, cosine) / sine
-        errors[row] = factor * (turn * first).sum()
-        errors[row + 1] = factor * (turn * second).sum()
+        factor = length * atan2(sine, cosine) / sine
+        errors[row] = factor * _dot(turn, first)
+        errors[row + 1] = factor * _dot(turn, second)
     elif cosine <= 0.0:  # upside down: any way round is as good
-        errors[row] = length * np.pi
-    held[row, 3:], held[row + 1, 3:] = first, second
+        errors[row] = length * pi
+    for i in range(3):
+        held[row, 3 + i], held[row + 1, 3 + i] = first[i], second[i]
 
 
 @compiled("f8[:,:], f8[:,:], b1[:], f8")
@@ -90,7 +114,7 @@ def held_at(view, goal, modelled, length):
         for k in range(3):
             off[i] += (goal[k, 3] - view[k, 3]) * view[k, i]
     if turns and not upright:
-        off[3:] = length * _turn(view, goal)
+        _turn(view, goal, length, off)
     rows, others = 0, 0
     for i in range(3 if upright else 6):
         if modelled[i]:
@@ -100,6 +124,7 @@ def held_at(view, goal, modelled, length):
             held[rows, i], errors[rows] = 1.0, off[i]
             rows += 1
     if upright:
-        free[others, 3:] = view[2, :3]
+        for i in range(3):
+            free[others, 3 + i] = view[2, i]
         _vertical(view, goal, length, rows, held, errors)
     return held, errors, free

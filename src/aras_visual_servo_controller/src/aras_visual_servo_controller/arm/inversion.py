@@ -22,6 +22,15 @@ STILL = 0.002
 LASTING = 0.05  # s that steady velocities may be kept; a slow camera's image period
 
 
+@compiled("f8[:]")
+def _size(a):
+    """|a|."""
+    square = 0.0
+    for value in a:
+        square += value * value
+    return np.sqrt(square)
+
+
 @compiled("f8[:,:], f8[:], f8[:,:], f8[:], f8[:,:], f8[:,:], f8, f8", calls=(svd,))
 def _demanded(L, rate, held, speeds, free, scaled, least, fully):
     """Rows for a task, and those for what it does not model.
@@ -48,7 +57,9 @@ def _demanded(L, rate, held, speeds, free, scaled, least, fully):
         part = min(max((reach[i] - least) / (fully - least), 0.0), 1.0)
         weights[i] = part * part * (3.0 - 2.0 * part)
     # What holding does to the features on its way is not the rest's to do.
-    rest = rate - applied(L, applied(along.T, weights * wanted))
+    rest = applied(L, applied(along.T, weights * wanted))
+    for i in range(len(rest)):
+        rest[i] = rate[i] - rest[i]
     u, s, vt = svd(times(L, free.T))
     rank = 0
     while rank < len(s) and s[rank] > NOISE_PART * s[0]:
@@ -97,7 +108,7 @@ def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
         # As strong as the demand is in that direction, whatever the units of its rows.
         seen = times(rows, turned)
         for i in range(strong, len(s)):
-            strength = max(np.sqrt((seen[:, i] * seen[:, i]).sum()), LEAST_SEEN)
+            strength = max(_size(seen[:, i]), LEAST_SEEN)
             ratio = s[i] / below
             damped[m + i - strong] = damping * np.sqrt(1.0 - ratio * ratio) * strength * weak[i]
     u, s, vt = svd(damped)
@@ -168,31 +179,46 @@ def _within(wanted, secondary, low, high, limits, dt, limited, previous, total, 
     Returns:
         Velocities (n,), their part for the task (n,), its scale, the joint that slowed it or -1.
     """
-    fastest, acceleration = limits[2], limits[3]
+    count, fastest, acceleration = len(wanted), limits[2], limits[3]
     part, slowest = _part(wanted, fastest)
-    primary = part * wanted
     if part == 1.0:
         slowest = -1
-    low, high = np.maximum(low, -fastest), np.minimum(high, fastest)
-    others = np.zeros(len(wanted))
+    primary, others = np.empty(count), np.zeros(count)
+    for i in range(count):
+        primary[i] = part * wanted[i]
     if limited:
-        before = task if np.abs(previous - total).max() < 1e-9 else previous
-        others = previous - before
-        change = acceleration * dt
-        part, joint = _part(primary - before, change)
+        unchanged, change = True, np.empty(count)
+        for i in range(count):
+            unchanged &= abs(previous[i] - total[i]) < 1e-9
+        before, steps = task if unchanged else previous, np.empty(count)
+        for i in range(count):
+            others[i] = previous[i] - before[i]
+            steps[i] = primary[i] - before[i]
+            change[i] = acceleration[i] * dt
+        part, joint = _part(steps, change)
         if part < 1.0:
-            slowest, primary = joint, before + part * (primary - before)
-        # A joint that has to brake for its range, and cannot brake harder, does what it can.
-        low = np.minimum(np.maximum(low, previous - change), previous + change)
-        high = np.minimum(np.maximum(high, previous - change), previous + change)
-    base = np.minimum(np.maximum(primary + others, low), high)
-    # What the task leaves of the limits; the secondary tasks change as far as it goes.
-    towards = secondary - others
-    part, _ = _part(towards, np.where(towards > 0.0, high - base, base - low))
-    scale = 1.0
-    if slowest >= 0:
-        scale = (primary * wanted).sum() / (wanted * wanted).sum()
-    return base + part * towards, primary, scale, slowest
+            slowest = joint
+            for i in range(count):
+                primary[i] = before[i] + part * steps[i]
+    towards, room, velocities = np.empty(count), np.empty(count), np.empty(count)
+    for i in range(count):
+        lowest, highest = max(low[i], -fastest[i]), min(high[i], fastest[i])
+        if limited:
+            # A joint that has to brake for its range, and cannot brake harder, does what it can.
+            slower, faster = previous[i] - acceleration[i] * dt, previous[i] + acceleration[i] * dt
+            lowest = min(max(lowest, slower), faster)
+            highest = min(max(highest, slower), faster)
+        velocities[i] = min(max(primary[i] + others[i], lowest), highest)
+        # What the task leaves of the limits; the secondary tasks change as far as it goes.
+        towards[i] = secondary[i] - others[i]
+        room[i] = highest - velocities[i] if towards[i] > 0.0 else velocities[i] - lowest
+    part, _ = _part(towards, room)
+    along, whole = 0.0, 0.0
+    for i in range(count):
+        velocities[i] += part * towards[i]
+        along += primary[i] * wanted[i]
+        whole += wanted[i] * wanted[i]
+    return velocities, primary, along / whole if slowest >= 0 else 1.0, slowest
 
 
 @compiled("f8[:], f8[:], f8[:], f8, f8")
@@ -254,71 +280,15 @@ def _joint_by_joint(scaled, bent, basis, wanted, weights, wish, low, high, folds
     return solution, spare, free, stopped[:stops], straight
 
 
-RESOLVED = ("f8[:,:], f8[:,:], f8[:], b1[:], f8[:], f8[:,:,:], f8[:,:], f8[:,:], f8, b1, f8[:], "
-            "f8[:,:], f8[:]")
-
-
-@compiled(f"f8[:], f8[:,:], f8[:,:], f8[:,:], {RESOLVED}", calls=(svd, held_at))
-def resolved(q, view, jacobian, bent, goal, L, rate, modelled, wish, pulls, folds, limits,
-             dt, limited, previous, last, settings):
-    """What Resolver.resolve answers, in numbers.
-
-    Args:
-        q: (n,) joints. view: (4, 4), jacobian, bent: (6, n) there, and with bent elbows.
-        goal: (4, 4) as Resolver's.
-        L, rate, modelled: (k, 6), (k,), (6,) of the task.
-        wish: (n,) of the secondary tasks; pulls: (p, 3, n) of those that are a Pull.
-        folds: (m, 7) of each elbow, see Fold.
-        limits: (4, n) lower, upper, velocity, acceleration.
-        dt, limited, previous: see `_within`; last: (2, n) the last velocities, and their part for
-            the task.
-        settings: length, damping, damping_below, hold_gain, held_from, held_fully, reach_bend,
-            shortfall, lost_part.
-
-    Returns:
-        velocities, primary (n,); twists asked, given and lost (6,), in SI units; scale; the joint
-        that slowed the task or -1; joints that a limit stops; whether an elbow would be straight;
-        whether so much is lost that it is worth a word; whether the velocities last; distances
-        (n,) to the limits; the Jacobian.
-    """
-    length, reach = settings[0], settings[6]
-    held, errors, free = held_at(view, goal, modelled, length)
-    wish = wish.copy()
-    for pull in pulls:
-        for i in range(len(q)):
-            wish[i] += pull[2, i] * (min(max(q[i], pull[0, i]), pull[1, i]) - q[i])
-    scale = np.ones(6)
-    scale[3:] = length
-    column = scale.copy().reshape(6, 1)
-    scaled = column * jacobian
-    basis, wanted, weights = _demanded(
-        L / scale, rate, held, settings[3] * errors, free, scaled, length * settings[4],
-        length * settings[5],
-    )  # fmt: skip
-    low, high = _ranges(q, limits, dt)
-    solution, spare, moving, stopped, straight = _joint_by_joint(
-        scaled, column * bent, basis, wanted, weights, wish, low, high, folds, limits,
-        q, dt, reach, settings[1:3],
-    )  # fmt: skip
-    velocities, primary, part, slowest = _within(
-        solution, spare, low, high, limits, dt, limited, previous, last[0], last[1]
-    )
-    short = wanted - applied(basis, applied(scaled, solution))
-    asked, missing = applied(basis.T, wanted), applied(basis.T, short)
-    wish_size, lost_size = np.sqrt((asked * asked).sum()), np.sqrt((missing * missing).sum())
-    worth_a_word = lost_size > max(settings[7], settings[8] * wish_size)
-    lasts = len(stopped) == 0 and not straight and slowest < 0
-    lasts &= np.abs(velocities).max() * LASTING <= STILL
-    if lasts:
-        low, high = _ranges(q, limits, LASTING)
-        lasts = ((velocities >= low) & (velocities <= high)).all()
-        for fold in folds:
-            lasts &= not (moving[int(fold[0])] and _passes(q, fold, velocities, reach, LASTING))
-    return (
-        velocities, primary, asked / scale, applied(jacobian, velocities), missing / scale, part,
-        slowest, stopped, straight, worth_a_word, lasts,
-        np.minimum(q - limits[0], limits[1] - q), jacobian,
-    )  # fmt: skip
+@compiled("f8[:,:], f8")
+def _scaled(twists, length):
+    """Twists (6, n) with their rotations times the length, m/s."""
+    scaled = np.empty(twists.shape)
+    for i in range(6):
+        factor = length if i > 2 else 1.0
+        for j in range(twists.shape[1]):
+            scaled[i, j] = factor * twists[i, j]
+    return scaled
 
 
 @compiled("f8[:], f8[:,:], f8")
@@ -337,17 +307,84 @@ def _bent(q, folds, reach):
     return bent, other
 
 
-@compiled(f"{CHAIN}, f8[:], {RESOLVED}", calls=(svd, held_at, viewed))
-def resolved_at(order, parents, slides, signs, places, axes, ends, tips, q, goal, L, rate, modelled,
-                wish, pulls, folds, limits, dt, limited, previous, last, settings):
-    """`resolved` of a Chain at joints q (n,)."""
-    pose, jacobian = np.empty((4, 4)), np.empty((6, len(q)))
-    viewed(order, parents, slides, signs, places, axes, ends, tips, q, pose, jacobian)
-    posture, other = _bent(q, folds, settings[6])
-    bent = jacobian
-    if other:
-        bent = np.empty((6, len(q)))
-        viewed(order, parents, slides, signs, places, axes, ends, tips, posture, np.empty((4, 4)),
-               bent)
-    return resolved(q, pose, jacobian, bent, goal, L, rate, modelled, wish, pulls, folds, limits,
-                    dt, limited, previous, last, settings)
+RESOLVED = ("f8[:,:], f8[:,:], f8[:], b1[:], f8[:], f8[:,:,:], f8[:,:], f8[:,:], f8, b1, f8[:], "
+            "f8[:,:], f8[:]")
+
+
+@compiled(f"{CHAIN}, f8[:], f8[:,::1], f8[:,::1], {RESOLVED}", calls=(svd, held_at, viewed))
+def resolved(order, parents, slides, signs, places, axes, ends, tips, q, view, jacobian, goal, L,
+             rate, modelled, wish, pulls, folds, limits, dt, limited, previous, last, settings):
+    """What Resolver.resolve answers, in numbers.
+
+    Args:
+        order … tips: of the Chain; one without joints: view and Jacobian are given.
+        q: (n,) joints. view, jacobian: (4, 4), (6, n) there.
+        goal: (4, 4) as Resolver's.
+        L, rate, modelled: (k, 6), (k,), (6,) of the task.
+        wish: (n,) of the secondary tasks; pulls: (p, 3, n) of those that are a Pull.
+        folds: (m, 7) of each elbow, see Fold.
+        limits: (4, n) lower, upper, velocity, acceleration.
+        dt, limited, previous: see `_within`; last: (2, n) the last velocities, and their part for
+            the task.
+        settings: length, damping, damping_below, hold_gain, held_from, held_fully, reach_bend,
+            shortfall, lost_part.
+
+    Returns:
+        velocities, primary (n,); twists asked, given and lost (6,), in SI units; scale; the joint
+        that slowed the task or -1; joints that a limit stops; whether an elbow would be straight;
+        whether so much is lost that it is worth a word; whether the velocities last; distances
+        (n,) to the limits.
+    """
+    length, reach, bent = settings[0], settings[6], jacobian
+    if len(order) > 0:
+        viewed(order, parents, slides, signs, places, axes, ends, tips, q, view, jacobian)
+        posture, other = _bent(q, folds, reach)
+        if other:
+            bent = np.empty((6, len(q)))
+            viewed(order, parents, slides, signs, places, axes, ends, tips, posture,
+                   np.empty((4, 4)), bent)
+    held, errors, free = held_at(view, goal, modelled, length)
+    for i in range(len(errors)):
+        errors[i] *= settings[3]
+    wish = wish.copy()
+    for pull in pulls:
+        for i in range(len(q)):
+            wish[i] += pull[2, i] * (min(max(q[i], pull[0, i]), pull[1, i]) - q[i])
+    scaled, seen = _scaled(jacobian, length), L.copy()
+    for i in range(len(L)):
+        for j in range(3, 6):
+            seen[i, j] /= length
+    basis, wanted, weights = _demanded(
+        seen, rate, held, errors, free, scaled, length * settings[4], length * settings[5]
+    )  # fmt: skip
+    low, high = _ranges(q, limits, dt)
+    solution, spare, moving, stopped, straight = _joint_by_joint(
+        scaled, _scaled(bent, length), basis, wanted, weights, wish, low, high, folds, limits,
+        q, dt, reach, settings[1:3],
+    )  # fmt: skip
+    velocities, primary, part, slowest = _within(
+        solution, spare, low, high, limits, dt, limited, previous, last[0], last[1]
+    )
+    short = applied(basis, applied(scaled, solution))
+    fast, margins = 0.0, np.empty(len(q))
+    for i in range(len(short)):
+        short[i] = wanted[i] - short[i]
+    asked, missing = applied(basis.T, wanted), applied(basis.T, short)
+    bound = max(settings[7], settings[8] * _size(asked))
+    worth_a_word = _size(missing) > bound
+    for i in range(3, 6):
+        asked[i], missing[i] = asked[i] / length, missing[i] / length
+    for i in range(len(q)):
+        fast = max(fast, abs(velocities[i]))
+        margins[i] = min(q[i] - limits[0, i], limits[1, i] - q[i])
+    lasts = len(stopped) == 0 and not straight and slowest < 0 and fast * LASTING <= STILL
+    if lasts:
+        low, high = _ranges(q, limits, LASTING)
+        for i in range(len(q)):
+            lasts &= low[i] <= velocities[i] <= high[i]
+        for fold in folds:
+            lasts &= not (moving[int(fold[0])] and _passes(q, fold, velocities, reach, LASTING))
+    return (
+        velocities, primary, asked, applied(jacobian, velocities), missing, part, slowest, stopped,
+        straight, worth_a_word, lasts, margins,
+    )  # fmt: skip

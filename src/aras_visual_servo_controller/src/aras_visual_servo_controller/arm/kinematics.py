@@ -89,6 +89,9 @@ class Chain(NamedTuple):
         return poses
 
 
+NO_JOINTS = Chain.of((), (), (), {})
+
+
 def _moved(joint: Joint, position: float) -> np.ndarray:
     """Motion (4, 4) of a joint at a position, rad or m, in its own frame."""
     twist = np.zeros(6)

@@ -38,7 +38,8 @@ import numpy as np
 from .algebra import finite
 from .arm import Arm
 from .fold import Fold, find
-from .inversion import LASTING, resolved, resolved_at
+from .inversion import LASTING, resolved
+from .kinematics import NO_JOINTS
 from .limits import Limits
 from .resolution import UNITS, Resolution
 from .secondary import Pull, SecondaryTask
@@ -143,13 +144,12 @@ class Resolver:
             self._goal(q, task.modelled), task.L, task.rate, task.modelled, wish, self.pulls,
             self.fold_rows, self.limit_rows, dt, limited, before, self.last, self.numbers,
         )  # fmt: skip
-        if isinstance(self.arm, Arm):
-            found = resolved_at(*self.arm.chain, q, *asked)
-        else:
-            view, jacobian = self.arm.view(q)
-            found = resolved(q, view, jacobian, jacobian, *asked)
+        chain, view = getattr(self.arm, "chain", None), (np.empty((4, 4)), np.empty((6, len(q))))
+        if chain is None:
+            chain, view = NO_JOINTS, tuple(map(np.array, self.arm.view(q)))
+        found = resolved(*chain, q, *view, *asked)
         velocities, primary, asked, twist, lost, scale = found[:6]
-        slowest, stopped, straight, short, lasts, margins, jacobian = found[6:]
+        slowest, stopped, straight, short, lasts, margins = found[6:]
         self.last[:] = velocities, primary
         names = [self.arm.names[joint] for joint in stopped]
         reasons = [f"{name} stopped at its limit" for name in names]
@@ -160,7 +160,7 @@ class Resolver:
             reasons.append(f"slowed to {100.0 * scale:.0f} % for a limit of {slowing}")
         return Resolution(
             velocities, primary, asked, twist, lost, scale, margins, tuple(names), slowing,
-            tuple(reasons), task.L, jacobian, task.modelled, LASTING if lasts else 0.0,
+            tuple(reasons), task.L, view[1], task.modelled, LASTING if lasts else 0.0,
         )  # fmt: skip
 
     def _goal(self, q: np.ndarray, modelled: np.ndarray) -> np.ndarray:

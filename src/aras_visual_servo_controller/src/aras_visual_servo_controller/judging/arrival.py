@@ -324,6 +324,9 @@ def _averaged(rows, seen, count, limit):
         n = 1 if scatter[1] <= scatter[0] else 0  # where poses are unknown that is no number
         enough = variances[n, 0] <= limit[0] ** 2 and variances[n, 1] <= limit[1] ** 2
         if enough or count == m:
-            mean = total[n] / count
-            return mean, square[n] / count - np.outer(mean, mean), count, enough
+            mean, scattered = total[n] / count, square[n] / count
+            for a in range(6):
+                for b in range(6):
+                    scattered[a, b] -= mean[a] * mean[b]
+            return mean, scattered, count, enough
         count = min(2 * count, m)

@@ -318,7 +318,7 @@ class Driver:
         """Compiled ticks answered joint states with commands (m, n); what was sent last, and when,
         s."""
         still = np.zeros(len(sent))
-        for sample, command in zip(samples, commands, strict=True):
+        for sample, command in zip(samples, commands, strict=False):
             self.history.add(sample)
             self.commands.append(JointSample(sample.stamp, sample.names, command, still))
         self._stamp = self._arrived = self.time = self._now = samples[-1].stamp

@@ -6,6 +6,7 @@ of the ordinary: the same compiled functions, without the objects between them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import inf
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,7 @@ from aras_visual_servo_base.compiled import compiled
 from ..arm.algebra import finite, svd
 from ..arm.arm import Arm, implausible
 from ..arm.held import held_at
-from ..arm.inversion import LASTING, resolved_at
+from ..arm.inversion import LASTING, resolved
 from ..arm.kinematics import CHAIN, viewed
 from ..arm.resolver import Resolver
 from ..seeing.joint_sample import JointSample
@@ -44,7 +45,7 @@ TICKED = (
 
 
 @compiled(f"f8[:], f8[:], f8, {TICKED}",
-          calls=(svd, held_at, viewed, resolved_at, implausible, advanced))
+          calls=(svd, held_at, viewed, resolved, implausible, advanced))
 def ticked(q, v, stamp, chain, clock, rows, last, bounds, lead, settings, numbers, goal, L, rates,
            modelled, pulls, folds, limits, accelerates):
     """One joint state and the tick it brings; where it is ODD, Python begins with it anew.
@@ -69,9 +70,10 @@ def ticked(q, v, stamp, chain, clock, rows, last, bounds, lead, settings, number
     task, period = 1 if settings[SECOND] <= t + ROUNDING else 0, settings[PERIOD]
     lasts = max(clock[KEPT_FOR], period) - 1e-9
     if task != clock[TASK] or not t - clock[KEPT_AT] < lasts:
-        found = resolved_at(
-            *chain, q, goal, L[task], rates[task], modelled[task], np.zeros(len(q)), pulls, folds,
-            limits, max(dt, period), accelerates, rows[VELOCITY], last, numbers,
+        found = resolved(
+            *chain, q, np.empty((4, 4)), np.empty((6, len(q))), goal, L[task], rates[task],
+            modelled[task], np.zeros(len(q)), pulls, folds, limits, max(dt, period), accelerates,
+            rows[VELOCITY], last, numbers,
         )  # fmt: skip
         if not finite(found[0], found[0], found[0]):
             return ODD
@@ -142,22 +144,27 @@ class Ticks:
             np.array([t.modelled for t in both]), *self._fixed,
         )  # fmt: skip
 
-    def end(self, stamps: np.ndarray, samples: np.ndarray, commands: np.ndarray) -> None:
-        """Take back what `ticked` made of joint states (m, 2, n) at stamps (m,), s: commands
-        (m, n)."""
+    @property
+    def command(self) -> np.ndarray:
+        """(n,) where the command stands."""
+        return self._rows[COMMAND]
+
+    def end(self, stamps: Sequence[float], samples: np.ndarray, commands: np.ndarray) -> None:
+        """Take back what `ticked` made of the first joint states (m, 2, n), at stamps in s:
+        commands (m, n)."""
         driver, clock, rows = self._driver, self._clock, self._rows
         servo = driver.servo
         pursuit, names = servo.pursuit, servo.arm.names
         if clock[TASK]:
             pursuit.task = pursuit.pending.popleft()[1]
         pursuit.kept = clock.item(KEPT_AT), rows[KEPT], clock.item(KEPT_FOR), ""
-        if not len(stamps):
+        if not stamps:
             return
         for array in (samples, commands):
             array.setflags(write=False)
         taken = [
             JointSample(stamp, names, *sample)
-            for stamp, sample in zip(stamps.tolist(), samples, strict=True)
+            for stamp, sample in zip(stamps, samples, strict=False)
         ]
         servo.motion.go_on(rows[COMMAND], rows[VELOCITY])
         servo.ticked(taken[-1], servo.motion.stopped_words(np.flatnonzero(rows[STOPPED])))

@@ -195,11 +195,28 @@ def test_of_ten_thousand_curves_a_panel_shows_those_that_change_most(moments):
     assert panels.panel("nothing", "", [replace(curves[0], values=np.full(5, np.nan))]) == []
 
 
+def test_of_thousands_of_numbers_a_table_shows_some_and_says_how_many_more(moments, tmp_path):
+    def wide(state):
+        decision = state.decision
+        names, zeros = tuple(f"p{i}" for i in range(400)), (0.0,) * 400
+        return state if decision is None else replace(state, decision=replace(
+            decision, names=names, features=zeros, desired=zeros, error=zeros,
+            filtered_error=zeros))  # fmt: skip
+
+    many = replace(moments, states=tuple(map(wide, moments.states)), units=(), tolerances=())
+    page = write_report([many], tmp_path, ())[0].read_text()
+    rows = page.partition('id="numbers"')[2].partition("</section>")[0]
+    count = len((tmp_path / "summary.csv").read_text().splitlines()) - 1
+    assert rows.count("<tr>") == 251
+    assert f"{count - 250} numbers more are in summary.csv" in rows
+    assert "24 curves of" not in page and '"left_out":376' in page
+
+
 def test_the_library_is_the_one_that_is_meant(tmp_path, monkeypatch):
     assert "var uPlot=" in library.uplot(library.SCRIPT)
     assert ".u-over" in library.uplot(library.STYLE)
-    with pytest.raises(BenchError, match="uplot.min.css is not the uPlot .* pip install youplot"):
+    with pytest.raises(BenchError, match="uplot.min.css is not the uPlot .*: pip install"):
         library.uplot((library.STYLE[0], "0" * 64))
     monkeypatch.setattr(library, "CARRIER", "no_such_package")
-    with pytest.raises(BenchError, match="uPlot, which is not installed: ./setup.sh"):
+    with pytest.raises(BenchError, match="curves, is not installed: run ./setup.sh"):
         library.uplot(library.SCRIPT)

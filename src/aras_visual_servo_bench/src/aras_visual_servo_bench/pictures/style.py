@@ -36,7 +36,7 @@ STYLE = {
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.formatter.limits": (-3, 4),
-    "axes.formatter.use_mathtext": True,
+    "axes.formatter.use_mathtext": False,  # would make formulas of all ticks: slow
     "grid.color": GRID,
     "grid.linewidth": 0.7,
     "axes.axisbelow": True,
@@ -57,6 +57,7 @@ PAPER = {
     "figure.figsize": (3.5, 2.4),
     "font.family": "serif",
     "font.serif": ["STIXGeneral"],
+    "axes.formatter.use_mathtext": True,
     "mathtext.fontset": "stix",
     "font.size": 8,
     "axes.titlesize": 8,

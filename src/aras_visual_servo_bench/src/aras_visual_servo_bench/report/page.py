@@ -32,6 +32,7 @@ TILES = (
 )
 
 
+MOST_ROWS = 250  # of a table; a browser takes seconds for some thousands
 FOLDER = Path(__file__).parent / "page"
 SCRIPTS = (Path(live.__file__).parent / "page" / "scene.js",
            *(FOLDER / f"{name}.js" for name in ("charts", "film", "report")))
@@ -97,7 +98,8 @@ def _run(run: Run, quantities: Sequence[Quantity]) -> Mapping[str, object]:
     return {
         "name": run.name, "outcome": run.outcome, "verdict": run.verdict.word,
         "converged": run.held, "reached": run.verdict.reached, "reason": run.reason,
-        "mend": run.mend, "notes": run.notes, "quantities": quantities,
+        "mend": run.mend, "notes": run.notes, "quantities": quantities[:MOST_ROWS],
+        "more": len(quantities[MOST_ROWS:]),
         "settings": list(settings.items()), "versions": list(run.versions.items()),
         "experiment": run.yaml,
         "meta": " · ".join(filter(None, (run.source, told))),
@@ -118,7 +120,7 @@ def _comparison(
     runs: Sequence[Run], summaries: Sequence[Sequence[Quantity]]
 ) -> list[Mapping[str, object]]:
     """A row a quantity that at least two runs have, a column a run, the best marked."""
-    keys = list(dict.fromkeys(q.key for qs in summaries for q in qs))
+    keys = list(dict.fromkeys(q.key for qs in summaries for q in qs[:MOST_ROWS]))
     rows = []
     for key in keys:
         row = [{q.key: q for q in qs}.get(key) for qs in summaries]

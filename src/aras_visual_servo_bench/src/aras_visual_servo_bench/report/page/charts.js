@@ -102,7 +102,7 @@ class Chart {
     const over = this.plot.over;
     over.addEventListener("pointermove", (e) => { if (e.pointerType === "touch") this._touched(e); });
     over.addEventListener("pointerdown", (e) => { if (e.pointerType === "touch") this._touched(e); });
-    this.setTime(page.time);
+    requestAnimationFrame(() => this.setTime(page.time));
   }
 
   _touched(e) {

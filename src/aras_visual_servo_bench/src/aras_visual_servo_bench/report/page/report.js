@@ -251,4 +251,5 @@ $("theme").addEventListener("click", () => {
   themed();
 });
 themed();
+page.setTime(+new URLSearchParams(location.hash.slice(1)).get("at"));  // report.html#at=0.4
 window.arasReport = { page, charts, films, get space() { return space; } };  // for tests

@@ -1,6 +1,7 @@
 """The runner over plants without physics: milliseconds a run, and exact."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -171,6 +172,19 @@ def test_a_moving_target_takes_its_goal_along():
     seconds = loop.plant.time_ns * 1e-9
     moved = loop.goal_pose() @ inverse(loop.parts.goal_pose)
     np.testing.assert_allclose(moved[:3, 3], [0.05 * seconds, 0.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("duration", [4.0, 8.0])
+@pytest.mark.parametrize(
+    ("scheme", "speed"), [("points", 0.03), ("points", 0.06), ("pose", 0.01), ("moments", 0.06)]
+)
+def test_a_target_that_is_followed_at_one_speed_moves_at_that_speed(scheme, speed, duration):
+    """In the picture nothing moves any more: that is the target's doing, and no camera's."""
+    motion = {"velocity": (0.6 * speed, -0.8 * speed, 0.0, 0.0, 0.0, 0.0)}
+    result = run(FREE.with_(scheme=scheme, target={"motion": motion}, duration=duration))
+    assert result.outcome == "target_moves", result.reason
+    told = re.search(r"it moves at ([0-9.]+) mm/s", result.reason)
+    assert told and float(told[1]) == pytest.approx(1e3 * speed, rel=0.04)
 
 
 def test_starts_are_drawn_within_their_ranges_and_in_view():

@@ -151,9 +151,13 @@ class TargetCheck:
         known = np.column_stack([along, drift])
         mixed = np.inf
         if depth > self.DEPTH:
-            mixed, _ = _left(np.vstack([_mixed(row) for row in self._rows]), moved)
+            mixed = _left_by_camera(
+                np.vstack([_mixed(row) for row in self._rows]), moved, self.DEPTH
+            )
         bound = min(self.LEFT * left, self.BETTER * mixed)
-        constant, velocity = _left(known[:, :4], moved - turned)
+        # Of the depth's factor what it has beyond 1: a camera that follows its target at one speed
+        # moves nothing in the picture, and no factor of 0 is to explain that.
+        constant, velocity = _left(known[:, :4], moved - turned - along)
         if constant < bound:
             return f"it moves at {1e3 * float(np.linalg.norm(velocity[1:])):.1f} mm/s"
         # Two numbers an image do not tell a turn from a translation.
@@ -227,6 +231,24 @@ def _mixed(row: _Row) -> np.ndarray:
         (row.L[:, first : first + 3, None] * row.motion[first : first + 3]).reshape(-1, 9)
         for first in (0, 3)
     ])  # fmt: skip
+
+
+def _left_by_camera(columns: np.ndarray, moved: np.ndarray, least: float) -> float:
+    """Square that a camera other than believed leaves of the features' motion (n,).
+
+    A camera that moves along anything moves the features, `least` times as far as believed or
+    more: what would explain the motion by less is a target that is followed.
+
+    Args:
+        columns: (n, 18), see `_mixed`.
+    """
+    believed = np.vstack([np.eye(3)] * 2).ravel()
+    _, factors = _left(columns, moved - columns @ believed)
+    mixing = (believed + factors).reshape(2, 3, 3)
+    U, scale, Vt = np.linalg.svd(mixing[0])
+    mixing[0] = U * np.maximum(scale, least) @ Vt
+    rest = moved - columns @ mixing.ravel()
+    return float(rest @ rest)
 
 
 def _left(columns: np.ndarray, values: np.ndarray) -> tuple[float, np.ndarray]:

@@ -308,7 +308,7 @@ def target_drifts(random: Draw) -> Changes:
     v, a = random.uniform(0.01, 0.04), random.uniform(0, 2 * np.pi)
     keys = healthy(random, ("chain", "free"), own=True)
     keys["target"]["motion"] = {"velocity": [v * np.cos(a), v * np.sin(a), 0, 0, 0, 0]}
-    return {**keys, "duration": 6.0}
+    return {**keys, "duration": float(random.uniform(4.0, 12.0))}
 
 
 @kind("target_moves", mended={"target": {"motion": None}})

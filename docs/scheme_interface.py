@@ -2,8 +2,8 @@
 
     PYTHONPATH=$(ls -d src/*/src | paste -sd:) .venv/bin/python docs/scheme_interface.py
 
-Between `<!-- fields module:Class -->` and `<!-- /fields -->` stands what the class's docstring says of
-its attributes.
+Between `<!-- fields module:Class -->` and `<!-- /fields -->` stands what the class's docstring says
+of its attributes.
 """
 
 from __future__ import annotations

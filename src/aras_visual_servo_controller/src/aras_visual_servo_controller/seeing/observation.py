@@ -59,8 +59,8 @@ class Observation:
     Attributes:
         stamp: exposure, s of simulated time.
         dt: s since the previous observation; 0.0 for the first.
-        valid: of the segmentation; False: reason says why. A scheme with its own image processing
-            decides for itself.
+        valid, reason: whether the segmentation found the target, and why not. A scheme with its
+            own image processing decides for itself.
         camera: K, D and lens; `normalise` and `project` between pixels and rays.
         joints: at the exposure, interpolated by stamp.
         world_T_camera: (4, 4) at the exposure, by kinematics ("world" is the arm's base).

@@ -41,6 +41,7 @@ def test_the_window_shows_the_links_in_their_colours(client, tmp_path, monkeypat
     described, folder = robot(tmp_path), tmp_path / "out"
     folder.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    monkeypatch.setattr(bullet_file, "MEMORY", str(folder))
     with bullet_file.BulletFiles(described, True, True) as files:
         body = pybullet.loadURDF(files.urdf, physicsClientId=client)
         assert len(list(folder.iterdir())) == 3  # one mesh for visual and collision, a plane

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aras_sim_bridge.control.joints import Q, V
+from aras_sim_bridge.control.joints import HANDLE_COLUMNS, Q, V
 from aras_sim_bridge.cycle import ALL_MADE, cycles
 from aras_visual_servo_controller.loop.ticks import ODD, SENT_ON, Ticks, ticked
 
@@ -43,7 +43,9 @@ class ArmAnswers:
         self._last_ns, self._sampler = last_ns, robot.manager.get(sampler)
         self._ticks = Ticks(driver) if driver.servo.arm.names == tuple(joints) else None
         handles = list(robot.hardware.handles)
-        self._handles = np.array([handles.index(name) for name in joints])
+        places = np.array([handles.index(name) for name in joints]) * HANDLE_COLUMNS
+        self._measured = np.array([places + Q, places + V])
+        self._command = np.full(len(joints) + 1, nan)
         self._joints = {name: k for k, name in enumerate(joints)}
 
     def begin(self, time_ns: int, until_ns: int) -> JointStateController | None:
@@ -57,7 +59,7 @@ class ArmAnswers:
         drives: np.ndarray, *physics: np.ndarray | float,
     ) -> tuple[int, int, int]:
         """As cycle.cycles."""
-        ends_ns, last_ns, n = time_ns + count * step_ns, self._last_ns(), len(self._handles)
+        ends_ns, last_ns, n = time_ns + count * step_ns, self._last_ns(), len(self._joints)
         due = self._sampler.due_in(time_ns + step_ns, ends_ns, step_ns)
         samples, commands = np.empty((len(due), 2, n)), np.empty((len(due), n))
         began_ns, stamps, end, bad = time_ns, [], ALL_MADE, -1
@@ -71,19 +73,19 @@ class ArmAnswers:
             time_ns += made * step_ns
             if end != ALL_MADE or k == len(due) or time_ns > last_ns:
                 break
-            stamp, (q, v) = seconds(time_ns), samples[k]
-            q[:], v[:] = handles[self._handles, Q], handles[self._handles, V]
+            stamp, (q, v) = seconds(time_ns), handles.take(self._measured, out=samples[k])
             answer = ticked(q, v, stamp, *self._state)
             if answer == ODD:
                 break
-            commands[k] = self._ticks.command
+            command = commands[k]
+            command[:] = self._command[:n] = self._ticks.command
             stamps.append(stamp)
-            self._listener.commanded(commands[k])
+            self._listener.commanded(command)
             self._listener.joints(stamp, q, v)
             if answer == SENT_ON and time_ns < ends_ns:
-                self._robot.loop.take(np.append(commands[k], nan)[places], time_ns + step_ns)
+                self._robot.loop.take(self._command.take(places), time_ns + step_ns)
             elif answer == SENT_ON:
-                self._send(commands[k])
+                self._send(command)
         self._sampler.sampled(len(stamps))
         self._ticks.end(stamps, samples, commands)
         return (time_ns - began_ns) // step_ns, end, bad

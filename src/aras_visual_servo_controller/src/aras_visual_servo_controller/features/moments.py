@@ -44,6 +44,7 @@ EDGE, FRESH = 0.03, 0.12
 ROUND = 0.1
 HARMONICS = 9  # 1, cos phi, sin phi, ... cos 4 phi, sin 4 phi, of the direction from the middle
 PIECES = 16  # of each side of an outline
+STEP = 1e-5  # normalised; displacement by which the features' slopes are taken
 
 
 class _AtGoal:
@@ -54,7 +55,7 @@ class _AtGoal:
             raise ConfigurationError(f"{goal.name} holds no moments: teach it anew")
         if goal.depth is None:
             raise ConfigurationError(f"{goal.name} does not say the target's depth (m)")
-        self.goal = goal
+        self.goal, self._tolerance = goal, tolerance
         self.plane = goal.plane or Plane.fronto_parallel(goal.depth)
         try:
             self.reference = camera_features.Reference.from_moments(
@@ -82,9 +83,24 @@ class _AtGoal:
         self.patch = goal.moments.area * depth**2 / float(self.camera_normal @ ray)
 
     @cached_property
-    def changes(self) -> np.ndarray:
-        """What displacements of the goal's outline do to its moments; see `displaced`."""
-        return displaced(self.goal.outline(), self.goal.moments.order)
+    def slopes(self) -> np.ndarray:
+        """By how much the features (k, HARMONICS) change where the goal's outline is displaced; see
+        `displaced`."""
+        moments, columns = self.goal.moments, []
+        formulas = self.formulas(moments)
+        for change in displaced(self.goal.outline(), moments.order):
+            high, low = (
+                camera_features.values(
+                    moments.plus(step * change), formulas, self.plane, self.reference,
+                    self._tolerance,
+                )
+                for step in (STEP, -STEP)
+            )  # fmt: skip
+            columns.append([
+                0.5 * wrap(2.0 * change, np.pi) if formula.startswith("alpha") else change
+                for formula, change in zip(formulas, 0.5 * (high - low), strict=True)
+            ])  # fmt: skip
+        return np.transpose(columns) / STEP
 
     def formulas(self, moments: Moments) -> tuple[str, ...]:
         """Those that these moments tell: alpha over the whole turn where the goal's shape has a
@@ -150,28 +166,14 @@ class MomentFeature(Feature):
         if not observation.pixel_count:
             return None
         at = self._at(goal)
-        formulas = at.formulas(goal.moments)
         size = EDGE / sqrt(observation.pixel_count) / observation.camera.K[0]
-        shown = goal.camera == observation.camera
-        if shown:
-            size *= FRESH
-        columns = []
-        for change in at.changes:
-            ends = [
-                camera_features.values(
-                    goal.moments.plus(sign * size * change), formulas, at.plane, at.reference,
-                    self.anisotropy,
-                )
-                for sign in (1.0, -1.0)
-            ]  # fmt: skip
-            columns.append(0.5 * (ends[0] - ends[1]))
-        found = np.transpose(columns)
+        if goal.camera != observation.camera:
+            return size * at.slopes
+        found = size * FRESH * at.slopes
         mu20, mu11, mu02 = goal.moments.second
-        nearly_round = hypot(mu20 - mu02, 2.0 * mu11) < ROUND * (mu20 + mu02)
-        for i, formula in enumerate(formulas):
-            if formula.startswith("alpha"):
-                found[i] = 0.5 * wrap(2.0 * found[i], np.pi)
-                if shown and nearly_round:
+        if hypot(mu20 - mu02, 2.0 * mu11) < ROUND * (mu20 + mu02):
+            for i, formula in enumerate(at.formulas(goal.moments)):
+                if formula.startswith("alpha"):
                     found[i] /= FRESH
         return found
 

@@ -22,13 +22,14 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import yaml
 
-from aras_visual_servo_base.poses import pose_difference, relative, to_xyz_rpy
+from aras_visual_servo_base.poses import pose_difference, to_xyz_rpy
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
@@ -179,12 +180,18 @@ class Goal:
         None where the goal does not say it, or where the camera lies in it."""
         if self.plane is None or self.world_T_camera is None:
             return None
-        goal_T_camera = relative(self.world_T_camera, world_T_camera)
         # The plane's points X, in the goal's camera frame, have (A, B, C) . X = 1.
-        ahead = 1.0 - float(np.dot(self.plane, goal_T_camera[:3, 3]))
+        normal, reach = self._plane_in_world
+        ahead = reach - float(normal @ world_T_camera[:3, 3])
         if ahead == 0.0:
             return None
-        return Plane(*(goal_T_camera[:3, :3].T @ self.plane / ahead).tolist())
+        return Plane(*((normal / ahead) @ world_T_camera[:3, :3]).tolist())
+
+    @cached_property
+    def _plane_in_world(self) -> tuple[np.ndarray, float]:
+        """Normal (3,) and reach of the plane's points X there: normal . X = reach."""
+        normal = self.world_T_camera[:3, :3] @ np.array(self.plane)
+        return normal, 1.0 + float(normal @ self.world_T_camera[:3, 3])
 
     def seen_from(self, world_T_camera: np.ndarray) -> Goal:
         """The same target from another pose, worked out by its geometry.

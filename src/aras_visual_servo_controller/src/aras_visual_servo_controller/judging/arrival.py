@@ -136,7 +136,7 @@ class Arrival:
 
     def _note(self, decision: Decision, observation: Observation, tolerances: np.ndarray) -> None:
         """Note where the camera is by this image, if it is near the goal and L tells it."""
-        if (np.abs(decision.error) > FAR * tolerances).any():
+        if _far(decision.error, tolerances):
             self._offsets.clear()
             return
         offset = offset_of(decision)
@@ -245,6 +245,15 @@ def _seen(decision: Decision) -> np.ndarray:
 def _size(offset: Sequence[float]) -> tuple[float, float]:
     """Lengths of an offset's translation and rotation, m and rad."""
     return hypot(*offset[:3]), hypot(*offset[3:])
+
+
+@compiled("f8[:], f8[:]")
+def _far(error, tolerances):
+    """Whether a component of the error (k,) is beyond FAR tolerances (k,)."""
+    far = False
+    for i in range(len(error)):
+        far |= abs(error[i]) > FAR * tolerances[i]
+    return far
 
 
 @compiled("f8[:,:], f8[:]")

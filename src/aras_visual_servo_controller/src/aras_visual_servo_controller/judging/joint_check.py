@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
+
+from aras_visual_servo_base.compiled import compiled
+
+from ..seeing.ring_buffer import RecentErrors
 
 
 class JointCheck:
@@ -29,7 +32,7 @@ class JointCheck:
     def __init__(self, names: Sequence[str] = ()) -> None:
         """`names`: of the n joints."""
         self._names = tuple(names)
-        self._seen: deque[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = deque()
+        self._seen = RecentErrors()
         self._new = 0
         self.joints, self.reason = "", ""
 
@@ -43,31 +46,25 @@ class JointCheck:
             commanded, measured: (n,) velocities, rad/s or m/s.
         """
         seen = self._seen
-        seen.append((stamp, late, commanded, measured))
-        while seen[0][0] < stamp - self.SPAN:
-            seen.popleft()
+        seen.add(stamp, np.concatenate([late, commanded, measured]))
         self._new += 1
         if self._new >= self.EVERY:
             self._new = 0
-            self._judge(stamp - seen[0][0])
+            seen.drop(int(np.searchsorted(seen.stamps, stamp - self.SPAN)))
+            self._judge(stamp - seen.stamps[0])
 
     def _judge(self, span: float) -> None:
-        late, commanded, measured = (
-            np.array([row[column] for row in self._seen]) for column in (1, 2, 3)
-        )
-        behind = late.mean(axis=0) > 0.0
-        if late.any(axis=1).mean() <= self.MOST:
-            gone = (measured * commanded).sum(axis=0)
-            stands = gone < self.GONE * (commanded**2).sum(axis=0)
-            behind = stands & (late.mean(axis=0) > self.AT_TIMES)
+        rows = self._seen.errors
+        late, waits, gone, asked, other, fast = _summed(rows)
+        behind = late > 0.0
+        if waits <= self.MOST:
+            behind = (gone < self.GONE * asked) & (late > self.AT_TIMES)
         behind &= span >= 0.9 * self.SPAN
-        asked = np.sqrt((commanded**2).mean(axis=0))
-        other = np.sqrt(((measured - commanded) ** 2).mean(axis=0))
-        swings = (span > self.SOON) & (other > self.FAST) & (other > self.TIMES * asked)
+        swings = (span > self.SOON) & (other > self.FAST**2) & (other > self.TIMES**2 * asked)
         self.joints = self._named(swings if swings.any() else behind)
         self.reason = ""
         if swings.any():
-            fastest = float(np.abs(measured[:, swings]).max())
+            fastest = fast[swings].max()
             self.reason = f"{self.joints} moves at up to {fastest:.1f} rad/s or m/s on its own"
         elif behind.any():
             self.reason = f"{self.joints} stays behind its command"
@@ -76,3 +73,30 @@ class JointCheck:
         """The names of some joints, (n,) bool, in words."""
         names = [name for name, said in zip(self._names, joints, strict=True) if said]
         return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+
+
+@compiled("f8[:,:]")
+def _summed(rows):
+    """Of rows (m, 3 n), whether each joint was late, its commanded and measured velocities.
+
+    Returns:
+        (n,) parts of the rows in which a joint was late; the part in which one was; (n,) means of
+        commanded times measured, commanded squared, their difference squared; (n,) greatest speeds.
+    """
+    count, n = rows.shape[0], rows.shape[1] // 3
+    sums, fast, waits = np.zeros((4, n)), np.zeros(n), 0.0
+    for row in rows:
+        some = 0.0
+        for i in range(n):
+            asked, measured = row[n + i], row[2 * n + i]
+            sums[0, i] += row[i]
+            sums[1, i] += asked * measured
+            sums[2, i] += asked * asked
+            sums[3, i] += (measured - asked) ** 2
+            fast[i] = max(fast[i], abs(measured))
+            some = max(some, row[i])
+        waits += some
+    for k in range(4):
+        for i in range(n):
+            sums[k, i] /= count
+    return sums[0], waits / count, sums[1], sums[2], sums[3], fast

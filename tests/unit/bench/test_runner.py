@@ -187,6 +187,20 @@ def test_a_target_that_is_followed_at_one_speed_moves_at_that_speed(scheme, spee
     assert told and float(told[1]) == pytest.approx(1e3 * speed, rel=0.04)
 
 
+@pytest.mark.parametrize(
+    ("plant", "scheme", "twist"),
+    [("free", "points", (0.0, 0.0, 0.02, 0.0, 0.0, 0.0)),
+     ("chain", "lines", (0.0, 0.0, 0.02, 0.0, 0.0, 0.0)),
+     ("chain", "pose", (0.0, 0.0, 0.0, 0.0, 0.0, 0.1))],
+)  # fmt: skip
+def test_a_target_that_rises_or_turns_is_no_wrong_camera(plant, scheme, twist):
+    """A camera along or about whose axis the features do not move at all is none."""
+    result = run(Experiment.from_mapping({
+        "plant": plant, "scheme": scheme, "duration": 4.0, "target": {"motion": {"velocity": twist}}
+    }))  # fmt: skip
+    assert result.outcome == "target_moves", result.reason
+
+
 def test_starts_are_drawn_within_their_ranges_and_in_view():
     sampler = Sampler(height=(0.15, 0.3), side=0.05)
     for plant in ("chain", "free"):

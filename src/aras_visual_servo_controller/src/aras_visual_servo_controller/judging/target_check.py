@@ -58,6 +58,9 @@ class TargetCheck:
     # The factor on the camera's translation that a wrong depth explains, at least. Where features
     # move less than that, no camera explains it: it is the target that the camera follows.
     DEPTH = 0.3
+    # The same of a camera, along and about each direction: half as far is another focal length, or
+    # a mounting 60 degrees off.
+    CAMERA = 0.5
     FASTEST = 1.5  # Hz of a swing that is looked for
     TOLERANCE = 1e-3  # of the target's centre, normalised, where the scheme has no L of its view
 
@@ -152,7 +155,7 @@ class TargetCheck:
         mixed = np.inf
         if depth > self.DEPTH:
             mixed = _left_by_camera(
-                np.vstack([_mixed(row) for row in self._rows]), moved, self.DEPTH
+                np.vstack([_mixed(row) for row in self._rows]), moved, self.CAMERA
             )
         bound = min(self.LEFT * left, self.BETTER * mixed)
         # Of the depth's factor what it has beyond 1: a camera that follows its target at one speed
@@ -236,17 +239,16 @@ def _mixed(row: _Row) -> np.ndarray:
 def _left_by_camera(columns: np.ndarray, moved: np.ndarray, least: float) -> float:
     """Square that a camera other than believed leaves of the features' motion (n,).
 
-    A camera that moves along anything moves the features, `least` times as far as believed or
-    more: what would explain the motion by less is a target that is followed.
+    A camera that moves, or turns, in any direction moves the features, `least` times as far as
+    believed or more: what would explain the motion by less is a target that is followed.
 
     Args:
         columns: (n, 18), see `_mixed`.
     """
     believed = np.vstack([np.eye(3)] * 2).ravel()
     _, factors = _left(columns, moved - columns @ believed)
-    mixing = (believed + factors).reshape(2, 3, 3)
-    U, scale, Vt = np.linalg.svd(mixing[0])
-    mixing[0] = U * np.maximum(scale, least) @ Vt
+    U, scale, Vt = np.linalg.svd((believed + factors).reshape(2, 3, 3))
+    mixing = U * np.maximum(scale, least)[:, None, :] @ Vt
     rest = moved - columns @ mixing.ravel()
     return float(rest @ rest)
 

@@ -18,16 +18,17 @@ from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.commands import analyzing, main
 from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.numbers import metrics, summary
-from aras_visual_servo_bench.pictures import curves, style, views
+from aras_visual_servo_bench.pictures import panels, style, views
+from aras_visual_servo_bench.pictures.over_time import looks
 from aras_visual_servo_bench.recording.from_loop import settings_of
 from aras_visual_servo_bench.recording.run import CameraRecord, settling
 from aras_visual_servo_bench.recording.tracks import milestones, nearest, tracks
-from aras_visual_servo_bench.report import machine, page
-from aras_visual_servo_bench.report.time_axes import broken, looks
+from aras_visual_servo_bench.report import page
 from aras_visual_servo_bench.report.write import NAMES, PARTS, tables, write_report
 from aras_visual_servo_bench.study.replay import carried_out, with_all_pictures
 
 SECONDS = 3.0
+FIGURES = {part.name: part.figure for row in PARTS for part in row}
 
 
 @pytest.fixture(scope="module")
@@ -108,8 +109,8 @@ def test_late_and_missing_images_are_counted(moments):
 
 def test_condition_is_the_largest_over_the_smallest_singular_value_of_each_image():
     singular = np.array([[4.0, 2.0, np.nan], [9.0, 3.0, 1.0], [np.nan] * 3, [1.0, 0.0, np.nan]])
-    np.testing.assert_array_equal(machine.condition(singular), [2.0, 9.0, np.nan, np.inf])
-    assert np.isnan(machine.condition(np.zeros((3, 0)))).all()
+    np.testing.assert_array_equal(metrics.condition(singular), [2.0, 9.0, np.nan, np.inf])
+    assert np.isnan(metrics.condition(np.zeros((3, 0)))).all()
 
 
 def test_words_tell_a_failure_with_reason_and_mend(moments):
@@ -241,10 +242,10 @@ def test_the_straight_way_begins_and_ends_where_it_must():
 
 def test_features_share_an_axis_with_those_of_their_unit(moments, points):
     with style.look():
-        figure = curves.feature_errors([moments])
+        figure = FIGURES["feature_errors"]([moments])
         labels = [axis.get_ylabel() for axis in figure.axes]
         assert labels == ["error (m)", "error (rad)", "norm, relative"]
-        eight = curves.features([points])
+        eight = FIGURES["features"]([points])
         (axis,) = eight.axes
         assert axis.get_ylabel() == "feature (no unit)"
         assert len(axis.get_legend_handles_labels()[1]) == 8
@@ -253,11 +254,11 @@ def test_features_share_an_axis_with_those_of_their_unit(moments, points):
 
 def test_a_curve_is_open_where_nothing_was_measured():
     time, values = np.r_[0.0:1.0:0.1, 4.0:4.5:0.1], np.arange(15.0)
-    at, shown = broken(time, values)
+    at, shown = panels.Curve("", time, values).open()
     assert np.isnan(shown[10]) and 0.9 < at[10] < 4.0 and (np.diff(at) > 0).all()
     np.testing.assert_array_equal(shown[np.isfinite(shown)], values)
     for whole in (np.arange(5.0), np.r_[0.0:1.0:0.1, 1.2], np.zeros(1)):  # slow, one lost, one
-        np.testing.assert_array_equal(broken(whole, whole), (whole, whole))
+        np.testing.assert_array_equal(panels.Curve("", whole, whole).open(), (whole, whole))
 
 
 def test_powers_of_ten_are_plain_letters():
@@ -283,11 +284,11 @@ def test_both_looks_have_the_letters_of_a_logarithmic_axis(paper, tmp_path):
 
 def test_curves_are_the_arrays(moments):
     with style.look():
-        figure = curves.camera_twist([moments])
+        figure = FIGURES["camera_twist"]([moments])
         full = [line for line in figure.axes[1].lines if line.get_label() == r"$\omega_y$"]
         np.testing.assert_array_equal(full[0].get_ydata(), moments.achieved[:, 4])
         np.testing.assert_array_equal(full[0].get_xdata(), moments.stamp - moments.stamp[0])
-        figure = curves.pose_errors([moments])
+        figure = FIGURES["pose_errors"]([moments])
         distance = moments.way()[0][moments.servoing]
         np.testing.assert_allclose(
             figure.axes[0].lines[0].get_ydata(), np.maximum(1e3 * distance, 1e-4)
@@ -299,7 +300,7 @@ def test_what_settled_is_marked_in_its_own_curve(moments):
     """The features' errors settle later here than the camera: each figure says its own time."""
     camera, errors = metrics.settled.measure(moments), metrics.error_settled.measure(moments)
     assert abs(camera - errors) > 0.01
-    for draw, settled in ((curves.pose_errors, camera), (curves.feature_errors, errors)):
+    for draw, settled in ((FIGURES["pose_errors"], camera), (FIGURES["feature_errors"], errors)):
         with style.look():
             figure = draw([moments])
             said = [text.get_text() for axis in figure.axes for text in axis.texts]
@@ -312,7 +313,7 @@ def test_limits_that_are_near_are_lines_and_others_words(moments):
     top = float(run.measured[:, 0].max())
     near = (np.full(6, -50.0), np.r_[top + 0.001, np.full(5, 50.0)])
     with style.look():
-        figure = machine.joint_positions([replace(moments, limits=near)])
+        figure = FIGURES["joint_positions"]([replace(moments, limits=near)])
         first, other = figure.axes[0], figure.axes[2]
         assert any(np.allclose(line.get_ydata(), top + 0.001) for line in first.lines)
         assert first.get_ylim()[1] > top + 0.001
@@ -320,21 +321,21 @@ def test_limits_that_are_near_are_lines_and_others_words(moments):
         plt.close("all")
 
 
-@pytest.mark.parametrize("draw", [part.draw for row in PARTS for part in row], ids=NAMES)
+@pytest.mark.parametrize("draw", FIGURES.values(), ids=NAMES)
 def test_every_figure_is_drawn_of_one_run_of_two_and_for_paper(draw, moments, points):
     for paper in (False, True):
         with style.look(paper):
             for records in ([moments], [points], [moments, points], [moments, moments]):
                 figure = draw(records)
                 if figure is not None:
-                    alone = any(len(row) == 1 and row[0].draw is draw for row in PARTS)
+                    alone = any(len(row) == 1 and row[0].figure == draw for row in PARTS)
                     width = 3.5 if paper else style.WIDE if alone else 7.2
                     assert figure.get_size_inches()[0] == width
                     assert all(axis.has_data() for axis in figure.axes if axis.get_visible())
             plt.close("all")
 
 
-@pytest.mark.parametrize("draw", [part.draw for row in PARTS for part in row], ids=NAMES)
+@pytest.mark.parametrize("draw", FIGURES.values(), ids=NAMES)
 def test_a_name_with_dollars_is_drawn_as_it_stands(draw, moments, tmp_path):
     name = r"$\input{x}$"
     names = tuple(f"{name}{i}" for i in range(len(moments.names)))
@@ -363,7 +364,7 @@ def test_figures_beside_each_other_are_of_one_height_with_their_margins(moments)
             high * (boxes[0].y0 - boxes[1].y1)  # fmt: skip
 
     with style.look():
-        errors, pose = curves.feature_errors([moments]), curves.pose_errors([moments])
+        errors, pose = FIGURES["feature_errors"]([moments]), FIGURES["pose_errors"]([moments])
         image = views.image_trajectory([moments])
         tall, before, wide = measures(errors), measures(pose), image.get_size_inches().tolist()
         assert tall[0] > before[0]
@@ -444,7 +445,7 @@ def test_runs_are_told_apart_without_colour_and_none_hides_another():
 
 @pytest.mark.parametrize("paper", [False, True])
 @pytest.mark.parametrize("count", [1, 2, 5])
-@pytest.mark.parametrize("draw", [part.draw for row in PARTS for part in row], ids=NAMES)
+@pytest.mark.parametrize("draw", FIGURES.values(), ids=NAMES)
 def test_nothing_of_a_figure_is_cut_off_or_lies_on_a_legend(draw, count, paper, moments):
     """Names of runs are as long as a user's; a paper's column is 3.5 inches wide."""
     runs = [replace(moments, name=f"moments, gain {1.5 * i:g} and filter") for i in range(count)]
@@ -491,8 +492,11 @@ def test_a_pace_without_a_curve_leaves_no_empty_panel(moments):
     }  # fmt: skip
     for name, pace in paces.items():
         with style.look():
-            figure = machine.timing([replace(moments, pace=np.array(pace))])
+            figure = FIGURES["timing"]([replace(moments, pace=np.array(pace))])
             labels = [axis.get_ylabel() for axis in figure.axes]
+            low, high = figure.axes[0].get_ylim()
+            greatest = max(np.max(line.get_ydata()) for line in figure.axes[0].lines)
+            assert low <= 0.0 and high > 1.1 * greatest  # none on the axis' end
             assert ("real-time factor" in labels) == (name == "one"), name
             if name == "one":
                 (line,) = figure.axes[-1].lines
@@ -504,7 +508,7 @@ def test_a_delay_below_zero_is_shown_and_explained(moments, tmp_path):
     stamp = moments.stamp
     early = replace(moments, cameras={"camera": CameraRecord(None, stamp, stamp - 0.13)})
     with style.look():
-        labels = [axis.get_ylabel() for axis in machine.timing([early]).axes]
+        labels = [axis.get_ylabel() for axis in FIGURES["timing"]([early]).axes]
         assert "delay (ms)" in labels
         plt.close("all")
     write_report([early], tmp_path, ())

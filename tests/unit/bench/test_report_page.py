@@ -12,9 +12,10 @@ import pytest
 
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import BenchError
-from aras_visual_servo_bench.pictures.curves import unit_groups
+from aras_visual_servo_bench.pictures import panels
+from aras_visual_servo_bench.pictures.panels import unit_groups
 from aras_visual_servo_bench.recording.film import BYTES, FRAMES, chosen, film
-from aras_visual_servo_bench.report import library, panels
+from aras_visual_servo_bench.report import library
 from aras_visual_servo_bench.report.contents import contents
 from aras_visual_servo_bench.report.page import in_script
 from aras_visual_servo_bench.report.write import PARTS, write_report
@@ -69,7 +70,7 @@ def test_the_curves_are_the_runs_arrays(moments):
     time, values = curves_of(told, "pose_errors", "distance to the goal (mm)")["distance"]
     np.testing.assert_allclose(time, moments.joint_time[after], atol=1e-6)
     np.testing.assert_allclose(values, 1e3 * distance[after], rtol=1e-4, atol=2e-4)
-    _, values = curves_of(told, "pose_errors", "angle to the goal (°)")["angle"]
+    _, values = curves_of(told, "pose_errors", "angle to the goal (degrees)")["angle"]
     np.testing.assert_allclose(values, np.degrees(angle[after]), rtol=1e-4, atol=2e-4)
     twist = curves_of(told, "camera_twist", "turning of the camera (rad/s)")
     np.testing.assert_allclose(twist["ωy"][1], moments.achieved[:, 4], rtol=1e-5, atol=1e-7)
@@ -189,10 +190,11 @@ def test_no_name_is_markup(moments, tmp_path):
 def test_of_ten_thousand_curves_a_panel_shows_those_that_change_most(moments):
     time = np.arange(5.0)
     curves = [panels.Curve(f"pixel {i}", time, (1e-3 * i) * time, shade=i) for i in range(10_000)]
-    (found,) = panels.panel("error", "", curves)
+    (found,) = panels.panel("error", "error", "", curves)
     assert len(found.curves) == panels.MOST_CURVES and found.left_out == 10_000 - len(found.curves)
     assert [c.name for c in found.curves] == [f"pixel {i}" for i in range(9976, 10_000)]
-    assert panels.panel("nothing", "", [replace(curves[0], values=np.full(5, np.nan))]) == []
+    empty = replace(curves[0], values=np.full(5, np.nan))
+    assert panels.panel("nothing", "nothing", "", [empty]) == []
 
 
 def test_of_thousands_of_numbers_a_table_shows_some_and_says_how_many_more(moments, tmp_path):

@@ -16,7 +16,7 @@ from aras_visual_servo_base.poses import exponential, rotation_vector
 from ..recording.run import Run
 from ..recording.tracks import Tracks, milestones
 from ..recording.tracks import tracks as tracks_of
-from ..report.time_axes import looks
+from .over_time import looks
 from .palette import COLOURS, FAINT, GOAL, GRID, INK, START
 from .style import Margins, figure_width, heading, is_paper, legend_below, literal, panels
 

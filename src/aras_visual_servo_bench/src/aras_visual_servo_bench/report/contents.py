@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from ..live.shapes import FACES, LINES, STRIP, Shape, frustum, on_picture, picture_border
+from ..numbers.printing import headed
 from ..pictures.palette import LIVE_CURVES, SCENE, rgb
+from ..pictures.panels import Panel, last
 from ..pictures.views import servoed_poses, straight
 from ..recording.film import chosen, film
 from ..recording.run import Run
 from ..recording.tracks import milestones, tracks
-from .panels import Panel, joined
 
 MOST_POSES = 2000  # of a path in space
 FRUSTUM = 0.2  # of a drawn camera, part of the scene
@@ -51,7 +52,7 @@ def contents(
     """
     arrays = Arrays()
     told = {
-        "end": max([1e-3, *(float(run.time[-1]) for run in runs if len(run.time))]),
+        "end": last(runs),
         "runs": [
             {"name": run.name, "events": _events(run), "film": _film(run, arrays),
              "poses": _poses(run, arrays)} for run in runs
@@ -67,13 +68,14 @@ def contents(
 def _panel(panel: Panel, arrays: Arrays) -> dict[str, Any]:
     curves = []
     for curve in panel.curves:
-        time, values = joined(curve)
+        time, values = curve.open()
         curves.append({"name": curve.name, "run": curve.run, "shade": curve.shade,
                        "dashed": curve.dashed, "pale": curve.pale,
                        "x": arrays.put(time), "y": arrays.put(values)})  # fmt: skip
     return {
-        "title": panel.title, "unit": panel.unit, "log": panel.log, "band": panel.band,
-        "lines": panel.lines, "marks": panel.marks, "left_out": panel.left_out, "curves": curves,
+        "title": headed(panel.title, panel.unit), "log": panel.log, "band": panel.band,
+        "levels": panel.levels, "limits": panel.limits, "marks": panel.marks, "span": panel.span,
+        "left_out": panel.left_out, "curves": curves,
     }  # fmt: skip
 
 

@@ -13,11 +13,11 @@ from .. import live
 from ..numbers.printing import NONE, amount, number
 from ..numbers.summary import Quantity, best, shown
 from ..pictures.palette import LIVE_CURVES, REPORT, REPORT_DARK, SCENE, css
+from ..pictures.panels import Panel
 from ..recording.run import Run
 from ..study.overrides import unit_of
 from .contents import contents
 from .library import SCRIPT, STYLE, uplot
-from .panels import Panel
 
 # On the tiles: key, factor, unit of what is printed, words.
 TILES = (

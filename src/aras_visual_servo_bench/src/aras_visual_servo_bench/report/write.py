@@ -16,13 +16,14 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..errors import BenchError, check_formats, writing
+from ..numbers.metrics import condition
 from ..numbers.summary import Quantity, mapping, summarise
-from ..pictures import curves, style, views
+from ..pictures import over_time, panels, style, views
+from ..pictures.over_time import Layout
+from ..pictures.panels import Panel
 from ..pictures.style import KINDS
 from ..recording.run import Run
-from . import machine, panels
 from .page import page
-from .panels import Panel
 
 Drawing = Callable[[Sequence[Run]], Figure | None]
 
@@ -31,15 +32,23 @@ Drawing = Callable[[Sequence[Run]], Figure | None]
 class Chapter:
     """A chapter of a report: a figure in a file, and panels of curves on the page.
 
-    name: of the files. title: of both. text: below. draw: the figure; None where the runs have
-    none. panels: of the page, which shows film and path itself.
+    name: of the files. title: of both. text: below. draw: the figure of what is no curve over
+    time. panels: of curves over time. heading: of their figure, layout: of it.
     """
 
     name: str
     title: str
     text: str
-    draw: Drawing
+    draw: Drawing | None = None
     panels: Callable[[Sequence[Run]], list[Panel]] = lambda runs: []
+    heading: str = ""
+    layout: Layout = Layout()
+
+    def figure(self, runs: Sequence[Run]) -> Figure | None:
+        """Its figure; None where the runs have none."""
+        if self.draw is not None:
+            return self.draw(runs)
+        return over_time.drawn(self.panels(runs), runs, self.heading, self.layout)
 
 
 # Rows of figures, which stand beside each other.
@@ -47,24 +56,25 @@ PARTS: tuple[tuple[Chapter, ...], ...] = (
     (Chapter("filmstrip", "Filmstrip", "What the camera saw as the error shrank; green: the "
              "outline that the goal wants.", views.filmstrip),),
     (Chapter("feature_errors", "Errors", "Errors by unit, and their norm with each in parts of "
-             "its largest.", curves.feature_errors, panels.errors),
+             "its largest.", None, panels.errors, "Feature errors s − s*", Layout(1.75, legend=6)),
      Chapter("pose_errors", "Pose", "Of the true camera; what the loop itself does not know.",
-             curves.pose_errors, panels.poses)),
-    (Chapter("features", "Features", "As measured, and as wanted (dashed).", curves.features,
-             panels.features),
+             None, panels.poses, "Distance of the camera from its goal", Layout(1.9))),
+    (Chapter("features", "Features", "As measured, and as wanted (dashed).", None,
+             panels.features, "Features s", Layout(2.0, legend=6)),
      Chapter("camera_twist", "Twist", "In the camera's optical frame: x right, y down, z ahead. "
-             "Dashed: asked.", curves.camera_twist, panels.twists)),
+             "Dashed: asked.", None, panels.twists, "Twist of the camera", Layout(2.1))),
     (Chapter("image_trajectory", "Image plane", "Behind the curves: the last picture.",
              views.image_trajectory),
      Chapter("camera_path", "Path", "In the world's frame; frusta open along the optical axis.",
              views.camera_path)),
-    (Chapter("joint_positions", "Joints", "Red: limits of the description.",
-             machine.joint_positions, panels.joints),),
+    (Chapter("joint_positions", "Joints", "Red: limits of the description.", None, panels.joints,
+             "Positions", Layout(1.25, columns=2, beside="Speeds")),),
     (Chapter("conditioning", "Conditioning", "L in its modelled directions; L J is what the arm "
-             "inverts.", machine.conditioning, panels.conditioning),
+             "inverts. Scale: the factor by which limits slowed the task.", None,
+             panels.conditioning, "Conditioning", Layout(1.5)),
      Chapter("timing", "Timing", "In simulated time; the real-time factor is what the simulator "
              "tells. A delay below 0: the picture came before the clock message that tells the "
-             "recorder its time.", machine.timing, panels.timing)),
+             "recorder its time.", None, panels.timing, "Time between images", Layout(1.5))),
 )  # fmt: skip
 NAMES = tuple(part.name for row in PARTS for part in row)
 
@@ -162,7 +172,7 @@ class _Report:
         drawn = []
         for part in row:
             self._next(part.title.lower())
-            figure = part.draw(self.runs)
+            figure = part.figure(self.runs)
             if figure is not None:
                 drawn.append((part.name, figure))
         if drawn and not self.paper:
@@ -195,8 +205,8 @@ def tables(run: Run) -> dict[str, str]:
     for word, twist in (("asked", run.asked), ("achieved", run.achieved)):
         for i, axis in enumerate(("vx", "vy", "vz", "wx", "wy", "wz")):
             images[f"{axis} {word} [{'m/s' if i < 3 else 'rad/s'}]"] = twist[:, i]
-    images["condition of L"] = machine.condition(run.singular_L)
-    images["condition of L J"] = machine.condition(run.singular_LJ)
+    images["condition of L"] = condition(run.singular_L)
+    images["condition of L J"] = condition(run.singular_LJ)
     images["manipulability"], images["scale"] = run.manipulability, run.scale
     images["computing [s]"] = run.computing
     for i, axis in enumerate("xyz"):

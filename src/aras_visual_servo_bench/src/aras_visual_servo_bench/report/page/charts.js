@@ -121,7 +121,8 @@ class Chart {
     let least = Infinity, most = -Infinity;
     for (const { values } of this.curves) for (const v of values) if (Number.isFinite(v)) { least = Math.min(least, v); most = Math.max(most, v); }
     const room = 0.6 * Math.max(most - least, 1e-9);
-    const near = this.panel.lines.map(([v]) => v).filter((v) => v > least - room && v < most + room);
+    const near = [...this.panel.levels, ...this.panel.limits].map(([v]) => v)
+      .filter((v) => v > least - room && v < most + room).concat(this.panel.span.filter((v) => v !== null));
     return [Math.min(Infinity, ...near), Math.max(-Infinity, ...near)];
   }
 
@@ -149,17 +150,19 @@ class Chart {
       ctx.fillRect(bbox.left, top, bbox.width, bottom - top); ctx.globalAlpha = 1;
     }
     if (!panel.log) { const y = u.valToPos(0, "y", true); line(bbox.left, y, right, y, "zero", []); }
-    for (const [value, text] of panel.lines) {
-      const y = u.valToPos(value, "y", true);
-      line(bbox.left, y, right, y, panel.log ? "good" : "bad", [5, 3]);
-      ctx.fillStyle = page.colour(panel.log ? "good" : "bad"); ctx.textAlign = "right";
-      ctx.fillText(text, right - 4 * ratio, y - 3 * ratio);
+    for (const [lines, shade] of [[panel.levels, "good"], [panel.limits, "bad"]]) {
+      ctx.fillStyle = page.colour(shade); ctx.textAlign = "right";
+      for (const [value, text] of lines) {
+        const y = u.valToPos(value, "y", true);
+        line(bbox.left, y, right, y, shade, [5, 3]);
+        ctx.fillText(text, right - 4 * ratio, y - 3 * ratio);
+      }
     }
     for (const [time, text] of panel.marks) {
       const x = u.valToPos(time, "x", true), left = x > bbox.left + 0.75 * bbox.width;
       line(x, bbox.top, x, bbox.top + bbox.height, "good", [2, 3]);
       ctx.fillStyle = page.colour("good"); ctx.textAlign = left ? "right" : "left";
-      ctx.fillText(`${text} ${time.toFixed(2)} s`, x + (left ? -4 : 4) * ratio, bbox.top + 12 * ratio);
+      ctx.fillText(`${text} after ${time.toFixed(2)} s`, x + (left ? -4 : 4) * ratio, bbox.top + 12 * ratio);
     }
     ctx.restore();
   }

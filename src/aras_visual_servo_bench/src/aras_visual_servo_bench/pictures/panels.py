@@ -1,4 +1,4 @@
-"""What a report's page shows over time: panels of curves, whoever draws them."""
+"""What a report shows over time: panels of curves, drawn by over_time and by the page."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..numbers.metrics import condition, error_settled, settled
-from ..numbers.printing import headed
-from ..pictures.curves import FLOOR, SETTLED, unit_groups
 from ..recording.run import Run, scaled
-from .machine import UNLIMITED, delays, intervals, paces
-from .time_axes import broken
 
 MOST_CURVES = 24  # of one panel; more cannot be told apart
 MOST_FEATURES = 6  # that several runs are compared in, a panel each
+SETTLED = 0.02
+FLOOR = 1e-6  # of logarithmic axes, parts of the first value
+UNLIMITED = 100.0  # rad or m beyond which a limit is none
+LONGEST, PERIODS = 0.3, 5.0  # s, and median steps, after which a curve is not joined any more
 LEAST = 1e-4  # mm and degrees of logarithmic axes
 BEFORE = -0.1  # s before servoing begins, from which on joints are shown
 
@@ -38,29 +38,51 @@ class Curve:
     dashed: bool = False
     pale: bool = False
 
+    def open(self) -> tuple[np.ndarray, np.ndarray]:
+        """Time and values, with a NaN within each step that is long beside the others."""
+        steps = np.diff(self.time)
+        if not len(steps):
+            return self.time, self.values
+        at = np.flatnonzero(steps > max(LONGEST, PERIODS * float(np.median(steps))))
+        middles = self.time[at] + 0.5 * steps[at]
+        return np.insert(self.time, at + 1, middles), np.insert(self.values, at + 1, np.nan)
+
+
+Texts = tuple[tuple[float, str], ...]  # values, each with what it is
+
 
 @dataclass(frozen=True, eq=False)
 class Panel:
     """Curves over time that share an axis.
 
     Attributes:
-        title: what they are, with their unit. unit: of the values.
-        log: whether the axis is logarithmic. band: half of a band about 0 that counts as reached.
-        lines: (value, text) of levels. marks: (s, text) of instants.
+        title: what they are, without their unit. axis: the same in a word or two, for a figure.
+        unit: of the values. log: whether the axis is logarithmic. dots: no line joins the values.
+        dashed: what the dashed curves are, in words.
+        band: half of a band about 0 that counts as reached.
+        levels: values to compare with. limits: values that must not be passed. marks: instants, s.
+        span: least and greatest value that the axis shows at any rate; None: its curves' own.
         left_out: how many curves more there are.
     """
 
     title: str
+    axis: str
     unit: str
     curves: tuple[Curve, ...]
     log: bool = False
+    dots: bool = False
+    dashed: str = ""
     band: float | None = None
-    lines: tuple[tuple[float, str], ...] = ()
-    marks: tuple[tuple[float, str], ...] = ()
+    levels: Texts = ()
+    limits: Texts = ()
+    marks: Texts = ()
+    span: tuple[float | None, float | None] = (None, None)
     left_out: int = 0
 
 
-def panel(title: str, unit: str, curves: Iterable[Curve], **more: object) -> list[Panel]:
+def panel(
+    title: str, axis: str, unit: str, curves: Iterable[Curve], **more: object
+) -> list[Panel]:
     """A panel of the curves that have values, of too many those that change most; none of none."""
     known = [curve for curve in curves if np.isfinite(curve.values).any()]
     if not known:
@@ -69,7 +91,15 @@ def panel(title: str, unit: str, curves: Iterable[Curve], **more: object) -> lis
     if len(known) > MOST_CURVES:
         changes = [-float(np.nanmax(c.values) - np.nanmin(c.values)) for c in known]
         kept = [known[i] for i in sorted(np.argsort(changes, kind="stable")[:MOST_CURVES])]
-    return [Panel(headed(title, unit), unit, tuple(kept), left_out=len(known) - len(kept), **more)]
+    return [Panel(title, axis, unit, tuple(kept), left_out=len(known) - len(kept), **more)]
+
+
+def unit_groups(run: Run) -> list[tuple[str, list[int]]]:
+    """Features that share an axis, those of one unit: (unit, indexes)."""
+    groups: dict[str, list[int]] = {}
+    for index, unit in enumerate(run.units):
+        groups.setdefault(unit, []).append(index)
+    return list(groups.items())
 
 
 def _columns(
@@ -101,15 +131,16 @@ def errors(runs: Sequence[Run]) -> list[Panel]:
             measured = _columns(run, run.names, run.error, members,
                                 " as measured" if smoothed else "", pale=smoothed)  # fmt: skip
             filtered = _columns(run, run.names, run.filtered, members) if smoothed else []
-            found += panel("error", unit, filtered + measured,
+            found += panel("error", "error", unit, filtered + measured,
                            band=min(bounds) if len(bounds) == 1 else None)  # fmt: skip
     elif len(run.names) <= MOST_FEATURES and all(r.names == run.names for r in runs):
         for i, name in enumerate(run.names):
-            found += panel(f"error of {name}", run.units[i],
+            found += panel(f"error of {name}", name, run.units[i],
                            _of_each(runs, name, lambda r, i=i: r.error[:, i]))  # fmt: skip
     return found + panel(
-        "norm of the errors, relative", "", _of_each(runs, "norm", _norm), log=True,
-        lines=((SETTLED, "2 %"),), marks=_settled(runs, error_settled.measure),
+        "norm of the errors, relative", "norm, relative", "",
+        _of_each(runs, "norm, relative", _norm), log=True, levels=((SETTLED, "2 %"),),
+        marks=_settled(runs, error_settled.measure),
     )  # fmt: skip
 
 
@@ -133,12 +164,12 @@ def poses(runs: Sequence[Run]) -> list[Panel]:
     ways = {id(run): run.way() for run in runs}
     found: list[Panel] = []
     for k, (title, unit, factor) in enumerate((("distance", "mm", 1e3),
-                                               ("angle", "°", 180.0 / np.pi))):
+                                               ("angle", "degrees", 180.0 / np.pi))):
         def left(run: Run, k: int = k, factor: float = factor) -> np.ndarray:
             return np.maximum(factor * ways[id(run)][k][run.servoing], LEAST)
 
         curves = _of_each(runs, title, left, lambda run: run.joint_time[run.servoing])
-        found += panel(f"{title} to the goal", unit, curves, log=True,
+        found += panel(f"{title} to the goal", title, unit, curves, log=True,
                        marks=() if k else _settled(runs, settled.measure))  # fmt: skip
     return found
 
@@ -149,16 +180,18 @@ def features(runs: Sequence[Run]) -> list[Panel]:
     found: list[Panel] = []
     for unit, members in unit_groups(run) if len(runs) == 1 else ():
         wanted = _columns(run, run.names, run.desired, members, "*", dashed=True)
-        found += panel("feature", unit, _columns(run, run.names, run.features, members) + wanted)
+        measured = _columns(run, run.names, run.features, members)
+        found += panel("feature", "feature", unit, measured + wanted, dashed="desired s*")
     return found
 
 
 def twists(runs: Sequence[Run]) -> list[Panel]:
     """Of one run asked and achieved by axis, of several the achieved speed."""
     found: list[Panel] = []
+    several = len(runs) > 1
     for title, letter, part, unit in (("velocity of the camera", "v", slice(0, 3), "m/s"),
                                       ("turning of the camera", "ω", slice(3, 6), "rad/s")):
-        if len(runs) > 1:
+        if several:
             curves = _of_each(
                 runs, letter, lambda r, part=part: np.linalg.norm(r.achieved[:, part], axis=1)
             )
@@ -166,7 +199,7 @@ def twists(runs: Sequence[Run]) -> list[Panel]:
             names, run = [f"{letter}{axis}" for axis in "xyz"], runs[0]
             curves = _columns(run, names, run.achieved[:, part], range(3))
             curves += _columns(run, names, run.asked[:, part], range(3), " asked", dashed=True)
-        found += panel(title, unit, curves)
+        found += panel(title, f"|{letter}|" if several else letter, unit, curves, dashed="asked")
     return found
 
 
@@ -190,8 +223,8 @@ def joints(runs: Sequence[Run]) -> list[Panel]:
         ends = [(side[j], text) for side, text in zip(first.limits, ("least", "greatest"),
                                                       strict=True) if len(side) > j]  # fmt: skip
         tops = [(sign * top, "limit") for top in first.speed[j : j + 1] for sign in (-1.0, 1.0)]
-        found += panel(name, unit, places, lines=_near(ends))
-        found += panel(f"{name}, speed", f"{unit}/s", speeds, lines=_near(tops))
+        found += panel(name, name, unit, places, limits=_near(ends), dashed="command")
+        found += panel(f"{name}, speed", "", f"{unit}/s", speeds, limits=_near(tops))
     return found
 
 
@@ -208,31 +241,66 @@ def conditioning(runs: Sequence[Run]) -> list[Panel]:
     ]
     if len(runs) == 1:
         both = [replace(curve, shade=shade) for shade, (curve,) in enumerate(ratios)]
-        found = panel("condition number", "", both, log=True)
+        found = panel("condition number", "condition", "", both, log=True)
     else:
-        found = panel("condition number of L", "", ratios[0], log=True)
-        found += panel("condition number of L J", "", ratios[1], log=True)
-    for title, name, key in (("manipulability", "manipulability", "manipulability"),
-                             ("factor by which limits slowed the task", "factor", "scale")):
-        found += panel(title, "", _of_each(runs, name, lambda run, key=key: getattr(run, key)))
+        found = panel("condition number of L", "condition of L", "", ratios[0], log=True)
+        found += panel("condition number of L J", "condition of L J", "", ratios[1], log=True)
+    for title, name, key, span in (
+        ("manipulability", "manipulability", "manipulability", (None, None)),
+        ("factor by which limits slowed the task", "scale", "scale", (-0.05, 1.1)),
+    ):  # fmt: skip
+        curves = _of_each(runs, name, lambda run, key=key: getattr(run, key))
+        found += panel(title, name, "", curves, span=span)
     return found
 
 
 def timing(runs: Sequence[Run]) -> list[Panel]:
-    """Intervals between images, delays, and the pace of simulated time."""
+    """Intervals between images, delays, and the pace of simulated time, as far as recorded."""
     found: list[Panel] = []
     alone = len(runs) == 1
-    for title, unit, dots in (("interval between images", "ms", intervals),
-                              ("delay", "ms", delays), ("real-time factor", "", paces)):
-        found += panel(title, unit, [
-            Curve(name if alone else run.name, time, values, number, i if alone else number,
-                  dashed=not alone and i > 0)
+    end = last(runs)
+    for title, axis, unit, of, dots in (
+        ("interval between images", "interval", "ms", _intervals, True),
+        ("delay", "delay", "ms", _delays, True),
+        ("real-time factor", "real-time factor", "", lambda run: _paces(run, end), False),
+    ):  # fmt: skip
+        found += panel(title, axis, unit, [
+            Curve(name if alone else run.name, time, values, number, i if alone else number)
             for number, run in enumerate(runs) if len(run.time) > 2
-            for i, (name, time, values) in enumerate(dots(run))
-        ])  # fmt: skip
+            for i, (name, time, values) in enumerate(of(run))
+        ], dots=dots, span=(0.0, None))  # fmt: skip
     return found
 
 
-def joined(curve: Curve) -> tuple[np.ndarray, np.ndarray]:
-    """Time and values, with a gap where nothing was measured for long."""
-    return broken(curve.time, curve.values)
+def last(runs: Sequence[Run]) -> float:
+    """Of the runs' images, s since servoing began."""
+    return max([1e-3, *(float(run.time[-1]) for run in runs if len(run.time))])
+
+
+Dots = list[tuple[str, np.ndarray, np.ndarray]]  # name, time, values
+
+
+def _intervals(run: Run) -> Dots:
+    stamp = run.images.stamp if len(run.images.stamp) > 2 else run.stamp
+    time = stamp[1:] - run.began
+    return [("interval", time[time >= 0.0], 1e3 * np.diff(stamp)[time >= 0.0])]
+
+
+def _delays(run: Run) -> Dots:
+    images, found = run.images, []
+    shown = images.stamp >= run.began
+    if np.any(images.arrival != images.stamp):
+        delay = 1e3 * (images.arrival - images.stamp)
+        found.append(("exposure to recorder", images.stamp[shown] - run.began, delay[shown]))
+    if np.isfinite(run.computing).any():
+        found.append(("scheme computing", run.time, 1e3 * run.computing))
+    return found
+
+
+def _paces(run: Run, end: float) -> Dots:
+    if not len(run.pace):
+        return []
+    stamp, factor = run.pace.T
+    time = stamp - run.began
+    shown = (time >= 0.0) & (time <= end) & np.isfinite(factor)
+    return [("real-time factor", time[shown], factor[shown])] if shown.any() else []

@@ -191,3 +191,20 @@ def test_nothing_hinders_readers_nor_sticks_out_nor_is_fetched(opened, count, wi
     assert tab.js("performance.getEntriesByType('resource').filter("
                   "(e) => !/^(data|blob):/.test(e.name)).map((e) => e.name)") == []  # fmt: skip
     tab.close()
+
+
+def test_the_live_page_serves_a_report_that_works(
+    browser, server, host, runs, tmp_path, monkeypatch
+):
+    """Its page allows no script that is not a file; a report carries its own."""
+    page = write_report(runs[:1], tmp_path, ())[0]
+    monkeypatch.setattr(host, "file", lambda name: page if name == "one/report.html" else None)
+    tab = browser.open("about:blank")
+    address = server.access.address
+    tab.call("Page.navigate", url=address.replace("/?", "/report/one/report.html?") + "#at=0.5")
+    tab.wait(READY)
+    tab.wait("arasReport.films[0].frame > 5")
+    over(tab)
+    tab.wait("arasReport.charts[0].plot.cursor.left > 0")
+    assert tab.js("getComputedStyle(document.querySelector('section')).borderRadius") == "10px"
+    tab.close()

@@ -68,6 +68,7 @@ class Chart {
     if (this.plot) this.plot.destroy();
     const { page, panel } = this, ink = page.colour("soft"), grid = { stroke: page.colour("line"), width: 1 };
     const join = uPlot.join(this.curves.map((c) => [c.time, Array.from(c.values, (v) => Number.isFinite(v) ? v : null)]));
+    const tens = (u, splits) => splits.map((v) => !panel.log || Math.abs(Math.log10(v) % 1) < 1e-9 ? v : null);
     const font = '11px system-ui, "DejaVu Sans", sans-serif';
     const [low, high] = this._levels();
     this.plot = new uPlot({
@@ -79,7 +80,7 @@ class Chart {
       },
       axes: [
         { stroke: ink, grid, ticks: grid, font, size: 28, values: (u, at) => at.map((v) => `${+v.toPrecision(6)} s`) },
-        { stroke: ink, grid, ticks: grid, font, size: 58,
+        { stroke: ink, grid: { ...grid, filter: tens }, ticks: { ...grid, filter: tens }, font, size: 58,
           values: (u, at) => at.map((v) => v === null ? null : Math.abs(v) >= 1e5 || (v && Math.abs(v) < 1e-3) ? v.toExponential(0) : String(+v.toPrecision(6))) },
       ],
       series: [{}, ...this.curves.map((c, i) => ({

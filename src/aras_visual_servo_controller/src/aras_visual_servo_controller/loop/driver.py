@@ -321,6 +321,7 @@ class Driver:
         for sample, command in zip(samples, commands, strict=False):
             self.history.add(sample)
             self.commands.append(JointSample(sample.stamp, sample.names, command, still))
+        self._joints_heard = self._moved = self._wall()
         self._stamp = self._arrived = self.time = self._now = samples[-1].stamp
         if at > self._sent_at:
             self.sent, self._sent_at, self._behind = sent, at, None

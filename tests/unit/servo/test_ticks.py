@@ -1,0 +1,118 @@
+"""The compiled ticks between images, beside the driver's own, on a played robot."""
+
+import numpy as np
+import pytest
+from test_driver import Bench
+
+from aras_visual_servo_controller.loop.state import Command
+from aras_visual_servo_controller.loop.ticks import ODD, SENT_ON, Ticks, ticked
+
+
+class Joined(Bench):
+    """Answers joint states by `ticked` where that may be."""
+
+    def __init__(self, **given):
+        super().__init__(**given)
+        self.ticks, self.one_by_one = Ticks(self.driver), self.driver.joints
+        self.driver.joints, self.answered = self.answer, 0
+
+    def answer(self, names, positions, velocities, stamp):
+        state = self.ticks.begin()
+        q, v = np.array(positions), np.array(velocities)
+        if state is None or (became := ticked(q, v, stamp, *state)) == ODD:
+            if state is not None:
+                self.ticks.end([], np.empty((0, 2, 6)), np.empty((0, 6)))
+            self.one_by_one(names, positions, velocities, stamp)
+            return
+        command = self.ticks.command.copy()
+        self.ticks.end([stamp], np.array([[q, v]]), command[None])
+        self.answered += 1
+        if became == SENT_ON:
+            self.send(Command(stamp, names, command))
+
+
+def jump(bench):
+    """Ahead, so that the command comes nearer to the joints as it goes on."""
+    bench.step(40)
+    (_, before), (_, now) = bench.sent[-2:]
+    bench.q = bench.q + 0.3 * np.sign(now.values - before.values)
+    bench.driver.joints(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.001)
+    bench.step(60)
+
+
+def implausible(bench):
+    bench.step(90)
+    bench.step(5, position=1e9)
+    bench.step(60)
+    bench.driver.joints(bench.arm.names, bench.q, np.full(6, 1e9), bench.t + 0.001)
+    bench.step(60)
+
+
+def gap(bench):
+    bench.step(91)
+    bench.joints = False
+    bench.step(40)
+    bench.joints = True
+    bench.step(60)
+
+
+def starved(bench):
+    bench.step(91)
+    bench.images = False
+    bench.step(60)
+    bench.images = True
+    bench.step(60)
+
+
+def stuck(bench):
+    """Joints that hear no commands; all wait for them."""
+    bench.step(20)
+    send, bench.send = bench.send, lambda command: bench.sent.append((bench.t, command))
+    bench.step(60)
+    bench.send = send
+    bench.step(60)
+
+
+def late(bench):
+    bench.step(60)
+    bench.step(3, stamp=bench.t)
+    bench.step(60)
+
+
+CASES = {
+    "a whole run": (lambda bench: bench.step(300), {}),
+    "delayed": (lambda bench: bench.step(200), {"delay": 0.05}),
+    "slowed": (lambda bench: bench.step(200), {"gain": 15.0, "max_velocity": 0.2}),
+    "at a limit": (lambda bench: bench.step(200), {"lower": {"J3": -0.27}}),
+    "a slow approach": (lambda bench: bench.step(400), {"start": "2015", "max_acceleration": 2.0}),
+    "short lead": (lambda bench: bench.step(200), {"lead": 0.003, "lag": 0.01}),
+    "jump": (jump, {}), "implausible": (implausible, {}), "gap": (gap, {}),
+    "starved": (starved, {}), "stuck": (stuck, {}), "late": (late, {}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("play", "given"), CASES.values(), ids=CASES)
+def test_compiled_ticks_do_what_the_driver_does(play, given):
+    """To the bit: what is sent, and told of each image."""
+    joined, single = Joined(**given), Bench(**given)
+    for bench in (joined, single):
+        play(bench)
+    assert joined.answered > 20
+    for (t, one), (other_t, other) in zip(joined.sent, single.sent, strict=True):
+        assert t == other_t
+        np.testing.assert_array_equal(one.values, other.values)
+    for one, other in zip(joined.states, single.states, strict=True):
+        assert (one.stamp, one.phase, one.outcome, one.reason) == (
+            other.stamp, other.phase, other.outcome, other.reason
+        )  # fmt: skip
+        np.testing.assert_array_equal(one.command, other.command)
+    assert [len(commands) for _, commands in joined.seen] == [
+        len(commands) for _, commands in single.seen
+    ]
+
+
+@pytest.mark.parametrize("given", [{"output": "velocity"}, {"lockstep": True}, {"dry": True}])
+def test_what_is_not_position_commands_at_once_is_the_driver_s(given):
+    bench = Joined(**given)
+    bench.step(100)
+    assert bench.answered == 0

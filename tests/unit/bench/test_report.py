@@ -494,9 +494,10 @@ def test_a_pace_without_a_curve_leaves_no_empty_panel(moments):
         with style.look():
             figure = FIGURES["timing"]([replace(moments, pace=np.array(pace))])
             labels = [axis.get_ylabel() for axis in figure.axes]
+            (dots,) = figure.axes[0].lines
+            assert (dots.get_linestyle(), dots.get_marker()) == ("None", ".")
             low, high = figure.axes[0].get_ylim()
-            greatest = max(np.max(line.get_ydata()) for line in figure.axes[0].lines)
-            assert low <= 0.0 and high > 1.1 * greatest  # none on the axis' end
+            assert low <= 0.0 and high > 1.1 * np.max(dots.get_ydata())  # none on the axis' end
             assert ("real-time factor" in labels) == (name == "one"), name
             if name == "one":
                 (line,) = figure.axes[-1].lines

@@ -140,7 +140,16 @@ def test_the_film_goes_on_image_by_image_by_button_key_and_slider(page, runs):
     ink = """(() => { const c = arasReport.films[0].canvas; const d = c.getContext("2d")
         .getImageData(0, 0, c.width, c.height).data; let n = 0;
         for (let i = 0; i < d.length; i += 4) if (d[i + 1] > d[i] + 60) n++; return n; })()"""
-    assert page.js(ink) > 20  # the green outline
+    assert page.js(ink) > 20
+    outline = """(() => { const f = arasReport.films[0], c = f.canvas, r = f.rims[0];
+        const n = r.length / 2;
+        const k = c.width / f.film.width, x = c.getContext("2d"); let found = 0;
+        for (let i = 0; i < n; i++) { const j = (i + 1) % n;  // the middle of each edge
+          const [u, v] = [0, 1].map((a) => (0.5 * (r[2 * i + a] + r[2 * j + a]) + 0.5) * k);
+          const d = x.getImageData(Math.round(u) - 1, Math.round(v) - 1, 3, 3).data;
+          for (let p = 0; p < 36; p += 4) if (d[p + 1] > d[p] + 60) { found++; break; } }
+        return found / n; })()"""
+    assert page.js(outline) > 0.6  # paths and points of features lie over the rest
     page.js("document.getElementById('overlay').click()")
     page.wait(f"{ink} === 0")
     page.wait("document.querySelectorAll('#strip button').length > 2")

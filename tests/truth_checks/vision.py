@@ -11,7 +11,7 @@ import yaml
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.rendering import create_renderer
+from aras_sim_bridge.rendering import View, create_renderer
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world import Pose, Twist
 
@@ -178,6 +178,31 @@ def depth_and_labels() -> Iterator[Row]:
         wanted = np.where(hit, box.body_id, floor.body_id)[usable]
         wrong = (labels[usable] & 0xFFFFFF) != wanted
         yield Row(f"{name}, labels", "of the body hit", float(wrong.mean()), 0.0, "of pixels")
+
+
+@check("area of a strip")
+def thin_things() -> Iterator[Row]:
+    """A black wire, 24 px long, on white: what it takes of the light, wherever it lies."""
+    focal, long = 100.0, 24.0  # px, from 1 m above
+    K = np.array([[focal, 0, 23.5], [0, focal, 19.5], [0, 0, 1.0]])
+    places = np.random.default_rng(5).uniform(-0.5, 0.5, (50, 2)) / focal
+    for wide in (0.1, 0.3, 0.5, 1.0, 2.0):
+        bench = Bench()
+        try:
+            bench.box([1.5, 1.5, 0.05], [0, 0, -0.06])
+            bench.box([long / focal / 2, wide / focal / 2, 1e-6], [0, 0, -1e-6], "Gazebo/Black")
+            renderer = create_renderer("exact", bench.world)
+            worst = 0.0
+            for n in range(12):
+                turn = n * (np.pi / 12 + 0.011)
+                for x, y in places:
+                    eye = looking([x, y, 1.0], [x, y, 0.0], (np.sin(turn), np.cos(turn), 0.0))
+                    picture = renderer.render(View(48, 40, eye, K))[..., 0]
+                    area = (1.0 - picture / 255.0).sum()
+                    worst = max(worst, abs(area / (long * wide) - 1.0))
+        finally:
+            bench.close()
+        yield Row(f"wire of {wide:g} px, 12 angles, 50 positions", "its width", worst, 0.02)
 
 
 def _values(name: str) -> dict:

@@ -6,13 +6,14 @@ enough to be. The triangles of the scene lie in clusters (triangles); a link out
 cluster that is turned away, out of view or behind what covers its tiles is left out by one look,
 the others' triangles are sorted into the tiles that they touch (binning). In a tile that one
 triangle covers nothing more is to be done; in the others the corners of each pixel are asked which
-triangle is nearest (sampling). Where they differ without the shading being the cause, an edge runs
-through the pixel (finding), and its colour is worked out from the areas that its triangles cover
-(edges, fragments); the others are lit as their corners say (shading). Depth and segmentation are
-those of the centres (measuring). All of it runs on the processor and needs no graphics driver,
-whose limits and whose rounding differ. The servo's view takes 0.37 of the time that OpenGL took on
-Mesa's software rasteriser (at 640 x 480 0.7); a room full of edges and 40 000 triangles, with every
-edge worked out, take 2.3 to 2.4 times as long (tests/benchmarks/render.py).
+triangle is nearest (sampling). Where they differ without the shading being the cause, or something
+of another colour touches the pixel before that, an edge runs through it (finding), and its colour
+is worked out from the areas that its triangles cover (edges, areas, crowd); the others are lit as
+their corners say (shading). Depth and segmentation are those of the centres (measuring). All of it
+runs on the processor and needs no graphics driver, whose limits and whose rounding differ. The
+servo's view takes 0.4 of the time that OpenGL took on Mesa's software rasteriser (at 640 x 480
+0.75); a room full of edges and 40 000 triangles, with every edge worked out, take 2.7 to 3.0 times
+as long (tests/benchmarks/render.py).
 """
 
 from __future__ import annotations

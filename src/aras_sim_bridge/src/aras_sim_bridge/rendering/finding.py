@@ -1,7 +1,10 @@
-"""Which pixels have edges in them: those at whose corners different things are seen.
+"""Which pixels have edges in them: those at whose corners different things are seen, and those that
+something reaches into without reaching a corner.
 
-A straight edge through a pixel always has corners of it on both sides. What reaches into a pixel
-without reaching a corner is a triangle's tip, or narrow: it is looked for beside the edges found.
+A straight edge through a pixel has corners of it on both sides, but a wire, a slit between two
+parts, a triangle's tip may lie between the corners. So each triangle of a tile that differs in
+colour from what a pixel's corners show is asked whether it touches the pixel before that. Not found
+is a slit within one part that is narrower than a pixel.
 """
 
 from __future__ import annotations
@@ -10,6 +13,7 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import compiled, inlined
 
+from .areas import TOUCHING
 from .binning import Seen
 from .sampling import BACKGROUND, NOTHING, SEVERAL, Samples
 from .tiles import TILE, Tiles
@@ -19,21 +23,27 @@ from .tiles import TILE, Tiles
 THRESHOLD = 6
 
 
-def found_edges(tiles: Tiles, seen: Seen, samples: Samples, plain: np.ndarray, part: np.ndarray,
-                sky: np.uint32) -> tuple[np.ndarray, np.ndarray]:
+def found_edges(tiles: Tiles, seen: Seen, samples: Samples, plain: np.ndarray, smooth: np.ndarray,
+                part: np.ndarray, sky: np.uint32, near: float,
+                far: float) -> tuple[np.ndarray, np.ndarray]:
     """Pixels with edges: (tiles,) uint64, bit row * TILE + column of each, and (P,) row * width +
     column, of the padded picture, cell by cell.
 
     samples: of the pixels' upper left corners. plain: (N,) words of the triangles seen that have
-    one colour, 0 for the others; part: (N,) of the triangles seen, negative where it is textured;
-    sky: the background's word.
+    one colour, 0 for the others; smooth, part: (N,) of the triangles seen, as in Triangles; sky:
+    the background's word; near, far: clip distances, m.
     """
     t = tiles
-    edges = _edges(samples.tile, samples.pixel, samples.start, samples.member, seen.opaque, plain,
-                   part, sky, seen.side, seen.light, t.matrices, t.valid, t.cells, t.columns)
-    tips = _tips(edges, samples.tile, samples.pixel, seen.side, t.matrices, t.valid, t.cells,
-                 t.columns)
-    edges |= tips
+    edges, mixed = _edges(samples.tile, samples.pixel, samples.start, samples.member,
+                           seen.opaque, plain,
+                           smooth, part, sky, seen.side, seen.light, t.matrices, t.valid, t.cells,
+                           t.columns)
+    # Of one colour, and of one smooth part, are triangles with the same number.
+    own = np.where(smooth >= 0, smooth, len(plain) + np.arange(len(plain)))
+    colour = np.where(plain != 0, plain, -2.0 - own)
+    edges |= _thin(edges, mixed, samples.tile, samples.pixel, samples.start, samples.member,
+                   samples.full, samples.touched, colour, sky, seen.side, seen.cut, t.matrices,
+                   t.axis, t.valid, t.cells, t.columns, near, far)
     return edges, _listed(edges, t.cells, t.columns)
 
 
@@ -69,19 +79,19 @@ def _shown(tile, pixel, columns, v, u):
     return np.int64(pixel[v, u]) if whole == SEVERAL else whole
 
 
-@compiled("i8[::1], i4[:,::1], i8[::1], i8[::1], b1[::1], u4[::1], i8[::1], u4, f8[:,:,::1], "
-          "f8[:,::1], f8[:,:,::1], b1[:,::1], i8, i8")
-def _edges(tile, pixel, start, member, opaque, plain, part, sky, side, light, matrices, valid,
-           cells, columns):
-    """(tiles,) uint64, pixels whose corners differ in what they show, and those of tiles with
-    triangles that one sees through."""
+@compiled("i8[::1], i4[:,::1], i8[::1], i8[::1], b1[::1], u4[::1], i8[::1], i8[::1], u4, "
+          "f8[:,:,::1], f8[:,::1], f8[:,:,::1], b1[:,::1], i8, i8")
+def _edges(tile, pixel, start, member, opaque, plain, smooth, part, sky, side, light, matrices,
+           valid, cells, columns):
+    """(2, tiles) uint64: pixels whose corners differ in what they show, and those of tiles with
+    triangles that one sees through; and pixels whose corners show several parts."""
     size, side_of = TILE // cells, TILE + 1
     # The least and the most light on each triangle.
     dim = np.empty((len(light), 2))
     for m in range(len(light)):
         dim[m, 0] = min(light[m, 0], light[m, 1], light[m, 2])
         dim[m, 1] = max(light[m, 0], light[m, 1], light[m, 2])
-    out = np.zeros(len(tile), np.uint64)
+    out = np.zeros((2, len(tile)), np.uint64)
     shown = np.empty(side_of * side_of, np.int64)
     three = np.empty(3, np.int64)
     for n in range(len(tile)):
@@ -97,7 +107,7 @@ def _edges(tile, pixel, start, member, opaque, plain, part, sky, side, light, ma
         for k in range(side_of):
             shown[k * side_of + TILE] = _shown(tile, pixel, columns, v0 + k, u0 + TILE)
             shown[TILE * side_of + k] = _shown(tile, pixel, columns, v0 + TILE, u0 + k)
-        bits = np.uint64(0)
+        bits = mixed = np.uint64(0)
         for y in range(TILE):
             for x in range(TILE):
                 i = y * side_of + x
@@ -107,6 +117,10 @@ def _edges(tile, pixel, start, member, opaque, plain, part, sky, side, light, ma
                 if (m == three[0] and m == three[1] and m == three[2] and m != NOTHING
                         and not through) or not valid[v0 + y, u0 + x]:
                     continue
+                for k in range(3):
+                    other = three[k]
+                    if other != m and (other < 0 or m < 0 or part[other] != part[m]):
+                        mixed |= np.uint64(1) << np.uint64(y * TILE + x)
                 edge = through or m == NOTHING
                 lit, known = 0.0, False
                 rx = ry = rz = 0.0
@@ -116,7 +130,7 @@ def _edges(tile, pixel, start, member, opaque, plain, part, sky, side, light, ma
                         continue
                     if other == NOTHING:
                         edge = True
-                    elif m >= 0 and other >= 0 and part[m] == part[other] and part[m] >= 0:
+                    elif m >= 0 and other >= 0 and smooth[m] == smooth[other] and smooth[m] >= 0:
                         # On one smooth part the colour differs by what the slope makes of it.
                         if (max(dim[m, 1], dim[other, 1]) - min(dim[m, 0], dim[other, 0])
                                 <= THRESHOLD / 255.0):
@@ -139,84 +153,141 @@ def _edges(tile, pixel, start, member, opaque, plain, part, sky, side, light, ma
                         edge = one == 0 or two == 0 or _apart(one, two)
                 if edge:
                     bits |= np.uint64(1) << np.uint64(y * TILE + x)
-        out[n] = bits
+        out[0, n], out[1, n] = bits, mixed
     return out
 
 
-@compiled("u8[::1], i8[::1], i4[:,::1], f8[:,:,::1], f8[:,:,::1], b1[:,::1], i8, i8")
-def _tips(edges, tile, pixel, side, matrices, valid, cells, columns):
-    """(tiles,) uint64, pixels without an edge beside one with an edge, into which a triangle that
-    is seen there reaches before what the pixel shows."""
+@compiled("u8[::1], u8[::1], i8[::1], i4[:,::1], i8[::1], i8[::1], b1[::1], u8[::1], f8[::1], "
+          "u4, f8[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], b1[:,::1], i8, i8, f8, f8")
+def _thin(edges, mixed, tile, pixel, start, member, full, touched, colour, sky, side, cut,
+          matrices, axis, valid, cells, columns, near, far):
+    """(tiles,) uint64, pixels without an edge into which something of another colour reaches before
+    what their corners show; the sky does where they show several parts and nothing is behind."""
+    size, one = TILE // cells, np.uint64(1)
     out = np.zeros(len(tile), np.uint64)
-    size = TILE // cells
-    rows = len(tile) // columns
-    all_left, all_right = np.uint64(0x0101010101010101), np.uint64(0x8080808080808080)
-    one = np.uint64(1)
+    longest = 1
     for n in range(len(tile)):
-        if tile[n] != SEVERAL:
+        longest = max(longest, start[n + 1] - start[n])
+    # Of a tile's triangles: one over the distance, a + b x + c y, and by how much that changes from
+    # a pixel's centre. And the place of each among them.
+    planes, place = np.empty((longest, 4)), np.empty(len(colour), np.int64)
+    # Of a cell's pixels: what is nearer than the first is not hidden; number of its colour.
+    work = np.empty((2, TILE, TILE))
+    line = np.empty((3, 3))
+    for n in range(len(tile)):
+        if tile[n] != SEVERAL or edges[n] == ~np.uint64(0):
             continue
-        row, column, own = n // columns, n % columns, edges[n]
-        # Of the neighbours to the right, to the left, below and above, which has an edge?
-        right = (own & ~all_left) >> one
-        left = (own & ~all_right) << one
-        below, above = own >> np.uint64(TILE), own << np.uint64(TILE)
-        if column + 1 < columns:
-            right |= (edges[n + 1] & all_left) << np.uint64(TILE - 1)
-        if column > 0:
-            left |= (edges[n - 1] & all_right) >> np.uint64(TILE - 1)
-        if row + 1 < rows:
-            below |= edges[n + columns] << np.uint64(TILE * (TILE - 1))
-        if row > 0:
-            above |= edges[n - columns] >> np.uint64(TILE * (TILE - 1))
-        u0, v0 = TILE * column, TILE * row
-        asked = (right | left | below | above) & ~own
-        for y in range(TILE):
-            if asked >> np.uint64(y * TILE) & np.uint64(255) == 0:
+        u0, v0 = TILE * (n % columns), TILE * (n // columns)
+        first = start[n]
+        behind = False
+        for k in range(first, start[n + 1]):
+            behind |= full[k]
+            place[member[k]] = k - first
+        for cell in range(cells * cells):
+            y0, x0 = cell // cells * size, cell % cells * size
+            M = matrices[n * cells * cells + cell]
+            # The cell's pixels: a row in each byte.
+            square = ((one << np.uint64(size)) - one) * (
+                np.uint64(0x0101010101010101) >> np.uint64(8 * (TILE - size)))
+            square <<= np.uint64(y0 * TILE + x0)
+            if ~edges[n] & square == 0:
                 continue
-            for x in range(TILE):
-                bit = one << np.uint64(y * TILE + x)
-                if asked & bit == 0 or not valid[v0 + y, u0 + x]:
+            for k in range(start[n + 1] - first):
+                if touched[first + k] & square == 0:
                     continue
-                u, v = u0 + x, v0 + y
-                here = _shown(tile, pixel, columns, v, u)
-                M = matrices[n * cells * cells + (y // size) * cells + x // size]
-                xc, yc = float(x % size), float(y % size)
-                for k in range(8):
-                    # Both far corners of each neighbour.
-                    far = k % 2
-                    if k < 2:
-                        beside, i, j = right & bit != 0, v + far, u + 2
-                    elif k < 4:
-                        beside, i, j = left & bit != 0, v + far, u - 1
-                    elif k < 6:
-                        beside, i, j = below & bit != 0, v + 2, u + far
-                    else:
-                        beside, i, j = above & bit != 0, v - 1, u + far
-                    if not beside:
+                m = member[first + k]
+                a = b = c = 0.0
+                for q in range(3):
+                    s = side[m, 0, q] + side[m, 1, q] + side[m, 2, q]
+                    a, b, c = a + s * M[q, 2], b + s * M[q, 0], c + s * M[q, 1]
+                planes[k, 0], planes[k, 1], planes[k, 2] = a, b, c
+                planes[k, 3] = 0.5 * (abs(b) + abs(c))
+            nearest, some, alike, last = np.inf, np.uint64(0), True, -1.0
+            for y in range(size):
+                for x in range(size):
+                    i, j = y0 + y, x0 + x
+                    bit = one << np.uint64(i * TILE + j)
+                    work[0, y, x], work[1, y, x] = np.inf, -1.0
+                    if edges[n] & bit != 0 or not valid[v0 + i, u0 + j]:
                         continue
-                    m = _shown(tile, pixel, columns, i, j)
-                    if m < 0 or m == here:
+                    m = np.int64(pixel[v0 + i, u0 + j])
+                    front, name = 0.0, float(sky) if m < 0 else colour[m]
+                    if mixed[n] & bit != 0:
+                        # Slits between parts of one colour show the sky, if nothing else is there.
+                        if not behind and m >= 0 and (name < 0.0 or _apart(np.uint32(name), sky)):
+                            out[n] |= bit
+                            continue
+                    elif m >= 0:
+                        k = place[m]
+                        front = (planes[k, 0] + planes[k, 1] * x + planes[k, 2] * y
+                                 - planes[k, 3])
+                    work[0, y, x], work[1, y, x] = front, name
+                    nearest = min(nearest, front)
+                    some |= bit
+                    alike &= last == -1.0 or last == name
+                    last = name
+            if some == 0:
+                continue
+            for k in range(start[n + 1] - first):
+                bits = touched[first + k] & some & ~out[n]
+                if bits == 0:
+                    continue
+                m = member[first + k]
+                name = colour[m]
+                a, b, c = planes[k, 0] + planes[k, 3], planes[k, 1], planes[k, 2]
+                if (alike and last == name
+                        or a + (size - 1) * (max(b, 0.0) + max(c, 0.0)) <= nearest):
+                    continue
+                # Its lines, from the cell's first pixel, raised by what they change over half one.
+                for i in range(3):
+                    for j in range(3):
+                        line[i, j] = (side[m, i, 0] * M[0, j] + side[m, i, 1] * M[1, j]
+                                      + side[m, i, 2] * M[2, j])
+                    line[i, 2] += 0.5 * (abs(line[i, 0]) + abs(line[i, 1]))
+                    if full[first + k]:
+                        line[i, 2] = np.inf
+                b0, c0, a0 = line[0, 0], line[0, 1], line[0, 2]
+                b1, c1, a1 = line[1, 0], line[1, 1], line[1, 2]
+                b2, c2, a2 = line[2, 0], line[2, 1], line[2, 2]
+                hits = np.int64(0)
+                for y in range(size):
+                    if bits >> np.uint64((y0 + y) * TILE) & np.uint64(255) == 0:
                         continue
-                    reaches, ahead = True, 0.0
-                    for q in range(3):
-                        a = b = c = 0.0
-                        for j in range(3):
-                            a += side[m, q, j] * M[j, 0]
-                            b += side[m, q, j] * M[j, 1]
-                            c += side[m, q, j] * M[j, 2]
-                        at = a * xc + b * yc + c
-                        reaches &= at + 0.5 * (abs(a) + abs(b)) > 0.0
-                        ahead += at
-                    if not reaches:
+                    for x in range(size):
+                        hit = ((a0 + b0 * x + c0 * y > 0.0) & (a1 + b1 * x + c1 * y > 0.0)
+                               & (a2 + b2 * x + c2 * y > 0.0)
+                               & (a + b * x + c * y > work[0, y, x]) & (work[1, y, x] != name))
+                        hits |= np.int64(hit)
+                if hits == 0:
+                    continue
+                for y in range(size):
+                    if bits >> np.uint64((y0 + y) * TILE) & np.uint64(255) == 0:
                         continue
-                    if here >= 0:
-                        behind = 0.0
-                        for q in range(3):
-                            for j in range(3):
-                                behind += side[here, q, j] * (M[j, 0] * xc + M[j, 1] * yc
-                                                              + M[j, 2])
-                        reaches = ahead >= behind * (1.0 - 1e-6)
-                    if reaches:
+                    for x in range(size):
+                        bit = one << np.uint64((y0 + y) * TILE + x0 + x)
+                        w = a + b * x + c * y
+                        if (bits & bit == 0 or work[1, y, x] == name or w <= work[0, y, x]
+                                or a0 + b0 * x + c0 * y <= 0.0 or a1 + b1 * x + c1 * y <= 0.0
+                                or a2 + b2 * x + c2 * y <= 0.0):
+                            continue
+                        if name >= 0.0 and work[1, y, x] >= 0.0 and not _apart(
+                                np.uint32(name), np.uint32(work[1, y, x])):
+                            continue
+                        if cut[m]:  # all of the pixel nearer than near or beyond far?
+                            along = by = 0.0
+                            for q in range(3):
+                                along += axis[n, q] * (M[q, 0] * x + M[q, 1] * y + M[q, 2])
+                                by += 0.5 * abs(axis[n, q]) * (abs(M[q, 0]) + abs(M[q, 1]))
+                            if (far * w <= along - by
+                                    or near * (w - 2.0 * planes[k, 3]) >= along + by):
+                                continue
+                        if work[0, y, x] > 0.0:
+                            # Before it anywhere in the pixel?
+                            q = place[np.int64(pixel[v0 + y0 + y, u0 + x0 + x])]
+                            d, e = planes[k, 1] - planes[q, 1], planes[k, 2] - planes[q, 2]
+                            if (planes[k, 0] - planes[q, 0] + d * x + e * y
+                                    + 0.5 * (abs(d) + abs(e)) <= TOUCHING * work[0, y, x]):
+                                continue
                         out[n] |= bit
     return out
 

@@ -10,6 +10,7 @@ from .binning import Seen
 from .edges import resolved
 from .sampling import Samples
 from .tiles import Tiles
+from .triangles import Triangles
 
 
 @dataclass(frozen=True)
@@ -36,8 +37,8 @@ class Edges:
         self._tiles = tiles
         self._room = 4096
 
-    def fragments(self, seen: Seen, samples: Samples, found: np.ndarray, plain: np.ndarray,
-                  near: float, far: float) -> Fragments:
+    def fragments(self, triangles: Triangles, seen: Seen, samples: Samples, found: np.ndarray,
+                  plain: np.ndarray, near: float, far: float) -> Fragments:
         """What the pixels found consist of; plain: (N,) words of the triangles that have one
         colour."""
         t = self._tiles
@@ -47,8 +48,8 @@ class Edges:
             member, share, at = np.empty(room, np.int64), np.empty(room), np.empty((room, 2))
             count = resolved(
                 found, samples.start, samples.member, samples.full, samples.touched,
-                seen.side, seen.cut, seen.opaque, plain, t.matrices, t.axis, t.cells, t.columns,
-                near, far, start, member, share, at)
+                seen.corner, seen.side, seen.cut, seen.opaque, plain, seen.triangle, triangles.hull,
+                t.matrices, t.axis, t.cells, t.columns, near, far, start, member, share, at)
             if count <= room:
                 return Fragments(found, start, member[:count], share[:count], at[:count])
             self._room = 2 * count

@@ -12,7 +12,7 @@ from ..errors import RenderingError
 from ..world import World
 from .binning import Binning, Seen
 from .finding import found_edges
-from .fragments import Edges
+from .fragments import Edges, Fragments
 from .measuring import measured
 from .recent import Recent
 from .sampling import PixelSampler, Samples
@@ -79,13 +79,10 @@ class Renderer:
         """Picture of the view, (height, width, 3) uint8 rgb, top row first."""
         one = self._sample(view, blend, UPPER_LEFT)
         canvas, triangles = one.canvas, self._triangles
-        background = 255.0 * np.array(self.light.background[:3])
-        sky, plain = word(*background), canvas.shader.plain(triangles, one.seen)
-        part = triangles.smooth[one.seen.triangle]
-        edges, found = found_edges(canvas.tiles, one.seen, one.samples, plain, part, sky)
-        words = canvas.shader.words(triangles, one.seen, one.samples, plain, sky, edges)
-        fragments = canvas.edges.fragments(one.seen, one.samples, found, plain, view.near,
-                                           view.far)
+        plain = canvas.shader.plain(triangles, one.seen)
+        edges, fragments, background = self._resolve(one, view, plain)
+        words = canvas.shader.words(triangles, one.seen, one.samples, plain, word(*background),
+                                    edges)
         canvas.shader.blend(triangles, one.seen, fragments, background, words)
         rgba = words.view(np.uint8).reshape(*words.shape, 4)
         return cv2.cvtColor(rgba[:view.height, :view.width], cv2.COLOR_RGBA2RGB)
@@ -107,6 +104,19 @@ class Renderer:
 
     def _canvas(self, view: View) -> _Canvas:
         return self._canvases.get(view.rays_key, lambda: _Canvas(view.tiles()))
+
+    def _resolve(self, one: _Sampled, view: View, plain: np.ndarray
+                 ) -> tuple[np.ndarray, Fragments, np.ndarray]:
+        """Pixels with edges as in finding.found_edges, what they consist of, and the background's
+        rgb (3,) 0..255. plain: the words of the triangles seen."""
+        background = 255.0 * np.array(self.light.background[:3])
+        t = self._triangles
+        smooth, part = t.smooth[one.seen.triangle], t.part[one.seen.triangle]
+        edges, found = found_edges(one.canvas.tiles, one.seen, one.samples, plain, smooth, part,
+                                   word(*background), view.near, view.far)
+        fragments = one.canvas.edges.fragments(self._triangles, one.seen, one.samples, found,
+                                               plain, view.near, view.far)
+        return edges, fragments, background
 
     def _sample(self, view: View, blend: float, at: float) -> _Sampled:
         if self._closed:

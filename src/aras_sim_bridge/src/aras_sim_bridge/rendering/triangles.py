@@ -15,6 +15,9 @@ from .textures import Textures
 
 # Memory for scenes that come again, bytes: a study shows the same one ten thousand times.
 KEPT = 1 << 27
+# Corners times triangles of a part, up to which it is asked whether it is convex; and how far a
+# corner may be before a triangle, of the part's size: meshes have single precision.
+MUCH, FLAT = 1 << 22, 1e-6
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,8 @@ class Triangles:
 
     corners (T, 3, 3), m, and normals (T, 3, 3) at them, link frame; plane (T, 4) n, d with
         n . x = d; row (T,) of the link; smooth (T,), the same for those of a part, whose colours
-        differ as their light does, -1 with a texture.
+        differ as their light does, -1 with a texture; hull (T,) the same for those of a convex
+        part, which hide nothing of each other, -1 for the others; part (T,) the same for all.
     albedo (T, 4) rgb 0..255 and opacity 0..1.
     uv (T, 3, 2) texture coordinates, layer (T,) of the texture, -1 for none.
     row_centre, row_half: (rows, 3) a box around all of a link's, m; of no size, half -1, where it
@@ -63,7 +67,9 @@ class Triangles:
     normals: np.ndarray
     plane: np.ndarray
     row: np.ndarray
+    part: np.ndarray
     smooth: np.ndarray
+    hull: np.ndarray
     albedo: np.ndarray
     uv: np.ndarray
     layer: np.ndarray
@@ -88,6 +94,7 @@ class Triangles:
         corners, normals, uv = ([np.zeros((0, 3, n))] for n in (3, 3, 2))
         albedo = [np.zeros((0, 4))]
         layer, row, number = ([np.zeros(0, int)] for _ in range(3))
+        convex = [n for n, part in enumerate(parts) if _convex(part)]
         for n, part in enumerate(parts):
             mesh, count = part.mesh, len(part.mesh.triangles)
             corners.append(mesh.positions[mesh.triangles].astype(float))
@@ -119,11 +126,26 @@ class Triangles:
                 quad[n] = True
                 for k, turn in enumerate(turns):
                     corners[first[n] + k] = np.roll(corners[first[n] + k], -turn, axis=0)
-        number[layer >= 0] = -1
+        hull = np.where(np.isin(number, convex), number, -1)
+        smooth = np.where(layer < 0, number, -1)
         plane = np.concatenate([unit, (unit * corners[:, 0]).sum(axis=1)[:, None]], axis=1)
         clusters = _clusters(first, counts, corners, plane, row, albedo, quad)
-        return cls(clusters, *_boxes(corners, row), corners, normals, plane, row, number, albedo,
-                   uv, layer, textures)
+        return cls(clusters, *_boxes(corners, row), corners, normals, plane, row, number, smooth,
+                   hull, albedo, uv, layer, textures)
+
+
+def _convex(part: Part) -> bool:
+    """Whether none of a part's corners lies before a triangle of it; False where that is much to
+    ask."""
+    mesh = part.mesh
+    points = np.unique(mesh.positions.astype(float), axis=0)
+    if not 0 < len(points) * len(mesh.triangles) <= MUCH:
+        return False
+    a, b, c = mesh.positions[mesh.triangles].astype(float).swapaxes(0, 1)
+    normal = np.cross(b - a, c - a)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+    before = normal @ points.T - (normal * a).sum(axis=1)[:, None]
+    return bool(before.max() <= FLAT * np.ptp(points, axis=0).max())
 
 
 def _boxes(corners: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

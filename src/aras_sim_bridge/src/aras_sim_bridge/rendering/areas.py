@@ -1,0 +1,205 @@
+"""Areas that convex polygons cover of a pixel, a square of side 1 around 0."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import compiled, inlined
+
+# Pixels with more triangles than this have what hides what from samples: the effort to cut each
+# by each grows with the square of their number.
+CROWD = 4
+# Relative difference in distance below which two triangles lie in one plane.
+TOUCHING = 1e-8
+# Room for the corners of a piece, and for pieces.
+CORNERS, PIECES = 24, 64
+# A triangle's lines, seen from a pixel's centre, are a + b x + c y: those that cross the pixel, up
+# to so many, and in row PLANE one over its distance.
+LINES, PLANE = 5, 5
+
+
+@inlined
+def half_plane(a, b, c):
+    """The area in which a + b x + c y is positive; b and c are not both 0."""
+    p, q = abs(b), abs(c)
+    p, q = max(p, q), min(p, q)
+    q = max(q, 1e-7 * p)  # from there on upright: exact to 1e-7
+    s = a + 0.5 * (p + q)
+    s0, s1, s2, s3 = max(s, 0.0), max(s - p, 0.0), max(s - q, 0.0), max(s - p - q, 0.0)
+    return (s0 * s0 - s1 * s1 - s2 * s2 + s3 * s3) / (2.0 * p * q)
+
+
+@inlined
+def _cut(shape, p, count, a, b, c, kept, rest):
+    """Cut the convex polygon shape[p] (count corners) by the line a + b x + c y = 0: what is above
+    becomes shape[kept], what is below shape[rest]; the numbers of their corners."""
+    n_kept = n_rest = 0
+    x, y = shape[p, count - 1, 0], shape[p, count - 1, 1]
+    at = a + b * x + c * y
+    for n in range(count):
+        x2, y2 = shape[p, n, 0], shape[p, n, 1]
+        at2 = a + b * x2 + c * y2
+        if (at < 0.0) != (at2 < 0.0):
+            share = at / (at - at2)
+            xc, yc = x + share * (x2 - x), y + share * (y2 - y)
+            shape[kept, n_kept, 0], shape[kept, n_kept, 1] = xc, yc
+            shape[rest, n_rest, 0], shape[rest, n_rest, 1] = xc, yc
+            n_kept += 1
+            n_rest += 1
+        if at2 < 0.0:
+            shape[rest, n_rest, 0], shape[rest, n_rest, 1] = x2, y2
+            n_rest += 1
+        else:
+            shape[kept, n_kept, 0], shape[kept, n_kept, 1] = x2, y2
+            n_kept += 1
+        x, y, at = x2, y2, at2
+    return n_kept, n_rest
+
+
+@inlined
+def area(polygon, p, count):
+    """Area of the convex polygon p, either way round."""
+    total = 0.0
+    x, y = polygon[p, 0, 0], polygon[p, 0, 1]
+    for n in range(2, count):
+        total += ((polygon[p, n - 1, 0] - x) * (polygon[p, n, 1] - y)
+                  - (polygon[p, n, 0] - x) * (polygon[p, n - 1, 1] - y))
+    return abs(total) / 2.0
+
+
+@compiled("f8[:,:,::1], i8, f8[:,:,::1], i8, i8, i8")
+def inner(shape, goal, line, n, lines, spare):
+    """Put the part of the pixel above the lines line[n, :lines] into shape[goal]; the number of its
+    corners, 0 where there is none. spare: the first of two rows to work with."""
+    for i in range(4):
+        shape[goal, i, 0] = 0.5 if i == 1 or i == 2 else -0.5
+        shape[goal, i, 1] = 0.5 if i > 1 else -0.5
+    size, source = 4, goal
+    for i in range(lines):
+        a, b, c = line[n, i, 0], line[n, i, 1], line[n, i, 2]
+        target = goal if source == spare else spare
+        kept = 0
+        x, y = shape[source, size - 1, 0], shape[source, size - 1, 1]
+        at = a + b * x + c * y
+        for k in range(size):
+            x2, y2 = shape[source, k, 0], shape[source, k, 1]
+            at2 = a + b * x2 + c * y2
+            if (at < 0.0) != (at2 < 0.0):
+                share = at / (at - at2)
+                shape[target, kept, 0] = x + share * (x2 - x)
+                shape[target, kept, 1] = y + share * (y2 - y)
+                kept += 1
+            if at2 >= 0.0:
+                shape[target, kept, 0], shape[target, kept, 1] = x2, y2
+                kept += 1
+            x, y, at = x2, y2, at2
+        size, source = kept, target
+        if size < 3:
+            return 0
+    if source != goal:
+        for k in range(size):
+            shape[goal, k, 0], shape[goal, k, 1] = shape[source, k, 0], shape[source, k, 1]
+    return size
+
+
+
+@compiled("f8[:,:,::1], i8[::1], i8, i8, f8[:,:,::1], i8[::1]")
+def visible(shape, sizes, i, count, line, lines):
+    """The area of polygon i that none of the first `count` polygons hides.
+
+    line, lines: of each.
+    """
+    first, spare = CROWD, CROWD + PIECES
+    end = first + 1
+    sizes[first] = sizes[i]
+    for n in range(sizes[i]):
+        shape[first, n, 0], shape[first, n, 1] = shape[i, n, 0], shape[i, n, 1]
+    for j in range(count):
+        if j == i or sizes[j] == 0:
+            continue
+        # Where is j nearer than i?
+        a = line[j, PLANE, 0] - line[i, PLANE, 0]
+        b, c = line[j, PLANE, 1] - line[i, PLANE, 1], line[j, PLANE, 2] - line[i, PLANE, 2]
+        low, high = np.inf, -np.inf
+        for n in range(sizes[i]):
+            at = a + b * shape[i, n, 0] + c * shape[i, n, 1]
+            low, high = min(low, at), max(high, at)
+        touching = TOUCHING * abs(line[i, PLANE, 0])
+        if high <= touching and (low < -touching or j > i):
+            continue
+        crossing = low < -touching
+        now, last = first, end
+        while now < last:
+            # Beside j if one of its lines has all of the piece below.
+            beside = False
+            for n in range(lines[j]):
+                above = False
+                for m in range(sizes[now]):
+                    if (line[j, n, 0] + line[j, n, 1] * shape[now, m, 0]
+                            + line[j, n, 2] * shape[now, m, 1] > 1e-12 * abs(line[j, n, 0])):
+                        above = True
+                        break
+                if not above:
+                    beside = True
+                    break
+            if beside:
+                now += 1
+                continue
+            size, source = sizes[now], now
+            for n in range(lines[j] + (1 if crossing else 0)):
+                if n < lines[j]:
+                    an, bn, cn = line[j, n, 0], line[j, n, 1], line[j, n, 2]
+                else:
+                    an, bn, cn = a, b, c
+                goal = spare + n % 2
+                size, below = _cut(shape, source, size, an, bn, cn, goal, end)
+                source = goal
+                # What finds no room is lost; there is room for far more than any pixel needed.
+                if below > 2 and end < first + PIECES - 1:
+                    sizes[end] = below
+                    end += 1
+                if size < 3:
+                    break
+            # The piece is gone: the last of those not looked at yet takes its place, and the last
+            # of all takes that one's.
+            last -= 1
+            end -= 1
+            for move in range(2):
+                goal, other = (now, last) if move == 0 else (last, end)
+                if goal != other:
+                    sizes[goal] = sizes[other]
+                    for m in range(sizes[other]):
+                        shape[goal, m, 0] = shape[other, m, 0]
+                        shape[goal, m, 1] = shape[other, m, 1]
+    total = 0.0
+    for n in range(first, end):
+        total += area(shape, n, sizes[n])
+    return total
+
+
+@inlined
+def mean(shape, p, count, middle, n):
+    """Put the mean of polygon p's corners into middle[n]."""
+    x = y = 0.0
+    for k in range(count):
+        x += shape[p, k, 0]
+        y += shape[p, k, 1]
+    share = 1.0 / max(count, 1)
+    middle[n, 0], middle[n, 1] = share * x, share * y
+
+
+@inlined
+def crossing_lines(line, lines, k, x, y, own, n):
+    """Put what of triangle k's lines crosses the pixel at x, y into own[n], from the pixel's
+    centre; how many lines those are."""
+    crossing = 0
+    for i in range(lines[k]):
+        b, c = line[k, i, 1], line[k, i, 2]
+        a = line[k, i, 0] + b * x + c * y
+        if a < 0.5 * (abs(b) + abs(c)):
+            own[n, crossing, 0], own[n, crossing, 1], own[n, crossing, 2] = a, b, c
+            crossing += 1
+    b, c = line[k, PLANE, 1], line[k, PLANE, 2]
+    own[n, PLANE, 0], own[n, PLANE, 1] = line[k, PLANE, 0] + b * x + c * y, b
+    own[n, PLANE, 2] = c
+    return crossing

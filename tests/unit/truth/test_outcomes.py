@@ -13,7 +13,7 @@ from aras_visual_servo_bench.plants.base import CameraReading, JointReading
 from outcome_campaign import cli
 from outcome_campaign.kinds import KINDS, Event, Trial
 from outcome_campaign.table import TITLE, failures, markdown, section, section_of, summary
-from outcome_campaign.trial import Disturbed, Judged
+from outcome_campaign.trial import Disturbed, Judged, carried_out
 
 RIGHT = Judged("pictures", 0, "converged", "", "", 1e-4, 2e-3, 3e-4, 5e-3, True)
 LOST = Judged("target_leaves", 1, "target_lost", "gone", "teach", 0.4, 0.1, math.nan, math.nan,
@@ -72,6 +72,16 @@ def test_an_event_takes_away_what_it_says_once_it_has_happened(what, left):
     assert [type(reading) for reading in disturbed.advance(2)] == left
     disturbed.command("position", [2.0])
     assert len(plant.commands) == (1 if what == "joints_stick" else 2)
+
+
+@pytest.mark.parametrize(
+    ("what", "said"), [("joints_end", "no_joint_states"), ("joints_stick", "joints_do_not_follow")]
+)
+@pytest.mark.parametrize("plant", ["bullet", "chain"])
+def test_an_event_reaches_the_loop_whatever_the_plant_joins_with_its_cycles(plant, what, said):
+    keys = {"plant": plant, "features": "exact", "gain": 1.0, "duration": 5.0, "noise": 0.0}
+    _, outcome = carried_out(keys, Event(what, 0.4))
+    assert outcome.kind == said, outcome.reason
 
 
 def test_the_sums_are_those_of_the_runs():

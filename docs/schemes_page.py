@@ -206,7 +206,8 @@ def domain_part(path: Path, images: Path | None) -> str:
     page = "## Convergence domain, rendered\n\n" + _chosen(study) + domain(rows, study) + "\n"
     if images is not None:
         pictures.success_map(rows, images / "convergence_domain.png")
-        page += "Every start by its distance and angle from the goal; blue converged, red not:\n\n"
+        page += ("Every start by its distance and angle from the goal; blue dots converged, orange "
+                 "crosses did not:\n\n")  # fmt: skip
         page += "![convergence domain](images/convergence_domain.png)\n\n"
     return page
 

@@ -9,7 +9,8 @@ cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")"
 # Whatever ROS the caller's shell has sourced stays out of it.
 unset CMAKE_PREFIX_PATH ROS_PACKAGE_PATH PYTHONPATH PYTHONHOME
 set +u # catkin's file reads variables that may be unset
-. devel/setup.bash
+ros() { . devel/setup.bash; } # in a function: catkin's file would take --help and others for its own
+ros
 set -u
 # Some of Debian's ROS tools start with `env python3`, which another Python in PATH would answer.
 export PATH=$PWD/.venv/bin:$PATH

@@ -17,7 +17,8 @@ if [[ -z ${NUMBA_CACHE_DIR-} ]]; then
         mv -T "$copy" "$NUMBA_CACHE_DIR" 2>/dev/null || rm -rf "$copy" # another start was quicker
     fi
 fi
-. "$workspace/devel/setup.bash"
+ros() { . "$workspace/devel/setup.bash"; } # in a function: catkin's file would take --help and others for its own
+ros
 # Some of Debian's ROS tools start with `env python3`, which must be the one that has our packages.
 export PATH=$workspace/.venv/bin:$PATH
 exec "$@"

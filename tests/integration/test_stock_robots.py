@@ -13,11 +13,12 @@ import pytest
 import rospy
 from control_msgs.msg import FollowJointTrajectoryAction, FollowJointTrajectoryGoal
 from controller_manager_msgs.srv import ListControllers, LoadController, SwitchController
-from gazebo_msgs.srv import DeleteModel, GetModelState, SpawnModel
+from gazebo_msgs.srv import DeleteModel, GetModelState, GetPhysicsProperties, SpawnModel
 from geometry_msgs.msg import Pose
 from ros_graph import wait_for
 from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Float64, Float64MultiArray
+from std_srvs.srv import Empty
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 REGISTRY = "example-robot-data"  # what its descriptions call it; its manifest has another name
@@ -170,6 +171,10 @@ def robot(world, collect):
     yield make
     for one in made:
         call("/gazebo/delete_model", DeleteModel, one.name)
+    if call("/gazebo/get_physics_properties", GetPhysicsProperties).pause:
+        # Something diverged, and simulated time stands still: the next robot finds it going on.
+        call("/gazebo/reset_simulation", Empty)
+        call("/gazebo/unpause_physics", Empty)
 
 
 @pytest.mark.parametrize("namespace", ["", "/left"], ids=["root", "namespace"])

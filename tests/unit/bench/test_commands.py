@@ -37,6 +37,12 @@ def test_without_a_file_the_demos_experiment_is_run(capsys):
     assert "demo:\n  Target reached           NO: " in capsys.readouterr().out
 
 
+def test_a_file_may_be_named_like_an_override(experiment, capsys):
+    path = experiment.rename(experiment.with_name("gain=4.yaml"))
+    assert main(["run", str(path), "duration=0.2"]) == 0
+    assert capsys.readouterr().out.startswith("\ngain=4:\n")
+
+
 def test_the_report_of_an_experiment_is_written_where_out_says(experiment, tmp_path, capsys):
     out = tmp_path / "report"
     assert main(["run", str(experiment), "duration=0.3", "--out", str(out)]) == 0

@@ -75,7 +75,7 @@ def study_file(given: Path) -> Path:
 
 
 def _run(options: argparse.Namespace) -> int:
-    if options.study is not None and "=" in str(options.study):  # the demo's, with overrides
+    if "=" in str(options.study or "") and not options.study.exists():  # the demo's, with overrides
         options.overrides.insert(0, str(options.study))
         options.study = None
     changed = overrides.parsed(options.overrides)
@@ -104,7 +104,7 @@ def _experiment(given: Path | None, changed: dict[str, Any]) -> Experiment | Non
         if not given.is_file():
             return None
         values = read_yaml(given, ExperimentError)
-        keys = {name for name in values} if isinstance(values, dict) else set()
+        keys = set(values) if isinstance(values, dict) else set()
         own = {f.name for f in fields(Experiment)} - {f.name for f in fields(Study)}
         if not keys & own:
             return None

@@ -352,6 +352,26 @@ def test_what_stands_otherwise_is_left_to_bullet(world, make, what):
     assert not model.fixed_base
 
 
+def test_a_base_whose_wheels_touch_the_ground_beside_its_feet_is_left_to_bullet(world, make):
+    """Held, its wheels could not give way: Bullet told forces of 1e13 N, and freed the base
+    with those."""
+    wheel = collision('<cylinder radius="0.1" length="0.04"/>', "0 0 0").replace(
+        "<origin ", '<origin rpy="1.5707963 0 0" ')
+    model = world.spawn(parse_urdf(make.robot(
+        make.link("base", 20.0, "0 0 0.1", (1, 1, 1, 0, 0, 0), make.box("0.6 0.3 0.2", "0 0 0.1")),
+        *(make.link(name, 1.0, "0 0 0", (0.01,) * 3 + (0, 0, 0), wheel) for name in ("left",
+                                                                                     "right")),
+        make.link("slide", 2.0, "0 0 0", (0.01,) * 3 + (0, 0, 0)),
+        make.joint("left_axle", "base", "left", "continuous", "0 0.3 0.1", "0 1 0"),
+        make.joint("right_axle", "base", "right", "continuous", "0 -0.3 0.1", "0 1 0"),
+        make.joint("rail", "base", "slide", "prismatic", "0 0 0.5", "1 0 0", -20.0, 20.0))),
+        "cart", Pose.from_rpy((0.0, 0.0, 0.002), (0.0, 0.0, 0.4)))
+    for k in range(1000):
+        steps(world, 1, model, 5.0 * math.sin(0.05 * k))
+        assert not model.fixed_base, k
+    assert math.dist(model.pose().xyz, (0.0, 0.0, 0.0)) < 1e-3
+
+
 def test_an_arm_that_lies_on_the_ground_is_moved_by_bullet_and_the_base_stands(world, make):
     arm = parse_urdf(make.robot(
         make.link("base", 20.0, "0 0 0.1", (1, 1, 1, 0, 0, 0), make.box("0.6 0.6 0.2", "0 0 0.1")),

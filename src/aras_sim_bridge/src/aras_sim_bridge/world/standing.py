@@ -28,6 +28,7 @@ PATIENCE = 1000  # steps after which a base that the floor could not hold is loo
 _STILL = 1e-6  # m and rad between two looks
 _TOUCHING = 1e-4  # m; Bullet lets what rests sink in by a tenth of it
 _SHARE = 0.9  # of what friction and corners can bear
+_LEAST_LEVER = 0.05  # of the distance to an axle, at which a joint still gives way to a contact
 # What strikes a base finds it bolted for a step, and rebounds as from a wall: off by the share that
 # its mass has of the base's. So a base is held only where that is so much heavier.
 _HEAVIER = 100.0
@@ -159,8 +160,12 @@ class StandingBase:
         for contact in pybullet.getContactPoints(bodyA=model.body_id,
                                                  physicsClientId=model.client):
             other = others[contact[2]]
-            if contact[3] not in base or not other.fixed_base:
+            if contact[3] not in base:
+                if other.fixed_base and contact[8] < _TOUCHING and _locked(model, contact):
+                    return None
                 continue  # what it carries, or leans on: weighed when it is held
+            if not other.fixed_base:
+                continue
             if contact[4] != -1 or contact[8] < -_TOUCHING or other.let_go is not None:
                 return None
             if contact[8] < _TOUCHING:
@@ -345,6 +350,26 @@ def _mass_of_base(model: Model, root: Pose) -> tuple[float, np.ndarray]:
             mass += inertial.mass
             moment += inertial.mass * np.array(at.apply(inertial.origin_xyz))
     return mass, moment / mass if mass > 0.0 else moment
+
+
+def _locked(model: Model, contact: tuple) -> bool:
+    """Whether no joint can move a contact's point along its normal, as no axle moves the point
+    where its wheel stands. Were the root bolted down, no force would be too large to end there."""
+    point, normal = np.array(contact[5]), np.array(contact[7])
+    names = {index: name for name, index in model.link_indices.items()}
+    movers = {joint.child: joint for joint in model.description.joints.values()}
+    link, most = names[contact[3]], 0.0
+    while link in movers:
+        joint = movers[link]
+        if joint.moves:
+            frame = model.link_pose(link)
+            along = np.array(rotate(frame.quat, joint.axis))
+            if joint.kind != "prismatic":
+                lever = point - frame.xyz
+                along = np.cross(along, lever) / max(np.linalg.norm(lever), _TOUCHING)
+            most = max(most, abs(along @ normal))
+        link = joint.parent
+    return most < _LEAST_LEVER
 
 
 def _is_plane(model: Model) -> bool:

@@ -61,7 +61,7 @@ CONTENTS = """
 CHAPTERS = {
     "The first hour": (
         "docs/first_run", "docs/my_scheme", "docs/my_robot", "docs/my_camera", "docs/my_target",
-        "docs/studies", "docs/reading_results", "docs/installing",
+        "docs/studies", "docs/browsing", "docs/reading_results", "docs/installing",
     ),
     "Coming from Gazebo": ("docs/porting", "docs/differences"),
     "Theory": (

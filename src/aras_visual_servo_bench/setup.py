@@ -8,5 +8,6 @@ setup(**generate_distutils_setup(
     package_dir={"": "src"},
     package_data={
         "aras_visual_servo_bench.live": ["page/*"], "aras_visual_servo_bench.report": ["page/*"],
+        "aras_visual_servo_bench.browse": ["page/*"],
     },
 ))  # fmt: skip

@@ -52,3 +52,33 @@ def preset(robot):
 @pytest.fixture(scope="session")
 def pinhole(preset):
     return cameras.model_of(preset)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """A headless Chromium; without one the test is left out, but not in CI."""
+    from browser import HOW, Browser, chromium
+
+    if chromium() is None:
+        if os.environ.get("CI"):
+            pytest.fail(HOW)
+        pytest.skip(HOW)
+    with Browser() as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def watched(browser):
+    """Opens an address in a tab so wide, which keeps what goes wrong in it in `wrong`."""
+
+    def open_watched(address, width, ready):
+        tab = browser.open("about:blank")
+        tab.resize(width)
+        tab.call("Page.addScriptToEvaluateOnNewDocument", source="window.wrong = []; "
+                 "addEventListener('error', (e) => wrong.push(e.message)); "
+                 "addEventListener('unhandledrejection', (e) => wrong.push(String(e.reason)))")
+        tab.call("Page.navigate", url=address)
+        tab.wait(ready)
+        return tab
+
+    return open_watched

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from browser import HOW, Browser, chromium
+from browser import Browser
 
 from aras_visual_servo_bench.live import server as server_module
 from aras_visual_servo_bench.live.server import serve
@@ -20,16 +20,6 @@ COLOURS = """(() => {{ const c = document.getElementById("{0}");
   for (let i = 0; i < p.length; i += 4)
     found.add((p[i] >> 4) * 256 + (p[i + 1] >> 4) * 16 + (p[i + 2] >> 4));
   return found.size; }})()"""
-
-
-@pytest.fixture(scope="module")
-def browser():
-    if chromium() is None:
-        if os.environ.get("CI"):
-            pytest.fail(HOW)
-        pytest.skip(HOW)
-    with Browser() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,8 @@ from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_bench.live.outbox import AHEAD
 from aras_visual_servo_bench.live.page import KEPT, Page
 from aras_visual_servo_bench.live.robot_model import parts, robot_model
-from aras_visual_servo_bench.live.server import PortTakenError, bound, serve
+from aras_visual_servo_bench.live.server import serve
+from aras_visual_servo_bench.live.web import PortTakenError, bound
 from aras_visual_servo_bench.ros.keeping import Keeping
 
 SAMPLE = told(error=(0.1, -0.2))

@@ -5,7 +5,6 @@ import os
 from dataclasses import replace
 
 import pytest
-from browser import HOW, Browser, chromium
 
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.report.write import write_report
@@ -17,16 +16,6 @@ READY = "!!window.arasReport"
 
 
 @pytest.fixture(scope="module")
-def browser():
-    if chromium() is None:
-        if os.environ.get("CI"):
-            pytest.fail(HOW)
-        pytest.skip(HOW)
-    with Browser() as found:
-        yield found
-
-
-@pytest.fixture(scope="module")
 def runs():
     """Two of unlike gains and lengths."""
     asked = Experiment(plant="chain", start="2016", duration=2.0, linger=None)
@@ -35,20 +24,13 @@ def runs():
 
 
 @pytest.fixture(scope="module")
-def opened(browser, runs, tmp_path_factory):
+def opened(watched, runs, tmp_path_factory):
     """A tab with the report of one run, or of both, in a window so wide."""
     pages = {count: write_report(runs[:count], tmp_path_factory.mktemp("report"), ())[0]
              for count in (1, 2)}  # fmt: skip
 
     def show(count, width):
-        tab = browser.open("about:blank")
-        tab.resize(width)
-        tab.call("Page.addScriptToEvaluateOnNewDocument", source="window.wrong = []; "
-                 "addEventListener('error', (e) => wrong.push(e.message)); "
-                 "addEventListener('unhandledrejection', (e) => wrong.push(String(e.reason)))")
-        tab.call("Page.navigate", url=pages[count].as_uri())
-        tab.wait(READY)
-        return tab
+        return watched(pages[count].as_uri(), width, READY)
 
     return show
 

@@ -79,14 +79,19 @@ class Request:
     given: Mapping[str, Any]
 
 
-def read_message(text: str | bytes) -> tuple[str, dict[str, Any]]:
+def read_message(
+    text: str | bytes, known: Mapping[str, type] = REQUESTS, most: int = LARGEST
+) -> tuple[str, dict[str, Any]]:
     """What a page's message, a JSON object {"do": NAME, ...}, asks for, and the fields given.
+
+    Args:
+        known: requests by name. most: characters.
 
     Raises:
         RefusedError: it is none, or too long, or there is no such request.
     """
-    if not isinstance(text, str) or len(text) > LARGEST:
-        raise RefusedError(f"a request is a text of at most {LARGEST} characters")
+    if not isinstance(text, str) or len(text) > most:
+        raise RefusedError(f"a request is a text of at most {most} characters")
     try:
         data = json.loads(text)
     except (ValueError, RecursionError):
@@ -94,8 +99,8 @@ def read_message(text: str | bytes) -> tuple[str, dict[str, Any]]:
     if not isinstance(data, dict) or not isinstance(data.get("do"), str):
         raise RefusedError("a request is a JSON object with a key 'do'")
     do = data.pop("do")
-    if do not in REQUESTS:
-        raise RefusedError(f"there is no request {said(do)}: {nearest(do, REQUESTS)}")
+    if do not in known:
+        raise RefusedError(f"there is no request {said(do)}: {nearest(do, known)}")
     return do, data
 
 

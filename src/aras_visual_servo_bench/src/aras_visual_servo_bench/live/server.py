@@ -1,55 +1,33 @@
-"""The live page's web server: one page, its files, one WebSocket for each viewer. By Tornado.
+"""The live page's server: one page, its files, one WebSocket for each viewer.
 
-It runs in a thread of its own with an event loop of its own; `tick`s, requests and pictures come
-from its host, which need not be ROS.
+`tick`s, requests and pictures come from its host, which need not be ROS.
 """
 
 from __future__ import annotations
 
-import asyncio
-import errno
 import json
 import logging
 import socket
-import threading
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Protocol
 
-import tornado.httpserver
 import tornado.ioloop
-import tornado.netutil
-import tornado.web
 import tornado.websocket
 
-from ..errors import BenchError
 from ..pictures.palette import LIVE, css
 from .access import Access
 from .outbox import SEEN, Outbox, text_of
 from .page import Page
 from .requests import LARGEST, RefusedError, Request, read_message, read_request
+from .web import Guarded, WebServer, begin, is_local
 
 FILES = Path(__file__).parent / "page"
 RATE = 15.0  # messages a second to each viewer
 PICTURE_RATE = 10.0
-PORTS = 20  # tried one after the other, where the first is taken
 VIEWERS = 8  # at most; each costs its part of a core
 ASKED = 8  # requests of one viewer at a time
 UNREAD = 2_000_000  # bytes of answers that a viewer may leave unread before it hears no more
-HEADERS = {
-    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
-    "img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
-    "frame-ancestors 'none'",
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cache-Control": "no-store",
-    "Cross-Origin-Resource-Policy": "same-origin",
-}
-
-
-class PortTakenError(BenchError):
-    """No port is free."""
 
 
 class Host(Protocol):
@@ -76,88 +54,42 @@ class Host(Protocol):
         """A file of a report that the page links to; None: there is none of that name."""
 
 
-def bound(host: str, port: int) -> tuple[list[socket.socket], str]:
-    """Sockets that listen on the first free port from `port` on, and a word if that is another.
+class Server(WebServer):
+    """The live page's."""
 
-    Raises:
-        PortTakenError: none is free, or the address is not this machine's.
-    """
-    last = min(port + PORTS, 65536)
-    for candidate in range(port, last):
-        try:
-            sockets = tornado.netutil.bind_sockets(candidate, host)
-        except OSError as error:
-            if error.errno in (errno.EADDRINUSE, errno.EACCES):
-                continue
-            raise PortTakenError(f"the page cannot listen on {host}:{port}: {error.strerror}; give "
-                                 "an address of this machine") from error  # fmt: skip
-        word = "" if candidate == port else f"port {port} is taken"
-        return sockets, word
-    raise PortTakenError(f"the page finds no free port from {port} to {last - 1} on {host}: give "
-                         "another one")  # fmt: skip
-
-
-class Server:
-    """Serves a host's page until it is closed."""
+    index = FILES / "index.html"
+    largest = 2 * LARGEST
 
     def __init__(self, host: Host, access: Access, sockets: list[socket.socket]) -> None:
-        """`sockets`: as `bound` gives them, on the port that `access` names."""
-        self.host, self.access = host, access
+        """See WebServer."""
+        super().__init__(access, sockets)
+        self.host = host
         self.viewers: set[Viewer] = set()
-        self.workers = ThreadPoolExecutor(4, "page")
-        self._sockets = sockets
-        self._ready = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="page", daemon=True)
-        logging.getLogger("tornado.access").setLevel(logging.ERROR)
-        logging.getLogger("tornado.general").setLevel(logging.ERROR)
 
-    def start(self) -> None:
-        """Serve, from now on."""
-        self._thread.start()
-        self._ready.wait(10.0)
+    def routes(self) -> list[tuple[str, type[Guarded]]]:
+        """See WebServer."""
+        return [(r"/live", Viewer), (r"/robot", RobotFile),
+                (r"/report/(.*)", ReportFile)]  # fmt: skip
 
-    def close(self) -> None:
-        """Serve no more."""
-        if self._thread.is_alive():
-            self._loop.add_callback(self._stop)
-            self._thread.join(5.0)
-        self.workers.shutdown(wait=False, cancel_futures=True)
+    def page_file(self, name: str) -> str | None:
+        """See WebServer."""
+        path = FILES / name
+        if not path.is_file():
+            return None
+        colours = css(LIVE) if name == "style.css" else ""
+        return colours + path.read_text(encoding="utf-8")
 
-    def _run(self) -> None:
-        asyncio.set_event_loop(asyncio.new_event_loop())
-        self._loop = tornado.ioloop.IOLoop.current()
-        given = {"server": self}
-        self._server = tornado.httpserver.HTTPServer(
-            tornado.web.Application(
-                [
-                    (r"/", Index, given),
-                    (r"/live", Viewer, given),
-                    (r"/robot", RobotFile, given),
-                    (r"/report/(.*)", ReportFile, given),
-                    (r"/([a-z]+\.(?:js|css))", PageFile, given),
-                ],
-                default_handler_class=Nowhere,
-                default_handler_args=given,
-                compress_response=True,
-                websocket_max_message_size=2 * LARGEST,
-                websocket_ping_interval=10.0,
-            ),
-            max_body_size=LARGEST,
-        )
-        self._server.add_sockets(self._sockets)
+    def begun(self) -> None:
+        """See WebServer."""
         self._tick = tornado.ioloop.PeriodicCallback(self.tick, 1e3 / RATE)
         self._pictures = tornado.ioloop.PeriodicCallback(self.show, 1e3 / PICTURE_RATE)
-        self._loop.add_callback(self._ready.set)
-        self._loop.start()
-        self._loop.close(all_fds=True)
 
-    def _stop(self) -> None:
+    def ended(self) -> None:
+        """See WebServer."""
         self._tick.stop()
         self._pictures.stop()
-        self._server.stop()
         for viewer in list(self.viewers):
             viewer.close(1001, "the simulator has ended")
-        self._loop.call_later(0.1, self._loop.stop)
 
     def came(self, viewer: Viewer) -> None:
         """A viewer more."""
@@ -192,71 +124,6 @@ class Server:
                 viewer.outbox.picture(picture)
 
 
-class Guarded(tornado.web.RequestHandler):
-    """A handler that answers only whoever has the token."""
-
-    def initialize(self, server: Server) -> None:
-        self.server = server
-
-    def set_default_headers(self) -> None:
-        for name, value in HEADERS.items():
-            self.set_header(name, value)
-        self.clear_header("Server")
-
-    def prepare(self) -> None:
-        why = self.refusal()
-        if why:
-            self.set_status(403)
-            self.set_header("Content-Type", "text/plain; charset=utf-8")
-            self.finish(f"Refused: {why}.\n")
-
-    def refusal(self) -> str:
-        """Why this request is not answered; '' where it is."""
-        return self.server.access.refusal(
-            self.token(), self.request.host, self.request.headers.get("Origin")
-        )
-
-    def token(self) -> str:
-        """What the address carries."""
-        return self.get_query_argument("token", "")
-
-
-class Nowhere(Guarded):
-    """Any other address."""
-
-    def get(self) -> None:
-        self.set_status(404)
-        self.finish("There is nothing here.\n")
-
-
-class Index(Guarded):
-    """The page itself."""
-
-    def get(self) -> None:
-        self.finish((FILES / "index.html").read_bytes())
-
-
-class PageFile(Guarded):
-    """Its scripts and its style."""
-
-    TYPES = {".js": "text/javascript", ".css": "text/css"}
-
-    def token(self) -> str:
-        """None is asked for: a script cannot hand it to those that it imports, and they are the
-        same for everyone."""
-        return self.server.access.token
-
-    def get(self, name: str) -> None:
-        path = FILES / name
-        if not path.is_file():
-            self.set_status(404)
-            self.finish("There is nothing here.\n")
-            return
-        self.set_header("Content-Type", f"{self.TYPES[path.suffix]}; charset=utf-8")
-        colours = css(LIVE) if name == "style.css" else ""
-        self.finish(colours.encode() + path.read_bytes())
-
-
 class RobotFile(Guarded):
     """The robot's model."""
 
@@ -264,8 +131,7 @@ class RobotFile(Guarded):
         loop = tornado.ioloop.IOLoop.current()
         model = await loop.run_in_executor(self.server.workers, self.server.host.robot)
         if model is None:
-            self.set_status(404)
-            self.finish("There is no robot yet.\n")
+            self.nothing("There is no robot yet.")
             return
         self.set_header("Content-Type", "application/json")
         self.finish(json.dumps(model))
@@ -277,12 +143,9 @@ class ReportFile(Guarded):
     def get(self, name: str) -> None:
         path = self.server.host.file(name)
         if path is None:
-            self.set_status(404)
-            self.finish("There is no report of that name.\n")
+            self.nothing("There is no report of that name.")
             return
-        self.set_header("Content-Security-Policy", "default-src 'none'; style-src 'unsafe-inline'; "
-                        "img-src data:; script-src 'unsafe-inline'")  # fmt: skip
-        self.finish(path.read_bytes())
+        self.give_report(path)
 
 
 class Viewer(Guarded, tornado.websocket.WebSocketHandler):
@@ -362,13 +225,9 @@ def serve(
     Raises:
         PortTakenError: no port is free.
     """
-    sockets, word = bound(address, port)
-    taken = sockets[0].getsockname()[1]
-    access = Access(address, taken, token) if token else Access(address, taken)
-    server = Server(host, access, sockets)
-    server.start()
-    say(f"the live page is at {access.address}" + (f" ({word})" if word else ""))
-    if address not in ("127.0.0.1", "localhost", "::1"):
+    server = begin(lambda access, sockets: Server(host, access, sockets), "the live page", address,
+                   port, token, say)  # fmt: skip
+    if not is_local(address):
         say(f"the live page listens on {address}: whoever reads its address on the network may "
             "move the robot; what is sent is not encrypted")  # fmt: skip
     return server

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from pyarrow.csv import write_csv
 
 from aras_visual_servo_base.names import nearest
@@ -54,6 +55,11 @@ def _with_published(study: Study, table: pa.Table) -> pa.Table:
     return table.append_column("met", pa.array(held, pa.bool_()))
 
 
+def _numbers(column: pa.ChunkedArray) -> np.ndarray:
+    """(n,) float; NaN where there is none."""
+    return column.cast(pa.float64()).to_numpy()
+
+
 @dataclass(frozen=True)
 class Results:
     """Rows of a study. name: of its folder. table: in order of the runs."""
@@ -65,15 +71,20 @@ class Results:
     @classmethod
     def read(cls, path: str | Path) -> Results:
         """Of a folder, as far as it is done; StudyError where there is nothing."""
-        folder = Folder.open(path)
-        table = folder.results()
-        times = folder.results(folders.TIMES)
-        wall = dict(zip(times["run"].to_pylist(), times["wall"].to_pylist(), strict=True))
-        simulated = zip(table["run"].to_pylist(), table["simulated"].to_pylist(), strict=True)
-        multiple = [s / wall[run] if wall.get(run) else float("nan") for run, s in simulated]
+        return cls.of(Folder.open(path))
+
+    @classmethod
+    def of(cls, folder: Folder) -> Results:
+        """Of a folder that is open; see `read`."""
+        table, times = folder.results(), folder.results(folders.TIMES)
+        runs, timed = table["run"].to_numpy(), times["run"].to_numpy()
+        at = np.minimum(np.searchsorted(timed, runs), len(timed) - 1)  # both in order of runs
+        wall = np.where(timed[at] == runs, _numbers(times["wall"])[at], np.nan)
+        simulated = _numbers(table["simulated"])
+        multiple = np.divide(simulated, wall, out=np.full(len(runs), np.nan), where=wall > 0.0)
         table = table.append_column(REAL_TIME.name, pa.array(multiple, pa.float64()))
         table = _with_published(folder.study, table)
-        return cls(Path(path).resolve().name, folder.study, table)
+        return cls(folder.path.resolve().name, folder.study, table)
 
     def write_csv(self, path: Path) -> int:
         """A row a run, without what is the same in all; answers how many."""
@@ -95,33 +106,37 @@ class Results:
 
     def column(self, name: str) -> list[Any]:
         """Values of a column; StudyError with the nearest name where there is none."""
+        return self._column(name).to_pylist()
+
+    def _column(self, name: str) -> pa.ChunkedArray:
         if name not in self.table.column_names:
             raise StudyError(f"no column '{name}': {nearest(name, self.table.column_names)}")
-        return self.table[name].to_pylist()
+        return self.table[name]
 
     def numbers(self, name: str) -> np.ndarray:
         """A column (n,) of numbers; StudyError where it holds words."""
-        values = self.column(name)
-        if any(isinstance(v, str) for v in values):
+        found = self._column(name)
+        if pa.types.is_string(found.type):
             raise StudyError(f"{name} holds words, not numbers")
-        return np.array([np.nan if v is None else v for v in values], float)
+        return _numbers(found)
 
     def successes(self) -> np.ndarray:
         """(n,) 0 or 1; what was refused, failed or died is none."""
         if metrics.success.name in self.table.column_names:
             found = self.numbers(metrics.success.name)
             return np.where(np.isnan(found), 0.0, found)
-        return np.array([
-            float(outcome not in (rows.REFUSED, rows.FAULT, rows.DIED, rows.LATE))
-            for outcome in self.column("outcome")
-        ])  # fmt: skip
+        none = pa.array([rows.REFUSED, rows.FAULT, rows.DIED, rows.LATE])
+        return _numbers(pc.invert(pc.is_in(self._column("outcome"), none)))
 
     def ends(self) -> list[str]:
         """How each run ended, in a word; with the verdict where the loop holds to be there."""
-        return [
-            f"{outcome}, {verdict}" if outcome.startswith("converged") else outcome
-            for outcome, verdict in zip(self.column("outcome"), self.column("verdict"), strict=True)
-        ]
+        return self.end_column().to_pylist()
+
+    def end_column(self) -> pa.ChunkedArray:
+        """`ends`, as a column."""
+        outcome, verdict = self._column("outcome"), self._column("verdict")
+        both = pc.binary_join_element_wise(outcome, verdict, ", ")
+        return pc.if_else(pc.starts_with(outcome, "converged"), both, outcome)
 
     def groups(self, keys: Sequence[str]) -> dict[tuple, np.ndarray]:
         """Rows (n,) int of each combination of the keys' values, in order of appearance."""

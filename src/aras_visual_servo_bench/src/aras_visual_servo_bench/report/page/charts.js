@@ -7,7 +7,7 @@ const near = (times, t) => {  // index of the entry next to t
   return Math.abs(times[high] - t) < Math.abs(times[low] - t) ? high : low;
 };
 
-function told(v, log) {
+export function told(v) {
   if (!Number.isFinite(v)) return "–";
   const size = Math.abs(v);
   if (size === 0) return "0";
@@ -15,7 +15,7 @@ function told(v, log) {
   return v.toPrecision(size >= 1000 ? 5 : 4);
 }
 
-class Chart {
+export class Chart {
   /** `box`: where it goes; `panel`: of the contents; `page`: time, range, colours and runs for all. */
   constructor(box, panel, page) {
     Object.assign(this, { box, panel, page, hidden: new Set(), seen: false });

@@ -1,0 +1,194 @@
+// A map of cells, and points by uPlot.
+
+import { told } from "./charts.js";
+
+const VIRIDIS = ["#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725"]
+  .map((c) => [1, 3, 5].map((i) => parseInt(c.slice(i, i + 2), 16)));
+const WIDE = 100;  // greatest over least, from which on an axis is logarithmic
+const NEAR = 14;   // pixels from a point, within which it is meant
+
+export const make = (tag, text = "", name = "") => {
+  const element = document.createElement(tag);
+  if (text !== "") element.textContent = text;
+  if (name) element.className = name;
+  return element;
+};
+export const headed = (name, unit) => unit ? `${name} (${unit})` : name;
+export const word = (value) => {
+  if (value === null || value === undefined || value === "") return "–";
+  if (typeof value === "number") return Number.isInteger(value) ? String(value) : told(value).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
+  return Array.isArray(value) ? `${word(value[0])} … ${word(value[1])}` : String(value);
+};
+
+function shade(part) {
+  const at = Math.min(Math.max(part, 0), 1) * (VIRIDIS.length - 1), low = Math.min(Math.floor(at), VIRIDIS.length - 2);
+  return VIRIDIS[low].map((c, i) => Math.round(c + (at - low) * (VIRIDIS[low + 1][i] - c)));
+}
+/** Black or white, whichever can be read better on a colour. */
+function letters(rgb) {
+  const [r, g, b] = rgb.map((c) => { c /= 255; return c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4; });
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b > 0.179 ? "#000" : "#fff";
+}
+
+/** The map into a table; `press` is told the filters of the cell. */
+export function drawMap(table, scale, answer, { x, y, value, unit, isRate }, press) {
+  table.textContent = scale.textContent = "";
+  const sizes = answer.runs.flat(), known = answer.values.flat().filter((v) => v !== null);
+  if (!known.length) { table.append(make("caption", "no runs with these")); return; }
+  const low = isRate ? 0 : Math.min(...known), high = isRate ? 1 : Math.max(...known);
+  const plain = (v) => isRate ? `${Math.round(100 * v)}` : word(v);
+  const few = answer.x.labels.length <= 12;
+  const caption = make("caption", "", "hidden");
+  caption.textContent = `${value} by ${y.name}, a row each, and ${x.name}, a column each`;
+  const heads = make("colgroup");
+  heads.append(make("col"));
+  table.append(caption, heads);
+  const tall = Math.max(24, Math.min(54, Math.floor(290 / answer.y.labels.length)));
+  for (let i = answer.y.labels.length - 1; i >= 0; i--) {
+    const row = table.insertRow(), head = make("th", word(answer.y.labels[i]));
+    head.scope = "row";
+    row.append(head);
+    answer.x.labels.forEach((label, j) => {
+      const cell = row.insertCell(), v = answer.values[i][j], runs = answer.runs[i][j];
+      cell.style.height = `${tall}px`;
+      if (!runs) return;
+      const button = make("button", v === null ? "–" : few ? plain(v) : "");
+      const where = `${y.name} ${word(answer.y.labels[i])}, ${x.name} ${word(label)}`;
+      const text = `${where}: ${v === null ? "no number" : `${value} ${plain(v)}${isRate ? " %" : unit && ` ${unit}`}`}, ${runs} runs`;
+      button.title = text;
+      button.setAttribute("aria-label", text);
+      if (v !== null) {
+        const rgb = shade(high > low ? (v - low) / (high - low) : 1);
+        button.style.background = `rgb(${rgb})`;
+        button.style.color = letters(rgb);
+      }
+      button.addEventListener("click", () => press([...answer.y.bounds[i].map((b) => [y.name, ...b]),
+        ...answer.x.bounds[j].map((b) => [x.name, ...b])]));
+      cell.append(button);
+    });
+  }
+  const foot = table.createTFoot().insertRow();
+  const corner = make("td", `${headed(y.name, y.unit)} ↑`, "corner");
+  foot.append(corner);
+  answer.x.labels.forEach((label) => { const head = make("th", word(label)); head.scope = "col"; foot.append(head); });
+  const under = table.tFoot.insertRow();
+  under.append(make("td"));
+  const title = make("td", `${headed(x.name, x.unit)} →`, "along");
+  title.colSpan = answer.x.labels.length;
+  under.append(title);
+  const bar = make("i", "", "scale");
+  scale.append(`${plain(low)} `, bar, ` ${plain(high)}${isRate ? " % of the runs succeed" : ` ${headed(value, unit)}, median`}`);
+  if (answer.left) scale.append(`; ${answer.left} runs have no such values`);
+  return Math.max(...sizes);
+}
+
+const decoded = (text, Kind) => new Kind(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
+
+/** Points of runs, drawn into a box. */
+export class Points {
+  /** `told`: of { point: study, run } or null; `pressed`: the same, by a click; `boxed`: ranges of x and y. */
+  constructor(box, colour, { pointed, pressed, boxed }) {
+    Object.assign(this, { box, colour, pointed, pressed, boxed, at: null });
+    new ResizeObserver(() => this.plot && this.plot.setSize(this._size())).observe(box);
+  }
+
+  _size() { return { width: Math.max(this.box.clientWidth, 120), height: this.box.clientHeight }; }
+
+  show(answer, x, y) {
+    this.answer = answer;
+    Object.assign(this, { x, y, xs: decoded(answer.x.values, Float32Array), ys: decoded(answer.y.values, Float32Array),
+      shades: decoded(answer.shades, Uint8Array), study: decoded(answer.study, Int32Array), run: decoded(answer.run, Int32Array) });
+    for (const [values, { labels }] of [[this.xs, answer.x], [this.ys, answer.y]]) {  // words: a little beside each other
+      if (labels.length) for (let i = 0; i < values.length; i++) values[i] += 0.5 * (((i * 0.6180339887) % 1) - 0.5);
+    }
+    this.draw();
+  }
+
+  draw() {
+    if (!this.answer) return;
+    if (this.plot) this.plot.destroy();
+    const ink = this.colour("soft"), grid = { stroke: this.colour("line"), width: 1 }, font = '11px system-ui, "DejaVu Sans", sans-serif';
+    const axes = [[this.xs, this.answer.x, this.x], [this.ys, this.answer.y, this.y]].map(([values, { labels }, named], n) => {
+      let low = Infinity, high = -Infinity;
+      for (const v of values) { if (v < low) low = v; if (v > high) high = v; }
+      if (labels.length) { low = -0.6; high = labels.length - 0.4; }
+      const log = !labels.length && low > 0 && high / low > WIDE, room = high > low ? 0.04 * (high - low) : Math.abs(high) || 1;
+      const range = !Number.isFinite(low) ? [0, 1] : log ? [low / 1.2, high * 1.2] : [low - room, high + room];
+      const tens = (u, splits) => splits.map((v) => !log || Math.abs(Math.log10(v) % 1) < 1e-9 ? v : null);
+      return { scale: { time: false, distr: log ? 3 : 1, range: () => range }, axis: {
+        stroke: ink, filter: tens, grid: { ...grid, filter: tens }, ticks: { ...grid, filter: tens }, font, size: n ? 62 : 30, label: headed(named.name, named.unit),
+        labelSize: 18, labelFont: font, labelGap: 0,
+        splits: labels.length ? () => labels.map((_, i) => i) : undefined,
+        values: (u, at) => at.map((v) => v === null ? null : labels.length ? word(labels[v]).slice(0, n ? 9 : 14)
+          : v && Math.abs(v) < 1e-3 ? v.toExponential(0) : String(+v.toPrecision(5))),
+      } };
+    });
+    const [xe, ye] = axes, [low, high] = xe.scale.range();
+    this.plot = new uPlot({
+      ...this._size(), legend: { show: false }, scales: { x: xe.scale, y: ye.scale }, axes: [xe.axis, ye.axis],
+      series: [{}, { points: { show: false }, stroke: "transparent" }],
+      cursor: { drag: { x: true, y: true, uni: 12, setScale: false }, points: { show: false }, x: false, y: false },
+      hooks: {
+        draw: [(u) => this._points(u)],
+        setCursor: [(u) => this._near(u)],
+        setSelect: [(u) => {
+          const { left, top, width, height } = u.select;
+          if (width > 4 && height > 4) {
+            this.boxed([u.posToVal(left, "x"), u.posToVal(left + width, "x")], [u.posToVal(top + height, "y"), u.posToVal(top, "y")]);
+          }
+          u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+        }],
+      },
+    }, [[low, high], [null, null]], this.box);
+    this.plot.over.addEventListener("click", () => { if (this.at !== null) this.pressed(this._named(this.at)); });
+  }
+
+  _named(i) { return { study: this.answer.studies[this.study[i]], run: this.run[i], x: this.xs[i], y: this.ys[i] }; }
+
+  _points(u) {
+    const { ctx, bbox } = u, many = this.xs.length, ratio = window.devicePixelRatio || 1;
+    const size = (many < 2000 ? 3 : many < 20000 ? 2 : 1.2) * ratio;
+    const places = (name, values) => {
+      const out = new Float32Array(values.length);
+      for (let i = 0; i < values.length; i++) out[i] = u.valToPos(values[i], name, true);
+      return out;
+    };
+    this.px = places("x", this.xs); this.py = places("y", this.ys);
+    ctx.save();
+    ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
+    ctx.globalAlpha = many < 2000 ? 0.8 : many < 20000 ? 0.5 : 0.3;
+    for (let k = 0; k <= Math.max(this.answer.classes.length, 0); k++) {
+      ctx.fillStyle = this.shadeOf(k);
+      ctx.beginPath();
+      for (let i = 0; i < many; i++) {
+        if (this.shades[i] !== k) continue;
+        if (many < 20000) { ctx.moveTo(this.px[i] + size, this.py[i]); ctx.arc(this.px[i], this.py[i], size, 0, 6.2832); }
+        else ctx.rect(this.px[i] - size, this.py[i] - size, 2 * size, 2 * size);
+      }
+      ctx.fill();
+    }
+    ctx.restore();
+  }
+
+  /** The colour of a class; success is blue, its lack vermilion. */
+  shadeOf(k) {
+    const { classes } = this.answer;
+    if (k >= classes.length && classes.length) return this.colour("soft");
+    return this.colour(`curve-${this.success ? (classes[k] === 1 ? 0 : 1) : k % 8}`);
+  }
+
+  _near(u) {
+    const { left, top } = u.cursor, ratio = window.devicePixelRatio || 1;
+    let best = (NEAR * ratio) ** 2, at = null;
+    if (left >= 0 && this.px) {
+      const x = left * ratio + u.bbox.left, y = top * ratio + u.bbox.top;
+      for (let i = 0; i < this.px.length; i++) {
+        const d = (this.px[i] - x) ** 2 + (this.py[i] - y) ** 2;
+        if (d < best) { best = d; at = i; }
+      }
+    }
+    this.at = at;
+    u.over.style.cursor = at === null ? "crosshair" : "pointer";
+    this.pointed(at === null ? null : this._named(at));
+  }
+}

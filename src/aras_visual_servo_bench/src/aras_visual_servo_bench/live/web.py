@@ -1,0 +1,242 @@
+"""A web server for one of this program's pages, by Tornado, in a thread of its own.
+
+Every page is served under the same rules (access.py) with the same headers: the live page and the
+results browser are such servers.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import logging
+import socket
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TypeVar
+
+import tornado.httpserver
+import tornado.ioloop
+import tornado.netutil
+import tornado.web
+
+from ..errors import BenchError
+from .access import Access
+
+PORTS = 20  # tried one after the other, where the first is taken
+HEADERS = {
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
+    "img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+
+
+# Of a report, which is one file with all that it needs within.
+REPORT_POLICY = ("default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
+                 "script-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; "
+                 "frame-ancestors 'none'")  # fmt: skip
+TYPES = {"js": "text/javascript", "css": "text/css"}
+
+
+class PortTakenError(BenchError):
+    """No port is free."""
+
+
+def bound(host: str, port: int) -> tuple[list[socket.socket], str]:
+    """Sockets that listen on the first free port from `port` on, and a word if that is another.
+
+    Raises:
+        PortTakenError: none is free, or the address is not this machine's.
+    """
+    last = min(port + PORTS, 65536)
+    for candidate in range(port, last):
+        try:
+            sockets = tornado.netutil.bind_sockets(candidate, host)
+        except OSError as error:
+            if error.errno in (errno.EADDRINUSE, errno.EACCES):
+                continue
+            raise PortTakenError(f"the page cannot listen on {host}:{port}: {error.strerror}; give "
+                                 "an address of this machine") from error  # fmt: skip
+        word = "" if candidate == port else f"port {port} is taken"
+        return sockets, word
+    raise PortTakenError(f"the page finds no free port from {port} to {last - 1} on {host}: give "
+                         "another one")  # fmt: skip
+
+
+class WebServer:
+    """Serves pages until it is closed.
+
+    Attributes:
+        access: who may see them. workers: for what takes longer than a moment.
+    """
+
+    index: Path  # the page itself
+    largest = 65536  # bytes of a request
+
+    def __init__(self, access: Access, sockets: list[socket.socket]) -> None:
+        """`sockets`: as `bound` gives them, on the port that `access` names."""
+        self.access = access
+        self.workers = ThreadPoolExecutor(4, "page")
+        self._sockets = sockets
+        self._ready = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="page", daemon=True)
+        logging.getLogger("tornado.access").setLevel(logging.ERROR)
+        logging.getLogger("tornado.general").setLevel(logging.ERROR)
+
+    def routes(self) -> list[tuple[str, type[Guarded]]]:
+        """Patterns of addresses beside the page and its files, and who answers them."""
+        raise NotImplementedError
+
+    def page_file(self, name: str) -> str | None:
+        """The text of one of the page's scripts and styles; None: there is none of that name."""
+        raise NotImplementedError
+
+    def start(self) -> None:
+        """Serve, from now on."""
+        self._thread.start()
+        self._ready.wait(10.0)
+
+    def close(self) -> None:
+        """Serve no more."""
+        if self._thread.is_alive():
+            self._loop.add_callback(self._stop)
+            self._thread.join(5.0)
+        self.workers.shutdown(wait=False, cancel_futures=True)
+
+    def begun(self) -> None:
+        """Called in the server's thread before it serves."""
+
+    def ended(self) -> None:
+        """Called in the server's thread when it serves no more."""
+
+    def _run(self) -> None:
+        asyncio.set_event_loop(asyncio.new_event_loop())
+        self._loop = tornado.ioloop.IOLoop.current()
+        given = {"server": self}
+        routes = [(r"/", Index), *self.routes(), (r"/([a-z]+\.(?:js|css))", PageFile)]
+        self._server = tornado.httpserver.HTTPServer(
+            tornado.web.Application(
+                [(pattern, handler, given) for pattern, handler in routes],
+                default_handler_class=Nowhere,
+                default_handler_args=given,
+                compress_response=True,
+                websocket_max_message_size=self.largest,
+                websocket_ping_interval=10.0,
+            ),
+            max_body_size=self.largest,
+        )
+        self._server.add_sockets(self._sockets)
+        self.begun()
+        self._loop.add_callback(self._ready.set)
+        self._loop.start()
+        self._loop.close(all_fds=True)
+
+    def _stop(self) -> None:
+        self.ended()
+        self._server.stop()
+        self._loop.call_later(0.1, self._loop.stop)
+
+
+class Guarded(tornado.web.RequestHandler):
+    """A handler that answers only whoever has the token."""
+
+    def initialize(self, server: WebServer) -> None:
+        self.server = server
+
+    def set_default_headers(self) -> None:
+        for name, value in HEADERS.items():
+            self.set_header(name, value)
+        self.clear_header("Server")
+
+    def prepare(self) -> None:
+        why = self.refusal()
+        if why:
+            self.set_status(403)
+            self.set_header("Content-Type", "text/plain; charset=utf-8")
+            self.finish(f"Refused: {why}.\n")
+
+    def refusal(self) -> str:
+        """Why this request is not answered; '' where it is."""
+        return self.server.access.refusal(
+            self.token(), self.request.host, self.request.headers.get("Origin")
+        )
+
+    def token(self) -> str:
+        """What the address carries."""
+        return self.get_query_argument("token", "")
+
+    def nothing(self, text: str = "There is nothing here.") -> None:
+        """Answer that there is no such thing."""
+        self.set_status(404)
+        self.finish(f"{text}\n")
+
+    def give_report(self, path: Path) -> None:
+        """Answer with a report, a page with its scripts and pictures inside."""
+        self.set_header("Content-Security-Policy", REPORT_POLICY)
+        self.finish(path.read_bytes())
+
+
+class Nowhere(Guarded):
+    """Any other address."""
+
+    def get(self) -> None:
+        self.nothing()
+
+
+class Index(Guarded):
+    """The page itself."""
+
+    def get(self) -> None:
+        self.finish(self.server.index.read_bytes())
+
+
+class PageFile(Guarded):
+    """A page's scripts and its style."""
+
+    def token(self) -> str:
+        """None is asked for: a script cannot hand it to those that it imports, and they are the
+        same for everyone."""
+        return self.server.access.token
+
+    def get(self, name: str) -> None:
+        text = self.server.page_file(name)
+        if text is None:
+            self.nothing()
+            return
+        kind = TYPES[name.rpartition(".")[2]]
+        self.set_header("Content-Type", f"{kind}; charset=utf-8")
+        self.finish(text)
+
+
+Page = TypeVar("Page", bound=WebServer)
+
+
+def begin(
+    make: Callable[[Access, list[socket.socket]], Page], what: str, address: str, port: int,
+    token: str = "", say: Callable[[str], None] = print,
+) -> Page:  # fmt: skip
+    """Serve a page on an address; says where it is.
+
+    Args:
+        make: the server. what: the page is called.
+
+    Raises:
+        PortTakenError: no port is free.
+    """
+    sockets, word = bound(address, port)
+    taken = sockets[0].getsockname()[1]
+    access = Access(address, taken, token) if token else Access(address, taken)
+    server = make(access, sockets)
+    server.start()
+    say(f"{what} is at {access.address}" + (f" ({word})" if word else ""))
+    return server
+
+
+def is_local(address: str) -> bool:
+    """Whether only this machine sees what listens there."""
+    return address in ("127.0.0.1", "localhost", "::1")

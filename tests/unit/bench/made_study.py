@@ -1,0 +1,54 @@
+"""Folders of studies with made-up rows: as many runs as wanted, in seconds."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from aras_visual_servo_bench.study import rows
+from aras_visual_servo_bench.study.folder import Folder
+from aras_visual_servo_bench.study.study import Study
+
+REASONS = ("the error swings: it grew and shrank 4 times; delay 0.21 s", "the target is lost",
+           "a joint stands at its limit: link2")  # fmt: skip
+
+
+def made_study(path: Path, chunks: range | None = None, **keys: Any) -> Folder:
+    """A folder whose runs succeed where gain * delay is small, with noise by the run's seed.
+
+    Args:
+        chunks: that are written; None: all.
+        keys: of the study.
+    """
+    study = Study.from_mapping(keys)
+    folder = Folder.create(path, study, yaml.safe_dump(study.to_mapping()))
+    for chunk in range(study.chunks) if chunks is None else chunks:
+        write_chunk(folder, chunk)
+    return folder
+
+
+def write_chunk(folder: Folder, chunk: int) -> None:
+    """Write one chunk of it."""
+    done = rows.Rows()
+    for run in folder.study.chunk_runs(chunk):
+        values = rows.blank(folder.study, run)
+        rng = np.random.default_rng(run)
+        gain, delay = float(values.get("gain", 2.0)), float(values.get("delay", 0.1))
+        good = gain * delay * math.exp(0.3 * rng.normal()) < 0.5
+        reason = "" if good else REASONS[int(rng.integers(3))]
+        values |= {
+            "outcome": "converged" if good else "oscillating", "reason": reason,
+            "verdict": "goal_reached" if good else "goal_missed",
+            "mend": "" if good else "lower the gain, or the delay", "images": 60,
+            "simulated": 4.0 * rng.random(), "success": float(good),
+            "settled": 3.0 / gain * (1.0 + 0.1 * rng.random()) if good else float("nan"),
+            "final_distance": 2e-4 * rng.random() if good else 0.1 * rng.random(),
+        }  # fmt: skip
+        done.values.append({k: v for k, v in values.items()})
+        done.times.append({"run": run, "wall": 0.05 + 0.01 * rng.random(), "processor": 0.05,
+                           "worker": "here:1"})  # fmt: skip
+    folder.write(chunk, done)

@@ -1,0 +1,463 @@
+"""The results browser without a browser: studies followed, questions, reports, refusals."""
+
+import contextlib
+import json
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from urllib.error import HTTPError
+from urllib.parse import urlencode
+from urllib.request import Request, urlopen
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import yaml
+from made_study import made_study, write_chunk
+
+from aras_visual_servo_bench.browse import reports as reports_module
+from aras_visual_servo_bench.browse.queries import cells, medians
+from aras_visual_servo_bench.browse.reports import Reports
+from aras_visual_servo_bench.browse.server import serve
+from aras_visual_servo_bench.browse.studies import Studies
+from aras_visual_servo_bench.commands import main
+from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.live.web import PortTakenError, bound
+from aras_visual_servo_bench.study.engine import carry_out
+from aras_visual_servo_bench.study.folder import Folder
+from aras_visual_servo_bench.study.pools import ThisProcess
+from aras_visual_servo_bench.study.progress import Progress
+from aras_visual_servo_bench.study.study import Study
+
+GRID = {"experiment": {"plant": "free", "duration": 0.5},
+        "vary": {"gain": [1.0, 4.0, 8.0], "delay": [0.05, 0.2]},
+        "repeats": 5, "chunk": 10}  # fmt: skip
+HOSTILE = "<img src=x onerror=hit=1>"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two studies of one grid with other seeds, one of another, whose key holds words."""
+    path = tmp_path_factory.mktemp("studies")
+    made_study(path / "first", **GRID)
+    made_study(path / "deep" / "second", **GRID, seed=5)
+    made_study(path / "words", experiment={"plant": "free"},
+               cases={"scheme": [{"name": HOSTILE}, {"name": "points", "set": {"gain": 1.0}}]})
+    return path
+
+
+@pytest.fixture(scope="module")
+def served(folder):
+    found = serve([folder], "127.0.0.1", 19300 + os.getpid() % 1000, say=lambda _: None)
+    yield found
+    found.close()
+
+
+@pytest.fixture(scope="module")
+def ask(served):
+    def question(do, **asked):
+        return served.answer(json.dumps({"do": do, **asked}))
+
+    return question
+
+
+@pytest.fixture(scope="module")
+def rows(folder):
+    """Of the first study, as Parquet has them."""
+    return pq.read_table(folder / "first" / "parts").to_pylist()
+
+
+def where(*conditions):
+    keys = ("column", "operator", "value")
+    return [dict(zip(keys, one, strict=False)) for one in conditions]
+
+
+def of(*conditions):
+    return {"studies": ["first"], "filters": where(*conditions)}
+
+
+def test_studies_are_found_below_a_folder_with_their_columns(ask, folder):
+    told = ask("studies")
+    assert [(s["name"], s["runs"], s["of"], s["note"]) for s in told["studies"]] == [
+        ("second", 30, 30, ""), ("first", 30, 30, ""), ("words", 2, 2, "")]
+    columns = {c["name"]: c for c in told["columns"]}
+    assert columns["gain"] == {"name": "gain", "unit": "1/s", "role": "setting", "kind": "number",
+                               "count": 4, "known": 60, "values": [1.0, 4.0, 8.0]}  # fmt: skip
+    assert columns["settled"]["unit"] == "s" and columns["settled"]["role"] == "metric"
+    assert columns["scheme"]["values"] == [HOSTILE, "points"]
+    assert columns["study"]["kind"] == "word" and "code" not in columns
+
+
+@pytest.mark.parametrize(("condition", "meets"), [
+    (("gain", "=", 4.0), lambda r: r["gain"] == 4.0),
+    (("gain", "≠", 4.0), lambda r: r["gain"] != 4.0),
+    (("gain", "<", 4.0), lambda r: r["gain"] < 4.0),
+    (("gain", "≤", 4.0), lambda r: r["gain"] <= 4.0),
+    (("delay", ">", 0.05), lambda r: r["delay"] > 0.05),
+    (("delay", "≥", 0.2), lambda r: r["delay"] >= 0.2),
+    (("reason", "contains", "SWINGS"), lambda r: "swings" in r["reason"]),
+    (("settled", "is known"), lambda r: r["settled"] == r["settled"]),
+    (("settled", "is not known"), lambda r: r["settled"] != r["settled"]),
+    (("reason", "is not known"), lambda r: not r["reason"]),
+    (("outcome", "=", "oscillating"), lambda r: r["outcome"] == "oscillating"),
+])  # fmt: skip
+def test_a_filter_leaves_the_runs_that_meet_it(ask, rows, condition, meets):
+    told = ask("rows", **of(condition), count=200)
+    names = [c["name"] for c in ask("studies")["columns"]]
+    wanted = [r["run"] for r in rows if meets(r)]
+    assert 0 < len(wanted) < len(rows)
+    assert [r[names.index("run")] for r in told["rows"]] == wanted
+    assert told["total"] == len(wanted)
+    assert told["succeeded"] == sum(r["success"] == 1.0 for r in rows if meets(r))
+
+
+def test_rows_are_sorted_and_given_part_by_part(ask, rows):
+    names = [c["name"] for c in ask("studies")["columns"]]
+    order = sorted(rows, key=lambda r: -r["final_distance"])
+    told = ask("rows", **of(), sort="final_distance", descending=True, first=3, count=4)
+    assert [r[names.index("run")] for r in told["rows"]] == [r["run"] for r in order[3:7]]
+    assert told["total"] == 30
+    last = ask("rows", **of(), sort="settled", count=200)["rows"]  # what is not known comes last
+    known = [r[names.index("settled")] for r in last]
+    count = sum(v is not None for v in known)
+    assert 0 < count < 30 and known[:count] == sorted(known[:count])
+    assert all(v is None for v in known[count:])
+
+
+def test_several_filters_hold_together_and_studies_are_left_out(ask, rows):
+    both = of(("gain", ">", 1.0), ("success", "=", 0))
+    wanted = [r for r in rows if r["gain"] > 1.0 and r["success"] == 0.0]
+    assert ask("rows", **both)["total"] == len(wanted)
+    assert ask("rows")["total"] == 62
+    assert ask("rows", studies=["first", "words"])["total"] == 32
+
+
+def test_groups_have_rate_interval_median_and_the_commonest_failure(ask, rows):
+    told = ask("groups", **of(), by=["gain", "delay"], values=["final_distance"])
+    assert told["count"] == 6
+    for group in told["groups"]:
+        gain, delay = group["values"]
+        own = [r for r in rows if (r["gain"], r["delay"]) == (gain, delay)]
+        good = sum(r["success"] == 1.0 for r in own)
+        rate, low, high = group["rate"]
+        assert group["runs"] == 5 and rate == good / 5 and low <= rate <= high and low < high
+        assert group["medians"] == [pytest.approx(np.median([r["final_distance"] for r in own]))]
+        assert group["failure"] == (f"{5 - good} × oscillating" if good < 5 else "")
+        chosen = ask("rows", studies=["first"], filters=where(*group["bounds"]), count=200)
+        assert chosen["total"] == 5
+    assert 0 < sum(bool(g["failure"]) for g in told["groups"]) < 6
+    whole = ask("groups", **of(), by=[], values=[])["groups"]
+    assert [g["runs"] for g in whole] == [30]
+
+
+def test_each_cell_of_a_map_chooses_its_own_runs(ask, rows):
+    for x, y, value in (("gain", "delay", "success"), ("final_distance", "gain", "final_distance")):
+        told = ask("map", **of(), x=x, y=y, value=value)
+        seen = 0
+        for i, row in enumerate(told["runs"]):
+            for j, count in enumerate(row):
+                bounds = [(y, *b) for b in told["y"]["bounds"][i]]
+                bounds += [(x, *b) for b in told["x"]["bounds"][j]]
+                found = ask("rows", **of(*bounds), count=200)
+                assert found["total"] == count
+                seen += count
+                if count and value == "success":
+                    assert told["values"][i][j] == found["succeeded"] / count
+                elif not count:
+                    assert told["values"][i][j] is None
+        assert seen + told["left"] == 30
+    assert told["x"]["labels"][0][0] == pytest.approx(min(r["final_distance"] for r in rows))
+
+
+def test_many_values_make_ranges_and_medians_are_those_of_numpy():
+    import pyarrow as pa
+
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=200)
+    values[::17] = np.nan
+    cut = cells(pa.chunked_array([values]), bins=7)
+    assert len(cut.labels) == 7 and cut.left == np.isnan(values).sum()
+    for k, (low, high) in enumerate(cut.labels):
+        inside = values[cut.at == k]
+        assert ((inside >= low) & (inside <= high)).all()
+    group = rng.integers(-1, 5, 200)
+    found = medians(values, group, 6)
+    for k in range(5):
+        assert found[k] == np.nanmedian(values[group == k])
+    assert np.isnan(found[5])
+    wide = cells(pa.chunked_array([np.geomspace(1e-6, 1.0, 100)]), bins=6)
+    assert np.diff(np.log10([low for low, _ in wide.labels])) == pytest.approx(np.ones(5))
+
+
+def test_points_are_those_of_the_rows(ask, rows):
+    import base64
+
+    told = ask("points", **of(), x="gain", y="settled", shade="success")
+    known = [r for r in rows if r["settled"] == r["settled"]]
+    assert told["count"] == len(known) and told["left"] == 30 - len(known)
+    y = np.frombuffer(base64.b64decode(told["y"]["values"]), "<f4")
+    run = np.frombuffer(base64.b64decode(told["run"]), "<i4")
+    study = np.frombuffer(base64.b64decode(told["study"]), "<i4")
+    assert run.tolist() == [r["run"] for r in known]
+    np.testing.assert_allclose(y, [r["settled"] for r in known], rtol=1e-6)
+    assert {told["studies"][i] for i in study} == {"first"}
+    words = ask("points", **of(), x="outcome", y="gain")
+    assert words["x"]["labels"] == ["converged", "oscillating"]
+
+
+def test_a_run_is_told_with_reason_and_mend_and_its_whole_seed(ask, rows):
+    failed = next(r for r in rows if r["success"] == 0.0)
+    row = ask("run", study="first", run=failed["run"])["row"]
+    assert (row["reason"], row["mend"]) == (failed["reason"], failed["mend"])
+    assert int(row["seed"]) == failed["seed"] and row["end"] == "oscillating"
+    assert "scheme" not in row  # another study's
+    with pytest.raises(StudyError, match="first has no run 30 yet"):
+        ask("run", study="first", run=30)
+
+
+def test_two_studies_are_compared(ask):
+    told = ask("compare", first="first", second="second")
+    assert {d["metric"] for d in told["differences"]} >= {"success", "settled"}
+    assert all(d["better"] is None for d in told["differences"])  # the same numbers by luck
+    same = ask("compare", first="first", second="first", by=["gain"])["differences"]
+    assert all(d["paired"] and d["before"] == d["after"] for d in same if d["before"] is not None)
+
+
+@pytest.mark.parametrize(("asked", "said"), [
+    ({"do": "rows", "filters": where(("gian", "=", 1))}, "no column 'gian'.*'gain'"),
+    ({"do": "rows", "filters": where(("gain", "=", "x"))}, "gain holds numbers, and 'x' is none"),
+    ({"do": "rows", "filters": where(("gain", "~", 1))}, "operator"),
+    ({"do": "rows", "studies": ["../first"]}, "there is no study '../first' here"),
+    ({"do": "rows", "count": 100000}, "count"),
+    ({"do": "map", "x": "gain", "y": "nothing"}, "no column 'nothing'"),
+    ({"do": "map", "x": "gain", "y": "delay", "value": "reason"}, "reason holds words"),
+    ({"do": "rows", "more": 1}, "more"),
+    ({"do": "delete"}, "there is no request 'delete'"),
+    ([], "JSON object"),
+])  # fmt: skip
+def test_what_cannot_be_answered_is_one_line(served, asked, said):
+    with pytest.raises(Exception, match=said) as raised:
+        served.answer(json.dumps(asked))
+    assert "\n" not in str(raised.value) and not isinstance(raised.value, KeyError)
+
+
+# -- folders that change ---------------------------------------------------------------------------
+
+
+def test_a_study_that_grows_is_followed_part_by_part(tmp_path, monkeypatch):
+    folder = made_study(tmp_path / "grows", range(1), **GRID)
+    studies = Studies([tmp_path])
+    first = studies.look(now=True)
+    assert (first.studies[0].runs, first.studies[0].of) == (10, 30)
+    assert studies.look(now=True) is first
+    write_chunk(folder, 2)
+    read = []
+    whole = pq.read_table
+    monkeypatch.setattr(pq, "read_table", lambda *a, **k: read.append(1) or whole(*a, **k))
+    second = studies.look(now=True)
+    assert second.version > first.version and second.studies[0].runs == 20
+    assert len(read) == 2  # the new part and its times, none of the old
+    made_study(tmp_path / "new", **{**GRID, "seed": 3})
+    assert [s.name for s in studies.look(now=True).studies] == ["grows", "new"]
+
+
+def test_what_is_damaged_or_gone_is_said_and_the_rest_stays(tmp_path):
+    made_study(tmp_path / "good", **GRID)
+    bad = made_study(tmp_path / "bad", **{**GRID, "seed": 2})
+    studies = Studies([tmp_path])
+    assert studies.look(now=True).table.num_rows == 60
+    bad.part(1).write_bytes(b"PAR1 nothing")
+    look = studies.look(now=True)
+    assert "not as it was written" in look.study("bad").note
+    assert look.table.num_rows == 60  # as they were before
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "manifest.json").write_text("{")
+    look = studies.look(now=True)
+    assert "is damaged" in look.study("broken").note
+    shutil.rmtree(tmp_path / "bad")
+    look = studies.look(now=True)
+    assert look.study("bad").note.endswith("bad is gone") and look.table.num_rows == 30
+
+
+def test_links_that_lead_elsewhere_are_not_followed(tmp_path):
+    made_study(tmp_path / "outside" / "secret", **GRID)
+    (tmp_path / "inside").mkdir()
+    (tmp_path / "inside" / "link").symlink_to(tmp_path / "outside")
+    assert Studies([tmp_path / "inside"]).look(now=True).studies == ()
+
+
+def test_folders_of_one_name_are_told_apart_and_kinds_are_made_even(tmp_path):
+    made_study(tmp_path / "a" / "same", **GRID)
+    made_study(tmp_path / "b" / "same", experiment={"plant": "free"}, vary={"gain": [1, 2]},
+               cases=[{"scheme": "points"}])  # fmt: skip
+    look = Studies([tmp_path]).look(now=True)
+    assert [s.name for s in look.studies] == ["same", "b/same"]
+    assert look.table["gain"].to_pylist()[-2:] == [1.0, 2.0]  # whole numbers there
+    assert look.table["delay"].to_pylist()[-1] is None
+
+
+def test_a_folder_that_is_none_is_refused_and_an_empty_one_waits(tmp_path, capsys):
+    assert main(["browse", str(tmp_path / "none"), "--no-open"]) == 1
+    assert f"there is no folder {tmp_path / 'none'}" in capsys.readouterr().err
+    look = Studies([tmp_path]).look(now=True)
+    assert (look.studies, look.table.num_rows) == ((), 0)
+
+
+# -- the server ------------------------------------------------------------------------------------
+
+
+def get(served, path, body=None, origin=None, token=None):
+    """Status and text of an answer."""
+    joined = "&" if "?" in path else "?"
+    token = served.access.token if token is None else token
+    address = f"http://127.0.0.1:{served.access.port}{path}{joined}token={token}"
+    asked = Request(address, data=body, headers={"Origin": origin} if origin else {})
+    try:
+        with urlopen(asked, timeout=60) as answer:
+            return answer.status, answer.read().decode(), dict(answer.headers)
+    except HTTPError as error:
+        return error.code, error.read().decode(), dict(error.headers)
+
+
+def test_only_who_has_the_token_is_answered(served):
+    body = b'{"do": "studies"}'
+    assert get(served, "/ask", body)[0] == 200
+    assert get(served, "/ask", body, token="")[0] == 403
+    assert get(served, "/ask", body, token=served.access.token[:-1])[0] == 403
+    assert get(served, "/ask", body, origin="http://elsewhere.org")[0] == 403
+    assert get(served, "/run?study=first&run=0", token="")[0] == 403
+    assert get(served, "/", token="")[0] == 403
+    status, page, headers = get(served, "/")
+    assert status == 200 and "script-src 'self'" in headers["Content-Security-Policy"]
+    for name in ("browse.js", "views.js", "charts.js", "uplot.js", "style.css", "theme.js"):
+        assert get(served, f"/{name}")[0] == 200
+    assert get(served, "/ask", b"[" * 60000)[0] == 400
+    with contextlib.suppress(ConnectionError):  # it hangs up while that is still being sent
+        assert get(served, "/ask", b"x" * 70000)[0] == 400
+
+
+@pytest.mark.parametrize("query", [
+    {"study": "first", "run": "../../etc/passwd"}, {"study": "../first", "run": "0"},
+    {"study": "first", "run": "9" * 4000}, {"study": "first", "run": "-1"},
+    {"study": HOSTILE, "run": "1"}, {"study": "first", "run": "30"}, {"study": "first", "run": "٣"},
+])  # fmt: skip
+def test_a_report_that_cannot_be_is_said_without_markup(served, query):
+    status, text, _ = get(served, f"/run?{urlencode(query)}")
+    assert status == 400 and 'id="waiting"' in text
+    assert "<img" not in text and "Traceback" not in text
+
+
+@pytest.fixture(scope="module")
+def real(tmp_path_factory):
+    """A study that was truly run, of four short runs, one of them refused."""
+    path = tmp_path_factory.mktemp("real") / "real study"
+    study = Study.from_mapping({
+        "experiment": {"plant": "free", "duration": 0.2, "lag": 0.0},
+        "vary": {"gain": [2.0, 4.0]}, "chunk": 1, "metrics": ["success", "final_distance"],
+    })  # fmt: skip
+    folder = Folder.create(path, study, yaml.safe_dump(study.to_mapping()))
+    carry_out(folder, ThisProcess(), Progress(2))
+    return folder
+
+
+def computed(server_or_reports, seen, run, seconds=60.0):
+    end = time.monotonic() + seconds
+    while isinstance(found := server_or_reports.ask(seen, run), float):
+        assert time.monotonic() < end
+        time.sleep(0.1)
+    return found
+
+
+def test_a_report_is_computed_once_and_again_only_where_the_row_is_newer(real, monkeypatch):
+    seen = Studies([real.path]).look(now=True).studies[0]
+    reports = Reports()
+    assert reports.ask(seen, 1) == 0.0
+    page = computed(reports, seen, 1)
+    assert page == real.path / "show-1" / "report.html"
+    text = page.read_text()
+    assert f"{real.path.name}:1" in text and "not as it was recorded" not in text
+
+    def none(*_, **__):
+        raise AssertionError("computed again")
+
+    with monkeypatch.context() as held:
+        held.setattr(subprocess, "Popen", none)
+        assert Reports().ask(seen, 1) == page
+    os.utime(real.part(1), (time.time() + 5, time.time() + 5))
+    again = Reports()
+    assert again.ask(seen, 1) == 0.0
+    again.close()
+    os.utime(real.part(1))
+
+
+def test_a_report_outside_of_the_folder_is_not_given(real, tmp_path):
+    seen = Studies([real.path]).look(now=True).studies[0]
+    (tmp_path / "report.html").write_text("secret")
+    (real.path / "show-0").symlink_to(tmp_path)
+    reports = Reports()
+    try:
+        assert reports.ask(seen, 0) == 0.0
+    finally:
+        reports.close()
+        (real.path / "show-0").unlink()
+
+
+def test_too_many_reports_at_once_and_one_that_fails_are_said(real, monkeypatch):
+    seen = Studies([real.path]).look(now=True).studies[0]
+    monkeypatch.setattr(reports_module, "TOGETHER", 0)
+    with pytest.raises(StudyError, match="are being computed: wait"):
+        Reports().ask(seen, 0)
+    monkeypatch.setattr(reports_module, "TOGETHER", 1)
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    reports = Reports()
+    with pytest.raises(StudyError, match="no report of run 0: its process ended with 1"):
+        computed(reports, seen, 0)
+
+
+def test_a_port_that_is_taken_is_said_and_another_used(folder):
+    sockets, _ = bound("127.0.0.1", 19100)
+    taken = sockets[0].getsockname()[1]
+    said = []
+    found = serve([folder], "127.0.0.1", taken, say=said.append)
+    try:
+        assert found.access.port != taken and f"port {taken} is taken" in said[0]
+        with pytest.raises(PortTakenError, match="give an address of this machine"):
+            serve([folder], "192.0.2.1", taken, say=said.append)
+    finally:
+        found.close()
+        for one in sockets:
+            one.close()
+
+
+def test_the_command_says_where_it_is_that_there_is_no_browser_and_ends_by_interrupt(folder):
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    child = subprocess.Popen(
+        [sys.executable, "-m", "aras_visual_servo_bench", "browse", str(folder),
+         "--port", str(port)],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={**{k: v for k, v in os.environ.items() if "DISPLAY" not in k},
+             "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    )  # fmt: skip
+    try:
+        lines = []
+        for line in child.stdout:
+            lines.append(line.strip())
+            if line.startswith("Ctrl-C"):
+                break
+        text = "\n".join(lines)
+        address = re.search(r"at (http://127\.0\.0\.1:\d+/\?token=\S+)", text)
+        assert address and "first: 30 of 30 runs" in text and "no browser" in text
+        with urlopen(address[1], timeout=20) as answer:
+            assert answer.status == 200
+        child.send_signal(2)
+        assert child.wait(20) == 0
+    finally:
+        child.kill()
+        child.wait()
+    assert "Traceback" not in child.stderr.read()

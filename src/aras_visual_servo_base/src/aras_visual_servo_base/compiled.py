@@ -14,7 +14,9 @@ from functools import cache
 from pathlib import Path
 
 import numba
+from numba.core.cgutils import true_bit
 from numba.core.sigutils import normalize_signature
+from numba.extending import intrinsic
 
 _log = logging.getLogger(__name__)
 
@@ -66,6 +68,17 @@ def inlined(function: Callable) -> Callable:
     """Decorator for a small function that becomes part of the compiled ones that call it: a call
     with three arrays costs more than a triangle's test."""
     return numba.njit(inline="always", nogil=True, error_model="numpy")(function)
+
+
+@intrinsic
+def lowest_bit(typing: object, bits: numba.types.Type) -> tuple[object, Callable]:
+    """The number of the lowest bit of an integer of 64 bits that is not 0; for compiled functions.
+    """
+
+    def build(context: object, builder: object, signature: object, arguments: list) -> object:
+        return builder.cttz(arguments[0], true_bit)
+
+    return numba.types.int64(bits), build
 
 
 @cache

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import compiled, lowest_bit
 
+from .cones import LANES, beside, nearer, off, outside, touching, within
 from .grouping import CLUSTER
 from .tiles import Tiles
 from .triangles import Triangles
@@ -86,87 +87,11 @@ class Binning:
                     start, member, full)
 
 
-@inlined
-def _beside(x, y, z, cosine, sine, nodes, n):
-    """Whether a cone around the unit vector x, y, z is beside the cone of node n."""
-    if nodes[n, 3] > 1.5:
-        return True
-    if nodes[n, 4] * cosine + nodes[n, 3] * sine < 0.0:  # together more than half a turn
-        return False
-    between = x * nodes[n, 0] + y * nodes[n, 1] + z * nodes[n, 2]
-    return between < cosine * nodes[n, 3] - sine * nodes[n, 4] - 1e-12
-
-
-@inlined
-def _off(T, r, centre, half, n, nodes, root):
-    """Whether box n, in the frame of link r, is behind the cone of the root or beyond its side."""
-    cosine, sine = nodes[root, 3], nodes[root, 4]
-    if cosine <= 0.0:
-        return False
-    x, y, z = nodes[root, 0], nodes[root, 1], nodes[root, 2]
-    xc, yc, zc = centre[n, 0], centre[n, 1], centre[n, 2]
-    xp = T[r, 0, 0] * xc + T[r, 0, 1] * yc + T[r, 0, 2] * zc + T[r, 0, 3]
-    yp = T[r, 1, 0] * xc + T[r, 1, 1] * yc + T[r, 1, 2] * zc + T[r, 1, 3]
-    zp = T[r, 2, 0] * xc + T[r, 2, 1] * yc + T[r, 2, 2] * zc + T[r, 2, 3]
-    along = x * xp + y * yp + z * zp
-    ahead = along
-    for k in range(3):
-        ahead += half[n, k] * abs(T[r, 0, k] * x + T[r, 1, k] * y + T[r, 2, k] * z)
-    if ahead <= 0.0:
-        return True
-    # The plane along the side of the cone that is towards the box's centre.
-    xa, ya, za = xp - along * x, yp - along * y, zp - along * z
-    across = np.sqrt(xa * xa + ya * ya + za * za)
-    share = cosine / max(across, 1e-12)
-    xa, ya, za = share * xa - sine * x, share * ya - sine * y, share * za - sine * z
-    beyond = cosine * across - sine * along
-    for k in range(3):
-        beyond -= half[n, k] * abs(T[r, 0, k] * xa + T[r, 1, k] * ya + T[r, 2, k] * za)
-    return beyond > 1e-9 * (across + abs(along))
-
-
-@inlined
-def _outside(side, length2, m, nodes, n):
-    """Whether the cone of node n is beyond a side of triangle m; length2 (., 3) of the sides."""
-    if nodes[n, 3] <= 0.0:
-        return False
-    x, y, z, sine = nodes[n, 0], nodes[n, 1], nodes[n, 2], nodes[n, 4]
-    for k in range(3):
-        at = side[m, k, 0] * x + side[m, k, 1] * y + side[m, k, 2] * z
-        if at < 0.0 and at * at > sine * sine * length2[m, k]:
-            return True
-    return False
-
-
-@inlined
-def _within(side, length2, m, nodes, n):
-    """Whether the cone of node n is within the last two sides of triangle m."""
-    x, y, z, sine2 = nodes[n, 0], nodes[n, 1], nodes[n, 2], nodes[n, 4] * nodes[n, 4]
-    within = nodes[n, 3] > 0.0
-    for k in range(1, 3):
-        at = side[m, k, 0] * x + side[m, k, 1] * y + side[m, k, 2] * z
-        within &= (at >= 0.0) & (at * at >= sine2 * length2[m, k])
-    return within
-
-
-@inlined
-def _order(planes, m, other, nodes, n):
-    """1 where triangle m is nearer than another in all of the cone of node n, -1 where it is
-    farther, 0 where neither is so for sure."""
-    x, y, z = (planes[m, 0] - planes[other, 0], planes[m, 1] - planes[other, 1],
-               planes[m, 2] - planes[other, 2])
-    at = x * nodes[n, 0] + y * nodes[n, 1] + z * nodes[n, 2]
-    sine = nodes[n, 4]
-    if nodes[n, 3] <= 0.0 or at * at <= sine * sine * (x * x + y * y + z * z):
-        return 0
-    return 1 if at > 0.0 else -1
-
-
 @compiled("f8[:,:,::1], f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], "
           "f8[::1], f8[:,::1], f8[::1], f8[::1], b1[::1], b1[::1], f8[:,::1], f8[:,::1], "
           "f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[:,::1], f8[:,:,::1], f8, f8, "
           "i8[::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], b1[::1], b1[::1], f8[:,::1], f8[:,::1], "
-          "i8[::1], i8[::1], i8[::1], b1[::1]")
+          "i8[::1], i8[::1], i8[::1], b1[::1]", calls=(touching,))
 def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, height, opaque, quad,
          row_centre, row_half, corners, normals, plane, nodes, levels, children, near, far,
          out_triangle, out_corner, out_side, out_light, out_cut, out_opaque, planes, length2, cover,
@@ -181,6 +106,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
     seen = pairs = 0
     top = len(levels) - 1
     root = levels[top, 0]
+    one = np.int64(1)
     p = np.empty((3, 3))
     # The eye in each link's frame; and is the link off the picture?
     eyes, gone = np.empty((len(row_centre), 3)), np.empty(len(row_centre), np.bool_)
@@ -188,12 +114,12 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
         for k in range(3):
             eyes[r, k] = -(T[r, 0, 3] * T[r, 0, k] + T[r, 1, 3] * T[r, 1, k]
                            + T[r, 2, 3] * T[r, 2, k])
-        gone[r] = row_half[r, 0] < 0.0 or _off(T, r, row_centre, row_half, r, nodes, root)
-    # A node waits with level, row, column, its triangles' stretch of a list, the end of all that
-    # is listed, and its cover.
-    waiting = np.empty((16 * (top + 1) + 1, 7), np.int64)
-    listed = np.empty((16 * (top + 1) + 1) * CLUSTER, np.int64)
+        gone[r] = row_half[r, 0] < 0.0 or off(T, r, row_centre, row_half, r, nodes, root)
+    # A node waits with level, row, column, its triangles as bits, and its cover.
+    waiting = np.empty((16 * (top + 1) + 1, 5), np.int64)
     touched = np.empty(16, np.bool_)
+    # Of the cluster's triangles: sides, and their squared lengths.
+    work = np.zeros((12, CLUSTER // LANES, LANES))
     for c in range(len(first)):
         r = row[c]
         if gone[r]:
@@ -219,10 +145,10 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
         xc = T[r, 0, 0] * x + T[r, 0, 1] * y + T[r, 0, 2] * z
         yc = T[r, 1, 0] * x + T[r, 1, 1] * y + T[r, 1, 2] * z
         zc = T[r, 2, 0] * x + T[r, 2, 1] * y + T[r, 2, 2] * z
-        if (_beside(xc, yc, zc, cosine_c, sine_c, nodes, root)
-                or _off(T, r, centre, half, c, nodes, root)):
+        if (beside(xc, yc, zc, cosine_c, sine_c, nodes, root)
+                or off(T, r, centre, half, c, nodes, root)):
             continue
-        begin, seen_before = 0, seen
+        before = seen
         for t in range(first[c], first[c] + count[c]):
             if plane[t, 0] * xe + plane[t, 1] * ye + plane[t, 2] * ze <= plane[t, 3]:
                 continue
@@ -255,7 +181,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                 x += out_side[seen, k, 0]
                 y += out_side[seen, k, 1]
                 z += out_side[seen, k, 2]
-            if _outside(out_side, length2, seen, nodes, root):
+            if outside(out_side, length2, seen, nodes, root):
                 continue
             planes[seen, 0], planes[seen, 1], planes[seen, 2] = x, y, z
             out_cut[seen] = (x * x + y * y + z * z) * near * near > 1.0 or farthest > far * far
@@ -264,23 +190,24 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                     normals[t, k, 0] * sun[r, 0] + normals[t, k, 1] * sun[r, 1]
                     + normals[t, k, 2] * sun[r, 2], 0.0)
             out_triangle[seen], out_opaque[seen] = t, opaque[c]
-            listed[begin] = seen
-            begin += 1
+            g, place = (seen - before) // LANES, (seen - before) % LANES
+            for k in range(3):
+                for j in range(3):
+                    work[3 * k + j, g, place] = out_side[seen, k, j]
+                work[9 + k, g, place] = length2[seen, k]
             seen += 1
-        if begin == 0:
+        if seen == before:
             continue
         # A quad covers what is within its four outer sides; then one triangle stands for both.
-        whole = (quad[c] and seen == seen_before + 2 and not out_cut[seen - 1]
+        whole = (quad[c] and seen == before + 2 and not out_cut[seen - 1]
                  and not out_cut[seen - 2])
-        one = seen_before
-        waiting[0, 0], waiting[0, 1], waiting[0, 2], waiting[0, 3] = top, 0, 0, 0
-        waiting[0, 4], waiting[0, 5], waiting[0, 6] = begin, begin, cover[root]
+        waiting[0, 0], waiting[0, 1], waiting[0, 2] = top, 0, 0
+        waiting[0, 3], waiting[0, 4] = (one << (seen - before)) - one, cover[root]
         left = 1
         while left > 0:
             left -= 1
-            level, i0, j0, start = (waiting[left, 0], waiting[left, 1], waiting[left, 2],
-                                    waiting[left, 3])
-            end, free, above = waiting[left, 4], waiting[left, 5], waiting[left, 6]
+            level, i0, j0 = waiting[left, 0], waiting[left, 1], waiting[left, 2]
+            members, above = waiting[left, 3], waiting[left, 4]
             of = levels[level, 3] + i0 * levels[level, 2] + j0
             some = 0
             for k in range(16):
@@ -309,44 +236,35 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                                                     + T[r, 2, k] * z)
                     if nearest > 1.0:
                         continue
-                begin, last = free, end
-                covered = (whole and _within(out_side, length2, one, nodes, node)
-                           and _within(out_side, length2, one + 1, nodes, node))
-                if together and level > 0 and not covered:
-                    begin = start
-                else:
-                    x, y, z = nodes[node, 0], nodes[node, 1], nodes[node, 2]
-                    sine2 = nodes[node, 4] * nodes[node, 4] if nodes[node, 3] > 0.0 else np.inf
-                    for n in range(start, start + 1 if covered else end):
-                        m = one if covered else listed[n]
-                        at0 = out_side[m, 0, 0] * x + out_side[m, 0, 1] * y + out_side[m, 0, 2] * z
-                        at1 = out_side[m, 1, 0] * x + out_side[m, 1, 1] * y + out_side[m, 1, 2] * z
-                        at2 = out_side[m, 2, 0] * x + out_side[m, 2, 1] * y + out_side[m, 2, 2] * z
-                        near0 = at0 * at0 <= sine2 * length2[m, 0]
-                        near1 = at1 * at1 <= sine2 * length2[m, 1]
-                        near2 = at2 * at2 <= sine2 * length2[m, 2]
-                        if not covered and not (((at0 >= 0.0) | near0) & ((at1 >= 0.0) | near1)
-                                                & ((at2 >= 0.0) | near2)):
-                            continue
-                        full = covered or not (near0 | near1 | near2 | out_cut[m])
+                covered = (whole and within(out_side, length2, before, nodes, node)
+                           and within(out_side, length2, before + 1, nodes, node))
+                further = members
+                if covered or not together or level == 0:
+                    further = np.int64(0)
+                    there, near_side = one, np.int64(0)
+                    if not covered:
+                        there, near_side = touching(work, seen - before, nodes, node)
+                        there &= members
+                    while there != 0:
+                        k = lowest_bit(there)
+                        there &= there - one
+                        m = before + k
+                        full = near_side >> k & one == 0 and (covered or not out_cut[m])
                         if full and opaque[c]:
-                            order = 1 if own < 0 else _order(planes, m, own, nodes, node)
+                            order = 1 if own < 0 else nearer(planes, m, own, nodes, node)
                             if order > 0:
                                 cover[node] = own = m
                             if order != 0:
                                 continue
                         if level > 0:
-                            listed[free] = m
-                            free += 1
+                            further |= one << k
                             continue
                         if pairs < len(out_tile):
                             out_tile[pairs], out_member[pairs], out_full[pairs] = node, m, full
                         pairs += 1
-                    last = free
-                if level > 0 and last > begin:
+                if level > 0 and further != 0:
                     waiting[left, 0], waiting[left, 1], waiting[left, 2] = level, i, j
-                    waiting[left, 3], waiting[left, 4], waiting[left, 5] = begin, last, free
-                    waiting[left, 6] = own
+                    waiting[left, 3], waiting[left, 4] = further, own
                     left += 1
     # Covers, down to the tiles; where neither of two is nearer all over, one is listed.
     for level in range(top, 0, -1):
@@ -361,7 +279,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                         node = levels[level - 1, 0] + i * levels[level - 1, 2] + j
                         order = 1
                         if cover[node] >= 0:
-                            order = _order(planes, above, cover[node], nodes, node)
+                            order = nearer(planes, above, cover[node], nodes, node)
                         if order > 0:
                             cover[node] = above
                         if order != 0:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import compiled, inlined, lowest_bit
 
 from .areas import TOUCHING
 from .binning import Seen
@@ -249,20 +249,20 @@ def _thin(edges, mixed, tile, pixel, start, member, full, touched, colour, sky, 
                 b0, c0, a0 = line[0, 0], line[0, 1], line[0, 2]
                 b1, c1, a1 = line[1, 0], line[1, 1], line[1, 2]
                 b2, c2, a2 = line[2, 0], line[2, 1], line[2, 2]
-                hits = np.int64(0)
+                rows = np.int64(0)
                 for y in range(size):
                     if bits >> np.uint64((y0 + y) * TILE) & np.uint64(255) == 0:
                         continue
+                    hits = np.int64(0)
                     for x in range(size):
                         hit = ((a0 + b0 * x + c0 * y > 0.0) & (a1 + b1 * x + c1 * y > 0.0)
                                & (a2 + b2 * x + c2 * y > 0.0)
                                & (a + b * x + c * y > work[0, y, x]) & (work[1, y, x] != name))
                         hits |= np.int64(hit)
-                if hits == 0:
-                    continue
-                for y in range(size):
-                    if bits >> np.uint64((y0 + y) * TILE) & np.uint64(255) == 0:
-                        continue
+                    rows |= hits << y
+                while rows != 0:
+                    y = lowest_bit(rows)
+                    rows &= rows - 1
                     for x in range(size):
                         bit = one << np.uint64((y0 + y) * TILE + x0 + x)
                         w = a + b * x + c * y

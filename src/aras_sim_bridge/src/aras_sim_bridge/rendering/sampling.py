@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import compiled, inlined
 
 from .binning import Seen
 from .tiles import TILE, Tiles
@@ -60,7 +60,8 @@ class PixelSampler:
         touched = np.empty(len(member), np.uint64)
         left = _sample(
             tile, start, member, full, seen.corner, seen.side, seen.cut, seen.opaque, t.matrices,
-            t.inverse, t.spread, t.axis, t.cells, t.columns, near, far, at, self._pixel, touched)
+            t.inverse, t.spread, t.axis, t.cells, t.alike, t.columns, near, far, at, self._pixel,
+            touched)
         return Samples(tile, self._pixel, most, start, member[:left], full[:left], touched[:left])
 
 
@@ -143,10 +144,32 @@ def _settled(cover, start, member, full, side, opaque, matrices, axis, nodes, wh
     return out, most, new_start, new_member[:left], new_full[:left]
 
 
+@inlined
+def _box(corner, m, inverse, n):
+    """The box around triangle m, px of tile n from its first: left, right, top, bottom."""
+    left = top = np.inf
+    right = bottom = -np.inf
+    for j in range(3):
+        x, y, z = corner[m, j, 0], corner[m, j, 1], corner[m, j, 2]
+        u = inverse[n, 0, 0] * x + inverse[n, 0, 1] * y + inverse[n, 0, 2] * z
+        v = inverse[n, 1, 0] * x + inverse[n, 1, 1] * y + inverse[n, 1, 2] * z
+        w = inverse[n, 2, 0] * x + inverse[n, 2, 1] * y + inverse[n, 2, 2] * z
+        if w <= 1e-6 * (abs(u) + abs(v)):  # the corner is beside or behind
+            left = top = -np.inf
+            right = bottom = np.inf
+            break
+        w = 1.0 / w
+        u, v = u * w, v * w
+        left, right = u if u < left else left, u if u > right else right
+        top, bottom = v if v < top else top, v if v > bottom else bottom
+    return left, right, top, bottom
+
+
 @compiled("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], f8[:,:,::1], b1[::1], b1[::1], "
-          "f8[:,:,::1], f8[:,:,::1], f8[::1], f8[:,::1], i8, i8, f8, f8, f8, i4[:,::1], u8[::1]")
+          "f8[:,:,::1], f8[:,:,::1], f8[::1], f8[:,::1], i8, b1, i8, f8, f8, f8, i4[:,::1], "
+          "u8[::1]")
 def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inverse, spread, axis,
-            cells, columns, near, far, at, pixel, touched):
+            cells, alike, columns, near, far, at, pixel, touched):
     """Fill `pixel` and `touched` where tiles show several, and leave in start, member and full only
     what touches pixels of those; the number of that."""
     size = TILE // cells
@@ -155,6 +178,9 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
     # pixels are looked at together.
     work = np.empty((6, TILE, TILE))
     one = np.uint64(1)
+    box = np.empty((len(corner) if alike else 0, 4))
+    for m in range(len(box)):
+        box[m, 0], box[m, 1], box[m, 2], box[m, 3] = _box(corner, m, inverse, 0)
     kept, end = 0, start[0]
     for n in range(len(tile)):
         begin, end = end, start[n + 1]
@@ -173,29 +199,17 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
                     work[0, row, column], work[1, row, column], work[2, row, column] = x, y, z
                     work[3, row, column] = axis[n, 0] * x + axis[n, 1] * y + axis[n, 2] * z
                     work[4, row, column], work[5, row, column] = 0.0, BACKGROUND
-        i00, i01, i02 = inverse[n, 0, 0], inverse[n, 0, 1], inverse[n, 0, 2]
-        i10, i11, i12 = inverse[n, 1, 0], inverse[n, 1, 1], inverse[n, 1, 2]
-        i20, i21, i22 = inverse[n, 2, 0], inverse[n, 2, 1], inverse[n, 2, 2]
+        u_tile, v_tile = float(TILE * (n % columns)), float(TILE * (n // columns))
         for k in range(begin, end):
             m, all_over = member[k], full[k]
             v0, v1, pixels = 0, TILE - 1, ~np.uint64(0)
+            sampled = opaque[m]
             if not all_over:
-                # The box around it.
-                left = top = np.inf
-                right = bottom = -np.inf
-                for j in range(3):
-                    x, y, z = corner[m, j, 0], corner[m, j, 1], corner[m, j, 2]
-                    u = i00 * x + i01 * y + i02 * z
-                    v = i10 * x + i11 * y + i12 * z
-                    w = i20 * x + i21 * y + i22 * z
-                    if w <= 1e-6 * (abs(u) + abs(v)):  # the corner is beside or behind
-                        left = top = -np.inf
-                        right = bottom = np.inf
-                        break
-                    w = 1.0 / w
-                    u, v = u * w, v * w
-                    left, right = min(left, u), max(right, u)
-                    top, bottom = min(top, v), max(bottom, v)
+                if alike:
+                    left, right = box[m, 0] - u_tile, box[m, 1] - u_tile
+                    top, bottom = box[m, 2] - v_tile, box[m, 3] - v_tile
+                else:
+                    left, right, top, bottom = _box(corner, m, inverse, n)
                 left, right = max(left - spread[n], -1.0), min(right + spread[n], TILE + 0.0)
                 top, bottom = max(top - spread[n], -1.0), min(bottom + spread[n], TILE + 0.0)
                 u0, u1 = int(np.floor(left + 0.5)), int(np.floor(right + 0.5))
@@ -207,9 +221,12 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
                 # A row in each byte, those beyond the last pushed out.
                 down = np.uint64(0x0101010101010101) >> np.uint64(8 * (TILE - 1 - v1 + v0))
                 pixels = across * (down << np.uint64(8 * v0))
+                # Rows whose samples are in the box, if any sample is.
+                v0, v1 = max(int(np.ceil(top - at)), 0), min(int(np.floor(bottom - at)), TILE - 1)
+                sampled &= np.ceil(left - at) <= right - at
             member[kept], full[kept], touched[kept] = m, all_over, pixels
             kept += 1
-            if not opaque[m]:
+            if not sampled or v0 > v1:
                 continue
             x, y, z = side[m, 0, 0], side[m, 0, 1], side[m, 0, 2]
             x1, y1, z1 = side[m, 1, 0], side[m, 1, 1], side[m, 1, 2]

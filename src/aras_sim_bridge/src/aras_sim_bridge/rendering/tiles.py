@@ -37,6 +37,7 @@ class Tiles:
     """The rays of a picture of width x height px.
 
     unproject: the lens's; None for a pinhole, whose tiles are exact.
+    alike: whether tiles differ in nothing but where they are in the picture, as a pinhole's do.
     columns, rows: of tiles. cells: how many a tile has along each side.
     matrices: (rows * columns * cells**2, 3, 3); the ray of the pixel x, y of a cell, counted from
         the centre of its first, is matrix @ (x, y, 1), of any length. Tiles row by row, and
@@ -57,6 +58,7 @@ class Tiles:
     def __init__(self, width: int, height: int, matrices: np.ndarray, cells: int,
                  valid: np.ndarray, unproject: Unproject | None = None) -> None:
         self._unproject = unproject
+        self.alike = unproject is None
         self.width, self.height, self.cells = width, height, cells
         self.rows, self.columns = valid.shape[0] // TILE, valid.shape[1] // TILE
         self.matrices, self.valid = matrices, valid

@@ -1,0 +1,118 @@
+"""Boxes and triangles against cones of rays: those that a tile spans, or several tiles.
+
+A cone is a row of Tiles.nodes. What is said of a box or a triangle is sure; what is not, is not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import compiled, inlined
+
+# Triangles that are looked at together, as a processor's vectors are.
+LANES = 8
+
+
+@inlined
+def beside(x, y, z, cosine, sine, nodes, n):
+    """Whether a cone around the unit vector x, y, z is beside the cone of node n."""
+    if nodes[n, 3] > 1.5:
+        return True
+    if nodes[n, 4] * cosine + nodes[n, 3] * sine < 0.0:  # together more than half a turn
+        return False
+    between = x * nodes[n, 0] + y * nodes[n, 1] + z * nodes[n, 2]
+    return between < cosine * nodes[n, 3] - sine * nodes[n, 4] - 1e-12
+
+
+@inlined
+def off(T, r, centre, half, n, nodes, root):
+    """Whether box n, in the frame of link r, is behind the cone of the root or beyond its side."""
+    cosine, sine = nodes[root, 3], nodes[root, 4]
+    if cosine <= 0.0:
+        return False
+    x, y, z = nodes[root, 0], nodes[root, 1], nodes[root, 2]
+    xc, yc, zc = centre[n, 0], centre[n, 1], centre[n, 2]
+    xp = T[r, 0, 0] * xc + T[r, 0, 1] * yc + T[r, 0, 2] * zc + T[r, 0, 3]
+    yp = T[r, 1, 0] * xc + T[r, 1, 1] * yc + T[r, 1, 2] * zc + T[r, 1, 3]
+    zp = T[r, 2, 0] * xc + T[r, 2, 1] * yc + T[r, 2, 2] * zc + T[r, 2, 3]
+    along = x * xp + y * yp + z * zp
+    ahead = along
+    for k in range(3):
+        ahead += half[n, k] * abs(T[r, 0, k] * x + T[r, 1, k] * y + T[r, 2, k] * z)
+    if ahead <= 0.0:
+        return True
+    # The plane along the side of the cone that is towards the box's centre.
+    xa, ya, za = xp - along * x, yp - along * y, zp - along * z
+    across = np.sqrt(xa * xa + ya * ya + za * za)
+    share = cosine / max(across, 1e-12)
+    xa, ya, za = share * xa - sine * x, share * ya - sine * y, share * za - sine * z
+    beyond = cosine * across - sine * along
+    for k in range(3):
+        beyond -= half[n, k] * abs(T[r, 0, k] * xa + T[r, 1, k] * ya + T[r, 2, k] * za)
+    return beyond > 1e-9 * (across + abs(along))
+
+
+@inlined
+def outside(side, length2, m, nodes, n):
+    """Whether the cone of node n is beyond a side of triangle m; length2 (., 3) of the sides."""
+    if nodes[n, 3] <= 0.0:
+        return False
+    x, y, z, sine = nodes[n, 0], nodes[n, 1], nodes[n, 2], nodes[n, 4]
+    for k in range(3):
+        at = side[m, k, 0] * x + side[m, k, 1] * y + side[m, k, 2] * z
+        if at < 0.0 and at * at > sine * sine * length2[m, k]:
+            return True
+    return False
+
+
+@inlined
+def within(side, length2, m, nodes, n):
+    """Whether the cone of node n is within the last two sides of triangle m."""
+    x, y, z, sine2 = nodes[n, 0], nodes[n, 1], nodes[n, 2], nodes[n, 4] * nodes[n, 4]
+    within = nodes[n, 3] > 0.0
+    for k in range(1, 3):
+        at = side[m, k, 0] * x + side[m, k, 1] * y + side[m, k, 2] * z
+        within &= (at >= 0.0) & (at * at >= sine2 * length2[m, k])
+    return within
+
+
+@compiled("f8[:,:,::1], i8, f8[:,::1], i8", allocates=False)
+def touching(work, count, nodes, n):
+    """Which of a cluster's triangles, as bits, touch the cone of node n; and which have a side that
+    goes through it.
+
+    work: (12, CLUSTER / LANES, LANES) their sides, and the squared lengths of those.
+    """
+    x, y, z = nodes[n, 0], nodes[n, 1], nodes[n, 2]
+    sine2 = nodes[n, 4] * nodes[n, 4] if nodes[n, 3] > 0.0 else np.inf
+    there = through = np.int64(0)
+    g = 0
+    while g * LANES < count:
+        some = crossed = np.int64(0)
+        for k in range(LANES):
+            at0 = work[0, g, k] * x + work[1, g, k] * y + work[2, g, k] * z
+            at1 = work[3, g, k] * x + work[4, g, k] * y + work[5, g, k] * z
+            at2 = work[6, g, k] * x + work[7, g, k] * y + work[8, g, k] * z
+            near0 = at0 * at0 <= sine2 * work[9, g, k]
+            near1 = at1 * at1 <= sine2 * work[10, g, k]
+            near2 = at2 * at2 <= sine2 * work[11, g, k]
+            beside = ((at0 >= 0.0) | near0) & ((at1 >= 0.0) | near1) & ((at2 >= 0.0) | near2)
+            some += np.int64(beside) << k
+            crossed += np.int64(near0 | near1 | near2) << k
+        there |= some << (g * LANES)
+        through |= crossed << (g * LANES)
+        g += 1
+    return there, through
+
+
+@inlined
+def nearer(planes, m, other, nodes, n):
+    """1 where triangle m is nearer than another in all of the cone of node n, -1 where it is
+    farther, 0 where neither is so for sure."""
+    x, y, z = (planes[m, 0] - planes[other, 0], planes[m, 1] - planes[other, 1],
+               planes[m, 2] - planes[other, 2])
+    at = x * nodes[n, 0] + y * nodes[n, 1] + z * nodes[n, 2]
+    sine = nodes[n, 4]
+    if nodes[n, 3] <= 0.0 or at * at <= sine * sine * (x * x + y * y + z * z):
+        return 0
+    return 1 if at > 0.0 else -1

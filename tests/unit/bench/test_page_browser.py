@@ -13,7 +13,8 @@ from browser import Browser
 from aras_visual_servo_bench.live import server as server_module
 from aras_visual_servo_bench.live.server import serve
 
-COLOURS = """(() => {{ const c = document.getElementById("{0}");
+COLOURS = """(() => {{ const c = document.querySelector("#{0} canvas, canvas#{0}");
+  if (!c) return 0;
   const d = document.createElement("canvas"); d.width = c.width; d.height = c.height;
   const x = d.getContext("2d"); x.drawImage(c, 0, 0);
   const p = x.getImageData(0, 0, d.width, d.height).data, found = new Set();
@@ -208,6 +209,7 @@ def test_the_page_is_no_wider_than_the_screen(page, width):
         document.getElementById("words").textContent = "a reason of many words, ".repeat(20)""")
     page.call("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1,
               mobile=width < 800)  # fmt: skip
+    page.js("new Promise((go) => setTimeout(go, 200))")  # curves follow their box
     try:
         wide = page.js("""[...document.querySelectorAll("body *")]
             .filter((e) => e.getBoundingClientRect().right > document.documentElement.clientWidth)
@@ -261,18 +263,28 @@ def test_no_drawing_begins_before_the_last_is_there_and_none_without_a_change(pa
             [n, q + 0.001]))); delete scene.ask; return [still, asked]; })()""") == [0, 1]
 
 
+PLOT = """import('/plots.js').then(async (m) => {{
+    const box = document.createElement("div"); box.className = "curves";
+    box.style = "width: {width}px; height: 170px; position: fixed; left: 0; top: 0";
+    document.body.append(box);
+    const plot = new m.Plot(box, (s) => s[1]); plot.names = {names}; plot.units = {units};
+    plot.draw({samples});
+    await new Promise(requestAnimationFrame);
+    const answer = (() => {{ {answer} }})(); box.remove(); return answer; }})"""
+
+
 def test_every_curve_has_its_name_however_small_the_plot(page):
-    """What is written into a narrow plot: all names, if need be without their values."""
-    written = page.js("""import('/plots.js').then((m) => {
-        const c = document.createElement("canvas");
-        c.style = "width: 250px; height: 120px"; document.body.append(c);
-        const plot = new m.Plot(c, (s) => s[1]); plot.names = ["xn", "yn", "an", "alpha"];
-        const context = c.getContext("2d"), texts = [], plain = context.fillText;
-        context.fillText = (text, x, y) => { if (y === 8) texts.push([text, x]); };
-        plot.draw([[0, [0.1, -0.2, 0.3, -1.5]], [1, [0.1, -0.2, 0.3, -1.5]]]);
-        c.remove(); return texts; })""")
-    assert [text.split()[0] for text, _ in written] == ["xn", "yn", "an", "alpha"]
-    assert all(52 <= x < 244 for _, x in written)
+    """All names, each with its value, none beside the box."""
+    written = page.js(PLOT.format(
+        width=200, names=["xn", "yn", "an", "alpha"], units=[],
+        samples="[[0, [0.1, -0.2, 0.3, -1.5]], [1, [0.1, -0.2, 0.3, -0.00001]]]",
+        answer="""const b = box.getBoundingClientRect();
+            return [...box.querySelectorAll(".names span")].map((s) => {
+            const r = s.getBoundingClientRect();
+            return [s.textContent, r.right <= b.right && r.bottom <= b.bottom]; });""",
+    ))  # fmt: skip
+    assert written == [[text, True] for text in (
+        "xn 0.1000", "yn -0.2000", "an 0.3000", "alpha 0.0000")]  # fmt: skip
 
 
 def test_what_has_another_unit_has_another_axis(page):
@@ -280,23 +292,27 @@ def test_what_has_another_unit_has_another_axis(page):
     assert page.js("""import('/plots.js').then((m) => [m.strips(["m", "m", "rad"], 3),
         m.strips([], 2), m.strips(["a", "b", "c", "d"], 4), m.strips(["m"], 2)])""") == [
         [["m", [0, 1]], ["rad", [2]]], [["", [0, 1]]], [["", [0, 1, 2, 3]]], [["", [0, 1]]]]
-    written = page.js("""import('/plots.js').then((m) => {
-        const c = document.createElement("canvas");
-        c.style = "width: 300px; height: 160px"; document.body.append(c);
-        const plot = new m.Plot(c, (s) => s[1]); plot.names = ["xn", "alpha"];
-        plot.units = ["m", "rad"];
-        const context = c.getContext("2d"), texts = [];
-        context.fillText = (text, x, y) => {  // where it stands, however the canvas is turned
-            const at = context.getTransform().transformPoint({ x, y });
-            texts.push([text, at.x, at.y]); };
-        plot.draw([[0, [0.01, -1.5]], [1, [0.02, -1.5]]]);
-        c.remove(); return texts; })""")
-    units = {text: y for text, x, y in written if text in ("m", "rad")}
-    assert units["m"] < 80 < units["rad"]
-    labels = [(float(text), y) for text, x, y in written if 7 < x < 52]
-    assert all(abs(value) < 0.1 for value, y in labels if y < 80)
-    assert all(value < -1.0 for value, y in labels if y > 80) and len(labels) >= 4
+    charts = page.js(PLOT.format(
+        width=300, names=["xn", "alpha"], units=["m", "rad"],
+        samples="[[0, [0.01, -1.5]], [1, [0.02, -1.7]]]",
+        answer="""return plot.charts.map(({ plot: u, members }) => [members, u.axes[1].label,
+            u.scales.y.min, u.scales.y.max, u.data[1], u.axes[0].show]);"""))  # fmt: skip
+    (first, second) = charts
+    assert first[:2] == [[0], "m"] and second[:2] == [[1], "rad"]
+    assert 0.0 < first[2] < 0.01 and 0.02 < first[3] < 0.05
+    assert -1.8 < second[2] < -1.7 and -1.5 < second[3] < -1.4
+    assert first[4] == [0.01, 0.02] and [first[5], second[5]] == [False, True]
     page.wait("arasPage.state.told.units.join() === 'm,m,m,rad'")
+
+
+def test_curves_scroll_with_the_newest_at_the_right(page):
+    shown = page.js(PLOT.format(
+        width=300, names=["xn"], units=[],
+        samples="Array.from({ length: 61 }, (_, i) => [0.5 * i, [i === 30 ? null : i]])",
+        answer="""const u = plot.charts[0].plot;
+            const { min, max } = u.scales.x;
+            return [min, max, u.data[0].length, u.data[1].includes(null)];"""))  # fmt: skip
+    assert shown == [10, 30, 41, True]
 
 
 def test_faces_are_drawn_in_their_colour(page, host):

@@ -16,6 +16,7 @@ import tornado.ioloop
 import tornado.websocket
 
 from ..pictures.palette import LIVE, css
+from ..report.library import SCRIPT, STYLE, uplot
 from .access import Access
 from .outbox import SEEN, Outbox, text_of
 from .page import Page
@@ -61,8 +62,9 @@ class Server(WebServer):
     largest = 2 * LARGEST
 
     def __init__(self, host: Host, access: Access, sockets: list[socket.socket]) -> None:
-        """See WebServer."""
+        """See WebServer; BenchError where the library that draws curves is not there."""
         super().__init__(access, sockets)
+        uplot(SCRIPT)  # said before the page is opened, if it is missing
         self.host = host
         self.viewers: set[Viewer] = set()
 
@@ -73,11 +75,13 @@ class Server(WebServer):
 
     def page_file(self, name: str) -> str | None:
         """See WebServer."""
+        if name == "uplot.js":
+            return uplot(SCRIPT)
         path = FILES / name
         if not path.is_file():
             return None
-        colours = css(LIVE) if name == "style.css" else ""
-        return colours + path.read_text(encoding="utf-8")
+        before = css(LIVE) + uplot(STYLE) if name == "style.css" else ""
+        return before + path.read_text(encoding="utf-8")
 
     def begun(self) -> None:
         """See WebServer."""

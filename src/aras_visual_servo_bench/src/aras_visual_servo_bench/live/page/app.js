@@ -415,7 +415,7 @@ setInterval(() => {
   dirty = false;
   for (const plot of plots) plot.draw(state.samples);
 }, 120);
-new ResizeObserver(() => { dirty = true; }).observe($("plots-box"));
+new ResizeObserver(() => { for (const plot of plots) plot.draw(state.samples); }).observe($("plots-box"));
 // For tests and pictures: what is known, and `still`, which lets nothing change any more.
 window.arasPage = { state, still: false, get scene() { return scene; } };
 show();

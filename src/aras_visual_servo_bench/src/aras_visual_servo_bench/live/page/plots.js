@@ -1,27 +1,14 @@
-// Scrolling plots: time to the left, the newest at the right.
+// Scrolling curves by uPlot: the last seconds, the newest at the right.
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
-const COLOURS = [...Array(8).keys()].map((i) => colour(`curve-${i}`));
-const [QUIET, ZERO, GRID] = ["quiet", "zero", "grid"].map(colour);
 const SPAN = 20, LEAST = 4;  // s that are shown, at most and at least
-const MOST = 8;   // curves with a name; the others are thin
-const GAP = 12;   // pixels between two names
-const STRIPS = 3, BETWEEN = 16;  // axes above each other at most, and pixels between two
+const MOST = 8;    // curves with a name; the others are thin
+const STRIPS = 3;  // axes above each other at most
+const FONT = '11px system-ui, "DejaVu Sans", sans-serif';
+const AXIS = 58, TIMES = 22;  // pixels beside the curves, and below them
 
 /** A value behind its name; nothing where there is none. */
-function said(value, digits) {
-  if (value === null || value === undefined) return "";
-  return ` ${value.toFixed(digits).replace(/^-(0\.0*)$/, "$1")}`;
-}
-
-/** Ticks between two bounds: round numbers, about `count` of them. */
-export function ticks(low, high, count) {
-  const rough = (high - low) / count, power = Math.pow(10, Math.floor(Math.log10(rough)));
-  const step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= rough) || rough;
-  const first = Math.ceil(low / step - 1e-9), found = [];
-  for (let i = first; i * step <= high + 1e-9 * step; i++) found.push(i * step);
-  return { found, digits: Math.max(0, Math.min(6, -Math.floor(Math.log10(step) + 1e-9))) };
-}
+const said = (v) => v === null || v === undefined ? "" : ` ${v.toFixed(4).replace(/^-(0\.0*)$/, "$1")}`;
 
 /** Curves that share an axis: numbers of those of one unit, each with its unit. */
 export function strips(units, count) {
@@ -32,110 +19,72 @@ export function strips(units, count) {
 
 export class Plot {
   /** `pick(sample)`: the solid curves' numbers; `dashed(sample)`: those beside them, or nothing. */
-  constructor(canvas, pick, dashed) {
-    Object.assign(this, { canvas, pick, dashed, names: [], units: [] });
+  constructor(box, pick, dashed) {
+    Object.assign(this, { box, pick, dashed, names: [], units: [], charts: [], range: [0, LEAST], mark: "" });
+    this.legend = document.createElement("p");
+    this.legend.className = "names";
+    this.area = document.createElement("div");
+    this.area.className = "areas";
+    box.append(this.legend, this.area);
   }
 
   draw(samples) {
-    const scale = Math.min(window.devicePixelRatio || 1, 2);
-    const width = this.canvas.clientWidth, height = this.canvas.clientHeight;
-    if (!width || !height) return;
-    if (this.canvas.width !== Math.round(width * scale)) this.canvas.width = Math.round(width * scale);
-    if (this.canvas.height !== Math.round(height * scale)) this.canvas.height = Math.round(height * scale);
-    const c = this.canvas.getContext("2d");
-    c.setTransform(scale, 0, 0, scale, 0, 0);
-    c.clearRect(0, 0, width, height);
-    c.font = "11px system-ui, 'DejaVu Sans', sans-serif";
-    c.textBaseline = "middle";
+    if (!this.area.clientWidth || !this.area.clientHeight) return;
     const newest = samples.length ? samples[samples.length - 1][0] : 0;
     const first = Math.max(newest - SPAN, samples.length ? samples[0][0] : 0);
-    const last = Math.max(newest, first + LEAST);
-    const shown = samples.filter((s) => s[0] >= first);
-    const area = { left: 52, right: width - 6, top: 18, bottom: height - 18 };
-    area.X = (t) => area.left + (t - first) / (last - first) * (area.right - area.left);
-    const values = shown.length ? this.pick(shown[shown.length - 1]) : [];
-    const groups = strips(this.units, values.length);
-    const each = (area.bottom - area.top - (groups.length - 1) * BETWEEN) / groups.length;
-    groups.forEach(([unit, members], k) => {
-      const top = area.top + k * (each + BETWEEN);
-      this._strip(c, shown, members, unit, { ...area, top, bottom: top + each });
-    });
-    c.textAlign = "center";
-    for (const t of ticks(first, last, 5).found) {
-      if (t < 0 || area.X(t) > area.right - 8) continue;  // its letters would be cut off
-      c.fillStyle = QUIET; c.fillText(`${t} s`, area.X(t), height - 7);
+    this.range = [first, Math.max(newest, first + LEAST)];
+    const shown = samples.filter((s) => s[0] >= first), solid = shown.map(this.pick);
+    const beside = this.dashed ? shown.map(this.dashed) : [];
+    const values = solid.length ? solid[solid.length - 1] : [];
+    const groups = strips(this.units, values.length), mark = JSON.stringify([groups, this.names]);
+    if (mark !== this.mark) this._begin(groups, mark);
+    this.names.slice(0, MOST).forEach((name, i) => { this.legend.children[i].textContent = name + said(values[i]); });
+    const times = shown.map((s) => s[0]), column = (rows, i) => rows.map((row) => row[i] === undefined ? null : row[i]);
+    for (const { plot, members, box } of this.charts) {
+      const width = box.clientWidth, height = box.clientHeight;
+      if (width !== plot.width || height !== plot.height) plot.setSize({ width, height });
+      plot.setData([times, ...members.map((i) => column(solid, i)), ...(this.dashed ? members.map((i) => column(beside, i)) : [])]);
     }
-    this._names(c, values, area);
   }
 
-  /** The curves of these numbers over an axis of their own. */
-  _strip(c, shown, members, unit, { left, right, top, bottom, X }) {
-    let low = Infinity, high = -Infinity;
-    for (const s of shown) {
-      for (const numbers of [this.pick(s), this.dashed ? this.dashed(s) : []]) {
-        for (const i of members) {
-          const v = numbers[i];
-          if (v === null || v === undefined) continue;
-          low = Math.min(low, v); high = Math.max(high, v);
-        }
-      }
-    }
-    if (!(low <= high)) { low = -1; high = 1; }
-    const room = Math.max(0.08 * (high - low), 1e-3);
-    low -= room; high += room;
-    const Y = (v) => bottom - (v - low) / (high - low) * (bottom - top);
-    const marks = ticks(low, high, Math.max(2, (bottom - top) / 20));
-    for (const v of marks.found) {
-      c.strokeStyle = Math.abs(v) < 1e-12 ? ZERO : GRID;
-      c.beginPath(); c.moveTo(left, Y(v)); c.lineTo(right, Y(v)); c.stroke();
-      c.fillStyle = QUIET; c.textAlign = "right";
-      c.fillText(v.toFixed(marks.digits), left - 6, Y(v));
-    }
-    c.save();
-    c.beginPath(); c.rect(left, top - 2, right - left, bottom - top + 4); c.clip();
-    const curves = (numbers, dash, opacity) => {
-      c.setLineDash(dash); c.globalAlpha = opacity;
-      for (const i of members) {
-        c.strokeStyle = COLOURS[i % COLOURS.length]; c.lineWidth = i < MOST ? 1.7 : 0.8;
-        c.beginPath();
-        let pen = false;
-        for (const s of shown) {
-          const v = numbers(s)[i];
-          if (v === null || v === undefined) { pen = false; continue; }
-          if (pen) c.lineTo(X(s[0]), Y(v)); else c.moveTo(X(s[0]), Y(v));
-          pen = true;
-        }
-        c.stroke();
-      }
-      c.setLineDash([]); c.globalAlpha = 1;
-    };
-    if (this.dashed) curves(this.dashed, [4, 3], 0.75);
-    curves(this.pick, [], 1);
-    c.restore();
-    if (!unit) return;
-    c.save();  // upwards, left of the numbers, where no curve is
-    c.translate(7, (top + bottom) / 2); c.rotate(-Math.PI / 2);
-    c.fillStyle = QUIET; c.textAlign = "center";
-    c.fillText(unit, 0, 0);
-    c.restore();
-  }
-
-  /** Above the axes, each in its colour. */
-  _names(c, values, { left, right }) {
-    c.textAlign = "left";
-    const named = this.names.slice(0, MOST), across = right - left + GAP;
-    // With as many digits as there is room for, rather none than a name left out.
-    const widths = (texts) => texts.reduce((sum, text) => sum + c.measureText(text).width + GAP, 0);
-    let texts = named;
-    for (const digits of [4, 3, 2, 1]) {
-      const longer = named.map((name, i) => name + said(values[i], digits));
-      if (widths(longer) <= across) { texts = longer; break; }
-    }
-    let x = left;
-    texts.forEach((text, i) => {
-      c.fillStyle = COLOURS[i % COLOURS.length];
-      c.fillText(text, x, 8);
-      x += c.measureText(text).width + GAP;
+  /** Axes and names for other curves. */
+  _begin(groups, mark) {
+    this.mark = mark;
+    for (const { plot } of this.charts) plot.destroy();
+    this.area.textContent = this.legend.textContent = "";
+    this.names.slice(0, MOST).forEach((_, i) => {
+      const name = document.createElement("span");
+      name.style.color = colour(`curve-${i % 8}`);
+      this.legend.append(name);
+    });
+    this.charts = groups.map(([unit, members], k) => {
+      const box = document.createElement("div"), last = k === groups.length - 1;
+      box.style.flexGrow = last ? 1.3 : 1;  // it has the times below it
+      this.area.append(box);
+      return { box, members, plot: this._chart(box, unit, members, last) };
     });
   }
+
+  _chart(box, unit, members, last) {
+    const ink = colour("quiet"), grid = { stroke: colour("grid"), width: 1 };
+    const curve = (i, dash) => ({ stroke: colour(`curve-${i % 8}`), width: i < MOST ? 1.7 : 0.8, dash, alpha: dash ? 0.75 : 1,
+      points: { show: false }, spanGaps: false });
+    return new uPlot({
+      width: Math.max(box.clientWidth, 60), height: Math.max(box.clientHeight, 40), legend: { show: false }, cursor: { show: false },
+      padding: [6, 8, last ? 0 : 6, 0],
+      scales: { x: { time: false, range: () => this.range }, y: { range: (u, low, high) => room(low, high) } },
+      axes: [
+        { show: last, stroke: ink, grid, ticks: { show: false }, font: FONT, size: TIMES, gap: 2, values: (u, at) => at.map((t) => `${+t.toFixed(3)} s`) },
+        { stroke: ink, grid, ticks: { show: false }, font: FONT, size: AXIS - (unit ? 16 : 0), gap: 4, space: 18,
+          label: unit || undefined, labelSize: unit ? 16 : 0, labelGap: 0, labelFont: FONT, values: (u, at) => at.map((v) => String(+v.toPrecision(5))) },
+      ],
+      series: [{}, ...members.map((i) => curve(i)), ...(this.dashed ? members.map((i) => curve(i, [4, 3])) : [])],
+    }, [[], ...members.map(() => []), ...(this.dashed ? members.map(() => []) : [])], box);
+  }
+}
+
+function room(low, high) {
+  if (!Number.isFinite(low) || !Number.isFinite(high)) return [-1, 1];
+  const beyond = Math.max(0.08 * (high - low), 1e-3);
+  return [low - beyond, high + beyond];
 }

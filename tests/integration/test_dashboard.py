@@ -8,14 +8,17 @@ import re
 import socket
 import struct
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from urllib.error import HTTPError, URLError
 from urllib.request import urlopen
 
 import pytest
 
+sys.path.append(str(Path(__file__).resolve().parents[1] / "unit" / "bench"))  # browser
 pytest.importorskip("rospy")
 websocket = pytest.importorskip("tornado.websocket")
 
@@ -338,6 +341,34 @@ def test_another_camera(viewer):
     count = len(viewer.pictures)
     wait_for(lambda: len(viewer.pictures) > count + 3, 60.0, "pictures of the new camera")
     wait_for(lambda: viewer.told["factor"] is not None, 60.0, "joint states")
+
+
+def test_the_camera_is_changed_on_the_page_while_the_nodes_run(viewer, port):
+    """Pressed in a browser while the loop servoes: it goes on with the new camera's pictures."""
+    browser = pytest.importorskip("browser")
+    if browser.chromium() is None:
+        pytest.skip(browser.HOW)
+    done, text = viewer.ask("servo", scheme="moments", law="proportional", start="2016",
+                            goal="auto", timeout=90.0)  # fmt: skip
+    assert done, text
+    wait_for(lambda: viewer.phase() in ("servoing", "converged"), 60.0, "the loop")
+    with browser.Browser() as opened:
+        tab = opened.open(f"http://127.0.0.1:{port}/?token={TOKEN}")
+        tab.wait("window.arasPage && arasPage.state.choices.cameras")
+        tab.js("""(() => { const s = document.getElementById("choose-camera"); s.value = "original";
+            s.dispatchEvent(new Event("change"));
+            document.querySelector("[data-do=camera]").click(); })()""")
+        assert tab.js("document.querySelector('[data-do=camera]').getAttribute('aria-busy')") == (
+            "true")  # fmt: skip
+        tab.wait("document.querySelector('[data-do=camera]').getAttribute('aria-busy') === 'false'",
+                 120.0)  # fmt: skip
+        assert not tab.js("document.getElementById('answer').classList.contains('refused')"), (
+            tab.js("document.getElementById('answer').textContent"))  # fmt: skip
+        tab.wait("arasPage.state.values.camera === 'original'")
+        last = tab.js("arasPage.state.samples.length ? arasPage.state.samples.at(-1)[0] : 0")
+        tab.wait(f"arasPage.state.samples.some((s) => s[0] > {last} + 0.5)", 60.0)
+        tab.wait("arasPage.state.told.phase === 'converged'", 120.0)
+        assert tab.js("document.querySelectorAll('#plot-error .uplot').length") >= 1
 
 
 def test_another_target_is_put_there_and_drawn(viewer):

@@ -138,6 +138,31 @@ def test_the_camera_in_space_is_the_true_one(moments):
     np.testing.assert_allclose(straight[-1], moments.goal_pose[:3, 3], atol=1e-5)
 
 
+def test_the_arm_in_space_carries_the_camera(moments, flying):
+    told = of_page([moments, flying])
+    poses = told["runs"][0]["poses"]
+    places = told["arrays"][poses["arm"]].reshape(-1, poses["joints"], 3)
+    assert poses["joints"] == len(moments.joint_names)
+    camera = told["arrays"][poses["rows"]].reshape(-1, 3, 4)[:, :, 3]
+    # Links are rigid: what turns keeps its distances, and the first joint slides with its value.
+    for one, other in [*((places[:, i], places[:, i + 1]) for i in range(1, poses["joints"] - 1)),
+                       (places[:, -1], camera)]:  # fmt: skip
+        length = np.linalg.norm(one - other, axis=1)
+        assert np.ptp(length) < 1e-5
+    gantry = moments.measured[moments.servoing, 0]
+    moved = np.linalg.norm(places[:, 1] - places[0, 1], axis=1)
+    np.testing.assert_allclose(moved, np.abs(gantry - gantry[0]), atol=1e-5)
+    assert np.ptp(gantry) > 0.02 and "arm" not in told["runs"][1]["poses"]
+
+
+def test_the_arm_of_the_physics_stands_in_its_world(moments):
+    run = carried_out("bullet", Experiment(duration=0.1))
+    reach = [np.linalg.norm(one.arm_places[:, -1] - one.true_pose[:, :3, 3], axis=1)
+             for one in (run, moments)]  # fmt: skip
+    assert np.ptp(np.concatenate(reach)) < 1e-6
+    assert (run.arm_places[:, 1, 2] > run.true_pose[:, 2, 3] + 0.3).all()  # it hangs above
+
+
 def test_the_words_change_when_the_loops_do(moments):
     found = of_page([moments])["runs"][0]["events"]
     assert found[0][0] == 0.0 and found[0][1] == moments.phases[0]

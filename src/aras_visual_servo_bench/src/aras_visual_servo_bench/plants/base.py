@@ -139,6 +139,11 @@ class Plant(ABC):
     def poses(self, positions: np.ndarray) -> np.ndarray:
         """The truth: world_T_camera (m, 4, 4) where the joints stood at positions (m, n)."""
 
+    def places(self, positions: np.ndarray) -> np.ndarray:
+        """Places (m, l, 3) in the world of the arm's joints where these stood at positions (m, n);
+        l = 0 where no arm carries the camera."""
+        return np.zeros((len(positions), 0, 3))
+
     @abstractmethod
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """The truth: positions (n,) and velocities (n,) in the order of `joint_names`."""

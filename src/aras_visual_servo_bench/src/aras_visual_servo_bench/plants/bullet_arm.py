@@ -199,6 +199,11 @@ class BulletArm(Plant):
         between."""
         return self._model.pose().matrix() @ self._arm.poses(positions)
 
+    def places(self, positions: np.ndarray) -> np.ndarray:
+        """See Plant.places."""
+        world_T_base = self._model.pose().matrix()
+        return self._arm.places(positions) @ world_T_base[:3, :3].T + world_T_base[:3, 3]
+
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities from the physics."""
         positions, velocities = self._model.read_joints()[:2]

@@ -202,6 +202,11 @@ class KinematicPlant(Plant):
         """See Plant.poses."""
         return np.array([self.arm.pose(q) for q in positions]).reshape(-1, 4, 4)
 
+    def places(self, positions: np.ndarray) -> np.ndarray:
+        """See Plant.places."""
+        arm = self.arm
+        return arm.places(positions) if isinstance(arm, Arm) else super().places(positions)
+
     def joints(self) -> tuple[np.ndarray, np.ndarray]:
         """Positions and velocities now."""
         return self._q.copy(), self._speed.copy()

@@ -85,6 +85,8 @@ class Messages:
             versions=told.given.get("versions", {}), notes=notes, yaml=told.text(),
         )  # fmt: skip
         units, tolerances = told.features(states[0].scheme, len(run.names))
+        if arm is not None and arm.names == joint_names:
+            run.arm_places = arm.places(measured)
         run = replace(run, units=units, tolerances=tolerances, centres=self._centres(stamp))
         return self._with_pictures(run, exposed)
 

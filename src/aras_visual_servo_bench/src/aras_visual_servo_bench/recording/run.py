@@ -82,6 +82,8 @@ class Run:
         commanded: (m, j) the latest command at each joint state; NaN before the first.
         true_pose: (m, 4, 4) world_T_camera at each joint stamp: the true arm's where it stands at
             `measured`, so that a bag knows the same one; metrics of the camera's way are of these.
+        arm_places: (m, l, 3) of the arm's joints in the world at each joint stamp; l = 0 where
+            there is no such arm, or nobody asked.
         goal_pose: (4, 4) where the camera ought to be at the end.
         outcome, reason, mend: of the whole run, as the loop gives them.
         verdict: what the physics knows, of its own pose at the end; of a bag, of the last of
@@ -114,6 +116,7 @@ class Run:
     mend: str
     verdict: Verdict
     peak_speed: np.ndarray | None = None
+    arm_places: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
     name: str = ""
     source: str = ""
     units: tuple[str, ...] = ()

@@ -123,20 +123,24 @@ def _tracks(run: Run, arrays: Arrays) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
-def _thinned(run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """Times (p,) and poses (p, 4, 4) of the camera while servoing, where they are known."""
+def _thinned(run: Run) -> np.ndarray:
+    """Some of the joint states (p,) while servoing, where the camera's pose is known."""
     known = run.servoing & np.isfinite(run.true_pose).all(axis=(1, 2))
     at = np.flatnonzero(known)
-    at = at[np.unique(np.linspace(0, len(at) - 1, min(MOST_POSES, len(at))).astype(int))]
-    return run.joint_time[at], run.true_pose[at]
+    return at[np.unique(np.linspace(0, len(at) - 1, min(MOST_POSES, len(at))).astype(int))]
 
 
 def _poses(run: Run, arrays: Arrays) -> dict[str, int] | None:
-    """World_T_camera, twelve numbers each, for the camera that moves."""
-    time, poses = _thinned(run)
+    """World_T_camera, twelve numbers each, for the camera that moves; and places of the arm."""
+    at = _thinned(run)
+    time, poses = run.joint_time[at], run.true_pose[at]
     if not len(time):
         return None
-    return {"time": arrays.put(time), "rows": arrays.put(poses[:, :3].reshape(-1, 12))}
+    found = {"time": arrays.put(time), "rows": arrays.put(poses[:, :3].reshape(-1, 12))}
+    if run.arm_places.size:
+        places = run.arm_places[at]
+        found |= {"arm": arrays.put(places), "joints": places.shape[1]}
+    return found
 
 
 def _scene(runs: Sequence[Run]) -> dict[str, Any] | None:
@@ -172,7 +176,7 @@ def _scene(runs: Sequence[Run]) -> dict[str, Any] | None:
         "middle": (0.5 * (low + high)).tolist(), "size": size,
         "shapes": {key: [[shape.name, shape.plain()] for shape in some]
                    for key, some in shapes.items()},
-        "colours": [[*(_shade(k) if several else RIM), 1.0] for k in range(len(runs))],
+        "arm": FACE, "colours": [[*(_shade(k) if several else RIM), 1.0] for k in range(len(runs))],
         "rims": [[] if border is None else on_picture(border, border, FRUSTUM * size).tolist()
                  for border in borders],
     }  # fmt: skip

@@ -67,7 +67,7 @@ def page(
         style=(FOLDER / "style.css").read_text(encoding="utf-8"),
         scripts="\n".join(path.read_text(encoding="utf-8") for path in SCRIPTS),
         contents=in_script({**told, "colours": LIVE_CURVES, **{
-            name: SCENE[name] for name in ("goal", "start", "ideal")}}),
+            name: SCENE[name] for name in ("goal", "start", "ideal", "face")}}),
         film=_tracked(tracked) if tracked else "", scene=told["scene"],
         runs=[_run(run, quantities) for run, quantities in
               zip(runs, summaries, strict=True)],

@@ -74,7 +74,9 @@ def with_all_pictures(experiment: Experiment) -> Run:
             loop.to_image()
             if loop.reading is not None and loop.reading is not before:
                 pictures.append((loop.reading.stamp, _picture(loop.reading, loop)))
-        return with_pictures(loop.result(), pictures)
+        run = with_pictures(loop.result(), pictures)
+        run.arm_places = loop.plant.places(run.measured)
+        return run
     finally:
         loop.close()
 

@@ -19,7 +19,6 @@ from typing import Any
 
 import numpy as np
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.settings import convert
@@ -150,6 +149,8 @@ def drawn(draws: Sequence[Draw], sampling: str, entropy: int, sample: int) -> di
 @lru_cache(maxsize=4)
 def _sobol(dimensions: int, entropy: int, block: int) -> np.ndarray:
     """Points (BLOCK, dimensions) of the scrambled sequence, from block * BLOCK on."""
+    from scipy.stats import qmc  # half a second that others need not wait for
+
     seeds = np.random.SeedSequence(entropy, spawn_key=(POINTS,))
     sequence = qmc.Sobol(dimensions, rng=np.random.default_rng(seeds))
     if block:

@@ -153,6 +153,15 @@ class Arm:
         frames = self.chain.frames(q)
         return frames[:, 9:12], frames[:, 12:]
 
+    def places(self, positions: np.ndarray) -> np.ndarray:
+        """Places (m, n, 3) of the joints from the base to the camera, in the base's frame, for
+        joints (m, n); (m, 0, 3) where the arm moves the target, not the camera."""
+        count = 0 if self.target_frame else len(self)
+        found = np.zeros((len(positions), count, 3))
+        for row, q in zip(found, positions if count else (), strict=False):
+            row[:] = self.joint_frames(q)[0][self.chain.order]
+        return found
+
     def sample(
         self,
         names: Sequence[str],

@@ -86,7 +86,8 @@ class Space {
     const { middle, size } = this.told;
     this.scene.views.run = { middle, distance: 1.5 * size, yaw: 0.95, pitch: 0.36 };
     this.scene.setView("run");
-    this.poses = page.contents.runs.map((run) => run.poses && { time: page.array(run.poses.time), rows: page.array(run.poses.rows) });
+    this.poses = page.contents.runs.map((run) => run.poses && { time: page.array(run.poses.time), rows: page.array(run.poses.rows),
+      arm: run.poses.arm !== undefined ? page.array(run.poses.arm) : null, joints: run.poses.joints });
     this.setRuns();
   }
 
@@ -111,6 +112,10 @@ class Space {
       const colour = this.told.colours[k], width = 0.006 * this.told.size;
       changed[`${k} camera edges`] = { kind: "lines", points: edges, colour, width };
       changed[`${k} camera rim`] = { kind: "strip", points: [...points, ...points.slice(0, 1)].flat(), colour, width };
+      if (poses.arm) {  // joints and camera
+        const length = 3 * poses.joints, places = poses.arm.slice(length * i, length * (i + 1));
+        changed[`${k} arm`] = { kind: "strip", points: [...places, ...here], colour: [...this.told.arm, 0.8], width: 3 * width };
+      }
       const tip = 0.16 * this.told.size;
       ["x", "y", "z"].forEach((axis, n) => {
         const shade = [0, 1, 2].map((j) => j === n ? 0.95 : 0.25);

@@ -147,6 +147,7 @@ if ($("space")) {
     const still = page.several ? [["start, goal, straight paths", contents.ideal]]
       : [["goal", contents.goal], ["start", contents.start], ["straight path", contents.ideal]];
     const entries = [...still,
+      ...(contents.runs.some((run) => run.poses && run.poses.arm !== undefined) ? [["arm", contents.face]] : []),
       ...contents.runs.map((run, k) => [page.several ? run.name : "path", page.dark[k % page.dark.length]])];
     for (const [text, shade] of entries) {
       const mark = document.createElement("i");

@@ -11,7 +11,15 @@ from pathlib import Path
 
 from outcome_campaign.table import section_of
 
-from . import dynamics, joints, motion, repeats, storms, vision  # noqa: F401 (they enter their checks)
+from . import (  # noqa: F401 (they enter their checks)
+    dynamics,
+    gripping,
+    joints,
+    motion,
+    repeats,
+    storms,
+    vision,
+)
 from .check import CHECKS, Check, Row
 
 TOP = Path(__file__).parents[2]

@@ -150,6 +150,12 @@ PARAMETERS = {
         "velocity_ff": {"wheel": 1.0},
         "constraints": {"goal_time": 0.5},
     },
+    "grip": {
+        "type": "effort_controllers/GripperActionController",
+        "joint": "cart",
+        "stall_timeout": 0.2,
+        "gains": {"cart": {"p": 300.0, "d": 40.0}},
+    },
     "mine": {"type": "my_robot/Constant", "joint": "cart"},
     "mine_too": {"type": "my_controllers:Constant", "joint": "cart"},
     "controller_classes": {"my_robot/Constant": "my_controllers:Constant"},

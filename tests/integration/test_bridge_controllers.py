@@ -18,6 +18,9 @@ from control_msgs.msg import (
     FollowJointTrajectoryAction,
     FollowJointTrajectoryGoal,
     FollowJointTrajectoryResult,
+    GripperCommand,
+    GripperCommandAction,
+    GripperCommandGoal,
     JointControllerState,
     JointTolerance,
     JointTrajectoryControllerState,
@@ -27,6 +30,7 @@ from control_msgs.srv import QueryTrajectoryState
 from controller_rig import DT, INERTIA, MASS, call, step
 from dynamic_reconfigure.msg import Config, DoubleParameter
 from dynamic_reconfigure.srv import Reconfigure
+from genpy import Message
 from ros_graph import GraphError, wait_for
 from std_msgs.msg import Bool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -249,12 +253,27 @@ def client_of(controller: str) -> actionlib.SimpleActionClient:
     return client
 
 
-def finish(client: actionlib.SimpleActionClient, steps: int = 20) -> FollowJointTrajectoryResult:
+def finish(client: actionlib.SimpleActionClient, steps: int = 20) -> Message:
     """Step until the goal has ended."""
     ended = (GoalStatus.PENDING, GoalStatus.ACTIVE)
     wait_for(lambda: step(steps) and client.get_state() not in ended, 10.0, "the goal's end")
     client.wait_for_result(rospy.Duration(2.0))
     return client.get_result()
+
+
+def test_a_gripper_closes_until_something_is_in_its_way(rig):
+    rig.start("grip")
+    client = actionlib.SimpleActionClient(f"{rig.namespace}/grip/gripper_cmd", GripperCommandAction)
+    assert client.wait_for_server(rospy.Duration(10.0))
+    client.send_goal(GripperCommandGoal(GripperCommand(0.3, 40.0)))
+    result = finish(client)
+    assert client.get_state() == GoalStatus.SUCCEEDED and result.reached_goal
+    assert result.position == pytest.approx(0.3, abs=0.011)
+    client.send_goal(GripperCommandGoal(GripperCommand(1.5, 25.0)))  # its stop is at 1 m
+    result = finish(client)
+    assert client.get_state() == GoalStatus.ABORTED
+    assert result.stalled and not result.reached_goal
+    assert (result.position, result.effort) == (pytest.approx(1.0, abs=1e-3), 25.0)
 
 
 def test_trajectory_goal_is_followed_and_can_be_queried(rig, collect):

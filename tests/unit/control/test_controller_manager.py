@@ -135,7 +135,7 @@ class TestLoading:
         types = rig.manager.list_types()
         assert (EFFORT, "controller_interface::ControllerBase") in types
         assert [t for t, _ in types] == sorted(t for t, _ in types)
-        assert len(types) == 14
+        assert len(types) == 16
 
     def test_reload_refuses_while_something_is_loaded_unless_forced(self, rig):
         (recorder,) = load(rig, "r")

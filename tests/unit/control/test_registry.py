@@ -37,12 +37,14 @@ def users_module(tmp_path, monkeypatch):
 def test_built_in_types_are_those_of_ros_controllers():
     assert set(Registry().types()) == {
         "joint_state_controller/JointStateController",
+        "effort_controllers/GripperActionController",
         "effort_controllers/JointEffortController",
         "effort_controllers/JointPositionController",
         "effort_controllers/JointVelocityController",
         "effort_controllers/JointGroupEffortController",
         "effort_controllers/JointGroupPositionController",
         "effort_controllers/JointTrajectoryController",
+        "position_controllers/GripperActionController",
         "position_controllers/JointPositionController",
         "position_controllers/JointGroupPositionController",
         "position_controllers/JointTrajectoryController",

@@ -11,6 +11,8 @@ import rospy
 from actionlib_msgs.msg import GoalID
 from control_msgs.msg import (
     FollowJointTrajectoryGoal,
+    GripperCommand,
+    GripperCommandGoal,
     JointControllerState,
     JointTolerance,
     JointTrajectoryControllerState,
@@ -25,7 +27,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from aras_sim_bridge.control.controllers.base import JointStates
 from aras_sim_bridge.control.controllers.trajectory_types import StatePoint, TrajectoryState
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.ros.control import manager_services, trajectory
+from aras_sim_bridge.ros.control import actions, manager_services
 from aras_sim_bridge.ros.control.manager_services import ManagerServices
 from aras_sim_bridge.ros.control.topics import STATES, ControllerTopics
 from aras_sim_bridge.ros.control.trajectory import fill_state, from_trajectory
@@ -71,6 +73,11 @@ PARAMETERS = {
     "/rig/states/publish_rate": 1000.0,
     "/rig/follow/type": "position_controllers/JointTrajectoryController",
     "/rig/follow/joints": ["slide"],
+    "/rig/grip/type": EFFORT + "GripperActionController",
+    "/rig/grip/joint": "cart",
+    "/rig/grip/stall_timeout": 0.05,
+    "/rig/grip/gains/cart/p": 300.0,
+    "/rig/grip/gains/cart/d": 40.0,
 }
 
 
@@ -130,7 +137,7 @@ def action_servers(monkeypatch):
         def stop(self) -> None:
             self.running = False
 
-    monkeypatch.setattr(trajectory, "_SimTimeActionServer", Server)
+    monkeypatch.setattr(actions, "_SimTimeActionServer", Server)
     return made
 
 
@@ -155,7 +162,7 @@ def test_services_tell_and_change_what_is_loaded(rig):
         ("hardware_interface::EffortJointInterface", ["cart"])
     ]
     types = rig.call("list_controller_types")
-    assert len(types.types) == len(types.base_classes) == 14
+    assert len(types.types) == len(types.base_classes) == 16
     assert types.base_classes[0] == "controller_interface::ControllerBase"
     assert EFFORT + "JointEffortController" in types.types
     assert rig.call("unload_controller", "go").ok
@@ -471,6 +478,31 @@ def test_goals_are_refused_cancelled_and_fail(follow):
     follow.server.goal(late)
     follow.step(2500)
     assert late.told[-1][0] == "aborted" and late.told[-1][1].error_code == -5
+
+
+def test_a_gripper_says_where_it_got_to_and_what_holds_it_up(rig, action_servers):
+    (controller,) = rig.run("grip")
+    (server,) = action_servers
+    assert server.name == "/rig/grip/gripper_cmd" and server.running
+    there, held, wrong = (Goal(key) for key in "thw")
+    there.message = GripperCommandGoal(GripperCommand(0.2, 50.0))
+    server.goal(there)
+    rig.step(3000)
+    (first, (status, result, text)) = there.told
+    assert (first, status, text) == (("accepted",), "succeeded", "")
+    assert result.position == pytest.approx(0.2, abs=0.01)
+    assert result.reached_goal and not result.stalled
+    held.message = GripperCommandGoal(GripperCommand(6.0, 30.0))  # beyond its stop at 5 m
+    server.goal(held)
+    rig.step(9000)
+    (_, (status, result, _)) = held.told
+    assert status == "aborted" and result.stalled and not result.reached_goal
+    assert result.position == pytest.approx(5.0, abs=1e-3) and result.effort == 30.0
+    wrong.message = GripperCommandGoal(GripperCommand(float("nan"), 1.0))
+    server.goal(wrong)
+    rig.step(2)
+    ((status, _, text),) = wrong.told
+    assert status == "rejected" and "not finite" in text
 
 
 def test_the_wanted_state_can_be_asked_for(follow):

@@ -3,7 +3,13 @@
 base.py documents the ports a ROS skin attaches to, registry.py how a class of your own is found.
 """
 
-from aras_sim_bridge.control.controllers import forward, joint_state, pid_controllers, trajectory
+from aras_sim_bridge.control.controllers import (
+    forward,
+    gripper,
+    joint_state,
+    pid_controllers,
+    trajectory,
+)
 from aras_sim_bridge.control.controllers.base import (
     ClaimedResources,
     Context,
@@ -21,6 +27,7 @@ __all__ = [
     "JointStates",
     "Registry",
     "forward",
+    "gripper",
     "joint_state",
     "pid_controllers",
     "register",

@@ -13,12 +13,13 @@ nothing of ROS. It declares its ports; the skin gives them their topics. `C` sta
 | | 'joint_trajectory_state' | on_state(TrajectoryState) → C/state |
 | | 'joint_states' | on_state(JointStates) → <robot namespace>/joint_states |
 | action_kind | 'follow_joint_trajectory' | C/follow_joint_trajectory and C/query_state |
+| | 'gripper_command' | C/gripper_cmd |
 | pids (instance) | {path below C: Pid} | dynamic_reconfigure server and PidState at C/<path> |
 
 None means no such port. The paths in pids are 'pid', '<joint>/pid' (groups) or 'gains/<joint>'
-(trajectories). The types that a command, state or goal consists of stand in this module and in
-trajectory_types.py; the action goes through submit_goal, cancel_goal and query_state of
-JointTrajectoryController. on_state is called synchronously from update() with an object that the
+(trajectories, grippers). The types that a command, state or goal consists of stand in this module,
+in trajectory_types.py and in gripper.py; an action goes through submit_goal and cancel_goal, and
+the handles of goals.py. on_state is called synchronously from update() with an object that the
 controller does not touch again; as long as it is None, nothing is built. Every set_command may be
 called from any thread: it checks the command and puts it into the controller's slot, where the
 next update() finds the latest; starting() and a reset empty the slot. All else is the

@@ -10,6 +10,13 @@ from functools import partial
 
 from aras_sim_bridge import angles
 from aras_sim_bridge.control.controllers.base import Context, Controller, names_of
+from aras_sim_bridge.control.controllers.goals import (
+    ABORTED,
+    PREEMPTED,
+    REJECTED,
+    SUCCEEDED,
+    GoalHandle,
+)
 from aras_sim_bridge.control.controllers.splines import Segment, Waypoint
 from aras_sim_bridge.control.controllers.trajectory_plan import (
     JointSegments,
@@ -20,16 +27,12 @@ from aras_sim_bridge.control.controllers.trajectory_plan import (
     segment_at,
 )
 from aras_sim_bridge.control.controllers.trajectory_types import (
-    ABORTED,
-    PREEMPTED,
-    REJECTED,
-    SUCCEEDED,
     ErrorCode,
-    GoalHandle,
     StatePoint,
     Trajectory,
     TrajectoryError,
     TrajectoryGoal,
+    TrajectoryResult,
     TrajectoryState,
 )
 from aras_sim_bridge.control.hardware import RobotHardware
@@ -221,7 +224,7 @@ class JointTrajectoryController(Controller):
         try:
             self._take(goal.trajectory, handle)
         except TrajectoryError as error:
-            handle.finish(REJECTED, error.code, str(error))
+            handle.finish(REJECTED, TrajectoryResult(error.code, str(error)))
         else:
             ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "preempted by a new goal")
             self._goal = handle
@@ -331,7 +334,7 @@ class JointTrajectoryController(Controller):
     def _end_goal(self, status: str, code: ErrorCode, text: str = "") -> GoalHandle | None:
         goal, self._goal = self._goal, None
         if goal is not None:
-            goal.finish(status, code, text)
+            goal.finish(status, TrajectoryResult(code, text))
         return goal
 
 

@@ -7,10 +7,10 @@ from functools import partial
 from math import fabs, isclose, isfinite, pi
 
 from aras_sim_bridge import angles
+from aras_sim_bridge.control.controllers.goals import GoalHandle
 from aras_sim_bridge.control.controllers.splines import Segment, Tolerance, Waypoint
 from aras_sim_bridge.control.controllers.trajectory_types import (
     ErrorCode,
-    GoalHandle,
     JointTolerance,
     Trajectory,
     TrajectoryError,

@@ -1,6 +1,6 @@
 """Trajectories, goals and results, as trajectory_msgs and control_msgs have them, without ROS."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -96,56 +96,3 @@ class TrajectoryState:
     desired: StatePoint
     actual: StatePoint
     error: StatePoint
-
-
-ACTIVE = "active"
-REJECTED = "rejected"
-SUCCEEDED = "succeeded"
-ABORTED = "aborted"
-PREEMPTED = "preempted"
-
-
-class GoalHandle:
-    """A goal and what became of it.
-
-    `status` is 'active', 'rejected', 'succeeded', 'aborted' or 'preempted'; in the last four
-    `result` is set. `on_feedback(TrajectoryState)` is called at the controller's
-    action_monitor_rate and `on_done(GoalHandle)` once; an on_done set after the end is called at
-    once. All in the simulation's thread.
-    """
-
-    def __init__(self, goal: TrajectoryGoal) -> None:
-        self.goal = goal
-        self.status = ACTIVE
-        self.result: TrajectoryResult | None = None
-        self.on_feedback: Callable[[TrajectoryState], None] | None = None
-        self._on_done: Callable[[GoalHandle], None] | None = None
-        self._announced = False
-
-    @property
-    def done(self) -> bool:
-        """Whether the goal has ended."""
-        return self.status != ACTIVE
-
-    @property
-    def on_done(self) -> "Callable[[GoalHandle], None] | None":
-        """Called with the handle when the goal has ended."""
-        return self._on_done
-
-    @on_done.setter
-    def on_done(self, callback: "Callable[[GoalHandle], None] | None") -> None:
-        self._on_done = callback
-        self.announce()
-
-    def finish(self, status: str, code: ErrorCode, text: str = "") -> None:
-        """End the goal; announce() tells the listener. For the controller only."""
-        if not self.done:
-            self.result = TrajectoryResult(code, text)
-            self.status = status
-
-    def announce(self) -> None:
-        """Call on_done if the goal has ended and it was not called yet."""
-        callback = self._on_done
-        if callback is not None and self.done and not self._announced:
-            self._announced = True
-            callback(self)

@@ -16,7 +16,9 @@ from trajectory_msgs.msg import JointTrajectory
 
 from aras_sim_bridge.control.controllers import Controller, base
 from aras_sim_bridge.control.pid import Gains, Pid
+from aras_sim_bridge.ros.control.actions import ControllerAction
 from aras_sim_bridge.ros.control.command_topic import CommandTopic
+from aras_sim_bridge.ros.control.gripper import GripperAction
 from aras_sim_bridge.ros.control.state_topic import StateTopic
 from aras_sim_bridge.ros.control.trajectory import TrajectoryAction, fill_state, from_trajectory
 from aras_sim_bridge.ros.conversions import to_duration, to_time
@@ -80,7 +82,7 @@ class ControllerTopics:
         """Put the controller's ports on the graph."""
         self.controller = controller
         where = controller.context.where
-        self._parts: list[CommandTopic | StateTopic | PidTopics | TrajectoryAction] = []
+        self._parts: list[CommandTopic | StateTopic | PidTopics | ControllerAction] = []
         if controller.command_kind in COMMANDS:
             message, decode = COMMANDS[controller.command_kind]
             self._parts.append(
@@ -101,8 +103,8 @@ class ControllerTopics:
             self._parts.append(StateTopic(topic, message, queue_size, controller, fill, thread))
         for name, pid in controller.pids.items():
             self._parts.append(PidTopics(f"{where}/{name}", pid, thread))
-        if controller.action_kind == "follow_joint_trajectory":
-            self._parts.append(TrajectoryAction(controller, where, thread))
+        if controller.action_kind in ACTIONS:
+            self._parts.append(ACTIONS[controller.action_kind](controller, where, thread))
 
     def shutdown(self) -> None:
         """Take the ports off the graph."""
@@ -154,5 +156,7 @@ STATES = {
     "joint_states": (JointState, 4, fill_joint_states),
     "joint_trajectory_state": (JointTrajectoryControllerState, 1, fill_state),
 }
+# By action_kind, what serves it: made with the controller, its namespace, the thread.
+ACTIONS = {"follow_joint_trajectory": TrajectoryAction, "gripper_command": GripperAction}
 _PID_FIELDS = tuple(name for name in PidState.__slots__ if name not in ("header", "timestep"))
 _CONTROLLER_FIELDS = tuple(name for name in JointControllerState.__slots__ if name != "header")

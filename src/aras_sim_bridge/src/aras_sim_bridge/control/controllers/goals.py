@@ -1,0 +1,61 @@
+"""A goal that a controller was given, and what became of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+ACTIVE = "active"
+REJECTED = "rejected"
+SUCCEEDED = "succeeded"
+ABORTED = "aborted"
+PREEMPTED = "preempted"
+
+Goal = TypeVar("Goal")
+Result = TypeVar("Result")
+
+
+class GoalHandle(Generic[Goal, Result]):
+    """A goal and what became of it.
+
+    `status` is 'active', 'rejected', 'succeeded', 'aborted' or 'preempted'; in the last four
+    `result` is set. `on_feedback` gets the controller's states at its action_monitor_rate, where it
+    tells them, and `on_done(GoalHandle)` is called once; an on_done set after the end is called at
+    once. All in the simulation's thread.
+    """
+
+    def __init__(self, goal: Goal) -> None:
+        self.goal = goal
+        self.status = ACTIVE
+        self.result: Result | None = None
+        self.on_feedback: Callable[[object], None] | None = None
+        self._on_done: Callable[[GoalHandle], None] | None = None
+        self._announced = False
+
+    @property
+    def done(self) -> bool:
+        """Whether the goal has ended."""
+        return self.status != ACTIVE
+
+    @property
+    def on_done(self) -> Callable[[GoalHandle], None] | None:
+        """Called with the handle when the goal has ended."""
+        return self._on_done
+
+    @on_done.setter
+    def on_done(self, callback: Callable[[GoalHandle], None] | None) -> None:
+        self._on_done = callback
+        self.announce()
+
+    def finish(self, status: str, result: Result) -> None:
+        """End the goal; announce() tells the listener. For the controller only."""
+        if not self.done:
+            self.result = result
+            self.status = status
+
+    def announce(self) -> None:
+        """Call on_done if the goal has ended and it was not called yet."""
+        callback = self._on_done
+        if callback is not None and self.done and not self._announced:
+            self._announced = True
+            callback(self)

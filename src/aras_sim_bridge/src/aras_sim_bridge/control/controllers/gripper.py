@@ -1,0 +1,203 @@
+"""GripperActionController for position and effort joints."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from math import isfinite
+
+from aras_sim_bridge.control.controllers.base import Context, Controller
+from aras_sim_bridge.control.controllers.goals import (
+    ABORTED,
+    PREEMPTED,
+    REJECTED,
+    SUCCEEDED,
+    GoalHandle,
+)
+from aras_sim_bridge.control.controllers.registry import register
+from aras_sim_bridge.control.hardware import RobotHardware
+from aras_sim_bridge.control.joints import EFFORT, POSITION
+from aras_sim_bridge.control.pid import Pid
+from aras_sim_bridge.errors import ControllerError
+from aras_visual_servo_base.settings import read
+
+_NS_PER_S = 1_000_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class GripperGoal:
+    """Go to a position (rad or m) with at most this effort (N m or N) where efforts drive."""
+
+    position: float
+    max_effort: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class GripperResult:
+    """Where the joint was (rad or m) when a goal ended, the last command's effort (N m or N),
+    whether it stood still short of the goal, or was there; text: why a goal was rejected."""
+
+    position: float = 0.0
+    effort: float = 0.0
+    stalled: bool = False
+    reached_goal: bool = False
+    text: str = ""
+
+
+class GripperActionController(Controller):
+    """Takes a joint to the position of a goal; the goal succeeds within `goal_tolerance` of it, and
+    is aborted once the joint has been slower than `stall_velocity_threshold` for `stall_timeout`,
+    as it is when the fingers hold something. Semantics of ros_controllers' of the same name.
+
+    Parameters: `joint`; `goal_tolerance` (0.01 rad or m), `max_effort` (0, N m or N, before the
+    first goal and after a cancel), `stall_velocity_threshold` (0.001 rad/s or m/s),
+    `stall_timeout` (1 s).
+
+    The simulation's thread alone calls it. Listeners are called last in each method.
+    """
+
+    action_kind = "gripper_command"
+
+    def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
+        """Raises ControllerError on a missing joint or gains and ill-typed parameters."""
+        super().init(hardware, parameters, context)
+        given = partial(read, parameters, where=context.where, fault=ControllerError)
+        self._handle = self.take_handle(hardware, given("joint", str))
+        self.joints = (self._handle.name,)
+        self._tolerance = abs(given("goal_tolerance", float, default=0.01))
+        self._default_effort = abs(given("max_effort", float, default=0.0))
+        self._still = given("stall_velocity_threshold", float, default=0.001)
+        self._patience_ns = round(given("stall_timeout", float, default=1.0) * _NS_PER_S)
+        self._init_output(parameters)
+        self._running = False
+        self._goal: GoalHandle[GripperGoal, GripperResult] | None = None
+        self._wanted = GripperGoal(0.0)
+        self._effort = 0.0
+        self._moved_ns: int | None = None
+
+    def _init_output(self, parameters: Mapping) -> None:
+        """Read what turning a position into a command needs."""
+
+    def _start_output(self) -> None:
+        """A command with which nothing moves."""
+
+    def _command(self, period: float) -> float:
+        """Write the command; returns the effort that is told of it."""
+        raise NotImplementedError
+
+    def starting(self, time_ns: int) -> None:
+        """Hold the measured position."""
+        super().starting(time_ns)
+        ended = self._end_goal(PREEMPTED, GripperResult())
+        self._hold()
+        self._start_output()
+        self._running = True
+        _announce(ended)
+
+    def stopping(self, time_ns: int) -> None:
+        """Cancel the active goal."""
+        self._running = False
+        _announce(self._end_goal(PREEMPTED, GripperResult()))
+
+    def reset(self) -> None:
+        """The clock was put back: the time of standing still counts anew."""
+        super().reset()
+        self._moved_ns = None
+
+    def update(self, time_ns: int, period: float) -> None:
+        """See how the goal goes, command."""
+        ended = self._judge(time_ns) if self._goal is not None else None
+        self._effort = self._command(period)
+        _announce(ended)
+
+    def _judge(self, time_ns: int) -> GoalHandle | None:
+        """Check the active goal; returns it if it has ended."""
+        position, speed = self._handle.position, abs(self._handle.velocity)
+        if abs(self._wanted.position - position) < self._tolerance:
+            return self._end_goal(SUCCEEDED, GripperResult(position, self._effort, False, True))
+        if speed > self._still or self._moved_ns is None:
+            self._moved_ns = time_ns
+        elif time_ns - self._moved_ns > self._patience_ns:
+            return self._end_goal(ABORTED, GripperResult(position, self._effort, True, False))
+        return None
+
+    def submit_goal(self, goal: GripperGoal) -> GoalHandle[GripperGoal, GripperResult]:
+        """Go there and say how it went; ends the goal before.
+
+        The handle comes back active, or rejected with the reason in its result.
+        """
+        handle = GoalHandle(goal)
+        refused = ""
+        if not self._running:
+            refused = "is not running; start it first"
+        elif not (isfinite(goal.position) and isfinite(goal.max_effort)):
+            refused = f"position {goal.position} or effort {goal.max_effort} is not finite"
+        if refused:
+            text = f"controller '{self.context.name}': {refused}"
+            handle.finish(REJECTED, GripperResult(text=text))
+            return handle
+        ended = self._end_goal(PREEMPTED, GripperResult())
+        self._goal, self._wanted, self._moved_ns = handle, goal, None
+        _announce(ended)
+        return handle
+
+    def cancel_goal(self, handle: GoalHandle) -> bool:
+        """Stay where the joint is if `handle` is the active goal; returns whether it was."""
+        if self._goal is not handle:
+            return False
+        ended = self._end_goal(PREEMPTED, GripperResult())
+        self._hold()
+        _announce(ended)
+        return True
+
+    def _hold(self) -> None:
+        self._wanted = GripperGoal(self._handle.position, self._default_effort)
+
+    def _end_goal(self, status: str, result: GripperResult) -> GoalHandle | None:
+        goal, self._goal = self._goal, None
+        if goal is not None:
+            goal.finish(status, result)
+        return goal
+
+
+@register("position_controllers/GripperActionController", interface=POSITION)
+class PositionGripperController(GripperActionController):
+    """Commands the goal's position; tells the goal's effort as its own, as upstream does."""
+
+    def _start_output(self) -> None:
+        self._handle.position_command = self._handle.position
+
+    def _command(self, period: float) -> float:
+        self._handle.position_command = self._wanted.position
+        return self._wanted.max_effort
+
+
+@register("effort_controllers/GripperActionController", interface=EFFORT)
+class EffortGripperController(GripperActionController):
+    """effort = PID(position error, -velocity), within the goal's effort; gains in
+    `gains/<joint>`."""
+
+    def _init_output(self, parameters: Mapping) -> None:
+        joint, where = self._handle.name, self.context.where
+        gains = read(parameters, "gains", Mapping, where, ControllerError, {})
+        own = read(gains, joint, Mapping, f"{where}/gains", ControllerError, {})
+        self._pid = Pid.from_parameters(own, f"{where}/gains/{joint}")
+        self.pids = {f"gains/{joint}": self._pid}
+
+    def loop_gains(self) -> dict[str, tuple[float, float]]:
+        return {self._handle.name: (self._pid.gains.p, self._pid.gains.d)}
+
+    def _start_output(self) -> None:
+        self._pid.reset()
+        self._handle.effort_command = 0.0
+
+    def _command(self, period: float) -> float:
+        error = self._wanted.position - self._handle.position
+        most = abs(self._wanted.max_effort)
+        effort = self._pid.compute(error, period, -self._handle.velocity)
+        self._handle.effort_command = effort = min(max(effort, -most), most)
+        return effort
+
+
+def _announce(goal: GoalHandle | None) -> None:
+    if goal is not None:
+        goal.announce()

@@ -1,0 +1,120 @@
+"""Goals of a controller through actionlib."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+import rospy
+from actionlib.action_server import ActionServer
+from actionlib.server_goal_handle import ServerGoalHandle
+from actionlib_msgs.msg import GoalStatus, GoalStatusArray
+from genpy import Message
+
+from aras_sim_bridge.control.controllers.goals import (
+    PREEMPTED,
+    REJECTED,
+    SUCCEEDED,
+    GoalHandle,
+)
+from aras_sim_bridge.control.controllers.gripper import GripperActionController
+from aras_sim_bridge.control.controllers.trajectory_core import JointTrajectoryController
+from aras_sim_bridge.ros.conversions import to_time
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+
+
+class _SimTimeActionServer(ActionServer):
+    """actionlib's server with stamps of simulated time; its timer runs on wall time."""
+
+    def __init__(self, *args: object, thread: SimulationThread) -> None:
+        self._thread = thread
+        super().__init__(*args, auto_start=False)
+
+    def publish_result(self, status: GoalStatus, result: Message) -> None:
+        with self.lock:
+            self._send(self.result_pub, self.ActionResult(status=status, result=result))
+            self.publish_status()
+
+    def publish_feedback(self, status: GoalStatus, feedback: Message) -> None:
+        with self.lock:
+            self._send(self.feedback_pub, self.ActionFeedback(status=status, feedback=feedback))
+
+    def publish_status(self) -> None:
+        with self.lock:
+            now = rospy.Time.now()
+            self.status_list = [
+                tracker
+                for tracker in self.status_list
+                if tracker.handle_destruction_time == rospy.Time()
+                or tracker.handle_destruction_time + self.status_list_timeout >= now
+            ]
+            statuses = [tracker.status for tracker in self.status_list]
+            self._send(self.status_pub, GoalStatusArray(status_list=statuses))
+
+    def _send(self, publisher: rospy.Publisher, message: Message) -> None:
+        message.header.stamp = to_time(self._thread.now_ns())
+        if not rospy.is_shutdown():
+            publisher.publish(message)
+
+
+class ControllerAction(ABC):
+    """The action of one controller.
+
+    Goals and cancels are posted, never waited for: actionlib calls with its lock held, which the
+    simulation's thread needs to tell of a goal's progress.
+    """
+
+    action: ClassVar[type[Message]]
+    topic: ClassVar[str]
+
+    def __init__(self, controller: JointTrajectoryController | GripperActionController,
+                 namespace: str, thread: SimulationThread) -> None:
+        """Serve `controller` below its `namespace`, as the class's action at its topic."""
+        self._controller = controller
+        self._goals: dict[str, GoalHandle] = {}  # the simulation's thread's
+        self._server = _SimTimeActionServer(
+            f"{namespace}/{self.topic}",
+            self.action,
+            lambda goal: thread.post(lambda: self._begin(goal)),
+            lambda goal: thread.post(lambda: self._cancel(goal)),
+            thread=thread,
+        )
+        self._server.start()
+
+    def shutdown(self) -> None:
+        """Take the action off the graph."""
+        self._server.stop()
+
+    @abstractmethod
+    def _request(self, message: Message) -> object:
+        """The controller's goal of a message."""
+
+    @abstractmethod
+    def _result(self, handle: GoalHandle) -> tuple[Message, str]:
+        """Message and text of a goal that has ended."""
+
+    def _feedback(self, state: object) -> Message:
+        """Message of a state of the controller's; for those that tell any."""
+        raise NotImplementedError
+
+    def _begin(self, goal: ServerGoalHandle) -> None:
+        handle = self._controller.submit_goal(self._request(goal.get_goal()))
+        if handle.status == REJECTED:
+            goal.set_rejected(*self._result(handle))
+            return
+        key = goal.get_goal_id().id
+        self._goals[key] = handle
+        goal.set_accepted()
+
+        def done(ended: GoalHandle) -> None:
+            self._goals.pop(key, None)
+            ends = {SUCCEEDED: goal.set_succeeded, PREEMPTED: goal.set_canceled}
+            ends.get(ended.status, goal.set_aborted)(*self._result(ended))
+
+        handle.on_feedback = lambda state: goal.publish_feedback(self._feedback(state))
+        handle.on_done = done
+
+    def _cancel(self, goal: ServerGoalHandle) -> None:
+        handle = self._goals.get(goal.get_goal_id().id)
+        if handle is not None:
+            self._controller.cancel_goal(handle)

@@ -1,0 +1,171 @@
+"""GripperActionController: reaching, holding something, preempting, cancelling, bad goals.
+
+Two unlike joints: the one that is not the gripper's must not count. Steps of 10 ms.
+"""
+
+from math import inf, nan
+
+import pytest
+
+from aras_sim_bridge.control.controllers.gripper import GripperGoal
+from aras_sim_bridge.errors import ControllerError
+
+STEP = 10_000_000
+GAINS = {"p": 50.0, "d": 12.0}
+
+
+@pytest.fixture
+def make(make_rig, make_joint):
+    """A started controller 'c' of joint 'b' and its rig; `kind`: position or effort."""
+
+    def _make(kind="effort", start=0.3, **parameters):
+        interface = {"position": "PositionJointInterface", "effort": "EffortJointInterface"}[kind]
+        given = {"type": f"{kind}_controllers/GripperActionController", "joint": "b", **parameters}
+        if kind == "effort":
+            given.setdefault("gains", {"b": GAINS})
+        joints = [make_joint(name, "prismatic", interface, "none") for name in "ab"]
+        rig = make_rig(joints, {"c": given}, STEP, physics=kind != "position")
+        rig.model.q[:] = [-0.7, start]
+        controller = rig.run("c")
+        return controller, rig
+
+    return _make
+
+
+def test_it_starts_where_the_joint_is(make):
+    for kind in ("position", "effort"):
+        _, rig = make(kind)
+        rig.step(5)
+        handle = rig.hardware.handles["b"]
+        assert (handle.position_command if kind == "position" else handle.effort_command) == (
+            0.3 if kind == "position" else 0.0)
+
+
+@pytest.mark.parametrize("kind", ["position", "effort"])
+def test_a_goal_is_reached(make, kind):
+    controller, rig = make(kind)
+    handle = controller.submit_goal(GripperGoal(0.9, 25.0))
+    ended = []
+    handle.on_done = ended.append
+    for _ in range(400):
+        rig.step()
+        if ended:
+            break
+    assert handle.status == "succeeded" and ended == [handle]
+    result = handle.result
+    assert result.reached_goal and not result.stalled
+    assert result.position == rig.hardware.handles["b"].position
+    assert abs(result.position - 0.9) < 0.01
+    if kind == "position":
+        assert result.effort == 25.0
+    rig.step(300)  # and stays
+    assert rig.model.q[1] == pytest.approx(0.9, abs=1e-3)
+
+
+def test_the_effort_is_what_the_goal_allows(make):
+    controller, rig = make(gains={"b": {"p": 1000.0}})
+    controller.submit_goal(GripperGoal(0.9, -4.0))  # its size counts, as upstream
+    rig.step()
+    assert rig.hardware.handles["b"].effort_command == 4.0
+    controller.submit_goal(GripperGoal(-0.9, 3.0))
+    rig.step()
+    assert rig.hardware.handles["b"].effort_command == -3.0
+    controller.submit_goal(GripperGoal(0.9))  # upstream: without effort it does nothing
+    rig.step()
+    assert rig.hardware.handles["b"].effort_command == 0.0
+
+
+def test_what_is_held_ends_the_goal_as_stalled(make):
+    controller, rig = make(stall_timeout=0.2)
+    rig.model.stuck.add("b")
+    handle = controller.submit_goal(GripperGoal(0.9, 7.0))
+    rig.step(21)
+    assert handle.status == "active"
+    rig.step()
+    assert handle.status == "aborted"
+    result = handle.result
+    assert result.stalled and not result.reached_goal
+    assert (result.position, result.effort) == (0.3, 7.0)
+    rig.step(10)  # it goes on pressing
+    assert rig.hardware.handles["b"].effort_command == 7.0
+
+
+def test_a_joint_that_creeps_has_not_stalled(make):
+    controller, rig = make(stall_timeout=0.1, stall_velocity_threshold=0.05)
+    rig.model.stuck.add("b")
+    handle = controller.submit_goal(GripperGoal(0.9, 7.0))
+    for k in range(40):
+        rig.model.v[1] = 0.06 if k % 8 == 0 else 0.04
+        rig.step()
+    assert handle.status == "active"
+    rig.model.v[1] = 0.05  # not faster
+    rig.step(12)
+    assert handle.status == "aborted"
+
+
+def test_the_tolerance_is_kept(make):
+    controller, rig = make("position", goal_tolerance=-0.2)
+    rig.model.stuck.add("b")
+    handle = controller.submit_goal(GripperGoal(0.501))
+    rig.step(3)
+    assert handle.status == "active"
+    rig.model.q[1] = 0.302
+    rig.step()
+    assert handle.status == "succeeded"
+
+
+def test_a_new_goal_preempts_and_a_stop_too(make):
+    controller, rig = make()
+    first = controller.submit_goal(GripperGoal(0.9, 5.0))
+    rig.step(3)
+    second = controller.submit_goal(GripperGoal(0.1, 5.0))
+    assert first.status == "preempted" and second.status == "active"
+    rig.manager.switch([], ["c"], 2)
+    rig.step()
+    assert second.status == "preempted"
+    refused = controller.submit_goal(GripperGoal(0.2))
+    assert refused.status == "rejected" and "not running" in refused.result.text
+
+
+def test_a_cancelled_goal_holds_the_joint_where_it_is(make):
+    controller, rig = make(max_effort=9.0)
+    handle = controller.submit_goal(GripperGoal(0.9, 5.0))
+    rig.step(20)
+    at = rig.hardware.handles["b"].position
+    assert 0.3 < at < 0.9
+    assert controller.cancel_goal(handle) and handle.status == "preempted"
+    assert not controller.cancel_goal(handle)
+    rig.step(600)
+    assert rig.model.q[1] == pytest.approx(at, abs=1e-3)
+
+
+def test_time_that_is_put_back_ends_no_goal(make):
+    controller, rig = make(stall_timeout=0.2)
+    rig.model.stuck.add("b")
+    rig.step(100)
+    handle = controller.submit_goal(GripperGoal(0.9, 7.0))
+    rig.step(5)
+    rig.time_ns = 0
+    rig.loop.reset()
+    rig.step(21)
+    assert handle.status == "active"
+    rig.step(2)
+    assert handle.status == "aborted"
+
+
+@pytest.mark.parametrize("goal", [GripperGoal(nan, 1.0), GripperGoal(0.1, inf)])
+def test_a_goal_of_no_number_is_refused(make, goal):
+    controller, rig = make()
+    present = controller.submit_goal(GripperGoal(0.9, 5.0))
+    handle = controller.submit_goal(goal)
+    assert handle.status == "rejected" and "not finite" in handle.result.text
+    assert present.status == "active"
+
+
+@pytest.mark.parametrize("parameters, word", [
+    ({"joint": 3}, "joint"), ({"joint": "c"}, "no joint 'c'"), ({"stall_timeout": "x"}, "stall"),
+    ({"gains": {"b": {"p": "x"}}}, "gains/b"),
+])
+def test_a_parameter_that_cannot_be_is_named(make, parameters, word):
+    with pytest.raises(ControllerError, match=word):
+        make(**parameters)

@@ -29,7 +29,7 @@ def shown(arrival, stamp, error, L=None, modelled=(True,) * 6, pose=None, goal=D
     task = None if L is None else SimpleNamespace(modelled=np.array(modelled))
     L = None if L is None else np.asarray(L, float)
     decision = SimpleNamespace(L=L, task=task, error=error, residual=None, up_to=up_to)
-    seen = SimpleNamespace(stamp=stamp, world_T_camera=pose, moments=moments)
+    seen = SimpleNamespace(others={}, stamp=stamp, world_T_camera=pose, moments=moments)
     scheme = SimpleNamespace(
         tolerances=tolerance * np.ones(len(error)), accuracy=lambda *_: accuracy
     )

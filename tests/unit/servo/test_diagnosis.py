@@ -248,7 +248,7 @@ def test_a_joint_that_stands_at_its_limit_is_the_cause_also_where_the_camera_loo
     start[0], start[1] = -0.1, 0.0
     limits = the_limits(upper={"gantry": -0.01, "J1": 0.02}, lower={"J1": -0.02})
     rig = Rig(the_servo("2016", limits=limits), start)
-    rig.servo.diagnosis._camera.fault = lambda: "the features move otherwise"
+    rig.servo.diagnosis._cameras["camera"] = doubtful("the features move otherwise")
     rig.run(0.5)
     assert rig.servo.outcome.kind == "wrong_camera_model"
     rig.run(6.0)
@@ -479,14 +479,28 @@ def test_a_joint_that_stands_is_told_though_the_loop_waits_at_times_only(gone):
     assert check.joints == ("" if gone else "J2")
 
 
+def one_camera(**known):
+    """An observation, or a goal, of one camera."""
+    made = SimpleNamespace(name="camera", others={}, **known)
+    made.cameras = {"camera": made}
+    return made
+
+
+def doubtful(fault):
+    """In place of a CameraCheck, one that has found a fault."""
+    return SimpleNamespace(
+        add=lambda *_: None, interrupt=lambda: None, fault=lambda: fault
+    )  # fmt: skip
+
+
 def seen_at(distance, decision=None):
     """A state without an answer, and the picture of a target at so many times its goal's."""
     square = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
-    observation = SimpleNamespace(
+    observation = one_camera(
         moments=Moments.from_polygon(square / distance + 0.02), touches=(), valid=True
     )
     state = SimpleNamespace(stamp=0.0, phase="holding", decision=decision, reason="no answer")
-    return state, observation, SimpleNamespace(moments=Moments.from_polygon(square))
+    return state, observation, one_camera(moments=Moments.from_polygon(square))
 
 
 @pytest.mark.parametrize(
@@ -854,7 +868,7 @@ def test_a_target_that_a_growing_swing_has_lost_before_its_frequency_is_known(gr
     for k in range(30):
         error = 20.0 * growth ** (k / 6.0) * np.cos(np.pi * k / 6.0)
         diagnosis._oscillation.add(k / 30.0, np.array([error, 1.0]))
-    gone = SimpleNamespace(valid=False, touches=(), moments=None)
+    gone = one_camera(valid=False, touches=(), moments=None)
     state = SimpleNamespace(stamp=1.0, phase="holding", decision=None, reason="gone", arrived=None)
     assert diagnosis.see(state, gone, the_goal("2016"), None).kind == kind
 
@@ -906,12 +920,10 @@ def test_a_retreat_of_a_camera_that_swings_is_the_gain_s():
 def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal():
     def arrived(fault):
         diagnosis = Diagnosis(ServoSettings())
-        diagnosis._camera = SimpleNamespace(
-            fault=lambda: fault, add=lambda *_: None, interrupt=lambda: None
-        )
+        diagnosis._cameras["camera"] = doubtful(fault)
         goal = replace(the_goal("2016"), camera=CAMERA)
-        seen = SimpleNamespace(valid=True, touches=(), moments=None, camera=CAMERA,
-                               motion=None, world_T_camera=None, dt=0.03)  # fmt: skip
+        seen = one_camera(valid=True, touches=(), moments=None, camera=CAMERA,
+                          motion=None, world_T_camera=None, dt=0.03)  # fmt: skip
         decision = SimpleNamespace(error=np.zeros(1), L=None, rate=0.0, task=None)
         left = Arrived(True, open=LeftOpen(1e-4, 2e-3))
         state = SimpleNamespace(stamp=1.0, phase=CONVERGED, decision=decision, reason="",

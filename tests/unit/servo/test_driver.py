@@ -38,9 +38,9 @@ class Bench:
         self.goal = Goal.load(PACKAGE / "config" / "goal_2016.yaml")
         self.t, self.wall, self.n = 1.0, 0.0, 0
         self.sent, self.states, self.words = [], [], []
-        observer = settings.observer(self.arm, self.servo.scheme)
+        rig = settings.rig({"camera": self.arm}, self.servo.scheme)
         self.driver = Driver(
-            self.servo, observer, settings, self, lambda: self.t, lambda: self.wall
+            self.servo, rig, settings, self, lambda: self.t, lambda: self.wall
         )
         self.q = np.array([-0.1, 0.0, 0.349, -0.262, -0.0873, 0.1745])
         self.command, self.seen = self.q.copy(), []
@@ -75,7 +75,7 @@ class Bench:
 
         def look(joints, commands):
             self.seen.append((joints, commands))
-            return self.driver.observer.of_moments(
+            return self.driver.rig.control.of_moments(
                 stamp, moments if valid else None, valid, "" if valid else "no target", CAMERA,
                 joints, commands,
             )  # fmt: skip
@@ -384,7 +384,7 @@ def test_a_late_image_is_told_from_an_answered_one_by_its_value():
     bench = servoing()
     latest = bench.servo.state
     assert latest.answers_image
-    late = bench.servo.see(bench.driver.observer.of_moments(
+    late = bench.servo.see(bench.driver.rig.control.of_moments(
         bench.t - 5.0, None, False, "no target", CAMERA))  # fmt: skip
     assert not late.answers_image and "late" in late.reason and bench.servo.state is latest
     bench.images = False

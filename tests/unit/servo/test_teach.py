@@ -12,6 +12,7 @@ from aras_visual_servo_controller.goals.teach import main
 from aras_visual_servo_controller.goals.teaching import Teacher, goal_of, mean_of
 from aras_visual_servo_controller.schemes import create_scheme
 from aras_visual_servo_controller.seeing.observation import Observer
+from aras_visual_servo_controller.seeing.rig import Rig
 
 
 def view_at(observer, stamp, joints):
@@ -24,14 +25,14 @@ def test_the_pose_is_driven_to_and_what_was_seen_is_stored(begin):
     arm, scheme = the_arm(), create_scheme("moments+points")
     wanted = the_goal("2016").joint_values(arm.names)
     sent, q = [], np.zeros(6)
-    teacher = Teacher(arm, Observer(arm, scheme.needs), wanted, sent.append)
+    teacher = Teacher(arm, Rig([Observer(arm, scheme.needs)]), wanted, sent.append)
     sag = np.array([0.0, 0.0, 0.002, -0.003, 0.0, 0.004])  # where the joints really come to rest
     for i in range(600):
         t = begin + 0.01 * i
         teacher.joints(arm.names, q, np.zeros(6), t)
         if sent:
             q = sent[-1] + sag if np.abs(sent[-1] - wanted).max() < 0.02 else sent[-1]
-        teacher.image(t, lambda joints, commands, t=t: view_at(teacher.observer, t, joints))
+        teacher.image(t, lambda joints, commands, t=t: view_at(teacher.rig.control, t, joints))
     assert teacher.there
     assert len(teacher.views) > 50
     assert np.abs(np.diff(sent, axis=0)).max() < 0.3 * 0.01 * 1.01  # slowly
@@ -49,7 +50,7 @@ def test_at_the_pose_without_images_it_is_images_that_are_missed():
     """Where the camera node does not run, the way there is not what to blame."""
     arm, sent, reasons = the_arm(), [], []
     wanted = the_goal("2016").joint_values(arm.names)
-    teacher = Teacher(arm, Observer(arm), wanted, sent.append)
+    teacher = Teacher(arm, Rig([Observer(arm)]), wanted, sent.append)
     for i in range(600):
         teacher.joints(arm.names, sent[-1] if sent else np.zeros(6), np.zeros(6), 0.01 * i)
         reasons.append(teacher.reason)
@@ -80,18 +81,19 @@ def test_views_are_averaged():
 
 def test_bad_views_and_bad_joints_are_not_kept():
     arm = the_arm()
-    teacher = Teacher(arm, Observer(arm))
+    teacher = Teacher(arm, Rig([Observer(arm)]))
     teacher.image(0.0, lambda *_: pytest.fail("not there yet"))
     teacher.joints(arm.names[:3], [0.0] * 3, [], 0.0)
     assert "lack" in teacher.reason
     teacher.joints(arm.names, np.zeros(6), [], 0.0)
-    teacher.image(0.1, lambda joints, _: lost(view_at(teacher.observer, 0.1, joints), "gone"))
+    teacher.image(0.1, lambda joints, _: lost(view_at(teacher.rig.control, 0.1, joints), "gone"))
     assert (teacher.views, teacher.reason, teacher.refused) == ([], "gone", 1)
     for _ in range(3):
-        teacher.image(0.2, lambda joints, _: lost(view_at(teacher.observer, 0.2, joints), "gone"))
+        gone = lambda joints, _: lost(view_at(teacher.rig.control, 0.2, joints), "gone")  # noqa: E731
+        teacher.image(0.2, gone)
     assert teacher.refused == 4
     teacher.joints(arm.names, the_goal("2016").joint_values(arm.names), [], 0.3)
-    teacher.image(0.3, lambda joints, _: view_at(teacher.observer, 0.3, joints))
+    teacher.image(0.3, lambda joints, _: view_at(teacher.rig.control, 0.3, joints))
     assert (len(teacher.views), teacher.refused) == (1, 0)
 
 

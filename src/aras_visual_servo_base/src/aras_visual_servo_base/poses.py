@@ -318,6 +318,14 @@ def skew(v: Sequence[float]) -> np.ndarray:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
+def adjoint(a_T_b: np.ndarray) -> np.ndarray:
+    """(6, 6) of two frames on one rigid body: the twist of a in a is this @ that of b in b."""
+    turned = np.zeros((6, 6))
+    turned[:3, :3] = turned[3:, 3:] = a_T_b[:3, :3]
+    turned[:3, 3:] = skew(a_T_b[:3, 3]) @ a_T_b[:3, :3]
+    return turned
+
+
 def exponential(twist: Sequence[float]) -> np.ndarray:
     """a_T_b (4, 4) after one second of a constant twist (6,) of b in b, from b = a."""
     vx, vy, vz, x, y, z = (float(rate) for rate in twist)

@@ -31,6 +31,7 @@ from .arm import (
 )
 from .arm.fold import find
 from .errors import ConfigurationError
+from .features.of_camera import check_steering
 from .goals.goal import Goal
 from .goals.starts import start_joints
 from .goals.teaching import by_geometry
@@ -39,7 +40,8 @@ from .laws.base import GREATEST_GAIN
 from .loop.servo import Servo
 from .loop.state import ByJoint, ServoSettings, by_joint
 from .schemes import JointController, Scheme, create_scheme
-from .seeing.observation import Need, Observer
+from .seeing.observation import CAMERA, Need, Observer
+from .seeing.rig import Rig, StandingCamera, beside
 
 # Parameters that laws take by these names.
 LAW_GAINS = {
@@ -51,6 +53,7 @@ LAW_GAINS = {
 # Parameters that are said for some of the joints, by name.
 BY_JOINT = ("max_velocity", "max_acceleration", "lower", "upper", "posture", "elbow", "lead",
             "stiffness", "damping", "controllers")  # fmt: skip
+NONE: Mapping[str, Any] = {}
 OUTLINE = "outline"  # the tracker that takes the corners of what was segmented
 # Names of former versions.
 ALIASES = {"pitch_gain": "hold_gain"}
@@ -63,6 +66,19 @@ def of_loop(name: str) -> Any:
     """The parameter that is a setting of the loop itself, as that has it."""
     field = ServoSettings.__dataclass_fields__[name]
     return parameter(field.default, **field.metadata)
+
+
+@dataclass(frozen=True)
+class CameraEntry:
+    """One of several cameras of a node.
+
+    frame: of it, in the description. namespace: of its image_raw, camera_info and depth/image_raw.
+    features: namespace of what a camera node measures in its images, moments and kernel.
+    """
+
+    frame: str
+    namespace: str = ""
+    features: str = ""
 
 
 @dataclass(frozen=True)
@@ -102,6 +118,7 @@ class Settings:
     elbow: side to which stretched elbows bend: -1 or 1, or by joint.
     wall_watchdog: s, of wall time without one, likewise.
     camera_frame: of the camera, in the description.
+    cameras: several by name, in place of camera_frame and camera_namespace: see CameraEntry.
     base_frame: link that the arm stands on; empty: the root.
     target_frame: link that carries the target, where the arm moves it.
     joints: names of the joints to use; empty: all that move the camera.
@@ -158,6 +175,7 @@ class Settings:
     stiffness: ByJoint = of_loop("stiffness")
     damping: ByJoint = of_loop("damping")
     camera_frame: str = parameter("camera_optical_frame")
+    cameras: Mapping[str, CameraEntry] = parameter({})
     base_frame: str = parameter("")
     target_frame: str = parameter("")
     joints: tuple[str, ...] = parameter(())
@@ -237,9 +255,7 @@ class Settings:
     def arm(self, urdf: str) -> Arm:
         """The arm of a description; ConfigurationError as Arm.from_urdf, or for controllers of
         joints that it has not."""
-        arm = Arm.from_urdf(
-            urdf, self.camera_frame, self.base_frame, self.joints or None, self.target_frame
-        )
+        arm = self._arm_of(urdf, self.camera_of(self.read_by(self.make_scheme())[0]).frame)
         for joint, controller in self.controllers.items():
             known = arm.names if joint in arm.names else parse_tree(urdf).joints
             if joint not in known:
@@ -252,6 +268,57 @@ class Settings:
                     f"of a controller, as {joint}_{self.output}_controller"
                 )
         return arm
+
+    def _arm_of(self, urdf: str, frame: str) -> Arm:
+        return Arm.from_urdf(
+            urdf, frame, self.base_frame, self.joints or None, self.target_frame
+        )
+
+    def camera_of(self, name: str) -> CameraEntry:
+        """Frame and topics of the camera of a name."""
+        features = f"{self.namespace.rstrip('/')}/camera"
+        if not self.cameras:
+            return CameraEntry(self.camera_frame, self.camera_namespace.rstrip("/"), features)
+        entry = self.cameras[name]
+        return replace(
+            entry, namespace=(entry.namespace or f"/{name}").rstrip("/"),
+            features=(entry.features or f"{features}/{name}").rstrip("/"),
+        )  # fmt: skip
+
+    def read_by(self, scheme: Scheme | JointController) -> tuple[str, ...]:
+        """Names of the cameras that a scheme reads, in their own order: the first is the control
+        camera.
+
+        Raises:
+            ConfigurationError: it names one that there is not.
+        """
+        known = tuple(self.cameras or (CAMERA,))
+        read = {name or known[0] for name in scheme.cameras or ("",)}
+        for name in read:
+            if name not in known:
+                raise ConfigurationError(
+                    f"scheme '{self.scheme}' reads the camera '{name}': {nearest(name, known)}"
+                )
+        return tuple(name for name in known if name in read)
+
+    def others(self, urdf: str, arm: Arm) -> dict[str, Arm | StandingCamera]:
+        """What moves the other cameras that the scheme reads, by their names.
+
+        Raises:
+            ConfigurationError: one of them sits elsewhere on the arm than the control camera, or
+                stands still where it is to steer.
+        """
+        others: dict[str, Arm | StandingCamera] = {}
+        scheme = self.make_scheme()
+        for name in self.read_by(scheme)[1:]:
+            frame = self.camera_of(name).frame
+            place = None if self.target_frame else Arm.standing(urdf, frame, self.base_frame)
+            if place is None:
+                others[name] = beside(arm, self._arm_of(urdf, frame), name)
+            else:
+                check_steering(getattr(scheme, "features", ()), name)
+                others[name] = StandingCamera(place)
+        return others
 
     def make_law(self) -> Law:
         """The law with its gains; ConfigurationError for what it refuses."""
@@ -359,6 +426,7 @@ class Settings:
         clock: Callable[[], float] | None = None,
         scheme: Scheme | JointController | None = None,
         resolver: Resolver | None = None,
+        others: Mapping[str, Arm | StandingCamera] = NONE,
     ) -> Servo:
         """The loop that these parameters describe.
 
@@ -368,6 +436,7 @@ class Settings:
             clock: s, to tell a scheme that takes too long.
             scheme: None: the one that `scheme` names.
             resolver: None: the one that these parameters describe.
+            others: what moves the other cameras that the scheme reads, by name.
 
         Raises:
             ConfigurationError: what cannot be, and what would be right.
@@ -382,7 +451,7 @@ class Settings:
         values["duration"] = self.duration or np.inf
         scheme = scheme if scheme is not None else self.make_scheme()
         if goal is None:
-            goal = self.load_goal().for_arm(arm)
+            goal = self.load_goal().for_cameras({self.read_by(scheme)[0]: arm, **others})
             if self.tracker == OUTLINE:  # other points than its corners are for trackers to teach
                 goal = by_geometry(goal, scheme)
         return Servo(
@@ -395,13 +464,29 @@ class Settings:
             self.scheme,
         )
 
-    def observer(
-        self, arm: Arm, scheme: Scheme | JointController, goal: Goal | None = None
-    ) -> Observer:
-        """What makes observations for that scheme; `goal`: as the loop has it."""
+    def rig(
+        self,
+        arms: Mapping[str, Arm | StandingCamera | None],
+        scheme: Scheme | JointController,
+        goal: Goal | None = None,
+    ) -> Rig:
+        """What makes observations for that scheme.
+
+        Args:
+            arms: what moves the cameras that it reads, by name, the control camera first.
+            goal: as the loop has it.
+        """
         depth = frozenset((Need.DEPTH,)) if self.depth_image else frozenset()
-        plane_from = None if goal is None else goal.plane_from
-        return Observer(arm, scheme.needs | depth, None, self.make_tracker(), plane_from)
+        control = next(iter(arms))
+        return Rig(
+            Observer(
+                arm, scheme.needs_of(*(("", name) if name == control else (name,))) | depth, None,
+                self.make_tracker(),
+                None if goal is None or name not in goal.cameras else goal.cameras[name].plane_from,
+                name,
+            )
+            for name, arm in arms.items()
+        )  # fmt: skip
 
     def make_tracker(self) -> Tracker | None:
         """What finds the points of the target; None: the outline's corners."""

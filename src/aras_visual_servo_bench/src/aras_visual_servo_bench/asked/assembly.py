@@ -2,43 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from aras_visual_servo_base.poses import inverse, transform
+from aras_visual_servo_base.poses import inverse, relative, transform
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.arm.limits import check_inside
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError, UnreachableError
+from aras_visual_servo_controller.features.of_camera import check_steering
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.goals.starts import start_joints
 from aras_visual_servo_controller.loop.servo import Servo
 from aras_visual_servo_controller.schemes import JointController, Scheme
-from aras_visual_servo_controller.seeing.observation import Need, Observation, Observer
+from aras_visual_servo_controller.seeing.observation import Need, Observation
+from aras_visual_servo_controller.seeing.rig import Rig, StandingCamera
 from aras_visual_servo_controller.settings import Settings
 
 from ..errors import ExperimentError, ViewError
 from ..plants import CameraReading, Plant
+from ..plants.base import Place
 from ..plants.free_body import FreeBody
 from ..plants.ideal import ExactResolver, IdealCamera
 from ..targets.geometry import PlacedTarget, RoundTarget
 from ..targets.outlines import shape_of
-from . import cameras
+from .cameras import Eye
 from .experiment import FLYING, CameraPose, Experiment, Sampler
+from .goal_views import GoalViews, observed
 from .loop_settings import named_goal, settings_of
 from .plant_making import PlantMaker
 from .robots import Robot
 from .sampling import draw_start
 
-# What is taught from a picture as the loop will see it: its own errors are then none of the goal.
-PICTURED = {Need.IMAGE, Need.CONTOUR, Need.CORNERS}
 OF_PICTURES = {Need.IMAGE, Need.KERNEL}  # exact features have none
-ELSEWHERE = "give a goal from where the camera sees it, or move the target"
 
 
 Wrap = Callable[[Scheme | JointController], Scheme | JointController]
@@ -49,25 +50,32 @@ class Assembly:
     """What a run needs.
 
     Attributes:
-        plant: at its start. settings: of the loop. servo: the loop. observer: of its images.
-        camera: as the controller believes it. goal: of the loop.
+        plant: at its start. settings: of the loop. servo: the loop. rig: of its images.
+        eyes: the cameras by name, the control camera first. goal: of the loop.
         goal_pose: world_T_camera (4, 4) where the true camera was when the goal was shown; of one
             that is computed, where it says. target: in the world.
+        places: where the other cameras are beside the control camera.
     """
 
     plant: Plant
     settings: Settings
     servo: Servo
-    observer: Observer
-    camera: CameraModel
+    rig: Rig
+    eyes: Mapping[str, Eye]
     goal: Goal
     goal_pose: np.ndarray
     target: PlacedTarget
+    places: Mapping[str, Place]
+
+    @property
+    def camera(self) -> CameraModel:
+        """The control camera as the controller believes it."""
+        return self.eyes[self.rig.control.name].believed
 
     @property
     def needs(self) -> frozenset[Need]:
-        """What the loop wants of an image."""
-        return self.observer.needs
+        """What the loop wants of the control camera's image."""
+        return self.rig.control.needs
 
     def observe(self, reading: CameraReading, joints: Any, commands: tuple = ()) -> Observation:
         """The observation of a camera's reading, as the controller makes it.
@@ -77,66 +85,53 @@ class Assembly:
         plane = None
         if isinstance(self.plant, IdealCamera):
             plane = self.servo.goal.plane_from(self.servo.arm.pose(joints.positions))
-        return _observed(
-            self.observer, reading, self.plant.camera, self.camera, joints=joints,
+        return observed(
+            self.rig.observers[reading.camera], reading, self.eyes[reading.camera], joints=joints,
             commands=commands, plane=plane,
         )  # fmt: skip
-
-
-def _observed(
-    observer: Observer,
-    reading: CameraReading,
-    true_camera: CameraModel,
-    camera: CameraModel,
-    **known: Any,
-) -> Observation:
-    """What the true camera has delivered, read through the one that the controller believes in.
-
-    Args:
-        known: further arguments of `Observer.of_image` and `of_exact`.
-    """
-    if reading.pictured:
-        return observer.of_image(
-            reading.stamp, reading.picture, camera, depth=reading.depth, **known
-        )
-    return observer.of_exact(
-        reading.stamp, camera,
-        contour=cameras.read(reading.outline, true_camera, camera, closed=True),
-        points=cameras.read(reading.points, true_camera, camera), **known,
-    )  # fmt: skip
 
 
 class _Builder:
     """Works out the parts one after the other; each is needed by the next."""
 
-    def __init__(self, experiment: Experiment, wrap: Wrap | None = None) -> None:
+    def __init__(
+        self, experiment: Experiment, wrap: Wrap | None = None, watched: bool = True
+    ) -> None:
         self.experiment = experiment = experiment.placed
         self.robot = Robot(
-            experiment.robot, experiment.camera_xyz, experiment.camera_rpy, experiment.friction
-        )
-        settings = cameras.preset(
-            experiment.camera, self.robot.packages, experiment.robot.cameras
-        )
-        self.true_arm = self.robot.arm()
-        self.true_camera = cameras.model_of(settings)
-        self.camera = experiment.believed.camera(self.true_camera)
+            experiment.robot, experiment.camera_xyz, experiment.camera_rpy, experiment.friction,
+            experiment.cameras,
+        )  # fmt: skip
+        eyes = {
+            name: Eye.of(name, spec, self.robot.packages, experiment.robot.cameras)
+            for name, spec in experiment.seen_by.items()
+        }
         self.target = _target(experiment)
         self.loop_settings = settings_of(experiment, self.robot)
         try:
             self.scheme = self.loop_settings.make_scheme()
             if wrap is not None:
                 self.scheme = wrap(self.scheme)
-            self.needs = self.loop_settings.observer(self.true_arm, self.scheme).needs
+            read = self.loop_settings.read_by(self.scheme)
+            _check_standing(experiment, read)
+            self.true_arm = self.robot.arm(read[0])
+            rig = self.loop_settings.rig(dict.fromkeys(read), self.scheme)
         except ConfigurationError as error:
             raise ExperimentError(str(error)) from error
+        self.needs = {name: observer.needs for name, observer in rig.observers.items()}
+        seeing = [*read, *(name for name in eyes if watched and name not in read)]
+        self.eyes = {name: eyes[name] for name in seeing}
+        self.control = self.eyes[read[0]]
         self.plants = PlantMaker(
-            experiment, self.robot, settings, self.true_camera, self.target, self.needs
-        )
+            experiment, self.robot, self.control,
+            {name: self.eyes[name] for name in seeing[1:]}, self.target, self.needs,
+        )  # fmt: skip
+        self.views = GoalViews(self.plants, self.loop_settings, self.scheme)
 
     def assemble(self) -> Assembly:
         """All of it; ExperimentError for what cannot be."""
-        self._check_scheme()
         try:
+            self._check_scheme()
             return self._assembled()
         except (ServoError, ViewError) as error:
             raise ExperimentError(str(error)) from error
@@ -144,30 +139,41 @@ class _Builder:
     def _assembled(self) -> Assembly:
         pose, joints, named = self._wanted()
         arm, believed_arm = self._arms(pose)
-        goal = None if named is None else self._computed(named, believed_arm)
+        others = self._others(pose, believed_arm)
+        goal = None
+        if named is not None:
+            goal = self._computed(named, {self.control.name: believed_arm, **others})
         if goal is None:
-            rest, mounting = np.zeros(len(arm.names)), np.eye(4)
+            rest = np.zeros(len(arm.names))
+            mountings = {self.control.name: np.eye(4)}
             if believed_arm is not arm:
-                mounting = inverse(arm.pose(rest)) @ believed_arm.pose(rest)
-            goal = self._shown(pose, mounting, joints, "goal" if named is None else named.name)
+                mountings[self.control.name] = inverse(arm.pose(rest)) @ believed_arm.pose(rest)
+            for name, other in others.items():
+                true = self.plants.places[name].at(arm.pose(rest))
+                mountings[name] = relative(true, other.pose(rest))
+            name = "goal" if named is None else named.name
+            goal = self.views.taught(pose, mountings, joints, name, others)
         else:
             pose = goal.world_T_camera
-        if self.experiment.believed.depth != 1.0:
-            goal = _deeper(goal, self.experiment.believed.depth)
+            if others:
+                self.views.check(pose)
+        goal = self._deeper(goal)
         start = self._start(arm, pose)
         resolver = None
         if self.experiment.plant == "ideal":
             resolver = ExactResolver(
-                believed_arm, self.plants.rate, self.experiment.ideal.speed
+                believed_arm, self.control.rate, self.experiment.ideal.speed
             )
         servo = self.loop_settings.build(
             believed_arm, goal, scheme=self.scheme, resolver=resolver
         )
-        observer = self.loop_settings.observer(believed_arm, self.scheme, servo.goal)
+        arms = {self.control.name: believed_arm, **others}
+        rig = self.loop_settings.rig(arms, self.scheme, servo.goal)
         plant = self.plants.plant(arm, start)
         return Assembly(
-            plant, self.loop_settings, servo, observer, self.camera, goal, pose, self.target
-        )
+            plant, self.loop_settings, servo, rig, self.eyes, goal, pose, self.target,
+            self.plants.places,
+        )  # fmt: skip
 
     def check(self) -> None:
         """ExperimentError for what is wrong before a world is made: names, files, poses."""
@@ -178,14 +184,19 @@ class _Builder:
                 self._start(self.true_arm, np.eye(4))
             pose, _, named = self._wanted()
             if named is None:
-                self._check_view(pose)
+                self.views.check(pose)
         except (ServoError, ViewError) as error:
             raise ExperimentError(str(error)) from error
 
     def _check_scheme(self) -> None:
         """ExperimentError for a scheme that can do nothing with what it will be given."""
         experiment = self.experiment
-        if Need.CORNERS in self.needs and isinstance(self.target.shape, RoundTarget):
+        for name in self.needs:
+            place = self.plants.places.get(name)
+            if place is not None and place.stands:
+                check_steering(getattr(self.scheme, "features", ()), name)
+        needs = frozenset().union(*self.needs.values())
+        if Need.CORNERS in needs and isinstance(self.target.shape, RoundTarget):
             raise ExperimentError(
                 f"target '{experiment.target.shape}' has no corners, which scheme "
                 f"'{experiment.scheme}' needs: use area"
@@ -195,38 +206,43 @@ class _Builder:
                 f"scheme '{experiment.scheme}' answers joints, the ideal camera has none: "
                 "use plant bullet, chain or free"
             )
-        if self.needs & OF_PICTURES and not experiment.pictures:
+        if needs & OF_PICTURES and not experiment.pictures:
             raise ExperimentError(
                 f"scheme '{experiment.scheme}' looks at pictures, and there are none with exact "
                 "features: give features: pictures"
-            )
-
-    def _check_view(self, pose: np.ndarray) -> None:
-        """ExperimentError for a goal that is shown where the target is not in view."""
-        try:
-            outline = self.target.shape.outline(self.target.seen_from(pose))
-        except ViewError as error:
-            raise ExperimentError(f"goal: {error}: {ELSEWHERE}") from error
-        if self.experiment.pictures:
-            seen = (cameras.draw(outline, self.true_camera) < cameras.WHITE).any()
-        else:
-            seen = self.plants.unbounded or cameras.in_view(outline, self.true_camera, 0.0)
-        if not seen:
-            raise ExperimentError(
-                f"the goal is shown where the target is not in the camera's view: {ELSEWHERE}"
             )
 
     # -- goal ------------------------------------------------------------------------------
 
     def _arms(self, pose: np.ndarray) -> tuple[Arm | FreeBody, Arm | FreeBody]:
         """The true arm and the believed one; of a camera that flies, about the goal's pose."""
-        believed = self.experiment.believed
+        believed = self.control.spec.believed
         if self.experiment.plant not in FLYING:
-            return self.true_arm, self.robot.believed_arm(believed.xyz, believed.rpy)
+            return self.true_arm, self.robot.believed_arm(
+                believed.xyz, believed.rpy, self.control.name
+            )
         body = FreeBody(pose)
         if not believed.moved:
             return body, body
         return body, FreeBody(pose, transform(believed.xyz, believed.rpy))
+
+    def _others(
+        self, pose: np.ndarray, control: Arm | FreeBody
+    ) -> dict[str, Arm | FreeBody | StandingCamera]:
+        """What is believed to move the other cameras that the scheme reads, by their names.
+
+        Args:
+            pose: world_T_camera (4, 4) of the true control camera at the goal.
+        """
+        others: dict[str, Arm | FreeBody | StandingCamera] = {}
+        for name in list(self.needs)[1:]:
+            if self.experiment.plant not in FLYING:
+                others[name] = self.robot.arm_of(name, control, believed=True)
+                continue
+            place, belief = self.plants.places[name], self.eyes[name].spec.believed
+            seat = place.pose @ transform(belief.xyz, belief.rpy)
+            others[name] = StandingCamera(seat) if place.stands else FreeBody(pose, seat)
+        return others
 
     def _wanted(self) -> tuple[np.ndarray, Mapping[str, float], Goal | None]:
         """Where the true camera is at the goal, world_T_camera (4, 4); the joints there, by name,
@@ -256,38 +272,26 @@ class _Builder:
         check_inside(joints, self.true_arm, "goal")
         return joints
 
-    def _computed(self, goal: Goal, arm: Arm | FreeBody) -> Goal | None:
-        """A named goal as the believed arm sees it; None where it lacks what the scheme needs."""
-        goal = goal.for_arm(arm)
+    def _computed(
+        self, goal: Goal, arms: Mapping[str, Arm | FreeBody | StandingCamera]
+    ) -> Goal | None:
+        """A named goal as the believed cameras see it; None where it lacks what the scheme
+        needs."""
+        goal = goal.for_cameras(arms)
         try:
             self.scheme.check(goal)
         except ConfigurationError:
             return None
         return goal
 
-    def _shown(
-        self, pose: np.ndarray, mounting: np.ndarray, joints: Mapping[str, float], name: str
-    ) -> Goal:
-        """What the controller makes of the true camera's view at the goal.
-
-        Args:
-            pose: world_T_camera (4, 4) of the true camera.
-            mounting: (4, 4) of the believed camera in the true one.
-        """
-        self._check_view(pose)
-        believed = pose @ mounting
-        seen_from = self.target.seen_from(believed)
-        if self.experiment.plant == "bullet" and self.experiment.pictures and self.needs & PICTURED:
-            reading = self.plants.picture(pose, joints)
-        else:
-            reading = self.plants.sight(exactly=True).look(pose, 0, np.random.default_rng(0))
-        observer = self.loop_settings.observer(None, self.scheme)
-        observation = _observed(
-            observer, reading, self.true_camera, self.camera, world_T_camera=believed,
-            plane=self.target.shape.plane(seen_from),
-        )  # fmt: skip
-        goal = Goal.teach(self.scheme, observation, name, self.target.shape.depth(seen_from))
-        return replace(goal, joints=dict(joints))
+    def _deeper(self, goal: Goal) -> Goal:
+        """The goal with its depths as they are believed."""
+        deeper = {
+            name: _deeper(one, self.eyes[name].spec.believed.depth)
+            for name, one in goal.cameras.items() if name in self.eyes
+        }  # fmt: skip
+        own = deeper.pop(self.control.name)
+        return replace(own, others=deeper) if deeper else own
 
     # -- start -----------------------------------------------------------------------------
 
@@ -296,14 +300,15 @@ class _Builder:
         if isinstance(start, Sampler):
             near = np.zeros(len(arm.names))
             if isinstance(arm, Arm):
-                spec = self.experiment.robot
-                frames = spec.camera_frame, spec.target_frame
+                frames = arm.camera_frame, arm.target_frame
                 found = _joints_of(self.robot.urdf, frames, goal_pose.tobytes())
                 # A goal out of reach is an outcome, and starts can be found all the same.
                 near = near if found is None else np.array(found)
             return draw_start(
-                start, arm, goal_pose, near, self.target, self.true_camera, self.experiment.seed
-            )
+                start, arm, goal_pose, near, self.target, self.control.true,
+                self.experiment.seed,
+                [(self.plants.places[n], self.eyes[n].true) for n in list(self.needs)[1:]],
+            )  # fmt: skip
         if isinstance(start, CameraPose):
             pose = transform(start.pose[:3], start.pose[3:])
             return arm.inverse(pose, np.zeros(len(arm.names)))
@@ -334,16 +339,32 @@ def check(experiment: Experiment) -> None:
     _Builder(experiment).check()
 
 
-def assemble(experiment: Experiment, wrap: Wrap | None = None) -> Assembly:
+def assemble(
+    experiment: Experiment, wrap: Wrap | None = None, watched: bool = True
+) -> Assembly:
     """The parts of an experiment, at its start.
 
     Args:
         wrap: makes the loop's scheme of the one that the experiment names; None: it is that.
+        watched: whether cameras that the scheme does not read are there.
 
     Raises:
         ExperimentError: what of it cannot be, and what would be right.
     """
-    return _Builder(experiment, wrap).assemble()
+    return _Builder(experiment, wrap, watched).assemble()
+
+
+def _check_standing(experiment: Experiment, read: Sequence[str]) -> None:
+    """ExperimentError for a control camera that the arm moves as little as what it looks at."""
+    spec = experiment.seen_by[read[0]]
+    if spec.pose is not None and (
+        experiment.plant in FLYING or not experiment.robot.target_frame
+    ):
+        raise ExperimentError(
+            f"camera '{read[0]}' stands in the world, and the arm moves nothing that it sees: have "
+            f"scheme '{experiment.scheme}' read a camera in the hand, or give the link that "
+            "carries the target as robot.target_frame"
+        )
 
 
 def _target(experiment: Experiment) -> PlacedTarget:
@@ -354,6 +375,8 @@ def _target(experiment: Experiment) -> PlacedTarget:
 
 def _deeper(goal: Goal, factor: float) -> Goal:
     """The goal with its depth, and its plane's, multiplied: what a wrong belief makes of it."""
+    if factor == 1.0:
+        return goal
     depth = None if goal.depth is None else goal.depth * factor
     plane = None if goal.plane is None else Plane(*(part / factor for part in goal.plane))
     return replace(goal, depth=depth, plane=plane)

@@ -11,6 +11,7 @@ import numpy as np
 from aras_sim_bridge.camera import CameraConfig
 from aras_sim_bridge.errors import CameraError
 from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.poses import inverse, optical, transform
 from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import CalibrationError
@@ -20,6 +21,7 @@ from ..errors import ExperimentError, require
 from .packages import PackagePath
 
 PRESETS = "config/cameras"
+Six = tuple[float, float, float, float, float, float]
 WHITE, DARK = 255, 0  # grey levels of a drawn picture, as the renderer has table and target
 
 
@@ -59,6 +61,83 @@ class Belief:
             return CameraModel(true.width, true.height, tuple(K.ravel().tolist()), D, true.model)
         except CalibrationError as error:
             raise ExperimentError(f"believed camera: {error}") from None
+
+
+@dataclass(frozen=True)
+class CameraSpec:
+    """One of several cameras of an experiment.
+
+    model: name of a preset, path of a YAML file, or the settings: the true one.
+    rate: pictures a second; None: the model's.
+    xyz, rpy: where it sits in the hand, beside the robot's own camera: in camera_link (x forward, y
+        left, z up), m and rad.
+    pose: of its optical frame in the world (the arm's base), x, y, z (m), roll, pitch, yaw (rad):
+        of one that stands there, and not in the hand.
+    delay: s from an exposure to when the loop has the picture.
+    believed: how the controller's idea of it differs; see Belief.
+    """
+
+    model: str | Mapping[str, Any] = "original"
+    rate: float | None = parameter(None, "1/s", above=0.0)
+    xyz: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "m")
+    rpy: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "rad")
+    pose: Six | None = parameter(None, "m, rad")
+    delay: float = parameter(0.0, "s", least=0.0)
+    believed: Belief = Belief()
+
+    def __post_init__(self) -> None:
+        check(self, ExperimentError, "cameras")
+        require(
+            self.pose is None or not (any(self.xyz) or any(self.rpy)),
+            "a camera has a pose in the world, or xyz and rpy in the hand, not both",
+        )
+
+    @property
+    def own(self) -> bool:
+        """Whether it sits where the robot's own camera does."""
+        return self.pose is None and not (any(self.xyz) or any(self.rpy))
+
+    def place(self, believed: bool = False) -> np.ndarray:
+        """(4, 4) of its optical frame: in the world, or in that of the robot's own camera.
+
+        believed: as the controller has it.
+        """
+        link = optical(np.eye(4))
+        seat = transform(self.xyz, self.rpy)
+        if self.pose is not None:
+            seat = link @ transform(self.pose[:3], self.pose[3:]) @ inverse(link)
+        if believed:
+            seat = seat @ transform(self.believed.xyz, self.believed.rpy)
+        return inverse(link) @ seat @ link
+
+
+@dataclass(frozen=True, eq=False)
+class Eye:
+    """A camera of an experiment, with its files read.
+
+    settings: as the simulator takes them. true: its intrinsics. believed: those that the controller
+    uses.
+    """
+
+    name: str
+    spec: CameraSpec
+    settings: Mapping[str, Any]
+    true: CameraModel
+    believed: CameraModel
+
+    @classmethod
+    def of(cls, name: str, spec: CameraSpec, packages: PackagePath, robot: str) -> Eye:
+        """Read; see `preset`."""
+        settings = preset(spec.model, packages, robot)
+        if spec.rate is not None:
+            settings["update_rate"] = spec.rate
+        true = model_of(settings)
+        return cls(name, spec, settings, true, spec.believed.camera(true))
+
+    @property
+    def rate(self) -> float:
+        """Pictures a second."""
+        return float(self.settings.get("update_rate", 30.0))
 
 
 def preset(camera: str | Mapping[str, Any], packages: PackagePath, robot: str) -> dict[str, Any]:

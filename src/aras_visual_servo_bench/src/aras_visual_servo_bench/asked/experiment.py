@@ -15,11 +15,12 @@ from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_base.settings import annotations, build, check, convert, parameter
 from aras_visual_servo_base.yaml_files import read_yaml
+from aras_visual_servo_controller.seeing.observation import CAMERA
 
 from ..errors import ExperimentError, require
 from ..targets.geometry import Motion
 from ..targets.outlines import NAMES
-from .cameras import Belief
+from .cameras import Belief, CameraSpec
 from .relative_start import RelativeStart
 from .robots import RobotSpec
 
@@ -161,8 +162,10 @@ class Experiment:
         world in its place.
     sun: see SunSpec (bullet).
     camera: name of a preset, path of a YAML file, or the settings: the true one.
-    camera_xyz, camera_rpy: how it is moved in its link, m and rad.
+    camera_xyz, camera_rpy: how it is moved in its link, m and rad; all that hangs on it goes along.
     believed: how the controller's idea of the camera differs; see Belief.
+    cameras: several cameras by name, in place of camera and believed; see CameraSpec. A scheme says
+        which it reads ('points@left+points@right', by default the first); the others only watch.
     features: 'pictures', 'exact' (the truth of them, without picture, tracker and noise), 'auto':
         pictures of the Bullet arm.
     noise: of grey levels, standard deviation. jitter: of exact features, px.
@@ -191,6 +194,7 @@ class Experiment:
     camera_xyz: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "m")
     camera_rpy: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "rad")
     believed: Belief = Belief()
+    cameras: Mapping[str, CameraSpec] = parameter({})
     features: str = parameter("auto", choices=FEATURES)
     noise: float = parameter(0.0, "grey levels", least=0.0)
     jitter: float = parameter(0.0, "px", least=0.0)
@@ -217,6 +221,7 @@ class Experiment:
             if isinstance(value, Mapping | list):  # as in a file: believed={"focal": 0.9}
                 object.__setattr__(self, name, convert(value, hint, name, ExperimentError))
         check(self, ExperimentError)
+        self._check_cameras()
         if self.plant == "bullet":
             own = not (self.target.motion.still and not any(self.target.pose))
             require(
@@ -249,6 +254,24 @@ class Experiment:
             "jitter is for exact features: give noise for pictures",
         )
         require(self.pictures or not self.noise, "noise is for pictures: give jitter, in px")
+
+    def _check_cameras(self) -> None:
+        if not self.cameras:
+            return
+        require(
+            self.camera == "original" and self.believed == Belief(),
+            "camera and believed are of an experiment with one camera: cameras has them for each",
+        )
+        require(self.plant != "ideal", "plant 'ideal' has one camera: use free, chain or bullet")
+        for name in self.cameras:
+            require(name.isidentifier(), f"cameras: '{name}' is no name: letters, digits and _ are")
+
+    @property
+    def seen_by(self) -> Mapping[str, CameraSpec]:
+        """Its cameras by name; `camera` is the only one of them where `cameras` names none."""
+        if self.cameras:
+            return self.cameras
+        return {CAMERA: CameraSpec(self.camera, believed=self.believed)}
 
     @property
     def pictures(self) -> bool:

@@ -44,6 +44,7 @@ def settings_of(experiment: Experiment, robot: Robot | None = None) -> Settings:
         "start": "none",
         "lockstep": experiment.commands == "images",
         "tracker": tracker_of(experiment.target.shape),
+        "cameras": {name: {"frame": name} for name in experiment.cameras},
         **(FREE if experiment.plant in FLYING else {}),
         **(IDEAL if experiment.plant == "ideal" else {}),
         **experiment.options,

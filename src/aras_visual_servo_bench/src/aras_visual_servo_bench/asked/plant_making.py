@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from aras_sim_bridge.description import Light
 from aras_sim_bridge.description.lights import SUN
-from aras_visual_servo_base.poses import transform
-from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_base.poses import relative, transform
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.seeing.observation import Need
 
 from ..errors import ExperimentError
 from ..plants import CameraReading, Plant
+from ..plants.base import Place
 from ..plants.bullet_arm import BulletArm, ShownTarget
 from ..plants.free_body import FreeBody
 from ..plants.ideal import IdealCamera
@@ -24,11 +25,13 @@ from ..plants.kinematic import FreeCamera, KinematicChain, Sight
 from ..targets.files import description_file
 from ..targets.geometry import PlacedTarget
 from ..targets.textures import TexturedTarget
-from .experiment import Experiment, SunSpec
+from .cameras import Eye
+from .experiment import FLYING, Experiment, SunSpec
 from .robots import Robot
 
 PATIENCE_NS = 1_000_000_000  # for the one picture that a goal is taught by
 CHANCE = {"noise_stddev", "shot_noise", "drop_probability"}  # of a camera's effects
+WATCHES: frozenset[Need] = frozenset()  # what a camera that steers nothing is asked for
 # The demo's target as the launch files put it into the world: a model whose origin lies there.
 PLATES = "package://aras_visual_servo_gazebo/targets/aras.urdf"
 PLATES_AT = (0.0, 0.0, 0.591)
@@ -37,30 +40,48 @@ PLATES_AT = (0.0, 0.0, 0.591)
 @dataclass(frozen=True, eq=False)
 class PlantMaker:
     """Attributes:
-        settings: of the camera, as the simulator takes them. camera: the true one.
-        target: in the world. needs: of the loop.
+        control: the control camera. others: the other cameras that are there, by name.
+        target: in the world. needs: of the loop, by the name of the camera; none of one that only
+            watches.
     """
 
     experiment: Experiment
     robot: Robot
-    settings: Mapping[str, Any]
-    camera: CameraModel
+    control: Eye
+    others: Mapping[str, Eye]
     target: PlacedTarget
-    needs: frozenset[Need]
+    needs: Mapping[str, frozenset[Need]]
 
-    @property
-    def rate(self) -> float:
-        """Pictures a second."""
-        return float(self.settings.get("update_rate", 30.0))
+    @cached_property
+    def places(self) -> dict[str, Place]:
+        """Where the other cameras are beside the control camera."""
+        own, places = self.control, {}
+        flies = self.experiment.plant in FLYING
+        arm = None if flies else self.robot.arm(own.name)
+        for name, eye in self.others.items():
+            if eye.spec.pose is not None and (flies or not self.robot.spec.target_frame):
+                places[name] = Place(eye.spec.place(), stands=True)
+            elif flies:
+                places[name] = Place(relative(own.spec.place(), eye.spec.place()))
+            else:
+                other, rest = self.robot.arm_of(name, arm), np.zeros(len(arm.names))
+                places[name] = Place(relative(arm.pose(rest), other.pose(rest)))
+        return places
 
     @property
     def unbounded(self) -> bool:
         """Whether what leaves the picture is seen all the same."""
         return self.experiment.plant == "ideal" and self.experiment.ideal.unbounded
 
-    def sight(self, exactly: bool = False) -> Sight:
-        """How plants without a renderer see; `exactly`: as for teaching, without noise."""
-        experiment = self.experiment
+    def sights(self, exactly: bool = False) -> list[Sight]:
+        """How plants without a renderer see, the control camera first; `exactly`: see `sight`."""
+        return [self.sight(self.control, exactly)] + [
+            self.sight(eye, exactly) for eye in self.others.values()
+        ]
+
+    def sight(self, eye: Eye, exactly: bool = False) -> Sight:
+        """How a camera sees without a renderer; `exactly`: as for teaching, without noise."""
+        experiment, needs = self.experiment, self.needs.get(eye.name, WATCHES)
         pictures = experiment.pictures and not (exactly and experiment.plant == "bullet")
         target = self.target
         if experiment.target.perturbed and not exactly:
@@ -71,17 +92,21 @@ class PlantMaker:
                 )
             target = replace(target, shape=target.shape.perturbed(experiment.seed))
         return Sight(
-            self.camera,
+            eye.true,
             target,
-            self.rate,
-            pictures=pictures or (exactly and Need.IMAGE in self.needs),
+            eye.rate,
+            pictures=pictures or (exactly and Need.IMAGE in needs),
             grey_noise=0.0 if exactly else experiment.noise,
             jitter=0.0 if exactly else experiment.jitter,
-            depth=Need.DEPTH in self.needs,
+            depth=Need.DEPTH in needs,
             occluder=experiment.target.occluder,
             unbounded=self.unbounded,
-            drop=float(dict(self.settings.get("effects", {})).get("drop_probability", 0.0)),
-        )
+            drop=0.0 if experiment.plant == "bullet" else float(
+                dict(eye.settings.get("effects", {})).get("drop_probability", 0.0)
+            ),
+            name=eye.name,
+            place=self.places.get(eye.name),
+        )  # fmt: skip
 
     def _spawned(self, exactly: bool) -> ShownTarget | None:
         """The target that is put into the simulated world, None where the robot brings its own."""
@@ -97,45 +122,58 @@ class PlantMaker:
         """The plant at joints (n,); `exactly`: as for teaching, without noise."""
         experiment = self.experiment
         if experiment.plant == "bullet":
-            settings = dict(self.settings)
-            effects = dict(settings.get("effects", {}))
-            if exactly:  # one picture teaches the goal, and its noise would stay in it
-                settings["effects"] = {k: v for k, v in effects.items() if k not in CHANCE}
-            elif experiment.noise:
-                settings["effects"] = {**effects, "noise_stddev": experiment.noise}
-            if Need.DEPTH in self.needs:
-                settings["depth"] = True
             joints = dict(zip(arm.names, start.tolist(), strict=True))
             return BulletArm(
-                self.robot, settings, joints, experiment.seed, experiment.renderer,
-                experiment.traced, self._spawned(exactly),
-                None if experiment.pictures else self.sight(), (_sun(experiment.sun),),
+                self.robot, self._drawn(self.control, exactly), joints, experiment.seed,
+                experiment.renderer, experiment.traced, self._spawned(exactly),
+                () if experiment.pictures else self.sights(), (_sun(experiment.sun),),
+                self.control.name if experiment.cameras else "",
+                {name: self._drawn(eye, exactly) for name, eye in self.others.items()},
             )  # fmt: skip
         if experiment.plant == "ideal":
             believed = experiment.believed
             body = FreeBody(arm.origin, transform(believed.xyz, believed.rpy))
-            return IdealCamera(arm, body, start, self.sight(), experiment.seed)
+            return IdealCamera(arm, body, start, self.sight(self.control), experiment.seed)
         kind = FreeCamera if experiment.plant == "free" else KinematicChain
-        return kind(arm, start, self.sight(), lag=experiment.lag, seed=experiment.seed)
+        sight, *others = self.sights()
+        return kind(
+            arm, start, sight, lag=experiment.lag, seed=experiment.seed, others=others
+        )  # fmt: skip
 
-    def picture(self, pose: np.ndarray, joints: Mapping[str, float]) -> CameraReading:
-        """The first picture of the arm, standing with its camera at a pose (4, 4).
+    def _drawn(self, eye: Eye, exactly: bool) -> dict[str, Any]:
+        """Settings of a camera whose pictures are rendered; `exactly`: without noise."""
+        settings, needs = dict(eye.settings), self.needs.get(eye.name, WATCHES)
+        effects = dict(settings.get("effects", {}))
+        if exactly:  # one picture teaches the goal, and its noise would stay in it
+            settings["effects"] = {k: v for k, v in effects.items() if k not in CHANCE}
+        elif self.experiment.noise:
+            settings["effects"] = {**effects, "noise_stddev": self.experiment.noise}
+        if Need.DEPTH in needs:
+            settings["depth"] = True
+        return settings
+
+    def pictures(self, pose: np.ndarray, joints: Mapping[str, float]) -> dict[str, CameraReading]:
+        """The first picture of each camera that the loop reads, by name, of the arm that stands
+        with its control camera at a pose (4, 4).
 
         joints: there, by name; empty: they are worked out.
 
         Raises:
             UnreachableError: the arm cannot be there. ExperimentError: no picture comes.
         """
-        arm = self.robot.arm()
+        arm = self.robot.arm(self.control.name)
         q = np.array([joints[name] for name in arm.names]) if joints else arm.inverse(
             pose, np.zeros(len(arm.names))
         )
         plant = self.plant(arm, q, exactly=True)
+        found: dict[str, CameraReading] = {}
         try:
             while plant.time_ns < PATIENCE_NS:
                 for reading in plant.advance(PATIENCE_NS):
-                    if isinstance(reading, CameraReading):
-                        return reading
+                    if isinstance(reading, CameraReading) and reading.camera in self.needs:
+                        found.setdefault(reading.camera, reading)
+                if len(found) == len(self.needs):
+                    return found
         finally:
             plant.close()
         raise ExperimentError("the camera delivers no picture within 1 s to teach the goal by")

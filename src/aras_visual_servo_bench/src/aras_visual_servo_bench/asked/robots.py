@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import runpy
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,14 +14,21 @@ import numpy as np
 from aras_sim_bridge.description import RobotDescription, parse_urdf
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.poses import to_xyz_rpy, transform
+from aras_visual_servo_base.poses import optical, to_xyz_rpy, transform
+from aras_visual_servo_base.urdf import parse_tree
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.arm.arm import LINK, OPTICAL
 from aras_visual_servo_controller.arm.joint_controllers import joint_controllers
 from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.seeing.rig import StandingCamera, beside
 
 from ..errors import ExperimentError
+from .cameras import CameraSpec
 from .packages import PackagePath
+
+FRAME = "camera_frame_of_"  # of a camera that the robot's own description has not, by its name
+NONE: Mapping[str, CameraSpec] = {}
 
 
 @dataclass(frozen=True)
@@ -64,24 +72,28 @@ class Robot:
         xyz: Sequence[float] = (0.0,) * 3,
         rpy: Sequence[float] = (0.0,) * 3,
         friction: bool = True,
+        cameras: Mapping[str, CameraSpec] = NONE,
     ) -> None:
         """Read the files.
 
         Args:
             xyz, rpy: the camera moved in its link, m and rad.
             friction: False takes the joints' dry friction out of the description.
+            cameras: that it has, by name: each that is not its own gets a frame in the description.
 
         Raises:
             ExperimentError: a file that is missing or cannot be used.
         """
-        self.spec = spec
+        self.spec, self._cameras = spec, cameras
         self.packages = PackagePath(spec.search)
-        self._known: Arm | None = None
         self._plain = self.packages.file(spec.urdf).read_text(encoding="utf-8")
         if not friction:
             self._plain = self._adapted("without_friction", self._plain)
         self._mount = transform(xyz, rpy)
         self.urdf = self._mounted(self._mount)
+        for name, camera in cameras.items():
+            if not camera.own:
+                self.urdf = self._with_frame(self.urdf, name, camera)
         tree = read_yaml(self.packages.file(spec.config), ExperimentError)
         if not isinstance(tree, Mapping):
             raise ExperimentError(f"{spec.config} holds no controllers")
@@ -96,17 +108,38 @@ class Robot:
         except DescriptionError as error:
             raise ExperimentError(f"{self.spec.urdf}: {error}") from None
 
-    def arm(self) -> Arm:
-        """Its true kinematics, worked out once."""
-        if self._known is None:
-            self._known = self._arm(self.urdf)
-        return self._known
+    def frame(self, camera: str) -> str:
+        """The optical frame of a camera, in the description."""
+        own = camera not in self._cameras or self._cameras[camera].own
+        return self.spec.camera_frame if own else f"{FRAME}{camera}"
 
-    def believed_arm(self, xyz: Sequence[float], rpy: Sequence[float]) -> Arm:
-        """Its kinematics with the camera believed elsewhere, off its place in its link, m, rad."""
+    def arm(self, camera: str = "") -> Arm:
+        """Its true kinematics, of a camera; '': its own."""
+        return self._arm(self.urdf, self.frame(camera))
+
+    def arm_of(self, camera: str, control: Arm, believed: bool = False) -> Arm | StandingCamera:
+        """What moves another camera than the control camera; `believed`: as the controller has it.
+
+        Raises:
+            ConfigurationError: other joints than move that one.
+        """
+        spec = self._cameras[camera]
+        if spec.pose is not None and not self.spec.target_frame:
+            return StandingCamera(spec.place(believed))
+        belief, arm = spec.believed, self.arm(camera)
+        if believed:
+            arm = self.believed_arm(belief.xyz, belief.rpy, camera)
+        return beside(control, arm, camera)
+
+    def believed_arm(self, xyz: Sequence[float], rpy: Sequence[float], camera: str = "") -> Arm:
+        """Its kinematics with a camera believed elsewhere, off its place in its link, m, rad."""
         if not (any(xyz) or any(rpy)):
-            return self.arm()
-        return self._arm(self._mounted(self._mount @ transform(xyz, rpy)))
+            return self.arm(camera)
+        frame = self.frame(camera)
+        if frame == self.spec.camera_frame:
+            return self._arm(self._mounted(self._mount @ transform(xyz, rpy)), frame)
+        spec, plain = self._cameras[camera], self._mounted(self._mount)
+        return self._arm(self._with_frame(plain, camera, spec, believed=True), frame)
 
     def controllers(self, joints: Sequence[str]) -> tuple[dict[str, str], str]:
         """Controller of each of these joints, and the kind of command they take.
@@ -140,11 +173,30 @@ class Robot:
             )
         return {joint: found[joint] for joint in joints}, kinds.pop()
 
-    def _arm(self, urdf: str) -> Arm:
+    def _arm(self, urdf: str, frame: str) -> Arm:
         try:
-            return _arm_of(urdf, self.spec.camera_frame, self.spec.target_frame)
+            return _arm_of(urdf, frame, self.spec.target_frame)
         except ConfigurationError as error:
             raise ExperimentError(f"{self.spec.urdf}: {error}") from None
+
+    def _with_frame(
+        self, urdf: str, name: str, camera: CameraSpec, believed: bool = False
+    ) -> str:
+        """The description with the optical frame of one more camera."""
+        robot = ElementTree.fromstring(urdf)
+        place, parent = camera.place(believed), self.spec.camera_frame
+        if camera.pose is not None:
+            parent = parse_tree(urdf).root
+        elif robot.find(f"link[@name='{parent}']") is None:  # its camera link alone is described
+            parent, place = f"{parent.removesuffix(OPTICAL)}{LINK}", optical(np.eye(4)) @ place
+        child = f"{FRAME}{name}"
+        ElementTree.SubElement(robot, "link", name=child)
+        joint = ElementTree.SubElement(robot, "joint", name=f"{child}_joint", type="fixed")
+        ElementTree.SubElement(joint, "parent", link=parent)
+        ElementTree.SubElement(joint, "child", link=child)
+        xyz, rpy = (" ".join(map(repr, map(float, part))) for part in to_xyz_rpy(place))
+        ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
+        return ElementTree.tostring(robot, encoding="unicode")
 
     def _mounted(self, link_T_link: np.ndarray) -> str:
         """The description with camera_link moved as the launch files do it."""
@@ -165,7 +217,7 @@ class Robot:
 _functions = functools.cache(runpy.run_path)
 
 
-@functools.lru_cache(maxsize=8)
+@functools.lru_cache(maxsize=32)
 def _arm_of(urdf: str, camera_frame: str, target_frame: str) -> Arm:
     """Read once a process, as `_described`."""
     return Arm.from_urdf(urdf, camera_frame, target_frame=target_frame)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from aras_visual_servo_base.poses import exponential, logarithm, relative, rotation_from_rpy
@@ -11,6 +13,7 @@ from aras_visual_servo_controller.arm.algebra import least_squares
 from aras_visual_servo_controller.errors import ServoError, UnreachableError
 
 from ..errors import ExperimentError, ViewError
+from ..plants.base import Place
 from ..plants.free_body import FreeBody
 from ..targets.geometry import PlacedTarget
 from .cameras import in_view
@@ -34,12 +37,14 @@ def draw_start(
     target: PlacedTarget,
     camera: CameraModel,
     seed: int,
+    others: Sequence[tuple[Place, CameraModel]] = (),
 ) -> np.ndarray:
     """Joints (n,) of a start: the camera above the target, turned, the target wholly in view.
 
     Args:
         goal_pose: world_T_camera (4, 4) of the goal, whose attitude is turned about the vertical.
         goal_joints: (n,) from which the joints of a pose are looked for.
+        others: further cameras that have to see the target.
 
     Raises:
         ExperimentError: none was found in `sampler.attempts`.
@@ -54,6 +59,10 @@ def draw_start(
         try:
             if not in_view(target.shape.outline(target.seen_from(pose)), camera, sampler.margin):
                 raise ViewError("cut off")
+            for place, other in others:
+                outline = target.shape.outline(target.seen_from(place.at(pose)))
+                if not in_view(outline, other, sampler.margin):
+                    raise ViewError("cut off")
             near = goal_joints
             if isinstance(arm, Arm):  # the last joint turns the camera: begin at the turn drawn
                 near = goal_joints.copy()

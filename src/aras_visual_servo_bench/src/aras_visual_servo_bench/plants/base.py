@@ -12,6 +12,7 @@ import numpy as np
 
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.seeing.observation import CAMERA
 
 if TYPE_CHECKING:
     from aras_visual_servo_controller.loop.driver import Driver
@@ -61,6 +62,7 @@ class CameraReading:
 
     stamp_ns: of the exposure. image: (rows, columns[, 3]) uint8 and its encoding, or None.
     depth: (rows, columns) m or None. outline: (n, 2), points: (m, 2), px; None: not in view.
+    camera: its name.
     """
 
     stamp_ns: int
@@ -69,6 +71,7 @@ class CameraReading:
     depth: np.ndarray | None = None
     outline: np.ndarray | None = None
     points: np.ndarray | None = None
+    camera: str = CAMERA
 
     @property
     def stamp(self) -> float:
@@ -89,6 +92,22 @@ class CameraReading:
 Reading = JointReading | CameraReading
 
 
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where another camera is beside the control camera.
+
+    pose: (4, 4) of its optical frame, in that of the control camera, with which it moves, or in the
+    world, where it stands.
+    """
+
+    pose: np.ndarray
+    stands: bool = False
+
+    def at(self, world_T_control: np.ndarray) -> np.ndarray:
+        """world_T_camera (4, 4) where the control camera is there."""
+        return self.pose if self.stands else world_T_control @ self.pose
+
+
 class JointListener(Protocol):
     """Is told what a plant's joints measured, and what they were commanded."""
 
@@ -103,7 +122,7 @@ class Plant(ABC):
     """An arm or a free camera before its target, in simulated time from 0 on.
 
     Attributes:
-        camera: the true camera.
+        camera: the true camera; of several the control camera.
         joint_names: those that can be commanded.
         outputs: kinds of command that it takes, of position, velocity and effort.
     """

@@ -3,32 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from aras_sim_bridge.description import Light, RobotDescription, parse_urdf
+from aras_sim_bridge.description import CameraDescription, Light, RobotDescription, parse_urdf
 from aras_sim_bridge.description.lights import SUN
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world.model import Model
-from aras_visual_servo_base.poses import Pose, exponential, logarithm, relative, transform
+from aras_visual_servo_base.poses import (
+    Pose,
+    exponential,
+    inverse,
+    logarithm,
+    optical,
+    relative,
+    to_xyz_rpy,
+    transform,
+)
 
 from ..asked import cameras
 from ..asked.robots import Robot
 from ..errors import ExperimentError
 from ..targets.geometry import PlacedTarget
-from .base import CameraReading, JointListener, JointReading, Plant, Reading
-from .kinematic import Sight
+from .base import CAMERA, CameraReading, JointListener, JointReading, Plant, Reading
+from .kinematic import Sight, exposures
 
 if TYPE_CHECKING:
     from aras_visual_servo_controller.loop.driver import Driver
 
 MODEL, TARGET = "robot", "target"
 NS = 1_000_000_000
+NO_OTHERS: Mapping[str, Mapping[str, Any]] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,19 +71,23 @@ class BulletArm(Plant):
         renderer: str = "auto",
         traced: bool = False,
         target: ShownTarget | None = None,
-        sight: Sight | None = None,
+        sights: Sequence[Sight] = (),
         lights: tuple[Light, ...] = (SUN,),
+        name: str = "",
+        others: Mapping[str, Mapping[str, Any]] = NO_OTHERS,
     ) -> None:
         """Spawn the robot at these joints, controllers and camera running.
 
         Args:
-            camera: settings laid over the description's camera.
+            camera: settings of the control camera, laid over the description's camera.
             joints: positions by name, rad or m.
             traced: keep every step's joint velocities, for `peak_speed`.
             target: that is put into the world; None: the robot brings its own.
-            sight: sees in place of the camera, from where the physics has it at each exposure;
-                nothing is drawn then. None: the camera.
+            sights: see in place of the cameras, the control camera first, from where the physics
+                has that at each exposure; nothing is drawn then. None: the cameras.
             lights: of the world; the first is the sun.
+            name: of the control camera; '': the robot's own, the only one.
+            others: settings of the other cameras, by name; `robot` says where they sit.
 
         Raises:
             ExperimentError: what of it is impossible.
@@ -83,9 +97,20 @@ class BulletArm(Plant):
         if not mounted:
             known = ", ".join(map(_name, description.cameras)) or "none"
             raise ExperimentError(f"the robot has no camera '{robot.spec.camera}'; it has: {known}")
-        name, self._link = _name(mounted[0]), mounted[0].link
-        cameras.model_of(camera)  # the simulator would go on without an impossible camera
-        self._arm = robot.arm()
+        self._name, self._others = name or CAMERA, others
+        first, self._link = mounted[0], mounted[0].link
+        own: dict[str, Any] = {}
+        for part in reversed(_name(first).split("/")):
+            own = {part: own or dict(camera)}
+        for settings in (camera, *others.values()):
+            cameras.model_of(settings)  # the simulator would go on without an impossible camera
+        if name:
+            described = [_seated(first, eye, robot) for eye in (name, *others)]
+            own, self._link = {name: dict(camera), **others}, described[0].link
+            description = replace(description, cameras=tuple(described))
+        else:
+            name = _name(first)
+        self._arm = robot.arm(self._name)
         self.joint_names = self._arm.names
         controllers, kind = robot.controllers(self.joint_names)
         self.outputs = frozenset((kind,))
@@ -93,13 +118,14 @@ class BulletArm(Plant):
         self._readings: list[Reading] = []
         self._carried: tuple[ShownTarget, Model] | None = None
         self._peak = np.zeros(len(self.joint_names)) if traced else None
-        self._sight, self._exposures = sight, 1
-        self._random = np.random.default_rng(seed)
+        self._exposures = [] if not sights else exposures(
+            sights[0], sights[1:], np.random.default_rng(seed), seed
+        )
         self._simulation = Simulation(
             SimulationConfig(renderer=renderer, seed=seed, lights=lights)
         )
         try:
-            self._spawn(robot, description, name, camera, joints)
+            self._spawn(robot, description, name, own, joints)
             if target is not None:
                 self._place(target)
         except SimError as error:
@@ -115,12 +141,9 @@ class BulletArm(Plant):
         joints: Mapping[str, float],
     ) -> None:
         simulation, spec = self._simulation, robot.spec
-        own: dict[str, Any] = dict(settings)
-        for part in reversed(camera.strip("/").split("/")):
-            own = {part: own}
         simulation.spawn(
             description, MODEL, namespace=spec.namespace, parameters=robot.parameters,
-            joint_positions=joints, cameras=own,
+            joint_positions=joints, cameras=settings,
         )  # fmt: skip
         self._robot = simulation.robots[MODEL]
         self._model = self._robot.model
@@ -133,8 +156,11 @@ class BulletArm(Plant):
         self._joint_states, self._answers = spec.joint_states, None
         self._robot.manager.get(spec.joint_states).on_state = self._on_joints
         self._commanded = [self._robot.manager.get(name) for name in self._controllers]
-        mounted = simulation.camera("/" + camera.strip("/"))
-        mounted.on_frame, mounted.enabled = self._on_frame, self._sight is None
+        mounted = simulation.camera(f"/{camera}")
+        for name, one in {self._name: mounted, **{
+            name: simulation.camera(f"/{name}") for name in self._others
+        }}.items():
+            one.on_frame, one.enabled = partial(self._on_frame, name), not self._exposures
         self._link_T_camera = np.array(mounted.parent_T_optical)
         self._carrier = spec.target_frame
         self.camera = cameras.model_of_info(mounted.sensor.info)
@@ -159,7 +185,7 @@ class BulletArm(Plant):
             step = self._traced_step
         if self._carried is not None:
             step = partial(self._carrying_step, step)
-        if self._sight is not None:
+        if self._exposures:
             step = partial(self._exposing_step, step)
         while not readings and simulation.time_ns < until_ns:
             step(until_ns)
@@ -229,14 +255,9 @@ class BulletArm(Plant):
         model.set_pose(target.pose(time_ns / NS))
         step(time_ns)
 
-    @property
-    def _due_ns(self) -> int:
-        """The next exposure of `sight`, as the camera would have it."""
-        return round(self._exposures * NS / self._sight.rate)
-
     def _exposing_step(self, step: Callable[[int], None], until_ns: int) -> None:
-        """A step in whose course `sight` may look: from between the poses at its ends."""
-        due, simulation = self._due_ns, self._simulation
+        """A step in whose course `sights` may look: from between the poses at its ends."""
+        due, simulation = min(one.due_ns for one in self._exposures), self._simulation
         began = simulation.time_ns
         ended = began + simulation.step_ns
         if ended < due:
@@ -244,25 +265,41 @@ class BulletArm(Plant):
             return
         before = self.pose()
         step(ended)
-        part = (due - began) / simulation.step_ns
-        pose = before @ exponential(part * logarithm(relative(before, self.pose())))
-        self._readings.append(self._sight.look(pose, due, self._random))
-        self._exposures += 1
+        moved = logarithm(relative(before, self.pose()))
+        for one in self._exposures:
+            if one.due_ns <= ended:
+                pose = before @ exponential((one.due_ns - began) / simulation.step_ns * moved)
+                if (seen := one.expose(pose)) is not None:
+                    self._readings.append(seen)
 
     def _on_joints(self, state: Any) -> None:
         self._readings.append(
             JointReading(state.stamp_ns, tuple(state.names), state.positions, state.velocities)
         )
 
-    def _on_frame(self, frame: Any) -> None:
-        self._readings.append(
-            CameraReading(frame.stamp_ns, frame.image, frame.encoding, frame.depth)
-        )
+    def _on_frame(self, camera: str, frame: Any) -> None:
+        self._readings.append(CameraReading(
+            frame.stamp_ns, frame.image, frame.encoding, frame.depth, camera=camera
+        ))  # fmt: skip
 
 
 @lru_cache(maxsize=64)
 def _target_description(urdf: Path) -> RobotDescription:
     return parse_urdf(urdf.read_text(encoding="utf-8"))
+
+
+def _seated(camera: CameraDescription, name: str, robot: Robot) -> CameraDescription:
+    """The described camera under another name, where that one sits."""
+    plugin = None if camera.plugin is None else replace(
+        camera.plugin, camera_name=name, robot_namespace="", trigger_topic=""
+    )
+    seated = replace(camera, name=name, plugin=plugin, shutter="")
+    frame = robot.frame(name)
+    if frame == robot.spec.camera_frame:
+        return seated
+    link_T_sensor = inverse(optical(np.eye(4)))  # it looks along +x, z up
+    xyz, rpy = to_xyz_rpy(link_T_sensor)
+    return replace(seated, link=frame, pose=(tuple(xyz), tuple(rpy)))
 
 
 def _name(camera: Any) -> str:

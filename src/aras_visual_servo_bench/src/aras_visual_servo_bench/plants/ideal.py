@@ -33,6 +33,7 @@ class IdealCamera(FreeCamera):
         """Stand at coordinates q (6,); `believed`: the same body with the camera as believed."""
         super().__init__(arm, q, sight, seed=seed)
         self._believed, self._images, self._asked = believed, 0, STILL
+        self._image_period = NS / sight.rate
 
     def advance(self, until_ns: int) -> list[Reading]:
         """Go to the next image, or to `until_ns` if it does not come before."""

@@ -20,7 +20,7 @@ from ..asked import cameras
 from ..errors import ExperimentError, ViewError
 from ..targets.geometry import PlacedTarget, project
 from ..targets.textures import TexturedTarget
-from .base import CameraReading, JointReading, Plant, Reading
+from .base import CAMERA, CameraReading, JointReading, Place, Plant, Reading
 from .free_body import FreeBody
 
 NS = 1_000_000_000
@@ -39,6 +39,7 @@ class Sight:
     depth: deliver a depth image too. drop: probability that an image is lost.
     occluder: corners (x, y), m, of a white rectangle on the target.
     unbounded: exact features have no picture's border, and are lost behind the camera alone.
+    name: of the camera. place: of another camera than the control camera.
     """
 
     camera: CameraModel
@@ -51,9 +52,13 @@ class Sight:
     drop: float = 0.0
     occluder: tuple[tuple[float, float], tuple[float, float]] | None = None
     unbounded: bool = False
+    name: str = CAMERA
+    place: Place | None = None
 
     def look(self, pose: np.ndarray, stamp_ns: int, random: np.random.Generator) -> CameraReading:
-        """What the camera sees from world_T_camera (4, 4)."""
+        """What the camera sees where the control camera is at world_T_camera (4, 4)."""
+        if self.place is not None:
+            pose = self.place.at(pose)
         seen_from = self.target.seen_from(pose, stamp_ns / NS)
         try:
             outline = self.target.shape.outline(seen_from)
@@ -64,18 +69,19 @@ class Sight:
             if outline is None or not (
                 self.unbounded or cameras.in_view(outline, self.camera, 0.0)
             ):
-                return CameraReading(stamp_ns)
+                return CameraReading(stamp_ns, camera=self.name)
             return CameraReading(
                 stamp_ns,
                 outline=self._outlined(outline, random),
                 points=self._pixels(points, random),
+                camera=self.name,
             )
         image = self._drawn(outline, seen_from)
         if self.grey_noise:
             noisy = image + random.normal(0.0, self.grey_noise, image.shape)
             image = np.clip(np.round(noisy), 0, 255).astype(np.uint8)
         depth = self._depth(seen_from) if self.depth else None
-        return CameraReading(stamp_ns, image, "mono8", depth)
+        return CameraReading(stamp_ns, image, "mono8", depth, camera=self.name)
 
     def _outlined(self, outline: np.ndarray, random: np.random.Generator) -> np.ndarray:
         """Pixels (n, 2) of an outline; its noise is drawn anew where edges cross, as no picture's
@@ -126,6 +132,37 @@ class Sight:
         return depth.reshape(self.camera.height, self.camera.width)
 
 
+class Exposures:
+    """When a camera exposes, from its first period on, and what it sees then.
+
+    Attributes:
+        due_ns: simulated time of the next exposure.
+    """
+
+    def __init__(self, sight: Sight, random: np.random.Generator) -> None:
+        """`random`: draws its noise, and which images are lost."""
+        self._sight, self._random, self._count = sight, random, 1
+        self._period = NS / sight.rate
+        self.due_ns = round(self._period)
+
+    def expose(self, pose: np.ndarray) -> CameraReading | None:
+        """Where the control camera is at world_T_camera (4, 4); None: the image is lost."""
+        at_ns, self._count = self.due_ns, self._count + 1
+        self.due_ns = round(self._count * self._period)
+        if self._sight.drop and self._random.random() < self._sight.drop:
+            return None
+        return self._sight.look(pose, at_ns, self._random)
+
+
+def exposures(
+    sight: Sight, others: Sequence[Sight], random: np.random.Generator, seed: int
+) -> list[Exposures]:
+    """Those of the control camera, whose chance is `random`, and of the other cameras."""
+    return [Exposures(sight, random)] + [
+        Exposures(other, np.random.default_rng((seed, i))) for i, other in enumerate(others)
+    ]
+
+
 class KinematicPlant(Plant):
     """Coordinates that follow their commands; what chain and free camera share."""
 
@@ -139,22 +176,24 @@ class KinematicPlant(Plant):
         joint_rate: float = 100.0,
         lag: float = 0.0,
         seed: int = 0,
+        others: Sequence[Sight] = (),
     ) -> None:
         """Stand at joints q (n,).
 
         Args:
+            sight: of the control camera. others: of the other cameras.
             joint_rate: joint states a second. lag: time constant of every joint, s.
         """
         self.arm, self.sight, self.camera = arm, sight, sight.camera
         self.joint_names = tuple(arm.names)
         self._random = np.random.default_rng(seed)
+        self._exposures = exposures(sight, others, self._random, seed)
         self._lag = lag
         self._time_ns = 0
         self._q = np.array(q, float)
         self._speed = np.zeros_like(self._q)
         self._kind, self._asked = "position", self._q.copy()
-        self._joint_period, self._image_period = NS / joint_rate, NS / sight.rate
-        self._samples, self._images = 0, 1
+        self._joint_period, self._samples = NS / joint_rate, 0
 
     @property
     def time_ns(self) -> int:
@@ -164,8 +203,7 @@ class KinematicPlant(Plant):
     def advance(self, until_ns: int) -> list[Reading]:
         """Go to the next measurement, or to `until_ns` if none comes before."""
         joints_ns = JOINT_PHASE_NS + round(self._samples * self._joint_period)
-        image_ns = round(self._images * self._image_period)
-        time_ns = min(joints_ns, image_ns, until_ns)
+        time_ns = min(joints_ns, until_ns, *[one.due_ns for one in self._exposures])
         if time_ns > self._time_ns:
             self._move((time_ns - self._time_ns) / NS)
             self._time_ns = time_ns
@@ -174,11 +212,9 @@ class KinematicPlant(Plant):
             self._samples += 1
             q, speed = self.joints()
             readings.append(JointReading(time_ns, self.joint_names, q.tolist(), speed.tolist()))
-        if image_ns == time_ns:
-            self._images += 1
-            if self.sight.drop and self._random.random() < self.sight.drop:
-                return readings
-            readings.append(self.sight.look(self.pose(), time_ns, self._random))
+        for one in self._exposures:
+            if one.due_ns == time_ns and (seen := one.expose(self.pose())) is not None:
+                readings.append(seen)
         return readings
 
     def command(self, kind: str, values: Sequence[float]) -> None:

@@ -15,6 +15,7 @@ from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.loop.state import APPROACHING, ServoState
 from aras_visual_servo_controller.ros.read_back import state_of
+from aras_visual_servo_controller.seeing.observation import CAMERA
 
 from ..errors import BenchError
 from ..ros.described import Described
@@ -22,7 +23,7 @@ from ..targets.geometry import BoxesTarget, PlacedTarget
 from .film import chosen, film
 from .from_graph import Heard
 from .from_loop import joint_units, with_pictures
-from .run import CAMERA, CameraRecord, Run, Verdict
+from .run import CameraRecord, Run, Verdict
 from .tracks import milestones, nearest
 
 REACHED_WITHIN = (0.3e-3, float(np.radians(0.3)))  # m and rad of the camera

@@ -11,12 +11,13 @@ import numpy as np
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.loop.state import APPROACHING, ServoState
 from aras_visual_servo_controller.schemes import JointController, Scheme
+from aras_visual_servo_controller.seeing.observation import CAMERA
 
 from ..asked.assembly import Assembly
 from ..asked.experiment import Experiment
-from ..plants import Plant
+from ..plants import CameraReading, Plant
 from .film import Film
-from .run import CAMERA, CameraRecord, Run
+from .run import CameraRecord, Run
 
 
 class Recorder:
@@ -29,11 +30,16 @@ class Recorder:
         self._stamps: list[float] = []
         self._joints: list[tuple[np.ndarray, ...]] = []
         self._count, self._asked = joints, np.full(joints, np.nan)
+        self._seen: dict[str, list[tuple[float, np.ndarray]]] = {}
 
     def image(self, state: ServoState, pose: np.ndarray) -> None:
         """One answered image; pose: the true one then."""
         self._states.append(state)
         self._poses.append(pose)
+
+    def saw(self, reading: CameraReading, pose: np.ndarray) -> None:
+        """An image of another camera than the control camera; pose: its true one then."""
+        self._seen.setdefault(reading.camera, []).append((reading.stamp, pose))
 
     def commanded(self, values: np.ndarray) -> None:
         """What was sent last, (n,)."""
@@ -61,7 +67,7 @@ class Recorder:
             joint_stamp=np.array(self._stamps), measured=measured, measured_speed=measured_speed,
             commanded=commanded, true_pose=plant.poses(measured), units=tuple(scheme.units or ()),
             tolerances=tuple(float(t) for t in scheme.tolerances), limits=limits,
-            cameras={CAMERA: CameraRecord(parts.plant.camera, stamp, stamp)},
+            cameras=self._cameras(parts, stamp, np.array(poses).reshape(-1, 4, 4)),
             target=parts.target, goal=parts.goal, settings=settings_of(experiment),
             experiment=experiment, **end,
         )  # fmt: skip
@@ -72,12 +78,29 @@ class Recorder:
         return run
 
 
+    def _cameras(
+        self, parts: Assembly, stamp: np.ndarray, pose: np.ndarray
+    ) -> dict[str, CameraRecord]:
+        """What each camera saw, by name; stamp (p,), pose (p, 4, 4) of the control camera."""
+        found = {}
+        for name, eye in parts.eyes.items():
+            if name == parts.rig.control.name:
+                found[name] = CameraRecord(parts.plant.camera, stamp, stamp, pose)
+                continue
+            seen = self._seen.get(name, [])
+            at = np.array([stamp for stamp, _ in seen])
+            place = np.array([pose for _, pose in seen]).reshape(-1, 4, 4)
+            found[name] = CameraRecord(eye.true, at, at + eye.spec.delay, place)
+        return found
+
+
 def with_pictures(
     run: Run, pictures: Sequence[tuple[float, np.ndarray]], film: Film = ()
 ) -> Run:
-    """The run with pictures (stamp, rgb) of the camera that is servoed, and a film of it."""
+    """The run with pictures (stamp, rgb) of the control camera, and a film of it."""
     seen = replace(run.images, pictures=tuple(pictures), film=film)
-    return replace(run, cameras={**run.cameras, CAMERA: seen})
+    name = next(iter(run.cameras), CAMERA)
+    return replace(run, cameras={**run.cameras, name: seen})
 
 
 def settings_of(experiment: Experiment) -> dict[str, str]:

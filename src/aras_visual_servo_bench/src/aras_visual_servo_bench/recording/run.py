@@ -22,7 +22,6 @@ from .film import Film
 
 REACHED, MISSED = "goal_reached", "goal_missed"
 SETTLED = 0.02  # part of the way at the start
-CAMERA = "camera"  # name of the one camera that there is today
 
 
 @dataclass(frozen=True)
@@ -53,6 +52,7 @@ class CameraRecord:
     Attributes:
         model: the true one; None: unknown.
         stamp: (p,) exposures, s. arrival: (p,) when the recorder had them, s of the same clock.
+        pose: (p, 4, 4) true world_T_camera when each came; none: not known.
         pictures: some of them, (stamp, (rows, columns, 3) rgb), in order.
         film: some more, smaller, (stamp, JPEG), in order; none: it is made of the pictures.
     """
@@ -60,6 +60,7 @@ class CameraRecord:
     model: CameraModel | None = None
     stamp: np.ndarray = field(default_factory=lambda: np.zeros(0))
     arrival: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    pose: np.ndarray = field(default_factory=lambda: np.zeros((0, 4, 4)))
     pictures: tuple[tuple[float, np.ndarray], ...] = ()
     film: Film = ()
 
@@ -93,7 +94,7 @@ class Run:
         units, tolerances: (k,) of the features.
         limits: least and greatest joints (j,), rad or m. speed: (j,) greatest speeds.
         joint_units: (j,) 'rad' or 'm'.
-        cameras: what each saw, by name; the first is the one that is servoed.
+        cameras: what each saw, by name; the first is the control camera.
         target: in the world. goal: as the loop had it.
         centres: (n, 2) measured centre of gravity of the target, normalised.
         pace: (p, 2) stamp, s, and real-time factor then.
@@ -265,12 +266,12 @@ class Run:
 
     @property
     def images(self) -> CameraRecord:
-        """Of the camera that is servoed."""
+        """Of the control camera: poses and twists of the run are its own."""
         return next(iter(self.cameras.values()), CameraRecord())
 
     @property
     def camera(self) -> CameraModel | None:
-        """The true model of the camera that is servoed."""
+        """The true model of the control camera."""
         return self.images.model
 
     # -- the end ---------------------------------------------------------------------------

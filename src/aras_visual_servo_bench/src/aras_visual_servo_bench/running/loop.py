@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import heapq
 import logging
 from functools import partial
 
@@ -62,10 +63,13 @@ class Loop:
         self._ending = Ending(experiment, parts) if self._flies else None
         # Wall time stands still: what is late here is late in simulated time.
         self._driver = Driver(
-            parts.servo, parts.observer, parts.settings, self,
+            parts.servo, parts.rig, parts.settings, self,
             clock=lambda: seconds(self.plant.time_ns), wall=lambda: 0.0,
         )  # fmt: skip
         self._answered = False
+        self._coming: list[tuple[int, int, CameraReading]] = []  # heap, by when they arrive, ns
+        self._delayed = 0
+        self._delays_ns = {name: round(eye.spec.delay * NS) for name, eye in parts.eyes.items()}
         self._began_ns: int | None = None
         self._converged_ns: int | None = None
         self.plant.join(self._driver, self._recorder, lambda: self._last_ns)
@@ -133,17 +137,43 @@ class Loop:
         plant, driver = self.plant, self._driver
         self._answered = False
         while not (self.over or self._answered):
-            for reading in plant.advance(plant.time_ns + NS):
-                stamp = reading.stamp
+            until_ns = plant.time_ns + NS
+            if self._coming:
+                until_ns = min(until_ns, self._coming[0][0])
+            for reading in plant.advance(until_ns):
                 if isinstance(reading, CameraReading):
-                    self.reading = reading
-                    if self._began_ns is None:
-                        self._began_ns = reading.stamp_ns
-                    driver.image(stamp, partial(self.parts.observe, reading))
+                    self._exposed(reading)
                 else:
+                    stamp = reading.stamp
                     driver.joints(reading.names, reading.positions, reading.velocities, stamp)
                     self._recorder.joints(stamp, *reading.of(plant.joint_names))
+            while self._coming and self._coming[0][0] <= plant.time_ns:
+                self._arrived(heapq.heappop(self._coming)[2])
         return self.state if self._answered else None
+
+    def _exposed(self, reading: CameraReading) -> None:
+        """An image was made; the loop has it after its camera's delay."""
+        control = reading.camera == self.parts.rig.control.name
+        if control and self._began_ns is None:
+            self._began_ns = reading.stamp_ns
+        if not control:
+            place = self.parts.places[reading.camera]
+            self._recorder.saw(reading, place.at(self.plant.pose()))
+        if reading.camera not in self.parts.rig.observers:
+            return
+        if delay_ns := self._delays_ns[reading.camera]:
+            self._delayed += 1  # a tie's order
+            entry = reading.stamp_ns + delay_ns, self._delayed, reading
+            heapq.heappush(self._coming, entry)
+        else:
+            self._arrived(reading)
+
+    def _arrived(self, reading: CameraReading) -> None:
+        """The loop has an image."""
+        if reading.camera == self.parts.rig.control.name:
+            self.reading = reading
+        look = partial(self.parts.observe, reading)
+        self._driver.image(reading.stamp, look, reading.camera)
 
     def goal_pose(self) -> np.ndarray:
         """world_T_camera (4, 4) where the camera ought to be now, before a target that may move."""

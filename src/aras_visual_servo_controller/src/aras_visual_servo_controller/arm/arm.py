@@ -113,6 +113,21 @@ class Arm:
             )
         return cls(camera_path, target_path, joints, locked)
 
+    @staticmethod
+    def standing(urdf: str, camera_frame: str, base_frame: str = "") -> np.ndarray | None:
+        """base_T_camera (4, 4) of a camera that no joint moves; None where one does.
+
+        Raises:
+            ConfigurationError: as `from_urdf`.
+        """
+        try:
+            path = _camera_path(parse_tree(urdf), base_frame, camera_frame)
+        except DescriptionError as error:
+            raise ConfigurationError(f"robot description: {error}") from None
+        if any(joint.kind != "fixed" for joint in path):
+            return None
+        return Chain.of(path, (), (), {}).tips[0]
+
     def __len__(self) -> int:
         """Number of joints."""
         return len(self.names)

@@ -50,6 +50,7 @@ class Feature(ABC):
     Attributes (of the class or of the instance):
         name: its entry in goal files.
         needs: of the image.
+        cameras: names of those that it reads; none: the first, the control camera, alone.
         names, tolerances, units: (k,) of the components; |error| below the tolerance counts as
             reached.
         directions: (6,) camera directions that it models, vx ... wz; the others are held.
@@ -61,6 +62,7 @@ class Feature(ABC):
     name: ClassVar[str] = ""
     geometric: bool = True
     needs: frozenset[Need] = frozenset((Need.MOMENTS,))
+    cameras: tuple[str, ...] = ()
     names: tuple[str, ...]
     tolerances: Sequence[float]
     units: Sequence[str] = ()
@@ -74,6 +76,10 @@ class Feature(ABC):
         Raises:
             MeasurementError: it cannot be had from this observation.
         """
+
+    def needs_of(self, *cameras: str) -> frozenset[Need]:
+        """Of the image of the camera with these names; '' is a name of the control camera."""
+        return self.needs
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
         """L (k, 6) at the goal, for laws with the desired or the mean interaction matrix.
@@ -135,6 +141,8 @@ class Stack(Feature):
         if not any(weights):
             raise ConfigurationError(f"weights {weights}: one at least has to be above 0")
         self.needs = frozenset().union(*(f.needs for f in self.features))
+        read = [name for f in self.features for name in f.cameras or ("",)]
+        self.cameras = () if not any(read) else tuple(dict.fromkeys(read))
         self.geometric = all(f.geometric for f in self.features)
         self._parts = tuple(weights)
         self._gather()
@@ -149,6 +157,13 @@ class Stack(Feature):
             w * (np.ones(len(f.names)) if f.weights is None else np.asarray(f.weights, float))
             for f, w in zip(self.features, self._parts, strict=True)
         ])
+
+    def needs_of(self, *cameras: str) -> frozenset[Need]:
+        """See Feature.needs_of."""
+        return frozenset().union(*(
+            f.needs_of(*cameras) for f in self.features
+            if not {*cameras}.isdisjoint(f.cameras or ("",))
+        ))  # fmt: skip
 
     def measure(self, observation: Observation, goal: Goal) -> Measured:
         """See Feature.measure; the parts one under the other."""

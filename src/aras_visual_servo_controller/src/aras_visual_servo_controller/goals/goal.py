@@ -10,6 +10,8 @@
     features: {points: {...}}                    # what features taught, under their names
     target: {surface: 0.5905, ground: 0.59, boxes: [[low, high], ...]}   # where it is known
     mounting: {xyz: [...], rpy: [...]}           # of the camera on its link, for the record
+    seen_by: left                                # of several cameras the control camera
+    cameras: {right: {camera_pose: ..., plane: ..., moments: ..., camera: ...}}   # the others
 
 Moments do not depend on the lens; kernel features hold for one camera. All depend on where the
 camera hangs: a goal whose pose is not the one that the arm gives at its joints was taught with
@@ -39,7 +41,7 @@ from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..arm.limits import check_inside
 from ..errors import ConfigurationError, ServoError, UnreachableError
-from ..seeing.observation import Observation
+from ..seeing.observation import CAMERA, Observation
 from ..seeing.target_geometry import TargetGeometry
 from .goal_file import EDGE_ON, GoalKernel, goal_fields
 
@@ -75,6 +77,8 @@ class Goal:
         features: what features taught, by their names.
         target: the target's geometry in the arm's base.
         mounting: (4, 4) of the camera on its link when it was taught.
+        seen_by: name of the camera, of a scheme of several.
+        others: the goals of the other cameras, by name: what they see there, and from where.
     """
 
     name: str = "goal"
@@ -88,6 +92,14 @@ class Goal:
     features: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     target: TargetGeometry | None = None
     mounting: np.ndarray | None = None
+    seen_by: str = CAMERA
+    others: Mapping[str, Goal] = field(default_factory=dict)
+
+    @property
+    def cameras(self) -> dict[str, Goal]:
+        """The goal of each camera of the scheme, by name; the first, this one, is the control
+        camera's."""
+        return {self.seen_by: self, **self.others}
 
     @classmethod
     def teach(
@@ -111,7 +123,8 @@ class Goal:
             ConfigurationError: the target is not seen, or neither depth nor plane is known.
         """
         if not observation.valid:
-            raise ConfigurationError(f"{name}: the target is not seen: {observation.reason}")
+            by = f" by camera {observation.name}" if observation.name != CAMERA else ""
+            raise ConfigurationError(f"{name}: the target is not seen{by}: {observation.reason}")
         try:
             taught = {} if scheme is None else {
                 key: dict(entry) for key, entry in scheme.teach(observation).items()
@@ -133,8 +146,20 @@ class Goal:
             camera = observation.camera
             kernel = GoalKernel(camera.width, camera.height, np.reshape(camera.K, (3, 3)),
                                 np.array(observation.kernel[16:]))  # fmt: skip
-        return cls(name, values, pose, depth, plane, observation.moments, kernel,
-                   observation.camera, taught, target)  # fmt: skip
+        goal = cls(name, values, pose, depth, plane, observation.moments, kernel,
+                   observation.camera, taught, target, None, observation.name)  # fmt: skip
+        return goal._with_others(observation) if observation.others else goal
+
+    def _with_others(self, observation: Observation) -> Goal:
+        """This goal with those of the other cameras of its observation; the target's plane in
+        their views is that of this one, where they do not tell it."""
+        seen = self if self.plane is not None else replace(self, plane=self.level_plane())
+        others = {}
+        for camera, view in observation.others.items():
+            if view.plane is None and view.world_T_camera is not None:
+                view = replace(view, plane=seen.plane_from(view.world_T_camera))
+            others[camera] = Goal.teach(None, view, self.name, None, self.target)
+        return replace(self, others=others)
 
     def for_arm(self, arm: Arm) -> Goal:
         """The goal as this arm sees it: pose from the joints, plane level where none is given.
@@ -149,6 +174,35 @@ class Goal:
         if goal.plane is None and goal.world_T_camera is not None and goal.depth is not None:
             goal = replace(goal, plane=goal.level_plane())
         return goal
+
+    def for_cameras(self, arms: Mapping[str, Arm]) -> Goal:
+        """The goal as several cameras see it, the control camera first.
+
+        A camera that it holds no view of gets one by the target's geometry, where that is known.
+
+        Args:
+            arms: that move them, by the cameras' names.
+
+        Raises:
+            ConfigurationError: as `for_arm`.
+        """
+        (name, arm), *rest = arms.items()
+        held, goal = self.cameras, self
+        if name in self.others:
+            goal = replace(self.others[name], joints=self.joints, features=self.features,
+                           target=self.target)  # fmt: skip
+        goal = replace(goal.for_arm(arm), seen_by=name, others={})
+        q, others = goal.joint_values(arm.names), {}
+        for camera, other in rest:
+            if camera in held:
+                joints = self.joints if hasattr(other, "names") else {}
+                others[camera] = replace(
+                    held[camera], joints=joints, others={}, seen_by=camera
+                ).for_arm(other)
+            elif goal.target is not None and q is not None:
+                view = goal.seen_from(np.array(other.pose(q)))
+                others[camera] = replace(view, joints={}, camera=None, seen_by=camera)
+        return replace(goal, others=others) if others else goal
 
     def beyond(self, arm: Arm) -> str:
         """Why the arm cannot be where the goal was taught, in words; empty where it can, to
@@ -288,7 +342,12 @@ class Goal:
         Raises:
             ConfigurationError: naming the key, what is wrong and what would be right.
         """
-        return cls(name, **goal_fields(data, name))
+        fields = goal_fields(data, name)
+        others = data.get("cameras") or {}
+        return cls(name, **fields, others={
+            camera: replace(cls.from_mapping(entry, f"{name}: cameras.{camera}"), seen_by=camera)
+            for camera, entry in others.items()
+        })  # fmt: skip
 
     def to_yaml(self, heading: str = "") -> str:
         """The file's text; heading becomes a comment at its top."""
@@ -310,6 +369,8 @@ class Goal:
             "features": self.features,
             "target": None if self.target is None else self.target.to_mapping(),
             "mounting": _pose_entry(self.mounting),
+            "seen_by": self.seen_by if self.others else None,
+            "cameras": {name: yaml.safe_load(goal.to_yaml()) for name, goal in self.others.items()},
         })  # fmt: skip
         data = {name: value for name, value in data.items() if value not in (None, {})}
         comment = "".join(f"# {line}\n" for line in heading.splitlines())

@@ -17,7 +17,7 @@ from aras_visual_servo_camera.moments import MAX_ORDER, Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..errors import ConfigurationError
-from ..seeing.observation import implausible
+from ..seeing.observation import CAMERA, implausible
 from ..seeing.target_geometry import TargetGeometry
 from .starts import PoseEntry, Three
 
@@ -70,6 +70,8 @@ class GoalEntries:
     features: Mapping[str, Mapping[str, Any]] | None = None
     target: Mapping[str, Any] | None = None
     mounting: PoseEntry | None = None
+    seen_by: str = CAMERA
+    cameras: Mapping[str, Mapping[str, Any]] | None = None
 
 
 def goal_fields(data: Any, name: str) -> dict[str, Any]:
@@ -92,6 +94,7 @@ def goal_fields(data: Any, name: str) -> dict[str, Any]:
             target, f"{name}: target"
         ),
         "mounting": _pose(given.mounting),
+        "seen_by": given.seen_by,
     }
 
 

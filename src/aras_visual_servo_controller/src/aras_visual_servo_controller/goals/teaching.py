@@ -19,6 +19,7 @@ from ..loop.state import ServoSettings, Source
 from ..schemes import JointController, Scheme
 from ..seeing.joint_sample import JointSample
 from ..seeing.observation import Observation, Observer
+from ..seeing.rig import Look, Rig
 from .goal import Goal
 
 NO_IMAGES = "no images arrive"
@@ -29,7 +30,7 @@ class Teacher:
     """Takes in joint states and images like a driver; keeps the good views of one pose.
 
     Attributes:
-        observer: makes the observations.
+        rig: makes the observations.
         views: the valid ones so far.
         refused: images since the last valid one.
         reason: why the last one was not.
@@ -38,12 +39,12 @@ class Teacher:
     def __init__(
         self,
         arm: Arm,
-        observer: Observer,
+        rig: Rig,
         go: np.ndarray | None = None,
         send: Callable[[np.ndarray], None] | None = None,
     ) -> None:
         """`go`: joints (n,) to drive to first; `send`: takes the commands (n,) on the way."""
-        self.arm, self.observer, self.source = arm, observer, Source()
+        self.arm, self.rig = arm, rig
         self._send = send
         self._approach = None
         if go is not None:
@@ -77,18 +78,24 @@ class Teacher:
         if self._approach.done:
             self.reason = NO_IMAGES
 
-    def image(
-        self, stamp: float, look: Callable[[JointSample | None, tuple], Observation]
-    ) -> None:
-        """Take in an image, once there."""
+    def comes_from(self, camera: str, source: Source) -> None:
+        """Where a camera's images come from; the one who teaches says so."""
+
+    def image(self, stamp: float, look: Look, camera: str = "") -> None:
+        """Take in an image, once there; camera: its name, '': the control camera."""
         if not self.there:
             return
-        view = look(self._sample, ())
-        if view.valid:
+        together = self.rig.add(camera or self.rig.control.name, stamp, look)
+        if together is None:
+            self.reason = f"no image of camera {self.rig.waits_for} of the same time arrives"
+            return
+        view = together[1](self._sample, ())
+        blind = next((one for one in view.cameras.values() if not one.valid), None)
+        if blind is None:
             self.views.append(view)
             self.refused = 0
         else:
-            self.refused, self.reason = self.refused + 1, view.reason
+            self.refused, self.reason = self.refused + 1, blind.reason
 
 
 def goal_of(
@@ -116,11 +123,16 @@ def goal_of(
         raise ConfigurationError(f"{name}: nothing was seen to teach")
     target = None if like is None else like.target
     goals = [Goal.teach(scheme, view, name, depth, target) for view in views]
-    first = goals[0]
-    joints = {key: float(np.mean([g.joints[key] for g in goals])) for key in first.joints}
-    pose = first.world_T_camera
+    joints = {key: float(np.mean([g.joints[key] for g in goals])) for key in goals[0].joints}
+    pose = goals[0].world_T_camera
     if joints:
         pose = np.array(arm.pose(np.array([joints[n] for n in arm.names])))
+    return replace(_mean(goals), joints=joints, world_T_camera=pose)
+
+
+def _mean(goals: Sequence[Goal]) -> Goal:
+    """The first of several goals of one pose, with the mean of what is seen there."""
+    first = goals[0]
     moments = first.moments
     if moments is not None:
         seen = [g.moments for g in goals]
@@ -132,8 +144,9 @@ def goal_of(
     if kernel is not None:
         kernel = replace(kernel, features=np.mean([g.kernel.features for g in goals], axis=0))
     return replace(
-        first, joints=joints, world_T_camera=pose, moments=moments, kernel=kernel,
+        first, moments=moments, kernel=kernel,
         features={key: mean_of([g.features[key] for g in goals]) for key in first.features},
+        others={name: _mean([g.others[name] for g in goals]) for name in first.others},
     )  # fmt: skip
 
 

@@ -118,7 +118,7 @@ class Arrival:
             self._views.clear()
             self._margin = None
             return Arrived(short=short)
-        self._views.add(observation.stamp, view_difference(observation, goal))
+        self._views.add(observation.stamp, _views(observation, goal))
         self._views.drop(max(len(self._views) - WINDOW, 0))
         if offsets is None:
             way, turn = symmetric(decision.up_to, goal) if decision.up_to else (nan, nan)
@@ -208,6 +208,16 @@ class Arrival:
             f"the features are within their tolerances, but by L the camera is {1e3 * off[0]:.2f} "
             f"mm and {np.degrees(off[1]):.2f} degrees off"
         )
+
+
+def _views(observation: Observation, goal: Goal) -> np.ndarray:
+    """view_difference of each camera, (7 c,)."""
+    if not observation.others:
+        return view_difference(observation, goal)
+    return np.concatenate([
+        view_difference(view, goal.cameras.get(name, goal))
+        for name, view in observation.cameras.items()
+    ])  # fmt: skip
 
 
 def _noise(offsets: np.ndarray) -> np.ndarray:

@@ -8,14 +8,14 @@ truth but its own: `outcome` is its word, a `verdict` only physics can give.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from ..goals.goal import Goal
 from ..loop.state import CONVERGED, HOLDING, STOPPED, ServoSettings, ServoState
-from ..schemes.base import JointController, Scheme
+from ..schemes.base import Decision, JointController, Scheme
 from ..seeing.observation import Observation
 from .arrival import Arrived
 from .camera_check import CameraCheck
@@ -61,9 +61,9 @@ class Diagnosis:
         self._oscillation = Oscillation()
         self._joints = JointCheck(self._names)
         self._target = TargetCheck()
-        self._camera = CameraCheck(self._jacobian)
-        self._shape = ShapeCheck()
-        self._touched: tuple[str, ...] = ()
+        self._cameras: dict[str, CameraCheck] = {}
+        self._shapes: dict[str, ShapeCheck] = {}
+        self._touched = ""  # borders that the target touched last, in words
         self._measured: float | None = None  # when the scheme could last answer, s
         self._ended = False
         self._starvings, self._starved = 0, Outcome()
@@ -147,13 +147,16 @@ class Diagnosis:
         if state.decision is None:
             self._progress.clear()
             self._target.interrupt()
-            self._camera.interrupt()
+            for check in self._cameras.values():
+                check.interrupt()
         if faulty:
             return outcome("scheme_fault", state.reason)
         if state.phase == STOPPED:
             return outcome("stopped", state.reason)
-        if observation.touches:
-            self._touched = observation.touches
+        for name, view in observation.cameras.items():
+            if view.touches:
+                by = f" of camera {name}" if observation.others else ""
+                self._touched = f"{' and '.join(view.touches)} border{by}"
         self._follow_distance(state.stamp, observation, goal)
         if self._retreated.kind != "running" and state.phase != CONVERGED:
             return self._retreated
@@ -162,16 +165,20 @@ class Diagnosis:
         if state.decision is None:
             return self._blind(state, observation)
         self._measured = state.stamp
-        if fault := self._shape.add(observation, goal):
+        if fault := self._strange(observation, goal):
             return outcome("wrong_object", fault)
         tolerances = np.asarray(scheme.tolerances, float)
         error = self._progress.add(state, tolerances)
         viewed = getattr(scheme, "judges_camera", True)
         moves = self._target.add(state.decision, observation, goal, tolerances, viewed)
         if moves:
-            self._camera = CameraCheck(self._jacobian)  # what it saw was the target's doing
+            self._cameras.clear()  # what they saw was the target's doing
         elif viewed:
-            self._camera.add(state.decision, observation, tolerances)
+            for name, part, tolerated in _by_camera(state.decision, observation, tolerances):
+                check = self._cameras.get(name)
+                if check is None:
+                    check = self._cameras[name] = CameraCheck(self._jacobian)
+                check.add(part, observation, tolerated)
         swings = self._swinging(state.stamp, error)
         fast = swings is not None and self._faster_than_targets
         if moves and state.phase != CONVERGED and not fast:
@@ -180,11 +187,10 @@ class Diagnosis:
                 f"target's own say: {moves}",
             )  # fmt: skip
         # Between two images of a fast swing L is not what it is at either.
-        fault = "" if fast else self._camera.fault()
+        fault = "" if fast else self._wrong_camera(observation)
         # A goal that this camera has shown is where its picture is the same, whatever is believed
         # of it; a goal that was worked out is not.
-        shown = goal.camera is not None and goal.camera == observation.camera
-        if fault and not (shown and state.phase == CONVERGED):
+        if fault and not (state.phase == CONVERGED and _shown(observation, goal)):
             stalled = self._progress.stalled(state)
             if stalled.kind == "joint_limit":  # whatever else: past its limit no joint goes on
                 return replace(stalled, reason=f"{stalled.reason}; besides, {fault}")
@@ -202,6 +208,24 @@ class Diagnosis:
         if self._beyond and stalled.kind != "running":
             return outcome("out_of_reach", self._beyond)
         return stalled
+
+    def _strange(self, observation: Observation, goal: Goal) -> str:
+        """Why what a camera sees cannot be its goal's target, in words; empty where it can."""
+        found, goals = "", goal.cameras
+        for name, view in observation.cameras.items():
+            check = self._shapes.get(name)
+            if check is None:
+                check = self._shapes[name] = ShapeCheck()
+            fault = check.add(view, goals[name]) if name in goals else ""
+            found = found or (f"camera {name}: {fault}" if fault and observation.others else fault)
+        return found
+
+    def _wrong_camera(self, observation: Observation) -> str:
+        """What cannot be with the cameras as believed, in words; empty where all can."""
+        for name, check in self._cameras.items():
+            if fault := check.fault():
+                return f"camera {name}: {fault}" if observation.others else fault
+        return ""
 
     def _follow_distance(self, stamp: float, observation: Observation, goal: Goal) -> None:
         """Whether the camera has gone far back, by how small it sees the target."""
@@ -267,9 +291,40 @@ class Diagnosis:
                 "gain_too_high", "the error went to and fro, farther each time, until the target "
                 f"was lost at {state.stamp:.2f} s",
             )  # fmt: skip
-        over = f" over the {' and '.join(self._touched)} border" if self._touched else ""
+        over = f" over the {self._touched}" if self._touched else ""
         return outcome(
             "target_lost", f"target lost at {state.stamp:.2f} s{over}: {state.reason}"
+        )
+
+
+def _shown(observation: Observation, goal: Goal) -> bool:
+    """Whether each camera is the one that has shown its goal."""
+    goals = goal.cameras
+    return all(name in goals and goals[name].camera == view.camera
+               for name, view in observation.cameras.items())  # fmt: skip
+
+
+def _by_camera(
+    decision: Decision, observation: Observation, tolerances: np.ndarray
+) -> Iterator[tuple[str, Decision, np.ndarray]]:
+    """Name of each camera, its part of the decision, and the tolerances of that.
+
+    Features of a camera are called 'camera.feature'; all others are the control camera's.
+    """
+    if not observation.others:
+        yield observation.name, decision, tolerances
+        return
+    L, count = decision.L, len(decision.names)
+    if np.shape(L) != (count, 6):
+        return
+    rows: dict[str, list[int]] = {}
+    for i, name in enumerate(decision.names):
+        camera = name.partition(".")[0]
+        rows.setdefault(camera if camera in observation.others else observation.name, []).append(i)
+    rate = np.broadcast_to(decision.rate, count)
+    for camera, at in rows.items():
+        yield camera, replace(decision, error=decision.error[at], L=L[at], rate=rate[at]), (
+            tolerances[at]
         )
 
 

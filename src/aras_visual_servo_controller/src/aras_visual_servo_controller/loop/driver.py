@@ -14,6 +14,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -22,7 +23,7 @@ from ..arm.algebra import finite
 from ..errors import MeasurementError
 from ..seeing.joint_history import FARTHEST, JointHistory
 from ..seeing.joint_sample import JointSample
-from ..seeing.observation import Observation, Observer
+from ..seeing.rig import Look, Rig
 from ..settings import Settings
 from .motion import JUMP, jumped
 from .servo import Servo
@@ -44,8 +45,6 @@ STANDING = 0.5  # s of wall time after which a clock that does not go on is wort
 SKEW = 0.5  # s; stamps further off the clock are of another clock, or of none
 REPEAT_PERIOD = 0.1  # s between two sendings of a command that a joint does not follow
 
-Look = Callable[[JointSample | None, tuple[JointSample, ...]], Observation]
-
 
 class Face(Protocol):
     """What a driver tells the world."""
@@ -66,37 +65,40 @@ class Driver:
     def __init__(
         self,
         servo: Servo,
-        observer: Observer,
+        rig: Rig,
         settings: Settings,
         face: Face,
         clock: Callable[[], float],
         wall: Callable[[], float] = time.monotonic,
     ) -> None:
         """`clock`: s, of the stamps, simulated or not; `wall`: s of wall time."""
-        self.servo, self.observer, self.settings = servo, observer, settings
+        self.servo, self.rig, self.settings = servo, rig, settings
         self._face, self._clock, self._wall = face, clock, wall
         self._lead = np.atleast_1d(np.asarray(servo.settings.lead, float))
         self._lock = threading.RLock()
         self.history = JointHistory()
+        rig.joints_at = partial(self.history.at, earlier_only=settings.lockstep)
         self.commands: deque[JointSample] = deque(maxlen=256)
-        self._joints_heard = self._images_heard = self._answered = wall()
+        self._joints_heard = self._answered = wall()
+        self._images_heard = dict.fromkeys(rig.observers, wall())
         self._said_silence = -1e9
         self._moved = wall()  # when the clock last went on
         self._starved = self._e_stopped = False
         self.beginnings = 0  # how often joint states began to come
-        self.source = Source("features", f"{settings.namespace}/camera/moments", "the camera node")
+        self._sources: dict[str, Source] = {}
+        features = settings.camera_of(rig.control.name).features
+        self.comes_from(
+            rig.control.name, Source("features", f"{features}/moments", "the camera node")
+        )
         self._clear()
         if not settings.autostart:
             servo.stop("waiting for start")
 
-    @property
-    def source(self) -> Source:
-        """Where the images come from, for messages."""
-        return self.servo.source
-
-    @source.setter
-    def source(self, source: Source) -> None:
-        self.servo.source = source
+    def comes_from(self, camera: str, source: Source) -> None:
+        """Where a camera's images come from, for messages."""
+        self._sources[camera] = source
+        if camera == self.rig.control.name:
+            self.servo.source = source
 
     # -- what is heard ---------------------------------------------------------------------
 
@@ -136,11 +138,21 @@ class Driver:
             if self.servo.phase in (APPROACHING, WAITING, STOPPED):
                 self._now_and_then(command, sample)
 
-    def image(self, stamp: float, look: Look) -> None:
-        """One image; `look` makes its observation, given the joints of its instant."""
+    def image(self, stamp: float, look: Look, camera: str = "") -> None:
+        """One image; `look` makes its observation, given the joints of its instant.
+
+        camera: its name; '': the control camera.
+        """
         with self._lock:
-            self._images_heard = self._wall()
+            camera = camera or self.rig.control.name
+            self._images_heard[camera] = self._wall()
             self._follow()
+            together = self.rig.add(camera, stamp, look)
+            lacking = self.rig.waits_for or self.rig.control.name
+            self.servo.source = self._sources.get(lacking, self.servo.source)
+            if together is None:
+                return
+            stamp, look = together
             if self._starved:
                 self._starved = False
                 self.servo.start()
@@ -194,7 +206,7 @@ class Driver:
             if moving and wall - self._answered > self.settings.wall_watchdog:
                 self._starved = True
                 reason = f"no answer for {wall - self._answered:.1f} s of wall time"
-                reason = f"{reason}: {self._standing() or self.source.missing()}"
+                reason = f"{reason}: {self._standing() or self.servo.source.missing()}"
                 self.servo.hold(reason, "too_few_images")
             self._tell_silence(wall, now)
 
@@ -250,7 +262,7 @@ class Driver:
             stopped = self.servo.phase == STOPPED
             self._clear()
             self.servo.reset()
-            self.observer.reset()
+            self.rig.reset()
             if stopped:
                 self.servo.stop("waiting for start")
         if now != self._now:
@@ -362,8 +374,9 @@ class Driver:
             missing.append(
                 f"no joint states on {settings.namespace}/joint_states (is the simulator running?)"
             )
-        if wall - self._images_heard > settings.image_timeout and not self.servo.approaching:
-            missing.append(self.source.missing())
+        for camera, heard in self._images_heard.items():
+            if wall - heard > settings.image_timeout and not self.servo.approaching:
+                missing.append(self._sources.get(camera, self.servo.source).missing())
         if not missing or wall - self._said_silence < 1.0 or self.servo.phase == STOPPED:
             return
         self._said_silence = wall

@@ -23,8 +23,11 @@ class Inputs:
             topic, JointState, self._on_joints, tcp_nodelay=True,
             queue_size=10 if settings.lockstep else 1,
         )  # fmt: skip
-        images = PictureInput if driver.observer.needs & PICTURED else MeasurementInput
-        self._subscribers = [joints, *images(settings, driver).subscribers]
+        self._subscribers = [joints]
+        for name, observer in driver.rig.observers.items():
+            images = PictureInput if observer.needs & PICTURED else MeasurementInput
+            heard = images(settings.camera_of(name), driver, observer)
+            self._subscribers += heard.subscribers
         if e_stop:
             self._subscribers.append(rospy.Subscriber(
                 e_stop, Bool, lambda message: driver.emergency_stop(message.data)

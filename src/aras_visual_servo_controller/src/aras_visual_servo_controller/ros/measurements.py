@@ -9,25 +9,24 @@ from aras_visual_servo_camera.msg import ImageMoments, KernelFeatures
 
 from ..loop.driver import Driver
 from ..loop.state import Source
-from ..seeing.observation import Need
+from ..seeing.observation import Need, Observer
 from ..seeing.stamp_pairing import ByStamp
-from ..settings import Settings
+from ..settings import CameraEntry
 from .messages import camera_of, moments_of
 
 
 class MeasurementInput:
     """Subscribers to the camera node's topics; gives each image to the driver."""
 
-    def __init__(self, settings: Settings, driver: Driver) -> None:
-        self._driver, self._observer = driver, driver.observer
+    def __init__(self, camera: CameraEntry, driver: Driver, observer: Observer) -> None:
+        self._driver, self._observer = driver, observer
         self._lock = threading.Lock()
         self._measurements = ByStamp(("moments", "kernel"))
-        self._kernel = Need.KERNEL in driver.observer.needs
-        space = f"{settings.namespace.rstrip('/')}/camera"
-        topics = [(f"{space}/moments", ImageMoments, self._on_moments)]
+        self._kernel = Need.KERNEL in observer.needs
+        topics = [(f"{camera.features}/moments", ImageMoments, self._on_moments)]
         if self._kernel:
-            topics.append((f"{space}/kernel", KernelFeatures, self._on_kernel))
-        driver.source = Source("features", topics[-1][0], "the camera node")
+            topics.append((f"{camera.features}/kernel", KernelFeatures, self._on_kernel))
+        driver.comes_from(observer.name, Source("features", topics[-1][0], "the camera node"))
         self.subscribers = [
             rospy.Subscriber(topic, kind, callback, queue_size=1, tcp_nodelay=True)
             for topic, kind, callback in topics
@@ -64,4 +63,4 @@ class MeasurementInput:
                 touches=("border",) if message.touches_border else (),
             )  # fmt: skip
 
-        self._driver.image(stamp, look)
+        self._driver.image(stamp, look, self._observer.name)

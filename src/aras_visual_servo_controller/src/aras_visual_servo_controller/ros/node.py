@@ -40,13 +40,15 @@ class ControllerNode:
         """The loop and its faces; ConfigurationError for what cannot be."""
         settings = self._settings.for_robot(robot_name(urdf), self._given)
         arm = settings.arm(urdf)
-        servo = settings.build(arm, clock=time.thread_time)
+        others = settings.others(urdf, arm)
+        servo = settings.build(arm, clock=time.thread_time, others=others)
         if self.driver is not None:
             self._inputs.close()
             self.face.close()
         self.face = RosFace(settings, arm.names)
-        observer = settings.observer(arm, servo.scheme, servo.goal)
-        self.driver = Driver(servo, observer, settings, self.face, rospy.get_time)
+        arms = {settings.read_by(servo.scheme)[0]: arm, **others}
+        rig = settings.rig(arms, servo.scheme, servo.goal)
+        self.driver = Driver(servo, rig, settings, self.face, rospy.get_time)
         self.face.await_listeners()
         rospy.loginfo(
             "scheme %s, start %s, goal %s; %s moved by %s", settings.scheme, settings.start,

@@ -11,11 +11,12 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import decode
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..loop.driver import Driver, Look
+from ..loop.driver import Driver
 from ..loop.state import Source
-from ..seeing.observation import Need
+from ..seeing.observation import Need, Observer
+from ..seeing.rig import Look
 from ..seeing.stamp_pairing import ByStamp
-from ..settings import Settings
+from ..settings import CameraEntry
 from .depth import depth_of
 
 PICTURED = {Need.IMAGE, Need.CONTOUR, Need.CORNERS, Need.DEPTH}
@@ -25,16 +26,19 @@ BUFFER = 2**24  # bytes, holds several images: always the newest, never a backlo
 class PictureInput:
     """Subscribers to a camera's topics; gives each image to the driver."""
 
-    def __init__(self, settings: Settings, driver: Driver) -> None:
-        self._driver, self._observer = driver, driver.observer
+    def __init__(self, topics: CameraEntry, driver: Driver, observer: Observer) -> None:
+        self._driver, self._observer = driver, observer
         self._camera: CameraModel | None = None
         self._early: dict[str, Image] = {}  # the newest of each kind that came before camera_info
         self._lock = threading.Lock()
-        depth = Need.DEPTH in driver.observer.needs
+        depth = Need.DEPTH in observer.needs
         self._images = ByStamp(("image", "depth") if depth else ("image",))
         options = {"queue_size": 1, "tcp_nodelay": True}
-        large, camera = {**options, "buff_size": BUFFER}, settings.camera_namespace.rstrip("/")
-        driver.source = Source("image", f"{camera}/image_raw", "the simulator or camera's driver")
+        large, camera = {**options, "buff_size": BUFFER}, topics.namespace
+        driver.comes_from(
+            observer.name,
+            Source("image", f"{camera}/image_raw", "the simulator or camera's driver"),
+        )
         self.subscribers = [
             rospy.Subscriber(f"{camera}/camera_info", CameraInfo, self._on_info, **options),
             rospy.Subscriber(f"{camera}/image_raw", Image, self._on_image, **large),
@@ -85,4 +89,4 @@ class PictureInput:
         look: Look = lambda joints, commands: self._observer.of_image(  # noqa: E731
             stamp, image, camera, joints, commands, depth
         )
-        self._driver.image(stamp, look)
+        self._driver.image(stamp, look, self._observer.name)

@@ -30,9 +30,12 @@ def live(arguments: argparse.Namespace) -> Goal:
     begin_node("teach", anonymous=True)
     settings, arm = robots_settings({"scheme": arguments.scheme})
     scheme, package = settings.make_scheme(), settings.package
-    observer = settings.observer(arm, scheme)
-    if observer.needs <= {Need.MOMENTS, Need.KERNEL}:
-        observer.needs |= {Need.MOMENTS}
+    urdf = str(rospy.get_param(settings.description))
+    arms = {settings.read_by(scheme)[0]: arm, **settings.others(urdf, arm)}
+    rig = settings.rig(arms, scheme)
+    for observer in rig.observers.values():
+        if observer.needs <= {Need.MOMENTS, Need.KERNEL}:
+            observer.needs |= {Need.MOMENTS}
     joints, commands = None, None
     if arguments.go:
         path = Path(arguments.go).expanduser()
@@ -43,7 +46,7 @@ def live(arguments: argparse.Namespace) -> Goal:
         if joints is None:
             joints = start_joints(arguments.go, arm, package)
         commands = CommandTopics(settings, arm.names, "position")
-    teacher = Teacher(arm, observer, joints, None if commands is None else commands.put)
+    teacher = Teacher(arm, rig, joints, None if commands is None else commands.put)
     inputs = Inputs(settings, teacher)
     deadline = time.monotonic() + arguments.timeout
     while len(teacher.views) < arguments.images:

@@ -55,10 +55,12 @@ class SchemeBase(ABC):
 
     Attributes (of the class or of the instance):
         needs: of the image.
+        cameras: names of those that it reads; none, or '': the first, the control camera.
         names, tolerances, units: (k,) of the features; |error| below it counts as reached.
     """
 
     needs: frozenset[Need] = frozenset((Need.MOMENTS,))
+    cameras: tuple[str, ...] = ()
     names: tuple[str, ...]
     tolerances: Sequence[float]
     units: Sequence[str] = ()
@@ -69,6 +71,10 @@ class SchemeBase(ABC):
         Raises:
             ConfigurationError: what the goal lacks.
         """
+
+    def needs_of(self, *cameras: str) -> frozenset[Need]:
+        """Of the image of the camera with these names: see Feature.needs_of."""
+        return self.needs
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """How well the features of this image, the last one, are measured: see Feature.accuracy."""

@@ -72,7 +72,6 @@ class Composed(OfFeature):
         self.ratio = None if ratio is None else np.array(ratio, float)
         # An L that is not of this view (desired, mean, estimated) says nothing of the camera.
         self.judges_camera = interaction == "current" and self.feature.geometric
-        self._modelled = np.array(self.feature.directions, bool)
         self._filter: tuple[float, np.ndarray] | None = None
 
     def reset(self) -> None:
@@ -81,6 +80,10 @@ class Composed(OfFeature):
         if self.estimator is not None and hasattr(self.estimator, "reset"):
             self.estimator.reset()
         self._filter = None
+
+    def _describe(self) -> None:
+        super()._describe()
+        self._modelled = np.array(self.feature.directions, bool)
 
     def check(self, goal: Goal) -> None:
         """See Scheme.check."""

@@ -11,7 +11,7 @@ from ..errors import MeasurementError
 from ..features.base import Feature, Measured, Stack
 from ..goals.goal import Goal
 from ..laws import Law
-from ..seeing.observation import SEGMENTED, Observation
+from ..seeing.observation import SEGMENTED, Need, Observation
 from .base import Scheme
 
 
@@ -27,7 +27,7 @@ class OfFeature(Scheme):
     def __init__(self, law: Law | None = None, feature: Feature | None = None) -> None:
         super().__init__(law)
         self.feature = self.made_of() if feature is None else feature
-        self.needs = self.feature.needs
+        self.needs, self.cameras = self.feature.needs, tuple(self.feature.cameras)
         self._describe()
 
     def reset(self) -> None:
@@ -40,20 +40,35 @@ class OfFeature(Scheme):
         self.feature.check(goal)
         self._describe()
 
+    def needs_of(self, *cameras: str) -> frozenset[Need]:
+        """See Scheme.needs_of."""
+        return self.feature.needs_of(*cameras)
+
+    @property
+    def features(self) -> tuple[Feature, ...]:
+        """Those of a Stack, or the only one."""
+        return self.feature.features if isinstance(self.feature, Stack) else (self.feature,)
+
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Scheme.accuracy."""
         return self.feature.accuracy(observation, goal)
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
         """See Scheme.teach."""
-        parts = self.feature.features if isinstance(self.feature, Stack) else (self.feature,)
-        taught = {f.name or type(f).__name__: f.teach(observation) for f in parts}
+        taught = {f.name or type(f).__name__: f.teach(observation) for f in self.features}
         return {name: entry for name, entry in taught.items() if entry}
 
     def measured(self, observation: Observation, goal: Goal) -> Measured:
         """The feature in an image; MeasurementError where it cannot be measured."""
-        if self.needs & SEGMENTED and not observation.valid:
-            raise MeasurementError(observation.reason or "the target is not visible")
+        if not observation.others:
+            if self.needs & SEGMENTED and not observation.valid:
+                raise MeasurementError(observation.reason or "the target is not visible")
+            return self.feature.measure(observation, goal)
+        for name, view in observation.cameras.items():
+            own = (name,) if view.of_control is not None else ("", name)
+            if self.needs_of(*own) & SEGMENTED and not view.valid:
+                reason = view.reason or "the target is not visible"
+                raise MeasurementError(f"camera {name}: {reason}")
         return self.feature.measure(observation, goal)
 
     def _describe(self) -> None:

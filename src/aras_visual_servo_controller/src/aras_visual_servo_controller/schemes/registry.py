@@ -8,6 +8,7 @@ from aras_visual_servo_base.names import construct, find_class
 
 from ..errors import ConfigurationError
 from ..features.base import Feature
+from ..features.of_camera import OfCamera
 from ..features.registry import FEATURES
 from ..laws import Law
 from .base import JointController, Scheme
@@ -34,7 +35,9 @@ def create_scheme(
     """The scheme of a short name, of 'package.module:Class', or of several features' names.
 
     Args:
-        name: a scheme, a feature, or several features (a list, or joined by '+').
+        name: a scheme, a feature, or several features (a list, or joined by '+'); each with the
+            cameras that it reads, where that is not the first alone: 'points@right',
+            'stereo_points@left,right'.
         law: its law; controllers that answer joints have their own.
         weights: of the features, where there are several.
         options: interaction, smoothing: see Composed.
@@ -43,7 +46,11 @@ def create_scheme(
         ConfigurationError: unknown name; what its constructor raised; an option it does not take.
     """
     names = name.split("+") if isinstance(name, str) else list(name)
-    names = [part.strip() for part in names]
+    parts = [part.partition("@") for part in names]
+    names, cameras = [p[0].strip() for p in parts], [_cameras_of(p[2]) for p in parts]
+    for part, read in zip(parts, cameras, strict=True):
+        if part[1] and not (part[2].strip() and all(read)):
+            raise ConfigurationError(f"scheme '{name}': a camera's name is missing behind the @")
     bases = (Scheme, JointController, Feature)
     found = [find_class("scheme", part, SCHEMES, bases, ConfigurationError) for part in names]
     if len(found) == 1 and not issubclass(found[0], Feature):
@@ -54,21 +61,51 @@ def create_scheme(
                 f"scheme '{name}' takes no {', '.join(given) or 'weights'}: it is no composition"
             )
         own = (law,) if issubclass(cls, Scheme) else ()
-        made = construct("scheme", names[0], cls, ConfigurationError, *own)
-        return checked(made, names[0])
+        made = checked(construct("scheme", names[0], cls, ConfigurationError, *own), names[0])
+        if cameras[0]:
+            if len(cameras[0]) > 1:
+                raise ConfigurationError(f"scheme '{names[0]}' reads one camera: {name} names more")
+            made.cameras = cameras[0]
+        return made
     if wrong := [n for n, cls in zip(names, found, strict=True) if not issubclass(cls, Feature)]:
         raise ConfigurationError(f"scheme '{wrong[0]}' is no feature: it cannot be stacked")
     features = [
         construct("scheme", n, cls, ConfigurationError)
         for n, cls in zip(names, found, strict=True)
     ]
-    for feature, part in zip(features, names, strict=True):
-        checked(feature, part)
+    for i, (feature, part) in enumerate(zip(features, names, strict=True)):
+        features[i] = _read_by(checked(feature, part), part, cameras[i])
     if len(features) == 1 and weights is None:
         options.setdefault("ratio", getattr(features[0], "ratio", None))
     return construct(
         "scheme", str(name), Composed, ConfigurationError, features, law, weights=weights, **options
     )
+
+
+def _cameras_of(text: str) -> tuple[str, ...]:
+    """Names of cameras apart by commas; none of an empty text."""
+    return tuple(part.strip() for part in text.split(",")) if text else ()
+
+
+def _read_by(feature: Feature, name: str, cameras: tuple[str, ...]) -> Feature:
+    """The feature, reading these cameras; none: as it says itself.
+
+    Raises:
+        ConfigurationError: it reads more of them, or fewer.
+    """
+    count = getattr(feature, "reads", max(len(feature.cameras), 1))
+    if cameras and len(cameras) != count or not cameras and count > max(len(feature.cameras), 1):
+        example = ",".join(("left", "right", "third", "fourth")[:count])
+        raise ConfigurationError(
+            f"scheme '{name}' reads {count} camera{'s' if count > 1 else ''}: name "
+            f"{'them' if count > 1 else 'one'}, as {name}@{example}"
+        )
+    if not cameras:
+        return feature
+    if count == 1:
+        return OfCamera(feature, cameras[0])
+    feature.cameras = cameras
+    return feature
 
 
 def checked(made: object, name: str) -> object:

@@ -7,8 +7,8 @@ down; `a_T_b` (4, 4) maps b to a.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -33,6 +33,7 @@ from .joint_sample import JointSample
 if TYPE_CHECKING:
     from ..arm import Arm
 
+CAMERA = "camera"  # name of the one camera of an experiment or a node that names none
 # Normalised coordinates beyond this are no pixel of any lens: 88 degrees off the axis is 29.
 FARTHEST = 30.0
 
@@ -79,6 +80,13 @@ class Observation:
         kernel: (20,) the original's camera/data of this very image.
         previous_T_camera: (4, 4) motion executed since the previous observation, from the joints.
         commands: what was commanded since the exposure.
+        name: of the camera.
+        others: of the other cameras of a scheme of several, by name.
+        of_control: (6, 6) of another camera than the first one of a scheme, the control camera: its
+            twist, relative to what it looks at, is of_control @ that of the control camera, each in
+            its own frame. Zero where the arm moves neither; None: it is the control camera.
+        moved: (6,) its motion from its own exposure to the control camera's, in its own frame, as
+            the twist that makes it in one second; None where that is not known, or it is that one.
     """
 
     stamp: float
@@ -101,6 +109,27 @@ class Observation:
     kernel: np.ndarray | None = None
     previous_T_camera: np.ndarray | None = None
     commands: tuple[JointSample, ...] = ()
+    name: str = CAMERA
+    others: Mapping[str, Observation] = field(default_factory=dict)
+    of_control: np.ndarray | None = None
+    moved: np.ndarray | None = None
+
+    @cached_property
+    def cameras(self) -> dict[str, Observation]:
+        """What each camera of the scheme saw, by name; the first, this one, is the control camera.
+
+        Their stamps are the same where they were exposed together.
+        """
+        return {self.name: self, **self.others}
+
+    def brought(self, L: np.ndarray) -> np.ndarray:
+        """L (k, 6) of features of this camera, for the twist of the control camera."""
+        return L if self.of_control is None else L @ self.of_control
+
+    def up_to_now(self, L: np.ndarray) -> np.ndarray | float:
+        """What features of this camera with L (k, 6) have changed by since its exposure up to the
+        control camera's, to first order; 0 where the two were exposed together."""
+        return 0.0 if self.moved is None else L @ self.moved
 
     @cached_property
     def motion(self) -> np.ndarray | None:
@@ -117,6 +146,7 @@ class Observer:
         plane_from: tells the target's plane as seen from world_T_camera (4, 4), or None, as a
             goal's function of that name does; None: no planes, unless they are given.
         pipeline: segmentation and moments, for `of_image`.
+        name: of the camera.
     """
 
     def __init__(
@@ -126,9 +156,10 @@ class Observer:
         vision: PipelineSettings | None = None,
         tracker: Tracker | None = None,
         plane_from: Callable[[np.ndarray], Plane | None] | None = None,
+        name: str = CAMERA,
     ) -> None:
         """`tracker`: of the points that count as corners; None: those of the outline."""
-        self.arm, self.plane_from = arm, plane_from
+        self.arm, self.plane_from, self.name = arm, plane_from, name
         self.tracker = tracker
         self.needs = frozenset(needs)
         self.pipeline = Pipeline(vision if vision is not None else PipelineSettings())
@@ -310,7 +341,7 @@ class Observer:
         return Observation(
             stamp, dt, valid, reason, camera, joints, pose,
             previous_T_camera=moved, commands=tuple(commands), plane=plane, depth=depth,
-            plane_measured=measured, **seen,
+            plane_measured=measured, name=self.name, **seen,
         )  # fmt: skip
 
 

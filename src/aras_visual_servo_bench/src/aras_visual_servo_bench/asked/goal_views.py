@@ -1,0 +1,126 @@
+"""What the cameras see at a goal that is shown, as the controller takes it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.schemes import JointController, Scheme
+from aras_visual_servo_controller.seeing.observation import Need, Observation, Observer
+from aras_visual_servo_controller.seeing.rig import StandingCamera
+from aras_visual_servo_controller.settings import Settings
+
+from ..errors import ExperimentError, ViewError
+from ..plants import CameraReading
+from ..plants.free_body import FreeBody
+from . import cameras
+from .cameras import Eye
+from .plant_making import PlantMaker
+
+# What is taught from a picture as the loop will see it: its own errors are then none of the goal.
+PICTURED = {Need.IMAGE, Need.CONTOUR, Need.CORNERS}
+ELSEWHERE = "give a goal from where the camera sees it, or move the target"
+
+
+def observed(
+    observer: Observer, reading: CameraReading, eye: Eye, **known: Any
+) -> Observation:
+    """What the true camera has delivered, read through the one that the controller believes in.
+
+    Args:
+        known: further arguments of `Observer.of_image` and `of_exact`.
+    """
+    if reading.pictured:
+        return observer.of_image(
+            reading.stamp, reading.picture, eye.believed, depth=reading.depth, **known
+        )
+    return observer.of_exact(
+        reading.stamp, eye.believed,
+        contour=cameras.read(reading.outline, eye.true, eye.believed, closed=True),
+        points=cameras.read(reading.points, eye.true, eye.believed), **known,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class GoalViews:
+    """Attributes:
+        plants: with the true cameras, and what the scheme needs of those that it reads.
+        settings: of the loop.
+    """
+
+    plants: PlantMaker
+    settings: Settings
+    scheme: Scheme | JointController
+
+    def _eye(self, name: str) -> Eye:
+        return self.plants.control if name == self.plants.control.name else self.plants.others[name]
+
+    def check(self, pose: np.ndarray) -> None:
+        """ExperimentError where the target is not in view of a camera that the scheme reads.
+
+        pose: world_T_camera (4, 4) of the control camera.
+        """
+        plants = self.plants
+        several = len(plants.needs) > 1
+        for name in plants.needs:
+            eye, place = self._eye(name), plants.places.get(name)
+            seen_from = plants.target.seen_from(pose if place is None else place.at(pose))
+            try:
+                outline = plants.target.shape.outline(seen_from)
+            except ViewError as error:
+                where = f" (camera '{name}')" if several else ""
+                raise ExperimentError(f"goal: {error}{where}: {ELSEWHERE}") from error
+            if plants.experiment.pictures:
+                seen = (cameras.draw(outline, eye.true) < cameras.WHITE).any()
+            else:
+                seen = plants.unbounded or cameras.in_view(outline, eye.true, 0.0)
+            if not seen:
+                by = f"view of camera '{name}'" if several else "the camera's view"
+                raise ExperimentError(
+                    f"the goal is shown where the target is not in {by}: {ELSEWHERE}"
+                )
+
+    def taught(
+        self,
+        pose: np.ndarray,
+        mountings: Mapping[str, np.ndarray],
+        joints: Mapping[str, float],
+        name: str,
+        others: Mapping[str, Arm | FreeBody | StandingCamera],
+    ) -> Goal:
+        """What the controller makes of the true cameras' views at the goal.
+
+        Args:
+            pose: world_T_camera (4, 4) of the true control camera.
+            mountings: (4, 4) of each believed camera in the true one, by name.
+            joints: there, by name; empty: they are not known.
+            name: of the goal.
+            others: what is believed to move the other cameras.
+        """
+        self.check(pose)
+        plants, target = self.plants, self.plants.target
+        rig = self.settings.rig({**dict.fromkeys(mountings), **others}, self.scheme)
+        readings: dict[str, CameraReading] = {}
+        pictured = frozenset().union(*plants.needs.values()) & PICTURED
+        if plants.experiment.plant == "bullet" and plants.experiment.pictures and pictured:
+            readings = plants.pictures(pose, joints)
+        views: dict[str, Observation] = {}
+        for camera, observer in rig.observers.items():
+            place, reading = plants.places.get(camera), readings.get(camera)
+            if reading is None:
+                sight = plants.sight(self._eye(camera), exactly=True)
+                reading = sight.look(pose, 0, np.random.default_rng(0))
+            believed = (pose if place is None else place.at(pose)) @ mountings[camera]
+            views[camera] = observed(
+                observer, reading, self._eye(camera), world_T_camera=believed,
+                plane=target.shape.plane(target.seen_from(believed)),
+            )  # fmt: skip
+        control = views.pop(rig.control.name)
+        depth = target.shape.depth(target.seen_from(control.world_T_camera))
+        observation = rig.together(control, views) if views else control
+        return replace(Goal.teach(self.scheme, observation, name, depth), joints=dict(joints))

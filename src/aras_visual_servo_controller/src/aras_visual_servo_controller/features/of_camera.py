@@ -1,0 +1,134 @@
+"""A feature of one camera in a scheme of several: `points@right`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from aras_visual_servo_base.poses import adjoint, relative
+
+from ..errors import ConfigurationError
+from ..goals.goal import Goal
+from ..seeing.observation import Need, Observation
+from .base import Feature, Measured
+
+ROUNDING = 1e-6  # of a matrix of twists, below which a direction is none
+
+
+class OfCamera(Feature):
+    """Another feature, measured by the camera of a name.
+
+    Its L is brought to the control camera's twist, L of_control, and where that camera exposed
+    earlier, s to the control camera's exposure. Where the feature models some directions of its
+    camera alone, modelled are the control camera's directions that move its camera along them.
+    """
+
+    def __init__(self, feature: Feature, camera: str) -> None:
+        """`camera`: its name."""
+        self.feature, self.camera = feature, camera
+        self.cameras, self.needs = (camera,), feature.needs
+        self.geometric = feature.geometric
+        self.name = f"{feature.name or type(feature).__name__}@{camera}"
+        self._goals: tuple[Goal, Goal] | None = None
+        self._describe(None)
+
+    def _describe(self, control_T_camera: np.ndarray | None) -> None:
+        """Take over what the feature says of itself; it may learn it from the goal.
+
+        Args:
+            control_T_camera: (4, 4) at the goal; None: it is the control camera.
+        """
+        feature = self.feature
+        self.names = tuple(f"{self.camera}.{name}" for name in feature.names)
+        self.tolerances, self.units = feature.tolerances, feature.units
+        self.weights = feature.weights
+        modelled = np.array(feature.directions, bool)
+        if control_T_camera is not None:
+            brought = np.abs(adjoint(control_T_camera)[:, modelled])
+            modelled = (brought > ROUNDING).any(axis=1)
+        self.directions = tuple(modelled.tolist())
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        view = observation.cameras[self.camera]
+        found = self.feature.measure(view, self._own(goal))
+        if view.of_control is None:
+            return found
+        since = view.up_to_now(found.L)
+        if view.moved is not None:
+            since = since + np.asarray(found.rate) * (observation.stamp - view.stamp)
+        return replace(
+            found, s=found.s + since, error=found.error + since, L=view.brought(found.L)
+        )
+
+    def desired_interaction(self, goal: Goal) -> np.ndarray:
+        """See Feature.desired_interaction."""
+        L = self.feature.desired_interaction(self._own(goal))
+        if self.camera == goal.seen_by:
+            return L
+        return L @ adjoint(_control_in(goal, self.camera))
+
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """See Feature.accuracy."""
+        return self.feature.accuracy(observation.cameras[self.camera], self._own(goal))
+
+    def check(self, goal: Goal) -> None:
+        """See Feature.check."""
+        if self.camera not in goal.cameras:
+            raise ConfigurationError(
+                f"{goal.name} has no view of camera '{self.camera}': teach it with this scheme"
+            )
+        self.feature.check(self._own(goal))
+        control = self.camera == goal.seen_by
+        self._describe(None if control else relative(*(
+            goal.cameras[name].world_T_camera for name in (goal.seen_by, self.camera)
+        )))  # fmt: skip
+
+    def teach(self, observation: Observation) -> Mapping[str, Any]:
+        """See Feature.teach."""
+        return self.feature.teach(observation.cameras[self.camera])
+
+    def reset(self) -> None:
+        """See Feature.reset."""
+        self.feature.reset()
+
+    def needs_of(self, *cameras: str) -> frozenset[Need]:
+        """See Feature.needs_of."""
+        return self.feature.needs_of(*cameras)
+
+    def _own(self, goal: Goal) -> Goal:
+        """The goal as this camera and this feature have it."""
+        if self._goals is None or self._goals[0] is not goal:
+            taught = goal.features.get(self.name)
+            own = goal.cameras[self.camera]
+            if taught is not None:
+                name = self.feature.name or type(self.feature).__name__
+                own = replace(own, features={**own.features, name: taught})
+            self._goals = goal, own
+        return self._goals[1]
+
+
+def check_steering(features: Iterable[Feature], standing: str) -> None:
+    """Refuse a feature that a camera measures which the arm moves as little as what it sees.
+
+    Args:
+        standing: the camera's name.
+
+    Raises:
+        ConfigurationError: there is one.
+    """
+    for feature in features:
+        if isinstance(feature, OfCamera) and feature.camera == standing:
+            raise ConfigurationError(
+                f"{feature.name}: camera '{standing}' stands still, and so does what it sees: "
+                "nothing there tells of the arm's motion; a camera that only watches is not named "
+                "in a scheme"
+            )
+
+
+def _control_in(goal: Goal, camera: str) -> np.ndarray:
+    """camera_T_control (4, 4) at the goal."""
+    return relative(*(goal.cameras[name].world_T_camera for name in (camera, goal.seen_by)))

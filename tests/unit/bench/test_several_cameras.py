@@ -1,0 +1,286 @@
+"""Several cameras of one experiment: on every plant, unlike, late, at other rates, mistaken."""
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_base.poses import exponential, pose_difference, to_xyz_rpy, transform
+from aras_visual_servo_bench.asked.assembly import assemble, check
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_controller.arm import Arm
+
+SHAPE = [[-0.025, -0.03], [0.03, -0.025], [0.025, 0.02], [-0.015, 0.025]]
+# fx and fy differ, and the principal points are off the middle.
+LEFT = {"width": 320, "height": 240, "update_rate": 30.0,
+        "camera_matrix": {"fx": 300.0, "fy": 280.0, "cx": 166.0, "cy": 115.0}}  # fmt: skip
+RIGHT = {"width": 336, "height": 256, "update_rate": 30.0,
+         "camera_matrix": {"fx": 260.0, "fy": 290.0, "cx": 150.0, "cy": 125.0}}  # fmt: skip
+SEATS = {"left": {"xyz": [0.01, 0.02, 0.0]},
+         "right": {"xyz": [0.02, -0.03, 0.0], "rpy": [0.1, -0.03, 0.12]}}  # fmt: skip
+GOAL = transform((0.01, -0.02, -0.2), (0.05, -0.08, 0.3))
+FAR = GOAL @ exponential((0.04, 0.03, -0.1, 0.1, 0.1, 0.4))
+JOINTS, START = [0.05, 0.0, -0.09, 0.045, 0.045, 0.0], [0.03, 0.0, -0.05, 0.03, 0.03, 0.15]
+BOTH = "points@left+points@right"
+
+
+def posed(pose):
+    xyz, rpy = to_xyz_rpy(pose)
+    return {"pose": [*xyz, *rpy]}
+
+
+def two(left=None, right=None, **more):
+    """Settings of two unlike cameras in the hand."""
+    return {"left": {"model": LEFT, **SEATS["left"], **(left or {})},
+            "right": {"model": RIGHT, **SEATS["right"], **(right or {})}, **more}  # fmt: skip
+
+
+def flying(**changes):
+    return Experiment.from_mapping({
+        "plant": "free", "features": "exact", "target": {"shape": SHAPE}, "goal": posed(GOAL),
+        "start": posed(GOAL @ exponential((0.01, 0.005, -0.03, 0.02, 0.03, 0.2))),
+        "duration": 8.0, "gain": 2.0, "scheme": BOTH, "cameras": two(), **changes,
+    })  # fmt: skip
+
+
+def armed(**changes):
+    return flying(**{
+        "plant": "chain", "goal": JOINTS, "start": START, "target": {}, "features": "auto",
+        **changes,
+    })  # fmt: skip
+
+
+# -- convergence -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scheme", [BOTH, "points+points@right", "moments@left+area@right"])
+@pytest.mark.parametrize("features", ["exact", "pictures"])
+def test_two_cameras_of_a_flying_rig_reach_their_goal(scheme, features):
+    result = run(flying(scheme=scheme, features=features))
+    assert result.converged and result.verdict.reached, (result.outcome, result.reason)
+    assert set(result.outcomes) <= {"running", result.outcome}
+    assert result.settled() < 2.0
+
+
+@pytest.mark.parametrize("plant", ["chain", "bullet"])
+@pytest.mark.parametrize("features", ["exact", "pictures"])
+def test_two_cameras_of_an_arm_reach_their_goal(plant, features):
+    result = run(armed(plant=plant, features=features))
+    assert result.outcome == "converged" and result.verdict.reached, result.reason
+    right = result.cameras["right"]
+    assert len(right.stamp) >= len(result.stamp) > 90
+    distance, angle = pose_difference(result.pose[0], right.pose[0])
+    assert 0.04 < distance < 0.07 and 0.1 < angle < 0.25
+
+
+def test_a_named_goal_of_known_geometry_is_worked_out_for_every_camera():
+    parts = assemble(armed(goal="2016", start="2016", scheme="moments@left+area@right"))
+    assert list(parts.servo.goal.cameras) == ["left", "right"]
+    assert parts.servo.goal.others["right"].moments is not None
+    assert run(armed(goal="2016", scheme="moments@left+area@right")).verdict.reached
+
+
+def test_both_cameras_tell_more_of_the_pose_than_one():
+    """Noise of 0.3 px in each: two see the camera's place more exactly."""
+
+    def scatter(scheme):
+        result = run(flying(scheme=scheme, jitter=0.3, duration=4.0, linger=None))
+        return np.sqrt(np.mean(result.way()[0][-200:] ** 2))
+
+    assert scatter(BOTH) < 0.6 * scatter("points@left")
+
+
+@pytest.mark.parametrize(
+    "right", [{"rate": 20.0}, {"rate": 7.0}, {"rate": 47.0}, {"delay": 0.05},
+              {"rate": 20.0, "delay": 0.07}],
+)  # fmt: skip
+def test_other_rates_and_delays_are_made_up_for(right):
+    experiment = flying(cameras=two(right=right), gain=4.0)
+    result = run(experiment)
+    assert result.outcome == "converged" and result.verdict.reached, result.reason
+    assert "wrong_camera_model" not in result.outcomes
+    rate = right.get("rate", 30.0)
+    period = np.median(np.diff(result.cameras["right"].stamp))
+    assert period == pytest.approx(1.0 / rate, abs=1e-8)
+    late = result.cameras["right"].arrival - result.cameras["right"].stamp
+    np.testing.assert_allclose(late, right.get("delay", 0.0), atol=1e-9)
+
+
+def test_a_control_camera_that_is_late_answers_later():
+    prompt, late = (run(flying(cameras=two(left={"delay": d}))) for d in (0.0, 0.1))
+    assert late.verdict.reached
+
+    def moved(result):
+        speeds = np.abs(result.measured_speed).max(axis=1)
+        return result.joint_stamp[np.flatnonzero(speeds > 1e-3)[0]]
+
+    assert moved(late) - moved(prompt) == pytest.approx(0.1 - 0.015, abs=0.011)
+
+
+def test_a_dictionary_of_one_camera_is_that_camera():
+    one = {"model": LEFT, "believed": {"focal": 1.1, "rpy": [0.0, 0.05, 0.1]}}
+    named = run(armed(cameras={"only": one}, scheme="points"))
+    plain = run(armed(cameras={}, camera=LEFT, believed=one["believed"], scheme="points"))
+    assert list(named.cameras) == ["only"] and list(plain.cameras) == ["camera"]
+    for name in ("stamp", "pose", "measured", "commanded", "error"):
+        np.testing.assert_array_equal(getattr(named, name), getattr(plain, name))
+
+
+def test_runs_repeat_bit_by_bit():
+    experiment = flying(jitter=0.3, cameras=two(right={"rate": 20.0, "delay": 0.03}), seed=5)
+    one, other = run(experiment), run(experiment)
+    np.testing.assert_array_equal(one.measured, other.measured)
+    assert not np.array_equal(one.measured, run(experiment.with_(seed=6)).measured)
+
+
+# -- where the cameras are ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("plant", ["free", "chain", "bullet"])
+def test_a_camera_s_seat_is_the_same_on_every_plant(plant):
+    """In camera_link: x forward, y left, z up; so 5 cm to the right of the left camera."""
+    parts = assemble(flying() if plant == "free" else armed(plant=plant))
+    place = parts.places["right"].pose
+    parts.plant.close()
+    np.testing.assert_allclose(place[:3, 3], [0.05, 0.0, 0.01], atol=1e-6)
+    link_R_optical = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+    turned = transform((0, 0, 0), SEATS["right"]["rpy"])[:3, :3]
+    np.testing.assert_allclose(place[:3, :3], link_R_optical.T @ turned @ link_R_optical, atol=1e-9)
+
+
+def test_the_control_camera_is_the_first_that_the_scheme_reads():
+    left, right = (assemble(flying(scheme=f"points@{name}")) for name in ("left", "right"))
+    assert left.plant.camera.K[0] == 300.0 and right.plant.camera.K[0] == 260.0
+    for parts, name in ((left, "left"), (right, "right")):
+        assert list(parts.rig.observers) == [name] and parts.goal.seen_by == name
+        np.testing.assert_allclose(parts.goal_pose, GOAL, atol=1e-12)
+    assert run(flying(scheme="partitioned@right")).verdict.reached
+
+
+def test_drawn_starts_are_in_view_of_both():
+    experiment = armed(start={"height": [0.15, 0.25], "side": 0.05, "turn": 1.0}, plant="free")
+    experiment = experiment.with_(features="exact")
+    for seed in range(5):
+        parts = assemble(experiment.with_(seed=seed))
+        seen = {reading.camera for _ in range(8) for reading in parts.plant.advance(10**9)
+                if getattr(reading, "outline", None) is not None}  # fmt: skip
+        assert seen == {"left", "right"}
+
+
+PORTAL = """<robot name="portal"><link name="world"/>
+<link name="x"/><link name="y"/><link name="z"/><link name="hand"/>
+<joint name="along" type="prismatic"><parent link="world"/><child link="x"/><axis xyz="1 0 0"/>
+  <limit lower="-1" upper="1" velocity="1" effort="9"/></joint>
+<joint name="across" type="prismatic"><parent link="x"/><child link="y"/><axis xyz="0 1 0"/>
+  <limit lower="-1" upper="1" velocity="1" effort="9"/></joint>
+<joint name="up" type="prismatic"><parent link="y"/><child link="z"/><axis xyz="0 0 1"/>
+  <origin xyz="0 0 0.5"/><limit lower="-0.4" upper="0.4" velocity="1" effort="9"/></joint>
+<joint name="wrist" type="revolute"><parent link="z"/><child link="hand"/><axis xyz="0 0 1"/>
+  <limit lower="-3" upper="3" velocity="2" effort="9"/></joint>
+</robot>"""
+CARRIED = [[-0.05, -0.03], [0.05, -0.03], [0.03, 0.04], [-0.05, 0.01]]
+BESIDE = {"model": RIGHT, "pose": [0.15, 0.0, 1.0, 3.141592653589793, 0.15, 0.4]}
+
+
+@pytest.fixture
+def portal(tmp_path):
+    """Two cameras that stand, and an arm that moves the target before them."""
+    path = tmp_path / "portal.urdf"
+    path.write_text(PORTAL)
+    return Experiment.from_mapping({
+        "plant": "chain", "target": {"shape": CARRIED}, "scheme": "points@above+points@beside",
+        "robot": {"urdf": str(path), "target_frame": "hand"}, "goal": [0.02, -0.03, 0.1, 0.3],
+        "start": [0.1, 0.05, -0.02, -0.4],
+        "cameras": {"above": {"model": LEFT, "pose": [0, 0, 1.0, 3.141592653589793, 0, 0.4]},
+                    "beside": BESIDE},
+    })  # fmt: skip
+
+
+@pytest.mark.parametrize("scheme", ["points@above", "points@beside", "points@above+points@beside"])
+@pytest.mark.parametrize("features", ["exact", "pictures"])
+def test_cameras_that_stand_servo_the_arm_that_moves_their_target(portal, scheme, features):
+    result = run(portal.with_(scheme=scheme, features=features))
+    assert result.outcome == "converged" and result.verdict.reached, result.reason
+    np.testing.assert_allclose(result.measured[-1], [0.02, -0.03, 0.1, 0.3], atol=3e-4)
+    assert set(result.outcomes) == {"running", "converged"}
+
+
+def test_a_camera_that_stands_is_where_it_says_in_the_world(portal):
+    parts = assemble(portal)
+    q = np.array([0.1, -0.2, 0.05, 0.4])
+    hand = Arm.from_urdf(PORTAL, "hand").pose(q)
+    true = transform(BESIDE["pose"][:3], BESIDE["pose"][3:])
+    found = parts.places["beside"].at(parts.servo.arm.pose(q))
+    np.testing.assert_allclose(hand @ found, true, atol=1e-9)
+
+
+# -- a camera that only watches ----------------------------------------------------------------
+
+OVERVIEW = {"model": RIGHT, "rate": 10.0, "pose": [0.1, 0.0, 0.95, 3.14, 0.0, 0.0]}
+
+
+@pytest.mark.parametrize("plant", ["free", "chain", "bullet"])
+def test_a_camera_that_watches_changes_nothing_and_is_recorded(plant):
+    make = flying if plant == "free" else armed
+    options = {"plant": plant, "features": "exact", "jitter": 0.2, "duration": 1.5}
+    alone = run(make(**options))
+    watched = run(make(**options, cameras=two(overview=OVERVIEW)))
+    np.testing.assert_array_equal(alone.measured, watched.measured)
+    np.testing.assert_array_equal(alone.error, watched.error)
+    seen = watched.cameras["overview"]
+    assert len(seen.stamp) == pytest.approx(10.0 * watched.stamp[-1], abs=1)
+    true = transform(OVERVIEW["pose"][:3], OVERVIEW["pose"][3:])
+    np.testing.assert_allclose(seen.pose, np.broadcast_to(true, seen.pose.shape), atol=1e-9)
+    assert "overview" not in alone.cameras
+
+
+# -- what is believed --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"focal": 0.8}, {"rpy": [0.0, 0.15, 0.0]}, {"xyz": [0.0, 0.05, 0.0]}]
+)
+@pytest.mark.parametrize("name", ["left", "right"])
+def test_the_camera_that_is_not_as_believed_is_named(name, wrong):
+    result = run(flying(start=posed(FAR), cameras=two(**{name: {"believed": wrong}})))
+    assert "wrong_camera_model" in result.outcomes
+    assert result.verdict.reached  # a goal that was shown is
+    assert "yet camera " in result.reason
+    if "focal" in wrong or name == "right":
+        assert f"yet camera {name}: " in result.reason
+
+
+def test_the_judge_finds_nothing_in_cameras_as_believed():
+    assert set(run(flying(start=posed(FAR))).outcomes) == {"running", "converged"}
+
+
+# -- bad input ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"scheme": "points@rihgt"}, "reads the camera 'rihgt': did you mean 'right'"),
+        ({"cameras": two(right={"rpy": [0.0, 0.0, -0.9]})},
+         "the target is not in view of camera 'right'"),
+        ({"cameras": two(right={"rpy": [0.0, 3.1, 0.0]})},
+         r"behind the camera.*\(camera 'right'\)"),
+        ({"camera": "wide"}, "camera and believed are of an experiment with one camera"),
+        ({"plant": "ideal"}, "plant 'ideal' has one camera"),
+        ({"cameras": two(right={"focal": 2.0})}, "unknown key 'cameras.right.focal'"),
+        ({"cameras": two(right={"model": "wdie"})}, "'wdie' is no preset: did you mean 'wide'"),
+        ({"cameras": two(right={"pose": [0.0] * 6})}, "a pose in the world, or xyz and rpy in the"),
+        ({"cameras": {"a b": {}}, "scheme": "points"}, "cameras: 'a b' is no name"),
+        ({"cameras": {"wall": {"pose": [0, 0, 1, 3.14, 0, 0]}}, "scheme": "points"},
+         "camera 'wall' stands in the world, and the arm moves nothing that it sees"),
+        ({"cameras": two(wall={"pose": [0, 0, -0.5, 0, 0, 0]}), "scheme": f"{BOTH}+points@wall"},
+         "camera 'wall' stands still, and so does what it sees"),
+        ({"scheme": "luminance@left+points@right"}, "looks at pictures, and there are none"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_before_the_first_run(changes, words):
+    with pytest.raises(ExperimentError, match=words) as told:
+        experiment = flying(**changes)
+        check(experiment)
+        assemble(experiment)
+    assert "\n" not in str(told.value)

@@ -1,0 +1,312 @@
+"""Several cameras of one scheme: pictures that belong together, and one observation of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from feature_scenes import CAMERA
+
+from aras_visual_servo_base.poses import exponential, inverse, logarithm, transform
+from aras_visual_servo_camera.interaction import Plane
+from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
+from aras_visual_servo_controller.features import Stack
+from aras_visual_servo_controller.features.of_camera import OfCamera
+from aras_visual_servo_controller.features.points import Points
+from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.schemes import create_scheme
+from aras_visual_servo_controller.seeing.joint_sample import JointSample
+from aras_visual_servo_controller.seeing.observation import Need, Observer
+from aras_visual_servo_controller.seeing.rig import Rig, StandingCamera
+from aras_visual_servo_controller.settings import Settings
+
+SEAT = transform((0.05, -0.01, 0.02), (0.1, -0.2, 0.3))  # of the right camera in the left one
+SHAPE = np.array([[-0.05, -0.03, 0], [0.05, -0.02, 0], [0.03, 0.04, 0], [-0.04, 0.03, 0.0]])
+NAMES = ("x", "y", "z", "rx", "ry", "rz")
+
+
+class Flying:
+    """A body whose q is the exponential that its camera has moved by, from `origin`."""
+
+    def __init__(self, seat, origin=None):
+        self.seat = seat
+        self.origin = transform((0.02, -0.03, 0.4), (np.pi, 0.1, 0.2)) if origin is None else origin
+
+    def pose(self, q):
+        return self.origin @ exponential(q) @ self.seat
+
+
+LEFT, RIGHT = Flying(np.eye(4)), Flying(SEAT)
+
+
+def rig(needs=(Need.CORNERS,), right=RIGHT, goal=None):
+    needs = frozenset(needs)
+    plane = {} if goal is None else {n: g.plane_from for n, g in goal.cameras.items()}
+    return Rig([Observer(LEFT, needs, plane_from=plane.get("left"), name="left"),
+                Observer(right, needs, plane_from=plane.get("right"), name="right")])  # fmt: skip
+
+
+def corners(pose):
+    seen = (np.column_stack([SHAPE, np.ones(4)]) @ inverse(pose).T)[:, :3]
+    return seen[:, :2] / seen[:, 2:]
+
+
+def view(observer, stamp, q, plane=None):
+    joints = JointSample.of(stamp, NAMES, q)
+    return observer.of_exact(
+        stamp, CAMERA, joints, contour=corners(observer.arm.pose(np.asarray(q))), plane=plane
+    )
+
+
+def together(made, q, stamp=1.0, then=None):
+    """One observation; the right camera exposed at coordinates `then`."""
+    right, left = made.observers["right"], made.control
+    age = 0.0 if then is None else 0.02
+    seen = view(right, stamp - age, q if then is None else then)
+    return made.together(view(left, stamp, q), {"right": seen})
+
+
+# -- which pictures belong together -------------------------------------------------------------
+
+
+def fed(made, *pictures):
+    """Stamps that are answered: (control's, right's) of the pictures (camera, stamp), in order."""
+    answered = []
+    for name, stamp in pictures:
+        def look(joints, commands, name=name, stamp=stamp):
+            return view(made.observers[name], stamp, np.zeros(6))
+
+        found = made.add(name, stamp, look)
+        if found is not None:
+            seen = found[1](JointSample.of(found[0], NAMES, np.zeros(6)), ())
+            answered.append((round(seen.stamp, 3), round(seen.cameras["right"].stamp, 3)))
+    return answered
+
+
+def test_one_camera_waits_for_nobody():
+    alone = Rig([Observer(LEFT, frozenset((Need.CORNERS,)))])
+    assert alone.add("camera", 0.3, len) == (0.3, len)
+
+
+@pytest.mark.parametrize("first", ["left", "right"])
+def test_what_was_exposed_together_is_seen_together_whichever_comes_first(first):
+    order = ("left", "right") if first == "left" else ("right", "left")
+    pictures = [(name, 0.1 * k) for k in range(1, 5) for name in order]
+    assert fed(rig(), *pictures) == [(0.1, 0.1), (0.2, 0.2), (0.3, 0.3), (0.4, 0.4)]
+
+
+def test_the_pictures_of_a_late_connection_are_waited_for():
+    right = [("right", 0.1 * k) for k in range(1, 6)]
+    left = [("left", 0.1 * k) for k in range(1, 7)]
+    pictures = [*left[:2], right[0], left[2], right[1], left[3], right[2], left[4], right[3]]
+    assert fed(rig(), *pictures) == [(0.1, 0.1), (0.2, 0.2), (0.3, 0.3), (0.4, 0.4)]
+
+
+def test_a_lost_picture_costs_one_answer_and_no_pair():
+    pictures = [("left", 0.1), ("right", 0.1), ("left", 0.2), ("right", 0.2), ("left", 0.3),
+                ("left", 0.4), ("right", 0.4), ("left", 0.5), ("right", 0.5)]  # fmt: skip
+    assert fed(rig(), *pictures) == [(0.1, 0.1), (0.2, 0.2), (0.4, 0.4), (0.5, 0.5)]
+
+
+def test_a_slower_camera_s_newest_picture_counts():
+    pictures = [("left", 0.1 * k) for k in range(1, 9)]
+    pictures += [("right", 0.25 * k) for k in range(1, 4)]
+    answered = fed(rig(), *sorted(pictures, key=lambda one: one[1]))
+    assert answered == [(0.5, 0.5), (0.6, 0.5), (0.7, 0.5), (0.8, 0.75)]
+
+
+def test_stamps_of_one_trigger_may_differ_a_little():
+    pictures = [(name, 0.1 * k + (0.004 if name == "right" else 0.0))
+                for k in range(1, 5) for name in ("left", "right")]  # fmt: skip
+    assert fed(rig(), *pictures)[-2:] == [(0.3, 0.304), (0.4, 0.404)]
+
+
+def test_it_says_which_camera_is_missing():
+    made = rig()
+    assert fed(made, ("left", 0.1), ("left", 0.2)) == [] and made.waits_for == "right"
+    made.reset()
+    assert made.waits_for == ""
+
+
+# -- what they see -----------------------------------------------------------------------------
+
+
+def test_an_observation_of_two_cameras_holds_each_with_its_own_view():
+    q = np.array([0.01, -0.02, 0.03, 0.05, -0.04, 0.2])
+    seen = together(rig(), q)
+    assert list(seen.cameras) == ["left", "right"] and seen.cameras["left"] is seen
+    right = seen.cameras["right"]
+    np.testing.assert_allclose(right.world_T_camera, RIGHT.pose(q))
+    np.testing.assert_allclose(right.corners, corners(RIGHT.pose(q)))
+    assert seen.of_control is None and right.moved is None
+
+
+def test_the_twist_of_another_camera_follows_from_that_of_the_control_camera():
+    q, twist = np.array([0.01, -0.02, 0.03, 0.05, -0.04, 0.2]), np.arange(1.0, 7.0)
+    made, step = rig(), 1e-6
+    seen = together(made, q)
+    ahead = LEFT.pose(q) @ exponential(step * twist) @ SEAT
+    moved = logarithm(inverse(RIGHT.pose(q)) @ ahead) / step
+    np.testing.assert_allclose(seen.cameras["right"].of_control @ twist, moved, atol=1e-5)
+
+
+def test_an_older_picture_is_brought_up_to_now():
+    then = np.array([0.01, -0.02, 0.03, 0.05, -0.04, 0.2])
+    now = then + 1e-3 * np.array([1.0, -2.0, 1.5, 3.0, 2.0, -1.0])
+    made = rig()
+    right = together(made, now, then=then).cameras["right"]
+    np.testing.assert_allclose(
+        exponential(right.moved), inverse(RIGHT.pose(then)) @ RIGHT.pose(now), atol=1e-12
+    )
+
+
+def test_a_standing_camera_sees_nothing_of_the_arm_s_motion():
+    standing = StandingCamera(RIGHT.pose(np.zeros(6)))
+    seen = together(rig(right=standing), np.zeros(6))
+    assert not seen.cameras["right"].of_control.any()
+
+
+def test_cameras_without_kinematics_are_no_rig():
+    made = Rig([Observer(None, frozenset(), name=n) for n in ("left", "right")])
+    views = [o.of_exact(1.0, CAMERA, contour=corners(LEFT.pose(np.zeros(6))))
+             for o in made.observers.values()]  # fmt: skip
+    with pytest.raises(MeasurementError, match="nothing tells where camera right is beside left"):
+        made.together(views[0], {"right": views[1]})
+
+
+# -- features of cameras -----------------------------------------------------------------------
+
+
+def goal_of(scheme):
+    """Shown with both cameras."""
+    made, q = rig(), np.zeros(6)
+
+    def plane(pose):
+        """Of the world's z = 0."""
+        inside = inverse(pose)
+        n, p = inside[:3, 2], inside[:3, 3]
+        return Plane(*(n / (n @ p)).tolist())
+
+    views = {n: view(o, 1.0, q, plane(o.arm.pose(q))) for n, o in made.observers.items()}
+    shown = made.together(views["left"], {"right": views["right"]})
+    return Goal.teach(scheme, shown)
+
+
+def test_the_goal_of_each_camera_is_kept_and_comes_back_from_a_file():
+    goal = goal_of(create_scheme("points@left+points@right"))
+    assert list(goal.cameras) == ["left", "right"]
+    assert set(goal.features) == {"points@left", "points@right"}
+    again = Goal.from_mapping(yaml.safe_load(goal.to_yaml()))
+    assert list(again.cameras) == ["left", "right"]
+    np.testing.assert_allclose(again.cameras["right"].plane, goal.cameras["right"].plane)
+    np.testing.assert_allclose(again.cameras["right"].world_T_camera, RIGHT.pose(np.zeros(6)))
+
+
+@pytest.mark.parametrize(
+    ("name", "rtol"),  # moments tell the depth of a tilted plane to 0.05 %
+    [("points", 1e-4), ("polar_points", 1e-4), ("pose", 1e-4), ("lines", 1e-4), ("area", 1e-3),
+     ("moments_six", 1e-3)],
+)
+def test_L_of_another_camera_is_that_of_the_control_camera_s_twist(name, rtol):
+    scheme = create_scheme(f"points@left+{name}@right")
+    feature = scheme.feature.features[1]
+    goal = goal_of(scheme)
+    scheme.check(goal)
+    made = rig((Need.CORNERS, Need.MOMENTS), goal=goal)
+    q, step = np.array([0.01, -0.02, 0.03, 0.05, -0.04, 0.2]), 1e-6
+
+    def measured(pose_change):
+        moved = Rig([Observer(Flying(arm.seat, arm.origin @ exponential(q) @ pose_change),
+                              made.control.needs, plane_from=goal.cameras[n].plane_from, name=n)
+                     for n, arm in (("left", LEFT), ("right", RIGHT))])  # fmt: skip
+        return feature.measure(together(moved, np.zeros(6)), goal)
+
+    before = measured(np.eye(4))
+    columns = [
+        (measured(exponential(step * d)).s - measured(exponential(-step * d)).s) / (2 * step)
+        for d in np.eye(6)
+    ]
+    np.testing.assert_allclose(before.L, np.transpose(columns), rtol=rtol, atol=2e-5)
+    assert feature.names[0].startswith("right.")
+
+
+def test_an_older_view_s_features_are_brought_to_the_control_camera_s_exposure():
+    scheme = create_scheme("points@left+points@right")
+    goal = goal_of(scheme)
+    scheme.check(goal)
+    made, feature = rig(goal=goal), scheme.feature.features[1]
+    then = np.array([0.01, -0.02, 0.03, 0.05, -0.04, 0.2])
+    now = then + 1e-3 * np.array([1.0, -2.0, 1.5, 3.0, 2.0, -1.0])
+    true = feature.measure(together(made, now), goal).s
+    old = feature.measure(together(made, then), goal).s
+    found = feature.measure(together(made, now, then=then), goal).s
+    assert np.abs(old - true).max() > 2e-3
+    np.testing.assert_allclose(found, true, atol=1e-4)  # to first order
+
+
+def test_directions_of_another_camera_are_the_control_camera_s_that_move_it_so():
+    level = OfCamera(create_scheme("moments").feature, "right")
+    goal = goal_of(create_scheme("points@left+points@right"))
+    aside = transform((0.05, 0.0, 0.0), (0.0, 0.0, 0.0))
+    right = goal.others["right"]
+    parallel = replace(goal, others={
+        "right": replace(right, world_T_camera=goal.world_T_camera @ aside)
+    })  # fmt: skip
+    level.check(parallel)
+    assert level.directions == (True, True, True, False, False, True)
+    level.check(goal)
+    assert level.directions == (True,) * 6  # tilted against the control camera
+
+
+def test_a_camera_where_the_target_is_lost_is_named():
+    scheme = create_scheme("points@left+points@right")
+    goal = goal_of(scheme)
+    scheme.check(goal)
+    made = rig(goal=goal)
+    lost = made.observers["right"].of_exact(1.0, CAMERA, JointSample.of(1.0, NAMES, np.zeros(6)))
+    seen = made.together(view(made.control, 1.0, np.zeros(6)), {"right": lost})
+    with pytest.raises(MeasurementError, match="camera right: the target is not in view"):
+        scheme.compute(seen, goal, 0.0)
+
+
+# -- names -------------------------------------------------------------------------------------
+
+
+def test_a_scheme_says_which_cameras_it_reads():
+    two = Settings(cameras={"left": {}, "right": {}})
+    for name, read in (
+        ("points", ("left",)), ("points@right", ("right",)), ("partitioned@right", ("right",)),
+        ("points+area@right", ("left", "right")), ("points@right+area@left", ("left", "right")),
+    ):  # fmt: skip
+        assert two.read_by(create_scheme(name)) == read
+    assert Settings().read_by(create_scheme("points")) == ("camera",)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("points@rihgt", "reads the camera 'rihgt': did you mean 'right'"),
+        ("points@", "a camera's name is missing behind the @"),
+        ("points@left,right", "scheme 'points' reads 1 camera: name one, as points@left"),
+        ("partitioned@left,right", "scheme 'partitioned' reads one camera"),
+    ],
+)
+def test_wrong_names_are_refused(name, words):
+    with pytest.raises(ConfigurationError, match=words) as told:
+        settings = Settings(scheme=name, cameras={"left": {}, "right": {}})
+        settings.read_by(create_scheme(name))
+    assert "\n" not in str(told.value)
+
+
+def test_a_goal_of_one_camera_has_no_view_of_another():
+    scheme = create_scheme("points@left+points@right")
+    goal = goal_of(scheme)
+    with pytest.raises(ConfigurationError, match="has no view of camera 'right': teach it"):
+        scheme.check(replace(goal, others={}))
+
+
+def test_a_stack_needs_of_each_camera_what_its_features_do():
+    grey = create_scheme("luminance").feature
+    stack = Stack([OfCamera(Points(), "left"), OfCamera(grey, "right")])
+    assert stack.cameras == ("left", "right")
+    assert stack.needs_of("", "left") == {Need.CORNERS} and stack.needs_of("right") == {Need.IMAGE}

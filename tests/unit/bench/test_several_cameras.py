@@ -1,5 +1,8 @@
 """Several cameras of one experiment: on every plant, unlike, late, at other rates, mistaken."""
 
+import base64
+
+import cv2
 import numpy as np
 import pytest
 
@@ -7,7 +10,9 @@ from aras_visual_servo_base.poses import exponential, pose_difference, to_xyz_rp
 from aras_visual_servo_bench.asked.assembly import assemble, check
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.report.contents import contents
 from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.study.replay import with_all_pictures
 from aras_visual_servo_controller.arm import Arm
 
 SHAPE = [[-0.025, -0.03], [0.03, -0.025], [0.025, 0.02], [-0.015, 0.025]]
@@ -284,3 +289,25 @@ def test_what_cannot_be_is_refused_before_the_first_run(changes, words):
         check(experiment)
         assemble(experiment)
     assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("features", ["exact", "pictures"])
+def test_a_report_has_the_film_of_every_camera(features):
+    experiment = armed(duration=0.6, features=features, cameras=two(overview=OVERVIEW))
+    result = with_all_pictures(experiment)
+    told = contents([result], [])["runs"][0]
+    assert [film["camera"] for film in told["others"]] == ["right", "overview"]
+    overview = told["others"][1]
+    assert (overview["width"], overview["height"]) == (336, 256)
+    shown = [stamp for stamp in result.cameras["overview"].stamp if stamp >= result.began]
+    assert len(overview["frames"]) == len(shown) > 3
+    jpeg = np.frombuffer(base64.b64decode(overview["frames"][-1]), np.uint8)
+    picture = cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE)
+    assert picture.shape == (256, 336) and picture.min() < 60 < 200 < picture.max()
+
+
+def test_a_run_keeps_what_its_watching_camera_saw_and_a_study_does_without():
+    experiment = armed(plant="bullet", duration=0.3, cameras=two(overview=OVERVIEW))
+    seen = run(experiment).cameras["overview"]
+    assert [stamp for stamp, _ in seen.film] == seen.stamp.tolist() and len(seen.film) > 2
+    assert list(assemble(experiment, watched=False).eyes) == ["left", "right"]

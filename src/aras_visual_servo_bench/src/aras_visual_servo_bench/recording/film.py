@@ -35,6 +35,11 @@ def film(pictures: Iterable[tuple[float, np.ndarray]], count: int) -> Film:
     return tuple(frames)
 
 
+def frame(picture: np.ndarray) -> bytes:
+    """JPEG of one picture (rows, columns, 3) rgb."""
+    return _jpeg(picture, *SIZES[0])
+
+
 def _jpeg(picture: np.ndarray, side: int, quality: int) -> bytes:
     factor = side / max(picture.shape[:2])
     if factor < 1.0:

@@ -6,40 +6,46 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 
+from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.loop.state import APPROACHING, ServoState
 from aras_visual_servo_controller.schemes import JointController, Scheme
 from aras_visual_servo_controller.seeing.observation import CAMERA
 
+from ..asked import cameras
 from ..asked.assembly import Assembly
 from ..asked.experiment import Experiment
 from ..plants import CameraReading, Plant
-from .film import Film
+from .film import Film, frame
 from .run import CameraRecord, Run
 
 
 class Recorder:
     """What was answered to each image, and what each joint state told."""
 
-    def __init__(self, joints: int) -> None:
-        """`joints`: how many there are."""
+    def __init__(self, joints: int, filmed: bool = False) -> None:
+        """`joints`: how many there are; `filmed`: keep what other cameras than the control camera
+        see."""
         self._states: list[ServoState] = []
         self._poses: list[np.ndarray] = []
         self._stamps: list[float] = []
         self._joints: list[tuple[np.ndarray, ...]] = []
         self._count, self._asked = joints, np.full(joints, np.nan)
-        self._seen: dict[str, list[tuple[float, np.ndarray]]] = {}
+        self._filmed = filmed
+        self._seen: dict[str, list[tuple[float, np.ndarray, bytes]]] = {}
 
     def image(self, state: ServoState, pose: np.ndarray) -> None:
         """One answered image; pose: the true one then."""
         self._states.append(state)
         self._poses.append(pose)
 
-    def saw(self, reading: CameraReading, pose: np.ndarray) -> None:
-        """An image of another camera than the control camera; pose: its true one then."""
-        self._seen.setdefault(reading.camera, []).append((reading.stamp, pose))
+    def saw(self, reading: CameraReading, pose: np.ndarray, model: CameraModel) -> None:
+        """An image of another camera than the control camera; its true pose then, and model."""
+        shown = frame(picture_of(reading, model)) if self._filmed else b""
+        self._seen.setdefault(reading.camera, []).append((reading.stamp, pose, shown))
 
     def commanded(self, values: np.ndarray) -> None:
         """What was sent last, (n,)."""
@@ -88,10 +94,21 @@ class Recorder:
                 found[name] = CameraRecord(parts.plant.camera, stamp, stamp, pose)
                 continue
             seen = self._seen.get(name, [])
-            at = np.array([stamp for stamp, _ in seen])
-            place = np.array([pose for _, pose in seen]).reshape(-1, 4, 4)
-            found[name] = CameraRecord(eye.true, at, at + eye.spec.delay, place)
+            at = np.array([stamp for stamp, _, _ in seen])
+            place = np.array([pose for _, pose, _ in seen]).reshape(-1, 4, 4)
+            film = tuple((stamp, shown) for stamp, _, shown in seen if shown)
+            found[name] = CameraRecord(eye.true, at, at + eye.spec.delay, place, film=film)
         return found
+
+
+def picture_of(reading: CameraReading, model: CameraModel) -> np.ndarray:
+    """What a camera saw, (rows, columns, 3) rgb; drawn where it sees exactly."""
+    image = reading.image
+    if image is None:
+        image = cameras.draw(cameras.read(reading.outline, model, model), model)
+    if image.ndim == 2 or image.shape[2] == 1:
+        return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
+    return image[..., ::-1].copy() if reading.encoding.startswith("bgr") else image
 
 
 def with_pictures(

@@ -55,6 +55,7 @@ def contents(
         "end": last(runs),
         "runs": [
             {"name": run.name, "events": _events(run), "film": _film(run, arrays),
+             "others": _other_films(run, arrays),
              "poses": _poses(run, arrays)} for run in runs
         ],
         "groups": [{"key": key, "title": title, "text": text,
@@ -103,6 +104,24 @@ def _film(run: Run, arrays: Arrays) -> dict[str, Any] | None:
         "wanted": _wanted(run, stamps, arrays), "tracks": _tracks(run, arrays),
         "milestones": [stamp - run.began for stamp in milestones(run)],
     }  # fmt: skip
+
+
+def _other_films(run: Run, arrays: Arrays) -> list[dict[str, Any]]:
+    """Frames of the other cameras than the control camera, each with that one's name."""
+    films = []
+    for name, seen in list(run.cameras.items())[1:]:
+        stamps = np.array([stamp for stamp, _ in seen.film])
+        kept = chosen(stamps, run.began)
+        if not len(kept):
+            continue
+        frames = dict(seen.film)
+        films.append({
+            "camera": name, "time": arrays.put(kept - run.began),
+            "width": seen.model.width, "height": seen.model.height,
+            "frames": [base64.b64encode(frames[stamp]).decode() for stamp in kept.tolist()],
+            "wanted": [None], "tracks": None, "milestones": [],
+        })  # fmt: skip
+    return films
 
 
 def _wanted(run: Run, stamps: np.ndarray, arrays: Arrays) -> list[int | None]:

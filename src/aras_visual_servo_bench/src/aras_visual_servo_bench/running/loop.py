@@ -32,12 +32,15 @@ def run(experiment: Experiment) -> Run:
     Raises:
         ExperimentError: it cannot be run. What goes wrong while it runs is an outcome.
     """
-    return carry_out(experiment, assemble(experiment))[0]
+    return carry_out(experiment, assemble(experiment), filmed=experiment.pictures)[0]
 
 
-def carry_out(experiment: Experiment, parts: Assembly) -> tuple[Run, float]:
-    """A run of parts that are assembled, from their start to the end, and its simulated time, s."""
-    loop = Loop(experiment, parts)
+def carry_out(
+    experiment: Experiment, parts: Assembly, filmed: bool = False
+) -> tuple[Run, float]:
+    """A run of parts that are assembled, from their start to the end, and its simulated time, s;
+    `filmed`: see Loop."""
+    loop = Loop(experiment, parts, filmed)
     try:
         loop.to_end()
         return loop.result(), loop.plant.time_ns / NS
@@ -53,12 +56,13 @@ class Loop:
         reading, state: the last image and the answer to it, or None.
     """
 
-    def __init__(self, experiment: Experiment, parts: Assembly) -> None:
+    def __init__(self, experiment: Experiment, parts: Assembly, filmed: bool = False) -> None:
+        """`filmed`: keep what other cameras than the control camera see."""
         self.experiment, self.parts = experiment, parts
         self.plant, self.servo = parts.plant, parts.servo
         self.reading: CameraReading | None = None
         self.state: ServoState | None = None
-        self._recorder = Recorder(len(self.plant.joint_names))
+        self._recorder = Recorder(len(self.plant.joint_names), filmed)
         self._flies = "twist" in self.plant.outputs
         self._ending = Ending(experiment, parts) if self._flies else None
         # Wall time stands still: what is late here is late in simulated time.
@@ -158,7 +162,8 @@ class Loop:
             self._began_ns = reading.stamp_ns
         if not control:
             place = self.parts.places[reading.camera]
-            self._recorder.saw(reading, place.at(self.plant.pose()))
+            model = self.parts.eyes[reading.camera].true
+            self._recorder.saw(reading, place.at(self.plant.pose()), model)
         if reading.camera not in self.parts.rig.observers:
             return
         if delay_ns := self._delays_ns[reading.camera]:

@@ -9,12 +9,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from ..asked import cameras
 from ..asked.assembly import assemble
 from ..asked.experiment import Experiment
 from ..errors import ExperimentError, StudyError, writing
-from ..plants import CameraReading
-from ..recording.from_loop import with_pictures
+from ..recording.from_loop import picture_of, with_pictures
 from ..recording.run import Run
 from ..report.write import write_report
 from ..running.loop import Loop
@@ -67,13 +65,14 @@ def with_all_pictures(experiment: Experiment) -> Run:
     """A run with rgb of every image that was answered."""
     parts = assemble(experiment)
     pictures: list[tuple[float, np.ndarray]] = []
-    loop = Loop(experiment, parts)
+    loop = Loop(experiment, parts, filmed=True)
     try:
         while not loop.over:
             before = loop.reading
             loop.to_image()
             if loop.reading is not None and loop.reading is not before:
-                pictures.append((loop.reading.stamp, _picture(loop.reading, loop)))
+                seen = picture_of(loop.reading, loop.plant.camera)
+                pictures.append((loop.reading.stamp, seen))
         run = with_pictures(loop.result(), pictures)
         run.arm_places = loop.plant.places(run.measured)
         return run
@@ -92,17 +91,6 @@ def _recorded(folder: Folder, run: int) -> dict[str, Any]:
     table = folder.results()
     kept = table.filter(np.array(table["run"]) == run).to_pylist()
     return {k: v for k, v in kept[0].items() if k not in (*rows.LABELS, "simulated", "seed")}
-
-
-def _picture(reading: CameraReading, loop: Loop) -> np.ndarray:
-    """What the camera saw, drawn where it sees exactly."""
-    image = reading.image
-    if image is None:
-        camera = loop.plant.camera
-        image = cameras.draw(cameras.read(reading.outline, camera, camera), camera)
-    if image.ndim == 2 or image.shape[2] == 1:
-        return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
-    return image[..., ::-1].copy() if reading.encoding.startswith("bgr") else image
 
 
 def write(run: Run, out: Path) -> list[Path]:

@@ -4,8 +4,8 @@ const KEPT_FRAMES = 48;
 const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
 
 class Film {
-  constructor(canvas, caption, run, page) {
-    Object.assign(this, { canvas, caption, run, page, film: run.film, kept: new Map(), wanted: -1 });
+  constructor(canvas, caption, run, page, film = run.film) {
+    Object.assign(this, { canvas, caption, run, page, film, kept: new Map(), wanted: -1 });
     this.time = page.array(this.film.time);
     const read = (i) => i === null ? null : page.array(i);
     this.rims = this.film.wanted.map(read);
@@ -41,7 +41,7 @@ class Film {
     c.drawImage(bitmap, 0, 0, width, height);
     if (this.page.overlay) this._over(c, width / film.width, i, scale);
     this.frame = i;
-    this.caption.textContent = `${this.page.several ? `${this.run.name}: ` : ""}image ${i + 1} of ${this.time.length}, ${this.time[i].toFixed(3)} s`;
+    this.caption.textContent = `${this.page.several ? `${this.run.name}: ` : ""}${this.film.camera ? `camera ${this.film.camera}, ` : ""}image ${i + 1} of ${this.time.length}, ${this.time[i].toFixed(3)} s`;
   }
 
   _over(c, k, i, scale) {

@@ -109,20 +109,20 @@ for (const group of contents.groups) {
   }
 }
 
-contents.runs.forEach((run, k) => {
-  if (!run.film || !$("films")) return;
+contents.runs.forEach((run, k) => [run.film, ...run.others].forEach((shown) => {
+  if (!shown || !$("films")) return;
   const figure = document.createElement("figure"), canvas = document.createElement("canvas");
   const caption = document.createElement("figcaption");
-  canvas.width = run.film.width; canvas.height = run.film.height;
+  canvas.width = shown.width; canvas.height = shown.height;
   canvas.setAttribute("role", "img");
-  canvas.setAttribute("aria-label", `what the camera of ${run.name} saw`);
+  canvas.setAttribute("aria-label", `what the camera ${shown.camera || ""} of ${run.name} saw`);
   figure.append(canvas, caption);
   $("films").append(figure);
-  const film = new Film(canvas, caption, run, page);
+  const film = new Film(canvas, caption, run, page, shown);
   film.number = k; film.figure = figure;
   films.push(film);
   new ResizeObserver(() => film.setTime(page.time)).observe(canvas);
-});
+}));
 
 /** Pictures of the first film's milestones, to go there. */
 async function strip() {

@@ -1,0 +1,13 @@
+"""Exposure and noise: how sure a place is, and what the loop says that it leaves open."""
+
+from aras_visual_servo_bench.experiment import Experiment
+from keeping import keep_runs
+
+dim = {"horizontal_fov": 2.0, "width": 320, "height": 240, "update_rate": 30.0}
+light = {"exposure_time": 0.02, "noise_stddev": 8.0, "shot_noise": 0.2}
+clean = Experiment(camera=dim, start="2016", duration=5.0, linger=1.0)
+runs = keep_runs(
+    {"clean": clean, "20 ms exposure, noise": clean.with_(camera={**dim, "effects": light})},
+    "pose_errors",
+)
+assert all(run.converged for run in runs)

@@ -1,0 +1,16 @@
+"""Your own arm: any URDF with its controllers, here docs/examples/my_arm.urdf before an L."""
+
+from aras_visual_servo_bench.experiment import Experiment
+from keeping import EXAMPLES, keep_runs
+
+# x y z (m), roll pitch yaw (rad) in the world; the camera looks down at the target
+mine = Experiment(
+    robot={"urdf": str(EXAMPLES / "my_arm.urdf"),
+           "config": str(EXAMPLES / "my_arm_controllers.yaml")},
+    target={"shape": "l_shape", "size": [0.1, 0.1], "pose": [0.45, 0.05, 0.051, 0, 0, 0]},
+    goal={"pose": [0.45, 0.05, 0.35, 3.14159, 0, 0.2]},
+    start={"pose": [0.4, 0.0, 0.4, 3.0, 0.1, 0.5]},
+    scheme="points", gain=2.0,
+)  # fmt: skip
+run, = keep_runs({"my arm": mine}, "camera_path")
+assert run.succeeded

@@ -1,0 +1,11 @@
+"""Your own controller: predictive control of the joints within their limits, 60 lines of yours."""
+
+import sys
+
+from aras_visual_servo_bench.experiment import Experiment
+from keeping import EXAMPLES, keep_runs
+
+sys.path.append(str(EXAMPLES))
+mine = Experiment(scheme="joint_mpc:JointMPC", start="2016", duration=5.0)
+run, = keep_runs({"joint MPC": mine}, "joint_positions")
+assert run.verdict.reached

@@ -1,0 +1,11 @@
+"""Your own feature: four corners, found in the picture by image processing of its own."""
+
+import sys
+
+from aras_visual_servo_bench.experiment import Experiment
+from keeping import EXAMPLES, keep_runs
+
+sys.path.append(str(EXAMPLES))
+mine = Experiment(scheme="own_corners:OwnCorners", start="2016", duration=5.0)
+run, = keep_runs({"own corners": mine}, "image_trajectory")
+assert run.verdict.reached

@@ -48,7 +48,7 @@ def test_a_texture_that_was_painted_over_is_read_again(tmp_path):
     assert Triangles.of(textured).textures.texels.max() == 0
     cv2.imwrite(str(file), np.full((4, 4, 3), 200, np.uint8))
     os.utime(file, ns=(1, 1))
-    assert Triangles.of(textured).textures.texels.min() == 200
+    assert (Triangles.of(textured).textures.texels & 255).min() == 200
 
 
 LENSES = {

@@ -13,13 +13,9 @@ from aras_visual_servo_base.compiled import compiled, inlined
 from .binning import Seen
 from .fragments import Fragments
 from .sampling import BACKGROUND, NOTHING, Samples
-from .textures import SIZE
+from .textures import textured
 from .tiles import TILE, Tiles
 from .triangles import Triangles
-
-# Places a side at which a texture is read in a pixel: a marker 25 to 43 px wide has its corners
-# found to 0.002-0.004 px; with one place 0.006-0.011, with four 0.002-0.003.
-TAPS = 2
 
 
 class Shader:
@@ -77,64 +73,6 @@ def _plain(triangle, light, albedo, layer):
     return out
 
 
-@compiled("u1[:,::1], i8, f8, f8, f8")
-def _texel(texels, layer, area, u, v):
-    """Bilinear red, green, blue at u, v, repeated beyond 0..1, of the half in which `area` texels
-    are about one."""
-    size, at = SIZE, layer * ((4 * SIZE * SIZE - 1) // 3)
-    while area > 2.0 and size > 1:
-        at += size * size
-        size //= 2
-        area /= 4.0
-    x, y = u * size - 0.5, v * size - 0.5
-    column, row = np.floor(x), np.floor(y)
-    right, down = x - column, y - row
-    red = green = blue = 0.0
-    for i in range(2):
-        for j in range(2):
-            weight = (right if j else 1.0 - right) * (down if i else 1.0 - down)
-            # A half has a power of two a side: the mask repeats it.
-            n = at + ((int(row) + i) & (size - 1)) * size + ((int(column) + j) & (size - 1))
-            red += weight * texels[n, 0]
-            green += weight * texels[n, 1]
-            blue += weight * texels[n, 2]
-    return red, green, blue
-
-
-@compiled("f8[:,:,::1], i8, f8[:,:,::1], i8, i8, f8[:,:,::1], i8, u1[:,::1], f8, f8, f8[::1]")
-def _textured(matrices, c, side, m, layer, uv, t, texels, x, y, rgb):
-    """Multiply the colour rgb (3,) by the texture of triangle m, t in Triangles, over the pixel
-    at x, y of cell c: the mean of TAPS x TAPS places in it."""
-    # Texture coordinates are U / W, V / W, all three linear in x and y.
-    W = Wx = Wy = U = Ux = Uy = V = Vx = Vy = 0.0
-    for k in range(3):
-        share = along = across = 0.0
-        for j in range(3):
-            share += side[m, k, j] * (matrices[c, j, 0] * x + matrices[c, j, 1] * y
-                                      + matrices[c, j, 2])
-            along += side[m, k, j] * matrices[c, j, 0]
-            across += side[m, k, j] * matrices[c, j, 1]
-        W, Wx, Wy = W + share, Wx + along, Wy + across
-        u, v = uv[t, k, 0], uv[t, k, 1]
-        U, Ux, Uy = U + share * u, Ux + along * u, Uy + across * u
-        V, Vx, Vy = V + share * v, Vx + along * v, Vy + across * v
-    u, v = U / W, V / W
-    ux, uy = (Ux - u * Wx) / W, (Uy - u * Wy) / W
-    vx, vy = (Vx - v * Wx) / W, (Vy - v * Wy) / W
-    area = abs(ux * vy - uy * vx) * (SIZE * SIZE / TAPS**2)
-    red = green = blue = 0.0
-    for i in range(TAPS):
-        for j in range(TAPS):
-            right, down = (j + 0.5) / TAPS - 0.5, (i + 0.5) / TAPS - 0.5
-            r, g, b = _texel(texels, layer, area, u + right * ux + down * uy,
-                             v + right * vx + down * vy)
-            # What is brighter than white is white before it is mixed, as at edges of triangles.
-            red += min(rgb[0] * r / 255.0, 255.0)
-            green += min(rgb[1] * g / 255.0, 255.0)
-            blue += min(rgb[2] * b / 255.0, 255.0)
-    rgb[0], rgb[1], rgb[2] = red / TAPS**2, green / TAPS**2, blue / TAPS**2
-
-
 @inlined
 def _light(matrices, c, side, light, m, x, y):
     """Light on triangle m at x, y of cell c."""
@@ -150,7 +88,8 @@ def _light(matrices, c, side, light, m, x, y):
 
 
 @compiled("i8[::1], i4[:,::1], i8, u8[::1], u4[::1], u4, i8[::1], f8[:,:,::1], f8[:,::1], "
-          "f8[:,::1], i8[::1], f8[:,:,::1], u1[:,::1], f8[:,:,::1], b1[:,::1], i8, i8, u4[:,::1]")
+          "f8[:,::1], i8[::1], f8[:,:,::1], u8[::1], f8[:,:,::1], b1[:,::1], i8, i8, u4[:,::1]",
+          calls=(textured,))
 def _colour(tile, pixel, most, edges, plain, sky, triangle, side, light, albedo, layer, uv, texels,
             matrices, valid, cells, columns, words):
     size = TILE // cells
@@ -183,12 +122,13 @@ def _colour(tile, pixel, most, edges, plain, sky, triangle, side, light, albedo,
                     for k in range(3):
                         rgb[k] = albedo[t, k] * lit
                     if layer[t] >= 0:
-                        _textured(matrices, c, side, m, layer[t], uv, t, texels, xc, yc, rgb)
+                        textured(matrices, c, side, m, layer[t], uv, t, texels, xc, yc, rgb)
                     words[v + y, u + x] = word(rgb[0], rgb[1], rgb[2])
 
 
 @compiled("i8[::1], i8[::1], i8[::1], f8[::1], f8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1], "
-          "f8[:,::1], i8[::1], f8[:,:,::1], u1[:,::1], f8[:,:,::1], i8, i8, f8[::1], u4[:,::1]")
+          "f8[:,::1], i8[::1], f8[:,:,::1], u8[::1], f8[:,:,::1], i8, i8, f8[::1], u4[:,::1]",
+          calls=(textured,))
 def _blend(pixel, start, member, share, at, triangle, side, light, albedo, layer, uv, texels,
            matrices, cells, columns, background, words):
     size = TILE // cells
@@ -212,9 +152,11 @@ def _blend(pixel, start, member, share, at, triangle, side, light, albedo, layer
             if light[m, 1] != lit or light[m, 2] != lit:
                 lit = _light(matrices, c, side, light, m, at[k, 0], at[k, 1])
             for j in range(3):
-                rgb[j] = min(albedo[t, j] * lit, 255.0)
+                rgb[j] = albedo[t, j] * lit
             if layer[t] >= 0:
-                _textured(matrices, c, side, m, layer[t], uv, t, texels, at[k, 0], at[k, 1], rgb)
+                textured(matrices, c, side, m, layer[t], uv, t, texels, at[k, 0], at[k, 1], rgb)
+            for j in range(3):
+                rgb[j] = min(rgb[j], 255.0)
             through = albedo[t, 3] < 1.0
             weight = share[k] * albedo[t, 3]
             for j in range(3):

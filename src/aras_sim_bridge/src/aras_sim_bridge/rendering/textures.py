@@ -1,20 +1,66 @@
-"""Texture images, each with all its halves, in one array that compiled loops read."""
+"""Texture images, each with all its halves, in one array; and what pixels show of them."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 
+from aras_visual_servo_base.compiled import compiled, inlined
+
 SIZE = 512  # px a side, a power of two; what is larger or smaller is brought to it
+LANE = 21  # bits of a colour, so that all three are added up at once
+
+# Places at which a texture is read in a pixel: four as long as it is up to WIDE texels long, which
+# finds the corners of a marker 25 to 43 px wide to 0.002-0.004 px (one place 0.006-0.011, 16
+# 0.002-0.003); aslant DENSE a texel, PLACES at most, evenly along the nearest of TURNS directions.
+PLACES, DENSE, WIDE, TURNS = 20, 0.8, np.sqrt(8.0), 16
+
+
+def _directions() -> np.ndarray:
+    """(TURNS, 2) unit vectors x, y of half a turn, as _direction numbers them."""
+    part = 4.0 * np.arange(TURNS) / TURNS
+    cosine = np.where(part < 2.0, 1.0 - part, part - 3.0)
+    sine = np.where(part < 2.0, 1.0, -1.0) * (1.0 - abs(cosine))
+    angle = 0.5 * np.arctan2(sine, cosine)
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def _spots() -> np.ndarray:
+    """(TURNS, PLACES + 1, PLACES, 2) places in a pixel, px from its centre along DIRECTIONS and
+    across them: [k, n] n of equal weight, evenly along and by the golden section across; and
+    [0, 0] four in a square."""
+    spots = np.zeros((TURNS, PLACES + 1, PLACES, 2))
+    fine = np.linspace(-0.75, 0.75, 6001)
+    for k, (c, s) in enumerate(DIRECTIONS):
+        c, s = (x if abs(x) > 1e-9 else 1e-9 for x in (c, s))
+        # How far the pixel goes to either side of the direction, and what of it lies before that.
+        low, high = (pick(0.5 * turn / abs(s) + fine * c / s, 0.5 * turn / abs(c) - fine * s / c)
+                     for turn, pick in ((-1.0, np.maximum), (1.0, np.minimum)))
+        before = np.cumsum(np.maximum(high - low, 0.0))
+        for n in range(1, PLACES + 1):
+            along = np.interp((np.arange(n) + 0.5) / n * before[-1], before, fine)
+            step = (np.arange(n) - (n - 1) / 2) * (np.sqrt(5.0) - 1.0) / 2
+            share = 0.5 + step - np.rint(step)
+            spots[k, n, :n, 0] = along
+            spots[k, n, :n, 1] = (np.interp(along, fine, low) * (1.0 - share)
+                                  + np.interp(along, fine, high) * share)
+    spots[0, 0, :4] = [[-0.25, -0.25], [0.25, -0.25], [-0.25, 0.25], [0.25, 0.25]]
+    return spots
+
+
+DIRECTIONS = _directions()
+SPOTS = _spots()
 
 
 class Textures:
-    """texels: (N, 3) uint8 rgb; layer after layer of SIZE x SIZE, SIZE/2 x SIZE/2, ..., 1 x 1,
-    each row by row from v = 0 upwards, as OBJ counts."""
+    """texels: (N,) uint64, red, green and blue from the lowest bit up, LANE bits for each; layer
+    after layer of SIZE x SIZE, SIZE/2 x SIZE/2, ..., 1 x 1, each row by row from v = 0 upwards, as
+    OBJ counts."""
 
     def __init__(self, files: set[str]) -> None:
         self._layers = {file: n for n, file in enumerate(sorted(files))}
         texels = [np.zeros((0, 3), np.uint8)]
+        lanes = np.array([0, LANE, 2 * LANE], np.uint64)
         for file in self._layers:
             bgr = cv2.imread(file, cv2.IMREAD_COLOR)
             if bgr is None:
@@ -26,8 +72,103 @@ class Textures:
                     break
                 image = image.reshape(len(image) // 2, 2, len(image) // 2, 2, 3)
                 image = np.rint(image.mean(axis=(1, 3))).astype(np.uint8)
-        self.texels = np.concatenate(texels)
+        self.texels = (np.concatenate(texels).astype(np.uint64) << lanes).sum(axis=1)
 
     def layer(self, file: str) -> int:
         """Number of a file's texture."""
         return self._layers[file]
+
+
+@inlined
+def _direction(cosine, sine):
+    """Which of TURNS directions is nearest to the one whose angle to x, doubled, has a cosine and a
+    sine as these are; they stand for its place on a square around 0, instead of a circle."""
+    share = cosine / max(abs(cosine) + abs(sine), 1e-300)
+    part = 1.0 - share if sine >= 0.0 else 3.0 + share
+    return int(part * (TURNS // 4) + 0.5) % TURNS
+
+
+@inlined
+def _sum(texels, at, size, x, y, one, shift):
+    """Red, green and blue of a level at x, y, in parts of a texel of 2**15, linear between the
+    middles of texels and repeated beyond 0..1; as in Textures.texels, times 2**(30 - shift)."""
+    half, mask = np.int64(1) << (shift - np.int64(1)), size - one
+    column, row, right, down = x >> 15, y >> 15, x & 32767, y & 32767
+    corner = (right * down + half) >> shift
+    beside = ((right << 15) + half >> shift) - corner
+    below = ((down << 15) + half >> shift) - corner
+    first = (one << (np.int64(30) - shift)) - corner - beside - below
+    # A level has a power of two a side: the mask repeats it.
+    upper, lower = at + (row & mask) * size, at + ((row + one) & mask) * size
+    left, after = column & mask, (column + one) & mask
+    return (np.uint64(first) * texels[upper + left] + np.uint64(beside) * texels[upper + after]
+            + np.uint64(below) * texels[lower + left] + np.uint64(corner) * texels[lower + after])
+
+
+@compiled("f8[:,:,::1], i8, f8[:,:,::1], i8, i8, f8[:,:,::1], i8, u8[::1], f8, f8, f8[::1]",
+          allocates=False)
+def textured(matrices, c, side, m, layer, uv, t, texels, x, y, rgb):
+    """Multiply the colour rgb (3,) by the texture of triangle m, t in Triangles, over the pixel
+    at x, y of cell c: the mean of places in it, of the level that its shorter axis asks for."""
+    # Texture coordinates are U / W, V / W, all three linear in x and y.
+    W = Wx = Wy = U = Ux = Uy = V = Vx = Vy = 0.0
+    for k in range(3):
+        share = along = across = 0.0
+        for j in range(3):
+            share += side[m, k, j] * (matrices[c, j, 0] * x + matrices[c, j, 1] * y
+                                      + matrices[c, j, 2])
+            along += side[m, k, j] * matrices[c, j, 0]
+            across += side[m, k, j] * matrices[c, j, 1]
+        W, Wx, Wy = W + share, Wx + along, Wy + across
+        u, v = uv[t, k, 0], uv[t, k, 1]
+        U, Ux, Uy = U + share * u, Ux + along * u, Uy + across * u
+        V, Vx, Vy = V + share * v, Vx + along * v, Vy + across * v
+    # The pixel's sides, texels.
+    scale = SIZE / W
+    u, v = U / W, V / W
+    ux, uy = (Ux - u * Wx) * scale, (Uy - u * Wy) * scale
+    vx, vy = (Vx - v * Wx) * scale, (Vy - v * Wy) * scale
+    area = abs(ux * vy - uy * vx)
+    both = ux * ux + uy * uy + vx * vx + vy * vy
+    longer = np.sqrt(0.5 * (both + np.sqrt(max(both * both - 4.0 * area * area, 0.0))))
+    size, at, one = np.int64(SIZE), layer * ((4 * SIZE * SIZE - 1) // 3), np.int64(1)
+    level = 1.0
+    while size > 1 and (area > WIDE * longer or DENSE * max(area, longer) > PLACES):
+        at += size * size
+        size //= 2
+        area, longer, level = 0.25 * area, 0.5 * longer, 0.5 * level
+    count, shift, turn, kind = 4, np.int64(19), 0, 0
+    if longer > WIDE:
+        count = min(max(int(np.ceil(DENSE * max(area, longer))), 4), PLACES)
+        shift += (count > 4) + (count > 8) + (count > 16)
+        turn, kind = _direction(ux * ux + vx * vx - uy * uy - vy * vy,
+                                2.0 * (ux * uy + vx * vy)), count
+        c, s = DIRECTIONS[turn, 0], DIRECTIONS[turn, 1]
+        # A level is blurred, by half a texel each way: the places are that much closer together.
+        narrow = np.sqrt(max(1.0 - 3.0 * (1.0 - level * level) * longer * longer
+                             / max(area * area, 1e-300), 0.0))
+        ux, uy = ux * c + uy * s, narrow * (uy * c - ux * s)
+        vx, vy = vx * c + vy * s, narrow * (vy * c - vx * s)
+    bright = max(rgb[0], rgb[1], rgb[2]) > 255.0
+    u, v = (u * size - 0.5) * 32768.0, (v * size - 0.5) * 32768.0
+    scale = 32768.0 * level
+    ux, uy, vx, vy = ux * scale, uy * scale, vx * scale, vy * scale
+    total, mask = np.uint64(0), np.uint64((1 << LANE) - 1)
+    part = 1.0 / (255.0 * (one << (np.int64(30) - shift)))
+    red = green = blue = 0.0
+    for k in range(count):
+        along, across = SPOTS[turn, kind, k, 0], SPOTS[turn, kind, k, 1]
+        there = _sum(texels, at, size, np.int64(u + along * ux + across * uy),
+                     np.int64(v + along * vx + across * vy), one, shift)
+        if bright:  # what is brighter than white is white before it is mixed, as at edges
+            red += min(rgb[0] * part * float(there & mask), 255.0)
+            green += min(rgb[1] * part * float(there >> np.uint64(LANE) & mask), 255.0)
+            blue += min(rgb[2] * part * float(there >> np.uint64(2 * LANE)), 255.0)
+        else:
+            total += there
+    if bright:
+        rgb[0], rgb[1], rgb[2] = red / count, green / count, blue / count
+    else:
+        rgb[0] *= part / count * float(total & mask)
+        rgb[1] *= part / count * float(total >> np.uint64(LANE) & mask)
+        rgb[2] *= part / count * float(total >> np.uint64(2 * LANE))

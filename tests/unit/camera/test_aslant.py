@@ -1,0 +1,39 @@
+"""Textures seen aslant, against the mean of a thousand places in each pixel."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from wall import aslant, blocks, errors, wall
+
+from aras_sim_bridge.rendering import Sun, View, create_renderer
+
+K = np.array([[300.0, 0.0, 161.3], [0.0, 310.0, 117.2], [0.0, 0.0, 1.0]])
+FLAT = Sun(ambient=1.0, diffuse=0.0)
+# Towards +x, -x, +y, -y and between them; the rows of the picture across the slant and along it.
+VIEWS = [(0.0, 0.0), (np.pi, 0.0), (np.pi / 2, 0.0), (-np.pi / 2, 0.0), (0.0, np.pi / 2),
+         (np.pi / 2, -np.pi / 2), (0.7, 0.7), (2.4, -0.8)]
+
+
+@pytest.mark.parametrize(("roll", "turn"), VIEWS)
+@pytest.mark.parametrize(("angle", "most"), [(0.0, 1.6), (60.0, 2.0), (80.0, 2.0), (87.0, 4.0)])
+def test_a_pixel_shows_the_mean_of_what_it_covers(bench, tmp_path, angle, most, roll, turn):
+    pixels = blocks(8)
+    wall(bench, tmp_path, pixels)
+    view = View(320, 240, aslant(np.radians(angle), roll, turn, 2.5), K)
+    picture = create_renderer("exact", bench.world, FLAT).render(view)
+    off = errors(pixels, view, picture)
+    assert len(off) > 150
+    assert np.sqrt((off**2).mean()) <= most
+    assert abs(off.mean()) < 0.5
+
+
+def test_what_is_brighter_than_white_is_white_before_it_is_mixed(bench, tmp_path):
+    """As at the edges of triangles. Only what lies between two texels is mixed first, which makes
+    bright blocks grow a little: 2.9 grey levels; with all mixed first 12.8."""
+    pixels = blocks(8)
+    wall(bench, tmp_path, pixels)
+    view = View(320, 240, aslant(np.radians(80.0), 0.7, 0.7, 2.5), K)
+    picture = create_renderer("exact", bench.world, Sun(ambient=2.5, diffuse=0.0)).render(view)
+    off = errors(np.minimum(pixels * 2.5, 255.0), view, picture)
+    assert abs(off.mean()) < 4.0

@@ -223,3 +223,30 @@ def test_a_changed_coefficient_and_a_reset_begin_with_the_files_numbers(world, m
     assert deceleration(world, model) == pytest.approx(0.5, rel=0.01)
     world.reset_simulation()
     assert deceleration(world, model) == pytest.approx(0.5, rel=0.01)
+
+
+@pytest.mark.parametrize("ground", ["plane", "box"])
+@pytest.mark.parametrize("links", [1, 2])
+def test_what_is_fixed_to_a_bolted_model_s_first_link_stands_on_what_never_moves(
+        make, ground, links):
+    """Bullet took it for something that never moves; it fell through the ground."""
+    ball = '<collision><origin xyz="0 0 0.05"/><geometry><sphere radius="0.05"/></geometry>' \
+        "</collision>"
+    middle = [make.link("middle", 0.3), make.joint("to_middle", "slide", "middle", "fixed")]
+    with World() as world:
+        if ground == "plane":
+            world.spawn_ground_plane()
+        else:
+            world.spawn(parse_urdf(make.robot(
+                make.link("world"), make.link("block", 1.0, shapes=make.box("2 2 1", "0 0 -0.5")),
+                make.joint("stands", "world", "block", "fixed"))), "block")
+        model = world.spawn(parse_urdf(make.robot(
+            make.link("world"), make.link("slide", 1.0), *(middle if links == 2 else ()),
+            make.link("foot", 0.5, shapes=ball),
+            make.joint("lift", "world", "slide", "prismatic", axis="0 0 1"),
+            make.joint("ankle", "middle" if links == 2 else "slide", "foot", "fixed"))), "leg",
+            joint_positions={"lift": 0.05})
+        for _ in range(500):
+            world.step()
+        assert model.read_joints()[0][0] == pytest.approx(0.0, abs=1e-4)
+        assert set(model.link_indices) == set(model.description.links)

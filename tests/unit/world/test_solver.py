@@ -186,7 +186,8 @@ def test_the_shipped_robot_moves_the_same_bits_with_all_pairs(make, monkeypatch)
     left_out = trace(cube)
     own_and_static = ~(128 | 2)  # the ground has the first group of its own, 64
     robot = max(body for body, link in masks if link >= 0)
-    links = [mask for (body, link), mask in masks.items() if body == robot and link >= 0]
+    # Bullet's numbers differ by one between the robot that is free and the one that is held.
+    links = [mask for (body, link), mask in masks.items() if body == robot and link >= 1]
     assert links == [own_and_static] * 9, "every link is out of the ground's reach"
     monkeypatch.setattr(world_module, "leave_out_pairs", lambda models: None)
     assert trace(cube) == left_out

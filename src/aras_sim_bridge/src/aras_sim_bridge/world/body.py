@@ -97,6 +97,8 @@ class Body:
         dof: dict[str, int] = {}
         for index in range(pybullet.getNumJoints(self.body_id, physicsClientId=self.client)):
             info = pybullet.getJointInfo(self.body_id, index, physicsClientId=self.client)
+            if info[1].decode() not in description.joints:
+                continue  # Bullet's first link, see bullet_file.py
             joints[info[1].decode()] = index
             links[info[12].decode()] = index
             if info[3] >= 0:

@@ -109,6 +109,8 @@ class BulletFiles:
                 colour = description.colours.get(link.name, WHITE) if visible else None
                 fixed = fixed_base and link.name == description.root
                 parts.append(_link(link, fixed, colour, self))
+            if fixed_base and _passes_through(description):
+                parts.append(_nobody(description))
             parts += [_joint(joint, description.static) for joint in description.joints.values()]
             parts.append("</robot>")
             self.urdf = self._new("urdf")
@@ -164,7 +166,7 @@ def _origin(xyz: Vector3, rpy: Vector3) -> str:
     return f"<origin xyz={_numbers(xyz)} rpy={_numbers(rpy)}/>"
 
 
-def _link(link: Link, concave: bool, colour: Rgba | None, files: BulletFiles) -> str:
+def _link(link: Link, concave: bool, colour: Rgba | None, files: BulletFiles | None) -> str:
     if link.inertial is None:
         pose, mass, moments = Pose(), 0.0, ZERO
     else:
@@ -217,6 +219,31 @@ def _rolling(collision: Collision) -> Iterator[Collision]:
     yield replace(collision, geometry=middle)
     for end in (-half, half):
         yield replace(collision, geometry=rim).at(collision.pose @ Pose((0.0, 0.0, end)))
+
+
+def _passes_through(description: RobotDescription) -> bool:
+    """Whether shapes of a bolted model that moves would pass through all that never moves.
+
+    Of the joints above a link Bullet leaves out its first link's when it asks whether all are
+    fixed: shapes that are fixed to that link never move, by its account.
+    """
+    joints = list(description.joints.values())
+    first = next((joint for joint in joints if joint.parent == description.root), None)
+    if first is None or description.static or not first.moves:
+        return False
+    carried = [first.child]
+    for link in carried:
+        carried += [one.child for one in joints if one.parent == link and not one.moves]
+    return any(description.links[link].collisions for link in carried[1:])
+
+
+def _nobody(description: RobotDescription) -> str:
+    """A link without mass or shape that becomes Bullet's first one."""
+    name = "nobody"
+    while name in description.links or name in description.joints:
+        name += "_"
+    return _link(Link(name, None), False, None, None) + _joint(
+        Joint(name, "fixed", description.root, name), True)
 
 
 def _shape(part: Visual | Collision, files: BulletFiles) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import rospy
 from gazebo_calls import INERTIA, call, spawn, step
-from gazebo_msgs.msg import LinkStates
+from gazebo_msgs.msg import ContactsState, LinkStates
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from ros_graph import wait_for
@@ -81,3 +81,32 @@ def test_a_deleted_model_takes_its_topics_along():
     call("delete_model", DeleteModel, "probe")
     topics = [name for name, _ in rospy.get_published_topics()]
     assert not {"/truth/odom", "/probe/imu_data", "/wrist/ft"} & set(topics)
+
+
+CRATE = f"""<robot name="crate"><link name="body"><inertial><mass value="10"/>{INERTIA}</inertial>
+<collision><origin xyz="0 0 0.1"/><geometry><box size="0.4 0.3 0.2"/></geometry></collision></link>
+<gazebo reference="body"><sensor name="c" type="contact"><update_rate>100</update_rate>
+<contact><collision>body_collision</collision></contact>{PLUGIN.format(
+    "bumper", "<robotNamespace>/feet</robotNamespace><bumperTopicName>ground</bumperTopicName>"
+    "<frameName>body</frameName>")}</sensor></gazebo></robot>"""
+
+
+def test_a_bumper_tells_what_the_ground_bears(collect):
+    spawn("crate", CRATE)
+    step(200)
+    told = collect("/feet/ground", ContactsState)
+    wait_for(told.connected, 10.0, "a connection")
+    step(100)
+    message = told.wait(10)
+    (state,) = message.states
+    assert (state.collision1_name, state.collision2_name) == (
+        "crate::body::body_collision", "ground_plane::link::collision")
+    total = state.total_wrench.force
+    assert (total.x, total.y, total.z) == pytest.approx((0.0, 0.0, 98.0), abs=0.02)
+    count = len(state.contact_positions)
+    assert count >= 2 and count == len(state.contact_normals) == len(state.depths)
+    assert sum(one.force.z for one in state.wrenches) == pytest.approx(total.z)
+    assert state.info.startswith("Debug:  i:(0/1)     my geom:crate::body::body_collision   other")
+    assert message.header.frame_id == "body"
+    stamps = [m.header.stamp.to_nsec() for m in told.messages]
+    assert [b - a for a, b in zip(stamps, stamps[1:], strict=False)] == [10_000_000] * 9

@@ -324,6 +324,107 @@ def test_noise_is_as_asked_for_and_depends_on_seed_and_stamp_alone(make):
     assert abs(np.corrcoef(all_six.T) - np.eye(6)).max() < 0.08
 
 
+# ------------------------------------------------------------------ contacts
+
+
+def bumper_on(link, *collisions, rate=0, **settings):
+    words = "".join(f"<{key}>{value}</{key}>" for key, value in settings.items())
+    named = "".join(f"<collision>{name}</collision>" for name in collisions)
+    return (f'<gazebo reference="{link}"><sensor type="contact" name="c"><update_rate>{rate}'
+            f"</update_rate><contact>{named}</contact>"
+            f'<plugin name="p" filename="libgazebo_ros_bumper.so">{words}</plugin></sensor>'
+            "</gazebo>")
+
+
+def box(mass=10.0, size="0.4 0.3 0.2", centre="0.05 -0.02 0", tags=""):
+    return f"""<robot name="b"><link name="link"><inertial><origin xyz="{centre}"/>
+      <mass value="{mass}"/>{INERTIA}</inertial><collision><origin xyz="0 0 0.1"/><geometry>
+      <box size="{size}"/></geometry></collision></link>
+      <gazebo reference="link"><mu1>0.6</mu1></gazebo>{tags}</robot>"""
+
+
+def test_a_bumper_tells_the_weight_that_the_ground_bears(make):
+    simulation, model, (readings,) = make(box(tags=bumper_on("link", "link_collision")),
+                                          Pose.from_rpy((0.3, 0.2, 0.0), (0.0, 0.0, 0.5)), True)
+    steps(simulation, 400)
+    (pair, touches), = readings[-1].contacts.items()
+    assert pair == ("m::link::link_collision", "ground_plane::link::collision")
+    assert readings[-1].stamp_ns == simulation.time_ns
+    forces = np.array([one.force for one in touches])
+    assert forces.sum(axis=0) == pytest.approx((0.0, 0.0, 10.0 * G), abs=1e-2)
+    # Each about the centre of mass: at rest they cancel, though that is beside the middle.
+    assert np.sum([one.torque for one in touches], axis=0) == pytest.approx((0, 0, 0), abs=1e-2)
+    centre = model.pose().apply((0.05, -0.02, 0.0))
+    for one in touches:
+        assert one.normal == pytest.approx((0.0, 0.0, 1.0))
+        assert 0.0 < one.depth < 1e-4 and abs(one.position[2]) < 1e-4
+        assert one.torque == pytest.approx(np.cross(np.subtract(one.position, centre), one.force))
+    assert len(touches) >= 3 and np.abs([one.torque for one in touches]).max() > 1.0
+
+
+def test_a_bumper_tells_the_friction_against_a_push(make):
+    simulation, model, (readings,) = make(box(tags=bumper_on("link", "link_collision")),
+                                          Pose(), True)
+    steps(simulation, 200)
+    for _ in range(50):
+        model.apply_force("link", (7.0, -4.0, 0.0), model.pose().apply((0.05, -0.02, 0.02)))
+        simulation.step()
+    (touches,) = readings[-1].contacts.values()
+    assert np.sum([one.force for one in touches], axis=0)[:2] == pytest.approx((-7, 4), abs=0.05)
+
+
+def test_who_touches_is_told_from_both_sides_with_opposite_forces(make):
+    simulation, model, (readings,) = make(box(tags=bumper_on("link", "link_collision")),
+                                          Pose((0.0, 0.0, 0.0)), True)
+    other = simulation.spawn(parse_urdf(box(2.0, "0.1 0.1 0.2", tags=bumper_on(
+        "link", "link_collision"))), "top", Pose((0.02, 0.01, 0.2)))
+    above = []
+    simulation.sensors[1].on_state = above.append
+    steps(simulation, 600)
+    names = "m::link::link_collision", "top::link::link_collision"
+    assert set(readings[-1].contacts) == {names, (names[0], "ground_plane::link::collision")}
+    below = readings[-1].contacts[names]
+    (touches,) = above[-1].contacts.values()
+    for told, up in ((below, -1.0), (touches, 1.0)):
+        total = np.sum([one.force for one in told], axis=0)
+        assert total == pytest.approx((0.0, 0.0, up * 2.0 * G), abs=0.02)
+        assert all(one.normal == pytest.approx((0.0, 0.0, up), abs=1e-3) for one in told)
+    other.set_pose(Pose((2.0, 0.0, 1.0)))
+    steps(simulation, 3)
+    assert above[-1].contacts == {} and names not in readings[-1].contacts
+
+
+def test_a_bumper_is_of_its_collisions_alone_and_of_lumped_ones(make):
+    """On what a joint moves there are two shapes, one on a link that is fixed to it."""
+    shape = ('<collision name="{}"><origin xyz="0 0 {}"/><geometry><sphere radius="0.05"/>'
+             "</geometry></collision>")
+    xml = f"""<robot name="r"><link name="world"/>
+      <joint name="lift" type="prismatic"><parent link="world"/><child link="slide"/>
+      <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="99" velocity="9"/></joint>
+      <link name="slide"><inertial><mass value="1"/>{INERTIA}</inertial>{shape.format("high", 0.5)}
+      </link><joint name="at" type="fixed"><parent link="slide"/><child link="tip"/></joint>
+      <link name="tip"><inertial><mass value="0.5"/>{INERTIA}</inertial>{shape.format("low", 0.05)}
+      </link>{bumper_on("slide", "slide_fixed_joint_lump__low")}{bumper_on("slide", "high")}
+      </robot>"""
+    simulation, model, (low, high) = make(xml, Pose(), True)
+    steps(simulation, 400)
+    print(model.read_joints(), low[-1], high[-1])
+    (names, touches), = low[-1].contacts.items()
+    assert names == ("m::tip::low", "ground_plane::link::collision") and high[-1].contacts == {}
+    assert np.sum([one.force for one in touches], axis=0)[2] == pytest.approx(1.5 * G, abs=0.05)
+
+
+def test_a_base_with_a_bumper_is_not_held_and_feels_the_ground(make):
+    base = box(tags=bumper_on("link", "link_collision") + """<link name="arm"><inertial>
+      <mass value="1"/>""" + INERTIA + """</inertial></link><joint name="j" type="revolute">
+      <parent link="link"/><child link="arm"/><axis xyz="0 0 1"/>
+      <limit lower="-1" upper="1" effort="9" velocity="9"/></joint>""")
+    simulation, model, (readings,) = make(base, Pose(), True)
+    steps(simulation, 500)
+    (touches,) = readings[-1].contacts.values()
+    assert sum(one.force[2] for one in touches) == pytest.approx(11.0 * G, rel=1e-3)
+
+
 # ------------------------------------------------------------------ what the tags say
 
 
@@ -332,6 +433,9 @@ def test_defaults_are_upstream_s():
     tags += plugin("p3d", {"bodyName": "tool", "topicName": "t"})
     tags += plugin("imu", {"bodyName": "tool"}) + wrench_of("flange")
     imu, pose, body, wrench = parse_urdf(arm(tags=tags)).sensors
+    (bumper,) = parse_urdf(box(tags=bumper_on("link", "link_collision", rate=20))).sensors
+    assert bumper == SensorDescription("contact", "bumper_states", frame="world", rate=20.0,
+                                       link="link", collisions=("link_collision",))
     assert (imu.topic, imu.namespace, imu.frame, imu.rate) == ("imu_data", None, "f", 1.0)
     assert (pose.namespace, pose.frame, pose.rate) == ("", "world", 0.0)
     assert (body.topic, body.rate) == ("/default_imu", 0.0)
@@ -347,6 +451,9 @@ def test_defaults_are_upstream_s():
     (plugin("ft_sensor", {"topicName": "t"}), "joint '' does not exist"),
     (plugin("imu", {"topicName": "t"}), "link '' does not exist"),
     (plugin("imu_sensor", {"frameName": "f"}), "it belongs into a <sensor type='imu'>"),
+    (bumper_on("tool", "hand"), "collision 'hand' does not exist; known are none"),
+    (bumper_on("tool"), "it names no <collision>"),
+    (plugin("bumper", {}), "it names no <collision>"),
     (imu_on("base").replace("frameName", "frame"), "its plug-in has no <frameName>"),
     (imu_on("base").replace("imu_sensor.so", "p3d.so"), "this plug-in belongs into"),
 ])

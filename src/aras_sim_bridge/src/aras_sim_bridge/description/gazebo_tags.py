@@ -4,8 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import camera_tags, gazebo_materials, plugins, sensor_tags
-from aras_sim_bridge.description.camera_tags import CAMERA_KINDS
+from aras_sim_bridge.description import gazebo_materials, plugins, sensor_tags
 from aras_sim_bridge.description.geometry import bounce
 from aras_sim_bridge.description.types import (
     CameraDescription,
@@ -56,16 +55,7 @@ def parse(root: Element, links: dict[str, Link], joints: Mapping[str, Joint],
             found += plugins.read(block, "<gazebo>", (ControlPlugin, SensorDescription), warnings)
         elif reference in links:
             _link_flags(block, reference, tags, warnings)
-            for sensor in block.findall("sensor"):
-                kind = sensor.get("type") or ""
-                if kind in CAMERA_KINDS:
-                    cameras += camera_tags.cameras(sensor, reference, warnings)
-                elif kind == "imu":
-                    sensors += sensor_tags.imus(sensor, reference, warnings)
-                else:
-                    warnings.append(
-                        f"link '{reference}': sensor type '{shorten(kind)}' is not known; ignored"
-                    )
+            sensor_tags.of_link(block, reference, cameras, sensors, found, warnings)
         elif reference in joints:
             for sensor in block.findall("sensor[@type='force_torque']"):
                 gauges[reference] = sensor

@@ -153,6 +153,12 @@ def _wrench(plugin: Element, where: str) -> SensorDescription:
     return _sensor(plugin, where, "wrench", joint=text_of(plugin, "jointName") or "", frame="")
 
 
+def _bumper(plugin: Element, where: str) -> SensorDescription:
+    return _sensor(plugin, where, "contact",
+                   topic=text_of(plugin, "bumperTopicName") or "bumper_states",
+                   frame=text_of(plugin, "frameName") or "world", noise=0.0, rate=0.0)
+
+
 PLUGINS: Mapping[str, Callable[[Element, str], Plugin]] = MappingProxyType({
     "gazebo_ros_control": _control,
     "gazebo_ros_camera": _camera,
@@ -165,4 +171,5 @@ PLUGINS: Mapping[str, Callable[[Element, str], Plugin]] = MappingProxyType({
     "gazebo_ros_imu": _body_imu,
     "gazebo_ros_imu_sensor": _imu,
     "gazebo_ros_ft_sensor": _wrench,
+    "gazebo_ros_bumper": _bumper,
 })

@@ -15,7 +15,6 @@ from typing import TypeVar
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import (
-    camera_tags,
     gazebo_materials,
     model_folders,
     ogre_materials,
@@ -236,7 +235,7 @@ def _model(element: Element, resolve: Resolve, locate: Locate, frames: Mapping[s
         paint = gazebo_materials.sdf_colour(node, link.name, warnings, looks)
         if paint is not None:
             colours[link.name] = paint
-        _sensors(node, link.name, cameras, sensors, warnings)
+        sensor_tags.of_link(node, link.name, cameras, sensors, asked, warnings)
     if not links:
         raise DescriptionError(f"{where}: has no <link>")
     joints: dict[str, Joint] = {}
@@ -316,19 +315,6 @@ def _link(element: Element, model: str, resolve: Resolve, looks: Sequence[Look |
     return Link(name, inertial, tuple(visuals), tuple(collisions),
                 truth(text_of(element, "gravity"), f"{where}: gravity", True),
                 truth(text_of(element, "kinematic"), f"{where}: kinematic", False), mu, bounces)
-
-
-def _sensors(element: Element, link: str, cameras: list[CameraDescription],
-             sensors: list[SensorDescription], warnings: list[str]) -> None:
-    """Add what the sensors of a link are."""
-    for sensor in element.findall("sensor"):
-        kind = sensor.get("type") or ""
-        if kind in camera_tags.CAMERA_KINDS:
-            cameras += camera_tags.cameras(sensor, link, warnings)
-        elif kind == "imu":
-            sensors += sensor_tags.imus(sensor, link, warnings)
-        else:
-            warnings.append(f"link '{link}': sensor type '{shorten(kind)}' is not known; ignored")
 
 
 def _joint(element: Element, model: str, poses: Mapping[str, Pose]) -> Joint:

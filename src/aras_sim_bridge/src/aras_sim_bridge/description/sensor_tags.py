@@ -4,9 +4,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import plugins
-from aras_sim_bridge.description.types import ChannelNoise, Link, SensorDescription
+from aras_sim_bridge.description import camera_tags, plugins
+from aras_sim_bridge.description.types import (
+    CameraDescription,
+    ChannelNoise,
+    Link,
+    SensorDescription,
+)
 from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.safe_xml import number, numbers, shorten, text_of
 from aras_visual_servo_base.urdf import Joint
 
@@ -17,7 +23,29 @@ _CHANNELS = {
 }
 
 
-def imus(sensor: Element, link: str, warnings: list[str]) -> list[SensorDescription]:
+def of_link(element: Element, link: str, cameras: list[CameraDescription],
+            sensors: list[SensorDescription], asked: list[plugins.Plugin], warnings: list[str]
+            ) -> None:
+    """Add what the `<sensor>` elements of a link are.
+
+    sensors: gets those that are whole. asked: gets those that `of_model` has to look at.
+
+    Raises:
+        DescriptionError: an element that is no number, or a rate or noise that is negative.
+    """
+    for sensor in element.findall("sensor"):
+        kind = sensor.get("type") or ""
+        if kind in camera_tags.CAMERA_KINDS:
+            cameras += camera_tags.cameras(sensor, link, warnings)
+        elif kind == "imu":
+            sensors += _imus(sensor, link, warnings)
+        elif kind == "contact":
+            asked += _bumpers(sensor, link, warnings)
+        else:
+            warnings.append(f"link '{link}': sensor type '{shorten(kind)}' is not known; ignored")
+
+
+def _imus(sensor: Element, link: str, warnings: list[str]) -> list[SensorDescription]:
     """What the plug-ins of an IMU's `<sensor>` on `link` tell.
 
     Raises:
@@ -25,9 +53,7 @@ def imus(sensor: Element, link: str, warnings: list[str]) -> list[SensorDescript
     """
     where = _where(sensor, f"link '{link}'")
     at = numbers(text_of(sensor, "pose"), 6, f"{where}: pose", (0.0,) * 6)
-    rate = number(text_of(sensor, "update_rate"), f"{where}: update_rate", 0.0)
-    if rate < 0.0:
-        raise DescriptionError(f"{where}: update_rate is {rate} Hz; it must not be negative")
+    rate = _rate(sensor, where)
     found = []
     for made in plugins.read(sensor, where, (SensorDescription,), warnings):
         if made.kind != "imu":
@@ -38,6 +64,23 @@ def imus(sensor: Element, link: str, warnings: list[str]) -> list[SensorDescript
             found.append(replace(made, link=link, pose=(at[:3], at[3:]), sample_rate=rate,
                                  channels=_channels(sensor, "imu", where)))
     return found
+
+
+def _bumpers(sensor: Element, link: str, warnings: list[str]) -> list[SensorDescription]:
+    """What the plug-ins of a contact `<sensor>` on `link` tell, of the collisions that it names."""
+    where = _where(sensor, f"link '{link}'")
+    names = tuple((node.text or node.get("name") or "").strip()
+                  for node in sensor.findall("contact/collision"))
+    return [replace(made, link=link, rate=_rate(sensor, where), collisions=names)
+            for made in plugins.read(sensor, where, (SensorDescription,), warnings)]
+
+
+def _rate(sensor: Element, where: str) -> float:
+    rate = number(text_of(sensor, "update_rate") or sensor.get("update_rate"),
+                  f"{where}: update_rate", 0.0)
+    if rate < 0.0:
+        raise DescriptionError(f"{where}: update_rate is {rate} Hz; it must not be negative")
+    return rate
 
 
 def of_model(found: list[SensorDescription], links: Mapping[str, Link],
@@ -85,6 +128,8 @@ def _problem(made: SensorDescription, links: Mapping[str, Link], joints: Mapping
         return "it belongs into a <sensor type='imu'>"
     if not made.topic:
         return "it has no <topicName>"
+    if made.kind == "contact":
+        return _untouchable(made, links)
     if made.kind == "wrench":
         return "" if made.joint in joints else f"joint '{shorten(made.joint)}' does not exist"
     if made.link not in links:
@@ -92,6 +137,23 @@ def _problem(made: SensorDescription, links: Mapping[str, Link], joints: Mapping
     if made.kind == "pose" and made.frame not in (*WORLDS, *links):
         return f"frame '{shorten(made.frame)}' is neither the world nor a link"
     return ""
+
+
+def _untouchable(made: SensorDescription, links: Mapping[str, Link]) -> str:
+    """Why a contact sensor never tells of a contact; empty where it may."""
+    if not made.collisions:
+        return "it names no <collision> in a <contact>, or stands in no <sensor type='contact'>"
+    known = [one.name for link in links.values() for one in link.collisions]
+    gone = [name for name in made.collisions if not any(same(name, one) for one in known)]
+    if gone:
+        return f"collision '{shorten(gone[0])}' does not exist; {nearest(gone[0], known)}"
+    return ""
+
+
+def same(name: str, collision: str) -> bool:
+    """Whether a name means a collision; Gazebo puts the link before it that a fixed one is lumped
+    into."""
+    return name == collision or name.endswith(f"_fixed_joint_lump__{collision}")
 
 
 def _gauged(made: SensorDescription, sensor: Element, warnings: list[str]) -> SensorDescription:

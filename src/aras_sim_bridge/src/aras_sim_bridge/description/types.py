@@ -206,7 +206,7 @@ class ChannelNoise:
 class SensorDescription:
     """A sensor of motion or forces, as its plug-in and its `<sensor>` ask for it.
 
-    kind: pose (p3d), imu (in a sensor), body_imu (libgazebo_ros_imu.so) or wrench.
+    kind: pose (p3d), imu (in a sensor), body_imu (libgazebo_ros_imu.so), wrench or contact.
     namespace: None is the model's name. frame: '' is that of the link. rate: readings a second of
     simulated time, 0 for one a step.
     link: what a pose and IMUs are of, the child of a wrench's joint; pose: (xyz, rpy) of an IMU in
@@ -216,6 +216,7 @@ class SensorDescription:
     from_start: whether an IMU's orientation is told from that at its start.
     channels: three of turning and three of moving of an IMU, three forces and three torques of a
     wrench, or none.
+    collisions: names of the collisions whose contacts are told.
     joint: what a wrench is of. measured_in: child, parent or sensor; on_child: whether the wrench
     is what the parent does to the child, or the other way round.
     """
@@ -232,6 +233,7 @@ class SensorDescription:
     sample_rate: float = 0.0
     from_start: bool = False
     channels: tuple[ChannelNoise, ...] = ()
+    collisions: tuple[str, ...] = ()
     joint: str = ""
     measured_in: str = "child"
     on_child: bool = False

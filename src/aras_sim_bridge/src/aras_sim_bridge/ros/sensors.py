@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+from gazebo_msgs.msg import ContactState
 from genpy import Message
-from geometry_msgs.msg import Quaternion, Vector3
+from geometry_msgs.msg import Quaternion, Vector3, Wrench
 from roslib.message import get_message_class
 
 from aras_sim_bridge.errors import SimError
@@ -13,7 +15,13 @@ from aras_sim_bridge.ros.camera.info import prefixed
 from aras_sim_bridge.ros.control.state_topic import StateTopic
 from aras_sim_bridge.ros.conversions import to_pose, to_time, to_twist
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
-from aras_sim_bridge.sensors import ImuReading, PoseReading, RateSensor, WrenchReading
+from aras_sim_bridge.sensors import (
+    ContactReading,
+    ImuReading,
+    PoseReading,
+    RateSensor,
+    WrenchReading,
+)
 
 
 def _pose(message: Message, reading: PoseReading, sensor: RateSensor) -> None:
@@ -35,6 +43,22 @@ def _wrench(message: Message, reading: WrenchReading, _sensor: RateSensor) -> No
     message.wrench.torque = Vector3(*reading.torque)
 
 
+def _contacts(message: Message, reading: ContactReading, _sensor: RateSensor) -> None:
+    stamp, count = to_time(reading.stamp_ns), len(reading.contacts)
+    message.states = []
+    for k, (names, touches) in enumerate(reading.contacts.items()):
+        wrenches = [Wrench(Vector3(*one.force), Vector3(*one.torque)) for one in touches]
+        total = np.array([[*one.force, *one.torque] for one in touches]).sum(axis=0).tolist()
+        message.states.append(ContactState(
+            info=f"Debug:  i:({k}/{count})     my geom:{names[0]}   other geom:{names[1]}"
+                 f"         time:{stamp.secs}.{stamp.nsecs:09d}\n",
+            collision1_name=names[0], collision2_name=names[1], wrenches=wrenches,
+            total_wrench=Wrench(Vector3(*total[:3]), Vector3(*total[3:])),
+            contact_positions=[Vector3(*one.position) for one in touches],
+            contact_normals=[Vector3(*one.normal) for one in touches],
+            depths=[one.depth for one in touches]))
+
+
 def _uncertain(sensor: RateSensor, step: int, *covariances: list[float]) -> None:
     """Write the noise's variance on the diagonals of square matrices, every `step` numbers."""
     for covariance in covariances:
@@ -44,6 +68,7 @@ def _uncertain(sensor: RateSensor, step: int, *covariances: list[float]) -> None
 MESSAGES: dict[str, tuple[str, Callable[[Message, object, RateSensor], None]]] = {
     "pose": ("nav_msgs/Odometry", _pose), "imu": ("sensor_msgs/Imu", _imu),
     "body_imu": ("sensor_msgs/Imu", _imu), "wrench": ("geometry_msgs/WrenchStamped", _wrench),
+    "contact": ("gazebo_msgs/ContactsState", _contacts),
 }
 
 

@@ -1,14 +1,16 @@
-"""Sensors of motion and forces: poses, IMUs and wrenches of joints, at rates of simulated time."""
+"""Sensors of motion and forces at rates of simulated time: poses, IMUs, wrenches, contacts."""
 
 from .base import RateSensor
+from .contact import ContactReading, ContactSensor, Touch
 from .motion import BodyImu, Imu, ImuReading, PoseReading, PoseSensor
 from .wrench import WrenchReading, WrenchSensor
 
 KINDS: dict[str, type[RateSensor]] = {
     "pose": PoseSensor, "imu": Imu, "body_imu": BodyImu, "wrench": WrenchSensor,
+    "contact": ContactSensor,
 }
 
 __all__ = [
-    "KINDS", "BodyImu", "Imu", "ImuReading", "PoseReading", "PoseSensor", "RateSensor",
-    "WrenchReading", "WrenchSensor",
+    "KINDS", "BodyImu", "ContactReading", "ContactSensor", "Imu", "ImuReading", "PoseReading",
+    "PoseSensor", "RateSensor", "Touch", "WrenchReading", "WrenchSensor",
 ]

@@ -65,9 +65,9 @@ def give_back(client: int, fresh: bool) -> None:
 
 
 def contacts_of(body: int, client: int) -> list[tuple[int, int, int, tuple[float, ...]]]:
-    """What touches a body: its link, the other body, that one's link, and fifteen numbers: the
-    point (m, world), and three forces on the body (normal, two of friction), each as its size (N)
-    and a direction.
+    """What touches a body: its link, the other body, that one's link, and sixteen numbers: the
+    point (m, world), three forces on the body (normal, two of friction), each as its size (N) and
+    a direction, and the depth (m) to which the two are in each other.
 
     Asked for one body's contacts, PyBullet turns their normals round to suit but not their
     friction; so all are asked for here, and turned as they should be.
@@ -77,9 +77,9 @@ def contacts_of(body: int, client: int) -> list[tuple[int, int, int, tuple[float
         if c[1] == c[2]:
             continue
         if c[1] == body:
-            numbers = (*c[5], c[9], *c[7], c[10], *c[11], c[12], *c[13])
+            numbers = (*c[5], c[9], *c[7], c[10], *c[11], c[12], *c[13], -c[8])
             found.append((c[3], c[2], c[4], numbers))
         elif c[2] == body:
-            numbers = (*c[6], -c[9], *c[7], -c[10], *c[11], -c[12], *c[13])
+            numbers = (*c[6], -c[9], *c[7], -c[10], *c[11], -c[12], *c[13], -c[8])
             found.append((c[4], c[1], c[3], numbers))
     return found

@@ -113,7 +113,8 @@ def bears(tree, frames, state, before, gravity, ground, corners, touch, load, dt
 def _add_up(pushes, root, touch):
     """Torque and force (6,) of contacts, in the root's axes about its origin, added to `touch`.
 
-    pushes (m, 15): point, then three forces, each with its size and its direction, in the world.
+    pushes (m, 15 or more): point, then three forces, each with its size and its direction, in the
+    world.
     root (3, 4): world_T_root.
     """
     for push in pushes:
@@ -251,8 +252,10 @@ class FreeBases:
         self._seen = {}
 
     def _free(self) -> list[Model]:
+        """A base that is held feels no ground, of which a contact sensor would have to tell."""
         return [model for model in self._models.values()
-                if not model.fixed_base and model.joint_names and not model.body.weightless]
+                if not model.fixed_base and model.joint_names and not model.body.weightless
+                and all(sensor.kind != "contact" for sensor in model.description.sensors)]
 
     def begin(self) -> None:
         """Before the first step: hold the models that were put on the ground and stand there."""

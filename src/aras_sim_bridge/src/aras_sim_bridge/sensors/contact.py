@@ -1,0 +1,91 @@
+"""Contact sensors: what touches some collisions of a model, and with which forces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aras_sim_bridge.description import SensorDescription
+from aras_sim_bridge.description.sensor_tags import same
+from aras_sim_bridge.sensors.base import RateSensor
+from aras_sim_bridge.world import Model, World
+from aras_sim_bridge.world.bullet import contacts_of
+from aras_visual_servo_base.poses import Vector3
+
+
+@dataclass(frozen=True)
+class Touch:
+    """One point at which two collisions touch, in the world's axes.
+
+    position: m. normal: into the first one. depth: m, to which they are in each other. force (N)
+    and torque (N m) on the first one's link, about its centre of mass.
+    """
+
+    position: Vector3
+    normal: Vector3
+    depth: float
+    force: Vector3
+    torque: Vector3
+
+
+@dataclass(frozen=True)
+class ContactReading:
+    """What touches: by the names of two collisions, `model::link::collision`, the sensor's own
+    first, all points at which they do."""
+
+    stamp_ns: int
+    contacts: dict[tuple[str, str], list[Touch]]
+
+
+class ContactSensor(RateSensor[None]):
+    """libgazebo_ros_bumper.so. Forces are those of the last step.
+
+    Bullet tells which links touch, not by which of their collisions: a link's contacts bear the
+    name of its first one, and a sensor of any of them tells them all.
+    """
+
+    def __init__(self, description: SensorDescription, model: Model, world: World, seed: int
+                 ) -> None:
+        super().__init__(description, model, world, seed)
+        self._links = [
+            name for name, link in model.description.links.items()
+            if any(same(one, collision.name) for collision in link.collisions
+                   for one in description.collisions)
+        ]
+
+    def _state(self) -> None:
+        return None
+
+    def _measured(self, before: None, time_ns: int, seconds: float) -> ContactReading:
+        model, others = self.model, {one.body_id: one for one in self._world.models.values()}
+        own = {model.link_index(name): name for name in self._links}
+        found: dict[tuple[str, str], list[Touch]] = {}
+        for link, body, other_link, numbers in contacts_of(model.body_id, model.client):
+            depth = numbers[15]
+            if link not in own or (depth < 0.0 and numbers[3] == 0.0):
+                continue  # near, and no more
+            other = others[body]
+            names = {index: name for name, index in other.link_indices.items()}
+            pair = _scoped(model, own[link]), _scoped(other, names[other_link])
+            found.setdefault(pair, []).append(self._touch(own[link], numbers))
+        return ContactReading(time_ns, found)
+
+    def _touch(self, link: str, numbers: tuple[float, ...]) -> Touch:
+        position = np.array(numbers[:3])
+        forces = [numbers[i] * np.array(numbers[i + 1:i + 4]) for i in (3, 7, 11)]
+        force = sum(forces)
+        # Bullet's direction is that of the force on its first body: its size's sign turns it.
+        normal = np.copysign(1.0, numbers[3]) * np.array(numbers[4:7])
+        inertial = self.model.description.links[link].inertial
+        pose = self.model.link_pose(link)
+        centre = pose.xyz if inertial is None else pose.apply(inertial.origin_xyz)
+        torque = np.cross(position - centre, force)
+        return Touch(tuple(position.tolist()), tuple(normal.tolist()), numbers[15],
+                     tuple(force.tolist()), tuple(torque.tolist()))
+
+
+def _scoped(model: Model, link: str) -> str:
+    """Name of a link's first collision, as Gazebo has it."""
+    collisions = model.description.links[link].collisions
+    return f"{model.name}::{link}::{collisions[0].name if collisions else ''}"

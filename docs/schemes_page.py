@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import schemes_pictures as pictures
+from schemes_result import with_result
 
 from aras_visual_servo_bench.commands.running import study_file
 from aras_visual_servo_bench.errors import ExperimentError
@@ -41,7 +42,7 @@ Row = Mapping[str, Any]
 Rows = Sequence[Row]
 
 
-def read(path: Path, criterion: str = "reached") -> list[dict[str, Any]]:
+def read(path: Path, criterion: str) -> list[dict[str, Any]]:
     """Rows of a table, `hit` where the metric of that name is 1; ExperimentError: unreadable."""
     try:
         with path.open(newline="", encoding="utf-8") as file:
@@ -188,7 +189,8 @@ def _chosen(study: Study) -> str:
 
 def canonical_part(path: Path, images: Path | None) -> str:
     """Of the canonical tasks."""
-    study, rows = _study("canonical"), read(path)
+    study = _study("canonical")
+    rows = read(path, study.judged)
     page = "## Canonical tasks\n\n" + _chosen(study)
     page += "Starts from which the goal was reached:\n\n" + overview(rows, study) + "\n"
     if images is not None:
@@ -201,8 +203,9 @@ def canonical_part(path: Path, images: Path | None) -> str:
 
 
 def domain_part(path: Path, images: Path | None) -> str:
-    """Of the rendered convergence domain, whose criterion is a reduction to a tenth."""
-    study, rows = _study("convergence_domain"), read(path, "reduced")
+    """Of the rendered convergence domain."""
+    study = _study("convergence_domain")
+    rows = read(path, study.judged)
     page = "## Convergence domain, rendered\n\n" + _chosen(study) + domain(rows, study) + "\n"
     if images is not None:
         pictures.success_map(rows, images / "convergence_domain.png")
@@ -214,8 +217,9 @@ def domain_part(path: Path, images: Path | None) -> str:
 
 def basin_part(path: Path) -> str:
     """Of the paper's own case."""
-    rows = [{"condition": "", "start": "drawn", **row} for row in read(path)]
-    return "## The paper's own case\n\n" + _chosen(_study("paper_basin")) + details(rows) + "\n"
+    study = _study("paper_basin")
+    rows = [{"condition": "", "start": "drawn", **row} for row in read(path, study.judged)]
+    return "## The paper's own case\n\n" + _chosen(study) + details(rows) + "\n"
 
 
 def speed_part(path: Path) -> str:
@@ -263,7 +267,7 @@ def main(argv: list[str] | None = None) -> int:
         if options.speed is not None:
             page += speed_part(options.speed)
         page += "## What each is\n\n" + descriptions()
-        options.out.write_text(page, encoding="utf-8")
+        options.out.write_text(with_result(page), encoding="utf-8")
     except (ExperimentError, OSError) as error:
         print(f"schemes_page: {error}", file=sys.stderr)
         return 1

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from truth_checks.result import with_result
+
 from .kinds import KINDS
 from .trial import Judged
 
@@ -101,7 +103,7 @@ def section(text: str, found: Sequence[Judged], seeds: Sequence[int]) -> str:
         "Faults of known kinds are provoked; which outcomes are right is written down before the "
         "run. *converged* is right only where the camera stands within what is left open.\n\n"
     )
-    return f"{before}\n\n{head}{markdown(found)}\n"
+    return with_result(f"{before}\n\n{head}{markdown(found)}\n")
 
 
 def section_of(text: str) -> str:

@@ -21,6 +21,7 @@ from . import (  # noqa: F401 (they enter their checks)
     vision,
 )
 from .check import CHECKS, Check, Row
+from .result import with_result
 
 TOP = Path(__file__).parents[2]
 TABLE = TOP / "docs" / "truth.md"
@@ -83,8 +84,8 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"    {time.process_time() - began:.1f} s", flush=True)
     if options.write:
         kept = section_of(TABLE.read_text(encoding="utf-8")) if TABLE.exists() else ""
-        TABLE.write_text(_HEAD + "".join(markdown(c, r) for c, r in found) + _TAIL + kept,
-                         encoding="utf-8")
+        page = _HEAD + "".join(markdown(c, r) for c, r in found) + _TAIL + kept
+        TABLE.write_text(with_result(page), encoding="utf-8")
     failed = [f"{c.name}: {r.what}" for c, r in found if not r.passed]
     print(json.dumps({"rows": len(found), "failed": failed}))
     return 1 if failed else 0

@@ -16,7 +16,7 @@ from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.numbers import printing, statistics
 from aras_visual_servo_bench.numbers.metrics import metric
 from aras_visual_servo_bench.pictures import figures
-from aras_visual_servo_bench.study import compare, replay, rows, tables
+from aras_visual_servo_bench.study import compare, engine, replay, rows, tables
 from aras_visual_servo_bench.study.engine import carry_out
 from aras_visual_servo_bench.study.folder import Folder
 from aras_visual_servo_bench.study.overrides import unit_of
@@ -496,3 +496,20 @@ def test_candidates_cost_what_their_runs_show(monkeypatch, metric, cheapest):
     assert second.violation == pytest.approx(0.3 + 0.5) and second.success == 0.5
     assert min(tuner.tried, key=lambda c: c.cost).values == (cheapest,)
     assert abs(first.cost) == 3.5 and tuner.best is first
+
+
+def test_a_study_is_judged_by_the_metric_that_it_names(tiny, tmp_path):
+    study = tiny(judged="reduced", metrics=["success", "reduced"], repeats=1, vary={}, chunk=1)
+    folder = Folder.create(tmp_path / "out", study, "")
+    row = {**rows.blank(study, 0), "outcome": "timed_out", "success": 0.0, "reduced": 1.0}
+    folder.write(0, rows.Rows([row], [{"run": 0, "wall": 1.0, "processor": 1.0, "worker": "w"}]))
+    assert Results.read(tmp_path / "out").successes().tolist() == [1.0]
+    assert engine.succeeded(row, study.judged) and not engine.succeeded(row)
+    assert study.digest == tiny(metrics=["success", "reduced"], repeats=1, vary={}, chunk=1).digest
+    with pytest.raises(StudyError, match="judged is 'reached', which is not among"):
+        tiny(judged="reached")
+
+
+def test_one_run_is_one_run(tiny):
+    assert engine.dry_run(tiny(repeats=1, vary={}, chunk=1), 1)[0] == (
+        "1 run: 1 point, 1 of each; 1 chunk of 1")  # fmt: skip

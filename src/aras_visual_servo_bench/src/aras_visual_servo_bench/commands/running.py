@@ -20,7 +20,7 @@ from ..running import loop
 from ..study import engine, overrides, tables
 from ..study.folder import Folder
 from ..study.pools import RENEWED, DaskPool, Pool, ThisProcess
-from ..study.progress import Progress, duration
+from ..study.progress import Progress, counted, duration
 from ..study.results import Results
 from ..study.study import Study
 
@@ -159,8 +159,8 @@ def carry_out(folder: Folder, options: argparse.Namespace) -> int:
                 progress.close()
                 raise StudyError(f"interrupted; {_kept(folder)}") from None
             progress.close()
-            print(f"{done.runs} of {folder.study.runs} runs in {folder.path}, {done.failed} of the "
-                  f"new ones without success, {duration(done.seconds)}")
+            print(f"{done.runs} of {counted(folder.study.runs, 'run')} in {folder.path}, "
+                  f"{done.failed} of the new ones without success, {duration(done.seconds)}")
             if done.stopped:
                 row = done.stopped
                 print(f"stopped at run {row['run']}, {row['outcome']}: "

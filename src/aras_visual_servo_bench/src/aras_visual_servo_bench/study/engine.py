@@ -14,7 +14,7 @@ from ..numbers.metrics import success
 from . import rows
 from .folder import Folder
 from .pools import Pool
-from .progress import Progress, duration
+from .progress import Progress, counted, duration
 from .study import Study
 from .work import StudyTask
 
@@ -45,9 +45,9 @@ def check_study(study: Study) -> None:
             raise StudyError(str(error)) from error
 
 
-def succeeded(values: dict[str, object]) -> bool:
-    """Whether a row's run did what it was to do."""
-    return values.get(success.name, 1.0) == 1.0 and values["outcome"] not in (
+def succeeded(values: dict[str, object], judged: str = success.name) -> bool:
+    """Whether a row's run did what it was to do, by the metric that judges it."""
+    return values.get(judged, 1.0) == 1.0 and values["outcome"] not in (
         rows.REFUSED, rows.FAULT, rows.DIED, rows.LATE,
     )  # fmt: skip
 
@@ -84,7 +84,7 @@ def carry_out(
             continue
         out -= 1
         folder.write(task.chunk, done)
-        bad = [values for values in done.values if not succeeded(values)]
+        bad = [values for values in done.values if not succeeded(values, study.judged)]
         failed += len(bad)
         progress.more(len(done.values), len(bad), done.times, pool.workers)
         if fail_fast and bad:
@@ -101,8 +101,8 @@ def dry_run(study: Study, workers: int) -> list[str]:
     timed = [one.times[0]["wall"] for one in tried]
     seconds = min(timed) * study.runs / max(workers, 1)
     lines = [
-        f"{study.runs} runs: {study.points} points, {study.repeats} of each; {study.chunks} chunks "
-        f"of {study.chunk_size}",
+        f"{counted(study.runs, 'run')}: {counted(study.points, 'point')}, {study.repeats} of each; "
+        f"{counted(study.chunks, 'chunk')} of {study.chunk_size}",
         f"about {duration(seconds)} on {workers} core{'s' if workers > 1 else ''}: a run takes "
         f"{min(timed):.2g} s here",
     ]

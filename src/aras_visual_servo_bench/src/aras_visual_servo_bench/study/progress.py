@@ -62,8 +62,8 @@ class Progress:
         left = (self._total - self._done) * each if self._done < self._total else 0.0
         rate = f"{number(1.0 / each)}/s, " if 0.0 < each < math.inf else ""
         return (
-            f"{bar(part)} {self._done}/{self._total} runs, {rate}{self.failed} without success, "
-            f"{duration(left)} left"
+            f"{bar(part)} {self._done}/{counted(self._total, 'run')}, {rate}{self.failed} without "
+            f"success, {duration(left)} left"
         )
 
     def _each(self) -> float:
@@ -84,6 +84,11 @@ class Progress:
         if self._out.isatty():
             self._out.write("\n")
             self._out.flush()
+
+
+def counted(number: int, what: str) -> str:
+    """'1 run', '2 runs'."""
+    return f"{number} {what}" + ("" if number == 1 else "s")
 
 
 def duration(seconds: float) -> str:

@@ -121,9 +121,9 @@ class Results:
         return _numbers(found)
 
     def successes(self) -> np.ndarray:
-        """(n,) 0 or 1; what was refused, failed or died is none."""
-        if metrics.success.name in self.table.column_names:
-            found = self.numbers(metrics.success.name)
+        """(n,) 0 or 1, as the study is judged; what was refused, failed or died is none."""
+        if self.study.judged in self.table.column_names:
+            found = self.numbers(self.study.judged)
             return np.where(np.isnan(found), 0.0, found)
         none = pa.array([rows.REFUSED, rows.FAULT, rows.DIED, rows.LATE])
         return _numbers(pc.invert(pc.is_in(self._column("outcome"), none)))

@@ -30,7 +30,7 @@ from .variations import Axis, Draw, drawn, variation
 MOST_RUNS = 100_000_000  # 1e6 chunks of 100 runs: beyond that a scheduler chokes
 LARGEST_CHUNK = 10_000
 SAMPLINGS, SEEDS = ("random", "sobol"), ("runs", "repeats", "counted")
-TOLD_APART = ("source", "chosen")  # words about a study, which change nothing of its runs
+TOLD_APART = ("source", "chosen", "judged")  # words about a study, which change nothing of its runs
 
 
 @dataclass(frozen=True)
@@ -75,6 +75,7 @@ class Study:
         points are compared over the same starts and the same noise; 'counted': repeat n of every
         point has the seed `seed` + n.
     metrics: names, or 'package.module:function'; empty: all that are built in.
+    judged: the metric whose 1 is a success, in what is told of the study.
     chunk: runs that are one task and one file; None: by the number of runs.
     traces: keep errors, twists and poses of every image.
     limit: of a run's wall time, s; one that takes longer has the outcome 'time_limit'.
@@ -89,6 +90,7 @@ class Study:
     seed: int = parameter(0, least=0)
     seeds: str = parameter("runs", choices=SEEDS)
     metrics: tuple[str, ...] = ()
+    judged: str = known_metrics.success.name
     chunk: int | None = parameter(None, "runs", least=1, most=LARGEST_CHUNK)
     traces: bool = False
     limit: float = parameter(900.0, "s", above=0.0)
@@ -123,6 +125,9 @@ class Study:
         # Said before the first run, not by a worker an hour later.
         for name in self.metric_names:
             known_metrics.find(name)
+        if self.judged not in (known_metrics.success.name, *self.metric_names):
+            raise StudyError(f"judged is '{self.judged}', which is not among the study's metrics: "
+                             f"{nearest(self.judged, self.metric_names)}")  # fmt: skip
 
     # -- reading ---------------------------------------------------------------------------
 

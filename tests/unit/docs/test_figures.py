@@ -1,0 +1,28 @@
+"""Figures that several pages give are those of the code."""
+
+import math
+
+from blocks import ROOT
+
+from aras_visual_servo_controller.judging.arrival import ARRIVED
+from aras_visual_servo_controller.judging.left_open import PLAIN
+
+
+def said(millimetres_and_radians, degrees="°"):
+    distance, angle = millimetres_and_radians
+    return f"within {1e3 * distance:g} mm and {math.degrees(angle):.1f}{degrees}"
+
+
+def test_pages_tell_alike_when_a_loop_has_arrived_and_what_it_leaves_open():
+    pages = {name: (ROOT / name).read_text(encoding="utf-8") for name in (
+        "docs/theory.md", "src/aras_visual_servo_controller/README.md", "docs/reading_results.md")}
+    theory, controller, reading = pages.values()
+    assert said(ARRIVED) in theory and said(ARRIVED) in controller
+    assert said(PLAIN, " degrees") in reading
+
+
+def test_the_keys_of_a_camera_are_listed_in_one_place():
+    listed = "src/aras_sim_bridge/docs/camera.md#settings"
+    assert listed in (ROOT / "docs" / "camera.md").read_text(encoding="utf-8")
+    for page in (ROOT / "docs").glob("*.md"):
+        assert "| `effects/" not in page.read_text(encoding="utf-8"), page

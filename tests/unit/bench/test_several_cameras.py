@@ -311,3 +311,44 @@ def test_a_run_keeps_what_its_watching_camera_saw_and_a_study_does_without():
     seen = run(experiment).cameras["overview"]
     assert [stamp for stamp, _ in seen.film] == seen.stamp.tolist() and len(seen.film) > 2
     assert list(assemble(experiment, watched=False).eyes) == ["left", "right"]
+
+
+# -- stereo ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scheme", ["stereo_points@left,right", "stereo_pose@right,left"])
+@pytest.mark.parametrize(
+    "changes", [{}, {"features": "pictures"}, {"cameras": two(right={"rate": 20.0, "delay": 0.03})},
+                {"cameras": two(left={"believed": {"depth": 1.6}})}],
+)  # fmt: skip
+def test_two_cameras_tell_the_depth(scheme, changes):
+    result = run(flying(scheme=scheme, **changes))
+    assert result.outcome.startswith("converged") and result.verdict.reached, result.reason
+    assert "wrong_camera_model" not in result.outcomes
+    assert result.settled() < 2.0
+
+
+def test_stereo_servoes_the_simulated_arm():
+    result = run(armed(plant="bullet", scheme="stereo_pose@left,right"))
+    assert result.converged and result.verdict.reached, result.reason
+
+
+def test_stereo_follows_a_target_that_was_carried_away():
+    """Nothing of it rests on where the target was when the goal was shown."""
+    moved = {"shape": SHAPE, "motion": {"step": [0.01, 0.0, 0.04], "begin": 0.01}}
+    result = run(flying(scheme="stereo_points@left,right", target=moved, duration=6.0))
+    assert result.verdict.distance < 5e-4, (result.outcome, result.verdict)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "cameras", "words"),
+    [
+        ("stereo_points", two(), r"reads 2 cameras: name them, as stereo_points@left,right"),
+        ("stereo_points@left", two(), "reads 2 cameras: name them"),
+        ("stereo_pose@left,right", {"left": {"model": LEFT}, "right": {"model": RIGHT}},
+         "cameras left and right are 0.0 mm apart and tell no depth"),
+    ],
+)  # fmt: skip
+def test_stereo_wants_two_cameras_apart(scheme, cameras, words):
+    with pytest.raises(ExperimentError, match=words):
+        assemble(flying(scheme=scheme, cameras=cameras))

@@ -310,3 +310,41 @@ def test_a_stack_needs_of_each_camera_what_its_features_do():
     stack = Stack([OfCamera(Points(), "left"), OfCamera(grey, "right")])
     assert stack.cameras == ("left", "right")
     assert stack.needs_of("", "left") == {Need.CORNERS} and stack.needs_of("right") == {Need.IMAGE}
+
+
+# -- stereo ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["stereo_points@left,right", "stereo_pose@left,right",
+                                  "stereo_points@right,left"])  # fmt: skip
+def test_L_of_stereo_by_differences(name):
+    scheme = create_scheme(name)
+    goal = goal_of(scheme)
+    scheme.check(goal)
+    q, step = np.array([0.01, -0.02, 0.03, 0.05, -0.04, 0.2]), 1e-6
+
+    def measured(change):
+        seats = (("left", LEFT), ("right", RIGHT))
+        moved = Rig([Observer(Flying(arm.seat, arm.origin @ exponential(q) @ change),
+                              frozenset((Need.CORNERS,)), name=n) for n, arm in seats])  # fmt: skip
+        return scheme.feature.measure(together(moved, np.zeros(6)), goal)
+
+    columns = [
+        (measured(exponential(step * d)).s - measured(exponential(-step * d)).s) / (2 * step)
+        for d in np.eye(6)
+    ]
+    np.testing.assert_allclose(measured(np.eye(4)).L, np.transpose(columns), rtol=1e-5, atol=1e-6)
+
+
+def test_places_of_two_cameras_are_the_target_s():
+    scheme = create_scheme("stereo_points@left,right")
+    goal = goal_of(scheme)
+    scheme.check(goal)
+    q = np.array([0.01, -0.02, 0.03, 0.05, -0.04, 0.2])
+    s = scheme.feature.measure(together(rig(), q), goal).s
+    seen = (np.column_stack([SHAPE, np.ones(4)]) @ inverse(LEFT.pose(q)).T)[:, :3]
+    np.testing.assert_allclose(s.reshape(-1, 3), seen, atol=1e-9)
+    # the goal is shown from q = 0
+    wanted = (np.column_stack([SHAPE, np.ones(4)]) @ inverse(LEFT.pose(np.zeros(6))).T)[:, :3]
+    shown = scheme.feature.measure(together(rig(), q), goal).desired
+    np.testing.assert_allclose(shown.reshape(-1, 3), wanted, atol=1e-9)

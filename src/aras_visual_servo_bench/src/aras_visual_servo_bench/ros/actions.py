@@ -75,8 +75,9 @@ class Actions:
         given = self.given()
         more = {kind: [given[key]] if given.get(key) else [] for kind, key in (
             ("schemes", "scheme"), ("laws", "law"), ("starts", "start"), ("goals", "goal"))}
+        of_one_camera = sorted(n for n, made in SCHEMES.items() if getattr(made, "reads", 1) == 1)
         return {
-            "schemes": _once([*sorted(SCHEMES), *more["schemes"]]),
+            "schemes": _once([*of_one_camera, *more["schemes"]]),
             "laws": _once([*sorted(LAWS), *more["laws"]]),
             "starts": _once(["none", *sorted(starts), *more["starts"]]),
             "goals": _once(["auto", *shipped, *own, *more["goals"]]),

@@ -51,6 +51,7 @@ class Feature(ABC):
         name: its entry in goal files.
         needs: of the image.
         cameras: names of those that it reads; none: the first, the control camera, alone.
+        reads: how many cameras, where they are named in the scheme.
         names, tolerances, units: (k,) of the components; |error| below the tolerance counts as
             reached.
         directions: (6,) camera directions that it models, vx ... wz; the others are held.
@@ -61,6 +62,7 @@ class Feature(ABC):
 
     name: ClassVar[str] = ""
     geometric: bool = True
+    reads: ClassVar[int] = 1
     needs: frozenset[Need] = frozenset((Need.MOMENTS,))
     cameras: tuple[str, ...] = ()
     names: tuple[str, ...]

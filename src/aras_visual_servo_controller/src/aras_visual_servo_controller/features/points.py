@@ -123,15 +123,11 @@ class PointFeature(Feature):
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """See Feature.accuracy; the points' errors have nothing to do with each other."""
-        accuracy = observation.corner_accuracy
-        if not accuracy:
+        if not observation.corner_accuracy:
             return None
         desired = self.desired_points(goal)
-        if goal.camera == observation.camera:
-            off = self._numbered(observation, desired)[0] - desired
-            common = NEARLY / observation.camera.K[0] + CHANGING * np.sqrt(np.mean(off**2))
-            accuracy = min(accuracy, common)
-        return accuracy * np.eye(desired.size)
+        points = self._numbered(observation, desired)[0]
+        return accuracy_beside(observation, goal, points - desired) * np.eye(desired.size)
 
     def _set_count(self, count: int) -> None:
         self.count = count
@@ -223,6 +219,15 @@ def at_plane(plane: Plane, points: np.ndarray) -> np.ndarray:
     if not (inverse > 0.0).all():
         raise MeasurementError("a point of the target lies behind the camera")
     return inverse
+
+
+def accuracy_beside(observation: Observation, goal: Goal, off: np.ndarray) -> float:
+    """To which corners that are `off` (n, 2) their goal's are known beside those, normalised."""
+    accuracy = observation.corner_accuracy
+    if goal.camera != observation.camera:
+        return accuracy
+    common = NEARLY / observation.camera.K[0] + CHANGING * np.sqrt(np.mean(off**2))
+    return min(accuracy, common)
 
 
 def places(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:

@@ -37,6 +37,7 @@ from .moment_features import (
 from .moments import ImageMoments
 from .points import Points
 from .pose import PoseCamera, PoseInGoalFrame, ThetaU, Translation, TranslationCamera, TwoAndHalfD
+from .stereo import StereoPoints, StereoPose
 
 FEATURES: dict[str, type[Feature]] = {
     "moments": ImageMoments,
@@ -51,7 +52,7 @@ FEATURES: dict[str, type[Feature]] = {
             BasicMoments, CentredMoments, GravityCentre, NormalisedGravityCentre, Area,
             NormalisedArea, Alpha, Ellipse, Invariants, Skewness, Symmetry, MomentsPitch,
             MomentsSix, Luminance, LuminanceDamped, LuminanceDCT, LuminancePCA, PhotometricMoments,
-            Matches, MatchesORB, MatchesPose,
+            Matches, MatchesORB, MatchesPose, StereoPoints, StereoPose,
         )
     },
 }

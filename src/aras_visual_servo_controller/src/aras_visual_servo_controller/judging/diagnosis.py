@@ -224,7 +224,7 @@ class Diagnosis:
         """What cannot be with the cameras as believed, in words; empty where all can."""
         for name, check in self._cameras.items():
             if fault := check.fault():
-                return f"camera {name}: {fault}" if observation.others else fault
+                return f"camera {name}: {fault}" if observation.others and name else fault
         return ""
 
     def _follow_distance(self, stamp: float, observation: Observation, goal: Goal) -> None:
@@ -309,7 +309,8 @@ def _by_camera(
 ) -> Iterator[tuple[str, Decision, np.ndarray]]:
     """Name of each camera, its part of the decision, and the tolerances of that.
 
-    Features of a camera are called 'camera.feature'; all others are the control camera's.
+    Of a scheme of several cameras, features of one are called 'camera.feature'; the others have no
+    camera's name: they may be of all.
     """
     if not observation.others:
         yield observation.name, decision, tolerances
@@ -320,7 +321,7 @@ def _by_camera(
     rows: dict[str, list[int]] = {}
     for i, name in enumerate(decision.names):
         camera = name.partition(".")[0]
-        rows.setdefault(camera if camera in observation.others else observation.name, []).append(i)
+        rows.setdefault(camera if camera in observation.cameras else "", []).append(i)
     rate = np.broadcast_to(decision.rate, count)
     for camera, at in rows.items():
         yield camera, replace(decision, error=decision.error[at], L=L[at], rate=rate[at]), (

@@ -93,7 +93,7 @@ def _read_by(feature: Feature, name: str, cameras: tuple[str, ...]) -> Feature:
     Raises:
         ConfigurationError: it reads more of them, or fewer.
     """
-    count = getattr(feature, "reads", max(len(feature.cameras), 1))
+    count = max(feature.reads, len(feature.cameras))
     if cameras and len(cameras) != count or not cameras and count > max(len(feature.cameras), 1):
         example = ",".join(("left", "right", "third", "fourth")[:count])
         raise ConfigurationError(

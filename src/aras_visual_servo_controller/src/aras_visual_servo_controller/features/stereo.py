@@ -1,0 +1,191 @@
+"""Features of two cameras at once: points in space by triangulation, and the pose by them.
+
+Nothing but the two cameras' places tells the depth: neither a plane nor a model of the target.
+Reference: F. Chaumette, S. Hutchinson and P. Corke, Visual servoing, Springer Handbook of Robotics,
+2016, 34.4.2 (stereo).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from aras_visual_servo_base.poses import relative, skew
+
+from ..errors import ConfigurationError, MeasurementError
+from ..goals.goal import Goal
+from ..seeing.observation import Need, Observation
+from .base import Feature, Measured
+from .corners import NumberedPoints
+from .points import accuracy_beside
+from .pose import FLATTEST, PoseInGoalFrame
+
+NEAREST = 1e-3  # m between two cameras, below which they tell no depth
+STEP = 1e-6  # normalised length, of differences
+
+
+class StereoPoints(Feature):
+    """s = (X, Y, Z) of each corner in the frame of the first of two cameras, m: L = [-1  [X]x]."""
+
+    name = "stereo_points"
+    needs = frozenset((Need.CORNERS,))
+    reads: ClassVar[int] = 2
+
+    def __init__(self) -> None:
+        self._numbering = tuple(NumberedPoints() for _ in range(self.reads))
+        self._set_count(4)
+
+    def measure(self, observation: Observation, goal: Goal) -> Measured:
+        """See Feature.measure."""
+        first = observation.cameras[self.cameras[0]]
+        points, up_to = self._points(observation, goal)
+        places = triangulated(*points, self._between(observation.cameras))
+        s, L, desired = self.of_places(places, self._desired(goal))
+        since = first.up_to_now(L)
+        return Measured(s + since, desired, s + since - desired, first.brought(L), up_to=up_to)
+
+    def of_places(
+        self, places: np.ndarray, desired: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """s (k,), L (k, 6) and s* (k,) of points (n, 3) and their desired places, m."""
+        L = np.vstack([np.hstack([-np.eye(3), skew(place)]) for place in places])
+        return places.ravel(), L, desired.ravel()
+
+    def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
+        """See Feature.accuracy; of each point's by differences."""
+        views = [observation.cameras[name] for name in self.cameras]
+        if not any(view.corner_accuracy for view in views):
+            return None
+        desired, between = self._desired(goal), self._between(goal.cameras)
+        points = np.stack(self._taught(goal))
+        seen = self._points(observation, goal)[0]
+        accuracy = [
+            accuracy_beside(view, goal.cameras[view.name], off)
+            for view, off in zip(views, seen - points, strict=True)
+        ]
+        at_goal = self.of_places(triangulated(*points, between), desired)[0]
+        effects = []
+        for i in np.ndindex(points.shape):
+            moved = points.copy()
+            moved[i] += STEP
+            s = self.of_places(triangulated(*moved, between), desired)[0]
+            effects.append((s - at_goal) * accuracy[i[0]] / STEP)
+        return np.transpose(effects)
+
+    def check(self, goal: Goal) -> None:
+        """See Feature.check."""
+        for name in self.cameras:
+            if name not in goal.cameras:
+                raise ConfigurationError(
+                    f"{goal.name} has no view of camera '{name}': teach it with this scheme"
+                )
+        apart = float(np.linalg.norm(self._between(goal.cameras)[:3, 3]))
+        if apart < NEAREST:
+            raise ConfigurationError(
+                f"{self.name}: cameras {' and '.join(self.cameras)} are {1e3 * apart:.1f} mm apart "
+                "and tell no depth: move one of them"
+            )
+        self._set_count(len(self._desired(goal)))
+
+    def teach(self, observation: Observation) -> Mapping[str, Any]:
+        """See Feature.teach."""
+        views = [observation.cameras[name] for name in self.cameras]
+        found = [n.points(v) for n, v in zip(self._numbering, views, strict=True)]
+        if len(found[0]) == len(found[1]):  # in the order of the first camera's
+            found[1] = self._numbering[1]._numbered(views[1], found[0])[0]
+        return {"points": [np.asarray(points, float).tolist() for points in found]}
+
+    def reset(self) -> None:
+        """See Feature.reset."""
+        for numbering in self._numbering:
+            numbering.reset()
+
+    def _set_count(self, count: int) -> None:
+        self.names = tuple(f"{axis}{i}" for i in range(count) for axis in "XYZ")
+        self.tolerances, self.units = (0.0005, 0.0005, 0.001) * count, ("m",) * (3 * count)
+
+    def _between(self, seen: Mapping[str, Observation] | Mapping[str, Goal]) -> np.ndarray:
+        """second_T_first (4, 4) of two views or goals, each camera at its own exposure."""
+        first, second = (seen[name].world_T_camera for name in self.cameras)
+        return relative(second, first)
+
+    def _taught(self, goal: Goal) -> list[np.ndarray]:
+        """The goal's points, (n, 2) of each camera."""
+        taught = goal.features.get(self.name, {}).get("points", ())
+        shapes = {np.shape(points) for points in taught}
+        if len(taught) != self.reads or len(shapes) != 1 or len(min(shapes)) != 2:
+            raise ConfigurationError(
+                f"{goal.name} holds no points of two cameras: teach it with {self.name}"
+            )
+        return [np.array(points, float) for points in taught]
+
+    def _desired(self, goal: Goal) -> np.ndarray:
+        """The goal's places (n, 3)."""
+        try:
+            return triangulated(*self._taught(goal), self._between(goal.cameras))
+        except MeasurementError as error:
+            raise ConfigurationError(f"{goal.name}: {error}") from error
+
+    def _points(self, observation: Observation, goal: Goal) -> tuple[np.ndarray, str]:
+        """Points (2, n, 2) of both cameras in the goal's order, and what stays ambiguous."""
+        found, blind = [], []
+        views = (observation.cameras[name] for name in self.cameras)
+        for numbering, view, wanted in zip(
+            self._numbering, views, self._taught(goal), strict=True
+        ):
+            points, up_to = numbering._numbered(view, wanted)
+            found.append(points)
+            blind.append(up_to)
+        return np.stack(found), min(blind)
+
+
+class StereoPose(StereoPoints):
+    """Position-based: s = (g_t_c, theta u) of the rigid motion between goal's and seen places."""
+
+    name = "stereo_pose"
+
+    def of_places(
+        self, places: np.ndarray, desired: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See StereoPoints.of_places."""
+        c_T_g = rigid_motion(desired, places)
+        s, L = PoseInGoalFrame.of_pose(self, c_T_g, desired.mean(axis=0))
+        return s, L, np.zeros(6)
+
+    def _set_count(self, count: int) -> None:
+        self.names, self.tolerances, self.units = zip(*PoseInGoalFrame.rows, strict=True)
+
+
+def triangulated(first: np.ndarray, second: np.ndarray, second_T_first: np.ndarray) -> np.ndarray:
+    """Places (n, 3) in the first camera's frame, m, of points (n, 2), normalised, in two.
+
+    Least squares of x Z = X and y Z = Y in both. Raises:
+        MeasurementError: a place is behind a camera, as of points that are not the same.
+    """
+    R, t = second_T_first[:3, :3], second_T_first[:3, 3]
+    places = np.empty((len(first), 3))
+    for i, ((x, y), (u, v)) in enumerate(zip(first, second, strict=True)):
+        rows = np.array([[1.0, 0.0, -x], [0.0, 1.0, -y], R[0] - u * R[2], R[1] - v * R[2]])
+        right = np.array([0.0, 0.0, u * t[2] - t[0], v * t[2] - t[1]])
+        places[i] = np.linalg.lstsq(rows, right, rcond=None)[0]
+    if not (places[:, 2] > 0.0).all() or not (places @ R[2] + t[2] > 0.0).all():
+        raise MeasurementError("a point that two cameras see lies behind one: is it the same?")
+    return places
+
+
+def rigid_motion(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """a_T_b (4, 4) that brings places (n, 3) nearest to others, by least squares (Kabsch).
+
+    Raises:
+        MeasurementError: they lie on one line.
+    """
+    middle, other = before.mean(axis=0), after.mean(axis=0)
+    U, sizes, Vt = np.linalg.svd((before - middle).T @ (after - other))
+    if sizes[1] < FLATTEST * sizes[0]:
+        raise MeasurementError("the points of the target lie on one line: they give no pose")
+    a_T_b = np.eye(4)
+    a_T_b[:3, :3] = Vt.T @ np.diag([1.0, 1.0, np.linalg.det(Vt.T @ U.T)]) @ U.T
+    a_T_b[:3, 3] = other - a_T_b[:3, :3] @ middle
+    return a_T_b

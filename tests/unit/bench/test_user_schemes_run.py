@@ -1,4 +1,4 @@
-"""The four schemes of docs/examples in the runner: simulated arm, rendered pictures, one name."""
+"""The schemes of docs/examples in the runner: simulated arms, rendered pictures, one name."""
 
 from pathlib import Path
 
@@ -30,3 +30,16 @@ def test_a_users_scheme_reaches_its_goal_by_its_name_alone(scheme, monkeypatch):
     # What the pictures leave open is about the 0.3 mm from which on it is said.
     assert result.converged and result.verdict.reached, (result.outcome, result.verdict)
     assert result.settled() < 1.2
+
+
+@pytest.mark.parametrize("scheme", ["eye_to_hand:EyeToHand", "stereo_ibvs:StereoIBVS"])
+@pytest.mark.parametrize("plant", ["bullet", "chain"])
+def test_a_users_scheme_of_cameras_that_stand(scheme, plant, monkeypatch):
+    monkeypatch.chdir(ROOT / "docs" / "examples")
+    monkeypatch.syspath_prepend(".")
+    result = run(Experiment.from_yaml("portal.yaml").with_(scheme=scheme, plant=plant))
+    assert result.outcome == "converged" and result.verdict.reached, result.reason
+    assert set(result.outcomes) == {"running", "converged"}
+    assert result.settled() < 1.5
+    source = Path(f"{scheme.partition(':')[0]}.py").read_text()
+    assert len(source.splitlines()) < 60

@@ -50,6 +50,14 @@ def my_package() -> dict[str, Any]:
     return {}
 
 
+def portal() -> dict[str, Any]:
+    """Copies of the examples of several cameras."""
+    for name in ("portal.yaml", "portal.urdf", "portal_controllers.yaml", "stereo_ibvs.py",
+                 "eye_to_hand.py"):  # fmt: skip
+        Path(name).write_text((ROOT / "docs" / "examples" / name).read_text())
+    return {}
+
+
 GIVEN: dict[str, Callable[[], dict[str, Any]]] = {
-    "loop": loop, "moments": moments, "my_package": my_package,
+    "loop": loop, "moments": moments, "my_package": my_package, "portal": portal,
 }  # fmt: skip

@@ -72,11 +72,13 @@ def of_loop(name: str) -> Any:
 class CameraEntry:
     """One of several cameras of a node.
 
-    frame: of it, in the description. namespace: of its image_raw, camera_info and depth/image_raw.
-    features: namespace of what a camera node measures in its images, moments and kernel.
+    frame: of it, in the description; empty: NAME_optical_frame.
+    namespace: of its image_raw, camera_info and depth/image_raw; empty: /NAME.
+    features: namespace of what a camera node measures in its images, moments and kernel; empty:
+        camera/NAME in that of the arm.
     """
 
-    frame: str
+    frame: str = ""
     namespace: str = ""
     features: str = ""
 
@@ -219,7 +221,21 @@ class Settings:
                     f"{where}{name} is '{value}', which is no name on a ROS graph: letters, "
                     "digits, _ and / are"
                 )
-        return cls(**values, package=package)
+        settings = cls(**values, package=package)
+        settings._check_cameras(where)
+        return settings
+
+    def _check_cameras(self, where: str) -> None:
+        """ConfigurationError for two cameras of one topic: they would be one."""
+        for key, topic in (("namespace", "image_raw"), ("features", "moments")):
+            heard: dict[str, str] = {}
+            for name in self.cameras:
+                space = getattr(self.camera_of(name), key)
+                if (other := heard.setdefault(space, name)) != name:
+                    raise ConfigurationError(
+                        f"{where}cameras: {other} and {name} both listen to {space}/{topic}: give "
+                        f"each a {key} of its own"
+                    )
 
     def for_robot(self, name: str, given: Mapping[str, Any] | None = None) -> Settings:
         """These settings, with config/robots/NAME.yaml for what was not given.
@@ -280,9 +296,9 @@ class Settings:
         if not self.cameras:
             return CameraEntry(self.camera_frame, self.camera_namespace.rstrip("/"), features)
         entry = self.cameras[name]
-        return replace(
-            entry, namespace=(entry.namespace or f"/{name}").rstrip("/"),
-            features=(entry.features or f"{features}/{name}").rstrip("/"),
+        return CameraEntry(
+            entry.frame or f"{name}_optical_frame", (entry.namespace or f"/{name}").rstrip("/"),
+            (entry.features or f"{features}/{name}").rstrip("/"),
         )  # fmt: skip
 
     def read_by(self, scheme: Scheme | JointController) -> tuple[str, ...]:

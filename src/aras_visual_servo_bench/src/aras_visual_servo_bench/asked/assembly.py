@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -113,7 +113,7 @@ class _Builder:
             if wrap is not None:
                 self.scheme = wrap(self.scheme)
             read = self.loop_settings.read_by(self.scheme)
-            _check_standing(experiment, read)
+            _check_standing(experiment, read[0], self.robot)
             self.true_arm = self.robot.arm(read[0])
             rig = self.loop_settings.rig(dict.fromkeys(read), self.scheme)
         except ConfigurationError as error:
@@ -354,14 +354,14 @@ def assemble(
     return _Builder(experiment, wrap, watched).assemble()
 
 
-def _check_standing(experiment: Experiment, read: Sequence[str]) -> None:
+def _check_standing(experiment: Experiment, control: str, robot: Robot) -> None:
     """ExperimentError for a control camera that the arm moves as little as what it looks at."""
-    spec = experiment.seen_by[read[0]]
-    if spec.pose is not None and (
-        experiment.plant in FLYING or not experiment.robot.target_frame
-    ):
+    stands = experiment.seen_by[control].pose is not None
+    if experiment.plant not in FLYING:
+        stands = bool(experiment.cameras) and robot.standing(control) is not None
+    if stands:
         raise ExperimentError(
-            f"camera '{read[0]}' stands in the world, and the arm moves nothing that it sees: have "
+            f"camera '{control}' stands in the world, and the arm moves nothing that it sees: have "
             f"scheme '{experiment.scheme}' read a camera in the hand, or give the link that "
             "carries the target as robot.target_frame"
         )

@@ -73,6 +73,7 @@ class CameraSpec:
         left, z up), m and rad.
     pose: of its optical frame in the world (the arm's base), x, y, z (m), roll, pitch, yaw (rad):
         of one that stands there, and not in the hand.
+    frame: its optical frame, where the robot's description has it.
     delay: s from an exposure to when the loop has the picture.
     believed: how the controller's idea of it differs; see Belief.
     """
@@ -82,19 +83,22 @@ class CameraSpec:
     xyz: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "m")
     rpy: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "rad")
     pose: Six | None = parameter(None, "m, rad")
+    frame: str = ""
     delay: float = parameter(0.0, "s", least=0.0)
     believed: Belief = Belief()
 
     def __post_init__(self) -> None:
         check(self, ExperimentError, "cameras")
+        seats = (self.pose is not None, any(self.xyz) or any(self.rpy), bool(self.frame))
         require(
-            self.pose is None or not (any(self.xyz) or any(self.rpy)),
-            "a camera has a pose in the world, or xyz and rpy in the hand, not both",
+            sum(seats) < 2,
+            "a camera has a pose in the world, or xyz and rpy in the hand, or a frame of the "
+            "robot's description: one of them",
         )
 
     @property
     def own(self) -> bool:
-        """Whether it sits where the robot's own camera does."""
+        """Whether the robot's description has its place: that of its own camera, or a frame."""
         return self.pose is None and not (any(self.xyz) or any(self.rpy))
 
     def place(self, believed: bool = False) -> np.ndarray:

@@ -59,8 +59,11 @@ class PlantMaker:
         flies = self.experiment.plant in FLYING
         arm = None if flies else self.robot.arm(own.name)
         for name, eye in self.others.items():
-            if eye.spec.pose is not None and (flies or not self.robot.spec.target_frame):
-                places[name] = Place(eye.spec.place(), stands=True)
+            stands = eye.spec.place() if flies and eye.spec.pose is not None else None
+            if not flies:
+                stands = self.robot.standing(name)
+            if stands is not None:
+                places[name] = Place(stands, stands=True)
             elif flies:
                 places[name] = Place(relative(own.spec.place(), eye.spec.place()))
             else:

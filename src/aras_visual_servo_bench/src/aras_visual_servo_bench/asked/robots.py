@@ -14,7 +14,7 @@ import numpy as np
 from aras_sim_bridge.description import RobotDescription, parse_urdf
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.poses import optical, to_xyz_rpy, transform
+from aras_visual_servo_base.poses import inverse, optical, to_xyz_rpy, transform
 from aras_visual_servo_base.urdf import parse_tree
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_controller.arm import Arm
@@ -110,8 +110,16 @@ class Robot:
 
     def frame(self, camera: str) -> str:
         """The optical frame of a camera, in the description."""
-        own = camera not in self._cameras or self._cameras[camera].own
-        return self.spec.camera_frame if own else f"{FRAME}{camera}"
+        spec = self._cameras.get(camera)
+        if spec is None or spec.own:
+            return self.spec.camera_frame if spec is None or not spec.frame else spec.frame
+        return f"{FRAME}{camera}"
+
+    def standing(self, camera: str) -> np.ndarray | None:
+        """(4, 4) in the world of a camera that no joint moves, nor the target; None: one does."""
+        if self.spec.target_frame:
+            return None
+        return Arm.standing(self.urdf, self.frame(camera))
 
     def arm(self, camera: str = "") -> Arm:
         """Its true kinematics, of a camera; '': its own."""
@@ -123,10 +131,12 @@ class Robot:
         Raises:
             ConfigurationError: other joints than move that one.
         """
-        spec = self._cameras[camera]
-        if spec.pose is not None and not self.spec.target_frame:
-            return StandingCamera(spec.place(believed))
-        belief, arm = spec.believed, self.arm(camera)
+        belief, place = self._cameras[camera].believed, self.standing(camera)
+        if place is not None:
+            link = optical(np.eye(4))
+            off = inverse(link) @ transform(belief.xyz, belief.rpy) @ link
+            return StandingCamera(place @ off if believed else place)
+        arm = self.arm(camera)
         if believed:
             arm = self.believed_arm(belief.xyz, belief.rpy, camera)
         return beside(control, arm, camera)
@@ -138,6 +148,11 @@ class Robot:
         frame = self.frame(camera)
         if frame == self.spec.camera_frame:
             return self._arm(self._mounted(self._mount @ transform(xyz, rpy)), frame)
+        if camera in self._cameras and self._cameras[camera].frame:
+            raise ExperimentError(
+                f"camera '{camera}' has its place in the robot's description: believed.xyz and rpy "
+                "are for one that the experiment puts somewhere"
+            )
         spec, plain = self._cameras[camera], self._mounted(self._mount)
         return self._arm(self._with_frame(plain, camera, spec, believed=True), frame)
 

@@ -27,8 +27,9 @@ class RosFace:
         latest: state that was reported last.
     """
 
-    def __init__(self, settings: Settings, names: Sequence[str]) -> None:
-        self._settings, self.names = settings, tuple(names)
+    def __init__(self, settings: Settings, names: Sequence[str], frame: str) -> None:
+        """`frame`: the control camera's, in the description."""
+        self._settings, self.names, self._frame = settings, tuple(names), frame
         space = settings.namespace.rstrip("/")
         self.commands = CommandTopics(settings, self.names, settings.output)
         self.state = rospy.Publisher(f"{space}/controller/state", ServoState, queue_size=5)
@@ -67,7 +68,7 @@ class RosFace:
     def report(self, state: State) -> None:
         """Publish the state of one image, and log what is new about it."""
         self.latest = state
-        frame = self._settings.camera_frame
+        frame = self._frame
         # Time.from_sec cuts, and a stamp may then be 1 ns before its image's.
         stamp = rospy.Time(0, round(1e9 * max(state.stamp, 0.0)))
         message = state_message(state, self._settings.scheme, frame, self.names)

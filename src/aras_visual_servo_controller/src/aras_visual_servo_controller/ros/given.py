@@ -25,7 +25,7 @@ def given_settings() -> tuple[Settings, dict[str, object]]:
     given.pop(GAINS[1:], None)
     given.setdefault("lockstep", rospy.get_param("/gazebo/speed_mode", "") == "lockstep")
     settings = Settings.from_mapping(given, package())
-    settings.make_scheme()  # what is wrong with it needs no robot to be told
+    settings.read_by(settings.make_scheme())  # what is wrong with it needs no robot to be told
     if settings.desired != "auto":
         settings.load_goal()
     return settings, given

@@ -45,7 +45,7 @@ class ControllerNode:
         if self.driver is not None:
             self._inputs.close()
             self.face.close()
-        self.face = RosFace(settings, arm.names)
+        self.face = RosFace(settings, arm.names, arm.camera_frame)
         arms = {settings.read_by(servo.scheme)[0]: arm, **others}
         rig = settings.rig(arms, servo.scheme, servo.goal)
         self.driver = Driver(servo, rig, settings, self.face, rospy.get_time)

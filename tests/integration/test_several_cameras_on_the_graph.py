@@ -1,0 +1,137 @@
+"""Two cameras that stand, an arm that carries the target before them: docs/examples on one graph.
+
+Each scheme by launch arguments, before rendered pictures, to the goal that the runner taught for
+it (`unit/bench/test_user_schemes_run.py` runs them there, unchanged).
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from aras_visual_servo_controller.msg import ServoState
+from ros_graph import wait_for
+from sensor_msgs.msg import Image, JointState
+
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.experiment import Experiment
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "docs" / "examples"
+SPACE = "/aras_visual_servo"
+JOINTS = ("along", "across", "up", "wrist")
+PORTAL = yaml.safe_load((EXAMPLES / "portal.yaml").read_text())
+NAMED = {"left": {"namespace": "/left"}, "right": {"namespace": "/right"}}
+SCHEMES = (
+    "eye_to_hand:EyeToHand", "stereo_ibvs:StereoIBVS", "moments@left+area@right",
+    "stereo_pose@left,right",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def portal(launch, ros_node, ros_master):
+    """The arm; nodes find the examples as in a sourced workspace that has them."""
+    patch = pytest.MonkeyPatch()
+    patch.chdir(EXAMPLES)
+    patch.syspath_prepend(str(EXAMPLES))
+    before = ros_master.environment["PYTHONPATH"]
+    patch.setitem(ros_master.environment, "PYTHONPATH", f"{EXAMPLES}{os.pathsep}{before}")
+    controllers = " ".join(f"{joint}_position_controller" for joint in JOINTS)
+    yield launch(
+        "aras_visual_servo_gazebo", "aras_visual_servo.launch", nodes=["/gazebo"], robot="portal",
+        urdf=EXAMPLES / "portal.urdf", gains=EXAMPLES / "portal_controllers.yaml",
+        controllers=controllers, target="none",
+    )  # fmt: skip
+    patch.undo()
+
+
+@pytest.fixture
+def eyes(portal, launch):
+    """A camera node for each camera."""
+    started = [
+        launch("aras_visual_servo_gazebo", "one_camera.launch", name=name,
+               nodes=[f"{SPACE}_camera_{name}"]) for name in ("left", "right")
+    ]  # fmt: skip
+    yield
+    for one in started:
+        one.interrupt()
+
+
+def files(folder, scheme, cameras=None):
+    """The goal of the runner, and the node's cameras."""
+    goal = assemble(Experiment.from_mapping({**PORTAL, "scheme": scheme})).goal
+    (folder / "goal.yaml").write_text(goal.to_yaml("for a test"))
+    named = {"cameras": NAMED if cameras is None else cameras}
+    (folder / "cameras.yaml").write_text(yaml.safe_dump({**named, "target_frame": "hand"}))
+    return goal
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_two_cameras_servo_the_arm_by_launch_arguments(scheme, eyes, launch, collect, tmp_path):
+    goal = files(tmp_path, scheme)
+    states = collect(f"{SPACE}/controller/state", ServoState)
+    joints = collect(f"{SPACE}/joint_states", JointState)
+    nodes = launch(
+        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch", scheme=scheme,
+        nodes=[f"{SPACE}_controller"], start=str(PORTAL["start"]), goal=tmp_path / "goal.yaml",
+        cameras=tmp_path / "cameras.yaml",
+    )  # fmt: skip
+    try:
+        states.wait(timeout=60.0, where=lambda state: state.phase == "converged")
+    finally:
+        print([(m.phase, m.reason) for m in states.messages[-1:]], nodes.output()[-1500:])
+        nodes.interrupt()
+    wait_for(lambda: joints.messages, 5.0, "joint states")
+    last = dict(zip(joints.messages[-1].name, joints.messages[-1].position, strict=True))
+    off = [last[joint] - goal.joints[joint] for joint in JOINTS]
+    assert np.abs(off).max() < 1e-3
+    assert all(state.scheme == scheme for state in states.messages)
+    if "@" in scheme and "," not in scheme:
+        servoed = next(m for m in states.messages if m.feature_names)
+        assert {name.partition(".")[0] for name in servoed.feature_names} == {"left", "right"}
+
+
+def test_both_cameras_expose_together(portal, collect):
+    left, right = (collect(f"/{name}/image_raw", Image) for name in ("left", "right"))
+    left.wait(5)
+    right.wait(5)
+    stamps = [{m.header.stamp.to_nsec() for m in one.messages} for one in (left, right)]
+    wait_for(lambda: len(stamps[0] & {m.header.stamp.to_nsec() for m in right.messages}) > 2, 5.0,
+             "stamps that meet")  # fmt: skip
+
+
+def test_a_camera_that_is_silent_is_named(portal, launch, tmp_path):
+    files(tmp_path, "stereo_ibvs:StereoIBVS", {**NAMED, "right": {"namespace": "/nowhere"}})
+    nodes = launch(
+        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch", start="none",
+        scheme="stereo_ibvs:StereoIBVS", nodes=[f"{SPACE}_controller"], goal=tmp_path / "goal.yaml",
+        cameras=tmp_path / "cameras.yaml",
+    )  # fmt: skip
+    try:
+        wait_for(lambda: "no image on /nowhere/image_raw" in nodes.output(), 20.0, "its name")
+    finally:
+        nodes.interrupt()
+
+
+@pytest.mark.parametrize(
+    ("cameras", "scheme", "words"),
+    [
+        ({**NAMED, "right": {"namespace": "/left"}}, "points@left+points@right",
+         "left and right both listen to /left/image_raw"),
+        (NAMED, "points@rihgt",
+         "reads the camera 'rihgt': did you mean 'right'"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_one_line(cameras, scheme, words, portal, launch, tmp_path):
+    files(tmp_path, "points@left+points@right", cameras)
+    nodes = launch(
+        "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch", scheme=scheme, start="none",
+        goal=tmp_path / "goal.yaml", cameras=tmp_path / "cameras.yaml",
+    )  # fmt: skip
+    try:
+        wait_for(lambda: words in nodes.output(), 20.0, words)
+    finally:
+        nodes.interrupt()

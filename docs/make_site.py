@@ -20,7 +20,8 @@ ROOT = Path(__file__).resolve().parents[1]
 
 def main(argv: list[str] | None = None) -> int:
     """Build; returns Sphinx's status, 0 where no warning was."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0],
+                                     epilog="example: docs/make_site.py --out out/site")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "site", help="folder (out/site)")
     parser.add_argument("--fresh", action="store_true", help="read every page again")
     options = parser.parse_args(argv)

@@ -119,7 +119,7 @@ def details(rows: Rows) -> str:
         ])  # fmt: skip
     return markdown(
         ["scheme", "condition", "task", "reached (Wilson 95 %)", "settled, s", "error, mm",
-         "error, degrees", "way / straight", "excursion", "the others came to"], lines
+         "error, degrees", "path / straight", "excursion", "the others came to"], lines
     )  # fmt: skip
 
 
@@ -162,7 +162,7 @@ def domain(rows: Rows, study: Study) -> str:
         ])  # fmt: skip
     return markdown(
         ["scheme", "condition", "converged (Wilson 95 %)", "published elsewhere", "images",
-         "way / straight", "the others came to"], lines
+         "path / straight", "the others came to"], lines
     )  # fmt: skip
 
 
@@ -195,10 +195,11 @@ def canonical_part(path: Path, images: Path | None) -> str:
     page += "Starts from which the goal was reached:\n\n" + overview(rows, study) + "\n"
     if images is not None:
         pictures.ways(study, "turn 90", images / "schemes.png")
-        page += "Ways of the target's corners through the image, a turn of 90 degrees, first start:"
-        page += "\n\n![ways through the image](images/schemes.png)\n\n"
+        page += ("Paths of the target's corners through the image, a turn of 90 degrees, first "
+                 "start:\n\n")  # fmt: skip
+        page += "![paths through the image](images/schemes.png)\n\n"
     page += "Every scheme against the first one, over the same starts:\n\n" + paired(rows) + "\n"
-    page += "<details><summary>Every task: times, errors, ways</summary>\n\n" + details(rows)
+    page += "<details><summary>Every task: times, errors, paths</summary>\n\n" + details(rows)
     return page + "\n</details>\n\n"
 
 

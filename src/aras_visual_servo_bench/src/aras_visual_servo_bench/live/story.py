@@ -1,7 +1,7 @@
 """A run as it goes on, drawn: camera, goal, paths, twists, features, words.
 
 Told what the graph says, it answers shapes in the arm's base. A run begins where servoing begins:
-the camera's path and the features' trajectories from there on, and the straightest way to the goal.
+the camera's path and the features' trajectories from there on, and the straight path to the goal.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ GOAL, NOW, PATH, IDEAL, FEATURE = (
 
 FRUSTUM = 0.16  # m, from the optical centre to a corner of the drawn picture
 FRAME = 0.05  # m, an axis of a drawn frame
-SECONDS = 2.0  # an arrow is as long as the way of so many seconds, m
+SECONDS = 2.0  # an arrow is as long as the path of so many seconds, m
 TURN_LENGTH = 0.1  # m for a radian
 LONGEST = 0.3  # m, of an arrow
 SHORTEST = 2e-3  # m; what is shorter is not drawn
@@ -143,7 +143,7 @@ class Story:
     # -- what it answers -------------------------------------------------------------------
 
     def ideal(self) -> np.ndarray:
-        """Places (n, 3) of the straight way from where servoing began to the goal."""
+        """Places (n, 3) of the straight path from where servoing began to the goal."""
         if self.began is None or self.goal is None:
             return np.zeros((0, 3))
         along = np.linspace(0.0, 1.0, STEPS)[:, None]

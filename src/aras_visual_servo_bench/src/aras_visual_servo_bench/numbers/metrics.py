@@ -116,9 +116,9 @@ def iterations(run: Run) -> float:
     return float(max(len(run.stamp) - 1, 0))
 
 
-@metric("s", SMALLER, "control's 2 % band, of the camera's true way")
+@metric("s", SMALLER, "control's 2 % band, of the camera's true distance")
 def settled(run: Run) -> float:
-    """Time until the camera stays within 2 % of its first way."""
+    """Time until the camera stays within 2 % of its first distance from the goal."""
     return _known(run.settled())
 
 
@@ -180,7 +180,7 @@ def start_angle(run: Run) -> float:
 
 @metric("m", SMALLER, "sum of the distances between joint states since the first image")
 def path_length(run: Run) -> float:
-    """Length of the camera's way."""
+    """Length of the camera's path."""
     places = run.true_pose[run.servoing, :3, 3]
     if not len(places):
         return np.nan
@@ -189,7 +189,7 @@ def path_length(run: Run) -> float:
 
 @metric("", SMALLER, "path_length / start_distance; 1 is a straight line")
 def path_ratio(run: Run) -> float:
-    """Length of the camera's way over the distance from its start to its goal."""
+    """Length of the camera's path over the distance from its start to its goal."""
     straight = _first_way(run)[0]
     return path_length.measure(run) / straight if straight > 1e-6 else np.nan
 

@@ -237,7 +237,7 @@ def sensitivity(results: Results, metrics: Sequence[Metric]) -> Figure | None:
 
 
 def trajectories(paths: Sequence[Path]) -> Figure | None:
-    """Errors of all runs over each other, and the camera's ways seen from above and the side."""
+    """Errors of all runs over each other, and the camera's paths seen from above and the side."""
     traced = [folder for folder in map(Folder.open, paths) if folder.study.traces]
     if not traced:
         return None
@@ -261,7 +261,7 @@ def trajectories(paths: Sequence[Path]) -> Figure | None:
                 axis.plot(places[:, i], places[:, j], color=colour, lw=0.7, alpha=0.5)
                 axis.plot(places[-1, i], places[-1, j], ".", color=INK, ms=4)
     axes[0].set(xlabel="time since the first image (s)", ylabel="error, parts of the first")
-    axes[1].set(xlabel="x (m)", ylabel="y (m)", title="The camera's ways")
+    axes[1].set(xlabel="x (m)", ylabel="y (m)", title="The camera's paths")
     axes[2].set(xlabel="x (m)", ylabel="z (m)")
     for axis in axes[1:]:
         axis.set_aspect("equal", adjustable="datalim")

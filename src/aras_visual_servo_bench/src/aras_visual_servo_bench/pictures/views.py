@@ -201,7 +201,7 @@ def servoed_poses(run: Run) -> np.ndarray:
 
 
 def straight(start: np.ndarray, goal: np.ndarray, count: int = 40) -> np.ndarray:
-    """Poses (count, 4, 4) on the shortest way: place on a line, attitude about one axis."""
+    """Poses (count, 4, 4) on the shortest path: place on a line, attitude about one axis."""
     turn = rotation_vector(start[:3, :3].T @ goal[:3, :3])
     poses = np.tile(np.eye(4), (count, 1, 1))
     for pose, part in zip(poses, np.linspace(0.0, 1.0, count), strict=True):

@@ -21,10 +21,10 @@ from .library import SCRIPT, STYLE, uplot
 
 # On the tiles: key, factor, unit of what is printed, words.
 TILES = (
-    ("settled", 1.0, "s", "until it stays within 2 % of its way"),
+    ("settled", 1.0, "s", "until it stays within 2 % of its first distance"),
     ("final_distance", 1e3, "mm", "camera off its goal"),
     ("final_angle", 180.0 / math.pi, "°", "camera turned from its goal"),
-    ("path_ratio", 1.0, "", "camera's way over a straight line"),
+    ("path_ratio", 1.0, "", "camera's path over a straight line"),
     ("decay_rate", 1.0, "1/s", "decay of the error"),
     ("condition_L", 1.0, "", "greatest condition number of L"),
     ("image_rate", 1.0, "Hz", "images in simulated time"),

@@ -44,7 +44,8 @@ def parse(argv: list[str] | None) -> argparse.Namespace:
     the plates, None where none had to be made. `tracker`: of the target's points.
     """
     parser = argparse.ArgumentParser(
-        prog="demo", description="Servo the ARAS robot to its target and report how it went."
+        prog="demo", description="Servo the ARAS robot to its target and report how it went.",
+        epilog="example: ./demo.sh --scheme points --start 2015 --out out/points",
     )
     _add_loop(parser)
     _add_world(parser)

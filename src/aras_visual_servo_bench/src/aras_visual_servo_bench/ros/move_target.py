@@ -39,7 +39,10 @@ def motion_of(words: list[str]) -> Motion:
 
 def main(argv: list[str] | None = None) -> int:
     """Move the target until the end; returns the exit status."""
-    parser = argparse.ArgumentParser(prog="move_target", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="move_target", description=__doc__.splitlines()[0],
+        epilog="example: rosrun aras_visual_servo_bench move_target circle=0.02 frequency=0.2",
+    )  # fmt: skip
     parser.add_argument("motion", nargs="*", metavar="key=value", help="velocity, circle, ...")
     parser.add_argument("--model", default="target", help="name of the model")
     arguments = [word for word in argv or sys.argv[1:] if ":=" not in word]

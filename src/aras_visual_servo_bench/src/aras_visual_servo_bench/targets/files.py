@@ -166,7 +166,10 @@ def _mesh(
 
 def main(argv: list[str] | None = None) -> int:
     """Write the files of a target; returns the exit status."""
-    parser = argparse.ArgumentParser(prog="target_files", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="target_files", description=__doc__.splitlines()[0],
+        epilog="example: rosrun aras_visual_servo_bench target_files l_shape --size 0.1 0.08",
+    )  # fmt: skip
     parser.add_argument("shape", help="a target's name, a picture, or an SVG with an outline")
     parser.add_argument("--size", type=float, nargs=2, default=(0.1, 0.1), help="x and y, m")
     parser.add_argument("--occluder", type=float, nargs=4, metavar=("X0", "Y0", "X1", "Y1"),

@@ -34,7 +34,11 @@ def from_geometry(path: Path, urdf: Path) -> Goal:
 
 def main(argv: list[str] | None = None) -> int:
     """Run the tool; returns its exit status."""
-    parser = argparse.ArgumentParser(prog="teach", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="teach", description=__doc__.splitlines()[0],
+        epilog="example: rosrun aras_visual_servo_controller teach "
+        "goal.yaml --scheme points --depth 0.3",
+    )  # fmt: skip
     given = [a for a in (sys.argv[1:] if argv is None else argv) if ":=" not in a]
     parser.add_argument("file", type=Path, help="YAML file to write")
     source = parser.add_mutually_exclusive_group()

@@ -66,7 +66,10 @@ def switch(wanted: list[str], others: set[str]) -> None:
 
 def main() -> int:
     """Entry point; returns the exit status."""
-    parser = argparse.ArgumentParser(prog="controller_group", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="controller_group", description=__doc__,
+        epilog="example: rosrun aras_sim_bridge controller_group switch position __ns:=/my_robot",
+    )  # fmt: skip
     commands = parser.add_subparsers(dest="command", required=True)
     commands.add_parser("list", help="print the groups")
     for name in ("spawn", "switch"):

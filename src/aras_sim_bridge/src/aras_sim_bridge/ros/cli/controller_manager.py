@@ -132,7 +132,10 @@ def run(command: str, names: list[str], restore: bool) -> bool:
 
 def main() -> int:
     """Entry point; returns the exit status."""
-    parser = argparse.ArgumentParser(prog="controller_manager", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="controller_manager", description=__doc__,
+        epilog="example: rosrun aras_sim_bridge controller_manager list __ns:=/my_robot",
+    )  # fmt: skip
     parser.add_argument("command", choices=[*COMMANDS, "reload-libraries", *ALIASES])
     parser.add_argument("names", nargs="*", help="controller names")
     parser.add_argument("--restore", action="store_true", help="load them again after a reload")

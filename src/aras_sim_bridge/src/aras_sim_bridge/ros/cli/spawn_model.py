@@ -22,7 +22,11 @@ class UsageError(Exception):
 
 def parse(argv: list[str]) -> argparse.Namespace:
     """Return the arguments, named as gazebo_ros names them."""
-    parser = argparse.ArgumentParser(prog="spawn_model", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="spawn_model", description=__doc__,
+        epilog="example: rosrun aras_sim_bridge spawn_model "
+        "-urdf -param robot_description -model my_robot",
+    )  # fmt: skip
     kind = parser.add_mutually_exclusive_group(required=True)
     kind.add_argument("-urdf", action="store_true", help="the source is URDF")
     kind.add_argument("-sdf", action="store_true", help="the source is SDF")

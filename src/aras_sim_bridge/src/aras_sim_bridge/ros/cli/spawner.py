@@ -24,7 +24,11 @@ SERVICES = (
 
 def parse(argv: list[str]) -> argparse.Namespace:
     """Return the arguments, named as ros_control names them."""
-    parser = argparse.ArgumentParser(prog="spawner", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="spawner", description=__doc__,
+        epilog="example: rosrun aras_sim_bridge spawner "
+        "--namespace /my_robot joint_state_controller",
+    )  # fmt: skip
     parser.add_argument("--stopped", action="store_true", help="load, but do not start")
     parser.add_argument("--wait-for", metavar="TOPIC", help="std_msgs/Bool to wait for until true")
     parser.add_argument("--namespace", metavar="NS", help="namespace of the controller manager")

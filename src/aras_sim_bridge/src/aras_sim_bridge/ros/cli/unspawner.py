@@ -20,7 +20,11 @@ PERIOD = 3.0  # seconds of wall time between two looks
 
 def main() -> int:
     """Entry point; returns the exit status."""
-    parser = argparse.ArgumentParser(prog="unspawner", description=__doc__)
+    parser = argparse.ArgumentParser(
+        prog="unspawner", description=__doc__,
+        epilog="example: rosrun aras_sim_bridge unspawner "
+        "joint1_position_controller __ns:=/my_robot",
+    )  # fmt: skip
     parser.add_argument("controllers", nargs="+", help="controller names")
     names = parser.parse_args(rospy.myargv(sys.argv)[1:]).controllers
     begin_node("unspawner", anonymous=True)

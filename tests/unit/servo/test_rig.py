@@ -1,6 +1,7 @@
 """Several cameras of one scheme: pictures that belong together, and one observation of them."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from aras_visual_servo_controller.seeing.observation import Need, Observer
 from aras_visual_servo_controller.seeing.rig import Rig, StandingCamera
 from aras_visual_servo_controller.settings import Settings
 
+SOURCES = Path(__file__).parents[3] / "src"
 SEAT = transform((0.05, -0.01, 0.02), (0.1, -0.2, 0.3))  # of the right camera in the left one
 SHAPE = np.array([[-0.05, -0.03, 0], [0.05, -0.02, 0], [0.03, 0.04, 0], [-0.04, 0.03, 0.0]])
 NAMES = ("x", "y", "z", "rx", "ry", "rz")
@@ -348,3 +350,63 @@ def test_places_of_two_cameras_are_the_target_s():
     wanted = (np.column_stack([SHAPE, np.ones(4)]) @ inverse(LEFT.pose(np.zeros(6))).T)[:, :3]
     shown = scheme.feature.measure(together(rig(), q), goal).desired
     np.testing.assert_allclose(shown.reshape(-1, 3), wanted, atol=1e-9)
+
+
+def test_an_arm_of_one_camera_is_known_without_its_scheme():
+    """As where somebody else's bag is read."""
+    urdf = SOURCES / "aras_visual_servo_gazebo/robots/aras_visual_servo.urdf"
+    arm = Settings(scheme="not_here:Theirs").arm(urdf.read_text())
+    assert arm.camera_frame == "camera_optical_frame"
+
+
+@pytest.mark.parametrize(
+    ("right", "words"),
+    [
+        ({"namespace": "/left"}, "left and right both listen to /left/image_raw: give each"),
+        ({"features": "/aras_visual_servo/camera/left"}, "left and right both listen to "
+         "/aras_visual_servo/camera/left/moments"),
+        ({"topic": "/right"}, "unknown parameter ~cameras.right.topic"),
+    ],
+)  # fmt: skip
+def test_cameras_of_a_node_are_checked(right, words):
+    with pytest.raises(ConfigurationError) as told:
+        Settings.from_mapping({"cameras": {"left": {"namespace": "/left"}, "right": right}})
+    assert words in str(told.value)
+
+
+def test_cameras_of_a_node_have_topics_of_their_names():
+    two = Settings.from_mapping({"cameras": {"left": {"namespace": "/a/b/"}, "right": {}}})
+    left, right = two.camera_of("left"), two.camera_of("right")
+    assert (left.frame, left.namespace) == ("left_optical_frame", "/a/b")
+    assert right.namespace == "/right" and right.features == "/aras_visual_servo/camera/right"
+    one = Settings(camera_frame="eye", namespace="/arm").camera_of("camera")
+    assert (one.frame, one.features) == ("eye", "/arm/camera")
+
+
+ELBOW = """<robot name="r"><link name="a"/><link name="b"/><link name="c"/>
+<link name="left_optical_frame"/><link name="right_optical_frame"/><link name="wall_optical_frame"/>
+<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+  <limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+<joint name="k" type="revolute"><parent link="b"/><child link="c"/><axis xyz="0 1 0"/>
+  <limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
+<joint name="l" type="fixed"><parent link="c"/><child link="left_optical_frame"/></joint>
+<joint name="r" type="fixed"><parent link="b"/><child link="right_optical_frame"/></joint>
+<joint name="w" type="fixed"><parent link="a"/><child link="wall_optical_frame"/>
+  <origin xyz="1 2 3"/></joint></robot>"""
+
+
+def test_a_camera_elsewhere_on_the_arm_is_refused_and_one_that_stands_may_be_read():
+
+    def of(scheme):
+        cameras = {name: {} for name in ("left", "right", "wall")}
+        return Settings.from_mapping({"scheme": scheme, "cameras": cameras})
+
+    both = of("points@left+points@right")
+    with pytest.raises(ConfigurationError, match="camera 'right' is moved by j and the control"):
+        both.others(ELBOW, both.arm(ELBOW))
+    wall = of("points@left+points@wall")
+    with pytest.raises(ConfigurationError, match="points@wall: camera 'wall' stands still, and"):
+        wall.others(ELBOW, wall.arm(ELBOW))
+    stereo = of("stereo_points@left,wall")
+    others = stereo.others(ELBOW, stereo.arm(ELBOW))
+    np.testing.assert_allclose(others["wall"].pose(np.zeros(2))[:3, 3], [1, 2, 3])

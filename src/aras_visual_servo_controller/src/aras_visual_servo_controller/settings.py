@@ -271,7 +271,10 @@ class Settings:
     def arm(self, urdf: str) -> Arm:
         """The arm of a description; ConfigurationError as Arm.from_urdf, or for controllers of
         joints that it has not."""
-        arm = self._arm_of(urdf, self.camera_of(self.read_by(self.make_scheme())[0]).frame)
+        frame = self.camera_frame
+        if self.cameras:  # of one camera the scheme need not be there, as where a bag is read
+            frame = self.camera_of(self.read_by(self.make_scheme())[0]).frame
+        arm = self._arm_of(urdf, frame)
         for joint, controller in self.controllers.items():
             known = arm.names if joint in arm.names else parse_tree(urdf).joints
             if joint not in known:

@@ -208,7 +208,7 @@ def thin_things() -> Iterator[Row]:
         yield Row(f"wire of {wide:g} px, 12 angles, 50 positions", "its width", worst, 0.02)
 
 
-@check("1 024 places a pixel")
+@check("2 304 places a pixel")
 def textures_aslant() -> Iterator[Row]:
     """A wall of squares 85 and 171 bright, 8 texels wide; 2.2 texels a pixel seen square on."""
     pixels = blocks(8)

@@ -1,4 +1,4 @@
-"""Textures seen aslant, against the mean of a thousand places in each pixel."""
+"""Textures seen aslant, against the mean of 2 304 places in each pixel."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from aras_visual_servo_base.compiled import compiled, inlined
 from .binning import Seen
 from .fragments import Fragments
 from .sampling import BACKGROUND, NOTHING, Samples
-from .textures import textured
+from .textures import spread_out, textured
 from .tiles import TILE, Tiles
 from .triangles import Triangles
 
@@ -93,7 +93,8 @@ def _light(matrices, c, side, light, m, x, y):
 def _colour(tile, pixel, most, edges, plain, sky, triangle, side, light, albedo, layer, uv, texels,
             matrices, valid, cells, columns, words):
     size = TILE // cells
-    rgb = np.empty(3)
+    rgb, planes = np.empty(3), np.empty((3, 3))
+    last_c = last_m = np.int64(-1)
     for n in range(len(tile)):
         u, v = TILE * (n % columns), TILE * (n // columns)
         one = tile[n]
@@ -118,11 +119,16 @@ def _colour(tile, pixel, most, edges, plain, sky, triangle, side, light, albedo,
                     t = triangle[m]
                     c = n * cells * cells + (y // size) * cells + x // size
                     xc, yc = float(x % size), float(y % size)
-                    lit = _light(matrices, c, side, light, m, xc, yc)
+                    lit = light[m, 0]
+                    if light[m, 1] != lit or light[m, 2] != lit:
+                        lit = _light(matrices, c, side, light, m, xc, yc)
                     for k in range(3):
                         rgb[k] = albedo[t, k] * lit
                     if layer[t] >= 0:
-                        textured(matrices, c, side, m, layer[t], uv, t, texels, xc, yc, rgb)
+                        if c != last_c or m != last_m:
+                            spread_out(matrices, c, side, m, uv, t, planes)
+                            last_c, last_m = c, m
+                        textured(planes, layer[t], texels, xc, yc, rgb)
                     words[v + y, u + x] = word(rgb[0], rgb[1], rgb[2])
 
 
@@ -132,7 +138,7 @@ def _colour(tile, pixel, most, edges, plain, sky, triangle, side, light, albedo,
 def _blend(pixel, start, member, share, at, triangle, side, light, albedo, layer, uv, texels,
            matrices, cells, columns, background, words):
     size = TILE // cells
-    rgb, total = np.empty(3), np.empty(3)
+    rgb, total, planes = np.empty(3), np.empty(3), np.empty((3, 3))
     width = words.shape[1]
     for n in range(len(pixel)):
         v, u = pixel[n] // width, pixel[n] % width
@@ -154,7 +160,8 @@ def _blend(pixel, start, member, share, at, triangle, side, light, albedo, layer
             for j in range(3):
                 rgb[j] = albedo[t, j] * lit
             if layer[t] >= 0:
-                textured(matrices, c, side, m, layer[t], uv, t, texels, at[k, 0], at[k, 1], rgb)
+                spread_out(matrices, c, side, m, uv, t, planes)
+                textured(planes, layer[t], texels, at[k, 0], at[k, 1], rgb)
             for j in range(3):
                 rgb[j] = min(rgb[j], 255.0)
             through = albedo[t, 3] < 1.0

@@ -105,24 +105,28 @@ def _sum(texels, at, size, x, y, one, shift):
             + np.uint64(below) * texels[lower + left] + np.uint64(corner) * texels[lower + after])
 
 
-@compiled("f8[:,:,::1], i8, f8[:,:,::1], i8, i8, f8[:,:,::1], i8, u8[::1], f8, f8, f8[::1]",
-          allocates=False)
-def textured(matrices, c, side, m, layer, uv, t, texels, x, y, rgb):
-    """Multiply the colour rgb (3,) by the texture of triangle m, t in Triangles, over the pixel
-    at x, y of cell c: the mean of places in it, of the level that its shorter axis asks for."""
-    # Texture coordinates are U / W, V / W, all three linear in x and y.
-    W = Wx = Wy = U = Ux = Uy = V = Vx = Vy = 0.0
-    for k in range(3):
-        share = along = across = 0.0
-        for j in range(3):
-            share += side[m, k, j] * (matrices[c, j, 0] * x + matrices[c, j, 1] * y
-                                      + matrices[c, j, 2])
-            along += side[m, k, j] * matrices[c, j, 0]
-            across += side[m, k, j] * matrices[c, j, 1]
-        W, Wx, Wy = W + share, Wx + along, Wy + across
-        u, v = uv[t, k, 0], uv[t, k, 1]
-        U, Ux, Uy = U + share * u, Ux + along * u, Uy + across * u
-        V, Vx, Vy = V + share * v, Vx + along * v, Vy + across * v
+@inlined
+def spread_out(matrices, c, side, m, uv, t, planes):
+    """Put into planes (3, 3) how a texture lies on triangle m, t in Triangles, as cell c sees it:
+    its coordinates are U / W, V / W, and of each of U, V, W what it grows by along x and along y,
+    and its value at the cell's first pixel."""
+    for j in range(3):
+        U = V = W = 0.0
+        for k in range(3):
+            share = (side[m, k, 0] * matrices[c, 0, j] + side[m, k, 1] * matrices[c, 1, j]
+                     + side[m, k, 2] * matrices[c, 2, j])
+            U, V, W = U + share * uv[t, k, 0], V + share * uv[t, k, 1], W + share
+        planes[0, j], planes[1, j], planes[2, j] = U, V, W
+
+
+@compiled("f8[:,::1], i8, u8[::1], f8, f8, f8[::1]", allocates=False)
+def textured(planes, layer, texels, x, y, rgb):
+    """Multiply the colour rgb (3,) by a texture over the pixel at x, y of the cell that planes are
+    of: the mean of places in it, of the level that its shorter axis asks for."""
+    Ux, Uy, Vx, Vy, Wx, Wy = (planes[0, 0], planes[0, 1], planes[1, 0], planes[1, 1], planes[2, 0],
+                              planes[2, 1])
+    W = planes[2, 2] + Wx * x + Wy * y
+    U, V = planes[0, 2] + Ux * x + Uy * y, planes[1, 2] + Vx * x + Vy * y
     # The pixel's sides, texels.
     scale = SIZE / W
     u, v = U / W, V / W

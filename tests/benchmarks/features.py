@@ -25,6 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "servo"))
 
 from feature_scenes import CORNERS, GOAL, PARALLELOGRAM, VIEWS, look
 
+from aras_visual_servo_bench.targets.pictures import seen as picture
 from aras_visual_servo_bench.targets.textures import poster
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -45,7 +46,7 @@ def seen(feature: Feature, place: np.ndarray, name: str) -> Observation:
     if Need.IMAGE not in feature.needs:
         corners = PARALLELOGRAM if name == "vanishing_points" else CORNERS
         return look(Observer(None, feature.needs), place, corners=corners)
-    image = POSTER.picture(CAMERA, FACING @ np.linalg.inv(place))
+    image = picture(POSTER, CAMERA, FACING @ np.linalg.inv(place))
     plane = Plane.from_pose(place[:3, :3], place[:3, 3])
     return Observer(None, feature.needs).of_image(0.0, image, CAMERA, plane=plane)
 
@@ -72,7 +73,7 @@ def write_pictures(folder: Path) -> None:
     near = GOAL.copy()
     near[:3, 3] += NEAR
     for name, place in (("goal", GOAL), ("near", near)):
-        image = POSTER.picture(CAMERA, FACING @ np.linalg.inv(place))
+        image = picture(POSTER, CAMERA, FACING @ np.linalg.inv(place))
         cv2.imwrite(str(folder / f"{name}.pgm"), image)
 
 

@@ -23,6 +23,7 @@ from aras_visual_servo_bench.targets.outlines import (
     svg_outline,
     tracker_of,
 )
+from aras_visual_servo_bench.targets.pictures import seen as picture_of
 from aras_visual_servo_bench.targets.textures import MADE, TexturedTarget
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.trackers import TRACKERS as KNOWN
@@ -227,7 +228,7 @@ def test_a_picture_stands_upright_and_in_its_size(tmp_path):
 
 def test_smaller_pictures_are_averaged_not_sampled():
     checks = TexturedTarget((np.indices((1024, 1024)).sum(axis=0) % 2 * 255).astype(np.uint8), SIZE)
-    image = checks.picture(CAMERA, np.linalg.inv(FACING) @ transform((0, 0, -0.5), (0, 0, 0)))
+    image = picture_of(checks, CAMERA, np.linalg.inv(FACING) @ transform((0, 0, -0.5), (0, 0, 0)))
     inside = image[90:150, 130:190]
     assert inside.mean() == pytest.approx(127.5, abs=2.0)
     assert inside.std() < 10.0

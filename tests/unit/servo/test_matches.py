@@ -5,6 +5,7 @@ import pytest
 from free_camera import pose
 
 from aras_visual_servo_base.poses import inverse, rotation_vector
+from aras_visual_servo_bench.targets.pictures import seen
 from aras_visual_servo_bench.targets.textures import poster
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -26,7 +27,7 @@ def picture():
 
 
 def look(feature, picture, place, known=True):
-    image = picture.picture(CAMERA, FACING @ np.linalg.inv(place))
+    image = seen(picture, CAMERA, FACING @ np.linalg.inv(place))
     plane = Plane.from_pose(place[:3, :3], place[:3, 3]) if known else None
     return Observer(None, feature.needs).of_image(0.0, image, CAMERA, plane=plane)
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import inlined
 
-SIZE = 512  # px a side, a power of two; what is larger or smaller is brought to it
+# px a side, powers of two: what is larger or smaller is brought to the nearest, and then to these.
+SMALLEST, LARGEST = 512, 1024
 LANE = 21  # bits of a colour, so that all three are added up at once
 
 # Places at which a texture is read in a pixel: four as long as it is up to WIDE texels long, which
@@ -53,30 +54,33 @@ SPOTS = _spots()
 
 
 class Textures:
-    """texels: (N,) uint64, red, green and blue from the lowest bit up, LANE bits for each; layer
-    after layer of SIZE x SIZE, SIZE/2 x SIZE/2, ..., 1 x 1, each row by row from v = 0 upwards, as
-    OBJ counts."""
+    """texels: (N,) uint64, texture after texture: the number of texels of a side; then those, red,
+    green and blue from the lowest bit up, LANE bits for each, row by row from v = 0 upwards, as OBJ
+    counts; then those of half the size and so on, down to one."""
 
     def __init__(self, files: set[str]) -> None:
-        self._layers = {file: n for n, file in enumerate(sorted(files))}
-        texels = [np.zeros((0, 3), np.uint8)]
-        lanes = np.array([0, LANE, 2 * LANE], np.uint64)
-        for file in self._layers:
+        self._first: dict[str, int] = {}
+        texels, lanes = [np.zeros(0, np.uint64)], np.array([0, LANE, 2 * LANE], np.uint64)
+        for file in sorted(files):
+            self._first[file] = sum(len(one) for one in texels)
             bgr = cv2.imread(file, cv2.IMREAD_COLOR)
             if bgr is None:
                 bgr = np.full((1, 1, 3), 255, np.uint8)
-            image = cv2.resize(bgr, (SIZE, SIZE), interpolation=cv2.INTER_AREA)[::-1, :, ::-1]
+            size = 2 ** int(np.rint(np.log2(max(bgr.shape))))
+            size = min(max(size, SMALLEST), LARGEST)
+            image = cv2.resize(bgr, (size, size), interpolation=cv2.INTER_AREA)[::-1, :, ::-1]
+            texels.append(np.array([size], np.uint64))
             while True:
-                texels.append(image.reshape(-1, 3))
+                texels.append((image.reshape(-1, 3).astype(np.uint64) << lanes).sum(axis=1))
                 if len(image) == 1:
                     break
                 image = image.reshape(len(image) // 2, 2, len(image) // 2, 2, 3)
                 image = np.rint(image.mean(axis=(1, 3))).astype(np.uint8)
-        self.texels = (np.concatenate(texels).astype(np.uint64) << lanes).sum(axis=1)
+        self.texels = np.concatenate(texels)
 
     def layer(self, file: str) -> int:
-        """Number of a file's texture."""
-        return self._layers[file]
+        """Where a file's texture begins in texels."""
+        return self._first[file]
 
 
 @inlined
@@ -101,8 +105,11 @@ def _sum(texels, at, size, x, y, one, shift):
     # A level has a power of two a side: the mask repeats it.
     upper, lower = at + (row & mask) * size, at + ((row + one) & mask) * size
     left, after = column & mask, (column + one) & mask
-    return (np.uint64(first) * texels[upper + left] + np.uint64(beside) * texels[upper + after]
-            + np.uint64(below) * texels[lower + left] + np.uint64(corner) * texels[lower + after])
+    # By numbers without a sign, which Numba need not look at.
+    return (np.uint64(first) * texels[np.uint64(upper + left)]
+            + np.uint64(beside) * texels[np.uint64(upper + after)]
+            + np.uint64(below) * texels[np.uint64(lower + left)]
+            + np.uint64(corner) * texels[np.uint64(lower + after)])
 
 
 @inlined
@@ -119,7 +126,7 @@ def spread_out(matrices, c, side, m, uv, t, planes):
         planes[0, j], planes[1, j], planes[2, j] = U, V, W
 
 
-@compiled("f8[:,::1], i8, u8[::1], f8, f8, f8[::1]", allocates=False)
+@inlined
 def textured(planes, layer, texels, x, y, rgb):
     """Multiply the colour rgb (3,) by a texture over the pixel at x, y of the cell that planes are
     of: the mean of places in it, of the level that its shorter axis asks for."""
@@ -128,14 +135,14 @@ def textured(planes, layer, texels, x, y, rgb):
     W = planes[2, 2] + Wx * x + Wy * y
     U, V = planes[0, 2] + Ux * x + Uy * y, planes[1, 2] + Vx * x + Vy * y
     # The pixel's sides, texels.
-    scale = SIZE / W
+    size, at, one = np.int64(texels[layer]), layer + np.int64(1), np.int64(1)
+    scale = size / W
     u, v = U / W, V / W
     ux, uy = (Ux - u * Wx) * scale, (Uy - u * Wy) * scale
     vx, vy = (Vx - v * Wx) * scale, (Vy - v * Wy) * scale
     area = abs(ux * vy - uy * vx)
     both = ux * ux + uy * uy + vx * vx + vy * vy
     longer = np.sqrt(0.5 * (both + np.sqrt(max(both * both - 4.0 * area * area, 0.0))))
-    size, at, one = np.int64(SIZE), layer * ((4 * SIZE * SIZE - 1) // 3), np.int64(1)
     level = 1.0
     while size > 1 and (area > WIDE * longer or DENSE * max(area, longer) > PLACES):
         at += size * size
@@ -173,6 +180,6 @@ def textured(planes, layer, texels, x, y, rgb):
     if bright:
         rgb[0], rgb[1], rgb[2] = red / count, green / count, blue / count
     else:
-        rgb[0] *= part / count * float(total & mask)
-        rgb[1] *= part / count * float(total >> np.uint64(LANE) & mask)
-        rgb[2] *= part / count * float(total >> np.uint64(2 * LANE))
+        rgb[0] *= part / count * float(np.int64(total & mask))
+        rgb[1] *= part / count * float(np.int64(total >> np.uint64(LANE) & mask))
+        rgb[2] *= part / count * float(np.int64(total >> np.uint64(2 * LANE)))

@@ -55,7 +55,8 @@ class Triangles:
         differ as their light does, -1 with a texture; hull (T,) the same for those of a convex
         part, which hide nothing of each other, -1 for the others; part (T,) the same for all.
     albedo (T, 4) rgb 0..255 and opacity 0..1.
-    uv (T, 3, 2) texture coordinates, layer (T,) of the texture, -1 for none.
+    uv (T, 3, 2) texture coordinates, layer (T,) where the texture begins in Textures.texels, -1
+        for none.
     row_centre, row_half: (rows, 3) a box around all of a link's, m; of no size, half -1, where it
         has none.
     """

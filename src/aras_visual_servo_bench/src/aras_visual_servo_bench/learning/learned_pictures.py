@@ -114,6 +114,7 @@ def pictures(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     from ..asked.experiment import Experiment
     from ..commands.running import study_file
     from ..study.study import Study
+    from ..targets.pictures import seen
 
     study = Study.from_yaml(study_file(Path(PROTOCOL)))
     starts = study.combinations[0].set["start"]
@@ -133,7 +134,7 @@ def pictures(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
             off = random.normal(size=6) * part * np.repeat((NEAR[0], np.radians(NEAR[1])), 3)
             motion = part * way + (off if step else 0.0)
             shape = poster if step % 2 == 0 else textures[random.integers(len(textures))]
-            grey = shape.picture(camera, parts.target.seen_from(goal @ exponential(motion)))
+            grey = seen(shape, camera, parts.target.seen_from(goal @ exponential(motion)))
             x.append(inputs(grey))
             y.append(motion)
     return np.array(x[:count]), np.array(y[:count])

@@ -19,6 +19,7 @@ from aras_visual_servo_controller.arm import Arm
 from ..asked import cameras
 from ..errors import ExperimentError, ViewError
 from ..targets.geometry import PlacedTarget, project
+from ..targets.pictures import seen
 from ..targets.textures import TexturedTarget
 from .base import CAMERA, CameraReading, JointReading, Place, Plant, Reading
 from .free_body import FreeBody
@@ -106,11 +107,9 @@ class Sight:
     def _drawn(self, outline: np.ndarray | None, seen_from: np.ndarray) -> np.ndarray:
         """The picture (rows, columns) uint8, with what lies on the target."""
         shape = self.target.shape
-        textured = outline is not None and isinstance(shape, TexturedTarget)
-        image = cameras.draw(None if textured else outline, self.camera)
-        if textured:
-            with contextlib.suppress(ViewError):  # the camera lies in the target's plane
-                image = shape.picture(self.camera, seen_from)
+        if isinstance(shape, TexturedTarget):
+            return seen(shape, self.camera, seen_from, self.occluder)
+        image = cameras.draw(outline, self.camera)
         if outline is not None and self.occluder is not None:
             (x0, y0), (x1, y1) = self.occluder
             corners = np.array([(x, y, shape.height) for x, y in (

@@ -99,7 +99,12 @@ def description_file(spec: TargetSpec, perturbed_by: int | None = None) -> Path:
             f"target '{spec.shape}' has no picture that could be perturbed: use poster or a PNG",
         )
         target = target.perturbed(perturbed_by)
-    return write(target, _scratch() / str(len(list(_scratch().iterdir()))), occluder=spec.occluder)
+    return write(target, scratch(), occluder=spec.occluder)
+
+
+def scratch() -> Path:
+    """A new folder, which goes with the process."""
+    return Path(mkdtemp(dir=_scratch()))
 
 
 @lru_cache(maxsize=1)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -12,12 +11,10 @@ import numpy as np
 
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.picture_files import picture_size
-from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..errors import ExperimentError, ViewError
-from .geometry import NEAREST, Target, project
+from ..errors import ExperimentError
+from .geometry import Target, project
 
-GROUND = 255  # grey level beyond the picture, as the renderer's table
 PIXELS = 1200  # of a made picture's longer side
 POSTER_SEED = 41
 FLIPPED = (1.0, -1.0)  # y of a picture runs down
@@ -51,43 +48,6 @@ class TexturedTarget(Target):
         known = np.column_stack([self.known, np.zeros(len(self.known))])
         return project(known, target_T_camera)
 
-    def picture(self, camera: CameraModel, target_T_camera: np.ndarray) -> np.ndarray:
-        """(rows, columns) uint8 as the camera sees it on white ground; ViewError: not at all.
-
-        The level of detail is chosen by the distance, each level smoothed by area.
-        """
-        R, t = target_T_camera[:3, :3], target_T_camera[:3, 3]
-        # A ray r of the camera meets z = 0 in t - R r (t_z / (R r)_z): a homography of (x, y, 1).
-        H = t[:2, None] * R[2] - t[2] * R[:2]
-        to_plane = np.vstack([H, R[2]])
-        distance = abs(float(t[2]))
-        if distance < NEAREST:
-            raise ViewError("the camera lies in the target's plane")
-        rows, columns = self.pixels.shape
-        per_metre = columns / self.size[0]
-        level = self._level(camera.K[0] / (distance * per_metre))
-        rows, columns = level.shape
-        to_pixel = np.array([
-            [columns / self.size[0], 0.0, 0.5 * columns - 0.5],
-            [0.0, -rows / self.size[1], 0.5 * rows - 0.5],
-            [0.0, 0.0, 1.0],
-        ]) @ to_plane  # fmt: skip
-        if camera.distorted:
-            tables = camera.tables
-            rays = np.stack([tables.x, tables.y, np.ones_like(tables.x)])
-            p = np.tensordot(to_pixel, rays, 1)
-            p[2][_behind(p[2], t[2])] = np.nan
-            return cv2.remap(
-                level, (p[0] / p[2]).astype(np.float32), (p[1] / p[2]).astype(np.float32),
-                cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=GROUND,
-            )  # fmt: skip
-        to_pixel = to_pixel @ np.linalg.inv(np.reshape(camera.K, (3, 3)))
-        return cv2.warpPerspective(
-            level, to_pixel, (camera.width, camera.height),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_CONSTANT,
-            borderValue=GROUND,
-        )  # fmt: skip
-
     def perturbed(self, seed: int) -> TexturedTarget:
         """The same with its picture disturbed as the protocols of Felton and of ViT-VS do it.
 
@@ -108,22 +68,6 @@ class TexturedTarget(Target):
             pixels[top : top + high, left : left + wide] = random.uniform(0.0, 255.0)
         drawn = np.clip(np.round(pixels), 0, 255).astype(np.uint8)
         return TexturedTarget(drawn, self.size, self.known)
-
-    def _level(self, scale: float) -> np.ndarray:
-        """The picture, made smaller where `scale` camera pixels come to one of its own."""
-        halvings = int(np.clip(np.round(np.log2(1.0 / max(scale, 1e-6))), 0, 6))
-        return _smaller(self, halvings)
-
-
-@lru_cache(maxsize=64)
-def _smaller(target: TexturedTarget, halvings: int) -> np.ndarray:
-    rows, columns = (max(n >> halvings, 2) for n in target.pixels.shape)
-    return cv2.resize(target.pixels, (columns, rows), interpolation=cv2.INTER_AREA)
-
-
-def _behind(scale: np.ndarray, height: float) -> np.ndarray:
-    """Where a ray goes away from the plane: the homography's third part has the wrong sign."""
-    return scale * np.sign(height) >= 0.0
 
 
 def from_picture(path: Path, size: tuple[float, float]) -> TexturedTarget:

@@ -1,0 +1,71 @@
+"""Pictures of a target alone before white ground, by the renderer that the arm's cameras use."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from aras_sim_bridge.description import RobotDescription, parse_urdf
+from aras_sim_bridge.rendering import Sun, View, create_renderer
+from aras_sim_bridge.rendering.renderer import Renderer
+from aras_sim_bridge.rendering.tiles import Tiles, shared
+from aras_visual_servo_base.poses import IDENTITY, Pose
+from aras_visual_servo_camera.undistortion import CameraModel
+
+from ..asked.experiment import Pair
+from .files import scratch, write
+from .geometry import NEAREST, Target
+
+FARTHEST = 1e3  # m
+SHOWN = Sun(ambient=1.0, diffuse=0.0, background=(1.0, 1.0, 1.0, 1.0))  # colours as they are
+KEPT = 8  # targets: a picture as the renderer reads it takes 3 MB
+
+
+class _Still:
+    """What a renderer asks of a world and of its only model, which stands at the origin."""
+
+    revision, name, body_id = 0, "target", 0
+
+    def __init__(self, description: RobotDescription) -> None:
+        self.description = description
+        self.models = {self.name: self}
+
+    def link_index(self, _: str) -> int:
+        """Of the root, the only link."""
+        return -1
+
+    def pose(self) -> Pose:
+        """In the target's frame."""
+        return IDENTITY
+
+
+def seen(
+    target: Target, camera: CameraModel, target_T_camera: np.ndarray,
+    occluder: tuple[Pair, Pair] | None = None,
+) -> np.ndarray:
+    """(rows, columns) uint8 as a camera at target_T_camera (4, 4) sees a flat target and the white
+    rectangle on it, whose low and high corner (x, y), m, are `occluder`."""
+    size, K = (camera.width, camera.height), np.reshape(camera.K, (3, 3))
+    lens = None
+    if camera.distorted:
+        lens = shared(*size, camera, lambda: Tiles.of_lens(*size, lambda pixels: _rays(
+            camera, pixels)))
+    view = View(*size, target_T_camera, K, NEAREST, FARTHEST, lens)
+    return _renderer(target, occluder).render(view)[..., 0]
+
+
+def _rays(camera: CameraModel, pixels: np.ndarray) -> np.ndarray:
+    """Unit rays (n, 3) of pixels (n, 2), NaN where there is none."""
+    x, y, valid = camera.normalise(*pixels.T)
+    rays = np.stack([x, y, np.ones_like(x)], axis=1)
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    rays[~valid] = np.nan
+    return rays
+
+
+@lru_cache(maxsize=KEPT)
+def _renderer(target: Target, occluder: tuple[Pair, Pair] | None) -> Renderer:
+    urdf: Path = write(target, scratch(), occluder=occluder)
+    return create_renderer("exact", _Still(parse_urdf(urdf.read_text())), SHOWN)

@@ -92,6 +92,22 @@ class SunSpec:
 
 
 @dataclass(frozen=True)
+class BoxSpec:
+    """A box on which a target lies, loose: it can be pushed and grasped.
+
+    size: along the target's x, y and z, m; its top is the target's plane. mass: kg. friction: of
+    its surface.
+    """
+
+    size: tuple[float, float, float] = parameter(above=0.0, most=LARGEST_TARGET)
+    mass: float = parameter(0.2, "kg", above=0.0)
+    friction: float = parameter(1.0, least=0.0)
+
+    def __post_init__(self) -> None:
+        check(self, ExperimentError, "target.box")
+
+
+@dataclass(frozen=True)
 class TargetSpec:
     """The target: what it is, where, and how it moves.
 
@@ -104,6 +120,7 @@ class TargetSpec:
     occluder: low and high corner (x, y), m, of an opaque rectangle that lies on the target.
     perturbed: a target with a picture has another one in the run than when the goal was taught:
         brighter or darker, of other contrast, grained, with a patch erased, by the seed.
+    box: a white box under it that is loose; None: it stands and touches nothing (bullet).
     """
 
     shape: str | tuple[Pair, ...] = "aras"
@@ -112,6 +129,7 @@ class TargetSpec:
     motion: Motion = Motion()
     occluder: tuple[Pair, Pair] | None = None
     perturbed: bool = False
+    box: BoxSpec | None = None
 
     @property
     def described(self) -> bool:
@@ -125,6 +143,12 @@ class TargetSpec:
             isinstance(self.shape, tuple) or self.shape in NAMES or bool(Path(self.shape).suffix),
             f"target.shape is '{self.shape}', must be a list of corners, the path of a picture or "
             f"an SVG, or a name: {nearest(str(self.shape), NAMES)}",
+        )
+        given = self.shape == "aras" or self.described
+        require(
+            self.box is None or not given and self.motion == Motion(),
+            "target.box is for a target of its own that does not move by itself: give it another "
+            "shape, a pose, and no motion",
         )
 
 

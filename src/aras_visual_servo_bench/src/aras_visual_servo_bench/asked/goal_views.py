@@ -85,6 +85,25 @@ class GoalViews:
                     f"the goal is shown where the target is not in {by}: {ELSEWHERE}"
                 )
 
+    def _is_target(self, seen: Observation, pose: np.ndarray) -> None:
+        """ExperimentError where a picture's target is not where the true one is.
+
+        pose: world_T_camera (4, 4) of the true camera.
+        """
+        if seen.moments is None:
+            return
+        eye, target = self._eye(seen.name), self.plants.target
+        outline = target.shape.outline(target.seen_from(pose))
+        pixels = np.column_stack(eye.true.project(*outline.T))
+        x, y = cameras.read(pixels, eye.true, eye.believed, closed=True).T
+        found = seen.moments
+        if not (x.min() <= found.xg <= x.max() and y.min() <= found.yg <= y.max()):
+            raise ExperimentError(
+                "goal: what the camera takes for the target is not where the target is: something "
+                "else of its colour is in view, as the arm's hand may be; keep that out of the "
+                "picture, or give it another colour"
+            )
+
     def taught(
         self,
         pose: np.ndarray,
@@ -120,6 +139,8 @@ class GoalViews:
                 observer, reading, self._eye(camera), world_T_camera=believed,
                 plane=target.shape.plane(target.seen_from(believed)),
             )  # fmt: skip
+            if camera in readings:
+                self._is_target(views[camera], pose if place is None else place.at(pose))
         control = views.pop(rig.control.name)
         depth = target.shape.depth(target.seen_from(control.world_T_camera))
         observation = rig.together(control, views) if views else control

@@ -169,6 +169,9 @@ class PlantMaker:
             pose, np.zeros(len(arm.names))
         )
         plant = self.plant(arm, q, exactly=True)
+        # An arm that efforts drive would sag until its controllers hold it, and the picture comes
+        # after some hundredths of a second.
+        plant.simulation.world.set_physics(gravity=(0.0, 0.0, 0.0))
         found: dict[str, CameraReading] = {}
         try:
             while plant.time_ns < PATIENCE_NS:

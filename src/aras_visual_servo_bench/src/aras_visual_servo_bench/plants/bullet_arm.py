@@ -177,6 +177,12 @@ class BulletArm(Plant):
         """Simulated time, ns."""
         return self._simulation.time_ns
 
+    @property
+    def simulation(self) -> Simulation:
+        """The simulated world, with the models `robot` and `target`: for grippers and whatever an
+        experiment does not do itself."""
+        return self._simulation
+
     def advance(self, until_ns: int) -> list[Reading]:
         """Step until something was measured or `until_ns` is reached."""
         simulation, readings = self._simulation, self._readings

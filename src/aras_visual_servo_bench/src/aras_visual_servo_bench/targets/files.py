@@ -17,7 +17,7 @@ from tempfile import mkdtemp
 import cv2
 import numpy as np
 
-from ..asked.experiment import Pair, TargetSpec
+from ..asked.experiment import BoxSpec, Pair, TargetSpec
 from ..errors import ExperimentError, require, writing
 from .geometry import Target
 from .outlines import shape_of
@@ -31,9 +31,16 @@ URDF = """<?xml version="1.0"?>
       <geometry><mesh filename="{mesh}"/></geometry>
     </visual>{more}
   </link>
-  <gazebo><static>true</static></gazebo>
+  {physics}
 </robot>
 """
+STANDS = "<gazebo><static>true</static></gazebo>"
+BOX = """
+    <visual name="box"><origin xyz="0 0 {z!r}"/><geometry><box size="{size}"/></geometry></visual>
+    <collision><origin xyz="0 0 {z!r}"/><geometry><box size="{size}"/></geometry></collision>
+    <inertial><origin xyz="0 0 {z!r}"/><mass value="{mass!r}"/>
+      <inertia ixx="{ixx!r}" iyy="{iyy!r}" izz="{izz!r}" ixy="0" ixz="0" iyz="0"/></inertial>"""
+RUBS = '<gazebo reference="{name}"><mu1>{friction!r}</mu1></gazebo>'
 OCCLUDER = """
     <visual name="occluder">
       <origin xyz="{x:.9g} {y:.9g} {z:.9g}" rpy="0 0 0"/>
@@ -43,7 +50,7 @@ OCCLUDER = """
 
 def write(
     target: Target, folder: Path, name: str = "target", meshes: str = "",
-    occluder: tuple[Pair, Pair] | None = None,
+    occluder: tuple[Pair, Pair] | None = None, box: BoxSpec | None = None,
 ) -> Path:
     """Write a target's files, and answer the path of its URDF.
 
@@ -51,6 +58,7 @@ def write(
         target: a flat one. name: of files, model and link.
         meshes: how the URDF names the folder; empty: by its own path.
         occluder: low and high corner (x, y), m, of a white rectangle on it.
+        box: a loose one on which it lies.
 
     Raises:
         ExperimentError: the target is not flat, or nothing can be written there.
@@ -77,9 +85,24 @@ def write(
             corners = np.array([(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0)], float)
             _mesh(folder, f"{name}_occluder", corners, [(0, 1, 2), (0, 2, 3)], "Kd 1 1 1\n")
             more = OCCLUDER.format(x=0.0, y=0.0, z=ABOVE, mesh=f"{where}/{name}_occluder.obj")
+        physics = STANDS
+        if box is not None:
+            physics = RUBS.format(name=name, friction=box.friction)
+            more += _box(box)
         path = folder / f"{name}.urdf"
-        path.write_text(URDF.format(name=name, mesh=f"{where}/{name}.obj", more=more))
+        path.write_text(
+            URDF.format(name=name, mesh=f"{where}/{name}.obj", more=more, physics=physics)
+        )
     return path
+
+
+def _box(box: BoxSpec) -> str:
+    """What a link has of a box under a target, a hair below its face."""
+    (x, y, z), share = box.size, box.mass / 12.0
+    return BOX.format(
+        size=f"{x!r} {y!r} {z!r}", z=-0.5 * z - ABOVE, mass=box.mass, ixx=share * (y * y + z * z),
+        iyy=share * (x * x + z * z), izz=share * (x * x + y * y),
+    )  # fmt: skip
 
 
 @lru_cache(maxsize=64)
@@ -99,7 +122,7 @@ def description_file(spec: TargetSpec, perturbed_by: int | None = None) -> Path:
             f"target '{spec.shape}' has no picture that could be perturbed: use poster or a PNG",
         )
         target = target.perturbed(perturbed_by)
-    return write(target, scratch(), occluder=spec.occluder)
+    return write(target, scratch(), occluder=spec.occluder, box=spec.box)
 
 
 def scratch() -> Path:

@@ -33,9 +33,9 @@ PLAIN = (3e-4, radians(0.3))  # m and rad: plain 'converged' leaves open no more
 STILL = (1e-5, 1e-4)
 # s for which a camera may go on as before the last image: its answer takes time and is ramped.
 GOES_ON = 0.06
-# Times that an offset by L counts: L's depth may be believed 0.6 of the true one; with a camera's
-# mounting 8 degrees off a pose by points in the believed plane is 2.4 times too small one way.
-KNOWN = 2.5
+# Times that an offset by L counts, its translation and its rotation: L's depth may be believed 0.6
+# of the true one, and the camera's mounting 8 degrees off.
+KNOWN = 1.7, 1.4
 # Times that the deviation of corners and pixels counts: their errors have longer tails than a
 # normal distribution. Without it 0.6 % of 1 581 converged runs were farther off.
 TAILS = 1.25
@@ -240,7 +240,7 @@ def _bounds(mean, scatter, measured, part, coupling, held, scale):
     """
     known, covariance = np.empty(6), np.empty((6, 6))
     for i in range(6):
-        known[i] = KNOWN * mean[i] * scale[i]
+        known[i] = KNOWN[i // 3] * mean[i] * scale[i]
         for j in range(6):
             known[i] += coupling[i, j] * held[j]
             covariance[i, j] = part * scale[i] * scale[j] * scatter[i, j] + measured[i, j]

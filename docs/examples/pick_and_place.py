@@ -1,0 +1,218 @@
+#!/usr/bin/env python3
+"""Pick a box up by visual servoing, and put it down elsewhere.
+
+    python docs/examples/pick_and_place.py [number of boxes]
+
+The arm of docs/my_robot.md gets a gripper. The camera in its hand is servoed to 0.2 m above the L
+on top of a loose box, wherever that lies; from there the hand goes straight down, closes, lifts the
+box, turns it, and sets it down at a place of its own. No step knows where the box is but by the
+picture. Prints where each box came to lie; exits with 1 where one is more than 5 mm off.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import tempfile
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from aras_sim_bridge.control.controllers.gripper import GripperGoal
+from aras_visual_servo_base.poses import transform
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.asked.robots import Robot
+from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_controller.errors import UnreachableError
+
+HERE = Path(__file__).resolve().parent
+TABLE, BOX = 0.05, (0.07, 0.04, 0.06)  # m: height of the table's top; the box's sides
+ABOVE = 0.2  # m from the camera to the box's top at the goal
+TIPS = 0.11  # m from the camera to the fingertips, along its axis
+PLACE, YAW = (0.42, -0.18, TABLE), 0.5  # where boxes are to lie, m and rad, or half a turn from it
+GAINS = {"pan": (4000.0, 150.0), "lift": (4000.0, 150.0), "elbow": (3000.0, 100.0),
+         "wrist_roll": (300.0, 4.0), "wrist_pitch": (300.0, 4.0), "turn": (60.0, 0.8)}  # fmt: skip
+OPEN, SHUT = 0.0, 0.03  # m that each finger moves
+FINGER = """<robot>
+  <link name="{side}_finger">
+    <inertial><mass value="0.1"/>
+      <inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>
+    <visual><geometry><box size="0.02 0.01 0.06"/></geometry></visual>
+    <collision><geometry><box size="0.02 0.01 0.06"/></geometry></collision>
+  </link>
+  <joint name="{side}" type="prismatic">
+    <parent link="flange"/><child link="{side}_finger"/>
+    <origin xyz="0 {y} 0.11"/><axis xyz="0 {along} 0"/>
+    <limit lower="0" upper="0.03" velocity="0.2" effort="40"/><dynamics damping="1"/>{mimic}
+  </joint>
+</robot>"""
+MOTOR = """<transmission name="{joint}_motor">
+  <type>transmission_interface/SimpleTransmission</type>
+  <joint name="{joint}">
+    <hardwareInterface>hardware_interface/EffortJointInterface</hardwareInterface></joint>
+  <actuator name="{joint}_drive"/></transmission>"""
+
+
+def with_gripper(folder: Path) -> dict[str, str]:
+    """The arm of my_arm.urdf driven by efforts, with two fingers and a table that bears things:
+    `robot` of an experiment."""
+    robot = ElementTree.fromstring((HERE / "my_arm.urdf").read_text())
+    for kind in robot.iter("hardwareInterface"):
+        kind.text = "hardware_interface/EffortJointInterface"
+    follows = '<mimic joint="left"/>'
+    for side, y, mimic in (("left", 0.036, ""), ("right", -0.036, follows)):
+        along = -math.copysign(1.0, y)
+        robot.extend(ElementTree.fromstring(
+            FINGER.format(side=side, y=y, along=along, mimic=mimic)))
+    robot.append(ElementTree.fromstring(MOTOR.format(joint="left")))
+    table = robot.find("link[@name='table']")
+    ElementTree.SubElement(table, "collision").append(table.find("visual/geometry"))
+    ElementTree.ElementTree(robot).write(folder / "arm.urdf")
+    controllers = {
+        f"{joint}_controller": {
+            "type": "effort_controllers/JointPositionController", "joint": joint,
+            "interpolate": True,
+            "pid": {"p": p, "i": 3.0 * p, "d": d, "i_clamp_max": 80.0, "i_clamp_min": -80.0},
+        }
+        for joint, (p, d) in GAINS.items()
+    }  # fmt: skip
+    controllers["joint_state_controller"] = {
+        "type": "joint_state_controller/JointStateController", "publish_rate": 200}
+    controllers["gripper"] = {
+        "type": "effort_controllers/GripperActionController", "joint": "left",
+        "goal_tolerance": 0.001, "stall_timeout": 0.2,
+        "gains": {"left": {"p": 4000.0, "d": 40.0}},
+    }  # fmt: skip
+    (folder / "controllers.yaml").write_text(yaml.safe_dump({"aras_visual_servo": controllers}))
+    return {"urdf": str(folder / "arm.urdf"), "config": str(folder / "controllers.yaml")}
+
+
+def experiment(robot: dict[str, str], seed: int) -> Experiment:
+    """A box somewhere on the table, the camera somewhere above it; the goal is shown once, above
+    a box in the middle."""
+    draw = np.random.default_rng(seed)
+    x, y, turn = draw.uniform((0.40, -0.03, -0.6), (0.50, 0.12, 0.6))
+    top = TABLE + BOX[2] + 5e-4
+    target = {"shape": "l_shape", "size": [0.05, 0.03], "pose": [x, y, top, 0, 0, turn],
+              "box": {"size": list(BOX), "mass": 0.2, "friction": 0.8}}  # fmt: skip
+    away = draw.uniform(-1.0, 1.0, 6) * (0.012, 0.012, 0.01, 0.03, 0.03, 0.3)
+    # The fingers close along the picture's x axis: that is to lie along the box's narrow side.
+    goal = [x, y, top + ABOVE, math.pi, 0.0, turn - math.pi / 2]
+    return Experiment(
+        # A longer lens: the L is 100 pixels wide from 0.2 m, and the fingers are out of view.
+        plant="bullet", robot=robot, camera={"horizontal_fov": 0.5}, target=target,
+        features="pictures", scheme="points", gain=2.0, duration=20.0, goal={"pose": goal},
+        start={"pose": (np.array(goal) + (*away[:2], away[2] + 0.03, *away[3:])).tolist()},
+    )  # fmt: skip
+
+
+class Hand:
+    """The arm and its gripper once the servo has handed them over."""
+
+    def __init__(self, loop: Loop, robot: dict[str, str]) -> None:
+        self.simulation = loop.plant.simulation
+        self.robot = self.simulation.robots["robot"]
+        self.robot.start(["gripper"])
+        self.gripper = self.robot.manager.get("gripper")
+        self.arm = Robot(loop.experiment.robot).arm()
+        self.joints = loop.plant.joints()[0]
+        self.camera = self.arm.pose(self.joints)
+
+    def go(self, camera: np.ndarray, speed: float = 0.15) -> None:
+        """Take the camera straight to a pose (4, 4) in the world, at m/s."""
+        way = camera[:3, 3] - self.camera[:3, 3]
+        count = max(int(1000.0 * np.linalg.norm(way) / speed), 1000)
+        begin, end = self.joints, self.arm.inverse(camera, self.joints)
+        for k in range(1, count + 1):
+            part = 0.5 - 0.5 * math.cos(math.pi * k / count)
+            for joint, value in zip(self.arm.names, begin + part * (end - begin), strict=True):
+                self.robot.command(f"{joint}_controller", value)
+            self.simulation.step()
+        self.joints, self.camera = end, camera
+
+    def put_down(self, box_T_camera: np.ndarray) -> np.ndarray:
+        """Where the camera (4, 4) is above the box's place, the way round that the arm reaches."""
+        for half_turns in (0, 1):
+            x, y, z = PLACE
+            turn = YAW + half_turns * math.pi
+            camera = transform((x, y, z + BOX[2]), (0.0, 0.0, turn)) @ box_T_camera
+            try:
+                self.arm.inverse(camera, self.joints)
+            except UnreachableError:
+                continue
+            return camera
+        raise SystemExit(f"the place {PLACE} is out of the arm's reach")
+
+    def grip(self, position: float, effort: float) -> bool:
+        """Move the fingers; whether something holds them up."""
+        handle = self.gripper.submit_goal(GripperGoal(position, effort))
+        for _ in range(3000):
+            self.simulation.step()
+            if handle.done:
+                break
+        return handle.done and handle.result.stalled
+
+
+def down(camera: np.ndarray, way: float) -> np.ndarray:
+    """A pose, moved along its own optical axis, m."""
+    moved = camera.copy()
+    moved[:3, 3] += way * camera[:3, 2]
+    return moved
+
+
+def pick_and_place(robot: dict[str, str], seed: int) -> tuple[float, float] | str:
+    """How far a box lies from its place, m and rad; or what went wrong."""
+    asked = experiment(robot, seed)
+    loop = Loop(asked, assemble(asked))
+    try:
+        loop.to_end()
+        if not loop.result().converged:
+            return f"the servo ended with {loop.result().outcome}"
+        hand, box = Hand(loop, robot), loop.plant.simulation.world.models["target"]
+        # The box's frame in the camera's, as the goal was shown.
+        camera_T_box = np.linalg.inv(transform((0, 0, ABOVE), (math.pi, 0.0, -math.pi / 2)))
+        reach = ABOVE - TIPS + 0.03  # the fingertips 30 mm below the box's top
+        hand.grip(OPEN, 20.0)
+        over = hand.camera
+        hand.go(down(over, reach))
+        if not hand.grip(SHUT, 20.0):
+            return "nothing was gripped"
+        hand.go(over)
+        if box.pose().xyz[2] < TABLE + BOX[2] + 0.05:
+            return "the box slipped out"
+        put = hand.put_down(np.linalg.inv(camera_T_box))
+        hand.go(put)
+        hand.go(down(put, reach - 0.001), 0.05)
+        hand.grip(OPEN, 20.0)
+        hand.go(put)
+        found = box.pose().matrix()
+        off = math.dist(found[:2, 3], PLACE[:2])
+        turned = math.atan2(found[1, 0], found[0, 0]) - YAW
+        return off, abs((turned + math.pi / 2) % math.pi - math.pi / 2)
+    finally:
+        loop.close()
+
+
+def main() -> int:
+    """Pick and place some boxes."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 3
+    good = 0
+    with tempfile.TemporaryDirectory() as folder:
+        robot = with_gripper(Path(folder))
+        for seed in range(count):
+            found = pick_and_place(robot, seed)
+            if isinstance(found, str):
+                print(f"box {seed}: {found}", flush=True)
+                continue
+            good += found[0] < 5e-3 and found[1] < math.radians(3.0)
+            print(f"box {seed}: {1e3 * found[0]:.1f} mm and {math.degrees(found[1]):.1f} degrees "
+                  "from its place", flush=True)
+    print(f"{good} of {count} at their place")
+    return 0 if good == count else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

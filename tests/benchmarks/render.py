@@ -34,7 +34,7 @@ import numpy as np
 import pybullet
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(REPOSITORY / "src/aras_sim_bridge/src"))
+sys.path[:0] = map(str, REPOSITORY.glob("src/*/src"))
 sys.path.insert(0, str(REPOSITORY / "tests/unit/camera"))
 
 from scenes import Bench, link_pose, looking, table_and_target  # noqa: E402

@@ -38,12 +38,9 @@ def found_edges(tiles: Tiles, seen: Seen, samples: Samples, plain: np.ndarray, s
                            seen.opaque, plain,
                            smooth, part, sky, seen.side, seen.light, t.matrices, t.valid, t.cells,
                            t.columns)
-    # Of one colour, and of one smooth part, are triangles with the same number.
-    own = np.where(smooth >= 0, smooth, len(plain) + np.arange(len(plain)))
-    colour = np.where(plain != 0, plain, -2.0 - own)
     edges |= _thin(edges, mixed, samples.tile, samples.pixel, samples.start, samples.member,
-                   samples.full, samples.touched, colour, sky, seen.side, seen.cut, t.matrices,
-                   t.axis, t.valid, t.cells, t.columns, near, far)
+                   samples.full, samples.touched, plain, smooth, sky, seen.side, seen.cut,
+                   t.matrices, t.axis, t.valid, t.cells, t.columns, near, far)
     return edges, _listed(edges, t.cells, t.columns)
 
 
@@ -157,14 +154,19 @@ def _edges(tile, pixel, start, member, opaque, plain, smooth, part, sky, side, l
     return out
 
 
-@compiled("u8[::1], u8[::1], i8[::1], i4[:,::1], i8[::1], i8[::1], b1[::1], u8[::1], f8[::1], "
-          "u4, f8[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], b1[:,::1], i8, i8, f8, f8")
-def _thin(edges, mixed, tile, pixel, start, member, full, touched, colour, sky, side, cut,
-          matrices, axis, valid, cells, columns, near, far):
+@compiled("u8[::1], u8[::1], i8[::1], i4[:,::1], i8[::1], i8[::1], b1[::1], u8[::1], u4[::1], "
+          "i8[::1], u4, f8[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], b1[:,::1], i8, i8, f8, f8")
+def _thin(edges, mixed, tile, pixel, start, member, full, touched, plain, smooth, sky, side,
+          cut, matrices, axis, valid, cells, columns, near, far):
     """(tiles,) uint64, pixels without an edge into which something of another colour reaches before
     what their corners show; the sky does where they show several parts and nothing is behind."""
     size, one = TILE // cells, np.uint64(1)
     out = np.zeros(len(tile), np.uint64)
+    # Of one colour, and of one smooth part, are triangles with the same number.
+    colour = np.empty(len(plain))
+    for m in range(len(plain)):
+        own = smooth[m] if smooth[m] >= 0 else len(plain) + m
+        colour[m] = float(plain[m]) if plain[m] != 0 else -2.0 - own
     longest = 1
     for n in range(len(tile)):
         longest = max(longest, start[n + 1] - start[n])

@@ -239,11 +239,12 @@ def test_an_older_view_s_features_are_brought_to_the_control_camera_s_exposure()
     made, feature = rig(goal=goal), scheme.feature.features[1]
     then = np.array([0.01, -0.02, 0.03, 0.05, -0.04, 0.2])
     now = then + 1e-3 * np.array([1.0, -2.0, 1.5, 3.0, 2.0, -1.0])
-    true = feature.measure(together(made, now), goal).s
-    old = feature.measure(together(made, then), goal).s
-    found = feature.measure(together(made, now, then=then), goal).s
-    assert np.abs(old - true).max() > 2e-3
-    np.testing.assert_allclose(found, true, atol=1e-4)  # to first order
+    true = feature.measure(together(made, now), goal)
+    old = feature.measure(together(made, then), goal)
+    found = feature.measure(together(made, now, then=then), goal)
+    assert np.abs(old.s - true.s).max() > 2e-3
+    np.testing.assert_allclose(found.s, true.s, atol=1e-4)  # to first order
+    np.testing.assert_allclose(found.error, true.error, atol=1e-4)
 
 
 def test_directions_of_another_camera_are_the_control_camera_s_that_move_it_so():

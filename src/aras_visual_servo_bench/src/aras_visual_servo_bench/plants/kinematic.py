@@ -187,6 +187,7 @@ class KinematicPlant(Plant):
         self.joint_names = tuple(arm.names)
         self._random = np.random.default_rng(seed)
         self._exposures = exposures(sight, others, self._random, seed)
+        self._image_ns = min(one.due_ns for one in self._exposures)
         self._lag = lag
         self._time_ns = 0
         self._q = np.array(q, float)
@@ -202,7 +203,7 @@ class KinematicPlant(Plant):
     def advance(self, until_ns: int) -> list[Reading]:
         """Go to the next measurement, or to `until_ns` if none comes before."""
         joints_ns = JOINT_PHASE_NS + round(self._samples * self._joint_period)
-        time_ns = min(joints_ns, until_ns, *[one.due_ns for one in self._exposures])
+        time_ns = min(joints_ns, self._image_ns, until_ns)
         if time_ns > self._time_ns:
             self._move((time_ns - self._time_ns) / NS)
             self._time_ns = time_ns
@@ -211,9 +212,11 @@ class KinematicPlant(Plant):
             self._samples += 1
             q, speed = self.joints()
             readings.append(JointReading(time_ns, self.joint_names, q.tolist(), speed.tolist()))
-        for one in self._exposures:
-            if one.due_ns == time_ns and (seen := one.expose(self.pose())) is not None:
-                readings.append(seen)
+        if self._image_ns == time_ns:
+            for one in self._exposures:
+                if one.due_ns == time_ns and (seen := one.expose(self.pose())) is not None:
+                    readings.append(seen)
+            self._image_ns = min(one.due_ns for one in self._exposures)
         return readings
 
     def command(self, kind: str, values: Sequence[float]) -> None:

@@ -153,9 +153,9 @@ class Diagnosis:
             return outcome("scheme_fault", state.reason)
         if state.phase == STOPPED:
             return outcome("stopped", state.reason)
-        for name, view in observation.cameras.items():
+        for view in (observation, *observation.others.values()):
             if view.touches:
-                by = f" of camera {name}" if observation.others else ""
+                by = f" of camera {view.name}" if observation.others else ""
                 self._touched = f"{' and '.join(view.touches)} border{by}"
         self._follow_distance(state.stamp, observation, goal)
         if self._retreated.kind != "running" and state.phase != CONVERGED:

@@ -114,7 +114,7 @@ class Observation:
     of_control: np.ndarray | None = None
     moved: np.ndarray | None = None
 
-    @cached_property
+    @property
     def cameras(self) -> dict[str, Observation]:
         """What each camera of the scheme saw, by name; the first, this one, is the control camera.
 

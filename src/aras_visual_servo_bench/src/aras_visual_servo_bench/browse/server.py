@@ -66,6 +66,7 @@ class BrowseServer(WebServer):
     """The results browser's."""
 
     index = FILES / "index.html"
+    compress = False  # megabytes of points, to this machine most often
 
     def __init__(
         self, studies: Studies, access: Access, sockets: list[socket.socket]

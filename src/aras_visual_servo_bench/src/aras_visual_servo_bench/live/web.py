@@ -77,6 +77,7 @@ class WebServer:
 
     index: Path  # the page itself
     largest = 65536  # bytes of a request
+    compress = True  # what is sent
 
     def __init__(self, access: Access, sockets: list[socket.socket]) -> None:
         """`sockets`: as `bound` gives them, on the port that `access` names."""
@@ -124,7 +125,7 @@ class WebServer:
                 [(pattern, handler, given) for pattern, handler in routes],
                 default_handler_class=Nowhere,
                 default_handler_args=given,
-                compress_response=True,
+                compress_response=self.compress,
                 websocket_max_message_size=self.largest,
                 websocket_ping_interval=10.0,
             ),

@@ -70,7 +70,15 @@ export function drawMap(table, scale, answer, { x, y, value, unit, isRate }, pre
   const foot = table.createTFoot().insertRow();
   const corner = make("td", `${headed(y.name, y.unit)} ↑`, "corner");
   foot.append(corner);
-  answer.x.labels.forEach((label) => { const head = make("th", word(label)); head.scope = "col"; foot.append(head); });
+  const step = Math.ceil(answer.x.labels.length / 10);  // as many labels as there is room for
+  answer.x.labels.forEach((label, j) => {
+    if (j % step) return;
+    const head = make("th", word(label));
+    head.scope = step > 1 ? "colgroup" : "col";
+    head.colSpan = Math.min(step, answer.x.labels.length - j);
+    if (step > 1) head.style.textAlign = "left";
+    foot.append(head);
+  });
   const under = table.tFoot.insertRow();
   under.append(make("td"));
   const title = make("td", `${headed(x.name, x.unit)} →`, "along");

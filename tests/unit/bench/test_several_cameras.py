@@ -11,6 +11,7 @@ from aras_visual_servo_bench.asked.assembly import assemble, check
 from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.report.contents import contents
+from aras_visual_servo_bench.running.environment import ServoEnv
 from aras_visual_servo_bench.running.loop import run
 from aras_visual_servo_bench.study.replay import with_all_pictures
 from aras_visual_servo_controller.arm import Arm
@@ -352,3 +353,15 @@ def test_stereo_follows_a_target_that_was_carried_away():
 def test_stereo_wants_two_cameras_apart(scheme, cameras, words):
     with pytest.raises(ExperimentError, match=words):
         assemble(flying(scheme=scheme, cameras=cameras))
+
+
+def test_an_environment_s_agent_moves_the_control_camera_before_two():
+    env = ServoEnv(flying())
+    seen, _ = env.reset(seed=1)
+    assert seen.shape == (16 + 6,)  # four corners in each camera, and the coordinates
+    action = np.array([0.2, 0.0, 0.0, 0.0, 0.0, 0.0])
+    for _ in range(5):
+        moved, *_, info = env.step(action)
+    env.close()
+    assert not np.allclose(moved[:8], seen[:8]) and not np.allclose(moved[8:16], seen[8:16])
+    assert info["outcome"] == "running"

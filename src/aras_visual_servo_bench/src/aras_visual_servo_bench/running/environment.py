@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium
@@ -45,6 +46,19 @@ class AskedTwist(Scheme):
     def needs(self) -> frozenset:
         """Of the inner scheme."""
         return self.inner.needs
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Of the inner scheme."""
+        return tuple(self.inner.cameras)
+
+    def needs_of(self, *cameras: str) -> frozenset:
+        """As the inner scheme."""
+        return self.inner.needs_of(*cameras)
+
+    def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
+        """As the inner scheme."""
+        return self.inner.teach(observation)
 
     def check(self, goal: Goal) -> None:
         """As the inner scheme."""

@@ -77,13 +77,13 @@ class PlantMaker:
         return self.experiment.plant == "ideal" and self.experiment.ideal.unbounded
 
     def sights(self, exactly: bool = False) -> list[Sight]:
-        """How plants without a renderer see, the control camera first; `exactly`: see `sight`."""
+        """How plants without a world see, the control camera first; `exactly`: see `sight`."""
         return [self.sight(self.control, exactly)] + [
             self.sight(eye, exactly) for eye in self.others.values()
         ]
 
     def sight(self, eye: Eye, exactly: bool = False) -> Sight:
-        """How a camera sees without a renderer; `exactly`: as for teaching, without noise."""
+        """How a camera sees without a world; `exactly`: as for teaching, without noise."""
         experiment, needs = self.experiment, self.needs.get(eye.name, WATCHES)
         pictures = experiment.pictures and not (exactly and experiment.plant == "bullet")
         target = self.target

@@ -32,7 +32,7 @@ JOINT_PHASE_NS = 1_000_000  # joint states come a millisecond after the hundredt
 
 @dataclass(frozen=True)
 class Sight:
-    """How a plant without a renderer sees its target.
+    """How a plant without a simulated world sees its target.
 
     camera: the true one. target: in the world. rate: pictures a second.
     pictures: draw them; otherwise outlines and corners are exact.

@@ -12,12 +12,15 @@ COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY)  # of curves, in this or
 START, GOAL, PALE = VERMILION, GREEN, "#cfe3f1"
 INK, SOFT, GOOD, BAD, WARN = "#202124", "#5f6368", "#00734f", "#b3261e", "#8a5a00"  # of letters
 FAINT, GRID, GROUND = "#9aa0a6", "#e6e8ea", "#f6f7f8"
+# Of parts from 0 to 1: Matplotlib's viridis, every eighth.
+PARTS = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30",
+         "#fde725")  # fmt: skip
 CURVES = (*COLOURS, "#6b4fbb", "#7a5c00")  # of a report's page
 REPORT = {
     "ink": INK, "soft": SOFT, "line": GRID, "ground": GROUND, "good": GOOD, "bad": BAD,
     "warn": WARN, "mark": BLUE, "bad-ground": "#fdf3f2", "warn-ground": "#fff8e6",
     "box": "#ffffff", "badge": "#ffffff", "edge": "#8a9099", "cursor": INK, "zero": FAINT,
-    **{f"curve-{i}": colour for i, colour in enumerate(CURVES)},
+    **{f"curve-{i}": colour for i, colour in enumerate(CURVES)}, "parts": ", ".join(PARTS),
 }  # fmt: skip
 
 # -- on the dark of the live page, and of rviz -----------------------------------------------------
@@ -43,7 +46,7 @@ REPORT_DARK = {  # the same names as on white
     "good": "#4cd6a8", "bad": "#ff8a80", "warn": "#e6b450", "mark": LIVE["address"],
     "bad-ground": "#33201f", "warn-ground": "#2e2818", "box": LIVE["box"], "badge": LIVE["back"],
     "edge": "#5d6b82", "cursor": LIVE["white"], "zero": LIVE["zero"],
-    **{f"curve-{i}": colour for i, colour in enumerate(LIVE_CURVES)},
+    **{f"curve-{i}": colour for i, colour in enumerate(LIVE_CURVES)}, "parts": REPORT["parts"],
 }  # fmt: skip
 SCENE = {"start": ORANGE, "goal": "#00bf8c", "ideal": LIVE["ideal"], "face": "#6b7688",
          "rim": LIVE["white"]}  # fmt: skip

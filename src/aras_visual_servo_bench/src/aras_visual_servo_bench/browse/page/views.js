@@ -2,8 +2,8 @@
 
 import { told } from "./charts.js";
 
-const VIRIDIS = ["#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725"]
-  .map((c) => [1, 3, 5].map((i) => parseInt(c.slice(i, i + 2), 16)));
+const PARTS = getComputedStyle(document.documentElement).getPropertyValue("--parts").split(",")
+  .map((c) => c.trim()).map((c) => [1, 3, 5].map((i) => parseInt(c.slice(i, i + 2), 16)));
 const WIDE = 100;  // greatest over least, from which on an axis is logarithmic
 const NEAR = 14;   // pixels from a point, within which it is meant
 
@@ -21,13 +21,13 @@ export const word = (value) => {
 };
 
 function shade(part) {
-  const at = Math.min(Math.max(part, 0), 1) * (VIRIDIS.length - 1), low = Math.min(Math.floor(at), VIRIDIS.length - 2);
-  return VIRIDIS[low].map((c, i) => Math.round(c + (at - low) * (VIRIDIS[low + 1][i] - c)));
+  const at = Math.min(Math.max(part, 0), 1) * (PARTS.length - 1), low = Math.min(Math.floor(at), PARTS.length - 2);
+  return PARTS[low].map((c, i) => Math.round(c + (at - low) * (PARTS[low + 1][i] - c)));
 }
 /** Black or white, whichever can be read better on a colour. */
 function letters(rgb) {
   const [r, g, b] = rgb.map((c) => { c /= 255; return c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4; });
-  return 0.2126 * r + 0.7152 * g + 0.0722 * b > 0.179 ? "#000" : "#fff";
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b > 0.179 ? "black" : "white";
 }
 
 /** The map into a table; `press` is told the filters of the cell. */

@@ -65,25 +65,33 @@ def test_what_makes_no_arrays_looks_at_rows_and_is_refused_when_it_does() -> Non
         compiled.compiled("f8[::1]", allocates=False)(lambda x: np.empty(len(x)))
 
 
-def test_a_changed_callee_of_another_module_counts(tmp_path, monkeypatch) -> None:
-    """What was kept of a caller must not go on with what its callee was."""
+@pytest.mark.parametrize("decorator", ["compiled('f8')", "inlined"])
+def test_what_changes_in_another_module_counts(tmp_path, monkeypatch, decorator) -> None:
+    """What was kept of a caller must not go on with what its callee was, or the callee's own one,
+    or a number of another module."""
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(numba.config, "CACHE_DIR", "")  # beside the sources, as it is by default
+    head = "from aras_visual_servo_base.compiled import compiled, inlined\n"
     (tmp_path / "calling_loop.py").write_text(
-        "from called_loop import add\nfrom aras_visual_servo_base.compiled import compiled\n"
-        "@compiled('f8', calls=(add,))\ndef twice(x):\n    return 2.0 * add(x)\n"
+        f"{head}from called_loop import add, TIMES\n"
+        "@compiled('f8')\ndef twice(x):\n    return TIMES * add(x)\n"
+    )
+    (tmp_path / "called_loop.py").write_text(
+        f"{head}from deeper_loop import more, TIMES\n"
+        f"@{decorator}\ndef add(x):\n    return x + more(x)\n"
     )
 
-    def answer(constant: float) -> float:
-        (tmp_path / "called_loop.py").write_text(
-            "from aras_visual_servo_base.compiled import compiled\n"
-            f"@compiled('f8')\ndef add(x):\n    return x + {constant}\n"
+    def answer(constant: float, times: float) -> float:
+        (tmp_path / "deeper_loop.py").write_text(
+            f"{head}TIMES = {times}\n@{decorator}\ndef more(x):\n    return {constant} * x\n"
         )
-        for name in ("calling_loop", "called_loop"):
+        for name in ("calling_loop", "called_loop", "deeper_loop"):
             sys.modules.pop(name, None)
         importlib.invalidate_caches()
-        return importlib.import_module("calling_loop").twice(1.0)
+        loop = importlib.import_module("calling_loop").twice
+        return loop(1.0), sum(loop.stats.cache_hits.values())
 
-    assert answer(1.0) == 4.0
-    assert answer(25.0) == 52.0
-    assert list((tmp_path / "__pycache__").glob("calling_loop.twice*.nbi"))  # it was kept
+    assert answer(1.0, 2.0) == (4.0, 0)
+    assert answer(25.0, 2.0) == (52.0, 0)
+    assert answer(25.0, 3.0) == (78.0, 0)
+    assert answer(25.0, 3.0) == (78.0, 1)

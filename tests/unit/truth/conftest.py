@@ -1,8 +1,19 @@
-"""Lets the tests of this folder import tests/truth_checks."""
+"""Lets the tests of this folder import tests/truth_checks, and takes back what those do."""
 
+import logging
 import sys
 from pathlib import Path
+
+import pytest
 
 TESTS = str(Path(__file__).parents[2])
 if TESTS not in sys.path:
     sys.path.insert(0, TESTS)
+
+
+@pytest.fixture(autouse=True)
+def logging_as_before():
+    """The commands keep lines off the terminal; tests of other files look for some."""
+    level = logging.root.manager.disable
+    yield
+    logging.disable(level)

@@ -38,7 +38,6 @@ def _put_through(drives, state, joints):
 
 @compiled(
     f"i8, i8, i8, {CYCLE}, {STEP}, b1, {STANDING}",
-    calls=(follow, written, advance, bears),
     allocates=False,
 )
 def cycles(count, time_ns, step_ns, loops, handles, drives,

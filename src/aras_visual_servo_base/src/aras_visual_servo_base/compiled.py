@@ -2,14 +2,15 @@
 
 Signatures are explicit, so everything is compiled when its module is imported and nothing in the
 middle of a run. What was compiled is kept in __pycache__ beside the source, or where
-NUMBA_CACHE_DIR says, until the source changes. Numba watches each file alone: a compiled function
-that calls some of other modules names them.
+NUMBA_CACHE_DIR says, until the source changes, or that of a compiled function of another module
+that it calls, or a number that it takes from one: Numba itself watches each file alone.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+import zlib
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
@@ -21,16 +22,12 @@ from numba.extending import intrinsic
 _log = logging.getLogger(__name__)
 
 
-def compiled(
-    signature: str, calls: Sequence[Callable] = (), allocates: bool = True
-) -> Callable[[Callable], Callable]:
+def compiled(signature: str, allocates: bool = True) -> Callable[[Callable], Callable]:
     """Decorator for a function of these argument types, in Numba's words: 'f8[:,::1], i8'.
 
     Arrays in C order ('f8[:,::1]') may be written to. Those in any order ('f8[:,:]') are only read,
     so read-only ones and views are taken too.
 
-    calls: compiled functions of other modules that it calls; it is compiled anew when their
-    sources change too.
     allocates: whether it makes arrays. One that does not, and calls none that does, is compiled
     without counting references to the rows that it looks at: half of a control cycle's time.
     """
@@ -43,8 +40,8 @@ def compiled(
         made = numba.njit(nogil=True, error_model="numpy", _nrt=allocates)(function)
         try:
             made.enable_caching()
-            if calls:
-                _watch(made, calls)
+            kept = made._cache._cache_file  # Numba knows of no other way to say it
+            kept._source_stamp = (kept._source_stamp, *_made_of(function))
         except RuntimeError as error:  # neither its folder nor the user's cache can be written
             if "cannot cache" not in str(error):
                 raise
@@ -56,12 +53,28 @@ def compiled(
     return compile_function
 
 
-def _watch(made: Callable, calls: Sequence[Callable]) -> None:
-    """Let what is kept of `made` count only for the sources of `calls` as they are now."""
-    kept = made._cache._cache_file  # Numba knows of no other way to say it
-    sources = sorted({call.py_func.__code__.co_filename for call in calls})
-    stamps = [Path(source).stat() for source in sources]
-    kept._source_stamp = (kept._source_stamp, *((s.st_mtime_ns, s.st_size) for s in stamps))
+def _made_of(function: Callable) -> list[tuple]:
+    """What goes into compiled code beside its own source: the sources of the compiled functions
+    that it calls, and the values of its globals."""
+    called, found = [function], set()
+    for one in called:
+        for name in one.__code__.co_names:
+            value = one.__globals__.get(name)
+            source = getattr(value, "py_func", None) or getattr(value, "_defn", None)
+            if source is not None and source not in called:
+                called.append(source)
+            elif isinstance(value, (bool, int, float, tuple)):
+                found.add((name, repr(value)))
+    for path in {one.__code__.co_filename for one in called[1:]}:
+        stat = Path(path).stat()
+        found.add((Path(path).name, _checksum(path, stat.st_mtime_ns, stat.st_size)))
+    return sorted(found)
+
+
+@cache
+def _checksum(path: str, _time: int, _size: int) -> str:
+    """Of a file as it is now: copies of the same text are the same."""
+    return str(zlib.crc32(Path(path).read_bytes()))
 
 
 def inlined(function: Callable) -> Callable:

@@ -159,14 +159,14 @@ def _in_plane_moments(centred, A, B, C, xg, yg, shrinking):
     return result
 
 
-@compiled(VIEW, calls=(translate,))
+@compiled(VIEW)
 def _upright(centred, A, B, C, xg, yg, shrinking):
     """See upright()."""
     table = _in_plane_moments(centred, A, B, C, xg, yg, shrinking)
     return translate(table, -table[1, 0] / table[0, 0], -table[0, 1] / table[0, 0])
 
 
-@compiled(VIEW, calls=(translate,))
+@compiled(VIEW)
 def _orientation(centred, A, B, C, xg, yg, shrinking):
     """Whether there is one, and what Orientation holds."""
     none = False, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0)
@@ -183,7 +183,7 @@ def _orientation(centred, A, B, C, xg, yg, shrinking):
     return True, 0.5 * atan2(s, c), 0.5 * atan2(upright_s, upright_c), third
 
 
-@compiled(f"{VIEW}, f8, f8, f8, UniTuple(f8, 4)", calls=(translate,))
+@compiled(f"{VIEW}, f8, f8, f8, UniTuple(f8, 4)")
 def _opposite(centred, A, B, C, xg, yg, shrinking, alpha, of_alpha, of_upright_alpha, of_third):
     """Whether a view with alpha (rad) in its image points the other way than alpha says.
 

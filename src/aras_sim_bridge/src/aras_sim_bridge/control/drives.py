@@ -162,7 +162,7 @@ class Drive:
                        "applied")
 
 
-@compiled("f8[::1], f8[::1], f8, f8, b1", calls=(enforced, noted), allocates=False)
+@compiled("f8[::1], f8[::1], f8, f8, b1", allocates=False)
 def _command(row, handle, time_ns, dt, stopped):
     """The command of a drive, finite and within its limits."""
     column = int(row[_COMMAND])
@@ -191,7 +191,7 @@ def _command(row, handle, time_ns, dt, stopped):
     return row[_GOOD]
 
 
-@compiled("f8[:,::1], f8[:,::1], f8, f8, b1", calls=(shortest, towards, computed), allocates=False)
+@compiled("f8[:,::1], f8[:,::1], f8, f8, b1", allocates=False)
 def written(rows, handles, time_ns, dt, stopped):
     """Outputs of drives from the commands in their handles (m, 6), `dt` s after the last ones.
 

@@ -91,7 +91,7 @@ class Binning:
           "f8[::1], f8[:,::1], f8[::1], f8[::1], b1[::1], b1[::1], f8[:,::1], f8[:,::1], "
           "f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[:,::1], f8[:,:,::1], f8, f8, "
           "i8[::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], b1[::1], b1[::1], f8[:,::1], f8[:,::1], "
-          "i8[::1], i8[::1], i8[::1], b1[::1]", calls=(touching,))
+          "i8[::1], i8[::1], i8[::1], b1[::1]")
 def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, height, opaque, quad,
          row_centre, row_half, corners, normals, plane, nodes, levels, children, near, far,
          out_triangle, out_corner, out_side, out_light, out_cut, out_opaque, planes, length2, cover,

@@ -54,7 +54,7 @@ def _before(corner, side, m, other):
 
 @compiled("i8[::1], i8[::1], i8[::1], b1[::1], u8[::1], f8[:,:,::1], f8[:,:,::1], "
           "b1[::1], b1[::1], u4[::1], i8[::1], i8[::1], f8[:,:,::1], f8[:,::1], i8, i8, f8, f8, "
-          "i8[::1], i8[::1], f8[::1], f8[:,::1]", calls=(area, sampled))
+          "i8[::1], i8[::1], f8[::1], f8[:,::1]")
 def resolved(found, start, member, full, touched, corner, side, cut, opaque, plain, triangle,
              hull, matrices, axis, cells, columns, near, far, out_start, out_member, out_share,
              out_at):

@@ -88,8 +88,7 @@ def _light(matrices, c, side, light, m, x, y):
 
 
 @compiled("i8[::1], i4[:,::1], i8, u8[::1], u4[::1], u4, i8[::1], f8[:,:,::1], f8[:,::1], "
-          "f8[:,::1], i8[::1], f8[:,:,::1], u8[::1], f8[:,:,::1], b1[:,::1], i8, i8, u4[:,::1]",
-          calls=(textured,))
+          "f8[:,::1], i8[::1], f8[:,:,::1], u8[::1], f8[:,:,::1], b1[:,::1], i8, i8, u4[:,::1]")
 def _colour(tile, pixel, most, edges, plain, sky, triangle, side, light, albedo, layer, uv, texels,
             matrices, valid, cells, columns, words):
     size = TILE // cells
@@ -133,8 +132,7 @@ def _colour(tile, pixel, most, edges, plain, sky, triangle, side, light, albedo,
 
 
 @compiled("i8[::1], i8[::1], i8[::1], f8[::1], f8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1], "
-          "f8[:,::1], i8[::1], f8[:,:,::1], u8[::1], f8[:,:,::1], i8, i8, f8[::1], u4[:,::1]",
-          calls=(textured,))
+          "f8[:,::1], i8[::1], f8[:,:,::1], u8[::1], f8[:,:,::1], i8, i8, f8[::1], u4[:,::1]")
 def _blend(pixel, start, member, share, at, triangle, side, light, albedo, layer, uv, texels,
            matrices, cells, columns, background, words):
     size = TILE // cells

@@ -31,7 +31,7 @@ def _size(a):
     return np.sqrt(square)
 
 
-@compiled("f8[:,:], f8[:], f8[:,:], f8[:], f8[:,:], f8[:,:], f8, f8", calls=(svd,))
+@compiled("f8[:,:], f8[:], f8[:,:], f8[:], f8[:,:], f8[:,:], f8, f8")
 def _demanded(L, rate, held, speeds, free, scaled, least, fully):
     """Rows for a task, and those for what it does not model.
 
@@ -76,7 +76,7 @@ def _demanded(L, rate, held, speeds, free, scaled, least, fully):
     return basis, speed, weight
 
 
-@compiled("f8[:,:], f8[:,:], f8[:], f8[:], f8[:], b1[:], f8[:], f8, f8", calls=(svd,))
+@compiled("f8[:,:], f8[:,:], f8[:], f8[:], f8[:], b1[:], f8[:], f8, f8")
 def _solved(scaled, basis, wanted, weights, wish, free, fixed, damping, below):
     """Joint velocities for a demand, the others at their fixed ones, and what is free.
 
@@ -230,7 +230,7 @@ def _passes(q, fold, velocities, reach, dt):
 
 
 @compiled("f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:], f8[:,:], f8[:,:], "
-          "f8[:], f8, f8, f8[:]", calls=(svd,))
+          "f8[:], f8, f8, f8[:]")
 def _joint_by_joint(scaled, bent, basis, wanted, weights, wish, low, high, folds, limits,
                     q, dt, reach, damping):
     """Solve again and again, until no joint passes its range and no elbow its straight.
@@ -311,7 +311,7 @@ RESOLVED = ("f8[:,:], f8[:,:], f8[:], b1[:], f8[:], f8[:,:,:], f8[:,:], f8[:,:],
             "f8[:,:], f8[:]")
 
 
-@compiled(f"{CHAIN}, f8[:], f8[:,::1], f8[:,::1], {RESOLVED}", calls=(svd, held_at, viewed))
+@compiled(f"{CHAIN}, f8[:], f8[:,::1], f8[:,::1], {RESOLVED}")
 def resolved(order, parents, slides, signs, places, axes, ends, tips, q, view, jacobian, goal, L,
              rate, modelled, wish, pulls, folds, limits, dt, limited, previous, last, settings):
     """What Resolver.resolve answers, in numbers.

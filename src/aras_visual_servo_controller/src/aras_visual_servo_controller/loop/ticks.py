@@ -14,11 +14,10 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import compiled
 
-from ..arm.algebra import finite, svd
+from ..arm.algebra import finite
 from ..arm.arm import Arm, implausible
-from ..arm.held import held_at
 from ..arm.inversion import LASTING, resolved
-from ..arm.kinematics import CHAIN, viewed
+from ..arm.kinematics import CHAIN
 from ..arm.resolver import Resolver
 from ..seeing.joint_sample import JointSample
 from .motion import advanced, jumped
@@ -44,8 +43,7 @@ TICKED = (
 )
 
 
-@compiled(f"f8[:], f8[:], f8, {TICKED}",
-          calls=(svd, held_at, viewed, resolved, implausible, advanced))
+@compiled(f"f8[:], f8[:], f8, {TICKED}")
 def ticked(q, v, stamp, chain, clock, rows, last, bounds, lead, settings, numbers, goal, L, rates,
            modelled, pulls, folds, limits, accelerates):
     """One joint state and the tick it brings; where it is ODD, Python begins with it anew.

@@ -71,7 +71,7 @@ class Interpolation:
         return moved(self.row, period)
 
 
-@compiled("f8[::1], f8, f8", calls=(towards,), allocates=False)
+@compiled("f8[::1], f8, f8", allocates=False)
 def headed(row, command, time_ns):
     """See Interpolation.take."""
     if not isnan(row[_ARRIVAL]):

@@ -136,7 +136,7 @@ class JointLoop:
         )
 
 
-@compiled("f8[::1], f8, f8", calls=(headed,), allocates=False)
+@compiled("f8[::1], f8, f8", allocates=False)
 def taken(row, command, time_ns):
     """Let a loop go to a command, which arrived in the cycle at `time_ns`; where, within limits."""
     row[_COMMAND] = command = min(max(command, row[_LOWER]), row[_UPPER])
@@ -147,7 +147,7 @@ def taken(row, command, time_ns):
     return command
 
 
-@compiled("f8[:,::1], f8[::1], f8", calls=(headed,), allocates=False)
+@compiled("f8[:,::1], f8[::1], f8", allocates=False)
 def taken_together(rows, commands, time_ns):
     """Let loops go to their commands, where these are numbers; whether one is beyond its limits."""
     beyond = False
@@ -157,7 +157,7 @@ def taken_together(rows, commands, time_ns):
     return beyond
 
 
-@compiled("f8[:,::1], f8[:,::1], f8", calls=(towards, moved, computed), allocates=False)
+@compiled("f8[:,::1], f8[:,::1], f8", allocates=False)
 def follow(rows, handles, period):
     """One cycle of loops, `period` s after the last one: their outputs into the handles (h, 6)."""
     for k in range(len(rows)):

@@ -401,9 +401,26 @@ def test_a_report_outside_of_the_folder_is_not_given(real, tmp_path):
     reports = Reports()
     try:
         assert reports.ask(seen, 0) == 0.0
+        (job,) = reports._jobs.values()
+        assert not job.out.resolve().is_relative_to(tmp_path)  # nothing is written there either
     finally:
         reports.close()
         (real.path / "show-0").unlink()
+
+
+def test_reports_of_a_folder_that_cannot_be_written_have_a_folder_each(real, monkeypatch):
+    """After one had failed, the next was written over one that was still on its way."""
+    seen = Studies([real.path]).look(now=True).studies[0]
+    monkeypatch.setattr(reports_module.os, "access", lambda *_: False)
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    reports = Reports()
+    outs = [reports._begun(seen, 0).out, reports._begun(seen, 1).out]
+    reports.ask(seen, 0)
+    with pytest.raises(StudyError, match="no report of run 0"):
+        computed(reports, seen, 0)
+    outs.append(reports._begun(seen, 2).out)
+    assert len(set(outs)) == 3 and not any(out.is_relative_to(real.path) for out in outs)
+    reports.close()
 
 
 def test_too_many_reports_at_once_and_one_that_fails_are_said(real, monkeypatch):

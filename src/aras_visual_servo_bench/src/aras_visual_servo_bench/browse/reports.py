@@ -1,7 +1,8 @@
 """Reports of runs, computed when they are asked for, each by a process of its own, and kept.
 
 The process is `bench analyze DIR:RUN`, so a run that hangs or ends its process harms nobody here.
-The report stays in the study's folder, where `bench show` puts its own: show-RUN/report.html.
+The report stays in the study's folder, where `bench show` puts its own: show-RUN/report.html; of
+a folder that cannot be written, or leads elsewhere by a link, among the temporary files.
 """
 
 from __future__ import annotations
@@ -88,9 +89,9 @@ class Reports:
 
     def _begun(self, seen: FoundStudy, run: int) -> Job:
         out = seen.path / f"show-{run}"
-        if not os.access(seen.path, os.W_OK):
+        if not (os.access(seen.path, os.W_OK) and _within(out, seen.path)):
             self._elsewhere = self._elsewhere or tempfile.TemporaryDirectory(prefix="reports")
-            out = Path(self._elsewhere.name) / f"{len(self._kept) + len(self._jobs)}"
+            out = Path(tempfile.mkdtemp(dir=self._elsewhere.name))
         words = tempfile.TemporaryFile()  # noqa: SIM115, closed when the job is over
         process = subprocess.Popen(
             [sys.executable, "-m", "aras_visual_servo_bench", "analyze", f"{seen.path}:{run}",

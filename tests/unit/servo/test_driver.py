@@ -14,6 +14,7 @@ from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.judging.outcomes import ADVICE
 from aras_visual_servo_controller.loop.driver import Driver
 from aras_visual_servo_controller.seeing.joint_history import FARTHEST, JointHistory
 from aras_visual_servo_controller.seeing.joint_sample import JointSample
@@ -139,6 +140,18 @@ def test_silence_is_named():
     assert any("no joint states on /aras_visual_servo/joint_states" in s.reason
                and "no features on /aras_visual_servo/camera/moments" in s.reason
                for s in bench.states)  # fmt: skip
+
+
+@pytest.mark.parametrize("gone", ["images", "joints"])
+def test_what_is_reported_between_images_says_how_to_mend_it(gone):
+    """The camera node or the robot ends: no image is answered any more, the advice still comes."""
+    bench = Bench(image_timeout=0.5, joint_timeout=0.5)
+    bench.step(30)
+    setattr(bench, gone, False)
+    bench.step(120)
+    told = [s for s in bench.states if not s.answers_image and s.outcome != "running"]
+    kind = {"images": "too_few_images", "joints": "no_joint_states"}[gone]
+    assert told and {(s.outcome, s.mend) for s in told} == {(kind, ADVICE[kind])}
 
 
 def test_the_watchdog_says_what_it_waits_for_and_whom_to_ask():

@@ -12,6 +12,7 @@ from aras_visual_servo_camera.kernel import kernel_features, kernel_of_outline
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import Feature, Measured, Stack, create_feature
+from aras_visual_servo_controller.features.of_camera import OfCamera
 from aras_visual_servo_controller.features.points import PointFeature
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Proportional
@@ -449,6 +450,29 @@ def test_a_part_that_sees_the_whole_turn_is_enough():
 def test_wrong_weights_are_refused(weights):
     with pytest.raises(ConfigurationError, match="weights"):
         Stack([create_feature("moments"), create_feature("points")], weights)
+
+
+class Photo(Feature):
+    """A user's: six rows for the law, one number to be judged by; it does not say so before."""
+
+    names, tolerances = ("rms",), (1.0,)
+
+    def measure(self, observation, goal):
+        return Measured(np.ones(6), np.zeros(6), np.ones(6), np.eye(6), judged=np.ones(1))
+
+
+def test_what_is_judged_by_other_numbers_than_its_rows_is_in_no_stack():
+    words = "luminance@left is judged by other numbers than those the law gets"
+    for parts in (["points", "luminance"], ["matches", "luminance_dct"]):
+        with pytest.raises(ConfigurationError, match="cannot be stacked") as told:
+            Stack([create_feature(name) for name in parts])
+        assert "\n" not in str(told.value)
+    with pytest.raises(ConfigurationError, match=words):
+        Stack([OfCamera(create_feature("luminance"), "left"), create_feature("points")])
+    assert Stack([create_feature("points"), create_feature("matches_pose")]).names
+    stack = Stack([Photo(), create_feature("points")])
+    with pytest.raises(ConfigurationError, match="Photo is judged by other numbers"):
+        stack.measure(look(stack.needs, GOAL), taught(stack))
 
 
 # -- kernel ------------------------------------------------------------------------------------

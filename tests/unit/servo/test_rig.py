@@ -309,7 +309,7 @@ def test_a_goal_of_one_camera_has_no_view_of_another():
 
 
 def test_a_stack_needs_of_each_camera_what_its_features_do():
-    grey = create_scheme("luminance").feature
+    grey = create_scheme("matches_pose").feature
     stack = Stack([OfCamera(Points(), "left"), OfCamera(grey, "right")])
     assert stack.cameras == ("left", "right")
     assert stack.needs_of("", "left") == {Need.CORNERS} and stack.needs_of("right") == {Need.IMAGE}

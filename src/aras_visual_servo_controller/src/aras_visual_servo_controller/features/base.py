@@ -58,10 +58,13 @@ class Feature(ABC):
         weights: (k,) of the components in the least squares; None: all equal.
         geometric: whether s follows from where the points of the target are seen. Of what a
             network tells, an s that moves otherwise than L says tells nothing of the camera.
+        stackable: whether it can be one of several in a Stack. False where it is judged by other
+            numbers than those that the law gets (Measured.judged).
     """
 
     name: ClassVar[str] = ""
     geometric: bool = True
+    stackable: bool = True
     reads: ClassVar[int] = 1
     needs: frozenset[Need] = frozenset((Need.MOMENTS,))
     cameras: tuple[str, ...] = ()
@@ -128,11 +131,14 @@ class Stack(Feature):
         """`weights`: one a feature, >= 0.
 
         Raises:
-            ConfigurationError: no feature, or as many weights as features are needed.
+            ConfigurationError: no feature, one that cannot be stacked, or as many weights as
+                features are needed.
         """
         self.features = tuple(features)
         if not self.features:
             raise ConfigurationError("a stack of features needs at least one")
+        for feature in self.features:
+            _check_stackable(feature, feature.stackable)
         weights = [1.0] * len(self.features) if weights is None else list(weights)
         if len(weights) != len(self.features) or not all(
             isinstance(w, int | float | np.number) and np.isfinite(w) and w >= 0.0 for w in weights
@@ -170,6 +176,8 @@ class Stack(Feature):
     def measure(self, observation: Observation, goal: Goal) -> Measured:
         """See Feature.measure; the parts one under the other."""
         parts = [f.measure(observation, goal) for f in self.features]
+        for feature, part in zip(self.features, parts, strict=True):
+            _check_stackable(feature, part.judged is None)
         rates = [np.broadcast_to(p.rate, np.shape(p.s)) for p in parts]
         # One part that sees the whole motion is enough.
         blind = {p.up_to for p in parts}
@@ -207,6 +215,15 @@ class Stack(Feature):
         """See Feature.reset."""
         for feature in self.features:
             feature.reset()
+
+
+def _check_stackable(feature: Feature, stackable: bool) -> None:
+    if not stackable:
+        name = feature.name or type(feature).__name__
+        raise ConfigurationError(
+            f"{name} is judged by other numbers than those the law gets and cannot be stacked: "
+            "use it alone, without weights"
+        )
 
 
 def plane_in(observation: Observation) -> Plane:

@@ -92,6 +92,7 @@ class Luminance(Feature):
     name = "luminance"
     needs = frozenset((Need.IMAGE,))
     names, tolerances, units = ("rms",), (1.5,), ("grey level",)
+    stackable = False
     blur: ClassVar[float] = 1.0
     damping: ClassVar[float] = 0.0
 

@@ -130,6 +130,7 @@ class MatchesPose(Matches):
     """Position-based on the same matches: s = (g_t_c, theta u) of the plane's points."""
 
     name = "matches_pose"
+    stackable = True
     names, tolerances, units = zip(*PoseInGoalFrame.rows, strict=True)
 
     def measure(self, observation: Observation, goal: Goal) -> Measured:

@@ -30,7 +30,7 @@ class OfCamera(Feature):
         """`camera`: its name."""
         self.feature, self.camera = feature, camera
         self.cameras, self.needs = (camera,), feature.needs
-        self.geometric = feature.geometric
+        self.geometric, self.stackable = feature.geometric, feature.stackable
         self.name = f"{feature.name or type(feature).__name__}@{camera}"
         self._goals: tuple[Goal, Goal] | None = None
         self._describe(None)

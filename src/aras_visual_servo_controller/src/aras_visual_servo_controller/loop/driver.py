@@ -358,6 +358,7 @@ class Driver:
                     self.servo.phase,
                     self.servo.outcome.kind,
                     reason or command.reason,
+                    self.servo.outcome.mend,
                     joints=joints,
                     command=self.servo.command,
                 )
@@ -382,4 +383,5 @@ class Driver:
         self._said_silence = wall
         phase = HOLDING if self.servo.phase == HOLDING else WAITING
         reason = " and ".join(missing) + (f"; {words}" if (words := self._standing()) else "")
-        self._report(ServoState(now, phase, self.servo.outcome.kind, reason))
+        outcome = self.servo.outcome
+        self._report(ServoState(now, phase, outcome.kind, reason, outcome.mend))

@@ -5,8 +5,10 @@ import errno
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +25,7 @@ from aras_visual_servo_bench.pictures.over_time import looks
 from aras_visual_servo_bench.recording.from_loop import settings_of
 from aras_visual_servo_bench.recording.run import CameraRecord, settling
 from aras_visual_servo_bench.recording.tracks import milestones, nearest, tracks
-from aras_visual_servo_bench.report import page
+from aras_visual_servo_bench.report import page, write
 from aras_visual_servo_bench.report.write import NAMES, PARTS, tables, write_report
 from aras_visual_servo_bench.study.replay import carried_out, with_all_pictures
 
@@ -404,6 +406,40 @@ def test_the_report_is_one_page_that_needs_nothing_else(moments, tmp_path):
     with (tmp_path / "summary.csv").open() as stream:
         rows = {row["quantity"]: row for row in csv.DictReader(stream)}
     assert float(rows["settled"]["value"]) == kept["settled"] and rows["settled"]["unit"] == "s"
+
+
+@pytest.mark.parametrize("fault", ["", "full", "killed"])
+def test_two_processes_draw_the_figures_that_one_draws(fault, points, tmp_path, monkeypatch):
+    """Where no other thread runs; a process that fails or is ended says so, and nothing hangs."""
+    monkeypatch.setattr(threading, "active_count", lambda: 1)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
+    parent, drawn = os.getpid(), write._drawn
+
+    def watched(figure, kind):
+        assert os.getpid() != parent
+        if fault == "full":
+            raise OSError(errno.ENOSPC, "No space left on device")
+        if fault == "killed":
+            os.kill(os.getpid(), signal.SIGKILL)
+        (tmp_path / str(os.getpid())).touch()
+        return drawn(figure, kind)
+
+    monkeypatch.setattr(write, "_drawn", watched)
+    words = {"full": "No space left on device", "killed": "is there memory enough"}
+    if fault:
+        with pytest.raises(BenchError, match=words[fault]):
+            write_report([points], tmp_path / "two", ("png", "svg", "pdf"))
+        return
+    written = write_report([points], tmp_path / "two", ("png", "svg", "pdf"))
+    processes = {path.name for path in tmp_path.iterdir() if path.name.isdecimal()}
+    monkeypatch.setattr(write, "_drawn", drawn)
+    monkeypatch.setattr(threading, "active_count", lambda: 2)
+    alone = write_report([points], tmp_path / "one", ("png", "svg", "pdf"))
+    assert len(processes) == 2
+    assert {p.name for p in written} == {p.name for p in alone} and len(written) == len(alone)
+    for path in alone:
+        if path.parent.name == "figures":
+            assert path.read_bytes() == (tmp_path / "two/figures" / path.name).read_bytes()
 
 
 def test_headers_say_settings_in_plain_words_with_units(points):

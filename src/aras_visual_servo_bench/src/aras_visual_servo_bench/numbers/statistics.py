@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+import scipy
 
 CONFIDENCE = 0.95
 RESAMPLES = 2000
@@ -26,7 +26,7 @@ def proportion(hits: int, count: int, confidence: float = CONFIDENCE) -> Estimat
     """A rate with Wilson's interval, which is right near 0 and 1 and for few runs too."""
     if not count:
         return Estimate(np.nan, np.nan, np.nan, 0)
-    interval = stats.binomtest(hits, count).proportion_ci(confidence, method="wilson")
+    interval = scipy.stats.binomtest(hits, count).proportion_ci(confidence, method="wilson")
     return Estimate(hits / count, float(interval.low), float(interval.high), count)
 
 
@@ -42,7 +42,7 @@ def median(values: Sequence[float], confidence: float = CONFIDENCE) -> Estimate:
     middle = float(np.median(known))
     if known.size < 2 or np.ptp(known) == 0.0:
         return Estimate(middle, middle, middle, known.size)
-    found = stats.bootstrap(
+    found = scipy.stats.bootstrap(
         (known,), np.median, confidence_level=confidence, n_resamples=RESAMPLES,
         method="percentile", rng=np.random.default_rng(0), batch=200,
     )  # fmt: skip
@@ -71,11 +71,11 @@ def compare_rates(before: Sequence[float], after: Sequence[float], paired: bool)
         known = np.isfinite(a) & np.isfinite(b)
         a, b = a[known], b[known]
         better, worse = int((b > a).sum()), int((b < a).sum())
-        p = float(stats.binomtest(better, better + worse).pvalue) if better + worse else 1.0
+        p = float(scipy.stats.binomtest(better, better + worse).pvalue) if better + worse else 1.0
     else:
         a, b = a[np.isfinite(a)], b[np.isfinite(b)]
         counts = [[int(x.sum()), int(len(x) - x.sum())] for x in (a, b)]
-        p = float(stats.fisher_exact(counts).pvalue) if len(a) and len(b) else 1.0
+        p = float(scipy.stats.fisher_exact(counts).pvalue) if len(a) and len(b) else 1.0
     return Comparison(_mean(a), _mean(b), p, paired, min(len(a), len(b)))
 
 
@@ -86,10 +86,10 @@ def compare_values(before: Sequence[float], after: Sequence[float], paired: bool
         known = np.isfinite(a) & np.isfinite(b)
         a, b = a[known], b[known]
         differ = len(a) and not np.array_equal(a, b)
-        p = float(stats.wilcoxon(b, a).pvalue) if differ else 1.0
+        p = float(scipy.stats.wilcoxon(b, a).pvalue) if differ else 1.0
     else:
         a, b = a[np.isfinite(a)], b[np.isfinite(b)]
-        p = float(stats.mannwhitneyu(b, a).pvalue) if len(a) and len(b) else 1.0
+        p = float(scipy.stats.mannwhitneyu(b, a).pvalue) if len(a) and len(b) else 1.0
     return Comparison(_median(a), _median(b), p, paired, min(len(a), len(b)))
 
 

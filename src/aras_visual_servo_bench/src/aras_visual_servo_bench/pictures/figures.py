@@ -7,9 +7,9 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy import stats
 
 from ..errors import check_formats, writing
 from ..numbers.metrics import Metric
@@ -221,7 +221,7 @@ def sensitivity(results: Results, metrics: Sequence[Metric]) -> Figure | None:
             varied = results.numbers(key)
             known = np.isfinite(measured) & np.isfinite(varied)
             if known.sum() > 3 and np.ptp(measured[known]) and np.ptp(varied[known]):
-                cells[i, j] = stats.spearmanr(varied[known], measured[known]).statistic
+                cells[i, j] = scipy.stats.spearmanr(varied[known], measured[known]).statistic
     figure, (axis,) = panels(1, 0.38 * len(names) + 1.6, width=1.1 * len(keys) + 3.6)
     image = axis.imshow(cells, cmap="RdBu_r", vmin=-1.0, vmax=1.0, aspect="auto")
     axis.grid(False)

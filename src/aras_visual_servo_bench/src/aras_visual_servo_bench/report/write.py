@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import csv
+import gc
 import io
 import json
 import math
-from collections.abc import Callable, Sequence
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -76,6 +82,7 @@ PARTS: tuple[tuple[Chapter, ...], ...] = (
              "tells. A delay below 0: the picture came before the clock message that tells the "
              "recorder its time.", None, panels.timing, "Time between images", Layout(1.5))),
 )  # fmt: skip
+DRAWING = 2  # processes that draw figures: more would each wait for the longest row
 NAMES = tuple(part.name for row in PARTS for part in row)
 
 
@@ -118,7 +125,7 @@ class _Report:
         self.runs, self.out, self.progress = list(runs), out, progress
         self.kinds, self.paper = [k for k in kinds if not (paper and k == "png")], paper
         self.written: list[Path] = []
-        self._steps, self._done = (len(NAMES) if self.kinds else 0) + 2, 0
+        self._steps, self._done = (len(PARTS) if self.kinds else 0) + 2, 0
 
     def write(self) -> list[Path]:
         """All files."""
@@ -139,9 +146,9 @@ class _Report:
         text = page(title, self.runs, summaries, groups, footer)
         self._text(self.out / "report.html", text)
         if self.kinds:
-            with style.look(paper=self.paper):
-                for row in PARTS:
-                    self._figures(row)
+            for number, written in self._rows():
+                self._next(" and ".join(part.title.lower() for part in PARTS[number]))
+                self.written += written
         self.progress(1.0, "done")
         return [self.out / "report.html",
                 *(path for path in self.written if path.name != "report.html")]  # fmt: skip
@@ -167,22 +174,51 @@ class _Report:
                 rows.writerow([run.name, q.key, value, q.unit, q.text])
         self._text(self.out / "summary.csv", stream.getvalue())
 
-    def _figures(self, row: Sequence[Chapter]) -> None:
-        """Draw a row's figures into files."""
-        drawn = []
-        for part in row:
-            self._next(part.title.lower())
-            figure = part.figure(self.runs)
-            if figure is not None:
-                drawn.append((part.name, figure))
-        if drawn and not self.paper:
-            style.level([figure for _, figure in drawn])
-        for name, figure in drawn:
-            for kind in self.kinds:
-                path = self.out / "figures" / f"{name}.{kind}"
-                path.write_bytes(_drawn(figure, kind))
-                self.written.append(path)
-            plt.close(figure)
+    def _rows(self) -> Iterator[tuple[int, list[Path]]]:
+        """Draw all rows of figures; each row's number and files, once they are written.
+
+        Two processes draw them where that is safe: a copy of a process with several threads may
+        wait for ever for a lock that a thread held.
+        """
+        alone = threading.active_count() == 1 and len(os.sched_getaffinity(0)) > 1
+        if not alone or len(self.kinds) == 1:
+            yield from ((number, self.row(number)) for number in range(len(PARTS)))
+            return
+        fork = multiprocessing.get_context("fork")
+        with ProcessPoolExecutor(DRAWING, fork, _share, (self,)) as pool:
+            try:
+                for done in as_completed(pool.submit(_row, n) for n in range(len(PARTS))):
+                    yield done.result()
+            except BrokenProcessPool:
+                raise BenchError(
+                    "a process that drew figures was ended: is there memory enough?"
+                ) from None
+
+    def row(self, number: int) -> list[Path]:
+        """Draw a row's figures into files, which it answers."""
+        with style.look(paper=self.paper):
+            drawn = [(part.name, part.figure(self.runs)) for part in PARTS[number]]
+            drawn = [(name, figure) for name, figure in drawn if figure is not None]
+            if drawn and not self.paper:
+                style.level([figure for _, figure in drawn])
+            written = []
+            for name, figure in drawn:
+                for kind in self.kinds:
+                    written.append(self.out / "figures" / f"{name}.{kind}")
+                    written[-1].write_bytes(_drawn(figure, kind))
+                plt.close(figure)
+        return written
+
+
+def _share(report: _Report) -> None:
+    """Tell a process that was just copied which report it draws."""
+    global _shared
+    _shared = report
+    gc.disable()  # the process ends soon; a look through all that was copied takes longer
+
+
+def _row(number: int) -> tuple[int, list[Path]]:
+    return number, _shared.row(number)
 
 
 def _drawn(figure: Figure, kind: str) -> bytes:

@@ -18,7 +18,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtri
+import scipy
 
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.settings import convert
@@ -104,7 +104,7 @@ def _normal(key: str, kind: str, given: Any) -> Draw:
     mean, deviation = _numbers(key, kind, given, 2)
     if deviation <= 0.0:
         raise StudyError(f"vary.{key}.normal: the deviation is {deviation:g}, must be above 0")
-    return Draw(key, lambda u: mean + deviation * float(ndtri(u)), (mean,))
+    return Draw(key, lambda u: mean + deviation * float(scipy.special.ndtri(u)), (mean,))
 
 
 def _integers(key: str, kind: str, given: Any) -> Draw:
@@ -149,10 +149,8 @@ def drawn(draws: Sequence[Draw], sampling: str, entropy: int, sample: int) -> di
 @lru_cache(maxsize=4)
 def _sobol(dimensions: int, entropy: int, block: int) -> np.ndarray:
     """Points (BLOCK, dimensions) of the scrambled sequence, from block * BLOCK on."""
-    from scipy.stats import qmc  # half a second that others need not wait for
-
     seeds = np.random.SeedSequence(entropy, spawn_key=(POINTS,))
-    sequence = qmc.Sobol(dimensions, rng=np.random.default_rng(seeds))
+    sequence = scipy.stats.qmc.Sobol(dimensions, rng=np.random.default_rng(seeds))
     if block:
         sequence.fast_forward(block * BLOCK)
     return sequence.random(BLOCK)

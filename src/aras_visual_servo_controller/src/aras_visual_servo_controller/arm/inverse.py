@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from aras_visual_servo_base.poses import rotation_vector, rotation_vector_rate, skew
 
@@ -38,7 +38,7 @@ def solve(view: View, lower: np.ndarray, upper: np.ndarray, world_T_camera: np.n
     for attempt in range(ATTEMPTS):
         begin = np.clip(begin, low, high)
         # From the given joints the steps are small where possible: they answer what is near.
-        found = least_squares(
+        found = scipy.optimize.least_squares(
             _residual,
             np.clip(begin, low + 1e-9, high - 1e-9),
             _derivative,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-from scipy.linalg import block_diag
+import scipy
 
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -200,7 +200,7 @@ class Stack(Feature):
         parts = [f.accuracy(observation, goal) for f in self.features]
         if all(part is None for part in parts):
             return None
-        return block_diag(*(
+        return scipy.linalg.block_diag(*(
             np.zeros((len(f.names), 0)) if part is None else part
             for f, part in zip(self.features, parts, strict=True)
         ))  # fmt: skip

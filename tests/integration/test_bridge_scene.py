@@ -193,7 +193,8 @@ def test_light_is_told_set_and_seen(collect):
     wait_for(lambda: rospy.get_published_topics("/eye"), timeout=5.0, what="the camera")
     wait_for(images.connected, timeout=5.0, what="the image")
     up = 0.9 / math.hypot(0.5, 0.1, 0.9)
-    assert brightness() == 255  # 0.4 + 0.8 * 0.87 is more than white
+    # A white plate square to the sun would give back 0.4 + 0.8, and be 255.
+    assert brightness() == pytest.approx(255 * (0.4 + 0.8 * up) / 1.2, abs=1)
     told = call("get_light_properties", GetLightProperties, "sun")
     assert told.diffuse.r == pytest.approx(0.8)
     assert told.attenuation_constant == pytest.approx(0.9)

@@ -23,7 +23,7 @@ from .robots import SOURCES
 sys.path.append(str(SOURCES.parent / "tests" / "unit" / "camera"))
 
 from scenes import Bench, link_pose, looking, to_camera  # noqa: E402
-from wall import aslant, blocks, errors, wall  # noqa: E402
+from wall import SIDE, TEXELS, aslant, blocks, errors, wall  # noqa: E402
 
 _PRESETS = SOURCES / "aras_visual_servo_gazebo" / "config" / "cameras"
 _SIZE = {"width": 480, "height": 360}
@@ -194,7 +194,7 @@ def thin_things() -> Iterator[Row]:
         try:
             bench.box([1.5, 1.5, 0.05], [0, 0, -0.06])
             bench.box([long / focal / 2, wide / focal / 2, 1e-6], [0, 0, -1e-6], "Gazebo/Black")
-            renderer = create_renderer("exact", bench.world)
+            renderer = create_renderer("exact", bench.world, Sun(ambient=1.0, diffuse=0.0))
             worst = 0.0
             for n in range(12):
                 turn = n * (np.pi / 12 + 0.011)
@@ -231,6 +231,45 @@ def textures_aslant() -> Iterator[Row]:
                 yield Row(f"{name}, 5 directions", "the mean over the pixel", worst, bounds[name],
                           "grey levels RMS")
                 yield Row(f"{name}, mean of a picture", "kept", bias, 0.5, "grey levels")
+        finally:
+            bench.close()
+
+
+@check("the same without a sun")
+def edges_in_the_sun() -> Iterator[Row]:
+    """A dark square on a bright wall, a texture: its area and where it is, by the light of the sun
+    and by light from everywhere."""
+    pixels = np.full((TEXELS, TEXELS), 255, np.uint8)
+    pixels[150:340, 170:380] = 40
+    margin = SIDE * (np.array([[110, 100], [440, 100], [440, 390], [110, 390]]) / TEXELS - 0.5)
+    margin[:, 1] *= -1.0  # the picture's first row is at +y
+    K = np.array([[300.0, 0.0, 161.3], [0.0, 310.0, 117.2], [0.0, 0.0, 1.0]])
+    views = {"square on": 0.0, "40° aslant": 40.0, "75° aslant": 75.0}
+    bench = Bench()
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            wall(bench, Path(folder), pixels)
+            sunny = create_renderer("exact", bench.world)
+            even = create_renderer("exact", bench.world, Sun(ambient=1.0, diffuse=0.0))
+            for name, angle in views.items():
+                worst = 0.0
+                for turn in (0.0, 0.4, 1.9, -2.3):
+                    view = View(320, 240, aslant(np.radians(angle), turn, turn, 2.9), K)
+                    # The square and a margin around it, all of it on the wall.
+                    seen = to_camera(view.world_T_optical, np.column_stack([margin, np.zeros(4)]))
+                    seen = seen @ K.T
+                    wanted = cv2.fillConvexPoly(np.zeros((240, 320), np.uint8), np.rint(
+                        seen[:, :2] / seen[:, 2:]).astype(np.int32), 1)
+                    found = []
+                    for renderer in (sunny, even):
+                        picture = renderer.render(view)[..., 0].astype(float)
+                        bright, least = picture[wanted > 0].max(), picture[wanted > 0].min()
+                        dark = wanted * (bright - picture) / (bright - least)
+                        rows, columns = np.indices(dark.shape)
+                        found.append([np.sqrt(dark.sum()), (columns * dark).sum() / dark.sum(),
+                                      (rows * dark).sum() / dark.sum()])
+                    worst = max(worst, float(np.abs(np.subtract(*found)).max()))
+                yield Row(f"{name}, side and middle, 4 directions", "equal", worst, 0.01, "px")
         finally:
             bench.close()
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import link_pose, looking
+from scenes import BRIGHT, link_pose, looking
 
 from aras_sim_bridge.blending import blended, blended_poses
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
@@ -37,7 +37,7 @@ def test_a_snapshot_is_of_the_last_step_alone(bench):
     bench.box([1, 1, 0.01], [0, 0, -0.02])
     body = bench.box([0.03, 0.03, 0.001], [-0.1, 0, 0], "Gazebo/Black")
     config = CameraConfig.from_mapping({"update_rate": 30.0, "near": 0.01, "horizontal_fov": 0.5})
-    sensor = CameraSensor(config, create_renderer("exact", bench.world))
+    sensor = CameraSensor(config, create_renderer("exact", bench.world, BRIGHT))
     pose = link_pose(looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0)))
     columns = []
     for k, x in ((34, 0.0), (67, 0.1)):
@@ -53,7 +53,7 @@ def test_a_snapshot_is_of_the_last_step_alone(bench):
 
 
 def test_a_model_that_came_in_the_place_of_another_was_never_where_that_one_was(bench):
-    renderer = create_renderer("exact", bench.world)
+    renderer = create_renderer("exact", bench.world, BRIGHT)
     bench.box([0.1, 0.1, 0.1], [3.0, 0.0, 0.0])
     renderer.snapshot()
     bench.world.delete(next(iter(bench.world.models)))

@@ -4,7 +4,7 @@ import logging
 
 import numpy as np
 import pytest
-from scenes import link_pose, looking, table_and_target
+from scenes import BRIGHT, link_pose, looking, table_and_target
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.camera.effects import EffectChain, Effects
@@ -74,7 +74,7 @@ def test_moving_body_is_drawn_where_it_was_at_the_stamp(bench):
     body = bench.box([0.02, 0.02, 0.001], [0, 0, 0], "Gazebo/Black")
     sensor = CameraSensor(
         CameraConfig.from_mapping({"horizontal_fov": 0.5, "update_rate": 30.0, "near": 0.01}),
-        create_renderer("exact", bench.world),
+        create_renderer("exact", bench.world, BRIGHT),
     )
     pose = link_pose(looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0)))
     centre = None
@@ -106,7 +106,7 @@ def test_a_reset_leaves_no_frame_of_the_time_before():
 
 
 def test_a_camera_that_cannot_be_drawn_is_refused_at_once(bench):
-    renderer = create_renderer("exact", bench.world)
+    renderer = create_renderer("exact", bench.world, BRIGHT)
     for matrix in ((1e-300, 1e-300, 10.0, 10.0), (1e12, 1e12, 10.0, 10.0),
                    (100.0, 1e9, 10.0, 10.0), (100.0, 100.0, 10.0, -1e12)):
         with pytest.raises(CameraError, match=r"camera 'camera': a pinhole with fx=.*px cannot"):
@@ -372,7 +372,7 @@ def test_depth_and_segmentation_come_with_the_frame(bench):
     sensor = CameraSensor(
         CameraConfig.from_mapping({"horizontal_fov": 2.0, "near": 0.02, "depth": True,
                                    "segmentation": True, "format": "mono8"}),
-        create_renderer("exact", bench.world),
+        create_renderer("exact", bench.world, BRIGHT),
     )
     frame = sensor.capture(DOWN, 40 * MS)
     assert frame.image.shape == (240, 320)

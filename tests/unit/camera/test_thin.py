@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import looking
+from scenes import BRIGHT, looking
 
 from aras_sim_bridge.description import Geometry
 from aras_sim_bridge.rendering import View, create_renderer
@@ -77,7 +77,7 @@ def wire(bench, wide, kind="box", height=0.0):
 def test_a_wire_covers_its_area_wherever_it_lies(bench, wide):
     bench.box([1.5, 1.5, 0.05], [0, 0, -0.06])
     body = wire(bench, wide)
-    renderer = create_renderer("exact", bench.world)
+    renderer = create_renderer("exact", bench.world, BRIGHT)
     for angle in ANGLES:
         for place in PLACES:
             view = view_at(place, angle)
@@ -91,7 +91,7 @@ def test_a_wire_covers_its_area_wherever_it_lies(bench, wide):
 def test_a_round_wire_covers_its_area_although_it_has_many_triangles(bench, wide):
     bench.box([1.5, 1.5, 0.05], [0, 0, -0.06])
     body = wire(bench, wide, "cylinder")
-    renderer = create_renderer("exact", bench.world)
+    renderer = create_renderer("exact", bench.world, BRIGHT)
     for angle in ANGLES:
         for place in PLACES[:10]:
             area = covered(renderer, view_at(place, angle), body)
@@ -108,7 +108,7 @@ def test_a_wire_before_many_things_covers_its_area(bench, wide):
         bench.box([0.5, 0.0007, 1e-6], [0.0031 * (n - 20), 0, -0.01 - 0.002 * n], "Gazebo/Red",
                   (0.0, 0.0, np.sin(turn / 2), np.cos(turn / 2)))
     body = wire(bench, wide)
-    renderer = create_renderer("exact", bench.world)
+    renderer = create_renderer("exact", bench.world, BRIGHT)
     for angle in ANGLES:
         for place in PLACES[:10]:
             area = covered(renderer, view_at(place, angle), body)
@@ -122,7 +122,7 @@ def test_through_a_slit_one_sees_what_is_behind(bench, wide):
     for side in (-1, 1):
         plate = Geometry("plane", size=(1.0, 0.5, 0.0))  # whose sides nobody sees
         bench.body(plate, [0, side * (half + 0.25), 0.0])
-    renderer = create_renderer("exact", bench.world)
+    renderer = create_renderer("exact", bench.world, BRIGHT)
     for sky in (True, False):
         if not sky:
             bench.box([1.5, 1.5, 0.05], [0, 0, -0.06], "Gazebo/Black")
@@ -140,7 +140,7 @@ def test_what_is_hidden_or_of_the_same_colour_costs_no_edge(bench):
     bench.box([1.5, 1.5, 0.05], [0, 0, -0.05])
     wire(bench, 0.5, height=-0.001)
     bench.box([0.1, 0.001, 1e-6], [0, 0, 0.001])
-    renderer = create_renderer("exact", bench.world)
+    renderer = create_renderer("exact", bench.world, BRIGHT)
     view = view_at((0.0, 0.0), 0.3)
     assert (renderer.render(view) == 255).all()
     one = renderer._sample(view, 1.0, -0.5)

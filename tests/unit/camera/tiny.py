@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import cv2
 import numpy as np
+from scenes import BRIGHT
 
 from aras_sim_bridge import rendering
 from aras_sim_bridge.errors import RenderingError
@@ -29,7 +30,9 @@ CUBE = np.array([
 
 def create_renderer(name: str, world: World):
     """'tiny', or the simulator's own renderer."""
-    return TinyRenderer(world, Sun()) if name == "tiny" else rendering.create_renderer(name, world)
+    if name == "tiny":
+        return TinyRenderer(world, BRIGHT)
+    return rendering.create_renderer(name, world, BRIGHT)
 
 
 class TinyRenderer:

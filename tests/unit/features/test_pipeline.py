@@ -275,6 +275,16 @@ def test_original_arrays() -> None:
         pipeline.original(Image(white(), "mono8"))
 
 
+def test_original_mask_is_the_same_on_a_table_that_is_not_quite_white() -> None:
+    pipeline = Pipeline(PipelineSettings())
+    grey = grey_image(view(5))
+    white = pipeline.original_mask(Image(grey, "mono8"))
+    assert 0 < (white > 0).mean() < 0.5
+    for level in (233, 200):
+        dim = np.rint(grey * (level / 255.0)).astype(np.uint8)
+        assert (pipeline.original_mask(Image(dim, "mono8")) == white).mean() > 0.9999
+
+
 def test_overlay_shows_target_desired_and_reason() -> None:
     grey = with_box(100, 100, 30, 40)
     picture = draw(np.repeat(grey[..., None], 3, axis=2), measure(grey))

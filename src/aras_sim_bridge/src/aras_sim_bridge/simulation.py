@@ -32,7 +32,7 @@ from aras_sim_bridge.errors import (
     SimError,
     WorldError,
 )
-from aras_sim_bridge.rendering import Sun, create_renderer
+from aras_sim_bridge.rendering import EXPOSURES, Sun, create_renderer
 from aras_sim_bridge.sensors import KINDS, RateSensor
 from aras_sim_bridge.world import Model, Pose, World
 from aras_visual_servo_base.poses import IDENTITY
@@ -49,7 +49,8 @@ Cycles = Callable[..., tuple[int, int, int]]
 class SimulationConfig:
     """time_step: s. gravity: m/s². seed: of the sensors' noise.
 
-    lights: of the world; the first directional one is the sun that cameras see by.
+    lights: of the world; the first directional one is the sun that cameras see by. exposure: one
+    of rendering.EXPOSURES, how the light becomes grey levels.
     """
 
     time_step: float = 0.001
@@ -60,6 +61,7 @@ class SimulationConfig:
     legacy_camera_info: bool = False
     ground_plane: bool = True
     lights: tuple[Light, ...] = (SUN,)
+    exposure: str = EXPOSURES[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,8 +216,9 @@ class Simulation:
         """What the renderers know of light: one sun, with the strength of its diffuse colour."""
         for light in self.lights.values():
             if light.kind == "directional":
-                return Sun(light.direction, diffuse=max(light.diffuse[:3]))
-        return Sun(diffuse=0.0)
+                return Sun(light.direction, diffuse=max(light.diffuse[:3]),
+                           exposure=self.config.exposure)
+        return Sun(diffuse=0.0, exposure=self.config.exposure)
 
     def step(self, until_ns: int = 0, answers: Answers | None = None) -> None:
         """One tick in Gazebo's order: time, controllers, physics, sensors.

@@ -140,8 +140,14 @@ class Pipeline:
         return kernel_features(self.original_mask(image)).layout()
 
     def original_mask(self, image: Image) -> NDArray[np.uint8]:
-        """Inverse binary image (0, 255) at the original's threshold."""
-        level = self.settings.original_threshold
+        """Inverse binary image (0, 255) at the original's threshold.
+
+        That is of pictures whose white is 255: it is lowered where the bright level that most
+        pixels have is less, as in pictures that are not clipped.
+        """
+        bright = np.bincount(image.grey.ravel(), minlength=256)[128:]
+        white = 128 + int(bright.argmax()) if bright.any() else 255
+        level = self.settings.original_threshold * white / 255.0
         return cv2.threshold(image.grey, level, 255, cv2.THRESH_BINARY_INV)[1]
 
     def _moments(

@@ -129,8 +129,9 @@ class Renderer:
             self._binning = Binning(self._triangles)
         canvas = self._canvas(view)
         world_T_link = self.scene.poses_at(blend)
+        light = self.light
         seen = self._binning.seen(
             canvas.tiles, view.optical_T_world @ world_T_link,
-            self.light.to_sun @ world_T_link[:, :3, :3],
-            np.array([self.light.ambient, self.light.diffuse]), view.near, view.far)
+            light.to_sun @ world_T_link[:, :3, :3],
+            light.scale * np.array([light.ambient, light.diffuse]), view.near, view.far)
         return _Sampled(canvas, seen, canvas.sampler.samples(seen, view.near, view.far, at))

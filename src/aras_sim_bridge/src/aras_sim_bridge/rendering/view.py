@@ -60,19 +60,34 @@ class View:
             Tiles.of_pinhole(self.width, self.height, self.K)))
 
 
+# How light becomes grey levels: see Sun.
+EXPOSURES = ("unclipped", "gazebo")
+
+
 @dataclass(frozen=True)
 class Sun:
     """One sun without shadows; the defaults are Gazebo's.
 
-    direction: from the sun to the ground, world frame. A surface of albedo a shows
-    a * (ambient + diffuse * max(0, n . -direction)), cut at 1, so white things that face up
-    are 255 and black ones 0 from wherever they are seen.
+    direction: from the sun to the ground, world frame. A surface of albedo a gives back
+    a * (ambient + diffuse * max(0, n . -direction)), and shows that times `scale`.
+    exposure: 'unclipped': all light is scaled so that a white surface square to the sun, the
+        brightest that there can be, is 255 at most; what is darker than that anyway stays as it is.
+        'gazebo': light is not scaled, and what is brighter than 255 is cut, which moves the edges
+        of textures towards the dark by hundredths of a pixel.
     """
 
     direction: tuple[float, float, float] = (-0.5, 0.1, -0.9)
     ambient: float = 0.4
     diffuse: float = 0.8
     background: Rgba = (0.7, 0.7, 0.7, 1.0)
+    exposure: str = "unclipped"
+
+    @property
+    def scale(self) -> float:
+        """Grey levels, in parts of 255, that a surface shows for the light that it gives back."""
+        if self.exposure == "gazebo":
+            return 1.0
+        return 1.0 / max(self.ambient + self.diffuse, 1.0)
 
     @cached_property
     def to_sun(self) -> np.ndarray:

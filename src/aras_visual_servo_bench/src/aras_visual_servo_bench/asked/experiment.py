@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from aras_sim_bridge.description.lights import SUN
-from aras_sim_bridge.rendering import RENDERERS
+from aras_sim_bridge.rendering import EXPOSURES, RENDERERS
 from aras_visual_servo_base.names import nearest
 from aras_visual_servo_base.poses import transform
 from aras_visual_servo_base.settings import annotations, build, check, convert, parameter
@@ -80,11 +80,13 @@ class SunSpec:
     """The sun over the Bullet arm's table; its light is white, and ambient light is there besides.
 
     direction: from the sun to the ground, in the world. diffuse: its part of what a white face
-    square to it gives back; 0.4 more come from around, and what is above 1 is white all the same.
+    square to it gives back; 0.4 more come from around. exposure: 'unclipped': both are scaled so
+    that they are 1 at most; 'gazebo': what is above 1 is white all the same, which moves edges.
     """
 
     direction: tuple[float, float, float] = SUN.direction
     diffuse: float = parameter(SUN.diffuse[0], least=0.0, most=1.0)
+    exposure: str = parameter(EXPOSURES[0], choices=EXPOSURES)
 
     def __post_init__(self) -> None:
         check(self, ExperimentError, "sun")

@@ -132,6 +132,7 @@ class PlantMaker:
                 () if experiment.pictures else self.sights(), (_sun(experiment.sun),),
                 self.control.name if experiment.cameras else "",
                 {name: self._drawn(eye, exactly) for name, eye in self.others.items()},
+                experiment.sun.exposure,
             )  # fmt: skip
         if experiment.plant == "ideal":
             believed = experiment.believed

@@ -13,6 +13,7 @@ import numpy as np
 from aras_sim_bridge.description import CameraDescription, Light, RobotDescription, parse_urdf
 from aras_sim_bridge.description.lights import SUN
 from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.rendering import EXPOSURES
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world.model import Model
 from aras_visual_servo_base.poses import (
@@ -75,6 +76,7 @@ class BulletArm(Plant):
         lights: tuple[Light, ...] = (SUN,),
         name: str = "",
         others: Mapping[str, Mapping[str, Any]] = NO_OTHERS,
+        exposure: str = EXPOSURES[0],
     ) -> None:
         """Spawn the robot at these joints, controllers and camera running.
 
@@ -88,6 +90,7 @@ class BulletArm(Plant):
             lights: of the world; the first is the sun.
             name: of the control camera; '': the robot's own, the only one.
             others: settings of the other cameras, by name; `robot` says where they sit.
+            exposure: how the light becomes grey levels, one of EXPOSURES.
 
         Raises:
             ExperimentError: what of it is impossible.
@@ -122,7 +125,7 @@ class BulletArm(Plant):
             sights[0], sights[1:], np.random.default_rng(seed), seed
         )
         self._simulation = Simulation(
-            SimulationConfig(renderer=renderer, seed=seed, lights=lights)
+            SimulationConfig(renderer=renderer, seed=seed, lights=lights, exposure=exposure)
         )
         try:
             self._spawn(robot, description, name, own, joints)

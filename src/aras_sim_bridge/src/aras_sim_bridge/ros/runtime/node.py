@@ -153,6 +153,7 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
             gravity=world.gravity,
             gui=gui,
             renderer=parameters.renderer,
+            exposure=parameters.exposure,
             seed=parameters.seed,
             legacy_camera_info=parameters.legacy_camera_info,
             ground_plane=world.ground_plane,

@@ -277,7 +277,7 @@ def test_original_arrays() -> None:
 
 def test_original_mask_is_the_same_on_a_table_that_is_not_quite_white() -> None:
     pipeline = Pipeline(PipelineSettings())
-    grey = grey_image(view(5))
+    grey = grey_image(view(5).image, CAMERA.pinhole)
     white = pipeline.original_mask(Image(grey, "mono8"))
     assert 0 < (white > 0).mean() < 0.5
     for level in (233, 200):

@@ -28,6 +28,8 @@ and ends by itself. The status is 0 only when the robot has converged.
   NAME:=VALUE     any other argument of the launch files aras_visual_servo.launch and
                   aras_visual_servo_nodes.launch, as joint_friction:=false
   --help          print this
+
+example: ./demo.sh --scheme points --start 2015 --out out/points
 TEXT
 }
 

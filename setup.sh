@@ -20,6 +20,8 @@ Prepares a Debian 12 or 13 machine for this workspace, in four steps, each left 
   --packages-to-run  the same, without those that only building needs: for a machine (an image, say) to which
                      a workspace is copied that was made elsewhere, to the same path
   --help             print this
+
+example: ./setup.sh --for developing
 TEXT
 }
 

@@ -1,8 +1,25 @@
 #!/usr/bin/env bash
 # Set up the workspace and run every check and test: unit tests, then graph tests, each ending in pytest's summary line.
-# Arguments go to pytest: ./test.sh -k moments, ./test.sh tests/unit/workspace. Benchmarks are not run.
-# ./test.sh --faults [--help] runs the campaign of faults instead, which takes an hour and a half.
 set -euo pipefail
+
+usage() {
+    cat <<'TEXT'
+Usage: ./test.sh [--help] [--faults [ARGUMENT ...]] [ARGUMENT ...]
+
+Sets up the workspace for developing, then runs the linters, the unit tests and the tests on a real ROS graph.
+The status is 0 only when all pass. Benchmarks are not run.
+
+  ARGUMENT  goes to pytest: -k EXPRESSION chooses tests by name, a file or folder is all that is run
+  --faults  run the campaign of faults instead, about an hour and a half; ./test.sh --faults --help has its options
+  --help    print this
+
+example: ./test.sh tests/unit/workspace
+TEXT
+}
+
+case "${1-}" in
+    -h | --help) usage; exit ;;
+esac
 cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")"
 
 ./setup.sh --for developing

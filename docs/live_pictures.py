@@ -170,7 +170,8 @@ def page(directory: Path) -> None:
 def main() -> int:
     """Make what is asked for."""
     makers = {"rviz": rviz, "page": page}
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0],
+                                     epilog="example: docs/live_pictures.py page")
     parser.add_argument("what", nargs="+", choices=makers)
     for name in parser.parse_args().what:
         with tempfile.TemporaryDirectory() as directory:

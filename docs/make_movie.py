@@ -40,7 +40,8 @@ LARGEST = 2_000_000  # bytes
 
 def main(argv: list[str] | None = None) -> int:
     """Draw it; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0],
+                                     epilog="example: docs/make_movie.py --out out/run.gif")
     parser.add_argument("--start", default="2016", help="initial pose (2016)")
     parser.add_argument("--out", type=Path, default=HERE / "images" / "run.gif")
     options = parser.parse_args(argv)

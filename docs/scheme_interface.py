@@ -57,7 +57,8 @@ def filled(page: str) -> str:
 
 def main() -> None:
     """Write the page anew."""
-    argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
+    argparse.ArgumentParser(description=__doc__.splitlines()[0],
+                            epilog="example: docs/scheme_interface.py").parse_args()
     PAGE.write_text(filled(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
 
 

@@ -250,7 +250,9 @@ def speed_part(path: Path) -> str:
 
 def main(argv: list[str] | None = None) -> int:
     """Write the page; returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0],
+                                     epilog="example: docs/schemes_page.py --canonical "
+                                     "out/canonical/table.csv --out page.md")
     parser.add_argument("--canonical", type=Path, required=True, help="table.csv of that protocol")
     parser.add_argument("--domain", type=Path, help="table.csv of convergence_domain")
     parser.add_argument("--basin", type=Path, help="table.csv of paper_basin")

@@ -54,7 +54,8 @@ def run(directory: Path, groups: tuple[Group, ...], scale: float, seed: int) -> 
 
 def main() -> int:
     """Run it; returns the exit status."""
-    parser = argparse.ArgumentParser(prog="./test.sh --faults", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(prog="./test.sh --faults", description=__doc__.splitlines()[0],
+                                     epilog="example: ./test.sh --faults --only 'flood|garbage'")
     parser.add_argument("--only", default="", metavar="REGEX", help="groups whose name matches")
     parser.add_argument("--scale", type=float, default=1.0, help="part of the faults (default 1)")
     parser.add_argument("--seed", type=int, default=0, help="of all that is drawn (default 0)")

@@ -290,7 +290,8 @@ def differences(case: Case, launch: Callable[..., Launch], master: RosMaster, fo
 
 def main(arguments: list[str] | None = None) -> int:
     """0: all are one run; 1: one is not; 2: no such experiment."""
-    parser = argparse.ArgumentParser(prog="tests/one_run", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(prog="tests/one_run", description=__doc__.splitlines()[0],
+                                     epilog="example: tests/one_run --list")
     parser.add_argument("--only", default="", metavar="REGEX", help="experiments by name")
     parser.add_argument("--list", action="store_true", help="their names")
     parser.add_argument("--write", type=Path, metavar="FILE", help="the JSON of the last line too")

@@ -31,7 +31,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="tests/mutation",
         description="Plant single faults in an area, one at a time, and see whether its tests "
         "find them. Works on copies under out/mutation.",
-        epilog=f"areas: {', '.join(AREAS)}",
+        epilog=f"example: tests/mutation vision --limit 50; areas: {', '.join(AREAS)}",
     )
     parser.add_argument("area", help="see below")
     parser.add_argument("--limit", type=int, default=200, metavar="N", help="faults (200)")

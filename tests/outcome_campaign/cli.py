@@ -85,9 +85,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="tests/outcomes",
         description="Provoke faults, and hold what the loop says of them against what is true.",
-        epilog=f"kinds: {', '.join(KINDS)}",
+        epilog="example: tests/outcomes target_drifts --runs 8 --kept",
     )
-    parser.add_argument("kinds", nargs="*", help="kinds of fault, or all")
+    parser.add_argument("kinds", nargs="*", help="kinds of fault, as --list names them; all")
     parser.add_argument("--runs", type=int, default=30, help="of each kind (default 30)")
     parser.add_argument("--seed", type=int, help="the second seed; drawn anew where not given")
     parser.add_argument("--kept", action="store_true", help="the kept seed alone")

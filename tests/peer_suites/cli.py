@@ -199,7 +199,8 @@ def write(page: Path, text: str) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command: 0 where every test that applies passed."""
     parser = argparse.ArgumentParser(prog="tests/peers", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+                                     formatter_class=argparse.RawDescriptionHelpFormatter,
+                                     epilog="example: tests/peers ~/peers/src ~/peers/devel")
     parser.add_argument("sources", type=Path, help="folder with checkouts of the repositories")
     parser.add_argument("built", type=Path, help="devel or install space of their build")
     parser.add_argument("--only", default="", help="suites whose name has this regular expression")

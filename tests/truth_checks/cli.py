@@ -94,8 +94,8 @@ def main(arguments: list[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="tests/truth", description="Compare physics and "
                                      "sensors with independent software.",
-                                     epilog=f"checks: {', '.join(CHECKS)}")
-    parser.add_argument("names", nargs="*", help="checks, or all")
+                                     epilog="example: tests/truth 'joint stops' stack")
+    parser.add_argument("names", nargs="*", help="checks, as --list names them; all")
     parser.add_argument("--quick", action="store_true", help="only what CI runs")
     parser.add_argument("--list", action="store_true", help="names only")
     parser.add_argument("--write", action="store_true", help="write docs/truth.md")

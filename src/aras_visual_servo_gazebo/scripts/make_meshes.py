@@ -57,7 +57,8 @@ def stl_bytes(parts: list[np.ndarray], title: str) -> bytes:
 
 def main() -> int:
     """Write all meshes; prints a line a file."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0],
+                                     epilog="example: make_meshes.py --out /tmp/meshes")
     default = Path(__file__).resolve().parent.parent / "meshes"
     parser.add_argument("--out", type=Path, default=default, help="folder to write into")
     folder = parser.parse_args().out

@@ -21,10 +21,11 @@ def run(*command: str, **environment: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize("script", ["setup.sh", "demo.sh"])
-def test_help_names_every_option(script: str) -> None:
+@pytest.mark.parametrize("script", ["setup.sh", "demo.sh", "test.sh"])
+def test_help_names_every_option_and_ends_with_an_example(script: str) -> None:
     done = run(script, "--help")
     assert done.returncode == 0
+    assert re.search(rf"\nexample: \./{script} \S.*\n\Z", done.stdout)
     options = re.findall(r"^\s+(--\w+)[ |)=]", (ROOT / script).read_text(), re.MULTILINE)
     assert set(options) <= set(re.findall(r"--\w+", done.stdout))
 

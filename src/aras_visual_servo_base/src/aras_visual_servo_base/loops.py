@@ -78,7 +78,10 @@ def missing(packages: Sequence[str]) -> list[str]:
 
 def main(argv: list[str] | None = None) -> int:
     """Import every module with loops, several packages side by side; returns the exit status."""
-    parser = argparse.ArgumentParser(prog="loops", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="loops", description=__doc__.splitlines()[0],
+        epilog=f"example: python -m {__name__} aras_visual_servo_camera",
+    )  # fmt: skip
     parser.add_argument("packages", nargs="+", metavar="PACKAGE")
     parser.add_argument("--from", dest="folder", type=Path, help="where the sources are")
     given = parser.parse_args(argv)

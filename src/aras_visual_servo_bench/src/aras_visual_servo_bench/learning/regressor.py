@@ -85,7 +85,10 @@ def teach(
         train: arrays of the network. off: distances (n,), m, and angles (n,), rad, by which what is
             found (n, m) misses the answers.
     """
-    parser = argparse.ArgumentParser(description=text)
+    parser = argparse.ArgumentParser(
+        description=text,
+        epilog=f"example: python3 -m {__package__}.{kind.module} --pictures 1000 --out mine.npz",
+    )  # fmt: skip
     parser.add_argument("--pictures", type=int, default=count)
     parser.add_argument("--out", type=Path, default=kind.weights())
     options = parser.parse_args(argv)

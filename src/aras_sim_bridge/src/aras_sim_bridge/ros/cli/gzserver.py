@@ -26,7 +26,10 @@ _WITHOUT = (("-r", "--record"), ("-q", "--quiet"), ("--lockstep",), ("--minimal_
 def parse(argv: list[str]) -> argparse.Namespace:
     """Return world ('' for ground and sun), paused, verbose, seed (None: not given), and more that
     has no meaning here."""
-    parser = argparse.ArgumentParser(prog="gzserver", description=__doc__, allow_abbrev=False)
+    parser = argparse.ArgumentParser(
+        prog="gzserver", description=__doc__, allow_abbrev=False,
+        epilog="example: rosrun gazebo_ros gzserver worlds/empty.world",
+    )  # fmt: skip
     parser.add_argument("world", nargs="?", default="", help="world file (SDF)")
     parser.add_argument("-u", "--pause", dest="paused", action="store_true", help="start paused")
     parser.add_argument("--verbose", action="store_true", help="log in detail")

@@ -20,6 +20,7 @@ import yaml
 from made_study import made_study, write_chunk
 
 from aras_visual_servo_bench.browse import reports as reports_module
+from aras_visual_servo_bench.browse import studies as studies_module
 from aras_visual_servo_bench.browse.queries import cells, medians
 from aras_visual_servo_bench.browse.reports import Reports
 from aras_visual_servo_bench.browse.server import serve
@@ -28,7 +29,7 @@ from aras_visual_servo_bench.commands import main
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.live.web import PortTakenError, bound
 from aras_visual_servo_bench.study.engine import carry_out
-from aras_visual_servo_bench.study.folder import Folder
+from aras_visual_servo_bench.study.folder import SUMS, Folder
 from aras_visual_servo_bench.study.pools import ThisProcess
 from aras_visual_servo_bench.study.progress import Progress
 from aras_visual_servo_bench.study.study import Study
@@ -281,6 +282,53 @@ def test_what_is_damaged_or_gone_is_said_and_the_rest_stays(tmp_path):
     shutil.rmtree(tmp_path / "bad")
     look = studies.look(now=True)
     assert look.study("bad").note.endswith("bad is gone") and look.table.num_rows == 30
+
+
+def test_names_that_are_no_text_are_shown_and_asked_for(tmp_path):
+    names = ["st\udcff<b>", "st?<b>", "two\nlines$x$"]  # the first is no UTF-8
+    for name in names:
+        made_study(tmp_path / name, **GRID)
+    server = serve([tmp_path], "127.0.0.1", 20300 + os.getpid() % 1000, say=lambda _: None)
+    try:
+        told = server.answer(json.dumps({"do": "studies"}))["studies"]
+        "".join(one["name"] for one in told).encode()
+        assert {one["name"].rpartition("/")[2] for one in told} == {"st?<b>", "two\nlines$x$"}
+        assert len({one["name"] for one in told}) == 3
+        for one in told:
+            rows = server.answer(json.dumps({"do": "rows", "studies": [one["name"]]}))
+            assert rows["total"] == 30
+    finally:
+        server.close()
+
+
+@pytest.mark.parametrize("damage", ["deep", "binary sums", "a folder of sums", "a pipe"])
+def test_whatever_stands_in_a_folder_the_page_goes_on(damage, tmp_path):
+    made_study(tmp_path / "good", **GRID)
+    bad = made_study(tmp_path / "bad", **{**GRID, "seed": 2})
+    if damage == "deep":
+        (bad.path / "manifest.json").write_text("[" * 100_000)
+    elif damage == "a pipe":
+        bad.part(0).unlink()
+        os.mkfifo(bad.part(0))
+    else:
+        (bad.path / SUMS).unlink()
+        if damage == "binary sums":
+            (bad.path / SUMS).write_bytes(b"\xff\xfe  parts\n")
+        else:
+            (bad.path / SUMS).mkdir()
+    look = Studies([tmp_path]).look(now=True)
+    assert look.study("bad").note and look.study("good").runs == 30
+
+
+def test_studies_too_many_are_left_out_and_that_is_said(tmp_path, monkeypatch, capsys):
+    for name in "abc":
+        made_study(tmp_path / name, range(1), **GRID)
+    studies = Studies([tmp_path])
+    assert studies.look(now=True).note == ""
+    monkeypatch.setattr(studies_module, "MOST", 2)
+    look = Studies([tmp_path]).look(now=True)
+    assert [seen.name for seen in look.studies] == ["a", "b"]
+    assert look.note == "only the first 2 studies are shown: name folders that hold fewer"
 
 
 def test_links_that_lead_elsewhere_are_not_followed(tmp_path):

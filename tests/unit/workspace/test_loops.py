@@ -74,6 +74,10 @@ def test_packages_are_missing_until_each_of_their_loops_is_kept(packages, monkey
     assert run(source, "-c", ask).stdout == "['looping']\n"
     run(source, "-m", "aras_visual_servo_base.loops", "looping")
     assert run(source, "-c", ask).stdout == "[]\n"
+    small = source / "looping" / "small.py"  # becomes part of others: nothing is kept beside it
+    small.write_text("from aras_visual_servo_base.compiled import inlined\n"
+                     "@inlined\ndef half(x):\n    return 0.5 * x\n")
+    assert run(source, "-c", ask).stdout == "[]\n"
     thrice = source / "looping" / "thrice.py"
     thrice.write_text(TWICE.replace("2 * x", "3 * x"))
     assert run(source, "-c", ask).stdout == "['looping']\n"

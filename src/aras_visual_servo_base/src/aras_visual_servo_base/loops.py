@@ -19,7 +19,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-HAS_LOOPS = re.compile(r"^from .*compiled import", re.MULTILINE)
+HAS_LOOPS = re.compile(r"^from .*compiled import .*\bcompiled\b", re.MULTILINE)
 
 
 def sources(package: str) -> list[Path]:

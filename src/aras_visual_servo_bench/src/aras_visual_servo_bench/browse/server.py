@@ -106,6 +106,7 @@ def _studies(look: Snapshot, asked: StudiesAsked) -> dict[str, Any]:
     return {
         "studies": [{"name": seen.name, "path": str(seen.path), "runs": seen.runs, "of": seen.of,
                      "note": seen.note} for seen in look.studies],
+        "note": look.note,
         "columns": queries.columns(look),
         "operators": queries.OPERATORS,
     }  # fmt: skip

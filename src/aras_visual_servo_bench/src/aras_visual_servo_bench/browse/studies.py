@@ -19,6 +19,7 @@ import pyarrow as pa
 
 from ..errors import StudyError
 from ..numbers import metrics
+from ..numbers.printing import legible
 from ..study import rows
 from ..study.folder import MANIFEST, PARTS, TIMES, Folder
 from ..study.overrides import unit_of
@@ -60,6 +61,7 @@ class Snapshot:
 
     Attributes:
         version: another one where anything is another.
+        note: what is not shown, '' for nothing.
         table: rows of all, each with its study's name and how it ended.
         units, roles: of its columns, by name; a role is 'setting', 'metric' or 'run'.
     """
@@ -69,6 +71,7 @@ class Snapshot:
     table: pa.Table
     units: dict[str, str] = field(default_factory=dict)
     roles: dict[str, str] = field(default_factory=dict)
+    note: str = ""
 
     def study(self, name: str) -> FoundStudy:
         """That of a name; StudyError where there is none."""
@@ -105,8 +108,11 @@ class Studies:
 
     def _look(self) -> None:
         found = list(self._found())
-        changed = False
-        for path in found:
+        note = ""
+        if len(found) > MOST:
+            note = f"only the first {MOST} studies are shown: name folders that hold fewer"
+        changed = note != self._last.note
+        for path in found[:MOST]:
             if path not in self._known:
                 self._known[path] = FoundStudy(self._name(path), path)
                 changed = True
@@ -115,10 +121,11 @@ class Studies:
         if changed:
             studies = tuple(self._known.values())
             table, units, roles = _joined(studies)
-            self._last = Snapshot(self._last.version + 1, studies, table, units, roles)
+            self._last = Snapshot(self._last.version + 1, studies, table, units, roles, note)
 
     def _found(self) -> Iterator[Path]:
-        """Folders with a manifest, none of them by a link that leads elsewhere."""
+        """Folders with a manifest, none of them by a link that leads elsewhere; one more than the
+        most that are shown."""
         count = 0
         for given in self._given:
             for at, folders, files in os.walk(given):
@@ -127,17 +134,17 @@ class Studies:
                     count += 1
                 deep = len(Path(at).relative_to(given).parts) >= DEEPEST
                 folders[:] = [] if MANIFEST in files or deep else sorted(folders)
-                if count >= MOST:
+                if count > MOST:
                     return
 
     def _name(self, path: Path) -> str:
         """The folder's, with as many of those above as tell it from the others."""
         taken = {seen.name for seen in self._known.values()}
         for parts in range(1, len(path.parts) + 1):
-            name = "/".join(path.parts[-parts:])
+            name = legible("/".join(path.parts[-parts:]))
             if name not in taken:
                 return name
-        return str(path)
+        return f"{legible(path)} ({len(taken) + 1})"
 
 
 def _read(seen: FoundStudy) -> bool:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import BenchError, ExperimentError, check_formats
+from ..numbers.printing import legible
 from ..recording.run import Run
 from ..study.progress import Bar
 
@@ -59,7 +60,7 @@ def carry_out(options: argparse.Namespace) -> int:
             low, each = 0.5 * i / len(options.runs), 0.5 / len(options.runs)
             run = read(given, lambda part, low=low, each=each, given=given: bar.show(
                 low + each * part, f"reading {given}"))  # fmt: skip
-            run.name = names[i] if names else run.name
+            run.name = legible(names[i] if names else run.name)
             runs.append(run)
         _told_apart(runs)
     finally:
@@ -89,7 +90,7 @@ def report(
         for note in run.notes:
             print(f"  Note: {note}")
     if written:
-        print(f"\n{len(written)} files, the page is {written[0]}")
+        print(f"\n{len(written)} files, the page is {legible(written[0])}")
 
 
 def read(given: str, progress: Callable[[float], None]) -> Run:

@@ -58,6 +58,8 @@ def _told(server: BrowseServer, no_open: bool) -> None:
              for seen in found.studies]  # fmt: skip
     if not lines:
         lines.append("no studies there yet: they appear on the page as soon as there are")
+    if found.note:
+        lines.append(found.note)
     if not no_open and not _opened(server.access.address):
         lines.append("no browser could be opened here: open that address in one")
     print(*lines, "Ctrl-C ends it", sep="\n", flush=True)

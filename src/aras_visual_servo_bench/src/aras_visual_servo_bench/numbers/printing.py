@@ -13,6 +13,11 @@ NEXT_TO_NOTHING = "≈0"  # beside the largest; a 0 is exactly 0
 LOST = 6  # decades below the largest, from which on a number is next to nothing
 
 
+def legible(text: object) -> str:
+    """As a text that can be written: what is no UTF-8 in a file's name becomes '?'."""
+    return str(text).encode("utf-8", "replace").decode()
+
+
 def notation(values: Iterable[float], digits: int = DIGITS) -> Callable[[float], str]:
     """How to print numbers that stand together: all of them with powers of ten, or none.
 

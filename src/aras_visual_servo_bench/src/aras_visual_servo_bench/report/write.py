@@ -23,6 +23,7 @@ from matplotlib.figure import Figure
 
 from ..errors import BenchError, check_formats, writing
 from ..numbers.metrics import condition
+from ..numbers.printing import legible
 from ..numbers.summary import Quantity, mapping, summarise
 from ..pictures import over_time, panels, style, views
 from ..pictures.over_time import Layout
@@ -158,7 +159,7 @@ class _Report:
         self._done += 1
 
     def _text(self, path: Path, text: str) -> None:
-        path.write_text(text, encoding="utf-8")
+        path.write_text(legible(text), encoding="utf-8")
         self.written.append(path)
 
     def _numbers(self, summaries: Sequence[Sequence[Quantity]]) -> None:

@@ -98,7 +98,7 @@ class Folder:
             study = Study.from_mapping(manifest["study"])
         except OSError as error:
             raise StudyError(f"{path} holds no study: {MANIFEST}: {error.strerror}") from None
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, RecursionError):
             raise StudyError(f"{path / MANIFEST} is damaged: it is no study's manifest") from None
         if manifest.get("format") != FORMAT:
             raise StudyError(
@@ -208,6 +208,8 @@ class Folder:
         for path in paths:
             try:
                 stat = path.stat()
+                if not path.is_file():
+                    raise StudyError(f"{path} is no file: resume the study")
                 mark = (stat.st_mtime_ns, stat.st_size)
                 if path in self._read and self._read[path][0] == mark:
                     tables.append(self._read[path][1])
@@ -235,9 +237,11 @@ class Folder:
     def _sums(self) -> dict[str, str]:
         """Hash of each file by its name, as it was written last."""
         try:
-            lines = (self.path / SUMS).read_text(encoding="utf-8").splitlines()
+            lines = (self.path / SUMS).read_text(encoding="utf-8", errors="replace").splitlines()
         except FileNotFoundError:
             return {}
+        except OSError as error:
+            raise StudyError(f"cannot read {self.path / SUMS}: {error.strerror}") from None
         pairs = (line.split("  ", 1) for line in lines if "  " in line)
         return {name: told for told, name in pairs}
 
@@ -246,6 +250,8 @@ class Folder:
         try:
             for kind in self._kinds:
                 path = self.part(chunk, kind)
+                if not path.is_file():  # a pipe would be read for ever
+                    return False
                 data = path.read_bytes()
                 if hashlib.sha256(data).hexdigest() != sums.get(self._name(path)):
                     return False

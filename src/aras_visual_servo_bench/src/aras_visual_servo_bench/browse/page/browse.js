@@ -42,7 +42,7 @@ const asked = () => ({ studies: view.off.length ? page.studies.map((s) => s.name
 async function look(now = false) {
   let answer;
   try { answer = await ask({ do: "studies", now }); } catch (error) { trouble(error.message); return; }
-  trouble(answer.studies.filter((s) => s.note).map((s) => `${s.name}: ${s.note}`).join("; "));
+  trouble([answer.note, ...answer.studies.map((s) => s.note && `${s.name}: ${s.note}`)].filter(Boolean).join("; "));
   if (answer.version === page.version) return;
   const before = page.columns.map((c) => c.name).join();
   Object.assign(page, { version: answer.version, studies: answer.studies, columns: answer.columns, operators: answer.operators });

@@ -21,13 +21,14 @@ IMAGES = DOCS / "images"
 # In this order on the page, and on the sheet of the front page.
 NAMES = (
     "scheme", "failure", "study", "own_arm", "own_camera", "own_controller", "own_feature",
-    "photometric", "moving_target", "noise", "schemes", "from_gazebo",
+    "photometric", "moving_target", "noise", "schemes", "from_gazebo", "stereo", "learned",
+    "grasp",
 )  # fmt: skip
-CELL, COLUMNS, EDGE, LETTERS = (300, 210), 4, 10, 26  # pixels; of the sheet
+CELL, COLUMNS, EDGE, LETTERS = (300, 210), 5, 10, 26  # pixels; of the sheet
 ROUND = 5.0  # s, to which durations are rounded up
 HEAD = """# Gallery
 
-Twelve examples, each a script of a dozen lines and one command: in the workspace's folder after
+Fifteen examples, each a short script and one command: in the workspace's folder after
 `./setup.sh` and `source devel/setup.bash; source .venv/bin/activate`, or where `pip install .`
 was done. Each leaves its picture and, where it servoes, a report in `out/gallery/NAME`. Times are
 of one core of 2026, the start of Python included.

@@ -1,0 +1,11 @@
+"""Learned: a network taught by the simulator's own pictures, beside image moments."""
+
+from aras_visual_servo_bench.experiment import Experiment
+from keeping import keep_runs
+
+taught = "aras_visual_servo_bench.learning.learned:Learned"
+base = Experiment(plant="chain", features="pictures", start="2016", goal="2016", duration=5.0)
+learned, moments = keep_runs(
+    {"learned": base.with_(scheme=taught), "moments": base.with_(scheme="moments")}, "camera_path"
+)
+assert learned.verdict.reached and moments.succeeded

@@ -1,0 +1,14 @@
+"""Stereo: two cameras before an arm tell the depth by themselves, in a scheme of 37 lines."""
+
+import os
+import sys
+
+from aras_visual_servo_bench.experiment import Experiment
+from keeping import EXAMPLES, folder, keep_runs
+
+sys.argv[1:] = [str(folder().resolve())]  # portal.yaml names its files as from its own folder
+os.chdir(EXAMPLES)
+sys.path.append(str(EXAMPLES))
+portal = Experiment.from_yaml("portal.yaml")
+run, = keep_runs({"stereo": portal.with_(scheme="stereo_ibvs:StereoIBVS")}, "image_trajectory")
+assert run.succeeded

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,17 +49,20 @@ class _Seen:
         """Of the state."""
         return self.state.resolution
 
-    @property
+    # Each is asked for at every image of the window: worked out once.
+    @cached_property
     def rank(self) -> int:
-        """Of L; worked out when first asked for."""
+        """Of L."""
         return self.state.rank
 
-    @property
-    def asked(self) -> float:
-        """Speed of the camera that was asked for, m/s and (rad/s) x 0.1 m."""
-        twist = self.state.twist
-        return float(np.linalg.norm(twist[:3]) + 0.1 * np.linalg.norm(twist[3:]))
+    @cached_property
+    def unreached(self) -> bool:
+        """Whether the arm gives little of the twist that was asked of the camera."""
+        asked = _speed(self.state.twist)
+        return (self.resolution is not None and asked >= SLOW
+                and _speed(np.asarray(self.resolution.lost)) > 0.3 * asked)
 
+    @cached_property
     def reached(self) -> float:
         """Part of the error that some twist could take away, by L (k, 6) in tolerances."""
         L, norm = self.state.decision.L, float(np.linalg.norm(self.error))
@@ -144,6 +148,11 @@ class ProgressCheck:
         return outcome("no_progress", reason)
 
 
+def _speed(twist: np.ndarray) -> float:
+    """Size of a twist (6,), m/s and (rad/s) x 0.1 m."""
+    return float(np.linalg.norm(twist[:3]) + 0.1 * np.linalg.norm(twist[3:]))
+
+
 def _noise(seen: Sequence[_Seen]) -> float:
     """Scatter of the loudest error from image to image, in tolerances; 0: it is no noise, or
     little."""
@@ -179,7 +188,7 @@ def _rank(seen: Sequence[_Seen]) -> Outcome | None:
 
 
 def _minimum(seen: Sequence[_Seen]) -> Outcome | None:
-    if not all(s.reached() < UNREACHED for s in seen[len(seen) // 2 :]):
+    if not all(s.reached < UNREACHED for s in seen[len(seen) // 2 :]):
         return None
     words = ""
     resolution = seen[-1].resolution
@@ -189,19 +198,12 @@ def _minimum(seen: Sequence[_Seen]) -> Outcome | None:
     return outcome(
         "local_minimum",
         f"the camera stands still with an error {seen[-1].size:.0f} times its tolerance: L v "
-        f"gives {100.0 * seen[-1].reached():.0f} % of it{words}",
+        f"gives {100.0 * seen[-1].reached:.0f} % of it{words}",
     )
 
 
 def _reach(seen: Sequence[_Seen]) -> Outcome | None:
-    lost = 0
-    for s in seen:
-        if s.resolution is None or s.asked < SLOW:
-            continue
-        missing = np.asarray(s.resolution.lost)
-        amount = np.linalg.norm(missing[:3]) + 0.1 * np.linalg.norm(missing[3:])
-        lost += amount > 0.3 * s.asked
-    if not seen or lost < MOST * len(seen):
+    if not seen or sum(s.unreached for s in seen) < MOST * len(seen):
         return None
     resolution = seen[-1].resolution
     missing = np.round(np.asarray(resolution.lost), 4).tolist()

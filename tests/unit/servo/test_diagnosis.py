@@ -888,22 +888,26 @@ def test_noise_is_no_swing_when_the_time_is_over(noise, kind):
     assert diagnosis.outcome.kind == kind
 
 
-def test_a_direction_that_the_arm_lacks_is_told_when_the_time_is_over_within_the_tolerances():
-    lost_twist = np.array([0.0, 0.0, 0.0, 0.0, 0.01, 0.0])
-    resolution = SimpleNamespace(stopped=(), lost=lost_twist, reasons=(), scale=1.0)
+@pytest.mark.parametrize(("lost", "more", "kind"), [
+    (1.0, {}, "singular"),
+    (0.1, {}, "timed_out"),
+    # a higher gain is no advice where a joint's limit of speed slows the task
+    (0.1, {"scale": 0.1, "slowing": "J3"}, "saturation"),
+])  # fmt: skip
+def test_a_direction_that_the_arm_lacks_is_told_when_the_time_is_over_within_the_tolerances(
+    lost, more, kind
+):
+    twist = np.array([0.0, 0.0, 0.0, 0.0, 0.01, 0.0])
+    told = {"stopped": (), "lost": lost * twist, "reasons": (), "scale": 1.0, **more}
     progress = ProgressCheck()
     for stamp in np.arange(0.0, 1.51, 0.1):
         decision = SimpleNamespace(error=np.array([0.5]), task=None)
         state = SimpleNamespace(stamp=stamp, phase="servoing", decision=decision, reason="",
-                                resolution=resolution, rank=1, twist=1.05 * lost_twist)  # fmt: skip
+                                resolution=SimpleNamespace(**told), rank=1,
+                                twist=1.05 * twist)  # fmt: skip
         progress.add(state, np.ones(1))
     assert progress.stalled(state).kind == "running"
-    assert progress.unfinished("not there").kind == "singular"
-    resolution.lost = 0.1 * lost_twist
-    assert progress.unfinished("not there").kind == "timed_out"
-    # a higher gain is no advice where a joint's limit of speed slows the task
-    resolution.scale, resolution.slowing = 0.1, "J3"
-    assert progress.unfinished("not there").kind == "saturation"
+    assert progress.unfinished("not there").kind == kind
 
 
 def test_a_retreat_of_a_camera_that_swings_is_the_gain_s():

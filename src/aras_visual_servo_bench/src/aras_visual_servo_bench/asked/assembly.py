@@ -95,7 +95,8 @@ class _Builder:
     """Works out the parts one after the other; each is needed by the next."""
 
     def __init__(
-        self, experiment: Experiment, wrap: Wrap | None = None, watched: bool = True
+        self, experiment: Experiment, wrap: Wrap | None = None, watched: bool = True,
+        depth: bool = False,
     ) -> None:
         self.experiment = experiment = experiment.placed
         self.robot = Robot(
@@ -124,7 +125,7 @@ class _Builder:
         self.control = self.eyes[read[0]]
         self.plants = PlantMaker(
             experiment, self.robot, self.control,
-            {name: self.eyes[name] for name in seeing[1:]}, self.target, self.needs,
+            {name: self.eyes[name] for name in seeing[1:]}, self.target, self.needs, depth,
         )  # fmt: skip
         self.views = GoalViews(self.plants, self.loop_settings, self.scheme)
 
@@ -340,18 +341,19 @@ def check(experiment: Experiment) -> None:
 
 
 def assemble(
-    experiment: Experiment, wrap: Wrap | None = None, watched: bool = True
+    experiment: Experiment, wrap: Wrap | None = None, watched: bool = True, depth: bool = False
 ) -> Assembly:
     """The parts of an experiment, at its start.
 
     Args:
         wrap: makes the loop's scheme of the one that the experiment names; None: it is that.
         watched: whether cameras that the scheme does not read are there.
+        depth: whether every camera gives depth images, needed or not.
 
     Raises:
         ExperimentError: what of it cannot be, and what would be right.
     """
-    return _Builder(experiment, wrap, watched).assemble()
+    return _Builder(experiment, wrap, watched, depth).assemble()
 
 
 def _check_standing(experiment: Experiment, control: str, robot: Robot) -> None:

@@ -42,7 +42,7 @@ class PlantMaker:
     """Attributes:
         control: the control camera. others: the other cameras that are there, by name.
         target: in the world. needs: of the loop, by the name of the camera; none of one that only
-            watches.
+            watches. depth: every camera gives depth images, whatever is needed.
     """
 
     experiment: Experiment
@@ -51,6 +51,7 @@ class PlantMaker:
     others: Mapping[str, Eye]
     target: PlacedTarget
     needs: Mapping[str, frozenset[Need]]
+    depth: bool = False
 
     @cached_property
     def places(self) -> dict[str, Place]:
@@ -101,7 +102,7 @@ class PlantMaker:
             pictures=pictures or (exactly and Need.IMAGE in needs),
             grey_noise=0.0 if exactly else experiment.noise,
             jitter=0.0 if exactly else experiment.jitter,
-            depth=Need.DEPTH in needs,
+            depth=self.depth or Need.DEPTH in needs,
             occluder=experiment.target.occluder,
             unbounded=self.unbounded,
             drop=0.0 if experiment.plant == "bullet" else float(
@@ -152,7 +153,7 @@ class PlantMaker:
             settings["effects"] = {k: v for k, v in effects.items() if k not in CHANCE}
         elif self.experiment.noise:
             settings["effects"] = {**effects, "noise_stddev": self.experiment.noise}
-        if Need.DEPTH in needs:
+        if self.depth or Need.DEPTH in needs:
             settings["depth"] = True
         return settings
 

@@ -19,6 +19,7 @@ EXAMPLES = {
     "browse": "browse out",
     "diff": "diff out/before out/after",
     "show": "show out/first 12",
+    "dataset": "dataset first features=pictures --views --out out/views",
     "tune": "tune first --over gain=0.5:4 --out out/tuned",
     "analyze": "analyze out/first:12 --out out/report",
     "convert": "convert out/run.bag",
@@ -47,12 +48,12 @@ def parser() -> argparse.ArgumentParser:
         BenchError: a library is missing, as where the workspace was set up for the demo alone.
     """
     try:
-        from . import analyzing, browsing, looking, protocol, reading, running
+        from . import analyzing, browsing, dataset, looking, protocol, reading, running
     except ModuleNotFoundError as error:
         raise not_installed(error.name) from None
     made = argparse.ArgumentParser(prog=program(), description=__doc__.splitlines()[0])
     commands = made.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for part in (running, protocol, reading, browsing, looking, analyzing):
+    for part in (running, protocol, dataset, reading, browsing, looking, analyzing):
         part.add(commands)
     for name, one in commands.choices.items():
         one.epilog = f"example: {program()} {EXAMPLES[name]}"

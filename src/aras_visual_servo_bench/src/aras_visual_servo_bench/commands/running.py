@@ -17,7 +17,7 @@ from ..asked.experiment import Experiment
 from ..asked.packages import PackagePath
 from ..errors import ExperimentError, StudyError, program
 from ..running import loop
-from ..study import engine, overrides, tables
+from ..study import card, engine, images, overrides, tables
 from ..study.folder import Folder
 from ..study.pools import RENEWED, DaskPool, Pool, ThisProcess
 from ..study.progress import Progress, counted, duration
@@ -85,7 +85,10 @@ def _run(options: argparse.Namespace) -> int:
     options.study = study_file(options.study)
     study = Study.from_yaml(options.study, changed)
     engine.check_study(study)
+    room = images.check_room(study, options.out or Path())
     if options.dry_run:
+        if room:
+            print(room)
         for line in engine.dry_run(study, _workers(options)):
             print(line)
         return 0
@@ -159,8 +162,10 @@ def carry_out(folder: Folder, options: argparse.Namespace) -> int:
                 progress.close()
                 raise StudyError(f"interrupted; {_kept(folder)}") from None
             progress.close()
-            print(f"{done.runs} of {counted(folder.study.runs, 'run')} in {folder.path}, "
-                  f"{done.failed} of the new ones without success, {duration(done.seconds)}")
+            failed = "" if folder.study.pictures == "first" else (
+                f"{done.failed} of the new ones without success, ")
+            print(f"{done.runs} of {counted(folder.study.runs, 'run')} in {folder.path}, {failed}"
+                  f"{duration(done.seconds)}")
             if done.stopped:
                 row = done.stopped
                 print(f"stopped at run {row['run']}, {row['outcome']}: "
@@ -170,6 +175,8 @@ def carry_out(folder: Folder, options: argparse.Namespace) -> int:
         else:
             folder.finish()
             print(f"all {kept} runs are in {folder.path}")
+        if folder.study.keeps_images:
+            print(f"{card.write(folder)} says what is kept of each image, and how to read it")
         if not options.no_report:
             _report(folder.path)
         return 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import logging
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -32,18 +33,10 @@ def run(experiment: Experiment) -> Run:
     Raises:
         ExperimentError: it cannot be run. What goes wrong while it runs is an outcome.
     """
-    return carry_out(experiment, assemble(experiment), filmed=experiment.pictures)[0]
-
-
-def carry_out(
-    experiment: Experiment, parts: Assembly, filmed: bool = False
-) -> tuple[Run, float]:
-    """A run of parts that are assembled, from their start to the end, and its simulated time, s;
-    `filmed`: see Loop."""
-    loop = Loop(experiment, parts, filmed)
+    loop = Loop(experiment, assemble(experiment), filmed=experiment.pictures)
     try:
         loop.to_end()
-        return loop.result(), loop.plant.time_ns / NS
+        return loop.result()
     finally:
         loop.close()
 
@@ -56,8 +49,12 @@ class Loop:
         reading, state: the last image and the answer to it, or None.
     """
 
-    def __init__(self, experiment: Experiment, parts: Assembly, filmed: bool = False) -> None:
-        """`filmed`: keep what other cameras than the control camera see."""
+    def __init__(
+        self, experiment: Experiment, parts: Assembly, filmed: bool = False,
+        watch: Callable[[Loop, CameraReading], None] | None = None,
+    ) -> None:
+        """`filmed`: keep what other cameras than the control camera see. `watch`: is told of every
+        camera's images as they are made."""
         self.experiment, self.parts = experiment, parts
         self.plant, self.servo = parts.plant, parts.servo
         self.reading: CameraReading | None = None
@@ -70,6 +67,7 @@ class Loop:
             parts.servo, parts.rig, parts.settings, self,
             clock=lambda: seconds(self.plant.time_ns), wall=lambda: 0.0,
         )  # fmt: skip
+        self._watch = watch
         self._answered = False
         self._coming: list[tuple[int, int, CameraReading]] = []  # heap, by when they arrive, ns
         self._delayed = 0
@@ -157,6 +155,8 @@ class Loop:
 
     def _exposed(self, reading: CameraReading) -> None:
         """An image was made; the loop has it after its camera's delay."""
+        if self._watch is not None:
+            self._watch(self, reading)
         control = reading.camera == self.parts.rig.control.name
         if control and self._began_ns is None:
             self._began_ns = reading.stamp_ns

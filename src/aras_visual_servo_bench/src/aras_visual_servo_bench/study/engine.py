@@ -11,7 +11,7 @@ from typing import Any
 from ..asked.assembly import check
 from ..errors import ExperimentError, StudyError
 from ..numbers.metrics import success
-from . import rows
+from . import images, rows
 from .folder import Folder
 from .pools import Pool
 from .progress import Progress, counted, duration
@@ -37,6 +37,7 @@ class Summary:
 
 def check_study(study: Study) -> None:
     """Try every value that the study names, without running: StudyError naming what is wrong."""
+    images.check(study)
     trials = study.trials()
     for experiment in trials[:: max(len(trials) // TRIALS, 1)]:
         try:

@@ -27,7 +27,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ..errors import StudyError, first_line, program
-from . import rows, versions
+from . import images, rows, versions
 from .study import Study
 
 STUDY, MANIFEST, LOCK = "study.yaml", "manifest.json", ".lock"
@@ -172,8 +172,9 @@ class Folder:
         """Keep a chunk's rows; StudyError where the disk is full."""
         with _writing(self.path):
             self._put(TIMES, chunk, pa.Table.from_pylist(done.times, schema=rows.TIMES))
-            if self.study.traces:
-                self._put(TRACES, chunk, pa.Table.from_pylist(done.traces, schema=rows.TRACE))
+            if self.study.keeps_images:
+                table = pa.Table.from_pylist(done.images, schema=images.schema(self.study))
+                self._put(TRACES, chunk, table)
             # The last one, for it is the one that says that the chunk is done.
             self._put(PARTS, chunk, rows.table(self.study, done.values, self.labels))
 
@@ -229,7 +230,7 @@ class Folder:
     @property
     def _kinds(self) -> tuple[str, ...]:
         """Those files that are the same whenever they are written; wall times are not."""
-        return (PARTS, TRACES) if self.study.traces else (PARTS,)
+        return (PARTS, TRACES) if self.study.keeps_images else (PARTS,)
 
     def _name(self, path: Path) -> str:
         return str(path.relative_to(self.path))

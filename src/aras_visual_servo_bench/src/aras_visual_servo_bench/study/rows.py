@@ -21,7 +21,8 @@ from ..asked.experiment import Experiment
 from ..errors import ExperimentError
 from ..numbers import metrics as known_metrics
 from ..recording.run import Run
-from ..running.loop import carry_out
+from ..running.loop import NS, Loop
+from . import images
 from .study import Study
 from .variations import Axis, Draw
 
@@ -39,40 +40,35 @@ TIMES = pa.schema([
     ("run", pa.int64()), ("wall", pa.float64()), ("processor", pa.float64()),
     ("worker", pa.string()),
 ])  # fmt: skip
-TRACE = pa.schema([
-    ("run", pa.int64()), ("stamp", pa.float64()), ("phase", pa.string()),
-    ("error", pa.list_(pa.float64())), ("asked", pa.list_(pa.float64())),
-    ("pose", pa.list_(pa.float64())),
-])  # fmt: skip
 
 
 @dataclass
 class Rows:
-    """Rows of some runs: results by column, wall times apart, and traces if they are wanted."""
+    """Rows of some runs: results by column, wall times apart, and images if they are kept."""
 
     values: list[dict[str, Any]] = field(default_factory=list)
     times: list[dict[str, Any]] = field(default_factory=list)
-    traces: list[dict[str, Any]] = field(default_factory=list)
+    images: list[dict[str, Any]] = field(default_factory=list)
 
     def add(self, other: Rows) -> None:
         """The rows of another behind these."""
         self.values += other.values
         self.times += other.times
-        self.traces += other.traces
+        self.images += other.images
 
 
 def row_of(study: Study, run: int, worker: str = "") -> Rows:
     """Carry out one run. Whatever goes wrong is its outcome; only the process's end is not seen."""
     began, used = time.perf_counter(), time.process_time()
     values = blank(study, run)
-    traces: list[dict[str, Any]] = []
+    kept: list[dict[str, Any]] = []
     try:
         experiment = study.experiment_of(run)
         with limited(study.limit):
-            values |= _finished(study, experiment, run, traces)
+            values |= _finished(study, experiment, run, kept)
     except OverTime:
         values |= over_time(study)
-        traces = []
+        kept = []
     except ExperimentError as error:
         values |= {"outcome": REFUSED, "reason": _line(error)}
     except Exception as error:  # a fault of the code, or of a user's: the other runs go on
@@ -81,7 +77,7 @@ def row_of(study: Study, run: int, worker: str = "") -> Rows:
         "run": run, "wall": time.perf_counter() - began,
         "processor": time.process_time() - used, "worker": worker,
     }  # fmt: skip
-    return Rows([values], [times], traces)
+    return Rows([values], [times], kept)
 
 
 class OverTime(BaseException):
@@ -136,16 +132,22 @@ def blank(study: Study, run: int) -> dict[str, Any]:
 
 
 def _finished(
-    study: Study, experiment: Experiment, run: int, traces: list[dict[str, Any]]
+    study: Study, experiment: Experiment, run: int, kept: list[dict[str, Any]]
 ) -> dict[str, Any]:
-    result, simulated = carry_out(experiment, assemble(experiment, watched=False))
-    if study.traces:
-        traces += (
-            {"run": run, "stamp": float(result.stamp[i]), "phase": result.phases[i],
-             "error": result.error[i].tolist(), "asked": result.asked[i].tolist(),
-             "pose": result.pose[i].ravel().tolist()}
-            for i in range(len(result.stamp))
-        )  # fmt: skip
+    pictured = study.pictures != "none"
+    seen = images.Keeper(pictured)
+    parts = assemble(experiment, watched=pictured, depth=study.depth)
+    loop = Loop(experiment, parts, watch=seen.add if study.keeps_images else None)
+    try:
+        if study.pictures == "first":
+            loop.to_image()
+        else:
+            loop.to_end()
+        result, simulated = loop.result(), loop.plant.time_ns / NS
+        if study.keeps_images:
+            kept += seen.rows(run, result, simulated)
+    finally:
+        loop.close()
     return {"seed": experiment.seed, "simulated": simulated, **told(study, result)}
 
 

@@ -29,6 +29,8 @@ from .variations import Axis, Draw, drawn, variation
 
 MOST_RUNS = 100_000_000  # 1e6 chunks of 100 runs: beyond that a scheduler chokes
 LARGEST_CHUNK = 10_000
+PICTURED_CHUNK = 4  # runs whose pictures a worker holds in its memory
+PICTURES = ("none", "first", "all")
 SAMPLINGS, SEEDS = ("random", "sobol"), ("runs", "repeats", "counted")
 TOLD_APART = ("source", "chosen", "judged")  # words about a study, which change nothing of its runs
 
@@ -77,7 +79,9 @@ class Study:
     metrics: names, or 'package.module:function'; empty: all that are built in.
     judged: the metric whose 1 is a success, in what is told of the study.
     chunk: runs that are one task and one file; None: by the number of runs.
-    traces: keep errors, twists and poses of every image.
+    traces: keep features, twists, joints and poses of every image.
+    pictures: keep besides what every camera saw: 'all', or the 'first' image of each run alone,
+        which ends with it; see images.py. depth: keep their depth images too.
     limit: of a run's wall time, s; one that takes longer has the outcome 'time_limit'.
     """
 
@@ -93,6 +97,8 @@ class Study:
     judged: str = known_metrics.success.name
     chunk: int | None = parameter(None, "runs", least=1, most=LARGEST_CHUNK)
     traces: bool = False
+    pictures: str = parameter("none", choices=PICTURES)
+    depth: bool = False
     limit: float = parameter(900.0, "s", above=0.0)
     source: str = ""
     chosen: tuple[str, ...] = ()
@@ -230,8 +236,15 @@ class Study:
 
     @property
     def chunk_size(self) -> int:
-        """Runs in a chunk: 20 to 100 where there are many, fewer where cores would stand idle."""
-        return self.chunk or min(max(math.ceil(self.runs / 40), 1), 100)
+        """Runs in a chunk: 20 to 100 where there are many, fewer where cores would stand idle or
+        pictures fill the memory."""
+        most = PICTURED_CHUNK if self.pictures == "all" else 100
+        return self.chunk or min(max(math.ceil(self.runs / 40), 1), most)
+
+    @property
+    def keeps_images(self) -> bool:
+        """Whether there is a row for every image, with a picture or without."""
+        return self.traces or self.pictures != "none"
 
     @property
     def chunks(self) -> int:

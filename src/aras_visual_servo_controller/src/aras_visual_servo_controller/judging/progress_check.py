@@ -58,9 +58,10 @@ class _Seen:
     @cached_property
     def unreached(self) -> bool:
         """Whether the arm gives little of the twist that was asked of the camera."""
+        if self.resolution is None:
+            return False
         asked = _speed(self.state.twist)
-        return (self.resolution is not None and asked >= SLOW
-                and _speed(np.asarray(self.resolution.lost)) > 0.3 * asked)
+        return asked >= SLOW and _speed(np.asarray(self.resolution.lost)) > 0.3 * asked
 
     @cached_property
     def reached(self) -> float:

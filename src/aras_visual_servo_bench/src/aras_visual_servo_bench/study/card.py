@@ -1,0 +1,95 @@
+"""The card of a data set: what it holds, how it was made, and how it is read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pyarrow as pa
+import yaml
+
+from ..asked.assembly import assemble
+from ..errors import program, writing
+from . import images
+from .folder import PARTS, TRACES, Folder
+from .progress import counted
+
+CARD = "README.md"
+_WORDS = {pa.int64(): "whole number", pa.float64(): "number", pa.string(): "text",
+          pa.binary(): "bytes", pa.list_(pa.float64()): "list of numbers"}  # fmt: skip
+_PANDAS = """\
+import cv2, numpy, pandas
+runs = pandas.read_parquet("{parts}").set_index("run")
+images = pandas.read_parquet("{traces}")
+picture = cv2.imdecode(numpy.frombuffer(images.{picture}[0], numpy.uint8), cv2.IMREAD_UNCHANGED)
+images["outcome"] = runs.outcome[images.run].to_numpy()"""
+_PYTORCH = """\
+import cv2, numpy, pandas, torch
+images = pandas.read_parquet("{traces}", columns=["{picture}", "asked"])
+grey = [cv2.imdecode(numpy.frombuffer(png, numpy.uint8), 0) for png in images.{picture}]
+x, y = torch.from_numpy(numpy.stack(grey)), torch.from_numpy(numpy.stack(images.asked))
+pairs = torch.utils.data.TensorDataset(x, y)"""
+
+
+def write(folder: Folder) -> Path:
+    """Write the card into the folder of a study whose images are kept; its path."""
+    path = folder.path / CARD
+    with writing(path):
+        path.write_text(card(folder), encoding="utf-8")
+    return path
+
+
+def card(folder: Folder) -> str:
+    """The card's text, in Markdown."""
+    study = folder.study
+    table = folder.results()
+    outcomes = sorted(table["outcome"].value_counts().to_pylist(),
+                      key=lambda one: (-one["counts"], one["values"]))  # fmt: skip
+    found = images.columns(study)
+    pictured = next((name for name in found if name.startswith("picture")), "")
+    seen = int(sum(table["images"].to_pylist()))
+    lines = [
+        f"# {folder.path.resolve().name}", "",
+        f"{counted(table.num_rows, 'run')}, {counted(seen, 'image')} of visual servoing, simulated "
+        f"by `{program()} dataset`. "
+        + ("Each run ends with its first image: they are views from the study's starts."
+           if study.pictures == "first" else "Every image that the loop answered is kept."), "",
+        "Outcomes: " + ", ".join(f"{one['values']} {one['counts']}" for one in outcomes) + ".", "",
+        "## Files", "",
+        f"- `{PARTS}/*.parquet`: a row a run: what was set, seed, outcome, reason, metrics",
+        f"- `{TRACES}/*.parquet`: a row an image, below",
+        "- `study.yaml`: what was run; the same file and code give the same bytes",
+        "- `manifest.json`: versions, and the SHA-256 of every part", "",
+        "## Columns of an image", "", "| column | type | what it holds |", "|---|---|---|",
+        *(f"| {name} | {_WORDS[one.kind]} | {one.meaning} |" for name, one in found.items()), "",
+        "## Cameras", "", *_cameras(folder), "",
+    ]  # fmt: skip
+    if pictured:
+        words = {"parts": PARTS, "traces": TRACES, "picture": pictured}
+        lines += ["## Read it", "", "With pandas, in this folder:", "", "```python",
+                  _PANDAS.format(**words), "```", "", "With PyTorch:", "", "```python",
+                  _PYTORCH.format(**words), "```", ""]  # fmt: skip
+    text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
+    lines += ["## How it was made", "", "```yaml", text.rstrip(), "```", "",
+              f"Code {folder.labels['code']}; {folder.labels['versions']}.", ""]  # fmt: skip
+    return "\n".join(lines)
+
+
+def _cameras(folder: Folder) -> list[str]:
+    """What of each camera a learner needs, as the first run has it."""
+    parts = assemble(folder.study.experiment_of(0))
+    try:
+        lines = []
+        for name, eye in parts.eyes.items():
+            model = eye.true
+            numbers = ", ".join(f"{k:.6g}" for k in model.K)
+            lens = ", ".join(f"{k:.6g}" for k in model.D) or "none"
+            lines.append(f"- {name}: {model.width} x {model.height} pixels, {eye.rate:g} Hz, K row "
+                         f"by row {numbers}, {model.model} with coefficients {lens}")  # fmt: skip
+            if name in parts.places:
+                place = parts.places[name]
+                whose = "the world" if place.stands else "the first camera's frame"
+                pose = ", ".join(f"{k:.9g}" for k in place.pose.ravel())
+                lines[-1] += f"; its pose in {whose} row by row {pose}"
+        return lines
+    finally:
+        parts.plant.close()

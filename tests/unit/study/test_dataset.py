@@ -1,0 +1,215 @@
+"""Data sets: pictures and numbers of every image of a study's runs."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections import namedtuple
+
+import cv2
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from aras_visual_servo_base.poses import transform
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.commands import main
+from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.study import engine, images, rows
+from aras_visual_servo_bench.study.folder import TRACES, Folder
+from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_camera.images import Image
+
+MOVING = {"pose": [0.01, 0.02, 0.591, 0.0, 0.0, 0.3], "shape": "l_shape", "size": [0.08, 0.06],
+          "motion": {"velocity": [0.01, 0.004, 0.0, 0.0, 0.0, 0.0]}}  # fmt: skip
+SEVERAL = {
+    "plant": "free", "features": "pictures", "duration": 0.2, "scheme": "points@right",
+    "target": {"shape": "square", "size": [0.1, 0.1]},
+    "goal": {"pose": [0.0, 0.0, 0.4, 3.14159265, 0.0, 0.0]},
+    "start": {"pose": [0.01, 0.02, 0.45, 3.14159265, 0.0, 0.1]},
+    "cameras": {"left": {"model": {"width": 200, "height": 100}},
+                "right": {"xyz": [0.05, 0.0, 0.0]}},
+}  # fmt: skip
+
+
+def study_of(experiment, **more):
+    return Study.from_mapping({"experiment": experiment, "pictures": "all", **more})
+
+
+def pixels(png):
+    return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_UNCHANGED)
+
+
+@pytest.fixture(scope="module")
+def arm():
+    """A run of the arm before a target that moves, whose answers come late: its images."""
+    study = study_of({"plant": "bullet", "duration": 0.5, "linger": None, "target": MOVING,
+                      "delay": 0.1, "scheme": "points",
+                      "goal": {"pose": [0.01, 0.02, 0.85, 3.14159265, 0.0, 0.0]},
+                      "start": {"pose": [0.03, 0.0, 0.9, 3.14159265, 0.0, 0.2]}}, depth=True)
+    return study, rows.row_of(study, 0)
+
+
+def test_poses_are_those_of_the_exposures(arm):
+    """Corners of the target, by the poses that are kept, are where the picture has them."""
+    study, done = arm
+    assert len(done.images) == done.values[0]["images"] >= 10
+    parts = assemble(study.experiment_of(0))
+    parts.plant.close()
+    shape, camera = parts.target.shape, parts.eyes["camera"].true
+    speed = 0.0
+    for row in done.images:
+        T = np.reshape(row["camera_T_target"], (4, 4))
+        outline = np.column_stack(camera.project(*shape.outline(np.linalg.inv(T)).T))
+        grey = pixels(row["picture"]).astype(float).mean(axis=2)
+        low = np.floor(outline.min(axis=0)).astype(int) - 2
+        high = np.ceil(outline.max(axis=0)).astype(int) + 3
+        there = np.s_[low[1] : high[1], low[0] : high[0]]
+        dark = np.median(grey) - grey[there]
+        v, u = np.mgrid[there]
+        found = [(dark * of).sum() / dark.sum() for of in (u, v)]
+        wanted = _centre(outline)
+        np.testing.assert_allclose(found, wanted, atol=0.005)
+        speed = max(speed, np.abs(row["achieved"]).max())
+    assert speed > 0.02  # at which a pose of the answer, 0.1 s later, would be 1 px off
+
+
+def _centre(polygon):
+    x, y = polygon.T
+    cross = x * np.roll(y, -1) - np.roll(x, -1) * y
+    return [((of + np.roll(of, -1)) * cross).sum() / (3.0 * cross.sum()) for of in (x, y)]
+
+
+def test_the_goal_moves_with_the_target(arm):
+    _, done = arm
+    first, last = done.images[0], done.images[-1]
+    goals = [np.reshape(row["pose"], (4, 4)) @ np.reshape(row["camera_T_goal"], (4, 4))
+             for row in (first, last)]
+    np.testing.assert_allclose(
+        goals[1][:3, 3] - goals[0][:3, 3],
+        (last["stamp"] - first["stamp"]) * np.array([0.01, 0.004, 0.0]), atol=1e-9)  # fmt: skip
+    at_zero = transform((0.01, 0.02, 0.85), (3.14159265, 0.0, 0.0))
+    at_zero[:3, 3] += first["stamp"] * np.array([0.01, 0.004, 0.0])
+    np.testing.assert_allclose(goals[0], at_zero, atol=2e-5)
+
+
+def test_depth_is_kept_in_tenths_of_a_millimetre(arm):
+    for row in arm[1].images[::5]:
+        depth = pixels(row["depth"])
+        assert depth.dtype == np.uint16 and depth.shape == (240, 320)
+        T = np.reshape(row["pose"], (4, 4))
+        # The target's plane, 1 mm above the table, straight below a camera that looks down.
+        wanted = T[2, 3] - 0.591
+        rows_, columns = np.nonzero(np.abs(depth * images.DEPTH_STEP - wanted) < 3e-4)
+        assert len(rows_) > 80
+
+
+def test_what_is_kept_changes_no_run(arm):
+    study, done = arm
+    plain = Study.from_mapping({**study.to_mapping(), "pictures": "none", "depth": False})
+    without = rows.row_of(plain, 0)
+    assert without.images == []
+    for name, value in without.values[0].items():
+        assert value == done.values[0][name] or value != value, name
+
+
+def test_numbers_are_the_loops_own(arm):
+    study, done = arm
+    experiment = study.experiment_of(0)
+    seen = []
+    loop = Loop(experiment, assemble(experiment), watch=lambda of, one: seen.append(one))
+    loop.to_end()
+    run = loop.result()
+    loop.close()
+    for row, state in zip(done.images, run.states, strict=True):
+        assert (row["stamp"], row["phase"]) == (state.stamp, state.phase)
+        np.testing.assert_array_equal(row["joints"], state.joints.positions)
+        if state.decision is not None:
+            np.testing.assert_array_equal(row["error"], state.decision.error)
+            np.testing.assert_array_equal(row["asked"], state.twist)
+        reading = next(one for one in seen if one.stamp == state.stamp)
+        rgb = Image(reading.image, reading.encoding).rgb
+        np.testing.assert_array_equal(pixels(row["picture"])[..., ::-1], rgb)
+
+
+def test_each_camera_has_columns_of_its_own():
+    study = study_of(SEVERAL)
+    row = rows.row_of(study, 0).images[2]
+    assert pixels(row["picture_left"]).shape == (100, 200)
+    assert pixels(row["picture_right"]).shape == (240, 320)
+    assert images.schema(study).names[-2:] == ["picture_left", "picture_right"]
+
+
+def test_first_keeps_a_view_of_each_start():
+    start = {"height": [0.2, 0.3], "side": 0.05}
+    study = study_of({"plant": "free", "features": "pictures", "start": start}, repeats=3,
+                     pictures="first")  # fmt: skip
+    found = [rows.row_of(study, run) for run in range(3)]
+    assert [len(one.images) for one in found] == [1, 1, 1]
+    poses = np.array([one.images[0]["pose"] for one in found])
+    assert np.ptp(poses[:, 11]) > 0.01  # drawn anew
+    whole = rows.row_of(study_of(dict(study.experiment) | {"duration": 0.1}), 0)
+    assert whole.images[0] == found[0].images[0] and len(whole.images) > 2
+
+
+@pytest.mark.parametrize(("changes", "complaint"), [
+    ({"experiment": {"plant": "free"}}, "features: pictures"),
+    ({"pictures": "none", "depth": True}, "pictures: all, or first"),
+    ({"pictures": "some"}, "pictures"),
+    ({"experiment": SEVERAL, "vary": {"cameras": [SEVERAL["cameras"], {"right": {}}]}},
+     "left, right in one, right in another"),
+])  # fmt: skip
+def test_what_cannot_be_kept_is_refused(changes, complaint):
+    with pytest.raises(StudyError, match=complaint):
+        engine.check_study(study_of(**{"experiment": {"plant": "free"}, **changes}))
+
+
+def test_a_data_set_larger_than_the_disk_is_refused(monkeypatch, tmp_path):
+    study = study_of({"plant": "free", "features": "pictures", "duration": 1.0}, repeats=100)
+    told = images.check_room(study, tmp_path / "not" / "there")
+    size = float(re.match(r"([\d.]+) MB at most: 100 runs of up to 32 images", told).group(1))
+    assert 3.0 < size < 20.0
+    Usage = namedtuple("Usage", "total used free")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: Usage(0, 0, int(0.99e6 * size)))
+    with pytest.raises(StudyError, match="would take .* MB at most: 100 runs"):
+        images.check_room(study, tmp_path)
+    images.check_room(study, tmp_path, done=50)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: Usage(0, 0, 0))
+    assert images.check_room(Study.from_mapping({}), tmp_path) == ""
+
+
+def test_the_command_makes_a_data_set_and_its_card(tmp_path, monkeypatch, capsys):
+    file, out = tmp_path / "study.yaml", tmp_path / "out"
+    file.write_text("experiment: {plant: free, features: pictures, duration: 0.2}\n"
+                    "vary: {gain: [1.0, 2.0]}\n")  # fmt: skip
+    words = ["dataset", str(file), "--out", str(out), "--in-process"]
+    assert main(words) == 0
+    told = capsys.readouterr().out
+    assert "MB at most" in told or "kB at most" in told
+    assert "2 of 2 runs" in told and "README.md says what is kept" in told
+    table = Folder.open(out).results(TRACES)
+    assert table.num_rows == sum(pq.read_table(out / "parts")["images"].to_pylist())
+    card = (out / "README.md").read_text()
+    for name in table.schema.names:
+        kind = str(table.schema.field(name).type)
+        word = {"int64": "whole number", "double": "number", "string": "text", "binary": "bytes",
+                "list<element: double>": "list of numbers"}[kind]  # fmt: skip
+        assert f"| {name} | {word} |" in card
+    assert f"2 runs, {table.num_rows} images" in card
+    assert "K row by row 102.735, 0, 159.5" in card
+    reading = re.search(r"```python\n(import cv2, numpy, pandas\n.*?)```", card, re.S).group(1)
+    assert len(reading.splitlines()) == 5
+    monkeypatch.chdir(out)
+    space: dict = {}
+    exec(reading, space)
+    assert space["picture"].shape == (240, 320)
+    assert set(space["images"].outcome) <= set(space["runs"].outcome) and len(space["runs"]) == 2
+    # Once more: nothing is left to do; --views is another study.
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 0
+    assert "all 2 runs are in" in capsys.readouterr().out
+    assert main([*words, "--views"]) == 1
+    assert "pictures was all, is first" in capsys.readouterr().err
+    assert main(["dataset", str(file), "features=exact", "--out", str(tmp_path / "no")]) == 1
+    assert "features: pictures" in capsys.readouterr().err and not (tmp_path / "no").exists()

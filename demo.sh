@@ -24,7 +24,7 @@ and ends by itself. The status is 0 only when the robot has converged.
   --target-size S its size along x and y, m, as '0.06 0.06' (default: as it ships)
   --urdf FILE     description of the robot (default: the ARAS robot's)
   --rviz          show the robot and its camera in rviz (needs a display)
-  --out DIR       folder for summary.json, plots, images and run.bag (default: out/ of this workspace)
+  --out DIR       folder for report.html, summary.json, figures and run.bag (default: out/ of this workspace)
   NAME:=VALUE     any other argument of the launch files aras_visual_servo.launch and
                   aras_visual_servo_nodes.launch, as joint_friction:=false
   --help          print this

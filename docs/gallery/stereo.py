@@ -1,4 +1,4 @@
-"""Stereo: two cameras before an arm tell the depth by themselves, in a scheme of 37 lines."""
+"""Stereo: two cameras before an arm tell the depth by themselves, in a scheme of 33 lines."""
 
 import os
 import sys

@@ -42,7 +42,7 @@ All of it where Bullet makes the steps, that is where something can touch someth
 - *Sliding aslant to a long box's edges* is right to 1 % for loose bodies (see "contact friction"):
   what Bullet, whose two directions of friction weigh differently, got wrong in one step is given
   back in the next. Bodies with joints that slide without standing keep Bullet's friction: up to a
-  fifth too little on a foot of 0.6 x 0.1 m, and bent off its way.
+  fifth too little on a foot of 0.6 x 0.1 m, and bends its path.
 - *Stops of robots whose base is free and does not stand*: passed by what the joint travels in one
   step (see "joint stops of a free base"), and given back in the next ones. Stops of bolted
   robots, and of those that stand, are not passed.

@@ -93,7 +93,7 @@ def free_fall() -> Iterator[Row]:
         for _ in range(1000):
             world.step()
         fallen = 100.0 - box.pose().xyz[2]
-    yield Row("way after 1 s", "4.9 m and half a step", abs(fallen - G / 2 * 1.001), 1e-9, "m")
+    yield Row("path after 1 s", "4.9 m and half a step", abs(fallen - G / 2 * 1.001), 1e-9, "m")
 
 
 @check("Pinocchio", quick=True)
@@ -182,7 +182,7 @@ def contact_friction() -> Iterator[Row]:
                 found = (2.0 - _speed(box)) / 0.2 / G
                 way = _way(box) - degrees
             yield Row(f"{name}, {degrees:g}° to its edges", "0.5 g", abs(found / 0.5 - 1.0), 0.01)
-            yield Row(f"{name}, {degrees:g}° to its edges, way", "straight", abs(way), 0.5, "°")
+            yield Row(f"{name}, {degrees:g}° to its edges, path", "straight", abs(way), 0.5, "°")
 
 
 @check("closed form", quick=True)

@@ -138,7 +138,7 @@ class CornerFeature(NumberedPoints):
 
 
 class PolarPoints(CornerFeature):
-    """s = (rho, theta) of each point about the principal point; turning is a straight way.
+    """s = (rho, theta) of each point about the principal point; a turn is a straight path.
 
     Reference: M. Iwatsuki and N. Okiyama, A new formulation of visual servoing based on
     cylindrical coordinate system, IEEE Transactions on Robotics 21(2), 2005.

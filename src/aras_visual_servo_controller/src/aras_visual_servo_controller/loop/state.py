@@ -43,7 +43,7 @@ class ServoSettings:
     start: (n,) joints to go to before the eyes are opened; None: servo from anywhere.
     duration: s of servoing after which the run has timed out; inf: never.
     hold: s, over which the mean error has to be small.
-    approach_speed: part of max_velocity on the way to the start.
+    approach_speed: part of max_velocity on the path to the start.
     arrived: m, rad, distance from the start that counts as there.
     push: 1/s, with which the command runs after a joint that stays short of the start.
     settle: s, to stand still at the start before servoing.

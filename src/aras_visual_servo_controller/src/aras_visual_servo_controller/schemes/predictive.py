@@ -19,7 +19,7 @@ GAIN = 1.0  # 1/s, of a law that says none
 
 
 class Predictive(OfFeature):
-    """The twist whose predicted way of the points fits a decay best and never leaves the picture.
+    """The twist whose predicted path of the points fits a decay best and never leaves the picture.
 
     Over `horizon` seconds the camera flies with one twist v; at each of `steps` instants the
     points are s + j dt L v. Minimised is the sum of squares of their distances from s* + (s - s*)
@@ -84,7 +84,7 @@ class Predictive(OfFeature):
             options={"maxiter": 50, "ftol": 1e-12},
         )  # fmt: skip
         if not np.isfinite(found.x).all():
-            raise MeasurementError("the predicted way has no answer")
+            raise MeasurementError("the predicted path cannot be fitted")
         return found.x, "" if found.success else "visibility cannot be kept on this way"
 
     def _borders(self, observation: Observation, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

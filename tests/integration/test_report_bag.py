@@ -245,6 +245,29 @@ def test_a_bag_shows_its_experiment_and_what_it_was_made_of(tmp_path, capsys):
     assert "older version" in capsys.readouterr().err
 
 
+def test_no_name_in_a_bag_leads_out_of_the_folder(tmp_path, capsys, monkeypatch):
+    path, out = tmp_path / "run.bag", tmp_path / "deep" / "shown"
+    hostile = {"../stolen.yaml": "a", str(tmp_path / "there.yaml"): "b", "..": "c", "a/b.yaml": "d",
+               "\n.yaml": "e", "experiment.yaml": "f", "robot.urdf": "g", ".bashrc": "h"}
+    told = description()
+    told["goals"] |= hostile
+    monkeypatch.setitem(globals(), "description", lambda: told)
+    write_run(path, described=True)
+    assert main(["show", str(path), "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert said.count("is left out: that is no file's name") == 7
+    assert "# a goal named '../stolen.yaml' is left out" in said
+    assert {p.name for p in out.iterdir()} == {
+        "experiment.yaml", "goal_2016.yaml", "launch.txt", "parameters.yaml", "robot.urdf",
+        "versions.txt"}  # fmt: skip
+    assert {p.name for p in tmp_path.iterdir()} == {"run.bag", "deep"}
+    assert "scheme" in yaml.safe_load((out / "experiment.yaml").read_text())
+    told["goals"] = ["no", "names"]
+    write_run(path, described=True)
+    assert main(["show", str(path), "--out", str(out)]) == 1
+    assert "cannot be read: its goals are none" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("closed", [True, False])
 def test_foxgloves_own_reader_reads_the_conversion(tmp_path, closed, capsys):
     """Every message of the bag, bit for bit, through the reference implementation of MCAP."""

@@ -79,13 +79,14 @@ def _show_bag(options: argparse.Namespace) -> int:
         raise StudyError(f"{options.folder} is a bag: it holds one run")
     found = described(options.folder)
     told = yaml.safe_dump(found.mapping(), sort_keys=False, default_flow_style=None)
+    files = {**found.files(), "experiment.yaml": told}
     print(told, end="")
     for note in found.notes:
         print(f"# {note}")
     if options.out is not None:
         with writing(f"into {options.out}"):
             options.out.mkdir(parents=True, exist_ok=True)
-            for name, text in {"experiment.yaml": told, **found.files()}.items():
+            for name, text in files.items():
                 (options.out / name).write_text(text, encoding="utf-8")
     return 0
 

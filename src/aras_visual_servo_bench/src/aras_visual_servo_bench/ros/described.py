@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -32,6 +33,7 @@ NOT_OPTIONS = {
     "camera_namespace", "description", "lockstep", "autostart", "dry", "duration", "command_topic",
     "controllers", "gains", "delay",
 }  # fmt: skip
+GOAL_FILE = re.compile(r"\w[\w .-]*\.ya?ml")  # of a name that leads into no other folder
 LONGEST = 8.0  # s; an experiment's own, where a graph has none
 
 
@@ -67,6 +69,9 @@ class Described:
             given = json.loads(text)
             if not isinstance(given, Mapping) or not isinstance(given.get("parameters"), Mapping):
                 raise ValueError("it holds no parameters")
+            for key, kind in (("goals", dict), ("versions", dict), ("launch", list)):
+                if not isinstance(given.get(key, kind()), kind):
+                    raise ValueError(f"its {key} are none")
         except ValueError as error:
             return cls({}, [f"the bag's description of its run cannot be read: {error}"])
         return cls(given)
@@ -178,16 +183,22 @@ class Described:
         return self._experiment()
 
     def files(self) -> dict[str, str]:
-        """What the run was made of, by file name."""
-        launch = "".join(f"roslaunch {' '.join(words)}\n" for words in self.given.get("launch", []))
+        """What the run was made of, by file name; goals whose names are none are left out."""
+        launch = "".join(f"roslaunch {' '.join(map(str, words))}\n"
+                         for words in self.given.get("launch", []))  # fmt: skip
         parameters = dict(self.given.get("parameters", {}))
-        versions = self.given.get("versions", {})
+        versions, goals = self.given.get("versions", {}), {}
+        for name, text in self.given.get("goals", {}).items():
+            if GOAL_FILE.fullmatch(name):
+                goals[name] = str(text)
+            else:
+                self.notes.append(f"a goal named {name[:80]!r} is left out: that is no file's name")
         return {
+            **goals,
             "parameters.yaml": yaml.safe_dump(parameters, sort_keys=False),
             "robot.urdf": self.urdf,
             "launch.txt": launch,
             "versions.txt": "".join(f"{name} {value}\n" for name, value in versions.items()),
-            **self.given.get("goals", {}),
         }
 
     def _experiment(self) -> dict[str, Any]:

@@ -223,6 +223,16 @@ def test_nothing_hinders_readers_nor_sticks_out(watched, served, width):
     tab.close()
 
 
+@pytest.mark.parametrize("width", SIZES)
+def test_what_is_said_instead_of_a_report_can_be_read(watched, served, width):
+    address = served.access.address.replace("/?", f"/run?study={'x' * 150}&run=1&")
+    tab = watched(address, width, "document.readyState === 'complete' && !!window.waiting")
+    assert "there is no study" in tab.js("document.body.innerText")
+    assert tab.js("document.documentElement.scrollWidth") == width
+    assert tab.audit() == []
+    tab.close()
+
+
 def test_a_program_that_has_ended_is_said(watched, folder):
     own = serve([folder], "127.0.0.1", 21300 + os.getpid() % 1000, say=lambda _: None)
     tab = watched(own.access.address, 1440, READY)

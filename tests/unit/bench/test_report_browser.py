@@ -25,9 +25,16 @@ def runs():
 
 @pytest.fixture(scope="module")
 def opened(watched, runs, tmp_path_factory):
-    """A tab with the report of one run, or of both, in a window so wide."""
-    pages = {count: write_report(runs[:count], tmp_path_factory.mktemp("report"), ())[0]
-             for count in (1, 2)}  # fmt: skip
+    """A tab with the report of one run, of both, or of nine of which some failed, in a window so
+    wide."""
+    lost = replace(runs[0], name="lost", outcome="target_lost", reason="over the left border",
+                   mend="begin nearer", notes=["the bag was cut off"],
+                   verdict=replace(runs[0].verdict, word="goal_missed"))  # fmt: skip
+    open_ = replace(runs[0], name="open", outcome="converged up to 0.6 mm", reason="noise")
+    shown = {1: runs[:1], 2: runs, 9: [*runs, lost, open_, *(replace(runs[0], name=f"run {i}")
+                                                            for i in range(5))]}  # fmt: skip
+    pages = {count: write_report(some, tmp_path_factory.mktemp("report"), ())[0]
+             for count, some in shown.items()}  # fmt: skip
 
     def show(count, width):
         return watched(pages[count].as_uri(), width, READY)
@@ -166,7 +173,7 @@ def test_columns_are_hidden(page):
     assert all(page.js(column))
 
 
-@pytest.mark.parametrize("count", [1, 2])
+@pytest.mark.parametrize("count", [1, 2, 9])
 @pytest.mark.parametrize("width", SIZES)
 def test_nothing_hinders_readers_nor_sticks_out_nor_is_fetched(opened, count, width, tmp_path):
     tab = opened(count, width)

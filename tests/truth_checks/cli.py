@@ -15,6 +15,7 @@ from . import (  # noqa: F401 (they enter their checks)
     dynamics,
     gripping,
     joints,
+    light,
     motion,
     repeats,
     storms,

@@ -11,6 +11,8 @@ from aras_sim_bridge.description import Geometry
 from aras_sim_bridge.rendering import View
 from aras_sim_bridge.rendering.renderer import CENTRE
 from aras_sim_bridge.rendering.shading import word
+from aras_sim_bridge.rendering.shadows import SUNLIT
+from aras_sim_bridge.rendering.sky import NO_SKY
 from aras_sim_bridge.rendering.tiles import MISFIT, TILE, Tiles
 
 K = np.array([[150.0, 0, 80.3], [0, 155.0, 55.8], [0, 0, 1]])
@@ -26,7 +28,8 @@ def finely_sampled(renderer, view, fine=16):
     shader, background = one.canvas.shader, 255.0 * np.array(renderer.light.background[:3])
     plain = shader.plain(renderer._triangles, one.seen)
     none = np.zeros(len(one.samples.tile), np.uint64)
-    words = shader.words(renderer._triangles, one.seen, one.samples, plain, word(*background), none)
+    words = shader.words(renderer._triangles, one.seen, one.samples, plain, word(*background), none,
+                         SUNLIT, NO_SKY)
     rgba = words.view(np.uint8).reshape(*words.shape, 4)[:large.height, :large.width, :3]
     return rgba.reshape(view.height, fine, view.width, fine, 3).mean(axis=(1, 3))
 

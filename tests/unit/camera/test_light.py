@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 from scenes import BRIGHT, looking
 
+from aras_sim_bridge.description import Geometry, Light, world_file
+from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.rendering import Sun, View, create_renderer
+from aras_sim_bridge.simulation import MOST_LIGHTS, Simulation, SimulationConfig
 
 K = np.array([[300.0, 0, 159.5], [0, 310.0, 119.5], [0, 0, 1.0]])
 DOWN = (0.0, 0.0, -1.0)
@@ -40,3 +43,102 @@ def test_gazebo_cuts_what_is_brighter_than_white(bench):
     assert level(bench, BRIGHT) == 255
     assert level(bench, Sun(DOWN, 0.4, 0.8, exposure="gazebo"), "Gazebo/Grey") == pytest.approx(
         255 * 0.7 * 1.2, abs=0.51)
+
+
+ASLANT = Light("a", direction=(0.3, -0.2, -0.8), diffuse=(0.5, 0.5, 0.5, 1.0), cast_shadows=True)
+
+
+def shown(bench, light, eye=(0.2, -1.2, 0.9), at=(0.0, 0.0, 0.1)) -> np.ndarray:
+    """(240, 320, 3) float."""
+    view = View(320, 240, looking(eye, at), K)
+    return create_renderer("exact", bench.world, light).render(view).astype(float)
+
+
+def things(bench) -> None:
+    """A floor with a box and a ball before it, and a wire."""
+    bench.box([2.0, 2.0, 0.05], [0, 0, -0.05])
+    bench.box([0.1, 0.15, 0.1], [-0.2, 0, 0.1], "Gazebo/Red", (0, 0, 0.2, np.sqrt(0.96)))
+    bench.body(Geometry("sphere", radius=0.15), (0.3, 0.1, 0.15), "Gazebo/Grey")
+    bench.box([0.001, 0.001, 0.3], [0.05, -0.2, 0.3], "Gazebo/Black")
+
+
+def test_one_light_among_lights_is_the_sun(bench):
+    things(bench)
+    sun = shown(bench, Sun(ASLANT.direction, diffuse=0.5))
+    one = shown(bench, Sun(lights=(ASLANT,)))
+    both = np.abs(one - sun)
+    assert both.max() <= 6  # within a ball's facets normals are turned, not brightness
+    assert (both > 1).mean() < 0.01
+    half = Light("b", direction=ASLANT.direction, diffuse=(0.25, 0.25, 0.25, 1.0))
+    assert np.abs(shown(bench, Sun(lights=(half, half))) - one).max() <= 1
+
+
+def test_a_light_that_casts_shadows_only_where_they_are_asked_for(bench):
+    things(bench)
+    bright = shown(bench, Sun(lights=(ASLANT,)))
+    shaded = shown(bench, Sun(lights=(ASLANT,), shadows="hard"))
+    darker = bright - shaded
+    assert darker.min() >= -6  # at edges
+    assert 0.02 < (darker > 40).all(axis=2).mean() < 0.2
+    open_ = Light("c", direction=ASLANT.direction, diffuse=ASLANT.diffuse)
+    assert (shown(bench, Sun(lights=(open_,), shadows="hard")) == bright).all()
+
+
+def test_a_shadow_is_where_the_light_goes(bench):
+    """Of a plate 0.5 m above the floor, by a sun whose light goes to +x and +y."""
+    bench.box([2.0, 2.0, 0.05], [0, 0, -0.05])
+    bench.box([0.1, 0.05, 0.001], [0, 0, 0.5], "Gazebo/Black")
+    sun = Light("s", direction=(0.8, 0.4, -1.0), diffuse=(0.5,) * 4, cast_shadows=True)
+    eye = looking([0.4, 0.2, 1.0], [0.4, 0.2, 0.0], (0, 1, 0))
+    dark = {}
+    for shadows in ("hard", "soft"):
+        light = Sun(lights=(sun,), shadows=shadows)
+        picture = create_renderer("exact", bench.world, light).render(View(320, 240, eye, K))
+        dark[shadows] = picture.max() - picture[60:180, 60:260, 0].astype(float)
+    v, u = np.mgrid[60:180, 60:260]
+    for one in dark.values():
+        middle = (one * u).sum() / one.sum(), (one * v).sum() / one.sum()
+        # A plate is as large as its shadow; 1 m below the eye a pixel is 1/300 and 1/310 m.
+        assert middle == pytest.approx((159.5, 119.5), abs=0.1)
+        assert one.sum() / one.max() == pytest.approx(0.2 * 300 * 0.1 * 310, rel=0.02)
+    assert ((dark["hard"] > 5) & (dark["hard"] < dark["hard"].max() - 5)).sum() < 400
+    assert ((dark["soft"] > 5) & (dark["soft"] < dark["soft"].max() - 5)).sum() > 1500
+
+
+def test_the_sky_is_bluer_above(bench):
+    view = View(320, 240, looking([0, 0, 1.0], [1.0, 0, 1.5]), K)
+    sky = create_renderer("exact", bench.world, Sun(sky=True)).render(view).astype(int)
+    assert (np.diff(sky[:, 160, 0]) >= 0).all()
+    assert sky[0, 160, 0] < sky[-1, 160, 0] - 30
+    assert (sky[..., 2] >= sky[..., 0]).all()
+
+
+WORLD = """<sdf version="1.6"><world name="w"><scene><ambient>0.2 0.1 0.3 1</ambient>
+<background>0.1 0.2 0.3</background>{}</scene><light name="l" type="spot"><pose>0 0 2 0 0 0</pose>
+<direction>0 0 -1</direction><spot><inner_angle>0.2</inner_angle><outer_angle>0.5</outer_angle>
+<falloff>2</falloff></spot><attenuation><range>7</range></attenuation></light></world></sdf>"""
+
+
+def test_what_a_world_says_of_light(tmp_path):
+    path = tmp_path / "w.world"
+    path.write_text(WORLD.format("<sky/><shadows>1</shadows>"))
+    world = world_file.read(str(path))
+    (spot,) = world.lights
+    assert (spot.spot_inner, spot.spot_outer, spot.spot_falloff, spot.attenuation_range) == (
+        0.2, 0.5, 2.0, 7.0)
+    assert world.scene.ambient == (0.2, 0.1, 0.3, 1.0)
+    assert world.scene.background == (0.1, 0.2, 0.3, 1.0)
+    assert (world.scene.sky, world.scene.shadows) == (True, "none")
+    path.write_text(WORLD.format("<aras:shadows>soft</aras:shadows>"))
+    assert world_file.read(str(path)).scene.shadows == "soft"
+    path.write_text(WORLD.format("<aras:shadows>long</aras:shadows>"))
+    with pytest.raises(DescriptionError, match="'long' is unknown; use none, hard, soft"):
+        world_file.read(str(path))
+
+
+def test_lights_that_are_too_many_are_named(caplog):
+    lights = tuple(Light(f"l{n}", diffuse=(0.01,) * 4) for n in range(MOST_LIGHTS + 2))
+    simulation = Simulation(SimulationConfig(lights=lights))
+    assert [record.args[0] for record in caplog.records] == ["l16", "l17"]
+    assert len(simulation._sunlight().lights) == MOST_LIGHTS
+    simulation.close()

@@ -50,7 +50,7 @@ SPOT = """<sdf version="1.6"><light name="spot" type="spot"><pose>0 0 1 0 0 0</p
 def test_a_light_is_spawned_where_it_is_asked_for(api, call, ball):
     answer = call("spawn_sdf_model", "lamp", SPOT, "", Pose(Point(1.0, 0.0, 0.0), Quaternion()),
                   "ball")
-    assert answer.status_message.endswith("the sun alone")
+    assert answer.success
     light = api.thread.simulation.lights["lamp"]
     assert light.origin_xyz == pytest.approx((0.0, 1.0, 101.0))
     assert light.origin_rpy == pytest.approx((0.0, 0.0, math.pi / 2))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -25,6 +25,7 @@ from aras_sim_bridge.control.manager import ControllerManager
 from aras_sim_bridge.control.switching import STRICT
 from aras_sim_bridge.description import CameraDescription, Light, RobotDescription
 from aras_sim_bridge.description.lights import SUN, checked_light
+from aras_sim_bridge.description.types import Surroundings
 from aras_sim_bridge.errors import (
     CameraError,
     DescriptionError,
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
     from aras_sim_bridge.control.controllers.joint_state import JointStateController
     from aras_sim_bridge.rendering.renderer import Renderer
 
+MOST_LIGHTS = 16  # that pictures are lit by
+NO_LIGHT = Light("none", diffuse=(0.0, 0.0, 0.0, 1.0))
 log = logging.getLogger(__name__)
 Cycles = Callable[..., tuple[int, int, int]]
 
@@ -49,7 +52,7 @@ Cycles = Callable[..., tuple[int, int, int]]
 class SimulationConfig:
     """time_step: s. gravity: m/s². seed: of the sensors' noise.
 
-    lights: of the world; the first directional one is the sun that cameras see by. exposure: one
+    lights: of the world; cameras see by the first MOST_LIGHTS. scene: what is around. exposure: one
     of rendering.EXPOSURES, how the light becomes grey levels.
     """
 
@@ -61,6 +64,7 @@ class SimulationConfig:
     legacy_camera_info: bool = False
     ground_plane: bool = True
     lights: tuple[Light, ...] = (SUN,)
+    scene: Surroundings = Surroundings()
     exposure: str = EXPOSURES[0]
 
 
@@ -132,7 +136,9 @@ class Simulation:
         self.sensors: list[RateSensor] = []
         self.before_pictures: Callable[[int], None] | None = None
         self._renderer: Renderer | None = None
-        self.lights = {light.name: checked_light(light) for light in self.config.lights}
+        self.lights: dict[str, Light] = {}
+        for light in self.config.lights:
+            self.set_light(light)
         if self.config.ground_plane:
             self.world.spawn_ground_plane()
 
@@ -197,12 +203,18 @@ class Simulation:
         return self.lights[name]
 
     def set_light(self, light: Light) -> None:
-        """Add a light or change the one of its name; the first directional one lights cameras.
+        """Add a light or change the one of its name; one too many is kept and logged.
 
         Raises:
             WorldError: a number that no light has; nothing is changed then.
         """
+        new = light.name not in self.lights
         self.lights[light.name] = checked_light(light)
+        if new and len(self.lights) > MOST_LIGHTS:
+            log.warning(
+                "light '%s' is one too many: pictures are lit by the first %d, which are not to be "
+                "deleted for it to count", light.name, MOST_LIGHTS
+            )
         if self._renderer is not None:
             self._renderer.light = self._sunlight()
 
@@ -213,12 +225,20 @@ class Simulation:
             self._renderer.light = self._sunlight()
 
     def _sunlight(self) -> Sun:
-        """What the renderers know of light: one sun, with the strength of its diffuse colour."""
-        for light in self.lights.values():
-            if light.kind == "directional":
-                return Sun(light.direction, diffuse=max(light.diffuse[:3]),
-                           exposure=self.config.exposure)
-        return Sun(diffuse=0.0, exposure=self.config.exposure)
+        """The light that cameras see by: where one white sun without shadows is all, as that."""
+        scene, lights = self.config.scene, tuple(self.lights.values())[:MOST_LIGHTS]
+        ambient = max(scene.ambient[:3])
+        tint = tuple(part / (ambient or 1.0) for part in scene.ambient[:3])
+        around = Sun(diffuse=0.0, ambient=ambient, tint=tint, background=scene.background,
+                     sky=scene.sky, exposure=self.config.exposure, shadows=scene.shadows)
+        shadows = scene.shadows != "none" and any(light.cast_shadows for light in lights)
+        if len(set(tint)) == 1 and len(lights) <= 1 and not shadows:
+            if not lights:
+                return around
+            (light,) = lights
+            if light.kind == "directional" and len(set(light.diffuse[:3])) == 1:
+                return replace(around, direction=light.direction, diffuse=light.diffuse[0])
+        return replace(around, lights=lights or (NO_LIGHT,))
 
     def step(self, until_ns: int = 0, answers: Answers | None = None) -> None:
         """One tick in Gazebo's order: time, controllers, physics, sensors.

@@ -1,11 +1,11 @@
-"""What a light of the world may be. The renderers know one sun; see Simulation.set_light."""
+"""The lights of a world, and what is around them: see Simulation.set_light and rendering/lamps."""
 
 from __future__ import annotations
 
 import math
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.types import Light, Rgba
+from aras_sim_bridge.description.types import Light, Rgba, Surroundings
 from aras_sim_bridge.errors import DescriptionError, WorldError
 from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.safe_xml import direction, number, numbers, shorten, text_of, truth
@@ -14,7 +14,10 @@ from aras_visual_servo_base.safe_xml import direction, number, numbers, shorten,
 SUN = Light("sun", "directional", direction=(-0.5, 0.1, -0.9))
 _DIRECTED = ("origin_xyz", "origin_rpy", "direction")
 _STRENGTHS = ("diffuse", "specular", "attenuation_constant", "attenuation_linear",
-              "attenuation_quadratic")  # fmt: skip
+              "attenuation_quadratic", "attenuation_range", "spot_inner", "spot_outer",
+              "spot_falloff")  # fmt: skip
+# As in rendering.SHADOWS, which knows nothing of files.
+_SHADOWS = ("none", "hard", "soft")
 
 
 def checked_light(light: Light) -> Light:
@@ -42,13 +45,10 @@ def read_light(element: Element, pose: Pose) -> Light:
     if kind not in ("directional", "point", "spot"):
         raise DescriptionError(f"{where}: type '{shorten(kind)}' is unknown; use directional, "
                                "point or spot")
-    fade = element.find("attenuation")
+    fade, spot = element.find("attenuation"), element.find("spot")
 
     def rgba(tag: str, default: Rgba) -> Rgba:
-        text = text_of(element, tag)
-        if text is None:
-            return default
-        return numbers(text if len(text.split()) != 3 else f"{text} 1", 4, f"{where}: {tag}")
+        return _rgba(element, tag, where, default)
 
     return Light(
         element.get("name"), kind, pose.xyz, pose.rpy,
@@ -57,4 +57,36 @@ def read_light(element: Element, pose: Pose) -> Light:
         number(text_of(fade, "constant"), f"{where}: attenuation constant", 1.0),
         number(text_of(fade, "linear"), f"{where}: attenuation linear", 1.0),
         number(text_of(fade, "quadratic"), f"{where}: attenuation quadratic", 0.0),
+        number(text_of(fade, "range"), f"{where}: attenuation range", 10.0),
+        number(text_of(spot, "inner_angle"), f"{where}: spot inner_angle", 0.6),
+        number(text_of(spot, "outer_angle"), f"{where}: spot outer_angle", 1.0),
+        number(text_of(spot, "falloff"), f"{where}: spot falloff", 1.0),
         truth(text_of(element, "cast_shadows"), f"{where}: cast_shadows", False))
+
+
+def read_scene(scene: Element | None) -> Surroundings:
+    """A world's `<scene>`; DescriptionError naming what is wrong with it.
+
+    `<shadows>` does not count: saved worlds have it on, and pictures without shadows are those that
+    the original's thresholds are for. `<aras:shadows>` does.
+    """
+    plain = Surroundings()
+    if scene is None:
+        return plain
+    shadows = text_of(scene, "aras:shadows") or plain.shadows
+    if shadows not in _SHADOWS:
+        raise DescriptionError(f"scene: aras:shadows '{shorten(shadows)}' is unknown; use "
+                               f"{', '.join(_SHADOWS)}")
+    return Surroundings(_rgba(scene, "ambient", "scene", plain.ambient),
+                        _rgba(scene, "background", "scene", plain.background),
+                        scene.find("sky") is not None, shadows)
+
+
+def _rgba(element: Element, tag: str, where: str, default: Rgba) -> Rgba:
+    text = text_of(element, tag)
+    if text is None:
+        return default
+    values = numbers(text if len(text.split()) != 3 else f"{text} 1", 4, f"{where}: {tag}")
+    if min(values) < 0.0:
+        raise DescriptionError(f"{where}: {tag} {text} must not be negative")
+    return values

@@ -25,7 +25,8 @@ _OWN = "~/.gazebo/models"
 _BUILT_IN = {
     "sun": """<light name="sun" type="directional"><pose>0 0 10 0 0 0</pose>
 <diffuse>0.8 0.8 0.8 1</diffuse><specular>0.2 0.2 0.2 1</specular>
-<direction>-0.4834 0.0967 -0.8701</direction><attenuation><constant>0.9</constant>
+<direction>-0.4834 0.0967 -0.8701</direction>
+<attenuation><range>1000</range><constant>0.9</constant>
 <linear>0.01</linear><quadratic>0.001</quadratic></attenuation></light>""",
     "ground_plane": """<model name="ground_plane"><static>1</static><link name="link">
 <collision name="collision">

@@ -242,7 +242,8 @@ class SensorDescription:
 @dataclass(frozen=True)
 class Light(Placed):
     """A light of an SDF world. kind: directional, point or spot. direction: from the light,
-    in the world; attenuation: Gazebo's, cameras here do not fade."""
+    in the world, of a spot in its own frame. attenuation: by the distance in m, none beyond
+    attenuation_range. spot_inner, spot_outer: whole angles of a spot's cones, rad."""
 
     name: str
     kind: str = "directional"
@@ -254,7 +255,22 @@ class Light(Placed):
     attenuation_constant: float = 0.9
     attenuation_linear: float = 0.01
     attenuation_quadratic: float = 0.001
+    attenuation_range: float = 1000.0
+    spot_inner: float = 0.6
+    spot_outer: float = 1.0
+    spot_falloff: float = 1.0
     cast_shadows: bool = False
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """A world's `<scene>`: ambient light, what is seen where nothing is (a colour, or a sky), and
+    shadows in pictures: none, hard or soft."""
+
+    ambient: Rgba = (0.4, 0.4, 0.4, 1.0)
+    background: Rgba = (0.7, 0.7, 0.7, 1.0)
+    sky: bool = False
+    shadows: str = "none"
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ from pathlib import Path
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import Light, RobotDescription, read_sdf
-from aras_sim_bridge.description.lights import SUN
+from aras_sim_bridge.description.lights import SUN, read_scene
+from aras_sim_bridge.description.types import Surroundings
 from aras_sim_bridge.errors import DescriptionError, SimError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose, Vector3
@@ -19,9 +20,10 @@ from aras_visual_servo_base.poses import Pose, Vector3
 class WorldFile:
     """time_step: s. gravity: m/s². update_rate: steps per second of wall time; 0: free.
 
-    models, lights: what stands in the file, in its order. ground_plane: whether Gazebo's is to be
-    added, because no file was given. Absent numbers are Gazebo's defaults. warnings: what the file
-    asks for in vain, one sentence each. time_ns: simulated time at which it begins.
+    models, lights: what stands in the file, in its order. scene: what is around.
+    ground_plane: whether Gazebo's is to be added, because no file was given. Absent numbers are
+    Gazebo's defaults. warnings: what the file asks for in vain, one sentence each. time_ns:
+    simulated time at which it begins.
     """
 
     time_step: float = 0.001
@@ -29,6 +31,7 @@ class WorldFile:
     update_rate: float = 1000.0
     models: tuple[RobotDescription, ...] = ()
     lights: tuple[Light, ...] = (SUN,)
+    scene: Surroundings = Surroundings()
     ground_plane: bool = True
     warnings: tuple[str, ...] = ()
     time_ns: int = 0
@@ -54,6 +57,7 @@ def read(path: str) -> WorldFile:
         raise DescriptionError(f"{where}: there is no <sdf><world> in it")
     try:
         content = read_sdf(root, base_directory=os.path.dirname(os.path.abspath(path)))
+        scene = read_scene(world.find("scene"))
     except DescriptionError as error:
         raise DescriptionError(f"{where}: {error}") from None
     physics = world.find("physics")
@@ -74,6 +78,7 @@ def read(path: str) -> WorldFile:
         update_rate=number("real_time_update_rate", defaults.update_rate),
         models=content.models,
         lights=content.lights,
+        scene=scene,
         ground_plane=False,
         warnings=(*content.warnings, *warnings),
         time_ns=content.time_ns,

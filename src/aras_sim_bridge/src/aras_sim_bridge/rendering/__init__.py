@@ -21,13 +21,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from ..errors import RenderingError
-from .view import EXPOSURES, Sun, View
+from .view import EXPOSURES, SHADOWS, Sun, View
 
 if TYPE_CHECKING:
     from ..world import World
     from .renderer import Renderer
 
-__all__ = ["EXPOSURES", "RENDERERS", "Sun", "View", "create_renderer"]
+__all__ = ["EXPOSURES", "RENDERERS", "SHADOWS", "Sun", "View", "create_renderer"]
 
 # All mean the one renderer: 'opengl' and 'tiny' are what launch files of earlier versions ask for.
 RENDERERS = ("auto", "exact", "tiny", "opengl")

@@ -13,11 +13,14 @@ from ..world import World
 from .binning import Binning, Seen
 from .finding import found_edges
 from .fragments import Edges, Fragments
+from .lamps import rows_of
 from .measuring import measured
 from .recent import Recent
 from .sampling import PixelSampler, Samples
 from .scene import Scene
 from .shading import Shader, word
+from .shadows import SUNLIT, Illumination, Irradiance
+from .sky import MIDDLE, NO_SKY, sky_words
 from .tiles import Tiles
 from .triangles import Triangles
 from .view import Sun, View
@@ -42,6 +45,7 @@ class _Sampled:
     canvas: _Canvas
     seen: Seen
     samples: Samples
+    optical_T_link: np.ndarray
 
 
 class Renderer:
@@ -56,6 +60,7 @@ class Renderer:
         self._canvases: Recent[Hashable, _Canvas] = Recent(KEPT)
         self._triangles: Triangles | None = None
         self._binning: Binning | None = None
+        self._illumination: Illumination | None = None
         self._drawn_version = -1
         self._closed = False
 
@@ -80,10 +85,16 @@ class Renderer:
         one = self._sample(view, blend, UPPER_LEFT)
         canvas, triangles = one.canvas, self._triangles
         plain = canvas.shader.plain(triangles, one.seen)
+        if self.light.lights:
+            plain[:] = 0
         edges, fragments, background = self._resolve(one, view, plain)
+        light = self._irradiance(one, view, edges, fragments)
+        sky = NO_SKY
+        if self.light.sky:
+            sky = sky_words(canvas.tiles, view.world_T_optical)
         words = canvas.shader.words(triangles, one.seen, one.samples, plain, word(*background),
-                                    edges)
-        canvas.shader.blend(triangles, one.seen, fragments, background, words)
+                                    edges, light, sky)
+        canvas.shader.blend(triangles, one.seen, fragments, background, light, sky, words)
         rgba = words.view(np.uint8).reshape(*words.shape, 4)
         return cv2.cvtColor(rgba[:view.height, :view.width], cv2.COLOR_RGBA2RGB)
 
@@ -109,14 +120,25 @@ class Renderer:
                  ) -> tuple[np.ndarray, Fragments, np.ndarray]:
         """Pixels with edges as in finding.found_edges, what they consist of, and the background's
         rgb (3,) 0..255. plain: the words of the triangles seen."""
-        background = 255.0 * np.array(self.light.background[:3])
+        background = 255.0 * np.array(MIDDLE if self.light.sky else self.light.background[:3])
         t = self._triangles
-        smooth, part = t.smooth[one.seen.triangle], t.part[one.seen.triangle]
+        smooth = t.facets if self.light.lights else t.smooth
+        smooth, part = smooth[one.seen.triangle], t.part[one.seen.triangle]
         edges, found = found_edges(one.canvas.tiles, one.seen, one.samples, plain, smooth, part,
                                    word(*background), view.near, view.far)
         fragments = one.canvas.edges.fragments(self._triangles, one.seen, one.samples, found,
                                                plain, view.near, view.far)
         return edges, fragments, background
+
+    def _irradiance(self, one: _Sampled, view: View, edges: np.ndarray, fragments: Fragments
+                    ) -> Irradiance:
+        """What several lights give; empty where one sun does."""
+        light = self.light
+        if not light.lights:
+            return SUNLIT
+        lamps = rows_of(light.lights, view.optical_T_world, light.scale, light.shadows)
+        return self._illumination.on(one.canvas.tiles, one.seen, one.samples, edges, fragments,
+                                     one.optical_T_link, lamps, light.around)
 
     def _sample(self, view: View, blend: float, at: float) -> _Sampled:
         if self._closed:
@@ -127,11 +149,13 @@ class Renderer:
             self._drawn_version = self.scene.version
             self._triangles = Triangles.of(self.scene.parts)
             self._binning = Binning(self._triangles)
+            self._illumination = Illumination(self._triangles)
         canvas = self._canvas(view)
         world_T_link = self.scene.poses_at(blend)
-        light = self.light
+        light, optical_T_link = self.light, view.optical_T_world @ world_T_link
         seen = self._binning.seen(
-            canvas.tiles, view.optical_T_world @ world_T_link,
+            canvas.tiles, optical_T_link,
             light.to_sun @ world_T_link[:, :3, :3],
             light.scale * np.array([light.ambient, light.diffuse]), view.near, view.far)
-        return _Sampled(canvas, seen, canvas.sampler.samples(seen, view.near, view.far, at))
+        samples = canvas.sampler.samples(seen, view.near, view.far, at)
+        return _Sampled(canvas, seen, samples, optical_T_link)

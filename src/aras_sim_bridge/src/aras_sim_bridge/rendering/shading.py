@@ -1,4 +1,5 @@
-"""The colours of samples and fragments: albedo or texture, lit by one sun, smooth between corners.
+"""The colours of samples and fragments: albedo or texture, times light: of one sun, smooth between
+corners, or what shadows.Irradiance says.
 
 A pixel is a word: red, green, blue from the lowest byte up, and 255, or 0 where the lens shows
 nothing.
@@ -13,6 +14,7 @@ from aras_visual_servo_base.compiled import compiled, inlined
 from .binning import Seen
 from .fragments import Fragments
 from .sampling import BACKGROUND, NOTHING, Samples
+from .shadows import Irradiance
 from .textures import spread_out, textured
 from .tiles import TILE, Tiles
 from .triangles import Triangles
@@ -30,28 +32,32 @@ class Shader:
         return _plain(seen.triangle, seen.light, triangles.albedo, triangles.layer)
 
     def words(self, triangles: Triangles, seen: Seen, samples: Samples, plain: np.ndarray,
-              sky: np.uint32, edges: np.ndarray) -> np.ndarray:
+              sky: np.uint32, edges: np.ndarray, light: Irradiance,
+              backdrop: np.ndarray) -> np.ndarray:
         """The picture but for the pixels with edges, in an array that the next one overwrites.
 
-        plain, sky, edges: as in finding.found_edges.
+        plain, sky, edges: as in finding.found_edges; plain is all 0 where `light` says something.
+        backdrop: words of the padded picture that are seen where nothing is, or of no size: sky.
         """
         t, g = self._tiles, triangles
         if samples.most == BACKGROUND:
-            self._words.fill(sky)
+            if not len(backdrop):
+                self._words.fill(sky)
         elif plain[samples.most]:
             self._words.fill(plain[samples.most])
         _colour(samples.tile, samples.pixel, samples.most, edges, plain, sky, seen.triangle,
                 seen.side, seen.light, g.albedo, g.layer, g.uv, g.textures.texels, t.matrices,
-                t.valid, t.cells, t.columns, self._words)
+                t.valid, t.cells, t.columns, light.pixels, backdrop, self._words)
         return self._words
 
     def blend(self, triangles: Triangles, seen: Seen, fragments: Fragments, background: np.ndarray,
-              words: np.ndarray) -> None:
-        """Put the pixels that consist of fragments into words. background: (3,) rgb 0..255."""
+              light: Irradiance, backdrop: np.ndarray, words: np.ndarray) -> None:
+        """Put the pixels that consist of fragments into words. background: (3,) rgb 0..255, in
+        the place of a backdrop of no size."""
         g, t, f = triangles, self._tiles, fragments
         _blend(f.pixel, f.start, f.member, f.share, f.at, seen.triangle, seen.side, seen.light,
                g.albedo, g.layer, g.uv, g.textures.texels, t.matrices, t.cells, t.columns,
-               background, words)
+               background, light.fragments, backdrop, words)
 
 
 @compiled("f8, f8, f8")
@@ -88,11 +94,13 @@ def _light(matrices, c, side, light, m, x, y):
 
 
 @compiled("i8[::1], i4[:,::1], i8, u8[::1], u4[::1], u4, i8[::1], f8[:,:,::1], f8[:,::1], "
-          "f8[:,::1], i8[::1], f8[:,:,::1], u8[::1], f8[:,:,::1], b1[:,::1], i8, i8, u4[:,::1]")
+          "f8[:,::1], i8[::1], f8[:,:,::1], u8[::1], f8[:,:,::1], b1[:,::1], i8, i8, f4[:,:,::1], "
+          "u4[:,::1], u4[:,::1]")
 def _colour(tile, pixel, most, edges, plain, sky, triangle, side, light, albedo, layer, uv, texels,
-            matrices, valid, cells, columns, words):
+            matrices, valid, cells, columns, irradiance, backdrop, words):
     size = TILE // cells
     rgb, planes = np.empty(3), np.empty((3, 3))
+    lamps, graded = len(irradiance) > 0, len(backdrop) > 0
     last_c = last_m = np.int64(-1)
     for n in range(len(tile)):
         u, v = TILE * (n % columns), TILE * (n // columns)
@@ -100,6 +108,8 @@ def _colour(tile, pixel, most, edges, plain, sky, triangle, side, light, albedo,
         if one in (NOTHING, BACKGROUND) or (one >= 0 and plain[one] != 0):
             if one == NOTHING:
                 words[v:v + TILE, u:u + TILE] = 0
+            elif one == BACKGROUND and graded:
+                words[v:v + TILE, u:u + TILE] = backdrop[v:v + TILE, u:u + TILE]
             elif one != most:
                 words[v:v + TILE, u:u + TILE] = sky if one == BACKGROUND else plain[one]
             continue
@@ -111,7 +121,7 @@ def _colour(tile, pixel, most, edges, plain, sky, triangle, side, light, albedo,
                 if not valid[v + y, u + x]:
                     words[v + y, u + x] = 0
                 elif m < 0:
-                    words[v + y, u + x] = sky
+                    words[v + y, u + x] = backdrop[v + y, u + x] if graded else sky
                 elif plain[m] != 0:
                     words[v + y, u + x] = plain[m]
                 else:
@@ -122,7 +132,7 @@ def _colour(tile, pixel, most, edges, plain, sky, triangle, side, light, albedo,
                     if light[m, 1] != lit or light[m, 2] != lit:
                         lit = _light(matrices, c, side, light, m, xc, yc)
                     for k in range(3):
-                        rgb[k] = albedo[t, k] * lit
+                        rgb[k] = albedo[t, k] * (irradiance[v + y, u + x, k] if lamps else lit)
                     if layer[t] >= 0:
                         if c != last_c or m != last_m:
                             spread_out(matrices, c, side, m, uv, t, planes)
@@ -132,10 +142,11 @@ def _colour(tile, pixel, most, edges, plain, sky, triangle, side, light, albedo,
 
 
 @compiled("i8[::1], i8[::1], i8[::1], f8[::1], f8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1], "
-          "f8[:,::1], i8[::1], f8[:,:,::1], u8[::1], f8[:,:,::1], i8, i8, f8[::1], u4[:,::1]")
+          "f8[:,::1], i8[::1], f8[:,:,::1], u8[::1], f8[:,:,::1], i8, i8, f8[::1], f4[:,::1], "
+          "u4[:,::1], u4[:,::1]")
 def _blend(pixel, start, member, share, at, triangle, side, light, albedo, layer, uv, texels,
-           matrices, cells, columns, background, words):
-    size = TILE // cells
+           matrices, cells, columns, background, irradiance, backdrop, words):
+    size, lamps = TILE // cells, len(irradiance) > 0
     rgb, total, planes = np.empty(3), np.empty(3), np.empty((3, 3))
     width = words.shape[1]
     for n in range(len(pixel)):
@@ -149,6 +160,8 @@ def _blend(pixel, start, member, share, at, triangle, side, light, albedo, layer
                 left -= share[k]
         for j in range(3):
             total[j] = left * background[j]
+            if len(backdrop):
+                total[j] = left * float(backdrop[v, u] >> np.uint32(8 * j) & np.uint32(255))
         for k in range(start[n], start[n + 1]):
             m = member[k]
             t = triangle[m]
@@ -156,7 +169,7 @@ def _blend(pixel, start, member, share, at, triangle, side, light, albedo, layer
             if light[m, 1] != lit or light[m, 2] != lit:
                 lit = _light(matrices, c, side, light, m, at[k, 0], at[k, 1])
             for j in range(3):
-                rgb[j] = albedo[t, j] * lit
+                rgb[j] = albedo[t, j] * (irradiance[k, j] if lamps else lit)
             if layer[t] >= 0:
                 spread_out(matrices, c, side, m, uv, t, planes)
                 textured(planes, layer[t], texels, at[k, 0], at[k, 1], rgb)

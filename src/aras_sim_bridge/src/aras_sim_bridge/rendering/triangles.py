@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
@@ -75,6 +76,15 @@ class Triangles:
     uv: np.ndarray
     layer: np.ndarray
     textures: Textures
+
+    @cached_property
+    def facets(self) -> np.ndarray:
+        """(T,) as smooth, but different for flat triangles of a part that face different sides."""
+        flat = (self.normals == self.normals[:, :1]).all(axis=(1, 2))
+        turned = np.where(flat[:, None], np.rint(1e4 * self.normals[:, 0]), 2e4).astype(np.int64)
+        key = ((self.part * 40001 + turned[:, 0]) * 40001 + turned[:, 1]) * 40001 + turned[:, 2]
+        number = np.unique(key, return_inverse=True)[1]
+        return np.where(self.smooth < 0, -1, number)
 
     @property
     def nbytes(self) -> int:

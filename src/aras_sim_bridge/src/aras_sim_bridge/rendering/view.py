@@ -10,7 +10,7 @@ import numpy as np
 
 from aras_visual_servo_base.poses import inverse
 
-from ..description.types import Rgba
+from ..description.types import Light, Rgba
 from ..errors import RenderingError
 from .tiles import Tiles, shared
 
@@ -64,9 +64,12 @@ class View:
 EXPOSURES = ("unclipped", "gazebo")
 
 
+SHADOWS = ("none", "hard", "soft")
+
+
 @dataclass(frozen=True)
 class Sun:
-    """One sun without shadows; the defaults are Gazebo's.
+    """One white sun without shadows, or `lights` in its place; the defaults are Gazebo's.
 
     direction: from the sun to the ground, world frame. A surface of albedo a gives back
     a * (ambient + diffuse * max(0, n . -direction)), and shows that times `scale`.
@@ -74,6 +77,10 @@ class Sun:
         brightest that there can be, is 255 at most; what is darker than that anyway stays as it is.
         'gazebo': light is not scaled, and what is brighter than 255 is cut, which moves the edges
         of textures towards the dark by hundredths of a pixel.
+    lights: of any kind and colour, as lamps says what they give, ambient light besides.
+    shadows: one of SHADOWS, of those lights that cast them.
+    tint: of the ambient light, red, green, blue, times `ambient`.
+    sky: whether one is seen in place of the background.
     """
 
     direction: tuple[float, float, float] = (-0.5, 0.1, -0.9)
@@ -81,13 +88,25 @@ class Sun:
     diffuse: float = 0.8
     background: Rgba = (0.7, 0.7, 0.7, 1.0)
     exposure: str = "unclipped"
+    lights: tuple[Light, ...] = ()
+    shadows: str = "none"
+    tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    sky: bool = False
 
     @property
     def scale(self) -> float:
         """Grey levels, in parts of 255, that a surface shows for the light that it gives back."""
         if self.exposure == "gazebo":
             return 1.0
+        if self.lights:
+            most = np.sum([light.diffuse[:3] for light in self.lights], axis=0)
+            return 1.0 / max(float((most + self.ambient * np.array(self.tint)).max()), 1.0)
         return 1.0 / max(self.ambient + self.diffuse, 1.0)
+
+    @property
+    def around(self) -> np.ndarray:
+        """(3,) ambient light, parts of 255."""
+        return self.scale * self.ambient * np.array(self.tint)
 
     @cached_property
     def to_sun(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Light services; the first directional light is the sun of the pictures."""
+"""Light services."""
 
 from __future__ import annotations
 

@@ -78,9 +78,6 @@ class Models:
         done = f"SpawnModel: Successfully spawned entity '{name}'"
         if isinstance(description, Light):
             thread.call(lambda: _add_light(thread.simulation, request, description, pose))
-            if description.kind != "directional":
-                done += f"; a {description.kind} light is kept, but pictures are drawn by the sun "
-                done += "alone"
             return {"status_message": done}
         description = descriptions.in_namespace(description, request.robot_namespace)
         pose = pose @ Pose.from_rpy(*description.initial_pose)

@@ -8,6 +8,7 @@ import os
 import sys
 import threading
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 
@@ -147,6 +148,9 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
         gui = False
     for warning in world.warnings:
         rospy.logwarn("world file: %s", warning)
+    scene = world.scene
+    if parameters.shadows != "world":
+        scene = replace(scene, shadows=parameters.shadows)
     simulation = Simulation(
         SimulationConfig(
             time_step=world.time_step,
@@ -154,6 +158,7 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
             gui=gui,
             renderer=parameters.renderer,
             exposure=parameters.exposure,
+            scene=scene,
             seed=parameters.seed,
             legacy_camera_info=parameters.legacy_camera_info,
             ground_plane=world.ground_plane,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
-from aras_sim_bridge.rendering import EXPOSURES, RENDERERS
+from aras_sim_bridge.rendering import EXPOSURES, RENDERERS, SHADOWS
 from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
 from aras_visual_servo_base.settings import build, parameter
 from aras_visual_servo_ros.parameters import InvalidParameterError
@@ -25,6 +25,7 @@ class NodeParameters:
     world: str = ""
     renderer: str = parameter("auto", choices=RENDERERS)
     exposure: str = parameter(EXPOSURES[0], choices=EXPOSURES)
+    shadows: str = parameter("world", choices=("world", *SHADOWS))
     speed_mode: str = parameter("real_time", choices=SPEED_MODES)
     clock_rate: float = parameter(250.0, "Hz; 0 for every step", least=0.0)
     real_time_factor: float = parameter(1.0, above=0.0)

@@ -1,0 +1,415 @@
+"""Light on each pixel by several lamps, and what stands between: shadows by casting rays.
+
+A tile's points and a lamp span a beam. Clusters of triangles (triangles.Clusters) that it touches
+may cast shadows on the tile; in most tiles there are none. In the others a ray goes from each
+corner of a pixel to the lamp (from all of them to eight places on the rim of a soft lamp, two from
+each corner); where all say the same, so does the pixel, and FINE rays, spread over pixel and lamp,
+say the others' share. A shadow's edge is therefore as good as FINE places in a pixel; what is
+narrower than a pixel may be missed. Triangles cast shadows to both sides; of a convex part none on
+each other, so that a ball is as round in its light as its normals are. What one sees through casts
+none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import compiled, inlined
+
+from .binning import Seen
+from .fragments import Fragments
+from .lamps import CASTS, COLOUR, KIND, RADIUS, towards
+from .sampling import Samples
+from .tiles import TILE, Tiles
+from .triangles import Triangles
+
+# Rays of a pixel that a shadow's edge is in, and of a fragment.
+FINE, FEW = 160, 16
+LIT, DARK, MIXED = 1, 2, 3
+# How far from its surface a ray begins, m, and of its distance from the eye: meshes have single
+# precision.
+OFF, OFF_FAR = 2e-5, 2e-6
+
+
+@dataclass(frozen=True)
+class Irradiance:
+    """Light in parts of 255, red, green, blue: `pixels` (rows, columns, 3) float32 on those of the
+    padded picture that have no edge, `fragments` (F, 3) float32. Both empty: see Seen.light."""
+
+    pixels: np.ndarray
+    fragments: np.ndarray
+
+
+SUNLIT = Irradiance(np.zeros((0, 0, 3), np.float32), np.zeros((0, 3), np.float32))
+
+
+def _spread() -> np.ndarray:
+    """(FINE, 4) evenly spread over a pixel, -0.5..0.5 px, and over a disc of radius 1, by Roberts's
+    sequence in four dimensions."""
+    golden = 1.16730397826141868  # g**5 = g + 1
+    share = (0.5 + (np.arange(FINE)[:, None] + 1) / golden ** np.arange(1, 5)) % 1.0
+    radius, angle = np.sqrt(share[:, 2:3]), 2 * np.pi * share[:, 3:]
+    return np.hstack([share[:, :2] - 0.5, radius * np.cos(angle), radius * np.sin(angle)])
+
+
+SPREAD = _spread()
+# Places on the rim of a disc.
+RIM = np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)], axis=1)
+
+
+class Illumination:
+    """What the triangles of a scene look like to lamps."""
+
+    def __init__(self, triangles: Triangles) -> None:
+        c = triangles.clusters
+        rows = len(triangles.row_centre)
+        self._triangles = triangles
+        casting = np.flatnonzero(c.opaque)
+        self._order = casting[np.argsort(c.row[casting], kind="stable")]
+        self._bounds = np.searchsorted(c.row[self._order], np.arange(rows + 1))
+        self._part = triangles.part[c.first] if len(c.first) else c.first
+
+    def on(self, tiles: Tiles, seen: Seen, samples: Samples, edges: np.ndarray,
+           fragments: Fragments, optical_T_link: np.ndarray, lamps: np.ndarray,
+           ambient: np.ndarray) -> Irradiance:
+        """Of a picture. edges: as finding.found_edges has them; lamps: of lamps.rows_of; ambient:
+        (3,) parts of 255."""
+        t, g, f, c = tiles, self._triangles, fragments, self._triangles.clusters
+        turn = optical_T_link[g.row[seen.triangle], :3, :3]
+        normals = np.einsum("nij,nkj->nki", turn, g.normals[seen.triangle])
+        pixels = np.zeros((t.rows * TILE, t.columns * TILE, 3), np.float32)
+        on_fragments = np.zeros((len(f.member), 3), np.float32)
+        _illuminate(
+            samples.tile, samples.pixel, edges, t.valid, t.matrices, t.cells, t.columns, seen.side,
+            np.ascontiguousarray(normals), seen.triangle, g.part, g.hull, optical_T_link,
+            g.row_centre, g.row_half, self._order, self._bounds, self._part, c.row, c.first,
+            c.count, c.centre, c.half, g.corners, lamps, ambient, f.pixel, f.start, f.member, f.at,
+            pixels, on_fragments)
+        return Irradiance(pixels, on_fragments)
+
+
+@inlined
+def _basis(d, e):
+    """Two unit vectors square to the unit vector d, into the rows of e (2, 3)."""
+    k = 0 if abs(d[0]) < 0.6 else 1
+    squared = 1.0 - d[k] * d[k]
+    length = np.sqrt(squared)
+    for j in range(3):
+        e[0, j] = ((1.0 if j == k else 0.0) - d[k] * d[j]) / length
+    e[1, 0] = d[1] * e[0, 2] - d[2] * e[0, 1]
+    e[1, 1] = d[2] * e[0, 0] - d[0] * e[0, 2]
+    e[1, 2] = d[0] * e[0, 1] - d[1] * e[0, 0]
+
+
+@inlined
+def _beam_meets(T, r, centre, half, n, point, radius, d, far, growth):
+    """Whether the beam from around a point, of a radius that grows with the distance, along the
+    unit vector d up to `far`, may meet box n in the frame of link r."""
+    low, high = 0.0, far
+    wide = 0.0
+    middle = 0.0
+    for k in range(3):
+        # The box's middle seen from the point, along d; and how far it reaches.
+        at = T[r, k, 0] * centre[n, 0] + T[r, k, 1] * centre[n, 1] + T[r, k, 2] * centre[n, 2]
+        middle += (at + T[r, k, 3] - point[k]) * d[k]
+        wide += half[n, k] * half[n, k]
+    wide = radius + growth * max(min(middle + np.sqrt(wide), far), 0.0)
+    for k in range(3):
+        o = s = 0.0
+        for j in range(3):
+            o += T[r, j, k] * (point[j] - T[r, j, 3])
+            s += T[r, j, k] * d[j]
+        o -= centre[n, k]
+        reach = half[n, k] + wide
+        if abs(s) < 1e-12:
+            if abs(o) > reach:
+                high = -1.0
+        else:
+            a, b = (-reach - o) / s, (reach - o) / s
+            low, high = max(low, min(a, b)), min(high, max(a, b))
+    # What lies within the beam's own radius is met from the start.
+    return low <= high
+
+
+@compiled("f8[::1], f8[::1], f8, i8, i8[::1], i8, f8[:,:,::1], i8[::1], i8[::1], i8[::1], "
+          "i8[::1], f8[:,::1], f8[:,::1], f8[:,:,::1]", allocates=False)
+def _blocked(p, d, far, skip, candidates, many, T, part, row, first, count, centre, half, corners):
+    """Whether one of the clusters `candidates[:many]` is in the way from p along d (of any length)
+    up to `far` times it; not one of the part `skip`. What is in the way comes first then."""
+    for i in range(many):
+        c = candidates[i]
+        if part[c] == skip:
+            continue
+        r = row[c]
+        x, y, z = p[0] - T[r, 0, 3], p[1] - T[r, 1, 3], p[2] - T[r, 2, 3]
+        ox = T[r, 0, 0] * x + T[r, 1, 0] * y + T[r, 2, 0] * z
+        oy = T[r, 0, 1] * x + T[r, 1, 1] * y + T[r, 2, 1] * z
+        oz = T[r, 0, 2] * x + T[r, 1, 2] * y + T[r, 2, 2] * z
+        sx = T[r, 0, 0] * d[0] + T[r, 1, 0] * d[1] + T[r, 2, 0] * d[2]
+        sy = T[r, 0, 1] * d[0] + T[r, 1, 1] * d[1] + T[r, 2, 1] * d[2]
+        sz = T[r, 0, 2] * d[0] + T[r, 1, 2] * d[1] + T[r, 2, 2] * d[2]
+        low, high = 0.0, far
+        u, v, w = 1.0 / (sx + 1e-300), 1.0 / (sy + 1e-300), 1.0 / (sz + 1e-300)
+        a, b = (centre[c, 0] - half[c, 0] - ox) * u, (centre[c, 0] + half[c, 0] - ox) * u
+        low, high = max(low, min(a, b)), min(high, max(a, b))
+        a, b = (centre[c, 1] - half[c, 1] - oy) * v, (centre[c, 1] + half[c, 1] - oy) * v
+        low, high = max(low, min(a, b)), min(high, max(a, b))
+        a, b = (centre[c, 2] - half[c, 2] - oz) * w, (centre[c, 2] + half[c, 2] - oz) * w
+        low, high = max(low, min(a, b)), min(high, max(a, b))
+        if low > high * (1.0 + 1e-9) + 1e-12:
+            continue
+        for t in range(first[c], first[c] + count[c]):
+            ax, ay, az = corners[t, 0, 0], corners[t, 0, 1], corners[t, 0, 2]
+            e1x, e1y, e1z = corners[t, 1, 0] - ax, corners[t, 1, 1] - ay, corners[t, 1, 2] - az
+            e2x, e2y, e2z = corners[t, 2, 0] - ax, corners[t, 2, 1] - ay, corners[t, 2, 2] - az
+            px, py, pz = sy * e2z - sz * e2y, sz * e2x - sx * e2z, sx * e2y - sy * e2x
+            det = e1x * px + e1y * py + e1z * pz
+            if det == 0.0:
+                continue
+            scale = 1.0 / det
+            tx, ty, tz = ox - ax, oy - ay, oz - az
+            u = (tx * px + ty * py + tz * pz) * scale
+            if u < 0.0 or u > 1.0:
+                continue
+            qx, qy, qz = ty * e1z - tz * e1y, tz * e1x - tx * e1z, tx * e1y - ty * e1x
+            v = (sx * qx + sy * qy + sz * qz) * scale
+            if v < 0.0 or u + v > 1.0:
+                continue
+            at = (e2x * qx + e2y * qy + e2z * qz) * scale
+            if 0.0 < at < far:
+                candidates[i] = candidates[0]
+                candidates[0] = c
+                return True
+    return False
+
+
+@inlined
+def _point(matrices, c, side, m, x, y, p, g):
+    """Put into p (3,) the point of triangle m's plane that x, y of cell c shows, moved off it, and
+    into g its unit normal; whether there is one."""
+    rx = matrices[c, 0, 0] * x + matrices[c, 0, 1] * y + matrices[c, 0, 2]
+    ry = matrices[c, 1, 0] * x + matrices[c, 1, 1] * y + matrices[c, 1, 2]
+    rz = matrices[c, 2, 0] * x + matrices[c, 2, 1] * y + matrices[c, 2, 2]
+    gx = side[m, 0, 0] + side[m, 1, 0] + side[m, 2, 0]
+    gy = side[m, 0, 1] + side[m, 1, 1] + side[m, 2, 1]
+    gz = side[m, 0, 2] + side[m, 1, 2] + side[m, 2, 2]
+    w = gx * rx + gy * ry + gz * rz
+    there = w > 1e-9
+    size = 1.0 / np.sqrt(gx * gx + gy * gy + gz * gz)
+    g[0], g[1], g[2] = -gx * size, -gy * size, -gz * size
+    w = 1.0 / w if there else 0.0
+    p[0], p[1], p[2] = rx * w, ry * w, rz * w
+    off = OFF + OFF_FAR * (abs(p[0]) + abs(p[1]) + abs(p[2]))
+    p[0], p[1], p[2] = p[0] + off * g[0], p[1] + off * g[1], p[2] + off * g[2]
+    return there
+
+
+@inlined
+def _aimed(lamps, n, p, d, far, e, a, b, ray):
+    """Put into ray (3,) the way from p to the place a, b of lamp n's disc, d and e its frame; how
+    many times its length is free to be met."""
+    radius = lamps[n, RADIUS]
+    directional = lamps[n, KIND] == 0.0
+    for j in range(3):
+        beside = radius * (a * e[0, j] + b * e[1, j])
+        ray[j] = d[j] + beside if directional else far * d[j] + beside
+    return np.inf if directional else 1.0
+
+
+@compiled("i8[::1], i4[:,::1], u8[::1], b1[:,::1], f8[:,:,::1], i8, i8, f8[:,:,::1], f8[:,:,::1], "
+          "i8[::1], i8[::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], "
+          "i8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1], "
+          "f8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f4[:,:,::1], f4[:,::1]")
+def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, normals, triangle, part,
+                hull, T, row_centre, row_half, order, bounds, cluster_part, cluster_row, first,
+                count, centre, half, corners, lamps, ambient, f_pixel, f_start, f_member, f_at,
+                out, f_out):
+    """Fill out and f_out: see Irradiance.
+
+    Points are those of a tile's pixels without edges, then of its fragments."""
+    size, one = TILE // cells, np.uint64(1)
+    width = columns * TILE
+    tiles = len(tile)
+    # Fragments by tile: those of pixels in it come one after another, cell by cell.
+    f_first = np.full(tiles + 1, -1)
+    for n in range(len(f_pixel)):
+        at = (f_pixel[n] // width // TILE) * columns + f_pixel[n] % width // TILE
+        if f_first[at] < 0:
+            f_first[at] = n
+    longest = 0
+    for n in range(len(f_pixel)):
+        longest = max(longest, f_start[n + 1] - f_start[n])
+    room = TILE * TILE * (1 + longest)
+    # Of the points: member, x, y in its cell, cell; where they are, normals, light.
+    who, cell, place = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.int64)
+    at = np.empty((room, 2))
+    points, facing, flat = np.empty((room, 3)), np.empty((room, 3)), np.empty((room, 3))
+    light = np.empty((room, 3))
+    candidates = np.empty(len(order) + 1, np.int64)
+    corner_of, corner_says = np.empty((9, 9), np.int64), np.empty((9, 9), np.int64)
+    p, g, d, ray, e = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty((2, 3))
+    middle, low, high = np.empty(3), np.empty(3), np.empty(3)
+    for n in range(tiles):
+        if tile[n] == -2 or tile[n] == -1:
+            continue
+        u0, v0 = TILE * (n % columns), TILE * (n // columns)
+        many = 0
+        for y in range(TILE):
+            for x in range(TILE):
+                m = tile[n] if tile[n] >= 0 else np.int64(pixel[v0 + y, u0 + x])
+                if (m < 0 or not valid[v0 + y, u0 + x]
+                        or edges[n] >> np.uint64(y * TILE + x) & one != 0):
+                    continue
+                who[many], place[many] = m, y * TILE + x
+                cell[many] = n * cells * cells + (y // size) * cells + x // size
+                at[many, 0], at[many, 1] = float(x % size), float(y % size)
+                many += 1
+        whole = many
+        k = f_first[n]
+        while k >= 0 and k < len(f_pixel):
+            v, u = f_pixel[k] // width, f_pixel[k] % width
+            if (v // TILE) * columns + u // TILE != n:
+                break
+            x, y = u % TILE, v % TILE
+            for i in range(f_start[k], f_start[k + 1]):
+                who[many], place[many] = f_member[i], i
+                cell[many] = n * cells * cells + (y // size) * cells + x // size
+                at[many, 0], at[many, 1] = f_at[i, 0], f_at[i, 1]
+                many += 1
+            k += 1
+        if many == 0:
+            continue
+        # The one convex part that all of them belong to casts no shadow on them.
+        alone = hull[triangle[who[0]]]
+        for i in range(many):
+            if hull[triangle[who[i]]] != alone:
+                alone = np.int64(-1)
+        step = 0.0
+        for j in range(3):
+            low[j], high[j] = np.inf, -np.inf
+        for i in range(many):
+            m, c = who[i], cell[i]
+            _point(matrices, c, side, m, at[i, 0], at[i, 1], p, g)
+            for j in range(3):
+                points[i, j], flat[i, j], light[i, j] = p[j], g[j], ambient[j]
+                low[j], high[j] = min(low[j], p[j]), max(high[j], p[j])
+                facing[i, j] = 0.0
+            squared = 0.0
+            for k in range(3):
+                share = side[m, k, 0] * p[0] + side[m, k, 1] * p[1] + side[m, k, 2] * p[2]
+                for j in range(3):
+                    facing[i, j] += share * normals[m, k, j]
+            for j in range(3):
+                squared += facing[i, j] * facing[i, j]
+            length = 1.0 / np.sqrt(max(squared, 1e-300))
+            for j in range(3):
+                facing[i, j] *= length
+            distance = np.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
+            across = longer = 0.0
+            for j in range(3):
+                across += matrices[c, j, 0] * matrices[c, j, 0]
+                r = matrices[c, j, 0] * at[i, 0] + matrices[c, j, 1] * at[i, 1] + matrices[c, j, 2]
+                longer += r * r
+            step = max(step, distance * np.sqrt(across / longer))
+        radius = 0.0
+        for j in range(3):
+            middle[j] = 0.5 * (low[j] + high[j])
+            radius += (high[j] - low[j])**2
+        # Aslant, a pixel goes beyond its centre by as much as the next one is away.
+        radius = 0.65 * np.sqrt(radius) + 2.0 * step
+        for lamp in range(len(lamps)):
+            near_by = 0
+            if lamps[lamp, CASTS] > 0.0:
+                far, _ = towards(lamps, lamp, middle, d)
+                directional = lamps[lamp, KIND] == 0.0
+                growth = lamps[lamp, RADIUS] if directional else 0.0
+                wide = radius if directional else max(radius, lamps[lamp, RADIUS])
+                for r in range(len(row_centre)):
+                    if row_half[r, 0] < 0.0 or not _beam_meets(
+                            T, r, row_centre, row_half, r, middle, wide, d, far, growth):
+                        continue
+                    for k in range(bounds[r], bounds[r + 1]):
+                        if cluster_part[order[k]] != alone and _beam_meets(
+                                T, r, centre, half, order[k], middle, wide, d, far, growth):
+                            candidates[near_by] = order[k]
+                            near_by += 1
+            for i in range(9):
+                for j in range(9):
+                    corner_of[i, j] = -1
+            for i in range(many):
+                m = who[i]
+                for j in range(3):
+                    p[j] = points[i, j]
+                far, left = towards(lamps, lamp, p, d)
+                cosine = facing[i, 0] * d[0] + facing[i, 1] * d[1] + facing[i, 2] * d[2]
+                if cosine <= 0.0 or left <= 0.0:
+                    continue
+                seen = 1.0
+                if near_by > 0:
+                    front = flat[i, 0] * d[0] + flat[i, 1] * d[1] + flat[i, 2] * d[2]
+                    t = triangle[m]
+                    skip = part[t] if hull[t] >= 0 or front <= 0.0 else np.int64(-1)
+                    soft = lamps[lamp, RADIUS] > 0.0
+                    says = 0
+                    if i < whole:
+                        x0, y0 = place[i] % TILE, place[i] // TILE
+                        for k in range(4):
+                            x, y = x0 + k % 2, y0 + k // 2
+                            if corner_of[y, x] != m:
+                                corner_of[y, x] = m
+                                own = 0
+                                if not _point(matrices, cell[i], side, m, at[i, 0] + k % 2 - 0.5,
+                                              at[i, 1] + k // 2 - 0.5, p, g):
+                                    own = MIXED
+                                far, _ = towards(lamps, lamp, p, d)
+                                if soft:
+                                    _basis(d, e)
+                                for q in range(2 if soft else 1):
+                                    if own == MIXED:
+                                        break
+                                    a = b = 0.0
+                                    if soft:
+                                        spot = (x + 2 * y) % 4 + 4 * q
+                                        a, b = RIM[spot, 0], RIM[spot, 1]
+                                    end = _aimed(lamps, lamp, p, d, far, e, a, b, ray)
+                                    own |= DARK if _blocked(
+                                        p, ray, end, skip, candidates, near_by, T, cluster_part,
+                                        cluster_row, first, count, centre, half, corners) else LIT
+                                corner_says[y, x] = own
+                            says |= corner_says[y, x]
+                            if says == MIXED:
+                                break
+                    else:
+                        says = MIXED
+                    if says == DARK:
+                        seen = 0.0
+                    elif says == MIXED:
+                        rays, hits, shrink = FINE, 0, 1.0
+                        if i >= whole:
+                            rays, shrink = FEW, 0.5
+                        tried = 0
+                        for k in range(rays):
+                            s = k
+                            if not _point(matrices, cell[i], side, m,
+                                          at[i, 0] + shrink * SPREAD[s, 0],
+                                          at[i, 1] + shrink * SPREAD[s, 1], p, g):
+                                continue
+                            far, _ = towards(lamps, lamp, p, d)
+                            if soft:
+                                _basis(d, e)
+                            end = _aimed(lamps, lamp, p, d, far, e, SPREAD[s, 2], SPREAD[s, 3], ray)
+                            tried += 1
+                            hits += 0 if _blocked(
+                                p, ray, end, skip, candidates, near_by, T, cluster_part,
+                                cluster_row, first, count, centre, half, corners) else 1
+                        seen = hits / max(tried, 1)
+                for j in range(3):
+                    light[i, j] += seen * left * cosine * lamps[lamp, COLOUR + j]
+        for i in range(many):
+            for j in range(3):
+                if i < whole:
+                    out[v0 + place[i] // TILE, u0 + place[i] % TILE, j] = light[i, j]
+                else:
+                    f_out[place[i], j] = light[i, j]

@@ -1,0 +1,45 @@
+"""A clear sky: bluer with the height above the horizon, and below that the haze of the ground."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import compiled
+
+from .shading import word
+from .tiles import TILE, Tiles
+
+# Colours at the zenith, at the horizon and straight below; red, green, blue, 0..1.
+ZENITH, HORIZON, HAZE = (0.22, 0.42, 0.78), (0.80, 0.88, 0.95), (0.52, 0.52, 0.50)
+# What edges before the sky are compared with, to be found.
+MIDDLE = (0.51, 0.65, 0.87)
+NO_SKY = np.zeros((0, 0), np.uint32)
+
+
+def sky_words(tiles: Tiles, world_T_optical: np.ndarray) -> np.ndarray:
+    """(rows * TILE, columns * TILE) uint32 words of the padded picture."""
+    out = np.empty((tiles.rows * TILE, tiles.columns * TILE), np.uint32)
+    _fill(tiles.matrices, tiles.cells, tiles.columns, np.ascontiguousarray(world_T_optical[2, :3]),
+          np.array([ZENITH, HORIZON, HAZE]), out)
+    return out
+
+
+@compiled("f8[:,:,::1], i8, i8, f8[::1], f8[:,::1], u4[:,::1]")
+def _fill(matrices, cells, columns, up, colours, out):
+    size, rgb = TILE // cells, np.empty(3)
+    for v in range(out.shape[0]):
+        for u in range(out.shape[1]):
+            n = (v // TILE) * columns + u // TILE
+            M = matrices[n * cells * cells + (v % TILE // size) * cells + u % TILE // size]
+            length = height = 0.0
+            for j in range(3):
+                ray = M[j, 0] * (u % size) + M[j, 1] * (v % size) + M[j, 2]
+                length += ray * ray
+                height += up[j] * ray
+            height /= np.sqrt(max(length, 1e-300))
+            # Upwards it turns blue quickly, downwards it fades within some degrees.
+            share = np.sqrt(height) if height > 0.0 else min(-6.0 * height, 1.0)
+            other = 0 if height > 0.0 else 2
+            for j in range(3):
+                rgb[j] = 255.0 * (colours[1, j] + share * (colours[other, j] - colours[1, j]))
+            out[v, u] = word(rgb[0], rgb[1], rgb[2])

@@ -120,6 +120,9 @@ class TargetSpec:
     pose: x, y, z (m), roll, pitch, yaw (rad) of its frame in the world; its z axis is its normal.
         The plates of 'aras' lie at (0, 0, 0.59) in that frame. motion: see Motion.
     occluder: low and high corner (x, y), m, of an opaque rectangle that lies on the target.
+    occluded: from when and until when it lies there, s of simulated time, as often as it comes (to
+        a step of the physics, 1 ms); the goal is taught without it. None: it always lies there,
+        when the goal is taught too.
     perturbed: a target with a picture has another one in the run than when the goal was taught:
         brighter or darker, of other contrast, grained, with a patch erased, by the seed.
     box: a white box under it that is loose; None: it stands and touches nothing (bullet).
@@ -130,6 +133,7 @@ class TargetSpec:
     pose: Six = (0.0,) * 6
     motion: Motion = Motion()
     occluder: tuple[Pair, Pair] | None = None
+    occluded: tuple[Pair, ...] | None = None
     perturbed: bool = False
     box: BoxSpec | None = None
 
@@ -146,6 +150,11 @@ class TargetSpec:
             f"target.shape is '{self.shape}', must be a list of corners, the path of a picture or "
             f"an SVG, or a name: {nearest(str(self.shape), NAMES)}",
         )
+        require(self.occluded is None or self.occluder is not None,
+                "target.occluded says when an occluder lies there: give target.occluder")
+        for begin, end in self.occluded or ():
+            require(0.0 <= begin < end, f"target.occluded is from {begin:g} to {end:g} s, must rise "
+                                        "from 0 on")
         given = self.shape == "aras" or self.described
         require(
             self.box is None or not given and self.motion == Motion(),

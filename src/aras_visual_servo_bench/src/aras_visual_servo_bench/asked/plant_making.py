@@ -22,7 +22,7 @@ from ..plants.bullet_arm import BulletArm, ShownTarget
 from ..plants.free_body import FreeBody
 from ..plants.ideal import IdealCamera
 from ..plants.kinematic import FreeCamera, KinematicChain, Sight
-from ..targets.files import description_file
+from ..targets.files import ABOVE, description_file, occluder_file
 from ..targets.geometry import PlacedTarget
 from ..targets.textures import TexturedTarget
 from .cameras import Eye
@@ -104,6 +104,7 @@ class PlantMaker:
             jitter=0.0 if exactly else experiment.jitter,
             depth=self.depth or Need.DEPTH in needs,
             occluder=experiment.target.occluder,
+            occluded=() if exactly and experiment.target.occluded else experiment.target.occluded,
             unbounded=self.unbounded,
             drop=0.0 if experiment.plant == "bullet" else float(
                 dict(eye.settings.get("effects", {})).get("drop_probability", 0.0)
@@ -112,15 +113,20 @@ class PlantMaker:
             place=self.places.get(eye.name),
         )  # fmt: skip
 
-    def _spawned(self, exactly: bool) -> ShownTarget | None:
-        """The target that is put into the simulated world, None where the robot brings its own."""
+    def _spawned(self, exactly: bool) -> tuple[ShownTarget, ...]:
+        """What is put into the simulated world: the target, unless the robot brings its own, and
+        what comes and goes on it."""
         spec = self.experiment.target
         if spec.described or self.experiment.robot.target_frame:
-            return None
+            return ()
         if spec.shape == "aras":
-            return ShownTarget(self.target, self.robot.packages.file(PLATES), PLATES_AT)
+            return (ShownTarget(self.target, self.robot.packages.file(PLATES), PLATES_AT),)
         seed = self.experiment.seed if spec.perturbed and not exactly else None
-        return ShownTarget(self.target, description_file(spec, seed))
+        found = [ShownTarget(self.target, description_file(spec, seed))]
+        if spec.occluded is not None and not exactly:
+            cover = occluder_file(spec.occluder)
+            found.append(ShownTarget(self.target, cover, (0.0, 0.0, ABOVE), spec.occluded))
+        return tuple(found)
 
     def plant(self, arm: Arm | FreeBody, start: np.ndarray, exactly: bool = False) -> Plant:
         """The plant at joints (n,); `exactly`: as for teaching, without noise."""

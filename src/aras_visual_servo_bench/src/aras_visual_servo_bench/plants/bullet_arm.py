@@ -32,30 +32,40 @@ from ..asked.robots import Robot
 from ..errors import ExperimentError
 from ..targets.geometry import PlacedTarget
 from .base import CAMERA, CameraReading, JointListener, JointReading, Plant, Reading
-from .kinematic import Sight, exposures
+from .kinematic import Sight, exposures, lies_there
 
 if TYPE_CHECKING:
     from aras_visual_servo_controller.loop.driver import Driver
 
-MODEL, TARGET = "robot", "target"
+MODEL, TARGET, OCCLUDER = "robot", "target", "occluder"
 NS = 1_000_000_000
+OUT_OF_SIGHT = Pose((0.0, 0.0, -1e4), (0.0, 0.0, 0.0, 1.0))
 NO_OTHERS: Mapping[str, Mapping[str, Any]] = {}
 
 
 @dataclass(frozen=True, eq=False)
 class ShownTarget:
-    """A target that is a model of its own in the simulated world.
+    """A target that is a model of its own in the simulated world, or what lies on it.
 
     placed: where it lies. urdf: what is drawn of it.
     lies_at: x, y, z (m) of the model's origin in the target's frame.
+    times: from when and until when it is there, s; None: always.
     """
 
     placed: PlacedTarget
     urdf: Path
     lies_at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    times: tuple[tuple[float, float], ...] | None = None
+
+    @property
+    def still(self) -> bool:
+        """Whether it is always there, in one place."""
+        return self.times is None and self.placed.motion.still
 
     def pose(self, time: float) -> Pose:
-        """The model's in the world at `time` (s)."""
+        """The model's in the world at `time` (s); out of sight while it is not there."""
+        if not lies_there(self.times, time):
+            return OUT_OF_SIGHT
         world_T_target = self.placed.world_T_target(time)
         return Pose.from_matrix(world_T_target @ transform(self.lies_at, (0.0,) * 3))
 
@@ -71,7 +81,7 @@ class BulletArm(Plant):
         seed: int = 0,
         renderer: str = "auto",
         traced: bool = False,
-        target: ShownTarget | None = None,
+        shown: Sequence[ShownTarget] = (),
         sights: Sequence[Sight] = (),
         lights: tuple[Light, ...] = (SUN,),
         name: str = "",
@@ -84,7 +94,8 @@ class BulletArm(Plant):
             camera: settings of the control camera, laid over the description's camera.
             joints: positions by name, rad or m.
             traced: keep every step's joint velocities, for `peak_speed`.
-            target: that is put into the world; None: the robot brings its own.
+            shown: what is put into the world: the target, unless the robot brings its own, and what
+                lies on it.
             sights: see in place of the cameras, the control camera first, from where the physics
                 has that at each exposure; nothing is drawn then. None: the cameras.
             lights: of the world; the first is the sun.
@@ -119,7 +130,7 @@ class BulletArm(Plant):
         self.outputs = frozenset((kind,))
         self._controllers = list(controllers.values())
         self._readings: list[Reading] = []
-        self._carried: tuple[ShownTarget, Model] | None = None
+        self._carried: list[tuple[ShownTarget, Model]] = []
         self._peak = np.zeros(len(self.joint_names)) if traced else None
         self._exposures = [] if not sights else exposures(
             sights[0], sights[1:], np.random.default_rng(seed), seed
@@ -129,8 +140,8 @@ class BulletArm(Plant):
         )
         try:
             self._spawn(robot, description, name, own, joints)
-            if target is not None:
-                self._place(target)
+            for name, one in zip((TARGET, OCCLUDER), shown, strict=False):
+                self._place(name, one)
         except SimError as error:
             self.close()
             raise ExperimentError(str(error)) from error
@@ -168,12 +179,12 @@ class BulletArm(Plant):
         self._carrier = spec.target_frame
         self.camera = cameras.model_of_info(mounted.sensor.info)
 
-    def _place(self, target: ShownTarget) -> None:
+    def _place(self, name: str, target: ShownTarget) -> None:
         """Put a target into the world; one that moves is where it belongs at every step."""
         described = _target_description(target.urdf)
-        model = self._simulation.spawn(described, TARGET, target.pose(0.0))
-        if not target.placed.motion.still:
-            self._carried = target, model
+        model = self._simulation.spawn(described, name, target.pose(0.0))
+        if not target.still:
+            self._carried.append((target, model))
 
     @property
     def time_ns(self) -> int:
@@ -192,7 +203,7 @@ class BulletArm(Plant):
         step = partial(simulation.step, answers=self._answers)
         if self._peak is not None:
             step = self._traced_step
-        if self._carried is not None:
+        if self._carried:
             step = partial(self._carrying_step, step)
         if self._exposures:
             step = partial(self._exposing_step, step)
@@ -258,10 +269,11 @@ class BulletArm(Plant):
         np.maximum(self._peak, np.abs(self.joints()[1]), out=self._peak)
 
     def _carrying_step(self, step: Callable[[int], None], until_ns: int) -> None:
-        """A step that ends with the target where it belongs then."""
-        (target, model), simulation = self._carried, self._simulation
+        """A step that ends with the target, and what lies on it, where they belong then."""
+        simulation = self._simulation
         time_ns = simulation.time_ns + simulation.step_ns
-        model.set_pose(target.pose(time_ns / NS))
+        for target, model in self._carried:
+            model.set_pose(target.pose(time_ns / NS))
         step(time_ns)
 
     def _exposing_step(self, step: Callable[[int], None], until_ns: int) -> None:

@@ -38,7 +38,8 @@ class Sight:
     pictures: draw them; otherwise outlines and corners are exact.
     grey_noise: standard deviation of drawn pixels, grey levels. jitter: of exact points, px.
     depth: deliver a depth image too. drop: probability that an image is lost.
-    occluder: corners (x, y), m, of a white rectangle on the target.
+    occluder: corners (x, y), m, of a white rectangle on the target. occluded: from when and until
+        when it lies there, s; None: always.
     unbounded: exact features have no picture's border, and are lost behind the camera alone.
     name: of the camera. place: of another camera than the control camera.
     """
@@ -52,6 +53,7 @@ class Sight:
     depth: bool = False
     drop: float = 0.0
     occluder: tuple[tuple[float, float], tuple[float, float]] | None = None
+    occluded: tuple[tuple[float, float], ...] | None = None
     unbounded: bool = False
     name: str = CAMERA
     place: Place | None = None
@@ -77,7 +79,7 @@ class Sight:
                 points=self._pixels(points, random),
                 camera=self.name,
             )
-        image = self._drawn(outline, seen_from)
+        image = self._drawn(outline, seen_from, lies_there(self.occluded, stamp_ns / NS))
         if self.grey_noise:
             noisy = image + random.normal(0.0, self.grey_noise, image.shape)
             image = np.clip(np.round(noisy), 0, 255).astype(np.uint8)
@@ -104,14 +106,16 @@ class Sight:
             pixels += random.normal(0.0, self.jitter, pixels.shape)
         return pixels
 
-    def _drawn(self, outline: np.ndarray | None, seen_from: np.ndarray) -> np.ndarray:
-        """The picture (rows, columns) uint8, with what lies on the target."""
-        shape = self.target.shape
+    def _drawn(
+        self, outline: np.ndarray | None, seen_from: np.ndarray, occluded: bool
+    ) -> np.ndarray:
+        """The picture (rows, columns) uint8; `occluded`: with what lies on the target."""
+        shape, occluder = self.target.shape, self.occluder if occluded else None
         if isinstance(shape, TexturedTarget):
-            return seen(shape, self.camera, seen_from, self.occluder)
+            return seen(shape, self.camera, seen_from, occluder)
         image = cameras.draw(outline, self.camera)
-        if outline is not None and self.occluder is not None:
-            (x0, y0), (x1, y1) = self.occluder
+        if outline is not None and occluder is not None:
+            (x0, y0), (x1, y1) = occluder
             corners = np.array([(x, y, shape.height) for x, y in (
                 (x0, y0), (x1, y0), (x1, y1), (x0, y1))])  # fmt: skip
             with contextlib.suppress(ViewError):
@@ -129,6 +133,11 @@ class Sight:
         before = valid & (nearness > 0.0)
         depth[before] = 1.0 / nearness[before]
         return depth.reshape(self.camera.height, self.camera.width)
+
+
+def lies_there(times: tuple[tuple[float, float], ...] | None, time: float) -> bool:
+    """Whether what comes and goes is there at a time (s): after its coming, up to its going."""
+    return times is None or any(begin < time <= end for begin, end in times)
 
 
 class Exposures:

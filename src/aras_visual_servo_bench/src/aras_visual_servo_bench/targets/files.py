@@ -81,9 +81,7 @@ def write(
         _mesh(folder, name, vertices, faces, material)
         more = ""
         if occluder is not None:
-            (x0, y0), (x1, y1) = occluder
-            corners = np.array([(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0)], float)
-            _mesh(folder, f"{name}_occluder", corners, [(0, 1, 2), (0, 2, 3)], "Kd 1 1 1\n")
+            _white(folder, f"{name}_occluder", occluder)
             more = OCCLUDER.format(x=0.0, y=0.0, z=ABOVE, mesh=f"{where}/{name}_occluder.obj")
         physics = STANDS
         if box is not None:
@@ -122,7 +120,20 @@ def description_file(spec: TargetSpec, perturbed_by: int | None = None) -> Path:
             f"target '{spec.shape}' has no picture that could be perturbed: use poster or a PNG",
         )
         target = target.perturbed(perturbed_by)
-    return write(target, scratch(), occluder=spec.occluder, box=spec.box)
+    always = spec.occluder if spec.occluded is None else None
+    return write(target, scratch(), occluder=always, box=spec.box)
+
+
+@lru_cache(maxsize=64)
+def occluder_file(rectangle: tuple[Pair, Pair]) -> Path:
+    """The URDF of a white rectangle with that low and high corner (x, y), m, of its own."""
+    folder, name = scratch(), "occluder"
+    _white(folder, name, rectangle)
+    path = folder / f"{name}.urdf"
+    path.write_text(URDF.format(
+        name=name, mesh=f"file://{folder.resolve()}/{name}.obj", more="", physics=STANDS
+    ))  # fmt: skip
+    return path
 
 
 def scratch() -> Path:
@@ -177,6 +188,13 @@ def _any_inside(corners: np.ndarray, a: int, b: int, c: int, others: list[int]) 
         and _left(corners, c, a, i) >= 0.0
         for i in others
     )
+
+
+def _white(folder: Path, name: str, rectangle: tuple[Pair, Pair]) -> None:
+    """An OBJ of a white rectangle in z = 0."""
+    (x0, y0), (x1, y1) = rectangle
+    corners = np.array([(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0)], float)
+    _mesh(folder, name, corners, [(0, 1, 2), (0, 2, 3)], "Kd 1 1 1\n")
 
 
 def _mesh(

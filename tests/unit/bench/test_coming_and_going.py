@@ -1,0 +1,57 @@
+"""What lies on a target at given times."""
+
+import numpy as np
+import pytest
+
+from aras_visual_servo_bench.asked.assembly import assemble
+from aras_visual_servo_bench.asked.experiment import Experiment, TargetSpec
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.running.loop import Loop
+
+TIMES = ((0.1, 0.2), (0.3, 0.4))  # at each an image is exposed, which is before a coming
+OCCLUDER = ((0.01, -0.01), (0.06, 0.05))
+
+
+def experiment(plant, **target):
+    return Experiment(
+        plant=plant, features="pictures", duration=0.42, linger=None, scheme="moments",
+        goal={"pose": [0.0, 0.0, 0.85, 3.14159265, 0.0, 0.0]},
+        start={"pose": [0.01, 0.0, 0.87, 3.14159265, 0.0, 0.05]},
+        target={"size": [0.08, 0.06], "pose": [0.0, 0.0, 0.591, 0.0, 0.0, 0.0],
+                "occluder": OCCLUDER, **target},
+    )  # fmt: skip
+
+
+def dark(asked):
+    """Stamps and dark pixels of the images of an experiment."""
+    seen = []
+    loop = Loop(asked, assemble(asked), watch=lambda of, one: seen.append(
+        (one.stamp, int((one.picture.grey < 100).sum()))))  # fmt: skip
+    loop.to_end()
+    goal = loop.parts.goal
+    loop.close()
+    return np.array(seen).T, goal
+
+
+@pytest.mark.parametrize("plant", ["free", "bullet"])
+@pytest.mark.parametrize("target", [
+    {"shape": "heptagon"}, {"shape": "square", "motion": {"velocity": [0.02, 0.01, 0, 0, 0, 0]}},
+])  # fmt: skip
+def test_it_lies_there_at_its_times_and_no_other(plant, target):
+    (stamps, with_it), goal = dark(experiment(plant, occluded=TIMES, **target))
+    (_, without), same = dark(experiment(plant, occluder=None, **target))
+    covered = with_it < 0.93 * without
+    wanted = np.any([(stamps > a) & (stamps <= b) for a, b in TIMES], axis=0)
+    assert wanted.any() and (~wanted).any()
+    np.testing.assert_array_equal(covered, wanted)
+    assert goal.moments.m00 == pytest.approx(same.moments.m00, rel=1e-6)  # taught without it
+
+
+@pytest.mark.parametrize(("target", "complaint"), [
+    ({"occluded": [[0.1, 0.2]]}, "give target.occluder"),
+    ({"occluder": OCCLUDER, "occluded": [[0.2, 0.1]]}, "from 0.2 to 0.1 s, must rise"),
+    ({"occluder": OCCLUDER, "occluded": [[-0.2, 0.1]]}, "must rise from 0 on"),
+])  # fmt: skip
+def test_times_that_cannot_be_are_refused(target, complaint):
+    with pytest.raises(ExperimentError, match=complaint):
+        TargetSpec(shape="square", **target)

@@ -45,6 +45,8 @@ HIGH = (0.07, 0.01, -0.15, 0.09, 0.06, 0.2)
 GOAL = (0.05, 0.0, -0.09, 0.045, 0.045, 0.0)  # of 2016
 NEAR = (0.052, 0.002, -0.088, 0.046, 0.044, 0.004)
 CAMERAS = ("original", "wide", "calibrated")
+POLICY = "aras_visual_servo_bench.learning.policy:Policy"
+PICTURED = ("points", POLICY)  # schemes that see pictures
 FRAMES = 45  # 1.5 s: the way to the start takes about 0.9 s, the rest is servoed
 IMAGE, INFO = "/labrob/camera/image_raw", "/labrob/camera/camera_info"
 # What a listener to joint states, states and reports has no pictures for, nor the wall's clock.
@@ -79,7 +81,7 @@ class Case:
     @property
     def taught(self) -> bool:
         """Whether the goal is a picture at the pose of 2016, for what the shipped one is not of."""
-        return self.scheme == "points" or "target" in self.keys
+        return self.scheme in PICTURED or "target" in self.keys
 
     def experiment(self, goal: str | tuple[float, ...]) -> Experiment:
         """Without an end; the loop drives the arm from zero to the start, as on the graph."""
@@ -101,7 +103,7 @@ class Case:
     def listened(self) -> set[str]:
         """Topics that the controller must hear before time goes on."""
         moments = {f"{ROBOT}/camera/moments", f"{ROBOT}/joint_states"}
-        if self.scheme == "points":
+        if self.scheme in PICTURED:
             return {IMAGE, INFO, f"{ROBOT}/joint_states"}
         return moments | ({f"{ROBOT}/camera/kernel"} if self.scheme == "kernel" else set())
 
@@ -146,8 +148,8 @@ def _cases() -> Iterable[Case]:
         yield Case(f"moments/{shape}", **_target(shape))
     for law, gain in (("adaptive", None), ("pi", None), ("proportional", 3.0)):
         yield Case(f"moments/{law}" + (f" {gain:g}" if gain else ""), **_law(law, gain))
-    for law in ("adaptive", "pi"):
-        yield Case(f"kernel/{law}", "kernel", **_law(law))
+    yield Case("kernel/adaptive", "kernel", **_law("adaptive"))
+    yield Case("policy", POLICY, frames=75)
     yield Case("moments/camera moved", **_moved(0.0, 0.02, 0.005))
     yield Case("points/camera moved", "points", **_moved(0.0, -0.01, 0.003))
     yield Case("moments/no friction", robot={"joint_friction": "false"}, keys={"friction": False})

@@ -2,13 +2,14 @@
 
 import warnings
 
+import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
 from aras_visual_servo_bench.asked.experiment import Experiment, Sampler
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.environment import ServoEnv
+from aras_visual_servo_bench.running.environment import ENVIRONMENT, ServoEnv
 
 
 @pytest.fixture
@@ -89,3 +90,54 @@ def test_pictures_can_be_looked_at():
     env.reset(seed=0)
     assert env.render().shape == (240, 320, 3)
     assert ServoEnv().render() is None
+
+
+PICTURED = Experiment(plant="free", features="pictures", lag=0.0, delay=0.0, start=Sampler())
+
+
+def test_a_picture_and_where_the_goal_is_belong_together():
+    """The target, by the goal's true place, is where the picture has it."""
+    env = ServoEnv(PICTURED, observes="picture")
+    picture, info = env.reset(seed=3)
+    for _ in range(8):
+        picture, _, _, _, info = env.step(np.array([0.2, -0.1, 0.1, 0.0, 0.0, 0.3]))
+    assert picture.shape == (240, 320) and picture.dtype == np.uint8
+    assert env.observation_space.contains(picture)
+    np.testing.assert_array_equal(env.render()[..., 1], picture)
+    parts = env._loop.parts
+    goal_T_camera = np.linalg.inv(info["camera_T_goal"])
+    outline = parts.target.shape.outline(parts.target.seen_from(parts.goal_pose @ goal_T_camera))
+    u, v = parts.eyes["camera"].true.project(*outline.T)
+    dark = picture < 128
+    rows, columns = np.nonzero(dark)
+    assert columns.min() == pytest.approx(u.min(), abs=1.2)
+    assert rows.max() == pytest.approx(v.max(), abs=1.2)
+    assert info["distance"] == pytest.approx(np.linalg.norm(goal_T_camera[:3, 3]))
+    env.close()
+
+
+def test_many_are_stepped_at_once():
+    made = gymnasium.make_vec(ENVIRONMENT, 3, "sync", experiment=PICTURED, observes="picture")
+    pictures, info = made.reset(seed=5)
+    alone = [ServoEnv(PICTURED, observes="picture") for _ in range(3)]
+    actions = np.array([[0.3, 0, 0, 0, 0, 0], [0, 0.3, 0, 0, 0, 0], [0, 0, -0.3, 0, 0, 0.2]],
+                       np.float32)  # fmt: skip
+    first = [one.reset(seed=5 + i)[0] for i, one in enumerate(alone)]
+    np.testing.assert_array_equal(pictures, first)
+    for _ in range(4):
+        pictures, rewards, *_, info = made.step(actions)
+        each = [one.step(action) for one, action in zip(alone, actions, strict=True)]
+    np.testing.assert_array_equal(pictures, [one[0] for one in each])
+    np.testing.assert_array_equal(rewards, [one[1] for one in each])
+    assert info["camera_T_goal"].shape == (3, 4, 4)
+    for one in (made, *alone):
+        one.close()
+
+
+@pytest.mark.parametrize(("options", "complaint"), [
+    ({"observes": "pictures"}, "did you mean 'picture'"),
+    ({"observes": "picture"}, "features: pictures"),
+])  # fmt: skip
+def test_what_cannot_be_observed_is_refused(options, complaint):
+    with pytest.raises(ExperimentError, match=complaint):
+        ServoEnv(**options)

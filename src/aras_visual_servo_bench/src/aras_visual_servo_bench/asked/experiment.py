@@ -153,8 +153,8 @@ class TargetSpec:
         require(self.occluded is None or self.occluder is not None,
                 "target.occluded says when an occluder lies there: give target.occluder")
         for begin, end in self.occluded or ():
-            require(0.0 <= begin < end, f"target.occluded is from {begin:g} to {end:g} s, must rise "
-                                        "from 0 on")
+            require(0.0 <= begin < end,
+                    f"target.occluded is from {begin:g} to {end:g} s, must rise from 0 on")
         given = self.shape == "aras" or self.described
         require(
             self.box is None or not given and self.motion == Motion(),

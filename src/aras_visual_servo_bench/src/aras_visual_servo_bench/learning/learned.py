@@ -62,25 +62,34 @@ class Learned(Scheme):
     needs = frozenset((Need.MOMENTS,))
     names = ("tx", "ty", "tz", "psi")
     tolerances, units = (0.001, 0.001, 0.001, 0.005), ("m", "m", "m", "rad")
+    network: type[Network] = Network
 
     def __init__(self, law: Law | None = None) -> None:
         super().__init__(law)
-        self._network = Network.load()
+        self._network = self.network.load()
         self._goal: Goal | None = None
+
+    def told(self, observation: Observation) -> np.ndarray:
+        """What the network tells (4,) of what is seen; MeasurementError where nothing is."""
+        if not observation.valid or observation.moments is None:
+            raise MeasurementError(observation.reason or "the target is not visible")
+        return self._network(inputs(observation.moments))
+
+    def told_of_goal(self, goal: Goal) -> np.ndarray:
+        """The same of the goal; ConfigurationError where it does not hold it."""
+        if goal.moments is None:
+            raise ConfigurationError(f"{goal.name} holds no moments: teach it anew")
+        return self._network(inputs(goal.moments))
 
     def check(self, goal: Goal) -> None:
         """See Scheme.check."""
-        if goal.moments is None:
-            raise ConfigurationError(f"{goal.name} holds no moments: teach it anew")
-        self._goal, self._at_goal = goal, self._network(inputs(goal.moments))
+        self._goal, self._at_goal = goal, self.told_of_goal(goal)
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
         """See Scheme.compute."""
-        if not observation.valid or observation.moments is None:
-            raise MeasurementError(observation.reason or "the target is not visible")
         if self._goal is not goal:
             self.check(goal)
-        found = self._network(inputs(observation.moments))
+        found = self.told(observation)
         away = self._at_goal - found  # the camera's place before the goal is minus the goal's
         away[3] = wrap(away[3])
         L = np.eye(6)[[0, 1, 2, 5]]

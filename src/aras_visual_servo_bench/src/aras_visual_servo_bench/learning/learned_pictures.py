@@ -47,11 +47,17 @@ NEAR = (0.02, 2.0)  # m and degrees by which such a place is off the straight wa
 
 def inputs(grey: np.ndarray) -> np.ndarray:
     """A picture (rows, columns) uint8 as (ROWS * COLUMNS,) numbers of mean 0 and deviation 1."""
-    small = cv2.resize(grey, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA).astype(float).ravel()
+    return shrunk(grey, COLUMNS, ROWS)
+
+
+def shrunk(grey: np.ndarray, columns: int, rows: int) -> np.ndarray:
+    """A picture uint8 as rows * columns numbers of mean 0 and deviation 1."""
+    small = cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_AREA).astype(float).ravel()
     return (small - small.mean()) / max(float(small.std()), 1.0)
 
 
-def _rectified(values: np.ndarray) -> np.ndarray:
+def rectified(values: np.ndarray) -> np.ndarray:
+    """What of the values is above 0."""
     return np.maximum(values, 0.0)
 
 
@@ -59,7 +65,7 @@ class PoseNetwork(Regressor):
     """Rectified layers; see Regressor for its arrays."""
 
     what, module = "the learned feature", "learned_pictures"
-    activation = staticmethod(_rectified)
+    activation = staticmethod(rectified)
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Logarithm (6,) of the pose that an input shows: m and rad, see `pictures`."""

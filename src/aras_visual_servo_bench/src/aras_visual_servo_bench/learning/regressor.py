@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Self
@@ -120,6 +121,7 @@ def fitted(
         ExperimentError: no scikit-learn.
     """
     try:
+        from sklearn.exceptions import ConvergenceWarning
         from sklearn.neural_network import MLPRegressor
     except ImportError:
         raise ExperimentError(
@@ -128,7 +130,9 @@ def fitted(
     mean, scale = x.mean(axis=0), np.maximum(x.std(axis=0), least_scale)
     out_mean, out_scale = y.mean(axis=0), y.std(axis=0)
     network = MLPRegressor(**options)
-    network.fit((x - mean) / scale, (y - out_mean) / out_scale)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)  # its iterations are what was asked for
+        network.fit((x - mean) / scale, (y - out_mean) / out_scale)
     arrays = {"mean": mean, "scale": scale, "out_mean": out_mean, "out_scale": out_scale}
     for i, (w, b) in enumerate(zip(network.coefs_, network.intercepts_, strict=True)):
         arrays[f"w{i}"], arrays[f"b{i}"] = w.astype(kept), b.astype(np.float32)

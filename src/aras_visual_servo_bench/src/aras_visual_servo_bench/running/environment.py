@@ -10,6 +10,8 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.poses import relative
 from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.loop.state import CONVERGED
@@ -21,6 +23,8 @@ from ..asked.experiment import Experiment, Sampler
 from ..errors import ExperimentError
 from .loop import Loop
 
+ENVIRONMENT = "aras/Servo-v0"  # its name in Gymnasium's registry
+OBSERVATIONS = ("features", "picture")
 GREATEST = (0.25, 0.25, 0.25, 1.5, 1.5, 1.5)  # m/s and rad/s of the camera, for an action of 1
 
 
@@ -80,10 +84,14 @@ class ServoEnv(gymnasium.Env):
     """One episode is one run of the experiment; a step lasts from one image to the next.
 
     Action: (6,) in [-1, 1], the camera's twist in parts of `greatest`; what the features do not
-    model is held, as for any scheme. Observation: the features' errors (k,) and the joints (n,).
-    Reward: minus the norm of the errors in units of their first; 1 more where the goal is held.
-    An episode ends (terminated) when the loop has converged or lost its target, and is cut off
-    (truncated) when the experiment's duration is over. `info` names outcome and verdict.
+    model is held, as for any scheme. Observation: the features' errors (k,) and the joints (n,),
+    or the control camera's picture in grey levels, (rows, columns) uint8. Reward: minus the norm
+    of the errors in units of their first; 1 more where the goal is held. An episode ends
+    (terminated) when the loop has converged or lost its target, and is cut off (truncated) when
+    the experiment's duration is over. `info` names outcome and verdict, and knows for teachers
+    where the goal is: `camera_T_goal` (4, 4), true, now.
+
+    Many at once: `gymnasium.make_vec(ENVIRONMENT, 8, "async", experiment=...)`.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
@@ -93,14 +101,26 @@ class ServoEnv(gymnasium.Env):
         experiment: Experiment | None = None,
         greatest: tuple[float, ...] = GREATEST,
         render_mode: str | None = None,
+        observes: str = "features",
     ) -> None:
-        """`experiment`: by default a free camera with exact features from sampled starts.
+        """Args:
+            experiment: by default a free camera with exact features from sampled starts.
+            observes: 'features' or 'picture'.
 
         Raises:
-            ExperimentError: it cannot be run, or its scheme answers joints itself.
+            ExperimentError: it cannot be run, its scheme answers joints itself, or it has no
+                pictures where these are to be observed.
         """
         if experiment is None:
             experiment = Experiment(plant="free", lag=0.0, delay=0.0, start=Sampler())
+        if observes not in OBSERVATIONS:
+            raise ExperimentError(f"observes is '{observes}': {nearest(observes, OBSERVATIONS)}")
+        self._pictured = observes == "picture"
+        if self._pictured and not experiment.pictures:
+            raise ExperimentError(
+                "pictures cannot be observed of exact features: give the experiment features: "
+                "pictures"
+            )
         self.experiment = experiment
         self.render_mode = render_mode
         self._greatest = np.array(greatest, float)
@@ -108,8 +128,12 @@ class ServoEnv(gymnasium.Env):
             raise ExperimentError("greatest must hold six numbers above 0, m/s and rad/s")
         self._loop: Loop | None = None
         self._begin(experiment)
-        size = len(self._scheme.names) + len(self._loop.plant.joint_names)
-        self.observation_space = spaces.Box(-np.inf, np.inf, (size,), np.float64)
+        if self._pictured:
+            size = self._loop.plant.camera.height, self._loop.plant.camera.width
+            self.observation_space = spaces.Box(0, 255, size, np.uint8)
+        else:
+            size = len(self._scheme.names) + len(self._loop.plant.joint_names)
+            self.observation_space = spaces.Box(-np.inf, np.inf, (size,), np.float64)
         self.action_space = spaces.Box(-1.0, 1.0, (6,), np.float64)
 
     def reset(
@@ -169,6 +193,8 @@ class ServoEnv(gymnasium.Env):
         return state.decision.error
 
     def _observed(self) -> np.ndarray:
+        if self._pictured:
+            return self._loop.reading.picture.grey
         return np.concatenate([self._error, self._loop.plant.joints()[0]])
 
     def _info(self) -> dict[str, Any]:
@@ -177,4 +203,8 @@ class ServoEnv(gymnasium.Env):
         return {
             "outcome": outcome.kind, "reason": outcome.reason, "verdict": run.word,
             "distance": run.distance, "angle": run.angle,
+            "camera_T_goal": relative(self._loop.plant.pose(), self._loop.goal_pose()),
         }  # fmt: skip
+
+
+gymnasium.register(ENVIRONMENT, entry_point=ServoEnv)

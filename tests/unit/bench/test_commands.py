@@ -52,6 +52,23 @@ def test_the_report_of_an_experiment_is_written_where_out_says(experiment, tmp_p
     assert json.loads((out / "summary.json").read_text())["name"] == "mine"
 
 
+def test_names_that_are_no_text_are_written_and_printed(experiment, tmp_path):
+    given = tmp_path / "bad\udcff<b>$x$.yaml"  # its name is no UTF-8
+    given.write_text(experiment.read_text())
+    out = tmp_path / "out\udcff"
+    done = subprocess.run(
+        [sys.executable, "-m", "aras_visual_servo_bench", "analyze", given, "--out", out,
+         "--formats", "svg"],
+        capture_output=True, check=False, env={
+            **os.environ, "PYTHONIOENCODING": "utf-8:strict",
+            "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr.decode()
+    assert b"bad?<b>$x$:" in done.stdout
+    page = (out / "report.html").read_text()
+    assert "bad?&lt;b&gt;$x$" in page and json.loads((out / "summary.json").read_text())["name"]
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [
@@ -62,21 +79,6 @@ def test_the_report_of_an_experiment_is_written_where_out_says(experiment, tmp_p
         (["duration=-1"], "duration"),
     ],
 )
-def test_names_that_are_no_text_are_written_and_printed(experiment, tmp_path):
-    given = tmp_path / "bad\udcff<b>$x$.yaml"  # its name is no UTF-8
-    given.write_text(experiment.read_text())
-    out = tmp_path / "out\udcff"
-    done = subprocess.run(
-        [sys.executable, "-m", "aras_visual_servo_bench", "analyze", given, "--out", out,
-         "--formats", "svg"],
-        capture_output=True, env={**os.environ, "PYTHONIOENCODING": "utf-8:strict"}, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr.decode()
-    assert b"bad?<b>$x$:" in done.stdout
-    page = (out / "report.html").read_text()
-    assert "bad?&lt;b&gt;$x$" in page and json.loads((out / "summary.json").read_text())["name"]
-
-
 def test_what_an_experiment_cannot_be_run_with_is_one_line(experiment, words, told, capsys):
     assert main(["run", str(experiment), *words]) == 1
     said = capsys.readouterr().err

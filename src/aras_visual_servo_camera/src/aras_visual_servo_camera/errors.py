@@ -39,5 +39,9 @@ class DegenerateFeatureError(FeatureError):
         self.reason = reason
 
 
+class ModelError(VisionError):
+    """A mesh that no pose can be tracked by: open, inside out, or not in metres."""
+
+
 class ParameterError(VisionError):
     """A parameter of the node that is unknown, ill-typed or out of range."""

@@ -1,0 +1,76 @@
+"""Gauss-Newton on a pose, by how far edges and surfaces are from where it has them.
+
+    p = R P + t,  dp = v + w x p,   residual of an edge: d - g . (p_xy / p_z - seen),
+
+with d px along its normal as measured from `seen`, and g px for normalised coordinates. Residuals
+are weighted by Tukey's function, so what lies far beyond the usual has no weight. References: T.
+Drummond and R. Cipolla, Real-time visual tracking of complex structures, IEEE PAMI 24(7), 2002;
+A. I. Comport, E. Marchand, M. Pressigout and F. Chaumette, Real-time markerless tracking for
+augmented reality: the virtual visual servoing framework, IEEE TVCG 12(4), 2006; P. J. Huber,
+Robust Statistics, Wiley, 1981.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import compiled
+
+TUKEY = 4.685  # times the standard deviation, beyond which a residual has no weight
+NORMAL = 1.4826  # standard deviation over median of absolute values
+
+
+@compiled("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8")
+def edge_equations(at, seen, gain, away, weight, T, least):
+    """Normal equations of edge points for a change (v, w) of the pose T, in the camera's axes.
+
+    Args:
+        at, seen, gain: as of Samples. away: (n, c) px along the normal of each candidate, NaN
+            where there is none; the nearest counts. weight: (n,). least: px, of the scale.
+
+    Answers:
+        A (6, 6) and b (6,); residuals (n,), NaN where there are none; the robust scale, px.
+    """
+    count = len(at)
+    rows, residuals = np.empty((count, 6)), np.full(count, np.nan)
+    sizes, used = np.empty(count), 0
+    for n in range(count):
+        x = T[0, 0] * at[n, 0] + T[0, 1] * at[n, 1] + T[0, 2] * at[n, 2] + T[0, 3]
+        y = T[1, 0] * at[n, 0] + T[1, 1] * at[n, 1] + T[1, 2] * at[n, 2] + T[1, 3]
+        z = T[2, 0] * at[n, 0] + T[2, 1] * at[n, 1] + T[2, 2] * at[n, 2] + T[2, 3]
+        if z <= 0.0:
+            continue
+        now = gain[n, 0] * (x / z - seen[n, 0]) + gain[n, 1] * (y / z - seen[n, 1])
+        best = np.nan
+        for c in range(away.shape[1]):
+            one = away[n, c] - now
+            if one == one and not abs(one) >= abs(best):
+                best = one
+        if best != best:
+            continue
+        residuals[n] = best
+        sizes[used] = abs(best)
+        used += 1
+        a, b = gain[n, 0] / z, gain[n, 1] / z
+        c = -(a * x + b * y) / z
+        rows[n, 0], rows[n, 1], rows[n, 2] = a, b, c
+        rows[n, 3], rows[n, 4], rows[n, 5] = y * c - z * b, z * a - x * c, x * b - y * a
+    A, right = np.zeros((6, 6)), np.zeros(6)
+    if used == 0:
+        return A, right, residuals, least
+    scale = max(NORMAL * np.median(sizes[:used]), least)
+    for n in range(count):
+        if residuals[n] != residuals[n]:
+            continue
+        part = residuals[n] / (TUKEY * scale)
+        if abs(part) >= 1.0:
+            continue
+        w = weight[n] * (1.0 - part * part) ** 2
+        for i in range(6):
+            right[i] += w * rows[n, i] * residuals[n]
+            for j in range(i + 1):
+                A[i, j] += w * rows[n, i] * rows[n, j]
+    for i in range(6):
+        for j in range(i):
+            A[j, i] = A[i, j]
+    return A, right, residuals, scale

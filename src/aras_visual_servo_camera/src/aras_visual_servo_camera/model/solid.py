@@ -1,0 +1,115 @@
+"""A solid as a tracker needs it: closed triangles, and the edges at which they meet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import ModelError
+
+WELDED = 1e-6  # part of the size within which corners of triangles are one
+# Faces that meet at less are one smooth surface (of a cylinder, say): its edges are seen only where
+# they are its outline. Below the second they are one flat face, whose edges are never seen.
+CREASE, FLAT = np.radians(35.0), 1e-4
+SMALLEST, LARGEST = 2e-3, 5.0  # m: sizes beyond which a mesh is not in metres
+THINNEST = 1e-9  # of the size squared: a triangle with less area is none
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """Attributes:
+        vertices: (V, 3) m, in the solid's frame. faces: (F, 3), counter-clockwise from outside.
+        normals: (F, 3) unit, outward.
+        edges: (E, 2) vertices. beside: (E, 2) the two faces, that first which the
+            edge bounds counter-clockwise. creased: (E,) whether it is a crease;
+            the others are seen only as outline.
+        name: for messages.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    normals: np.ndarray
+    edges: np.ndarray
+    beside: np.ndarray
+    creased: np.ndarray
+    name: str
+
+    @property
+    def size(self) -> float:
+        """Greatest side of its box, m."""
+        return float(np.ptp(self.vertices, axis=0).max())
+
+    @classmethod
+    def of(cls, corners: np.ndarray, name: str = "the model") -> Solid:
+        """A solid of triangles (F, 3, 3), m.
+
+        Raises:
+            ModelError: it is not in metres, not closed, or inside out.
+        """
+        corners = np.asarray(corners, float)
+        if corners.ndim != 3 or corners.shape[1:] != (3, 3) or not np.isfinite(corners).all():
+            raise ModelError(f"{name}: triangles (n, 3, 3) of finite numbers are needed")
+        size = float(np.ptp(corners.reshape(-1, 3), axis=0).max()) if len(corners) else 0.0
+        if size > LARGEST:
+            raise ModelError(f"{name} is {size:.4g} m long: is it in millimetres? Scale it by "
+                             "0.001: meshes are in metres")  # fmt: skip
+        if size < SMALLEST:
+            raise ModelError(f"{name} is {size:.2g} m long, too small to be seen: scale it to "
+                             "metres")  # fmt: skip
+        vertices, faces = _welded(corners, WELDED * size)
+        cross = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]],
+                         vertices[faces[:, 2]] - vertices[faces[:, 0]])  # fmt: skip
+        area = np.linalg.norm(cross, axis=1)
+        solid = area > THINNEST * size * size
+        faces, normals = faces[solid], cross[solid] / area[solid, None]
+        edges, beside = _edges(faces, name)
+        a, b, c = vertices[faces].transpose(1, 0, 2)
+        if float((a * np.cross(b, c)).sum()) < 0.0:
+            raise ModelError(f"{name} is inside out: its triangles go clockwise seen from outside; "
+                             "flip its normals and export it again")  # fmt: skip
+        cosine = np.clip((normals[beside[:, 0]] * normals[beside[:, 1]]).sum(axis=1), -1.0, 1.0)
+        angle = np.arccos(cosine)
+        kept = angle > FLAT
+        return cls(vertices, faces, normals, np.ascontiguousarray(edges[kept]),
+                   np.ascontiguousarray(beside[kept]), angle[kept] > CREASE, name)  # fmt: skip
+
+    def box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Low and high corner (3,) of its box, m."""
+        return self.vertices.min(axis=0), self.vertices.max(axis=0)
+
+
+def _welded(corners: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (V, 3) and faces (F, 3) of triangles (F, 3, 3), equal corners being one."""
+    points = corners.reshape(-1, 3)
+    _, first, number = np.unique(
+        np.round(points / tolerance).astype(np.int64), axis=0, return_index=True,
+        return_inverse=True,
+    )  # fmt: skip
+    faces = number.reshape(-1, 3)
+    different = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    return np.ascontiguousarray(points[first]), np.ascontiguousarray(faces[different])
+
+
+def _edges(faces: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Edges (E, 2) and the faces beside them (E, 2)."""
+    begin, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    face = np.repeat(np.arange(len(faces)), 3)
+    forward = begin < end
+    low, high = np.minimum(begin, end), np.maximum(begin, end)
+    order = np.lexsort((forward, high, low))
+    pairs = order.reshape(-1, 2) if len(order) % 2 == 0 else np.zeros((1, 2), int)
+    one, other = pairs.T
+    closed = (low[one] == low[other]) & (high[one] == high[other])
+    if len(order) % 2 or not (closed & (forward[one] != forward[other])).all():
+        raise ModelError(
+            f"{name} is open or folded: each edge needs two triangles that go round alike; close "
+            "its holes, unite its parts, and export it again"
+        )
+    return np.stack([low[one], high[one]], axis=1), np.stack([face[other], face[one]], axis=1)
+
+
+def triangles_of(meshes: Sequence) -> np.ndarray:
+    """(F, 3, 3) corners of the meshes of a file (`positions`, `triangles`), m."""
+    return np.concatenate([np.asarray(m.positions, float)[m.triangles] for m in meshes])

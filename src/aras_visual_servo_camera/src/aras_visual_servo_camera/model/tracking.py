@@ -1,0 +1,228 @@
+"""The pose of a known solid from picture to picture, by its visible edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aras_visual_servo_base.poses import exponential, inverse, logarithm, skew
+
+from ..errors import ModelError
+from ..undistortion import CameraModel
+from .fitting import edge_equations
+from .search import UNKNOWN, candidates, measured
+from .solid import Solid
+from .visible import Samples, visible_samples
+
+# px between points: where edges are looked for, and where they are measured.
+SPARSE, DENSE = 6.0, 3.0
+REACH, STARTING_REACH = 10.0, 20.0  # px to either side of where edges are expected
+LOOKS, FITS, MEASUREMENTS = 4, 4, 3  # at most: searches, Gauss-Newton steps of each, measurements
+NEAR = 0.7  # px from which on edges are measured, not looked for
+STILL = 0.01  # px: a change of the pose by less is none
+LEAST, NOISY = 10.0, 3.5  # grey levels of a change; times the noise
+LEAST_SCALE = (0.5, 0.02)  # px, of residuals: where edges are looked for, and measured
+FLOOR = 0.03  # px to which an edge is measured without noise
+TOLERANCE, LEARNED = 25.0, 0.2  # grey levels of a remembered level; its part that is renewed
+BLIND = 1e-4  # part of the greatest eigenvalue below which a motion cannot be seen
+EXPLAINED = 1.0  # px from the solid within which an edge counts as its own
+FEWEST, LEAST_SHARE = 15, 0.45  # points, and their part of the visible ones: less is lost
+ROOM = 4.0  # px to other edges, with which a point can be measured
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A pose and how well it is known.
+
+    Attributes:
+        camera_T_solid: (4, 4).
+        covariance: (6, 6) of a change (m, rad) about the middle of the solid, in the camera's axes;
+            infinite along what the edges do not tell.
+        share: part of the visible edge points that were found where the pose has them.
+        count: of those points. residual: their distances, px, rms.
+        lost: why the pose is not to be trusted, in words; empty where it is.
+    """
+
+    camera_T_solid: np.ndarray
+    covariance: np.ndarray
+    share: float
+    count: int
+    residual: float
+    lost: str
+
+
+class ModelTracking:
+    """Follows a solid; `start` tells where it is in the first picture.
+
+    Attributes:
+        solid: what is followed. found: in the last picture; None before the first.
+    """
+
+    def __init__(self, solid: Solid) -> None:
+        self.solid = solid
+        low, high = solid.box()
+        self._middle, self._radius = 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low))
+        self.start(None)
+
+    def start(self, camera_T_solid: np.ndarray | None) -> None:
+        """Begin anew from a pose (4, 4), roughly; None: it is not known yet."""
+        self.found: Found | None = None
+        self._pose = None if camera_T_solid is None else np.array(camera_T_solid, float)
+        self._motion, self._fresh = np.zeros(6), True
+        self._levels = np.full((len(self.solid.edges), 2), UNKNOWN)
+
+    @property
+    def started(self) -> bool:
+        """Whether it is known where to look."""
+        return self._pose is not None
+
+    def track(
+        self, grey: NDArray[np.uint8], camera: CameraModel, expected: np.ndarray | None = None
+    ) -> Found:
+        """Find the solid in the next picture.
+
+        Args:
+            grey: (rows, columns).
+            expected: (4, 4) camera_T_solid by what else is known of the motion; None: the motion
+                between the last two pictures goes on.
+
+        Raises:
+            ModelError: it was not started.
+        """
+        if self._pose is None:
+            raise ModelError(f"{self.solid.name}: the tracker was not told where to start")
+        before = self._pose
+        if expected is None:
+            expected = exponential(self._motion) @ before
+        noise = noise_of(grey)
+        found = self._found(grey, camera, expected, noise)
+        if found.lost and np.abs(self._motion).max() > 0.0:  # it may have stopped
+            again = self._found(grey, camera, before, noise)
+            found = again if again.share > found.share else found
+        self.found = found
+        if found.lost:
+            self._motion = np.zeros(6)
+            return found
+        self._motion = np.zeros(6) if self._fresh else logarithm(
+            found.camera_T_solid @ inverse(before)
+        )
+        self._pose, self._fresh = found.camera_T_solid, False
+        self._learn()
+        return found
+
+    def _found(
+        self, grey: np.ndarray, camera: CameraModel, pose: np.ndarray, noise: float
+    ) -> Found:
+        least = max(LEAST, NOISY * noise)
+        tolerance = TOLERANCE + NOISY * noise
+        for look in range(LOOKS):
+            samples = visible_samples(self.solid, camera, pose, SPARSE)
+            reach = (STARTING_REACH if self._fresh else REACH) / (1.0 + look)
+            away = candidates(grey, samples.pixel, samples.normal, self._expected(samples),
+                              reach, least, tolerance)  # fmt: skip
+            pose, moved, _ = self._fitted(
+                samples, away, np.ones(len(away)), pose, LEAST_SCALE[0])
+            if moved < NEAR and look:
+                break
+        for _ in range(MEASUREMENTS):
+            samples = visible_samples(self.solid, camera, pose, DENSE)
+            values = measured(grey, samples.pixel, samples.normal, samples.room,
+                              self._expected(samples), least, tolerance, noise)  # fmt: skip
+            weight = 1.0 / (FLOOR**2 + np.nan_to_num(values[:, 3], nan=1.0))
+            pose, moved, rest = self._fitted(
+                samples, np.ascontiguousarray(values[:, :1]), weight, pose, LEAST_SCALE[1])
+            if moved < 10.0 * STILL:
+                break
+        self._measured = samples, values, rest[0]
+        return self._judged(samples, pose, *rest)
+
+    def _expected(self, samples: Samples) -> np.ndarray:
+        """Grey levels (n, 2) on both sides of the points, where they are known."""
+        return np.where(samples.facing, self._levels[samples.edge], UNKNOWN)
+
+    def _fitted(
+        self, samples: Samples, away: np.ndarray, weight: np.ndarray, pose: np.ndarray,
+        least: float,
+    ) -> tuple[np.ndarray, float, tuple[np.ndarray, np.ndarray, float]]:  # fmt: skip
+        """The pose that fits, how far that moved the solid (px), and what is left."""
+        start, residuals = pose, np.full(len(away), np.nan)
+        focal = float(np.linalg.norm(samples.gain[:1]))
+        A, scale = np.zeros((6, 6)), least
+        for step in range(FITS + 1):
+            A, b, residuals, scale = edge_equations(
+                samples.at, samples.seen, samples.gain, away, weight, np.ascontiguousarray(pose),
+                least)  # fmt: skip
+            if step == FITS:
+                break
+            change = self._solved(A, b, pose)
+            pose = exponential(change) @ pose
+            middle = pose[:3, :3] @ self._middle + pose[:3, 3]
+            there = np.abs(change[:3] + np.cross(change[3:], middle)).max()
+            if focal * (there + self._radius * np.abs(change[3:]).max()) < STILL * middle[2]:
+                break
+        change = logarithm(pose @ inverse(start))
+        middle = start[:3, :3] @ self._middle + start[:3, 3]
+        moved = np.linalg.norm(change[:3] + np.cross(change[3:], middle))
+        moved = focal * (moved + self._radius * np.linalg.norm(change[3:])) / middle[2]
+        return pose, float(moved), (residuals, A, scale)
+
+    def _about_middle(self, pose: np.ndarray) -> np.ndarray:
+        """(6, 6) from changes about the middle, in radii, to those about the camera."""
+        middle = pose[:3, :3] @ self._middle + pose[:3, 3]
+        M = np.eye(6)
+        M[:3, 3:] = skew(middle) / self._radius
+        M[3:, 3:] /= self._radius
+        return M
+
+    def _solved(self, A: np.ndarray, b: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        """The change (v, w) (6,), nothing along what is not seen."""
+        M = self._about_middle(pose)
+        values, vectors = np.linalg.eigh(M.T @ A @ M)
+        seen = values > BLIND * max(values[-1], 1e-12)
+        along = vectors[:, seen]
+        return M @ (along @ ((along.T @ (M.T @ b)) / values[seen]))
+
+    def _judged(
+        self, samples: Samples, pose: np.ndarray, residuals: np.ndarray, A: np.ndarray,
+        scale: float,
+    ) -> Found:  # fmt: skip
+        asked = int((samples.room.min(axis=1) > ROOM).sum())
+        good = np.abs(residuals) < EXPLAINED
+        count = int(good.sum())
+        share = min(count / max(asked, 1), 1.0)
+        rms = float(np.sqrt(np.mean(residuals[good] ** 2))) if count else np.inf
+        lost = ""
+        if count < FEWEST or share < LEAST_SHARE:
+            lost = (f"{self.solid.name} is lost: {count} of {asked} points of its edges are seen "
+                    "where it should be")  # fmt: skip
+        return Found(pose, self._covariance(A, pose), share, count, rms, lost)
+
+    def _covariance(self, A: np.ndarray, pose: np.ndarray) -> np.ndarray:
+        M = self._about_middle(pose)
+        values, vectors = np.linalg.eigh(M.T @ A @ M)
+        unseen = values <= BLIND * max(values[-1], 1e-12)
+        inverse_values = np.where(unseen, 1e12, 1.0 / np.where(unseen, 1.0, values))
+        scaled = np.concatenate([np.ones(3), np.full(3, 1.0 / self._radius)])
+        return scaled[:, None] * ((vectors * inverse_values) @ vectors.T) * scaled
+
+    def _learn(self) -> None:
+        """Remember the grey levels beside the edges that were found."""
+        samples, values, residuals = self._measured
+        for side in range(2):
+            good = (np.abs(residuals) < EXPLAINED) & samples.facing[:, side]
+            count = np.bincount(samples.edge[good], minlength=len(self._levels))
+            total = np.bincount(samples.edge[good], values[good, 1 + side], len(self._levels))
+            known, some = self._levels[:, side], count > 0
+            mean = total[some] / count[some]
+            known[some] = np.where(
+                known[some] < 0.0, mean, known[some] + LEARNED * (mean - known[some])
+            )
+
+
+def noise_of(grey: NDArray[np.uint8]) -> float:
+    """Standard deviation of a pixel's noise, grey levels, of a picture that is smooth mostly."""
+    rows = grey[:: max(len(grey) // 16, 1)].astype(np.int16)
+    bend = np.abs(2 * rows[:, 1:-1] - rows[:, :-2] - rows[:, 2:])
+    return 1.4826 * float(np.median(bend)) / np.sqrt(6.0)

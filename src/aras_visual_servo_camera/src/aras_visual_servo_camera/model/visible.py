@@ -1,0 +1,207 @@
+"""Which edges of a solid are seen from where, and points along them in the picture."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import compiled
+
+from ..undistortion import CameraModel
+from .solid import Solid
+
+NEAREST = 0.01  # m along the optical axis: nothing nearer is looked for
+MOST = 1200  # points of one picture
+ENDS, SHORT = 4.0, 16.0  # px left out at the ends of an edge, but of those that are shorter
+BORDER = 5.0  # px from the picture's border
+DEEPER = 2e-3  # part of the depth by which a face has to lie before a point to hide it
+FAR = 1e6  # px: no other edge
+STEP = 1e-4  # of normalised coordinates, for the lens's derivatives
+
+
+class Samples(NamedTuple):
+    """Points (n) on visible edges, as seen from one pose.
+
+    at: (n, 3) m, in the solid's frame. seen: (n, 2) normalised. pixel: (n, 2) of the picture.
+    normal: (n, 2) unit, px, to the left along the edge: where the first face beside it is.
+    gain: (n, 2) px along that normal for a change of the normalised coordinates.
+    room: (n, 2) px along the row or column that is searched, before and behind, to another edge.
+    edge: (n,) its number. facing: (n, 2) whether the faces beside it are seen.
+    """
+
+    at: np.ndarray
+    seen: np.ndarray
+    pixel: np.ndarray
+    normal: np.ndarray
+    gain: np.ndarray
+    room: np.ndarray
+    edge: np.ndarray
+    facing: np.ndarray
+
+
+def visible_samples(
+    solid: Solid, camera: CameraModel, camera_T_solid: np.ndarray, spacing: float
+) -> Samples:
+    """Points every `spacing` px along the edges that a camera sees, hidden ones left out."""
+    hole = camera.pinhole
+    values, numbers = _sampled(
+        solid.vertices, solid.faces, solid.normals, solid.edges, solid.beside, solid.creased,
+        np.ascontiguousarray(camera_T_solid), np.array([hole.fx, hole.fy, hole.cx, hole.cy]),
+        camera.width, camera.height, spacing,
+    )  # fmt: skip
+    focal = np.array([hole.fx, hole.fy])
+    at, seen, pixel, normal, room = np.split(values, (3, 5, 7, 9), axis=1)
+    gain = normal * focal
+    if camera.distorted:
+        pixel, normal, gain = _through_lens(camera, seen, normal, focal)
+        inside = ((pixel > BORDER) & (pixel < (camera.width - BORDER, camera.height - BORDER))).all(
+            axis=1
+        )
+        at, seen, pixel, normal, gain, room, numbers = (
+            a[inside] for a in (at, seen, pixel, normal, gain, room, numbers)
+        )
+    return Samples(
+        *map(np.ascontiguousarray, (at, seen, pixel, normal, gain, room)),
+        np.ascontiguousarray(numbers[:, 0]), np.ascontiguousarray(numbers[:, 1:]) > 0,
+    )  # fmt: skip
+
+
+def _through_lens(
+    camera: CameraModel, seen: np.ndarray, normal: np.ndarray, focal: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pixels, normals and gains (n, 2) of points whose normals hold without the lens."""
+    x, y = seen.T
+    u, v = camera.project(x, y)
+    derivative = np.empty((len(x), 2, 2))  # of pixels by normalised coordinates
+    for k, (dx, dy) in enumerate(((STEP, 0.0), (0.0, STEP))):
+        more, less = camera.project(x + dx, y + dy), camera.project(x - dx, y - dy)
+        derivative[:, 0, k] = (more[0] - less[0]) / (2.0 * STEP)
+        derivative[:, 1, k] = (more[1] - less[1]) / (2.0 * STEP)
+    along = np.stack([-normal[:, 1], normal[:, 0]], axis=1) / focal
+    along = (derivative @ along[:, :, None])[:, :, 0]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    bent = np.stack([along[:, 1], -along[:, 0]], axis=1)
+    return np.stack([u, v], axis=1), bent, (bent[:, None] @ derivative)[:, 0]
+
+
+@compiled("f8, f8, f8, f8[:,::1], i8[:,::1], i8[::1], i8, i8", allocates=False)
+def _hidden(u, v, w, flat, faces, ahead, own, other):
+    """Whether one of the faces `ahead` but for two lies before the point at u, v, 1/Z = w."""
+    for f in ahead:
+        if f == own or f == other:
+            continue
+        a, b, c = flat[faces[f, 0]], flat[faces[f, 1]], flat[faces[f, 2]]
+        if a[2] == 0.0 or b[2] == 0.0 or c[2] == 0.0:
+            continue
+        if (u < a[0] and u < b[0] and u < c[0]) or (u > a[0] and u > b[0] and u > c[0]) or (
+            v < a[1] and v < b[1] and v < c[1]) or (v > a[1] and v > b[1] and v > c[1]):
+            continue
+        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        if area == 0.0:
+            continue
+        p = ((b[0] - u) * (c[1] - v) - (b[1] - v) * (c[0] - u)) / area
+        q = ((c[0] - u) * (a[1] - v) - (c[1] - v) * (a[0] - u)) / area
+        r = 1.0 - p - q
+        if p >= 0.0 and q >= 0.0 and r >= 0.0:
+            if p * a[2] + q * b[2] + r * c[2] > w * (1.0 + DEEPER):
+                return True
+    return False
+
+
+@compiled("f8, f8, b1, i8, f8[:,::1], i8[:,::1], i8[::1]", allocates=False)
+def _room(u, v, across, own, flat, edges, shown):
+    """px from u, v to other edges along the row (`across`) or the column, before and behind."""
+    before = behind = FAR
+    k = 0 if across else 1
+    here, level = (u, v) if across else (v, u)
+    first, last = edges[own]
+    for e in shown:
+        if e == own:
+            continue
+        i, j = edges[e]
+        a, b = flat[i, 1 - k] - level, flat[j, 1 - k] - level
+        if a * b > 0.0 or a == b:
+            continue
+        away = flat[i, k] + a / (a - b) * (flat[j, k] - flat[i, k]) - here
+        if (i == first or i == last or j == first or j == last) and abs(away) < 0.5:
+            continue
+        if away < 0.0:
+            before = min(before, -away)
+        else:
+            behind = min(behind, away)
+    return before, behind
+
+
+@compiled("f8[:,::1], i8[:,::1], f8[:,::1], i8[:,::1], i8[:,::1], b1[::1], f8[:,::1], f8[::1], "
+          "i8, i8, f8")  # fmt: skip
+def _sampled(vertices, faces, normals, edges, beside, creased, T, lens, width, height, spacing):
+    """Samples without the lens: (n, 11) at, seen, pixel, normal, room; (n, 3) edge, facing."""
+    fx, fy, cx, cy = lens
+    points = np.empty((len(vertices), 3))
+    flat = np.empty((len(vertices), 3))  # u, v, 1/Z; 1/Z = 0: too near
+    for i in range(len(vertices)):
+        for k in range(3):
+            points[i, k] = T[k, 3]
+            for m in range(3):
+                points[i, k] += T[k, m] * vertices[i, m]
+        flat[i] = 0.0
+        if points[i, 2] > NEAREST:
+            flat[i, 2] = 1.0 / points[i, 2]
+            flat[i, 0] = fx * points[i, 0] * flat[i, 2] + cx
+            flat[i, 1] = fy * points[i, 1] * flat[i, 2] + cy
+    front = np.zeros(len(faces), np.bool_)
+    ahead = np.empty(len(faces), np.int64)  # faces that can hide something
+    count = 0
+    for f in range(len(faces)):
+        p = points[faces[f, 0]]
+        towards = 0.0
+        for k in range(3):
+            turned = T[k, 0] * normals[f, 0] + T[k, 1] * normals[f, 1] + T[k, 2] * normals[f, 2]
+            towards += turned * p[k]
+        front[f] = towards < 0.0
+        if front[f]:
+            ahead[count] = f
+            count += 1
+    ahead = ahead[:count]
+    shown = np.empty(len(edges), np.int64)
+    count = 0
+    for e in range(len(edges)):
+        a, b = front[beside[e, 0]], front[beside[e, 1]]
+        if (a != b or (creased[e] and a)) and flat[edges[e, 0], 2] > 0.0 < flat[edges[e, 1], 2]:
+            shown[count] = e
+            count += 1
+    shown = shown[:count]
+    values, numbers = np.empty((MOST, 11)), np.empty((MOST, 3), np.int64)
+    found, due = 0, 0.5 * spacing
+    for e in shown:
+        i, j = edges[e]
+        du, dv = flat[j, 0] - flat[i, 0], flat[j, 1] - flat[i, 1]
+        length = np.sqrt(du * du + dv * dv)
+        ends = ENDS if length > SHORT else 0.0
+        if length <= 0.0:
+            continue
+        if length > SHORT:
+            due = ends + 0.5 * ((length - 2.0 * ends) % spacing)
+        while due < length - ends and found < MOST:
+            s = due / length
+            due += spacing
+            u, v = flat[i, 0] + s * du, flat[i, 1] + s * dv
+            if not (BORDER < u < width - BORDER and BORDER < v < height - BORDER):
+                continue
+            w = flat[i, 2] + s * (flat[j, 2] - flat[i, 2])
+            if _hidden(u, v, w, flat, faces, ahead, beside[e, 0], beside[e, 1]):
+                continue
+            part = s * flat[j, 2] / w  # along the edge itself: perspective shortens its far end
+            row = values[found]
+            for k in range(3):
+                row[k] = vertices[i, k] + part * (vertices[j, k] - vertices[i, k])
+            row[3], row[4] = (u - cx) / fx, (v - cy) / fy
+            row[5], row[6] = u, v
+            row[7], row[8] = dv / length, -du / length
+            row[9], row[10] = _room(u, v, abs(dv) >= abs(du), e, flat, edges, shown)
+            numbers[found, 0] = e
+            numbers[found, 1], numbers[found, 2] = front[beside[e, 0]], front[beside[e, 1]]
+            found += 1
+        due = 0.5 * spacing if length > SHORT else due - length
+    return values[:found].copy(), numbers[:found].copy()

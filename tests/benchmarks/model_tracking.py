@@ -3,8 +3,8 @@
     python3 tests/benchmarks/model_tracking.py [--count 500] [--visp PROGRAM] [--only box,cylinder]
 
 PROGRAM is what visp_tracking.cpp makes; without it there are our columns alone. Three solids at
-640 x 480, 0.4 m away, each clean, before clutter, with 20 % of it behind a card, and with a noise of
-5 grey levels; 500 pictures of one flight around it each (tests/unit/camera/tracking_scenes.py).
+640 x 480, 0.4 m away, each clean, before clutter, with 20 % of it behind a card, and with a noise
+of 5 grey levels; 500 pictures of one flight around it each (tests/unit/camera/tracking_scenes.py).
 All begin with the true pose, and again after each picture in which they are lost (> 5 mm or 3°).
 Errors are of the solid's middle and of its attitude, rms of the pictures in which it is not lost.
 The last line is JSON.

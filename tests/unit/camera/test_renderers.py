@@ -10,11 +10,12 @@ from tiny import create_renderer
 
 from aras_sim_bridge import rendering
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
-from aras_sim_bridge.description import Geometry, mesh_files, shapes
+from aras_sim_bridge.description import Geometry, shapes
 from aras_sim_bridge.errors import RenderingError
 from aras_sim_bridge.rendering import View
 from aras_sim_bridge.rendering.renderer import Renderer
 from aras_sim_bridge.world import Pose
+from aras_visual_servo_base.meshes import files as mesh_files
 
 K = np.array([[150.0, 0, 80.3], [0, 155.0, 55.8], [0, 0, 1]])
 RENDERERS = ("exact", "tiny")

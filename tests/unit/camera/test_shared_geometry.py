@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
-from aras_sim_bridge.description.mesh import from_corners
 from aras_sim_bridge.rendering import View, create_renderer, tiles
 from aras_sim_bridge.rendering.grouping import CLUSTER, groups
 from aras_sim_bridge.rendering.scene import Part
 from aras_sim_bridge.rendering.triangles import Triangles
 from aras_sim_bridge.world import World
+from aras_visual_servo_base.meshes.mesh import from_corners
 
 CORNERS = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 1], [1, 0, 1], [0, 1, 1]]])
 

@@ -155,8 +155,10 @@ class Sequence:
         # z towards the solid, seen from above at `lean` from the vertical.
         away = transform((0.0, 0.0, 0.0), (lean - np.pi, 0.0, 0.0))
         away[:3, 3] = -far * away[:3, 2]
-        shake = (0.03 * np.sin(1.7 * s), 0.02 * np.sin(2.3 * s + 0.4), 0.0,
-                 0.02 * np.sin(1.3 * s), 0.03 * np.sin(0.8 * s), 0.25 * np.sin(0.6 * s))  # fmt: skip
+        shake = (
+            0.03 * np.sin(1.7 * s), 0.02 * np.sin(2.3 * s + 0.4), 0.0,
+            0.02 * np.sin(1.3 * s), 0.03 * np.sin(0.8 * s), 0.25 * np.sin(0.6 * s),
+        )  # fmt: skip
         return inverse(middle @ away @ exponential(shake))
 
     def view(self, i: int) -> View:
@@ -200,7 +202,10 @@ class Sequence:
         low, high = 0.04, 0.2
         for _ in range(9):
             between = 0.5 * (low + high)
-            low, high = (between, high) if hidden(between) < (1 - HIDDEN) * whole else (low, between)
+            if hidden(between) < (1.0 - HIDDEN) * whole:
+                low = between
+            else:
+                high = between
         hidden(0.5 * (low + high))
 
 

@@ -6,11 +6,12 @@ import struct
 import numpy as np
 import pytest
 
-from aras_sim_bridge.description import mesh_files, parse_urdf
-from aras_sim_bridge.description.mesh import from_corners
-from aras_sim_bridge.description.mesh_files import read
+from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.world import Pose, World
+from aras_visual_servo_base.meshes import files as mesh_files
+from aras_visual_servo_base.meshes.files import read
+from aras_visual_servo_base.meshes.mesh import from_corners
 
 CORNERS = ((0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1))
 FACES = ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))

@@ -15,10 +15,10 @@ from aras_sim_bridge.description import (
     parse_urdf,
     shapes,
 )
-from aras_sim_bridge.description.mesh import Mesh, _unique_rows, from_corners, from_indices
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.world import World
+from aras_visual_servo_base.meshes.mesh import Mesh, _unique_rows, from_corners, from_indices
 from aras_visual_servo_base.poses import Pose, quaternion_from_rpy
 
 BOX = Geometry("box", size=(0.2, 0.4, 0.6))

@@ -6,9 +6,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from aras_sim_bridge.description import mesh_files
-from aras_sim_bridge.description.mesh import Mesh, from_corners
-from aras_sim_bridge.description.types import Geometry, Vector3
+from aras_sim_bridge.description.types import Geometry, RobotDescription, Vector3
+from aras_sim_bridge.errors import DescriptionError
+from aras_visual_servo_base.meshes import files as mesh_files
+from aras_visual_servo_base.meshes.mesh import Mesh, from_corners
 from aras_visual_servo_base.poses import quaternion_to, rotate
 
 
@@ -88,3 +89,21 @@ def _plane(normal: Vector3, size: tuple[float, float]) -> Mesh:
     corners = np.array([rotate(tilt, (a * wide, b * deep, 0.0))
                         for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
     return from_corners(corners[[[0, 1, 2], [0, 2, 3]]])
+
+
+def read_all(description: RobotDescription, model: str) -> None:
+    """Read every mesh file of a description; `model` is its name for messages.
+
+    Raises:
+        DescriptionError: naming model, link and file, what is wrong with it and how to mend it.
+    """
+    for link in description.links.values():
+        for kind, shapes in (("visual", link.visuals), ("collision", link.collisions)):
+            for shape in shapes:
+                if shape.geometry.kind == "mesh":
+                    try:
+                        mesh_files.read(shape.geometry.filename)
+                    except DescriptionError as error:
+                        where = f"model '{model}', link '{link.name}', {kind}"
+                        raise DescriptionError(
+                            f"{where}: {error.fault}", error.mend, error.path) from None

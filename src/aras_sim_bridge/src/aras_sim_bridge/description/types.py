@@ -5,12 +5,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+from aras_visual_servo_base.meshes.mesh import Rgba as Rgba
 from aras_visual_servo_base.poses import Vector3
 from aras_visual_servo_base.settings import parameter
 from aras_visual_servo_base.urdf import ZERO, Joint, Placed
-
-Rgba = tuple[float, float, float, float]
-
 
 
 @dataclass(frozen=True)

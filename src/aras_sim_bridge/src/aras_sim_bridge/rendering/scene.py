@@ -10,10 +10,10 @@ import numpy as np
 from aras_sim_bridge.blending import blended_poses
 from aras_sim_bridge.description import shapes
 from aras_sim_bridge.description.gazebo_materials import WHITE
-from aras_sim_bridge.description.mesh import Mesh
 from aras_sim_bridge.description.types import Link, Rgba
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.world import Model, World
+from aras_visual_servo_base.meshes.mesh import Mesh
 
 _log = logging.getLogger(__name__)
 

@@ -15,10 +15,9 @@ from dataclasses import replace
 from functools import lru_cache
 from xml.sax.saxutils import quoteattr
 
-from aras_sim_bridge.description import mesh_files, shapes
+from aras_sim_bridge.description import shapes
 from aras_sim_bridge.description.gazebo_materials import WHITE
 from aras_sim_bridge.description.inertia import principal_axes
-from aras_sim_bridge.description.mesh_files import write_obj, write_stl
 from aras_sim_bridge.description.types import (
     Collision,
     Geometry,
@@ -29,6 +28,8 @@ from aras_sim_bridge.description.types import (
     Vector3,
     Visual,
 )
+from aras_visual_servo_base.meshes import files as mesh_files
+from aras_visual_servo_base.meshes.files import write_obj, write_stl
 from aras_visual_servo_base.poses import Pose, quaternion_from_matrix
 from aras_visual_servo_base.urdf import ZERO, Joint
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from aras_sim_bridge.description import mesh_files
+from aras_sim_bridge.description import shapes
 from aras_sim_bridge.description.gazebo_materials import COLOURS
 from aras_sim_bridge.description.types import (
     Collision,
@@ -169,7 +169,7 @@ class World:
         if name in self.models:
             raise WorldError(f"a model named '{name}' exists already; delete it or take another")
         check_simulable(description, name)
-        mesh_files.read_all(description, name)
+        shapes.read_all(description, name)
         pose = checked_pose(pose, f"model '{name}'", WorldError, zero_is_identity=True)
         if math.hypot(*pose.xyz) > LARGEST:
             raise WorldError(f"model '{name}': position {pose.xyz} is beyond {LARGEST:.0e} m")
@@ -223,7 +223,7 @@ class World:
         """
         model = self.model(name)
         check_simulable(description, name)
-        mesh_files.read_all(description, name)
+        shapes.read_all(description, name)
         self._bases.release()
         model.rebuild(description)
         self._models_changed()
@@ -356,7 +356,7 @@ class World:
             DescriptionError: a mesh file was damaged since; nothing is changed then.
         """
         for model in self.models.values():
-            mesh_files.read_all(model.description, model.name)
+            shapes.read_all(model.description, model.name)
         self._bases.release()
         pybullet.resetSimulation(physicsClientId=self.client)
         self._direct = False

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.description.mesh import Mesh
 from aras_sim_bridge.description.packages import ResolvePackage, find
+from aras_visual_servo_base.meshes.mesh import Mesh
 
 from .robot_model import Colour, parts
 from .shapes import FACES, LINES, Shape, carried

@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 
 from aras_sim_bridge.description import Geometry, RobotDescription, parse_urdf
-from aras_sim_bridge.description.mesh import Mesh
 from aras_sim_bridge.description.packages import ResolvePackage, find
 from aras_sim_bridge.description.shapes import triangles
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
+from aras_visual_servo_base.meshes.mesh import Mesh
 from aras_visual_servo_base.poses import transform
 
 Colour = tuple[float, ...]  # red, green, blue, opacity, 0 to 1

@@ -25,7 +25,7 @@ def edge_equations(at, seen, gain, away, weight, T, least):
     """Normal equations of edge points for a change (v, w) of the pose T, in the camera's axes.
 
     Args:
-        at, seen, gain: as of Samples. away: (n, c) px along the normal of each candidate, NaN
+        at, seen, gain: as of EdgePoints. away: (n, c) px along the normal of each candidate, NaN
             where there is none; the nearest counts. weight: (n,). least: px, of the scale.
 
     Answers:

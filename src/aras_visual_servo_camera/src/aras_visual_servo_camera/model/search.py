@@ -25,7 +25,7 @@ def candidates(grey, pixel, normal, expected, reach, least, tolerance):
     """Places of steepest change within `reach` px of each point, the nearest first.
 
     Args:
-        pixel, normal: (n, 2) as of Samples. expected: (n, 2) grey levels on the side of the normal
+        pixel, normal: (n, 2) as of EdgePoints. expected: (n, 2) grey levels on the side of the normal
             and on the other; UNKNOWN: any.
         least: grey levels of a change. tolerance: of a level that is expected.
 
@@ -93,7 +93,7 @@ def measured(grey, pixel, normal, room, expected, least, tolerance, noise):
     """Each point's edge by the grey levels' sum over the change.
 
     Args:
-        as of `candidates`. room: as of Samples. noise: of a pixel, grey levels, rms.
+        as of `candidates`. room: as of EdgePoints. noise: of a pixel, grey levels, rms.
 
     Answers:
         (n, 4): px along the normal, NaN where none is measured; the grey levels on the side of the

@@ -14,7 +14,7 @@ from ..undistortion import CameraModel
 from .fitting import edge_equations
 from .search import UNKNOWN, candidates, measured
 from .solid import Solid
-from .visible import Samples, visible_samples
+from .visible import EdgePoints, visible_samples
 
 # px between points: where edges are looked for, and where they are measured.
 SPARSE, DENSE = 6.0, 3.0
@@ -138,12 +138,12 @@ class ModelTracking:
         self._measured = samples, values, rest[0]
         return self._judged(samples, pose, *rest)
 
-    def _expected(self, samples: Samples) -> np.ndarray:
+    def _expected(self, samples: EdgePoints) -> np.ndarray:
         """Grey levels (n, 2) on both sides of the points, where they are known."""
         return np.where(samples.facing, self._levels[samples.edge], UNKNOWN)
 
     def _fitted(
-        self, samples: Samples, away: np.ndarray, weight: np.ndarray, pose: np.ndarray,
+        self, samples: EdgePoints, away: np.ndarray, weight: np.ndarray, pose: np.ndarray,
         least: float,
     ) -> tuple[np.ndarray, float, tuple[np.ndarray, np.ndarray, float]]:  # fmt: skip
         """The pose that fits, how far that moved the solid (px), and what is left."""
@@ -185,7 +185,7 @@ class ModelTracking:
         return M @ (along @ ((along.T @ (M.T @ b)) / values[seen]))
 
     def _judged(
-        self, samples: Samples, pose: np.ndarray, residuals: np.ndarray, A: np.ndarray,
+        self, samples: EdgePoints, pose: np.ndarray, residuals: np.ndarray, A: np.ndarray,
         scale: float,
     ) -> Found:  # fmt: skip
         asked = int((samples.room.min(axis=1) > ROOM).sum())

@@ -20,7 +20,7 @@ FAR = 1e6  # px: no other edge
 STEP = 1e-4  # of normalised coordinates, for the lens's derivatives
 
 
-class Samples(NamedTuple):
+class EdgePoints(NamedTuple):
     """Points (n) on visible edges, as seen from one pose.
 
     at: (n, 3) m, in the solid's frame. seen: (n, 2) normalised. pixel: (n, 2) of the picture.
@@ -42,7 +42,7 @@ class Samples(NamedTuple):
 
 def visible_samples(
     solid: Solid, camera: CameraModel, camera_T_solid: np.ndarray, spacing: float
-) -> Samples:
+) -> EdgePoints:
     """Points every `spacing` px along the edges that a camera sees, hidden ones left out."""
     hole = camera.pinhole
     values, numbers = _sampled(
@@ -61,7 +61,7 @@ def visible_samples(
         at, seen, pixel, normal, gain, room, numbers = (
             a[inside] for a in (at, seen, pixel, normal, gain, room, numbers)
         )
-    return Samples(
+    return EdgePoints(
         *map(np.ascontiguousarray, (at, seen, pixel, normal, gain, room)),
         np.ascontiguousarray(numbers[:, 0]), np.ascontiguousarray(numbers[:, 1:]) > 0,
     )  # fmt: skip
@@ -89,7 +89,7 @@ def _through_lens(
 def _hidden(u, v, w, flat, faces, ahead, own, other):
     """Whether one of the faces `ahead` but for two lies before the point at u, v, 1/Z = w."""
     for f in ahead:
-        if f == own or f == other:
+        if f in (own, other):
             continue
         a, b, c = flat[faces[f, 0]], flat[faces[f, 1]], flat[faces[f, 2]]
         if a[2] == 0.0 or b[2] == 0.0 or c[2] == 0.0:
@@ -103,9 +103,9 @@ def _hidden(u, v, w, flat, faces, ahead, own, other):
         p = ((b[0] - u) * (c[1] - v) - (b[1] - v) * (c[0] - u)) / area
         q = ((c[0] - u) * (a[1] - v) - (c[1] - v) * (a[0] - u)) / area
         r = 1.0 - p - q
-        if p >= 0.0 and q >= 0.0 and r >= 0.0:
-            if p * a[2] + q * b[2] + r * c[2] > w * (1.0 + DEEPER):
-                return True
+        inside = p >= 0.0 and q >= 0.0 and r >= 0.0
+        if inside and p * a[2] + q * b[2] + r * c[2] > w * (1.0 + DEEPER):
+            return True
     return False
 
 
@@ -124,7 +124,7 @@ def _room(u, v, across, own, flat, edges, shown):
         if a * b > 0.0 or a == b:
             continue
         away = flat[i, k] + a / (a - b) * (flat[j, k] - flat[i, k]) - here
-        if (i == first or i == last or j == first or j == last) and abs(away) < 0.5:
+        if (i in (first, last) or j in (first, last)) and abs(away) < 0.5:
             continue
         if away < 0.0:
             before = min(before, -away)
@@ -136,7 +136,7 @@ def _room(u, v, across, own, flat, edges, shown):
 @compiled("f8[:,::1], i8[:,::1], f8[:,::1], i8[:,::1], i8[:,::1], b1[::1], f8[:,::1], f8[::1], "
           "i8, i8, f8")  # fmt: skip
 def _sampled(vertices, faces, normals, edges, beside, creased, T, lens, width, height, spacing):
-    """Samples without the lens: (n, 11) at, seen, pixel, normal, room; (n, 3) edge, facing."""
+    """EdgePoints without the lens: (n, 11) at, seen, pixel, normal, room; (n, 3) edge, facing."""
     fx, fy, cx, cy = lens
     points = np.empty((len(vertices), 3))
     flat = np.empty((len(vertices), 3))  # u, v, 1/Z; 1/Z = 0: too near

@@ -18,9 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from aras_sim_bridge.description.mesh import Mesh, from_corners, from_indices
-from aras_sim_bridge.description.types import Rgba, RobotDescription
-from aras_sim_bridge.errors import DescriptionError
+from ..errors import DescriptionError
+from .mesh import Mesh, Rgba, from_corners, from_indices
 
 LARGEST_FILE = 256 * 1024 * 1024  # bytes
 MOST_TRIANGLES = 1_000_000  # read in 10 s and 1 GB (STL)
@@ -32,24 +31,6 @@ _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("co
 _State = tuple[int, int]  # size and time of the last change, ns
 _cache: OrderedDict[str, tuple[dict[Path, _State | None], tuple[Mesh, ...]]] = OrderedDict()
 _cache_lock = threading.Lock()
-
-
-def read_all(description: RobotDescription, model: str) -> None:
-    """Read every mesh file of a description; `model` is its name for messages.
-
-    Raises:
-        DescriptionError: naming model, link and file, what is wrong with it and how to mend it.
-    """
-    for link in description.links.values():
-        for kind, shapes in (("visual", link.visuals), ("collision", link.collisions)):
-            for shape in shapes:
-                if shape.geometry.kind == "mesh":
-                    try:
-                        read(shape.geometry.filename)
-                    except DescriptionError as error:
-                        where = f"model '{model}', link '{link.name}', {kind}"
-                        raise DescriptionError(
-                            f"{where}: {error.fault}", error.mend, error.path) from None
 
 
 def read(path: str) -> tuple[Mesh, ...]:
@@ -261,7 +242,7 @@ def _read_mtl(path: Path, states: dict[Path, _State | None]
 
 
 def _read_dae(data: bytes, folder: Path, _states: dict[Path, _State | None]) -> list[Mesh]:
-    from aras_sim_bridge.description import collada_files  # takes 0.07 s that few need
+    from . import collada_files  # takes 0.07 s that few need
 
     return collada_files.read(data, folder, _check_size)
 

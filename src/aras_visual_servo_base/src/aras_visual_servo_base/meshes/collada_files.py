@@ -11,10 +11,9 @@ from xml.etree.ElementTree import Element
 import collada
 import numpy as np
 
-from aras_sim_bridge.description.mesh import Mesh, check_reach, from_indices
-from aras_sim_bridge.description.types import Rgba
-from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_base import safe_xml
+from .. import safe_xml
+from ..errors import DescriptionError
+from .mesh import Mesh, Rgba, check_reach, from_indices
 
 # Parts of a look that pycollada does not know or that refer to nothing are left out.
 _LEFT_OUT = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]

@@ -6,9 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aras_sim_bridge.description.types import Rgba
-from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_base.picture_files import picture_size
+from ..errors import DescriptionError
+from ..picture_files import picture_size
+
+Rgba = tuple[float, float, float, float]  # 0 to 1
 
 # Faces that meet at less than this angle are shaded as one smooth surface.
 CREASE_ANGLE = np.radians(35.0)

@@ -1,0 +1,1 @@
+"""Meshes: read once and checked, by everybody who needs them."""
